@@ -1,0 +1,95 @@
+"""What went wrong, its value, its limit, where it stands, and the remedy."""
+
+from __future__ import annotations
+
+
+class FeclothError(Exception):
+    """Base of every error that fecloth raises on purpose."""
+
+
+class InputError(FeclothError, ValueError):
+    """A value that the user gave cannot be used.
+
+    Parameters
+    ----------
+    what
+        The quantity and its value, e.g. ``"areal_density = -0.2 kg/m²"``.
+    allowed
+        The range or the choices, e.g. ``"must be > 0"``.
+    where
+        File and key, or the call, in which the value stands.
+    remedy
+        What to do.
+    """
+
+    def __init__(self, what: str, allowed: str = "", where: str = "", remedy: str = ""):
+        self.what, self.allowed, self.where, self.remedy = what, allowed, where, remedy
+        super().__init__(what, allowed, where, remedy)
+
+    def __str__(self) -> str:
+        text = self.what
+        if self.allowed:
+            text += f": {self.allowed}"
+        if self.where:
+            text = f"{self.where}: {text}"
+        return f"{text}. {self.remedy}" if self.remedy else text
+
+
+class MeshError(InputError):
+    """A mesh that cannot carry a cloth: the message names the triangles, nodes or groups."""
+
+
+class SceneError(InputError):
+    """A scene file with an unknown key, a wrong type or a value out of range."""
+
+
+class SolveFailed(FeclothError):
+    """A linear solve missed the relative residual it was asked for."""
+
+    def __init__(self, reason: str, residual: float = float("nan"), asked: float = float("nan")):
+        self.reason, self.residual, self.asked = reason, residual, asked
+        super().__init__(f"{reason} (relative residual {residual:.2e}, asked {asked:.2e})")
+
+
+class IndefiniteMatrix(SolveFailed):
+    """A symmetric solver met a matrix that is not positive definite."""
+
+
+class StepFailed(FeclothError):
+    """A time step that did not converge, or whose result is not finite.
+
+    Attributes
+    ----------
+    step, t, dt, residual, stretch
+        Number and start time [s] of the step, its size [s], the relative residual that was
+        reached and the largest principal stretch of the last good state.
+    state
+        The last good state.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        *,
+        step=None,
+        t=None,
+        dt=None,
+        residual=float("nan"),
+        stretch=float("nan"),
+        triangle=None,
+        state=None,
+        remedy="",
+    ):
+        self.reason, self.step, self.t, self.dt = reason, step, t, dt
+        self.residual, self.stretch, self.triangle = residual, stretch, triangle
+        self.state, self.remedy = state, remedy
+        super().__init__(reason)
+
+    def __str__(self) -> str:
+        return (
+            f"step {self.step} from t = {self.t:.6g} s with dt = {self.dt:.3g} s failed: "
+            f"{self.reason} (relative residual {self.residual:.2e}; most deformed triangle "
+            f"{self.triangle} with a principal stretch of {self.stretch:.4g}). {self.remedy}"
+            if self.step is not None
+            else self.reason
+        )
