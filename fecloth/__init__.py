@@ -1,0 +1,55 @@
+"""fecloth: a continuum cloth solver on Gmsh meshes with Green-strain membranes.
+
+SI units throughout; stiffness and stress of a fabric are per width [N/m]. See the README for the
+symbol table, and `System`, `march` and `run` for where to start.
+"""
+
+from .cloth import Cloth
+from .errors import (
+    FeclothError,
+    IndefiniteMatrix,
+    InputError,
+    MeshError,
+    SceneError,
+    SolveFailed,
+    StepFailed,
+)
+from .fabric import Fabric
+from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
+from .march import Result, march, run, solver_for
+from .newton import Newton
+from .pins import Pin
+from .record import Ledger, Probe
+from .system import State, System
+from .terms import Gravity, StrainRateDamping, StVK, TensorCondition
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "BackwardEuler",
+    "Cloth",
+    "Fabric",
+    "FeclothError",
+    "Gravity",
+    "ImplicitMidpoint",
+    "IndefiniteMatrix",
+    "InputError",
+    "Ledger",
+    "LinearlyImplicitEuler",
+    "MeshError",
+    "Newton",
+    "Pin",
+    "Probe",
+    "Result",
+    "SceneError",
+    "SolveFailed",
+    "StVK",
+    "State",
+    "StepFailed",
+    "StrainRateDamping",
+    "System",
+    "TensorCondition",
+    "march",
+    "run",
+    "solver_for",
+]

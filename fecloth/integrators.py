@@ -1,0 +1,183 @@
+"""Time integrators: each is the rule that takes one step, a few lines on the stage equation.
+
+A method knows nothing of the terms. It offers ``step(system, state, dt, solver, guess)``, its
+``order``, and ``weights(dt)`` = (wx, wv, wa) of its system matrix.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import newton
+from .errors import IndefiniteMatrix
+from .newton import Counts, Solver
+from .stage import Stage, prescribed
+from .system import State, System
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The result of one step.
+
+    Attributes
+    ----------
+    state
+        The new state.
+    stage
+        Time, position and velocity at which the method balanced the forces.
+    q
+        The unknown that was found, a good first guess for the next step.
+    counts
+        Newton and linear iterations, residual, seconds.
+    """
+
+    state: State
+    stage: State
+    q: np.ndarray
+    counts: Counts
+
+
+class StageMethod:
+    """A method with one stage: ``stage(state, dt)`` and the end of the step, linear in q.
+
+    `theta` says where between old and new state the forces are balanced: over a step with free
+    nodes M Δv · v_θ = f · Δx with v_θ = v + θ Δv, so that for energies quadratic in x the method
+    dissipates (θ − ½)(Δv·M Δv + Δx·K Δx) by itself.
+    """
+
+    order: int
+    theta: float
+
+    def stage(self, state: State, dt: float) -> Stage:
+        raise NotImplementedError
+
+    def weights(self, dt: float) -> tuple[float, float, float]:
+        """(wx, wv, wa) of J = wa M + wv D + wx K."""
+        nothing = np.zeros((0, 3))
+        stage = self.stage(State(0.0, nothing, nothing), dt)
+        return stage.wx, stage.wv, stage.wa
+
+    def step(self, system: System, state: State, dt: float, solver: Solver, guess=None) -> Step:
+        """One step from `state` over `dt` [s]."""
+        end = arrival(system, state, dt)
+        stage = prescribed(system, self.stage(state, dt), state, dt, end)
+        q, counts = newton.solve(system, stage, solver, guess)
+        x, v, a = stage.at(q)
+        new = State(state.t + dt, stage.x_end + stage.w_end * q, state.v + dt * a)
+        return Step(held(system, new, end), State(stage.t, x, v), q, counts)
+
+
+@dataclass(frozen=True)
+class BackwardEuler(StageMethod):
+    """M (v₁ − v₀)/dt = f(x₁, v₁), x₁ = x₀ + dt v₁; unknown q = v₁ − v₀.
+
+    First order, A-stable and L-stable: an undamped mode of frequency ω loses the factor
+    1/√(1 + ω²dt²) of its amplitude in each step. Keeps linear momentum, loses angular momentum
+    and energy. For energies quadratic in x it dissipates ½ Δv·M Δv + ½ Δx·K Δx a step.
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 4.
+    """
+
+    order = 1
+    theta = 1.0
+
+    def stage(self, state: State, dt: float) -> Stage:
+        x, zero = state.x + dt * state.v, np.zeros_like(state.v)
+        return Stage(state.t + dt, x, state.v, zero, dt, 1.0, 1.0 / dt, x, dt)
+
+
+@dataclass(frozen=True)
+class ImplicitMidpoint(StageMethod):
+    """M (v₁ − v₀)/dt = f((x₀ + x₁)/2, (v₀ + v₁)/2), x₁ = x₀ + dt (v₀ + v₁)/2; q = v₁ − v₀.
+
+    Second order, A-stable, no damping of linear modes of any frequency. Symplectic; keeps linear
+    and angular momentum to the Newton tolerance, and the energy of a linear problem; on
+    nonlinear problems the energy can grow at steps that do not resolve the fast modes.
+    Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, section I.1, eq. 1.7.
+    """
+
+    order = 2
+    theta = 0.5
+
+    def stage(self, state: State, dt: float) -> Stage:
+        x, zero = state.x + 0.5 * dt * state.v, np.zeros_like(state.v)
+        end = state.x + dt * state.v
+        return Stage(state.t + 0.5 * dt, x, state.v, zero, 0.25 * dt, 0.5, 1.0 / dt, end, 0.5 * dt)
+
+
+@dataclass(frozen=True)
+class LinearlyImplicitEuler:
+    """(M + dt D + dt² K) Δv = dt f(x₀, v₀) − dt² K v₀, x₁ = x₀ + dt (v₀ + Δv).
+
+    One linear solve a step: the first Newton iterate of backward Euler. First order; damps like
+    backward Euler on linear problems; keeps linear momentum. At large steps on a stiff cloth in
+    compression the linearisation fails without notice.
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 6 (their ∂f/∂x is −K).
+    """
+
+    order = 1
+    theta = 1.0
+
+    def weights(self, dt: float) -> tuple[float, float, float]:
+        """(wx, wv, wa), scaled as backward Euler's."""
+        return dt, 1.0, 1.0 / dt
+
+    def step(self, system: System, state: State, dt: float, solver: Solver, guess=None) -> Step:
+        """One step from `state` over `dt` [s]; the linear system is solved to Newton's tolerance.
+
+        The exact tangent is used unless it is found to be indefinite and the options allow the
+        clamped one.
+        """
+        end = arrival(system, state, dt)
+        definite = solver.options.definiteness == "clamp"
+        try:
+            dv, counts = _velocity_change(system, state, dt, solver, end, definite)
+        except IndefiniteMatrix:
+            if definite or solver.options.definiteness == "none":
+                raise
+            dv, counts = _velocity_change(system, state, dt, solver, end, True)
+        v = state.v + dv
+        new = held(system, State(state.t + dt, state.x + dt * v, v), end)
+        at_stage = State(new.t, new.x, v)  # the velocity that moved x, also at the pins
+        return Step(new, at_stage, dv, counts)
+
+
+def _velocity_change(system, state, dt, solver, end, definite):
+    """Δv from the linearised step, and the counts."""
+    begin = time.perf_counter()
+    J = solver.matrix
+    given = np.zeros_like(state.v)  # Δv of the held directions
+    nodes = system.constraints.nodes
+    given[nodes] = system.constraints.held((end.x - state.x) / dt - state.v)
+    system.assemble(J, state, wx=dt, definite=definite)  # dt K
+    b = system.force(state) - J @ state.v
+    system.add_tangents(J, state, wv=1.0, wa=1.0 / dt, definite=definite)
+    b = system.constraints.project(b - J @ given)
+    system.project(J)
+    seconds = {"assemble": time.perf_counter() - begin}
+    solver.linear.prepare(J)
+    free, info = solver.linear.solve(b, rtol=solver.options.tolerance)
+    seconds |= {"factor": info.seconds_factor, "solve": info.seconds_solve}
+    counts = Counts(1, info.iterations, int(definite), info.residual, seconds)
+    return free + given, counts
+
+
+def arrival(system: System, state: State, dt: float) -> State:
+    """Where the pins' motion puts the held directions at the end of a step."""
+    x, v = system.constraints.target(state.t, dt, state.x)
+    return State(state.t + dt, x, v)
+
+
+def held(system: System, state: State, end: State) -> State:
+    """The state with its held directions at the prescribed end, exactly."""
+    hold = system.constraints.hold
+    return State(state.t, hold(state.x, end.x), hold(state.v, end.v))
+
+
+METHODS = {
+    "backward_euler": BackwardEuler,
+    "linearly_implicit_euler": LinearlyImplicitEuler,
+    "implicit_midpoint": ImplicitMidpoint,
+}

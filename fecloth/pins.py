@@ -1,0 +1,177 @@
+"""Constraints: each constrained node has a 3×3 projector onto its free directions, and a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .blocks import BlockMatrix, BlockPattern
+from .cloth import Cloth, Where
+from .compiled import kernel
+from .errors import InputError
+
+DERIVATIVE_STEP = 1e-5  # s; a central difference of a motion is then good to about 1e-10
+
+
+@dataclass(frozen=True)
+class Pin:
+    """Nodes held where the run finds them, or moved along a trajectory.
+
+    Parameters
+    ----------
+    where
+        A node set's name, node indices, or a predicate on X.
+    motion
+        Displacement as a function of time, ``motion(t) -> (3,)`` for all nodes or ``(k, 3)`` [m];
+        only its changes count: x(t) = x(t₀) + motion(t) − motion(t₀). None: fixed.
+    velocity
+        Its time derivative ``velocity(t)`` [m/s]; left out, a central difference over 2e-5 s.
+    name
+        Name of the group in reactions; left out, the set's name.
+    """
+
+    where: Where
+    motion: Callable[[float], np.ndarray] | None = None
+    velocity: Callable[[float], np.ndarray] | None = None
+    name: str | None = None
+
+    def displacement(self, t: float) -> np.ndarray:
+        """(3,) or (k, 3) [m]."""
+        if self.motion is None:
+            return np.zeros(3)
+        return self._checked(self.motion, t, "motion")
+
+    def speed(self, t: float) -> np.ndarray:
+        """(3,) or (k, 3) [m/s]."""
+        if self.motion is None:
+            return np.zeros(3)
+        if self.velocity is not None:
+            return self._checked(self.velocity, t, "velocity")
+        step = DERIVATIVE_STEP
+        return (self.displacement(t + step) - self.displacement(t - step)) / (2 * step)
+
+    def _checked(self, function, t, name):
+        value = np.asarray(function(t), dtype=float)
+        if value.shape[-1:] != (3,) or value.ndim > 2 or not np.isfinite(value).all():
+            raise InputError(
+                f"{name}({t:g}) = {value!r}",
+                "must be three finite numbers (or three for each node)",
+                f"Pin({self.where!r})",
+            )
+        return value
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """All pins of a system on its cloth.
+
+    Attributes
+    ----------
+    groups
+        Name → (pin, its nodes).
+    nodes
+        (c,) constrained nodes, ascending.
+    projectors
+        (c, 3, 3), P: onto the free directions of each of them (0: pinned).
+    """
+
+    groups: dict[str, tuple[Pin, np.ndarray]]
+    nodes: np.ndarray
+    projectors: np.ndarray
+
+    @classmethod
+    def bind(cls, pins, cloth: Cloth) -> Constraints:
+        groups: dict[str, tuple[Pin, np.ndarray]] = {}
+        for number, pin in enumerate(pins):
+            if isinstance(pin, str):
+                pin = Pin(pin)
+            default = pin.where if isinstance(pin.where, str) else f"pin{number}"
+            name = pin.name or default
+            if name in groups:
+                name = f"{name}.{number}"
+            groups[name] = (pin, cloth.nodes(pin.where))
+        everything = [nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)]
+        nodes, times = np.unique(np.concatenate(everything), return_counts=True)
+        if (times > 1).any():
+            raise InputError(
+                f"node {nodes[times > 1][0]} is held by more than one pin",
+                "each node may belong to one pin",
+                "System(pins=...)",
+                "Leave it out of one of the groups.",
+            )
+        return cls(groups, nodes, np.zeros((len(nodes), 3, 3)))
+
+    def project(self, y: np.ndarray) -> np.ndarray:
+        """P y in place, y (n, 3)."""
+        y[self.nodes] = np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
+        return y
+
+    def held(self, y: np.ndarray) -> np.ndarray:
+        """(I − P) y of the constrained nodes, (c, 3)."""
+        return y[self.nodes] - np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
+
+    def hold(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """P y + (I − P) target in place: exactly the target where all is held."""
+        free = np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
+        y[self.nodes] = free + self.held(target)
+        return y
+
+    def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Position and velocity (n, 3) prescribed at t + dt to nodes that are at x at time t.
+
+        Only the held directions of constrained nodes mean anything; free nodes stay as they are.
+        """
+        x, v = x.copy(), np.zeros_like(x)
+        for pin, nodes in self.groups.values():
+            if pin.motion is not None:
+                x[nodes] += pin.displacement(t + dt) - pin.displacement(t)
+                v[nodes] = pin.speed(t + dt)
+        return x, v
+
+    def free(self, n: int) -> np.ndarray:
+        """The dofs 3 i + c of an n-node cloth that no pin holds."""
+        held = (3 * self.nodes[:, None] + np.arange(3)).ravel()
+        return np.setdiff1d(np.arange(3 * n), held)
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixProjection:
+    """P A P + (I − P) s on a fixed pattern, in place; s is the mean of the node's diagonal."""
+
+    blocks: np.ndarray  # (k,) the blocks that touch a constrained node
+    left: np.ndarray  # (k,) rows of `projectors` to apply from the left and from the right
+    right: np.ndarray
+    projectors: np.ndarray  # (c + 1, 3, 3), the last one is I
+    diagonal: np.ndarray  # (c,) diagonal blocks of the constrained nodes
+
+    @classmethod
+    def bind(cls, constraints: Constraints, pattern: BlockPattern) -> MatrixProjection:
+        c = len(constraints.nodes)
+        which = np.full(len(pattern), c)
+        which[constraints.nodes] = np.arange(c)
+        left, right = which[pattern.rows], which[pattern.indices]
+        blocks = np.flatnonzero((left < c) | (right < c))
+        projectors = np.concatenate([constraints.projectors, np.eye(3)[None]])
+        diagonal = pattern.diagonal[constraints.nodes].astype(np.int64)
+        return cls(blocks, left[blocks], right[blocks], projectors, diagonal)
+
+    def apply(self, A: BlockMatrix) -> None:
+        scale = np.einsum("cii->c", A.values[self.diagonal]) / 3
+        _project(self.blocks, self.left, self.right, self.projectors, A.values)
+        rest = np.eye(3) - self.projectors[:-1]
+        A.values[self.diagonal] += scale[:, None, None] * rest
+
+
+@kernel
+def _project(blocks, left, right, projectors, values):
+    work = np.empty((3, 3))
+    for n in range(len(blocks)):
+        A, P, Q = values[blocks[n]], projectors[left[n]], projectors[right[n]]
+        for i in range(3):
+            for j in range(3):
+                work[i, j] = A[i, 0] * Q[0, j] + A[i, 1] * Q[1, j] + A[i, 2] * Q[2, j]
+        for i in range(3):
+            for j in range(3):
+                A[i, j] = P[i, 0] * work[0, j] + P[i, 1] * work[1, j] + P[i, 2] * work[2, j]

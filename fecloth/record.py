@@ -1,0 +1,209 @@
+"""What a run leaves behind in numbers: the energy ledger, reactions and probes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .cloth import Cloth, Where
+from .errors import InputError
+from .system import State, System
+from .terms.membrane import deformation_gradient
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """Where the energy is and where it went, all in J, at time t.
+
+    kinetic + Σ potential + Σ dissipated + numerical − pins − start = remainder
+
+    Attributes
+    ----------
+    kinetic, potential
+        ½ v·M v, and each term's energy, now.
+    dissipated
+        Work done against each damping since the start, Σ dt · power at the method's stage.
+    pins
+        Work that the pins did on the cloth: change of the pinned nodes' kinetic energy less the
+        work of the other forces on them.
+    numerical
+        What the method itself takes, by its own formula: (θ − ½)(Δv·M Δv + Δx·K Δx) a step, where
+        Δx·K Δx is the change of the conservative force along Δx (exact for energies quadratic
+        in x); ½ (…) for backward Euler, nothing for the midpoint rule.
+    start
+        kinetic + Σ potential at the start.
+    """
+
+    t: float
+    kinetic: float
+    potential: Mapping[str, float]
+    dissipated: Mapping[str, float]
+    pins: float
+    numerical: float
+    start: float
+
+    @classmethod
+    def open(cls, system: System, state: State) -> Ledger:
+        """The ledger before the first step."""
+        energies = system.energies(state)
+        kinetic = energies.pop("kinetic")
+        named = zip(system.names, system.bound, strict=True)
+        dissipated = {name: 0.0 for name, term in named if term.dissipative}
+        total = kinetic + sum(energies.values())
+        return cls(state.t, kinetic, energies, dissipated, 0.0, 0.0, total)
+
+    def after(self, system: System, method, old: State, step) -> Ledger:
+        """The ledger after `step`, taken by `method` from the state `old`."""
+        new, at = step.state, step.stage
+        dt, dx, dv = new.t - old.t, new.x - old.x, new.v - old.v
+        energies = system.energies(new)
+        kinetic = energies.pop("kinetic")
+        inertia = system.scalar_mass @ dv
+        dissipated = {
+            name: self.dissipated[name] + dt * term.power(at.x, at.v, at.t)
+            for name, term in zip(system.names, system.bound, strict=True)
+            if term.dissipative
+        }
+        numerical = self.numerical
+        if method.theta != 0.5:
+            bend = np.vdot(_conservative(system, old) - _conservative(system, new), dx)
+            numerical += (method.theta - 0.5) * float(np.vdot(dv, inertia) + bend)
+        return replace(
+            self,
+            t=new.t,
+            kinetic=kinetic,
+            potential=energies,
+            dissipated=dissipated,
+            pins=self.pins + _pin_work(system, method.theta, old, step, inertia),
+            numerical=numerical,
+        )
+
+    @property
+    def total(self) -> float:
+        """kinetic + Σ potential [J]."""
+        return self.kinetic + sum(self.potential.values())
+
+    @property
+    def remainder(self) -> float:
+        """What the other columns do not explain [J]."""
+        lost = sum(self.dissipated.values()) + self.numerical
+        return self.total + lost - self.pins - self.start
+
+    def row(self) -> dict[str, float]:
+        """One row of energies.csv."""
+        return {
+            "t": self.t,
+            "kinetic": self.kinetic,
+            **self.potential,
+            **{f"dissipated:{name}": value for name, value in self.dissipated.items()},
+            "pins": self.pins,
+            "numerical": self.numerical,
+            "total": self.total,
+            "remainder": self.remainder,
+        }
+
+
+def _conservative(system, state):
+    """(n, 3) force of the terms that have an energy."""
+    f = np.zeros_like(state.x)
+    for term in system.bound:
+        if term.has_energy:
+            term.add_force(state.x, state.v, state.t, f)
+    return f
+
+
+def _pin_work(system, theta, old, step, inertia):
+    """Work of the held directions over a step: Δv·M v_θ − f · Δx on the constrained nodes."""
+    constraints = system.constraints
+    at = constraints.nodes
+    if not len(at) or all(pin.motion is None for pin, _ in constraints.groups.values()):
+        return 0.0
+    v = old.v + theta * (step.state.v - old.v)
+    held_v, held_x = constraints.held(v), constraints.held(step.state.x - old.x)
+    f = system.force(step.stage)[at]
+    return float(np.vdot(inertia[at], held_v) - np.vdot(f, held_x))
+
+
+def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
+    """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed."""
+    if not system.constraints.groups:
+        return {}
+    dt = step.state.t - old.t
+    residual = system.scalar_mass @ ((step.state.v - old.v) / dt) - system.force(step.stage)
+    return {
+        name: residual[nodes].sum(axis=0) for name, (_, nodes) in system.constraints.groups.items()
+    }
+
+
+@dataclass(frozen=True)
+class Probe:
+    """The path of a named node set (its mean), of nodes, or of a material point (X, Y).
+
+    Parameters
+    ----------
+    name
+        Column name.
+    where
+        A node set's name, node indices or a predicate: the mean position of those nodes.
+    point
+        Material coordinates (X, Y) [m]; give this or `where`.
+    """
+
+    name: str
+    where: Where | None = None
+    point: tuple[float, float] | None = None
+
+    def __post_init__(self):
+        if (self.where is None) == (self.point is None):
+            raise InputError(f"probe {self.name!r}", "needs either `where` or `point`", "Probe")
+
+    def weights(self, cloth: Cloth):
+        """(1, n) matrix that takes nodal positions to the probe's."""
+        if self.point is not None:
+            return cloth.interpolator(np.array([self.point]))
+        nodes = cloth.nodes(self.where)
+        row = np.zeros((1, len(cloth.X)))
+        row[0, nodes] = 1.0 / len(nodes)
+        return row
+
+
+@dataclass(frozen=True, eq=False)
+class Observer:
+    """The quantities recorded at every step, bound to a system and its start."""
+
+    system: System
+    start: State
+    probes: Mapping[str, object]
+
+    @classmethod
+    def bind(cls, system: System, start: State, probes=()) -> Observer:
+        return cls(system, start, {p.name: p.weights(system.cloth) for p in probes})
+
+    def row(self, old: State | None, step) -> dict[str, float]:
+        """Probe paths, displacement, sag, area, and reactions over the step (none at the start)."""
+        state = self.start if step is None else step.state
+        mass = self.system.nodal_mass
+        moved = state.x - self.start.x
+        row = {"t": state.t}
+        for name, weights in self.probes.items():
+            row |= _components(name, np.ravel(weights @ state.x))
+        row |= _components("mean_displacement", mass @ moved / mass.sum())
+        row["sag"] = float(-moved[:, 2].min())
+        row["area"] = area(self.system.cloth, state.x)
+        held = reactions(self.system, old, step) if step is not None else {}
+        for name in self.system.constraints.groups:
+            row |= _components(f"reaction:{name}", held.get(name, np.full(3, np.nan)))
+        return row
+
+
+def area(cloth: Cloth, x: np.ndarray) -> float:
+    """Deformed area Σ w √det(FᵀF) [m²]."""
+    F = deformation_gradient(cloth, x)
+    normal = np.cross(F[..., 0], F[..., 1])
+    return float(np.sum(cloth.weights * np.linalg.norm(normal, axis=-1)))
+
+
+def _components(name, vector):
+    return {f"{name}.{c}": float(value) for c, value in zip("xyz", vector, strict=True)}

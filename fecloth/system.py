@@ -1,0 +1,239 @@
+"""Cloth + fabric + terms + pins: the assembled operators, without any notion of a time step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sparse
+
+from .blocks import BlockMatrix, BlockPattern, add_mass
+from .cloth import Cloth
+from .errors import InputError
+from .fabric import Fabric
+from .pins import Constraints, MatrixProjection, Pin
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Time t [s], positions x (n, 3) [m] and velocities v (n, 3) [m/s]."""
+
+    t: float
+    x: np.ndarray
+    v: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """The force balance M a = f(x, v, t) of one cloth.
+
+    Parameters
+    ----------
+    cloth, fabric
+        Reference mesh and constants.
+    terms
+        Descriptions such as ``StVK(), Gravity()``; nothing is added to them.
+    pins
+        `Pin` objects, or names of node sets to hold fixed.
+    mass
+        "lumped" (row sums) or "consistent".
+
+    Raises
+    ------
+    InputError
+        For a term that cannot be bound, or a pin that names no node.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    >>> system = fc.System(cloth, fabric, terms=[fc.StVK(), fc.Gravity()], pins=["left"])
+    >>> system.force(system.rest()).shape, system.stiffness(system.rest()).shape
+    ((9, 3), (27, 27))
+    """
+
+    cloth: Cloth
+    fabric: Fabric
+    terms: Sequence
+    pins: Sequence[Pin | str] = ()
+    mass_kind: str = "lumped"
+
+    def __init__(self, cloth, fabric, terms, pins=(), mass="lumped"):
+        for name, value in (
+            ("cloth", cloth),
+            ("fabric", fabric),
+            ("terms", tuple(terms)),
+            ("pins", tuple(pins)),
+            ("mass_kind", mass),
+        ):
+            object.__setattr__(self, name, value)
+        for term in self.terms:
+            if not hasattr(term, "bind"):
+                raise InputError(
+                    f"term {term!r}", "must be a term such as StVK()", "System(terms=...)"
+                )
+        _ = self.bound, self.constraints  # bind now: an error should stand where it was made
+
+    # --- what is bound, once ------------------------------------------------------------------
+
+    @cached_property
+    def scalar_mass(self) -> sparse.csr_matrix:
+        """(n, n) mass matrix of one component [kg]."""
+        return (self.fabric.areal_density * self.cloth.mass(self.mass_kind)).tocsr()
+
+    @cached_property
+    def nodal_mass(self) -> np.ndarray:
+        """(n,) row sums of the mass [kg]."""
+        return self.fabric.areal_density * self.cloth.load
+
+    @cached_property
+    def _stencils(self) -> list:
+        stencils = [term.stencil(self.cloth) for term in self.terms]
+        if self.mass_kind == "consistent":
+            stencils.append(self.cloth.stencil)
+        return [stencil for stencil in stencils if stencil is not None]
+
+    @cached_property
+    def pattern(self) -> BlockPattern:
+        """Union of the terms' stencils."""
+        return BlockPattern.union(len(self.cloth.X), self._stencils)
+
+    @cached_property
+    def bound(self) -> tuple:
+        """The terms, bound to the cloth; terms with one stencil share one array of slots."""
+        shared: dict[int, np.ndarray] = {}
+
+        def slots(stencil):
+            if id(stencil) not in shared:
+                shared[id(stencil)] = self.pattern.slots(stencil)
+            return shared[id(stencil)]
+
+        return tuple(term.bind(self.cloth, self.fabric, slots) for term in self.terms)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """A name for each term: its class's, numbered where it stands twice."""
+        plain = [term.name for term in self.bound]
+        seen: dict[str, int] = {}
+        names = []
+        for name in plain:
+            seen[name] = seen.get(name, 0) + 1
+            names.append(name if plain.count(name) == 1 else f"{name}.{seen[name]}")
+        return tuple(names)
+
+    @cached_property
+    def constraints(self) -> Constraints:
+        return Constraints.bind(self.pins, self.cloth)
+
+    @cached_property
+    def _projection(self) -> MatrixProjection:
+        return MatrixProjection.bind(self.constraints, self.pattern)
+
+    @cached_property
+    def _mass_slots(self) -> np.ndarray:
+        mass = self.scalar_mass
+        rows = np.repeat(np.arange(len(self.pattern)), np.diff(mass.indptr))
+        pairs = np.column_stack([rows, mass.indices]).astype(np.int32)
+        return np.ascontiguousarray(self.pattern.slots(pairs)[:, 0, 1])
+
+    # --- states -------------------------------------------------------------------------------
+
+    def rest(self) -> State:
+        """x = (X, 0), v = 0, t = 0."""
+        X = self.cloth.X
+        x = np.column_stack([X, np.zeros(len(X))])
+        return State(0.0, x, np.zeros_like(x))
+
+    def state(self, x, v=None, t: float = 0.0) -> State:
+        """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero if left out."""
+        shape = (len(self.cloth.X), 3)
+        x = np.array(x, dtype=float)
+        v = np.zeros(shape) if v is None else np.array(v, dtype=float)
+        for name, value in (("x", x), ("v", v)):
+            if value.shape != shape or not np.isfinite(value).all():
+                raise InputError(
+                    f"{name} of shape {value.shape}",
+                    f"must be finite and of shape {shape}",
+                    "System.state",
+                )
+        return State(float(t), x, v)
+
+    # --- operators ----------------------------------------------------------------------------
+
+    def force(self, state: State) -> np.ndarray:
+        """(n, 3) sum of all terms' forces [N]; the reactions of pins are not among them."""
+        f = np.zeros_like(state.x)
+        for term in self.bound:
+            term.add_force(state.x, state.v, state.t, f)
+        return f
+
+    def energies(self, state: State) -> dict[str, float]:
+        """{"kinetic": J, term name: J, …} of the terms that have an energy."""
+        kinetic = 0.5 * float(np.vdot(state.v, self.scalar_mass @ state.v))
+        potentials = {
+            name: term.energy(state.x, state.t)
+            for name, term in zip(self.names, self.bound, strict=True)
+            if term.has_energy
+        }
+        return {"kinetic": kinetic, **potentials}
+
+    def assemble(
+        self, J: BlockMatrix, state: State, wx=0.0, wv=0.0, wa=0.0, definite=False
+    ) -> BlockMatrix:
+        """J = wa M + wv D + wx K at a state, in place; `definite` makes each term's part so."""
+        J.values.fill(0.0)
+        return self.add_tangents(J, state, wx, wv, wa, definite)
+
+    def add_tangents(
+        self, J: BlockMatrix, state: State, wx=0.0, wv=0.0, wa=0.0, definite=False
+    ) -> BlockMatrix:
+        """J += wa M + wv D + wx K at a state, in place."""
+        if wa != 0.0:
+            add_mass(self._mass_slots, self.scalar_mass.data, wa, J.values)
+        for term in self.bound:
+            if wx != 0.0 or (wv != 0.0 and term.velocity_dependent):
+                term.add_tangent(state.x, state.v, state.t, wx, wv, J, definite)
+        return J
+
+    def project(self, J: BlockMatrix) -> BlockMatrix:
+        """P J P + (I − P) s, in place: a pinned node's rows and columns become a multiple of I."""
+        self._projection.apply(J)
+        return J
+
+    def stiffness(self, state: State) -> sparse.bsr_matrix:
+        """K = −∂f/∂x over all nodes, (3n, 3n) [N/m]."""
+        J = BlockMatrix.zeros(self.pattern)
+        return self.assemble(J, state, wx=1.0).to_scipy()
+
+    def damping(self, state: State) -> sparse.bsr_matrix:
+        """D = −∂f/∂v over all nodes, (3n, 3n) [N s/m]."""
+        J = BlockMatrix.zeros(self.pattern)
+        return self.assemble(J, state, wv=1.0).to_scipy()
+
+    @cached_property
+    def mass(self) -> sparse.csr_matrix:
+        """M over all nodes, (3n, 3n) [kg]."""
+        return sparse.kron(self.scalar_mass, sparse.identity(3), format="csr")
+
+    @cached_property
+    def free(self) -> np.ndarray:
+        """The dofs 3 i + c that no pin holds."""
+        return self.constraints.free(len(self.cloth.X))
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether every term's tangent is symmetric."""
+        return all(term.symmetric for term in self.bound)
+
+    def rate_bounds(self) -> tuple[float, float]:
+        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest.
+
+        For a consistent mass of P1 triangles the lumped bound is taken four times: the smallest
+        eigenvalue of an element's consistent mass is a quarter of its lumped one.
+        """
+        factor = 4.0 if self.mass_kind == "consistent" else 1.0
+        bounds = [term.rate_bounds(self.nodal_mass) for term in self.bound]
+        return factor * sum(b[0] for b in bounds), factor * sum(b[1] for b in bounds)

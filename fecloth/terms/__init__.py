@@ -1,0 +1,25 @@
+"""Contributions to the force balance, one file per family.
+
+What a user writes is a frozen description with its own parameters only. It offers
+
+    stencil(cloth)              (m, k) nodes that it couples, or None
+    bind(cloth, fabric, slots)  the bound term; ``slots(stencil)`` gives its blocks in the matrix
+
+and the bound term offers, in place and without knowledge of dt, solver or other terms,
+
+    energy(x, t)                              potential [J], if has_energy
+    power(x, v, t)                            dissipated power [W], if dissipative
+    add_force(x, v, t, f)                     f += force [N]
+    add_tangent(x, v, t, wx, wv, J, definite) J += wx K + wv D, K = −∂f/∂x, D = −∂f/∂v
+    rate_bounds(mass)                         bounds of the eigenvalues of M⁻¹K and M⁻¹D at rest
+
+with the attributes name, symmetric (of its tangent), has_energy, dissipative and
+velocity_dependent.
+"""
+
+from .gravity import Gravity
+from .strain_rate import StrainRateDamping
+from .stvk import StVK
+from .tensor_condition import TensorCondition
+
+__all__ = ["Gravity", "StVK", "StrainRateDamping", "TensorCondition"]

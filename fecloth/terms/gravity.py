@@ -1,0 +1,62 @@
+"""Gravity: a uniform acceleration on the mass of the cloth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..cloth import Cloth
+from ..errors import InputError
+from ..fabric import Fabric
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """f_a = ρ g ∫ N_a dA, potential −Σ f_a · x_a [J] (zero at the origin).
+
+    Parameters
+    ----------
+    acceleration
+        g, three components [m/s²].
+    """
+
+    acceleration: tuple[float, float, float] = (0.0, 0.0, -9.81)
+
+    def __post_init__(self):
+        if np.shape(self.acceleration) != (3,) or not np.isfinite(self.acceleration).all():
+            raise InputError(
+                f"acceleration = {self.acceleration!r}", "must be three finite numbers", "Gravity"
+            )
+
+    def stencil(self, cloth: Cloth) -> None:
+        return None
+
+    def bind(self, cloth: Cloth, fabric: Fabric, slots) -> BoundGravity:
+        return BoundGravity(fabric.areal_density * np.outer(cloth.load, self.acceleration))
+
+
+@dataclass(frozen=True, eq=False)
+class BoundGravity:
+    """`Gravity` on a cloth: `weight` (n, 3) [N]."""
+
+    weight: np.ndarray
+
+    name = "Gravity"
+    symmetric = True
+    has_energy = True
+    dissipative = False
+    velocity_dependent = False
+
+    def energy(self, x, t) -> float:
+        """−Σ f_a · x_a [J]."""
+        return -float(np.vdot(self.weight, x))
+
+    def add_force(self, x, v, t, f) -> None:
+        f += self.weight
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """Gravity has none."""
+
+    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
+        return 0.0, 0.0

@@ -1,0 +1,336 @@
+"""The membrane loop: every law in the Green strain runs through these few kernels.
+
+A law is a compiled function ``law(E, c) -> (W, S, ℂ)`` of the Green strain
+E = (E11, E22, E12) and the constants c of the triangle, in the Voigt order (11, 22, 12) with the
+engineering shear 2 E12:
+
+    W    energy per reference area [J/m²]
+    S    second Piola–Kirchhoff stress resultant ∂W/∂E = (S11, S22, S12) [N/m]
+    ℂ    tangent moduli ∂S/∂E = (C11, C22, C66, C12, C16, C26) [N/m]
+
+The loop forms, for the nodes a of each triangle and each quadrature point of weight w,
+
+    F = Σ x_a ⊗ G_a        (3, 2)        deformation gradient, G_a = ∂N_a/∂X
+    E = (FᵀF − I)/2        (2, 2)        Green strain
+    P = F S                (3, 2)        first Piola–Kirchhoff stress resultant
+    f_a  = −Σ w P G_a                                     force
+    K_ab = Σ w (B_aᵀ ℂ B_b + (G_a · S G_b) I₃)            stiffness, δE = Σ B_a δx_a
+
+(Bonet and Wood 2008, Nonlinear Continuum Mechanics for Finite Element Analysis, sections 9.3
+and 9.4.) Nothing here assumes three nodes or one quadrature point: `K` and `Q` are
+tuples with one zero for each node and each point, so that the compiler knows their number and
+unrolls the loops (three times faster than a count read from an array).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..cloth import Cloth
+from ..compiled import inner, loop
+
+
+@inner
+def gradient(K, nodes, G, e, q, y):
+    """F = Σ y_a ⊗ G_a, as columns (F11, F21, F31, F12, F22, F32)."""
+    F11 = F21 = F31 = F12 = F22 = F32 = 0.0
+    for a in range(len(K)):
+        i = np.uintp(nodes[e, a])
+        G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
+        F11 += y[i, 0] * G1
+        F21 += y[i, 1] * G1
+        F31 += y[i, 2] * G1
+        F12 += y[i, 0] * G2
+        F22 += y[i, 1] * G2
+        F32 += y[i, 2] * G2
+    return F11, F21, F31, F12, F22, F32
+
+
+@inner
+def green_strain(F):
+    """E = (FᵀF − I)/2."""
+    F11, F21, F31, F12, F22, F32 = F
+    E11 = 0.5 * (F11 * F11 + F21 * F21 + F31 * F31 - 1.0)
+    E22 = 0.5 * (F12 * F12 + F22 * F22 + F32 * F32 - 1.0)
+    E12 = 0.5 * (F11 * F12 + F21 * F22 + F31 * F32)
+    return E11, E22, E12
+
+
+@inner
+def strain_rate(F, H):
+    """Ė = sym(FᵀḞ) with H = Ḟ."""
+    F11, F21, F31, F12, F22, F32 = F
+    H11, H21, H31, H12, H22, H32 = H
+    R11 = F11 * H11 + F21 * H21 + F31 * H31
+    R22 = F12 * H12 + F22 * H22 + F32 * H32
+    R12 = F11 * H12 + F21 * H22 + F31 * H32 + F12 * H11 + F22 * H21 + F32 * H31
+    return R11, R22, 0.5 * R12
+
+
+@inner
+def contract(C, E):
+    """S = ℂ : E."""
+    C11, C22, C66, C12, C16, C26 = C
+    E11, E22, E12 = E
+    S11 = C11 * E11 + C12 * E22 + C16 * 2.0 * E12
+    S22 = C12 * E11 + C22 * E22 + C26 * 2.0 * E12
+    S12 = C16 * E11 + C26 * E22 + C66 * 2.0 * E12
+    return S11, S22, S12
+
+
+@inner
+def clamped(S, floor):
+    """S with its principal values raised to `floor` (0: positive semi-definite; −inf: as it is)."""
+    S11, S22, S12 = S
+    mean = 0.5 * (S11 + S22)
+    half = 0.5 * (S11 - S22)
+    radius = math.sqrt(half * half + S12 * S12)
+    if mean - radius >= floor:
+        return S
+    if mean + radius <= floor:
+        return floor, floor, 0.0
+    # only the smaller one is below: S + (floor − s₂) n₂ ⊗ n₂
+    raise_ = floor - (mean - radius)
+    c, s = half / radius, S12 / radius
+    return (
+        S11 + 0.5 * raise_ * (1.0 - c),
+        S22 + 0.5 * raise_ * (1.0 + c),
+        S12 - 0.5 * raise_ * s,
+    )
+
+
+@inner
+def scatter_force(K, nodes, G, e, q, w, F, S, f):
+    """f_a −= w P G_a with P = F S."""
+    F11, F21, F31, F12, F22, F32 = F
+    S11, S22, S12 = S
+    P11, P12 = w * (F11 * S11 + F12 * S12), w * (F11 * S12 + F12 * S22)
+    P21, P22 = w * (F21 * S11 + F22 * S12), w * (F21 * S12 + F22 * S22)
+    P31, P32 = w * (F31 * S11 + F32 * S12), w * (F31 * S12 + F32 * S22)
+    for a in range(len(K)):
+        i = np.uintp(nodes[e, a])
+        G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
+        f[i, 0] -= P11 * G1 + P12 * G2
+        f[i, 1] -= P21 * G1 + P22 * G2
+        f[i, 2] -= P31 * G1 + P32 * G2
+
+
+@inner
+def material_rows(C, F, G1, G2):
+    """T = ℂ B_a, three columns for δx_a: B_a = (F₁ G1, F₂ G2, F₁ G2 + F₂ G1)."""
+    C11, C22, C66, C12, C16, C26 = C
+    F11, F21, F31, F12, F22, F32 = F
+    # each row of T is α F₁ + β F₂
+    a1, b1 = C11 * G1 + C16 * G2, C12 * G2 + C16 * G1
+    a2, b2 = C12 * G1 + C26 * G2, C22 * G2 + C26 * G1
+    a3, b3 = C16 * G1 + C66 * G2, C26 * G2 + C66 * G1
+    return (
+        (a1 * F11 + b1 * F12, a1 * F21 + b1 * F22, a1 * F31 + b1 * F32),
+        (a2 * F11 + b2 * F12, a2 * F21 + b2 * F22, a2 * F31 + b2 * F32),
+        (a3 * F11 + b3 * F12, a3 * F21 + b3 * F22, a3 * F31 + b3 * F32),
+    )
+
+
+@inner
+def block(T, H, G1, G2):
+    """Tᵀ B_b(H) = p ⊗ H₁ + r ⊗ H₂, the 3×3 material block of the pair (a, b)."""
+    T1, T2, T3 = T
+    H11, H21, H31, H12, H22, H32 = H
+    p1, r1 = T1[0] * G1 + T3[0] * G2, T3[0] * G1 + T2[0] * G2
+    p2, r2 = T1[1] * G1 + T3[1] * G2, T3[1] * G1 + T2[1] * G2
+    p3, r3 = T1[2] * G1 + T3[2] * G2, T3[2] * G1 + T2[2] * G2
+    return (
+        (p1 * H11 + r1 * H12, p1 * H21 + r1 * H22, p1 * H31 + r1 * H32),
+        (p2 * H11 + r2 * H12, p2 * H21 + r2 * H22, p2 * H31 + r2 * H32),
+        (p3 * H11 + r3 * H12, p3 * H21 + r3 * H22, p3 * H31 + r3 * H32),
+    )
+
+
+@inner
+def scatter_symmetric(K, slots, G, e, q, w, F, S, C, J):
+    """J_ab += w (B_aᵀ ℂ B_b + (G_a · S G_b) I₃); the lower half is the upper one transposed."""
+    S11, S22, S12 = w * S[0], w * S[1], w * S[2]
+    C = (w * C[0], w * C[1], w * C[2], w * C[3], w * C[4], w * C[5])
+    for a in range(len(K)):
+        G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
+        T = material_rows(C, F, G1, G2)
+        g1, g2 = S11 * G1 + S12 * G2, S12 * G1 + S22 * G2
+        for b in range(a + 1):
+            H1, H2 = G[e, q, b, 0], G[e, q, b, 1]
+            M = block(T, F, H1, H2)
+            g = g1 * H1 + g2 * H2
+            s = np.uintp(slots[e, a, b])
+            for i in range(3):
+                J[s, i, i] += M[i][i] + g
+            J[s, 0, 1] += M[0][1]
+            J[s, 0, 2] += M[0][2]
+            J[s, 1, 0] += M[1][0]
+            J[s, 1, 2] += M[1][2]
+            J[s, 2, 0] += M[2][0]
+            J[s, 2, 1] += M[2][1]
+            if b < a:
+                s = np.uintp(slots[e, b, a])
+                for i in range(3):
+                    J[s, i, i] += M[i][i] + g
+                J[s, 1, 0] += M[0][1]
+                J[s, 2, 0] += M[0][2]
+                J[s, 0, 1] += M[1][0]
+                J[s, 2, 1] += M[1][2]
+                J[s, 0, 2] += M[2][0]
+                J[s, 1, 2] += M[2][1]
+
+
+@loop
+def energy(law, K, Q, nodes, G, w, c, x):
+    """Σ w W [J]."""
+    total = 0.0
+    for e in range(len(nodes)):
+        for q in range(len(Q)):
+            W, _, _ = law(green_strain(gradient(K, nodes, G, e, q, x)), c[e])
+            total += w[e, q] * W
+    return total
+
+
+@loop
+def add_force(law, K, Q, nodes, G, w, c, x, f):
+    """f_a −= Σ w P G_a."""
+    for e in range(len(nodes)):
+        for q in range(len(Q)):
+            F = gradient(K, nodes, G, e, q, x)
+            _, S, _ = law(green_strain(F), c[e])
+            scatter_force(K, nodes, G, e, q, w[e, q], F, S, f)
+
+
+@loop
+def add_tangent(law, K, Q, nodes, slots, G, w, c, x, scale, floor, J):
+    """J += scale · K, with the stress of the geometric part clamped from below at `floor`."""
+    for e in range(len(nodes)):
+        for q in range(len(Q)):
+            F = gradient(K, nodes, G, e, q, x)
+            _, S, C = law(green_strain(F), c[e])
+            scatter_symmetric(K, slots, G, e, q, scale * w[e, q], F, clamped(S, floor), C, J)
+
+
+@loop
+def add_stress(law, K, Q, nodes, G, w, c, x, out):
+    """out[e] += (S11, S22, S12, W), the means over the triangle."""
+    for e in range(len(nodes)):
+        area = 0.0
+        for q in range(len(Q)):
+            area += w[e, q]
+        for q in range(len(Q)):
+            W, S, _ = law(green_strain(gradient(K, nodes, G, e, q, x)), c[e])
+            share = w[e, q] / area
+            out[e, 0] += share * S[0]
+            out[e, 1] += share * S[1]
+            out[e, 2] += share * S[2]
+            out[e, 3] += share * W
+
+
+class Kernels(NamedTuple):
+    """A law's compiled entry points, each one of the loops above written out with the law."""
+
+    energy: Callable
+    add_force: Callable
+    add_tangent: Callable
+    add_stress: Callable
+
+
+@dataclass(frozen=True, eq=False)
+class BoundMembrane:
+    """An elastic membrane law on a cloth: what `System` holds for `StVK` and its siblings.
+
+    Attributes
+    ----------
+    kernels
+        The law's entry points.
+    cloth, slots
+        The cloth, and the (m, k, k) blocks of its triangles in the system matrix.
+    constants
+        (m, p) constants of the law in each triangle.
+    moduli
+        (6,) ℂ at E = 0 [N/m], for the bound on the frequency.
+    """
+
+    name: str
+    kernels: Kernels
+    cloth: Cloth
+    slots: np.ndarray
+    constants: np.ndarray
+    moduli: np.ndarray
+
+    symmetric = True
+    has_energy = True
+    dissipative = False
+    velocity_dependent = False
+
+    @property
+    def _data(self):
+        cloth = self.cloth
+        return *cloth.shape, cloth.stencil, cloth.gradients, cloth.weights, self.constants
+
+    def energy(self, x: np.ndarray, t: float) -> float:
+        """Σ w W [J]."""
+        return self.kernels.energy(*self._data, x)
+
+    def add_force(self, x, v, t, f) -> None:
+        """f −= Σ w P G_a [N]."""
+        self.kernels.add_force(*self._data, x, f)
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """J += wx K; `definite` clamps the stress of the geometric part at zero."""
+        K, Q, nodes, *data = self._data
+        floor = 0.0 if definite else -math.inf
+        self.kernels.add_tangent(K, Q, nodes, self.slots, *data, x, wx, floor, J.values)
+
+    def add_stress(self, x, out) -> None:
+        """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""
+        self.kernels.add_stress(*self._data, x, out)
+
+    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
+        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest and of M⁻¹D [1/s]."""
+        return eigenvalue_bound(self.cloth, self.moduli, mass), 0.0
+
+
+def bind(name, kernels: Kernels, constants, moduli, cloth: Cloth, slots: Callable) -> BoundMembrane:
+    """Bind a law to a cloth; `constants` (p,) are shared by all triangles without a copy."""
+    constants = np.broadcast_to(constants, (len(cloth.triangles), np.shape(constants)[-1]))
+    return BoundMembrane(name, kernels, cloth, slots(cloth.stencil), constants, moduli)
+
+
+def eigenvalue_bound(cloth: Cloth, moduli: np.ndarray, mass: np.ndarray) -> float:
+    """Upper bound of the largest eigenvalue of M⁻¹K at F = I, for lumped masses (n,) [kg].
+
+    The largest eigenvalue of a sum of element matrices is at most the largest of the elements'
+    own (Irons and Treharne 1971); each node's mass is shared among its triangles by area. The
+    nonzero eigenvalues of M_e⁻¹ K_e are those of the 3×3 matrix Lᵀ (Σ_a w B_a B_aᵀ / m_a) L with
+    ℂ = L Lᵀ.
+    """
+    area = cloth.weights.sum(axis=1)
+    around = np.bincount(cloth.stencil.ravel(), np.repeat(area, cloth.stencil.shape[1]), len(mass))
+    share = area[:, None] * (mass / around)[cloth.stencil]  # (m, k)
+    C11, C22, C66, C12, C16, C26 = moduli
+    L = np.linalg.cholesky([[C11, C12, C16], [C12, C22, C26], [C16, C26, C66]])
+    G1, G2 = np.moveaxis(cloth.gradients, -1, 0)  # (m, q, k)
+    zero = np.zeros_like(G1)
+    B = np.stack([np.stack([G1, zero], -1), np.stack([zero, G2], -1), np.stack([G2, G1], -1)], -2)
+    inner_ = np.einsum("eq,eqaij,eqakj,ea->eik", cloth.weights, B, B, 1 / share, optimize=True)
+    return float(np.linalg.eigvalsh(L.T @ inner_ @ L)[:, -1].max())
+
+
+def deformation_gradient(cloth: Cloth, x: np.ndarray) -> np.ndarray:
+    """(m, q, 3, 2), F = Σ x_a ⊗ G_a at every quadrature point."""
+    return np.einsum("eai,eqaj->eqij", x[cloth.stencil], cloth.gradients)
+
+
+def principal_stretches(cloth: Cloth, x: np.ndarray) -> np.ndarray:
+    """(m, 2) smaller and larger principal stretch, from the triangle's mean FᵀF."""
+    F = deformation_gradient(cloth, x)
+    share = cloth.weights / cloth.weights.sum(axis=1, keepdims=True)
+    right = np.einsum("eq,eqij,eqik->ejk", share, F, F)
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(right), 0.0))

@@ -1,0 +1,70 @@
+"""The St. Venant–Kirchhoff membrane: energy quadratic in the Green strain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..cloth import Cloth
+from ..compiled import inner, kernel
+from ..fabric import Fabric
+from . import membrane
+from .membrane import contract
+
+
+@dataclass(frozen=True)
+class StVK:
+    """W = ½ E:ℂ:E, S = ℂ:E with the plane-stress moduli ℂ of the fabric, isotropic or orthotropic.
+
+    Energy per reference area W [J/m²], stress resultant S [N/m], in the material axes warp and
+    weft. Isotropic: W = Y / (2 (1 − ν²)) (E11² + E22² + 2 ν E11 E22 + 2 (1 − ν) E12²).
+    Source: Bonet and Wood (2008), Nonlinear Continuum Mechanics for Finite Element Analysis,
+    eq. 6.27, with plane-stress moduli (`Fabric.moduli`).
+
+    Valid for any rotation and for strains at which the fabric is linear in E. W is convex in E,
+    but in compression the force softens beyond a stretch of 1/√3 and a triangle can collapse.
+    """
+
+    def moduli(self, fabric: Fabric) -> np.ndarray:
+        """(6,) ℂ = (C11, C22, C66, C12, C16, C26) [N/m]."""
+        return fabric.moduli()
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        return cloth.stencil
+
+    def bind(self, cloth: Cloth, fabric: Fabric, slots) -> membrane.BoundMembrane:
+        C = self.moduli(fabric)
+        return membrane.bind("StVK", KERNELS, C, C, cloth, slots)
+
+
+@inner
+def law(E, c):
+    """c = ℂ: W = E:ℂ:E / 2, S = ℂ:E, ∂S/∂E = ℂ."""
+    C = (c[0], c[1], c[2], c[3], c[4], c[5])
+    S = contract(C, E)
+    W = 0.5 * (S[0] * E[0] + S[1] * E[1] + 2.0 * S[2] * E[2])
+    return W, S, C
+
+
+@kernel
+def energy(K, Q, nodes, G, w, c, x):
+    return membrane.energy(law, K, Q, nodes, G, w, c, x)
+
+
+@kernel
+def add_force(K, Q, nodes, G, w, c, x, f):
+    membrane.add_force(law, K, Q, nodes, G, w, c, x, f)
+
+
+@kernel
+def add_tangent(K, Q, nodes, slots, G, w, c, x, scale, floor, J):
+    membrane.add_tangent(law, K, Q, nodes, slots, G, w, c, x, scale, floor, J)
+
+
+@kernel
+def add_stress(K, Q, nodes, G, w, c, x, out):
+    membrane.add_stress(law, K, Q, nodes, G, w, c, x, out)
+
+
+KERNELS = membrane.Kernels(energy, add_force, add_tangent, add_stress)

@@ -1,0 +1,43 @@
+"""Cloths, fabrics and states that many tests share."""
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+
+
+@pytest.fixture(scope="session")
+def sheet():
+    """An unstructured sheet, 1 m × 0.6 m, of about 150 triangles."""
+    return fc.Cloth.rectangle(1.0, 0.6, h=0.1)
+
+
+@pytest.fixture(scope="session")
+def isotropic():
+    return fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
+
+
+@pytest.fixture(scope="session")
+def orthotropic():
+    return fc.Fabric(0.15, (2000.0, 900.0), 0.2, shear_stiffness=60.0)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+def flat(cloth):
+    """(n, 3) positions (X, 0)."""
+    return np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+
+
+def rough(cloth, rng, amount=0.02):
+    """(n, 3) rotated positions with noise of `amount` metres."""
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    return flat(cloth) @ turn + amount * rng.standard_normal((len(cloth.X), 3))
+
+
+def affine(cloth, F, shift=(0.0, 0.0, 0.0)):
+    """(n, 3) positions F X + shift with F of shape (3, 2)."""
+    return cloth.X @ np.asarray(F, dtype=float).T + np.asarray(shift)
