@@ -169,7 +169,7 @@ def _gmsh_sets(gmsh, ids, where):
 
 def _refuse_empty_groups(gmsh, groups, where):
     # Gmsh does not list a group without entities, but still knows its name: look for names.
-    last = max([1000, *(tag + 100 for _, tag in groups)])
+    last = min(10_000, max([1000, *(tag + 100 for _, tag in groups)]))  # a call a tag: 1 µs each
     for dim, kind in enumerate(_DIMENSIONS):
         for tag in range(1, last):
             name = gmsh.model.getPhysicalName(dim, tag)

@@ -147,21 +147,24 @@ class LinearlyImplicitEuler:
 def _velocity_change(system, state, dt, solver, end, definite):
     """Δv from the linearised step, and the counts."""
     begin = time.perf_counter()
-    J = solver.matrix
-    given = np.zeros_like(state.v)  # Δv of the held directions
-    nodes = system.constraints.nodes
-    given[nodes] = system.constraints.held((end.x - state.x) / dt - state.v)
-    system.assemble(J, state, wx=dt, definite=definite)  # dt K
+    J, nodes = solver.matrix, system.constraints.nodes
+    dv, inertial = np.zeros((2, *state.v.shape))  # of the held directions: what moves x, and v
+    dv[nodes] = system.constraints.held((end.x - state.x) / dt - state.v)
+    inertial[nodes] = system.constraints.held(end.v - state.v)
+    system.assemble(J, state, wx=dt, definite=definite)
     b = system.force(state) - J @ state.v
-    system.add_tangents(J, state, wv=1.0, wa=1.0 / dt, definite=definite)
-    b = system.constraints.project(b - J @ given)
+    system.add_tangents(J, state, wv=1.0, definite=definite)
+    b -= J @ dv + system.scalar_mass @ (inertial / dt)
+    system.add_tangents(J, state, wa=1.0 / dt)
     system.project(J)
     seconds = {"assemble": time.perf_counter() - begin}
     solver.linear.prepare(J)
-    free, info = solver.linear.solve(b, rtol=solver.options.tolerance)
+    free, info = solver.linear.solve(
+        system.constraints.project(b), rtol=solver.options.tolerance
+    )
     seconds |= {"factor": info.seconds_factor, "solve": info.seconds_solve}
     counts = Counts(1, info.iterations, int(definite), info.residual, seconds)
-    return free + given, counts
+    return free + dv, counts
 
 
 def arrival(system: System, state: State, dt: float) -> State:

@@ -248,9 +248,7 @@ def set_indices(name, values, n, columns, where) -> np.ndarray:
         raise MeshError(f"set {name!r} is empty", "must hold a node", where, "Remove or fill it.")
     if values.dtype.kind not in "iu" or values.ndim != len(columns) + 1:
         what = f"set {name!r} has shape {values.shape} and type {values.dtype}"
-        raise MeshError(
-            what, f"must be integers of shape {('k', *columns)}".replace("'", ""), where
-        )
+        raise MeshError(what, f"must be integers, {1 + len(columns)} axes", where)
     if values.shape[1:] != columns:
         raise MeshError(f"edge set {name!r} has shape {values.shape}", "must be (k, 2)", where)
     bad = values[(values < 0) | (values >= n)]

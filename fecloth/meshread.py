@@ -20,7 +20,7 @@ def read(path, h: float | None = None) -> FlatMesh:
     ----------
     path : str or path
         ``.geo`` is meshed by Gmsh, ``.msh`` (2.2, 4.1, text or binary) read by it, anything else
-        read by meshio (``.vtu``, ``.vtk``, ``.obj``, ``.stl``, ``.xdmf``, ``.inp``, ...).
+        read by meshio (``.vtu``, ``.vtk``, ``.obj``, ``.stl``, ``.inp``, ``.xdmf`` with h5py, ...).
     h : float, optional
         Edge length [m], for ``.geo`` only. It replaces the ``h`` of the file's
         ``DefineConstant[ h = ... ];``; in a file without one it bounds every size from below and

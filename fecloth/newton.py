@@ -23,7 +23,9 @@ class Newton:
     ----------
     tolerance
         On the residual ‖M a − f‖ of the free directions, relative to the forces of the step:
-        ‖M a‖ plus the sum over the terms of ‖f_term‖ at the first iterate.
+        ‖M a‖ plus the sum over the terms of ‖f_term‖ at the first iterate. No less is asked for
+        than the round-off of the forces themselves, 8 ε ‖K_ii x_i‖: a cloth at rest without any
+        load has no other force.
     max_iterations
         Beyond it the step has failed.
     forcing
@@ -95,13 +97,13 @@ def solve(system: System, stage: Stage, solver: Solver, guess: np.ndarray | None
     options, work = solver.options, _Work(system, stage, solver)
     q = np.zeros_like(stage.x) if guess is None else system.constraints.project(guess.copy())
     R, scale = work.first_residual(q)
-    norm = np.linalg.norm(R)
+    norm, goal = np.linalg.norm(R), options.tolerance * scale
     definite = options.definiteness == "clamp"
     for iteration in range(1, options.max_iterations + 1):
-        goal = options.tolerance * scale
         try:
             forcing = min(0.5, max(options.forcing, 0.5 * goal / max(norm, 1e-300)))
             step = work.direction(q, R, forcing, definite)
+            goal = max(options.tolerance * scale, work.round_off(q))
             found = work.search(q, R, norm, step, goal)
         except IndefiniteMatrix as failure:
             found, reason = None, str(failure)
@@ -170,6 +172,14 @@ class _Work:
         self.clamped += definite
         self.seconds["assemble"] += time.perf_counter() - begin
         return self._solved(-R, forcing)
+
+    def round_off(self, q):
+        """8 ε ‖K_ii x_i‖: what the rounding of positions alone does to the forces."""
+        stage, J = self.stage, self.J
+        diagonal = np.einsum("sii->s", J.values[J.pattern.diagonal]) / 3
+        stiffness = np.abs(diagonal - stage.wa * self.system.nodal_mass) / stage.wx
+        x, _, _ = stage.at(q)
+        return 8 * np.finfo(float).eps * np.linalg.norm(stiffness[:, None] * x)
 
     def _solved(self, b, forcing):
         self.linear_solver.prepare(self.J)

@@ -113,10 +113,11 @@ class Constraints:
         return y[self.nodes] - np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
 
     def hold(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """P y + (I − P) target in place: exactly the target where all is held."""
+        """P y + (I − P) target, a copy: exactly the target where all is held."""
+        result = y.copy()
         free = np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
-        y[self.nodes] = free + self.held(target)
-        return y
+        result[self.nodes] = free + self.held(target)
+        return result
 
     def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Position and velocity (n, 3) prescribed at t + dt to nodes that are at x at time t.

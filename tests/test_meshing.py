@@ -288,10 +288,10 @@ def test_first_axis_of_a_tilted_plane_is_the_projection_of_x():
     np.testing.assert_allclose(checked(flat @ about_y.T, QUAD_T).X, X, atol=1e-12)
 
 
-def test_nearly_x_normal_plane_starts_with_y():
-    normal_off_x = 1e-7
-    xyz = [[0, 0, 0], [normal_off_x, 1, 0], [normal_off_x, 1, 1], [0, 0, 1]]
-    np.testing.assert_allclose(checked(xyz, QUAD_T).X, QUAD_X, atol=1e-6)
+def test_planes_nearly_xz_and_yz_are_seen_as_those():
+    u, v = np.array(QUAD_X).T
+    for xyz in ((u, 1e-7 * v, v), (1e-7 * v, u, v), (1e-7 * u, u, v)):
+        np.testing.assert_allclose(checked(np.stack(xyz, 1), QUAD_T).X, QUAD_X, atol=1e-6)
 
 
 def test_off_plane_distance_is_named():
@@ -478,12 +478,11 @@ def saved(tmp_path, name, cells, points=None, **extra):
     points = np.array(QUAD_X if points is None else points, dtype=float)
     if points.shape[1] == 2:
         points = np.c_[points, 0 * points[:, 0]]
-    options = {"data_format": "XML"} if name.endswith(".xdmf") else {}
-    meshio.Mesh(points, cells, **extra).write(path, **options)
+    meshio.Mesh(points, cells, **extra).write(path)
     return path
 
 
-@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".obj", ".ply", ".off", ".inp", ".xdmf"])
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".obj", ".ply", ".off", ".inp"])
 def test_round_trip_through_meshio(tmp_path, suffix):
     mesh = rectangle(1.0, 0.5, 0.2)
     back = read(saved(tmp_path, f"s{suffix}", [("triangle", mesh.triangles)], mesh.X))
@@ -515,8 +514,8 @@ def test_meshio_names_in_field_data():
         np.array(QUAD_X),
         cells,
         cell_sets={"half": [[], [1]], "side": [[1], []], "none": [[], []]},
-        cell_data={"gmsh:physical": [[5, 6], [7, 7]]},
-        field_data={"hem": np.array([5, 1]), "sheet": np.array([7, 2])},
+        cell_data={"gmsh:physical": [[5, 6], [5, 5]]},
+        field_data={"hem": np.array([5, 1]), "sheet": np.array([5, 2])},
         point_sets={"pin": [3]},
     )
     from fecloth.meshread import _meshio_sets
@@ -571,6 +570,8 @@ def test_an_open_session_is_left_as_it_was():
         gmsh.model.add("fecloth")
         gmsh.model.geo.addPoint(1, 2, 3)
         gmsh.model.geo.synchronize()
+        gmsh.model.add("another")
+        gmsh.model.setCurrent("fecloth")
         gmsh.option.setNumber("Mesh.Algorithm", 5)
         gmsh.option.setNumber("Mesh.MeshSizeFactor", 3)
         gmsh.parser.setNumber("h", [0.7])

@@ -1,0 +1,101 @@
+"""Solvers of A x = b for a `BlockMatrix`, and the choice between them.
+
+All have ``prepare(A)``, which analyses the pattern when it is new and then factorises (or builds
+the preconditioner), and ``solve(b)``. A must stay as it was prepared until the last ``solve``.
+Every x that is returned has had its residual computed with A and found good.
+"""
+
+from __future__ import annotations
+
+import math
+
+from .direct import Pardiso, SuperLU
+from .errors import InputError
+from .pcg import PCG, SolveInfo
+
+NAMES = ("direct", "pardiso", "superlu", "pcg")
+
+__all__ = ["NAMES", "PCG", "Pardiso", "SolveInfo", "SuperLU", "choose", "direct", "named"]
+
+
+def direct(symmetric: bool = True) -> Pardiso | SuperLU:
+    """PARDISO where the MKL can be loaded, else SuperLU."""
+    try:
+        return Pardiso(symmetric)
+    except (ImportError, OSError):
+        return SuperLU(symmetric)
+
+
+def choose(condition: float, nodes: int, symmetric: bool) -> tuple[Pardiso | SuperLU | PCG, str]:
+    """The solver that is predicted to be cheapest in Newton's iteration, and why.
+
+    Conjugate gradients reduce the residual to ε in at most about ½ √κ ln(2/ε) iterations (Saad
+    2003, section 6.11.3). On M + dt² K of stretched sheets with 556 to 101,300 nodes and dt from
+    1e-4 to 3e-2 s, ε = 0.01, they took 0.2 to 0.6 of that, 0.45 where both solvers cost alike:
+    `condition` bounds the worst triangle, and block Jacobi does better than M.
+
+    Parameters
+    ----------
+    condition
+        A bound on the condition number of M⁻¹ J: 1 + (wx/wa) ω²max + (wv/wa) d_max.
+    nodes
+        Number of nodes.
+    symmetric
+        Whether J is; only direct solvers take one that is not.
+    """
+    if not symmetric:
+        return direct(symmetric=False), "the matrix is not symmetric"
+    iterations = 0.45 * 0.5 * math.sqrt(condition) * math.log(2 / 0.01)
+    # Newton takes more steps when each is solved to 0.01 only than with exact ones: allow for it.
+    wasted = 1.4
+    solver, price = PCG(), _price("pardiso", nodes)
+    if wasted * iterations > price:
+        best = direct()  # loads the MKL, or finds it missing, only now
+        price = _price(best.name, nodes)
+        if wasted * iterations > price:
+            solver = best
+    reason = f"about {iterations:.0f} iterations of pcg predicted"
+    return solver, f"{reason}, a factorisation costs about {price:.0f}"
+
+
+def _price(name: str, nodes: int) -> float:
+    """Time of a factorisation and a solve in iterations of `PCG`, one thread.
+
+    ======== ======= =======
+    nodes    PARDISO SuperLU
+    ======== ======= =======
+    556      57      310
+    1,681    65      420
+    4,154    64      550
+    11,365   75      850
+    26,636   105     2,070
+    101,300  163
+    ======== ======= =======
+    """
+    root = math.sqrt(nodes)  # a factor of nested dissection takes n^1.5, an iteration n
+    return 45 + 0.37 * root if name == "pardiso" else 100 + 10 * root
+
+
+def named(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG:
+    """The solver of one of the `NAMES`; "direct" is PARDISO if there is one.
+
+    Raises
+    ------
+    InputError
+        Unknown name, "pcg" for a matrix that is not symmetric, "pardiso" without the MKL.
+    """
+    what, where = f"solver {name!r}", "linear.named"
+    if name not in NAMES:
+        raise InputError(what, f"must be one of {', '.join(NAMES)}", where)
+    if name == "pcg":
+        if not symmetric:
+            remedy = 'Use "direct", or ask the terms for the symmetric part of their tangents.'
+            raise InputError(what, "takes symmetric matrices only", where, remedy)
+        return PCG()
+    if name == "pardiso":
+        try:
+            return Pardiso(symmetric)
+        except (ImportError, OSError) as error:
+            remedy = 'Install pypardiso (x86-64 only: "pip install pypardiso"), or use "superlu".'
+            raise InputError(what, f"cannot be loaded ({error})", where, remedy) from error
+    return SuperLU(symmetric) if name == "superlu" else direct(symmetric)

@@ -1,0 +1,294 @@
+"""Frames for ParaView: one .vtu for each state, and a .pvd and a .vtu.series that hold the times.
+
+A frame's points are the current positions, so that it shows without a filter. Its arrays:
+
+    displacement          (n, 3)  x − (X, 0) [m]
+    velocity              (n, 3)  [m/s]
+    green_strain          (m, 3)  E11, E22, E12
+    principal_stretches   (m, 2)  smaller, larger
+    quality               (m,)    4√3 A / Σ l² of the reference triangle
+    stress_resultants     (m, 3)  S11, S22, S12 [N/m]
+    energy_density        (m,)    W [J/m²] per reference area
+
+1 is the warp and 2 the weft; ParaView shows the components by these names. Cell values are means
+over the reference triangle. The time stands in the field data as TimeValue, where VTK looks for
+it. Numbers are float64, compressed without loss, so that a frame read back is the state itself.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import sys
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from .cloth import Cloth
+from .errors import InputError
+from .runfolder import replace_file
+from .system import State, System
+from .terms.membrane import deformation_gradient, principal_stretches
+
+COMPONENTS = {
+    "green_strain": ("E11", "E22", "E12"),
+    "principal_stretches": ("smaller", "larger"),
+    "stress_resultants": ("S11", "S22", "S12"),
+}
+COMPRESSION = 1  # zlib level: 6 takes longer and saves a few per cent of a float64
+BLOCK = 1 << 18  # bytes that are compressed at a time
+TRIANGLE = 5  # VTK's number for the cell
+VTK_TYPES = {"f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
+
+Arrays = dict[str, np.ndarray]
+
+
+# --- what a frame shows ---------------------------------------------------------------------------
+
+
+def fields(system: System, state: State) -> tuple[Arrays, Arrays]:
+    """Point data and cell data of a state, named and ordered as at the head of this file.
+
+    Stress resultants and energy density are summed over the membrane terms; a system without one
+    has neither.
+    """
+    points, cells = kinematics(system.cloth, state)
+    membranes = [term for term in system.bound if hasattr(term, "add_stress")]
+    if membranes:
+        stress = np.zeros((len(system.cloth.triangles), 4))
+        for term in membranes:
+            term.add_stress(state.x, stress)
+        cells |= {"stress_resultants": stress[:, :3], "energy_density": stress[:, 3]}
+    return points, cells
+
+
+def kinematics(cloth: Cloth, state: State) -> tuple[Arrays, Arrays]:
+    """The point data and cell data that need no material."""
+    moved = state.x.copy()
+    moved[:, :2] -= cloth.X
+    cells = {
+        "green_strain": _green_strain(cloth, state.x),
+        "principal_stretches": principal_stretches(cloth, state.x),
+        "quality": cloth.quality,
+    }
+    return {"displacement": moved, "velocity": state.v}, cells
+
+
+def _green_strain(cloth, x):
+    """(m, 3) means of E11, E22, E12 over each triangle."""
+    F = deformation_gradient(cloth, x)
+    share = cloth.weights / cloth.weights.sum(axis=1, keepdims=True)
+    C11, C22 = np.einsum("eq,eqij,eqij->je", share, F, F)
+    C12 = np.einsum("eq,eqi,eqi->e", share, F[..., 0], F[..., 1])
+    return np.column_stack([(C11 - 1) / 2, (C22 - 1) / 2, C12 / 2])
+
+
+# --- frames in a folder ---------------------------------------------------------------------------
+
+
+@dataclass(eq=False)
+class Frames:
+    """Writes states as frames, one by one; after each the series on disk is whole.
+
+    Every file is replaced in one go, frames before the lists that name them, so that a run killed
+    at any moment leaves lists that open. In memory stay the times only.
+
+    Attributes
+    ----------
+    path
+        Folder and name of the series: ``path``.pvd and ``path``.vtu.series list the frames.
+    cloth, system
+        What is shown; without a system, no stress and no energy.
+    stem
+        Frame i is ``stem``_00000i.vtu, relative to the folder.
+    times
+        Times of the frames written so far [s].
+    """
+
+    path: Path
+    cloth: Cloth
+    system: System | None = None
+    stem: str = "frames/frame"
+    times: list[float] = field(default_factory=list)
+
+    def add(self, state: State) -> Path:
+        """Write the next frame and the lists; returns the frame's file.
+
+        Raises
+        ------
+        InputError
+            If the state is not one of this cloth, or a file cannot be written.
+        """
+        points, cells = self._fields(state)
+        name = f"{self.stem}_{len(self.times):06d}.vtu"
+        file = self.path.parent / name
+        frame = encode_vtu(state.x, self.cloth.triangles, state.t, points, cells)
+        replace_file(file, frame)
+        self.times.append(float(state.t))
+        self._list()
+        return file
+
+    def _fields(self, state):
+        shape = (len(self.cloth.X), 3)
+        if not isinstance(state, State):
+            given = f"a {type(state).__name__}"
+            raise InputError(given, "must be a State", str(self.path), "Pass the states alone.")
+        if state.x.shape != shape or state.v.shape != shape:
+            given = f"a state with x {state.x.shape} and v {state.v.shape}"
+            raise InputError(given, f"must be of shape {shape} on this cloth", str(self.path))
+        return kinematics(self.cloth, state) if self.system is None else fields(self.system, state)
+
+    def _list(self):
+        files = [(f"{self.stem}_{i:06d}.vtu", t) for i, t in enumerate(self.times)]
+        for suffix, encode in ((".pvd", encode_pvd), (".vtu.series", encode_series)):
+            replace_file(self.path.with_name(self.path.name + suffix), encode(files))
+
+
+def write_vtk(
+    path: str | Path, cloth: Cloth, states: State | Iterable[State], system: System | None = None
+) -> Path:
+    """Write states as a series that opens in ParaView; returns the .pvd file.
+
+    Parameters
+    ----------
+    path
+        Folder and name: "out/swing" makes out/swing.pvd, out/swing.vtu.series and
+        out/swing_000000.vtu and so on. Folders are made; files of these names are replaced.
+    states
+        One state or any iterable; a generator is written as it goes.
+    system
+        Adds stress resultants and energy density.
+
+    Raises
+    ------
+    InputError
+        If there is no state, one is not of this cloth, or a file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    >>> system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
+    >>> steps = fc.march(system, fc.BackwardEuler(), system.rest(), dt=0.01, t_end=0.03)
+    >>> states = (state for state, info in steps)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     pvd = write_vtk(f"{folder}/swing", cloth, states, system)
+    ...     print(pvd.name, len(list(pvd.parent.glob("*.vtu"))))
+    swing.pvd 3
+    """
+    path = Path(path)
+    if path.suffix in (".pvd", ".vtu"):
+        path = path.with_suffix("")
+    frames = Frames(path, cloth, system, stem=path.name)
+    for state in [states] if isinstance(states, State) else states:
+        frames.add(state)
+    if not frames.times:
+        raise InputError("no states", "needs at least one", f"write_vtk({str(path)!r})")
+    return path.with_name(path.name + ".pvd")
+
+
+def read_frame(path: str | Path, cloth: Cloth) -> State:
+    """The state of a .vtu that fecloth wrote for the same cloth: t, x and v bit for bit.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, shows another mesh, or lacks the velocity or the time.
+    """
+    from meshio import vtu
+
+    where = str(path)
+    try:
+        mesh = vtu.read(path)
+    except Exception as error:  # meshio lets pass whatever a broken file provokes
+        remedy = "Give a frame written by fecloth."
+        raise InputError(f"cannot be read ({error})", where=where, remedy=remedy) from error
+    triangles = mesh.cells_dict.get("triangle", np.empty((0, 3), int))
+    for what, found, known in (
+        ("nodes", len(mesh.points), len(cloth.X)),
+        ("triangles", len(triangles), len(cloth.triangles)),
+    ):
+        if found != known:
+            remedy = "Read it onto the cloth that it was written for."
+            raise InputError(f"{found} {what}", f"the cloth has {known}", where, remedy)
+    if not np.array_equal(triangles, cloth.triangles):
+        remedy = "Make the cloth from the same mesh."
+        raise InputError("its triangles join other nodes than the cloth's", "", where, remedy)
+    for name, data in (("velocity", mesh.point_data), ("TimeValue", mesh.field_data)):
+        if name not in (data or {}):
+            remedy = "Give a frame written by fecloth."
+            raise InputError(f"no {name}", "a state needs it", where, remedy)
+    t = float(np.ravel(mesh.field_data["TimeValue"])[0])
+    return State(t, np.array(mesh.points, float), np.array(mesh.point_data["velocity"], float))
+
+
+# --- bytes ----------------------------------------------------------------------------------------
+
+
+def encode_vtu(x, triangles, t: float, point_data: Arrays, cell_data: Arrays) -> bytes:
+    """The VTK XML unstructured grid of one frame.
+
+    meshio writes no field data and no component names, and so neither the time nor "E11".
+    """
+    m = len(triangles)
+    cells = {
+        "connectivity": triangles.ravel(),
+        "offsets": np.arange(3, 3 * m + 1, 3, dtype=np.int32),
+        "types": np.full(m, TRIANGLE, np.uint8),
+    }
+    time = _data_array("TimeValue", np.array([t], float), ' NumberOfTuples="1"')
+    order = f"{sys.byteorder.capitalize()}Endian"
+    parts = [
+        '<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0"'
+        f' byte_order="{order}" header_type="UInt64" compressor="vtkZLibDataCompressor">\n'
+        f"<UnstructuredGrid>\n<FieldData>\n{time}</FieldData>\n"
+        f'<Piece NumberOfPoints="{len(x)}" NumberOfCells="{m}">\n'
+    ]
+    for tag, arrays in (
+        ("Points", {"Points": x}),
+        ("Cells", cells),
+        ("PointData", point_data),
+        ("CellData", cell_data),
+    ):
+        parts.append(f"<{tag}>\n")
+        parts += [_data_array(name, data) for name, data in arrays.items()]
+        parts.append(f"</{tag}>\n")
+    parts.append("</Piece>\n</UnstructuredGrid>\n</VTKFile>\n")
+    return "".join(parts).encode()
+
+
+def _data_array(name, data, attributes=""):
+    """One compressed DataArray; its header is block count, block size, size of a last part, …"""
+    raw = memoryview(np.ascontiguousarray(data)).cast("B")
+    blocks = [zlib.compress(raw[i : i + BLOCK], COMPRESSION) for i in range(0, len(raw), BLOCK)]
+    header = np.array([len(blocks), BLOCK, len(raw) % BLOCK, *map(len, blocks)], np.uint64)
+    if data.ndim == 2:
+        attributes += f' NumberOfComponents="{data.shape[1]}"'
+        for i, component in enumerate(COMPONENTS.get(name, ())):
+            attributes += f' ComponentName{i}="{component}"'
+    kind = VTK_TYPES[data.dtype.str[1:]]
+    text = base64.b64encode(header.tobytes()) + base64.b64encode(b"".join(blocks))
+    start = f'<DataArray type="{kind}" Name="{name}"{attributes} format="binary">'
+    return f"{start}\n{text.decode('ascii')}\n</DataArray>\n"
+
+
+def encode_pvd(files: Iterable[tuple[str, float]]) -> bytes:
+    """ParaView's collection of (file relative to it, time)."""
+    lines = "".join(
+        f'<DataSet timestep="{t!r}" group="" part="0" file={quoteattr(name)}/>\n'
+        for name, t in files
+    )
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'
+    return f"{head}{lines}</Collection>\n</VTKFile>\n".encode()
+
+
+def encode_series(files: Iterable[tuple[str, float]]) -> bytes:
+    """The same as a VTK file series."""
+    entries = [{"name": name, "time": t} for name, t in files]
+    return json.dumps({"file-series-version": "1.0", "files": entries}).encode()

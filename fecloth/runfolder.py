@@ -1,0 +1,218 @@
+"""The folder of one run: tables that grow row by row, a summary, a log; files written whole."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import math
+import os
+import platform
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import datetime
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from .errors import InputError
+
+TABLES = ("steps.csv", "energies.csv", "observed.csv")
+TEXTS = ("summary.json", "scene.resolved.toml", "run.log")
+LISTS = ("*.pvd", "*.vtu.series")  # only those that name frames/frame_…
+PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "numba", "pypardiso", "mkl")
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Where one run writes; made by `create`.
+
+    Everything is on disk as soon as it is given: rows and log lines are flushed one by one, and
+    whole files are replaced in one go.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     folder = RunFolder.create(f"{place}/swing")
+    ...     with folder.table("steps.csv") as steps:
+    ...         steps.add({"step": 1, "t": 0.01})
+    ...     folder.summary({"steps": 1, "status": "finished"})
+    ...     print((folder.path / "steps.csv").read_text())
+    step,t
+    1,0.01
+    <BLANKLINE>
+    """
+
+    path: Path
+
+    @classmethod
+    def create(cls, path: str | Path, overwrite: bool = False) -> RunFolder:
+        """Make an empty folder, or clear an earlier run's files out of one.
+
+        Parameters
+        ----------
+        overwrite
+            Remove what fecloth writes into a run's folder, and nothing else: frames, the lists
+            that name them, tables, summary, resolved scene and log.
+
+        Raises
+        ------
+        InputError
+            If the folder is not empty and `overwrite` is not set, or cannot be made.
+        """
+        path = Path(path)
+        with writing(path):
+            path.mkdir(parents=True, exist_ok=True)
+            if any(path.iterdir()) and not overwrite:
+                remedy = "Choose another folder with -o, or pass --overwrite to replace its run."
+                raise InputError(f"output folder {path}", "is not empty", remedy=remedy)
+            for file in _written(path):
+                file.unlink()
+            frames = path / "frames"
+            if frames.is_dir() and not frames.is_symlink() and not any(frames.iterdir()):
+                frames.rmdir()
+        return cls(path)
+
+    def table(self, name: str) -> Table:
+        """A new table, e.g. "steps.csv"; the first row's keys are its header."""
+        return Table(self.path / name)
+
+    def summary(self, values: Mapping) -> None:
+        """Replace summary.json; arrays become lists and numbers that are not finite null."""
+        text = json.dumps(_plain(values), indent=2, ensure_ascii=False)
+        self.text("summary.json", text + "\n")
+
+    def text(self, name: str, text: str) -> None:
+        """Replace a text file, e.g. "scene.resolved.toml"."""
+        replace_file(self.path / name, text.encode())
+
+    def log(self, message: str) -> None:
+        """Add a line with the time of day to run.log."""
+        file = self.path / "run.log"
+        with writing(file), file.open("a", encoding="utf-8") as stream:
+            stream.write(f"{datetime.now().isoformat(timespec='milliseconds')} {message}\n")
+
+
+def _written(path):
+    """The files in a folder that fecloth wrote there."""
+    for name in (*TABLES, *TEXTS):
+        yield from (file for file in (path / name, path / f"{name}.part") if file.is_file())
+    for pattern in LISTS:
+        for file in [*path.glob(pattern), *path.glob(f"{pattern}.part")]:
+            if b'"frames/frame_' in file.read_bytes():
+                yield file
+    for pattern in ("frame_*.vtu", "frame_*.vtu.part"):
+        yield from (path / "frames").glob(pattern)
+
+
+class Table:
+    """A .csv file of rows with equal keys, each on disk once `add` returns.
+
+    Numbers are written so that they read back as the same float64.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self._header: tuple[str, ...] = ()
+        with writing(path):
+            self._stream = path.open("w", newline="", encoding="utf-8")
+        self._rows = csv.writer(self._stream, lineterminator="\n")
+
+    def add(self, row: Mapping[str, object]) -> None:
+        """Write one row.
+
+        Raises
+        ------
+        InputError
+            If its keys are not the first row's, or the file cannot be written.
+        """
+        with writing(self.path):
+            if not self._header:
+                self._header = tuple(row)
+                self._rows.writerow(self._header)
+            if row.keys() != set(self._header):
+                odd = ", ".join(sorted(row.keys() ^ set(self._header)))
+                raise InputError(f"keys {odd}", "must be those of the first row", str(self.path))
+            self._rows.writerow([row[key] for key in self._header])
+            self._stream.flush()
+
+    def close(self) -> None:
+        with writing(self.path):
+            self._stream.close()
+
+    def __enter__(self) -> Table:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+
+def _plain(value):
+    """The same in JSON's types."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def versions() -> dict[str, str]:
+    """What a run ran on: fecloth, Python, the packages that are installed, the platform."""
+    found = {"python": platform.python_version(), "platform": platform.platform()}
+    for name in ("fecloth", *PACKAGES):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def peak_memory() -> float | None:
+    """The most memory this process has held so far [MB = 10⁶ bytes]; None on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Write a file in one go: whoever opens it finds the old bytes or all the new ones.
+
+    Raises
+    ------
+    InputError
+        If the system refuses; the old file is then untouched.
+    """
+    part = path.with_name(path.name + ".part")
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            part.write_bytes(data)
+            os.replace(part, path)
+        except BaseException:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+            raise
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn an OSError inside into an `InputError` that names the file and the reason."""
+    try:
+        yield
+    except OSError as error:
+        full = error.errno in (errno.ENOSPC, getattr(errno, "EDQUOT", None))
+        reason = error.strerror or str(error)
+        remedy = "Free space or choose" if full else "Choose"
+        what = f"{path} cannot be written: {reason}"
+        raise InputError(what, remedy=f"{remedy} another folder with -o.") from error

@@ -1,0 +1,296 @@
+"""Scenes: a strict TOML file that names a cloth, a fabric, terms, pins, a start and a method.
+
+The same thing as the Python calls: the keys of a term, the fabric or the solver are the fields of
+the classes in `fecloth.terms`, of `Fabric` and of `Newton`, with the same units. The tables are
+described in `scenetables`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
+
+from . import linear, scenefile
+from . import scenetables as tables
+from .cloth import Cloth
+from .errors import InputError, MeshError, SceneError
+from .formula import nearest
+from .march import step_times
+from .newton import Newton
+from .output import read_frame
+from .pins import DERIVATIVE_STEP, Constraints, Pin
+from .record import Ledger, Observer, Probe
+from .schema import Table, as_tuples, placed, scene_error
+from .system import State, System
+
+
+@dataclass(frozen=True, eq=False)
+class Built:
+    """The objects of a scene, ready for `march`.
+
+    Attributes
+    ----------
+    cloth, system, state, method, dt, t_end
+        As `march` takes them; state is the start.
+    newton, linear
+        Options of the nonlinear solve, and the choice of the linear solver.
+    probes
+        For `run`.
+    frame_steps
+        Steps between two frames of the output.
+    """
+
+    cloth: Cloth
+    system: System
+    state: State
+    method: object
+    dt: float
+    t_end: float
+    newton: Newton
+    linear: str
+    probes: tuple[Probe, ...]
+    frame_steps: int
+
+
+class Scene(Table):
+    """A scene file, checked; its tables hold what the file says and the defaults.
+
+    Two scenes are equal if they say the same, whatever file they come from.
+    """
+
+    title: str | None = None
+    mass: Literal["lumped", "consistent"] = "lumped"
+    cloth: tables.Shape
+    fabric: tables.FabricTable
+    terms: tuple[tables.Term, ...] = ()
+    pins: tuple[tables.PinTable, ...] = ()
+    start: tables.Start = tables.Start(plane="xy")
+    time: tables.Time
+    solver: tables.SolverTable = tables.SolverTable()
+    output: tables.Output = tables.Output(frames=50)
+    probes: tuple[tables.ProbeTable, ...] = ()
+    expect: dict[str, tables.Expectations] = Field({})
+
+    _source: str = PrivateAttr("scene")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scene) and self.model_dump() == other.model_dump()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lists_as_tuples(cls, data: Any) -> Any:
+        return as_tuples(data)
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        names = [probe.name for probe in self.probes]
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                raise InputError(f"probes.{i}.name = {name!r}", "two probes need two names")
+        for name, expectations in self.expect.items():
+            for at in (e.at for e in expectations):
+                if at is not None and at > self.time.t_end:
+                    allowed = f"must be at most time.t_end = {self.time.t_end} [s]"
+                    raise InputError(f"expect.{name}.at = {at}", allowed)
+        if self.output.every and self.output.every < self.time.dt:
+            allowed = f"must be at least time.dt = {self.time.dt} [s]"
+            raise InputError(f"output.every = {self.output.every}", allowed)
+        return self
+
+    # --- to text ------------------------------------------------------------------------------
+
+    def to_toml(self) -> str:
+        """The scene with all defaults written out; it loads again to an equal scene.
+
+        Paths are absolute, so that the text may lie in any folder.
+        """
+        data = self.model_dump(exclude_none=True)
+        if len(data["time"]["method"]) == 1:
+            data["time"]["method"] = data["time"]["method"]["type"]
+        data["expect"] = {k: v[0] if len(v) == 1 else v for k, v in data["expect"].items()}
+        return scenefile.written(data)
+
+    # --- to objects ---------------------------------------------------------------------------
+
+    def build(self) -> Built:
+        """Mesh the cloth, bind the terms and pins, place the start.
+
+        Raises
+        ------
+        SceneError
+            For a mesh that cannot be read, a set that it does not have, pins that share a node,
+            a formula that is not finite where it is needed, an unknown name in [expect].
+        """
+        with self._at("cloth"):
+            cloth = self.cloth.cloth()
+        pins = self._pins(cloth)
+        with self._at("terms"):
+            given = [term.make() for term in self.terms]
+            system = System(cloth, self.fabric.make(), given, pins, self.mass)
+        if self.solver.linear != "auto":
+            with self._at("solver.linear"):
+                linear.named(self.solver.linear, system.symmetric)
+        state = self._start(system)
+        probes = self._probes(cloth)
+        self._check_expected(system, state, probes)
+        return Built(
+            cloth=cloth,
+            system=system,
+            state=state,
+            method=self.time.method.make(),
+            dt=self.time.dt,
+            t_end=self.time.t_end,
+            newton=self.solver.make(),
+            linear=self.solver.linear,
+            probes=probes,
+            frame_steps=self.output.steps(self.time),
+        )
+
+    def _pins(self, cloth: Cloth) -> list[Pin]:
+        pins = [table.pin() for table in self.pins]
+        for i, (table, pin) in enumerate(zip(self.pins, pins, strict=True)):
+            with self._at(f"pins.{i}.{'inside' if table.where is None else 'where'}"):
+                cloth.nodes(pin.where)
+            if pin.motion:
+                with self._at(f"pins.{i}.motion"):
+                    pin.motion(self._motion_times())
+        with self._at("pins"):
+            Constraints.bind(pins, cloth)
+        return pins
+
+    def _motion_times(self) -> np.ndarray:
+        """All times at which a motion is asked for, also by the difference for its velocity."""
+        times = np.append(0.0, step_times(0.0, self.time.dt, self.time.t_end))
+        step = DERIVATIVE_STEP
+        return np.concatenate([times, times[1:] - step, times[1:] + step])
+
+    def _start(self, system: System) -> State:
+        cloth, start = system.cloth, self.start
+        if start.frame:
+            with self._at("start.frame"):
+                return replace(read_frame(start.frame, cloth), t=0.0)
+        with self._at("start.position"):
+            x = start.x(cloth.X)
+        with self._at("start.velocity"):
+            v = start.v(cloth.X)
+        with self._at("start"):
+            return system.state(x, v)
+
+    def _probes(self, cloth: Cloth) -> tuple[Probe, ...]:
+        probes = tuple(table.probe() for table in self.probes)
+        for i, probe in enumerate(probes):
+            with self._at(f"probes.{i}.{'where' if probe.point is None else 'point'}"):
+                probe.weights(cloth)
+        return probes
+
+    def _check_expected(self, system: System, state: State, probes: tuple[Probe, ...]) -> None:
+        if not self.expect:
+            return
+        rows = (
+            Observer.bind(system, state, probes).row(None, None),
+            Ledger.open(system, state).row(),
+        )
+        names = sorted({name for row in rows for name in row} - {"t"})
+        for name in self.expect:
+            if name not in names:
+                allowed = f"unknown quantity; this run has {', '.join(names)}"
+                raise SceneError(f"expect.{name}", allowed, self._source, nearest(name, names))
+
+    @contextlib.contextmanager
+    def _at(self, key: str) -> Iterator[None]:
+        """Refusals of the objects, told as what the scene says at `key`."""
+        try:
+            yield
+        except SceneError:
+            raise
+        except InputError as error:
+            what = placed(key, error)
+            if isinstance(error, MeshError) and key == "cloth":  # where: the mesh file
+                what = f"{key}: {error.where}: {error.what}"
+            raise SceneError(what, error.allowed, self._source, error.remedy) from error
+
+
+def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
+    """Read and check a scene file.
+
+    Parameters
+    ----------
+    path
+        A TOML file; the paths in it are relative to its folder.
+    overrides
+        Values that replace those of the file, as in ``["time.dt=0.005", "terms.0.time=0.02"]``.
+
+    Raises
+    ------
+    SceneError
+        For any mistake, with the file, the key, its value, what is allowed, and the nearest
+        valid key or name.
+    """
+    path, overrides = Path(path), tuple(overrides)
+    data = scenefile.overridden(scenefile.read(path), overrides)
+    source = f"{path} with {', '.join(overrides)}" if overrides else str(path)
+    try:
+        scene = Scene.model_validate(data, context={"folder": path.parent})
+    except ValidationError as error:
+        raise scene_error(error, data, source) from None
+    scene._source = source
+    return scene
+
+
+# --- after the run --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One line of ``fecloth check``: the value of a column against what the scene expects.
+
+    Attributes
+    ----------
+    name, at
+        Column, and time [s] (the end of the run if the scene names none).
+    value, expected, tolerance
+        In the column's unit; `tolerance` is the allowed difference.
+    passed
+        Whether ``|value − expected| <= tolerance``.
+    """
+
+    name: str
+    at: float
+    value: float
+    expected: float
+    tolerance: float
+    passed: bool
+
+
+def check(
+    scene: Scene,
+    times: np.ndarray,
+    observed: Mapping[str, np.ndarray],
+    energies: Mapping[str, np.ndarray],
+) -> list[Verdict]:
+    """Compare a run's columns with the scene's [expect], by `Result`'s arrays of that name.
+
+    Between two steps values are interpolated linearly; a time that the run did not reach, and a
+    value that is not a number, do not pass.
+    """
+    columns = {**energies, **observed}
+    return [
+        _verdict(name, expectation, times, columns[name])
+        for name, expectations in scene.expect.items()
+        for expectation in expectations
+    ]
+
+
+def _verdict(
+    name: str, expected: tables.Expectation, times: np.ndarray, column: np.ndarray
+) -> Verdict:
+    at = float(times[-1]) if expected.at is None else expected.at
+    value = float(np.interp(at, times, column, right=np.nan))
+    passed = abs(value - expected.value) <= expected.tolerance
+    return Verdict(name, at, value, expected.value, expected.tolerance, passed)

@@ -1,0 +1,301 @@
+"""The tables of a scene file, one class for each; see `scene` for the file as a whole."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
+
+from . import scenefile, terms
+from .cloth import Cloth
+from .errors import InputError
+from .fabric import Fabric
+from .formula import Formula, Motion, Region
+from .integrators import METHODS
+from .newton import Newton
+from .pins import Pin
+from .record import Probe
+from .schema import Table, exactly_one, one_of, table_of
+
+MOST_STEPS = 10_000_000
+_PLANES = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}  # the axes of warp and weft
+_TAKEN = ("mean_displacement", "reaction")  # columns that no probe may be called
+
+
+def _formula(*variables: str, condition: bool = False) -> Any:
+    def check(text: str) -> str:
+        Formula(text, variables, condition)
+        return text
+
+    return Annotated[str, AfterValidator(check)]
+
+
+def _named(name: str) -> str:
+    if not name or not all(c.isalnum() or c in "_- " for c in name):
+        raise InputError("", "must consist of letters, digits, spaces, _ and -")
+    return name
+
+
+def _located(value: str, info: ValidationInfo) -> str:
+    path = Path((info.context or {}).get("folder", ".")) / value
+    if problem := scenefile.file_problem(path):
+        raise InputError("", f"{path}: {problem[0]}", "", problem[1])
+    return str(path.resolve())
+
+
+Name = Annotated[str, AfterValidator(_named)]
+File = Annotated[str, AfterValidator(_located)]  # absolute, so that a copy of the scene finds it
+OfTime = _formula("t")
+OfPlace = _formula("X", "Y")
+Where = _formula("X", "Y", condition=True)
+Vector = tuple[float, float, float]
+
+
+class Rectangle(Table):
+    """``shape = "rectangle"``: [0, width] × [0, height], meshed with edge length h [m]."""
+
+    shape: Literal["rectangle"]
+    width: float
+    height: float
+    h: float
+    pattern: str = "unstructured"
+
+    def cloth(self) -> Cloth:
+        return Cloth.rectangle(self.width, self.height, self.h, self.pattern)
+
+
+class Disk(Table):
+    """``shape = "disk"``: around the origin, meshed with edge length h [m]."""
+
+    shape: Literal["disk"]
+    radius: float
+    h: float
+
+    def cloth(self) -> Cloth:
+        return Cloth.disk(self.radius, self.h)
+
+
+class MeshFile(Table):
+    """``shape = "file"``: a mesh, or a .geo file with an edge length h [m]."""
+
+    shape: Literal["file"]
+    path: File
+    h: float | None = None
+
+    def cloth(self) -> Cloth:
+        return Cloth.read(self.path, self.h)
+
+
+Shape = one_of("shape", {"rectangle": Rectangle, "disk": Disk, "file": MeshFile})
+
+
+class PinTable(Table):
+    """Nodes of a set (`where`) or with ``inside`` true, held fixed or moved by formulas of t."""
+
+    where: str | None = None
+    inside: Where | None = None
+    motion: tuple[OfTime, OfTime, OfTime] | None = None
+    name: Name | None = None
+
+    @model_validator(mode="after")
+    def _one_place(self):
+        exactly_one(self, "where", "inside")
+        return self
+
+    def pin(self) -> Pin:
+        inside = self.inside and Region(Formula(self.inside, ("X", "Y"), True))
+        motion = self.motion and Motion(tuple(Formula(text, ("t",)) for text in self.motion))
+        return Pin(inside if self.where is None else self.where, motion, name=self.name)
+
+
+class Rotation(Table):
+    """A turn about an axis through the origin, right-handed."""
+
+    axis: Vector
+    degrees: float
+
+    @model_validator(mode="after")
+    def _axis_has_a_direction(self):
+        if not any(self.axis):
+            raise InputError(f"axis = {list(self.axis)}", "must not be zero")
+        return self
+
+    def applied(self, x: np.ndarray) -> np.ndarray:
+        """Rodrigues' formula for points (n, 3)."""
+        axis = np.array(self.axis) / math.hypot(*self.axis)
+        angle = math.radians(self.degrees)
+        along = np.outer(x @ axis, axis)
+        return along + math.cos(angle) * (x - along) + math.sin(angle) * np.cross(axis, x)
+
+
+class Start(Table):
+    """Where the cloth starts: flat in a plane, or at formulas of X and Y, or where a run stopped.
+
+    `rotate` is applied to it, then `shift`; `velocity` is not rotated.
+    """
+
+    plane: Literal["xy", "xz", "yz"] | None = None
+    position: tuple[OfPlace, OfPlace, OfPlace] | None = None
+    frame: File | None = None
+    rotate: Rotation | None = None
+    shift: Vector | None = None
+    velocity: tuple[OfPlace, OfPlace, OfPlace] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default(cls, data: Any) -> Any:
+        given = not isinstance(data, dict) or {"plane", "position", "frame"} & set(data)
+        return data if given else {"plane": "xy", **data}
+
+    @model_validator(mode="after")
+    def _one_place(self):
+        exactly_one(self, "plane", "position", "frame")
+        changed = [key for key in ("rotate", "shift", "velocity") if getattr(self, key)]
+        if self.frame and changed:
+            raise InputError(f"{changed[0]} is given", "a frame has its own x and v")
+        return self
+
+    def x(self, X: np.ndarray) -> np.ndarray:
+        """Positions (n, 3) [m] of material points (n, 2); not for a frame."""
+        x = np.zeros((len(X), 3))
+        if self.position:
+            x = _at(self.position, X)
+        else:
+            x[:, _PLANES[self.plane]] = X
+        x = self.rotate.applied(x) if self.rotate else x
+        return x + self.shift if self.shift else x
+
+    def v(self, X: np.ndarray) -> np.ndarray:
+        """Velocities (n, 3) [m/s]."""
+        return _at(self.velocity, X) if self.velocity else np.zeros((len(X), 3))
+
+
+def _at(texts: tuple[str, ...], X: np.ndarray) -> np.ndarray:
+    formulas = [Formula(text, ("X", "Y")) for text in texts]
+    return np.stack([formula(X=X[:, 0], Y=X[:, 1]) for formula in formulas], axis=1)
+
+
+class Time(Table):
+    """The method and its step dt, up to t_end [s]."""
+
+    method: one_of("type", {name: table_of(cls, name) for name, cls in METHODS.items()}) = Field(
+        description=", ".join(METHODS)
+    )
+    dt: float = Field(gt=0, description="s")
+    t_end: float = Field(gt=0, description="s")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _method_by_name(cls, data: Any) -> Any:
+        if isinstance(data, dict) and isinstance(data.get("method"), str):
+            return data | {"method": {"type": data["method"]}}
+        return data
+
+    @model_validator(mode="after")
+    def _finitely_many(self):
+        if self.t_end / self.dt > MOST_STEPS:
+            what = f"dt = {self.dt!r} makes {self.t_end / self.dt:.2g} steps"
+            raise InputError(what, f"must be at most {MOST_STEPS:.0e}", "", "Is it in seconds?")
+        return self
+
+
+class Output(Table):
+    """Frames: their number (about), or the seconds or steps between two of them."""
+
+    frames: int | None = Field(None, ge=1)
+    every: float | None = Field(None, gt=0, description="s")
+    every_steps: int | None = Field(None, ge=1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default(cls, data: Any) -> Any:
+        given = not isinstance(data, dict) or data
+        return data if given else {"frames": 50}
+
+    @model_validator(mode="after")
+    def _one_spacing(self):
+        exactly_one(self, "frames", "every", "every_steps")
+        return self
+
+    def steps(self, time: Time) -> int:
+        """Steps between two frames, rounded to the nearest."""
+        seconds = self.every or time.t_end / (self.frames or 1)
+        return self.every_steps or max(1, round(seconds / time.dt))
+
+
+class ProbeTable(Table):
+    """A named path: the mean of a node set, or a material point (X, Y) [m]."""
+
+    name: Name
+    where: str | None = None
+    point: tuple[float, float] | None = None
+
+    @model_validator(mode="after")
+    def _one_place(self):
+        exactly_one(self, "where", "point")
+        if self.name in _TAKEN:
+            raise InputError(f"name = {self.name!r}", "is the name of a column of every run")
+        return self
+
+    def probe(self) -> Probe:
+        return Probe(self.name, self.where, self.point)
+
+
+class Expectation(Table):
+    """A value within a relative or absolute tolerance, at the end or at a time [s]."""
+
+    value: float
+    relative: float | None = Field(None, gt=0)
+    absolute: float | None = Field(None, gt=0)
+    at: float | None = Field(None, ge=0, description="s")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _quoted(cls, data: Any) -> Any:
+        for key, value in data.items() if isinstance(data, dict) else ():
+            if isinstance(value, dict):
+                remedy = f'A name with a dot needs quotes, as in "mean_displacement.{key}".'
+                raise InputError(f"{key} = {value}", "unknown key", "", remedy)
+        return data
+
+    @model_validator(mode="after")
+    def _one_tolerance(self):
+        exactly_one(self, "relative", "absolute")
+        if self.relative and self.value == 0:
+            raise InputError("relative is given", "nothing is relative to 0", "", "Use absolute.")
+        return self
+
+    @property
+    def tolerance(self) -> float:
+        """Allowed difference, in the unit of the value."""
+        return self.absolute or self.relative * abs(self.value)
+
+
+def _listed(value: Any) -> Any:
+    if isinstance(value, dict):
+        return (value,)
+    if not (isinstance(value, tuple) and value):
+        raise InputError("", "must be a table { value = ... }, or a list of such tables")
+    return value
+
+
+Expectations = Annotated[tuple[Expectation, ...], BeforeValidator(_listed)]
+
+
+# --- the tables of dataclasses: their fields are the keys -----------------------------------------
+
+FabricTable = table_of(Fabric)
+_LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg"]
+SolverTable = table_of(Newton, linear=(_LINEAR, "auto"))
+_TERMS = {
+    name: table_of(cls, name)
+    for name, cls in ((name, getattr(terms, name)) for name in terms.__all__)
+    if dataclasses.is_dataclass(cls) and hasattr(cls, "bind")
+}
+Term = one_of("type", _TERMS)
+for _table in _TERMS.values():  # now that Term is known, to those that hold another term
+    _table.model_rebuild(_types_namespace={"Term": Term})

@@ -1,0 +1,248 @@
+"""What a table of a scene may hold: pydantic models whose every mistake becomes a `SceneError`."""
+
+from __future__ import annotations
+
+import dataclasses
+import reprlib
+import types
+import typing
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, ForwardRef, Literal, Union, get_args, get_origin
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Tag,
+    ValidationError,
+    create_model,
+    field_validator,
+    model_validator,
+)
+
+from .errors import InputError, SceneError
+from .formula import nearest
+
+
+class Table(BaseModel):
+    """A table whose keys are the fields: an unknown or missing one is refused with its remedy."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        strict=True,
+        frozen=True,
+        allow_inf_nan=False,
+        arbitrary_types_allowed=True,
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        fields = cls.model_fields
+        for key, value in data.items():
+            if key not in fields:
+                allowed = f"unknown key; the keys are {', '.join(fields)}"
+                raise InputError(f"{key} = {_short(value)}", allowed, "", nearest(key, fields))
+        for key, field in fields.items():
+            if field.is_required() and key not in data:
+                raise InputError(f"{key} is missing", f"must be {_phrase(field)}")
+        return data
+
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _worded(cls, value: Any, handler, info) -> Any:
+        field = cls.model_fields[info.field_name]
+        try:
+            return handler(value)
+        except ValidationError as error:
+            ours = any(e["type"] == "value_error" for e in error.errors())
+            if ours or _holds_tables(field.annotation):
+                raise
+            options = _options(field.annotation)
+            remedy = nearest(value, options) if isinstance(value, str) else ""
+            raise InputError("", f"must be {_phrase(field)}", "", remedy) from None
+
+
+class Made(Table):
+    """A table that stands for an object of the class `makes`, built when the table is read."""
+
+    makes: ClassVar[type]
+
+    @model_validator(mode="after")
+    def _makeable(self):
+        self.make()
+        return self
+
+    def make(self):
+        """The object; its own refusals are part of the validation."""
+        names = [field.name for field in dataclasses.fields(self.makes) if field.init]
+        values = {name: getattr(self, name) for name in names}
+        return self.makes(**{k: v.make() if isinstance(v, Made) else v for k, v in values.items()})
+
+
+def table_of(cls: type, name: str = "", **more) -> type[Made]:
+    """The table of a dataclass: its fields are the keys; with a name, `type` is that name.
+
+    A field annotated ``object`` holds another term, as the law of a damping does.
+    """
+    hints = typing.get_type_hints(cls)
+    fields: dict[str, Any] = {"type": (Literal[name], ...)} if name else {}
+    for field in dataclasses.fields(cls):
+        if not field.init:
+            continue
+        hint = hints[field.name]
+        hint = Union[ForwardRef("Term"), None] if hint is object else hint  # noqa: UP007
+        default = field.default
+        if field.default_factory is not dataclasses.MISSING:
+            default = field.default_factory()
+        fields[field.name] = (hint, ... if default is dataclasses.MISSING else default)
+    model = create_model(f"{cls.__name__}Table", __base__=Made, **(fields | more))
+    model.makes = cls
+    return model
+
+
+def one_of(key: str, tables: Mapping[str, type[Table]]) -> Any:
+    """A table of one of several kinds, told apart by the string under `key`."""
+
+    def tag(data):
+        value = data.get(key) if isinstance(data, dict) else getattr(data, key, None)
+        return value if isinstance(value, str) else None
+
+    tagged = tuple(Annotated[table, Tag(name)] for name, table in tables.items())
+    discriminator = Discriminator(
+        tag,
+        custom_error_type="kind",
+        custom_error_message=f"{key}: {', '.join(tables)}",  # read again by `_kind`
+    )
+    return Annotated[Union[tagged], discriminator]  # noqa: UP007
+
+
+def as_tuples(value: Any) -> Any:
+    """Lists as tuples throughout, as frozen tables hold them."""
+    if isinstance(value, dict):
+        return {key: as_tuples(item) for key, item in value.items()}
+    return tuple(as_tuples(item) for item in value) if isinstance(value, (list, tuple)) else value
+
+
+def exactly_one(table: Table, *keys: str) -> None:
+    """Refuse a table that has none of these keys, or several."""
+    given = [key for key in keys if getattr(table, key) is not None]
+    if len(given) != 1:
+        what = f"{' and '.join(given)} are given" if given else f"{keys[0]} is missing"
+        raise InputError(what, f"give exactly one of {', '.join(keys)}")
+
+
+# --- words for what a field takes ---------------------------------------------------------------
+
+_WORDS = {float: "a finite number", int: "a whole number", str: "a string", bool: "true or false"}
+_LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
+
+
+def _phrase(field) -> str:
+    """What the values of a field are, e.g. "a finite number > 0"."""
+    limits = [
+        f" {sign} {getattr(item, name)}"
+        for item in field.metadata
+        for name, sign in _LIMITS
+        if hasattr(item, name)
+    ]
+    words = _words(field.annotation) + " and".join(limits)
+    return f"{words} [{field.description}]" if field.description else words
+
+
+def _words(hint) -> str:
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _words(args[0])
+    if origin is Literal:
+        return f"one of {', '.join(map(str, args))}" if len(args) > 1 else repr(args[0])
+    if origin in (Union, types.UnionType):
+        return " or ".join(dict.fromkeys(_words(a) for a in args if a is not types.NoneType))
+    if origin is tuple:
+        tables = _holds_tables(args[0])
+        item = "tables" if tables else f"{_words(args[0]).split(' ', 1)[1]}s"
+        return f"a list of {item}" if args[-1] is Ellipsis else f"a list of {len(args)} {item}"
+    return "a table" if _holds_tables(hint) else _WORDS.get(hint, "of another type")
+
+
+def _options(hint) -> tuple[str, ...]:
+    if get_origin(hint) is Literal:
+        return get_args(hint)
+    return tuple(option for arg in get_args(hint) for option in _options(arg))
+
+
+def _holds_tables(hint) -> bool:
+    if isinstance(hint, ForwardRef) or (isinstance(hint, type) and issubclass(hint, BaseModel)):
+        return True
+    return get_origin(hint) is not Literal and any(_holds_tables(a) for a in get_args(hint))
+
+
+# --- pydantic's errors in our words -------------------------------------------------------------
+
+
+def scene_error(error: ValidationError, data: Any, where: str) -> SceneError:
+    """The first mistake of the scene `data` from the file `where`, and how many more there are."""
+    first, *others = error.errors(include_url=False)
+    what, allowed, remedy = _described(first, *_found(first["loc"], data))
+    if others:
+        more = f"({len(others)} more {'mistake' if len(others) == 1 else 'mistakes'} in this file.)"
+        remedy = f"{remedy} {more}" if remedy else more
+    return SceneError(what, allowed, where, remedy)
+
+
+def _described(item, key: str, written: Any) -> tuple[str, str, str]:
+    """What, allowed and remedy; `written` is what the file has at `key`."""
+    value, cause = item["input"], item.get("ctx", {}).get("error")
+    if isinstance(cause, InputError):
+        return placed(key, cause, value), cause.allowed, cause.remedy
+    if item["type"] == "kind":
+        return _kind(key, written, *item["msg"].split(": "))
+    listed = "tuple" in item["type"] and "." not in key
+    remedy = f"Write [[{key}]] above each of them." if listed else ""
+    return (
+        f"{key} = {_short(value)}",
+        f"must be a {'list of tables' if listed else 'table'}",
+        remedy,
+    )
+
+
+def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
+    allowed = f"must be one of {kinds}"
+    if isinstance(value, str):  # a name instead of a table with no more than that name
+        return f"{key} = {_short(value)}", allowed, nearest(value, kinds.split(", "))
+    if not isinstance(value, dict):
+        return f"{key} = {_short(value)}", f"must be a table whose {name} is one of {kinds}", ""
+    if name not in value:
+        return f"{key}.{name} is missing", allowed, ""
+    return f"{key}.{name} = {_short(value[name])}", allowed, nearest(value[name], kinds.split(", "))
+
+
+def placed(key: str, error: InputError, value: Any = None) -> str:
+    """What an `InputError` says about the table or value at `key`, with the dotted key in it."""
+    first = error.what.split(" ", 2)
+    if not error.what:
+        return f"{key} = {_short(value)}"
+    if len(first) > 1 and first[1] in ("=", "is") and first[0].isidentifier():
+        return f"{key}.{error.what}".removeprefix(".")
+    return f"{key}: {error.what}".removeprefix(": ")
+
+
+def _short(value: Any) -> str:
+    return reprlib.repr(list(value) if isinstance(value, tuple) else value)
+
+
+def _found(location: tuple, data: Any) -> tuple[str, Any]:
+    """The dotted key of an error, and what stands there.
+
+    Pydantic's own entries, which name the kind of a table, are left out.
+    """
+    keys = []
+    for entry in location:
+        inside = isinstance(data, dict) and entry in data
+        inside |= isinstance(data, (list, tuple)) and isinstance(entry, int) and entry < len(data)
+        if inside:
+            data = data[entry]
+            keys.append(str(entry))
+    return ".".join(keys), data

@@ -1,0 +1,24 @@
+// Flag 1.5 m by 1.0 m (3:2), its fly end cut to a slight swallow tail; the hoist is the left edge.
+DefineConstant[ h = {0.05, Min 0.0005, Max 0.5, Name "Parameters/h"} ];
+length = 1.5;
+height = 1.0;
+notch = 0.2;
+Point(1) = {0, 0, 0, h};
+Point(2) = {length, 0, 0, h};
+Point(3) = {length - notch, height / 2, 0, h};
+Point(4) = {length, height, 0, h};
+Point(5) = {0, height, 0, h};
+Line(1) = {1, 2};
+Line(2) = {2, 3};
+Line(3) = {3, 4};
+Line(4) = {4, 5};
+Line(5) = {5, 1};
+Curve Loop(1) = {1, 2, 3, 4, 5};
+Plane Surface(1) = {1};
+Physical Curve("bottom") = {1};
+Physical Curve("fly") = {2, 3};
+Physical Curve("top") = {4};
+Physical Curve("hoist") = {5};
+Physical Point("hoist_bottom") = {1};
+Physical Point("hoist_top") = {5};
+Physical Surface("sheet") = {1};

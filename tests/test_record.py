@@ -1,0 +1,107 @@
+"""The energy ledger closes; reactions, probes, sag and area are what they say."""
+
+import numpy as np
+import pytest
+from conftest import affine, flat
+from linear_term import LinearDamping, LinearMembrane
+
+import fecloth as fc
+from fecloth.integrators import METHODS
+from fecloth.record import area
+
+ALL = [method() for method in METHODS.values()]
+TIGHT = fc.Newton(tolerance=1e-12)
+
+
+def named(method):
+    return type(method).__name__
+
+
+def shake(t):
+    return [0.02 * np.sin(30 * t), 0.0, 0.05 * np.sin(40 * t)]
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("method", ALL, ids=named)
+def test_ledger_closes_on_a_linear_problem(method, mass, isotropic):
+    """Moved and fixed pins, damping, gravity: nothing is left unexplained."""
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1)
+    terms = [LinearMembrane(), LinearDamping(0.01), fc.Gravity()]
+    pins = [fc.Pin("left", motion=shake), "right"]
+    system = fc.System(cloth, isotropic, terms, pins, mass=mass)
+    start = system.state(affine(cloth, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]]))
+    result = fc.run(system, method, start, 5e-3, 0.2, solver="direct", newton=TIGHT)
+    energies = result.energies
+    flow = abs(energies["pins"]).max() + energies["dissipated:LinearDamping"].max()
+    assert flow > 1e-3
+    assert abs(energies["remainder"]).max() < 1e-10 * abs(energies["total"]).max()
+    if isinstance(method, fc.ImplicitMidpoint):
+        assert not energies["numerical"].any()
+    else:
+        assert energies["numerical"][-1] > 1e-4
+        assert (np.diff(energies["numerical"]) >= 0).all()
+    assert (np.diff(energies["dissipated:LinearDamping"]) >= 0).all()
+
+
+def test_ledger_remainder_shrinks_with_dt_on_a_nonlinear_one(isotropic):
+    cloth = fc.Cloth.disk(0.5, h=0.1)
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    left = [
+        abs(
+            fc.run(
+                system, fc.ImplicitMidpoint(), system.rest(), dt, 0.08, solver="direct"
+            ).energies["remainder"]
+        ).max()
+        for dt in (4e-3, 2e-3)
+    ]
+    assert 0 < left[1] < left[0] / 3
+
+
+def test_reactions_carry_the_weight_at_rest(isotropic):
+    """Hanging at rest after strong damping: the pin holds the weight, to Newton's tolerance."""
+    cloth = fc.Cloth.rectangle(0.3, 0.5, h=0.1)
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity((0, -9.81, 0))], pins=["top"])
+    result = fc.run(system, fc.BackwardEuler(), system.rest(), 10.0, 50.0, solver="direct")
+    weight = 9.81 * 0.2 * cloth.area
+    assert result.observed["reaction:top.y"][-1] == pytest.approx(weight, rel=1e-6)
+    assert result.observed["reaction:top.x"][-1] == pytest.approx(0.0, abs=1e-6 * weight)
+
+
+def test_reaction_drives_a_rigidly_moved_cloth(isotropic):
+    """A cloth all of whose nodes are moved alike: the reaction is m a of the motion."""
+    cloth = fc.Cloth.rectangle(0.3, 0.3, h=0.1)
+    pin = fc.Pin(lambda X: X[:, 0] > -1, motion=lambda t: [0.0, 0.0, 0.5 * 3.0 * t**2], name="all")
+    system = fc.System(cloth, isotropic, [fc.StVK()], pins=[pin])
+    result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), 0.01, 0.1, solver="direct")
+    mass = system.nodal_mass.sum()
+    np.testing.assert_allclose(result.observed["reaction:all.z"][1:], 3.0 * mass, rtol=1e-6)
+    np.testing.assert_allclose(result.state.v[:, 2], 0.3, rtol=1e-8)
+    np.testing.assert_allclose(result.energies["pins"][-1], 0.5 * mass * 0.3**2, rtol=1e-6)
+
+
+def test_probes_follow_material_points(isotropic):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.1)
+    system = fc.System(cloth, isotropic, [fc.Gravity()], pins=[])
+    probes = [fc.Probe("point", point=(0.33, 0.21)), fc.Probe("edge", where="right")]
+    start = system.state(flat(cloth) + [0.0, 0.0, 2.0], np.tile([1.0, 0.0, 0.0], (len(cloth.X), 1)))
+    result = fc.run(system, fc.ImplicitMidpoint(), start, 0.01, 0.1, probes=probes)
+    t = result.times
+    np.testing.assert_allclose(result.observed["point.x"], 0.33 + t, atol=1e-12)
+    np.testing.assert_allclose(result.observed["point.y"], 0.21, atol=1e-12)
+    np.testing.assert_allclose(result.observed["point.z"], 2 - 4.905 * t**2, atol=1e-9)
+    np.testing.assert_allclose(result.observed["edge.x"], 1 + t, atol=1e-12)
+    np.testing.assert_allclose(result.observed["sag"], 4.905 * t**2, atol=1e-9)
+    np.testing.assert_allclose(result.observed["mean_displacement.x"], t, atol=1e-12)
+    np.testing.assert_allclose(result.observed["area"], 0.5, rtol=1e-12)
+
+
+def test_area_of_an_affine_map():
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.2)
+    F = np.array([[1.1, 0.3], [0.0, 0.9], [0.2, 0.0]])
+    expected = 0.5 * np.sqrt(np.linalg.det(F.T @ F))
+    assert area(cloth, affine(cloth, F)) == pytest.approx(expected, rel=1e-13)
+
+
+def test_a_probe_needs_one_place():
+    with pytest.raises(fc.InputError, match="either"):
+        fc.Probe("nowhere")
