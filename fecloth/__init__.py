@@ -18,6 +18,7 @@ from .fabric import Fabric
 from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
 from .march import Result, march, run, solver_for
 from .newton import Newton
+from .output import Frames, fields, read_frame, write_vtk
 from .pins import Pin
 from .record import Ledger, Probe
 from .system import State, System
@@ -30,6 +31,7 @@ __all__ = [
     "Cloth",
     "Fabric",
     "FeclothError",
+    "Frames",
     "Gravity",
     "ImplicitMidpoint",
     "IndefiniteMatrix",
@@ -49,7 +51,10 @@ __all__ = [
     "StrainRateDamping",
     "System",
     "TensorCondition",
+    "fields",
     "march",
+    "read_frame",
     "run",
     "solver_for",
+    "write_vtk",
 ]

@@ -159,9 +159,7 @@ def _velocity_change(system, state, dt, solver, end, definite):
     system.project(J)
     seconds = {"assemble": time.perf_counter() - begin}
     solver.linear.prepare(J)
-    free, info = solver.linear.solve(
-        system.constraints.project(b), rtol=solver.options.tolerance
-    )
+    free, info = solver.linear.solve(system.constraints.project(b), rtol=solver.options.tolerance)
     seconds |= {"factor": info.seconds_factor, "solve": info.seconds_solve}
     counts = Counts(1, info.iterations, int(definite), info.residual, seconds)
     return free + dv, counts
