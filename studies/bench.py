@@ -191,7 +191,7 @@ def trampoline(h: float, limit: float) -> list[Figure]:
     """Mean deflection of the trampoline disk against the radial solution, and its cost."""
     cloth = fc.Cloth.disk(radius=0.5, h=h)
     system = fc.System(cloth, FABRIC, [fc.StVK(), fc.Gravity()], pins=["boundary"])
-    run = dict(dt=1e-3, t_end=0.2)
+    run = {"dt": 1e-3, "t_end": 0.2}
     fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt=1e-3, t_end=2e-3)
     begin = time.process_time()
     for _ in fc.march(system, fc.ImplicitMidpoint(), system.rest(), **run):

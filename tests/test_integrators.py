@@ -70,8 +70,8 @@ def test_momentum_of_a_free_cloth(method, mass, small, isotropic, rng):
     v = np.cross([1.0, 2.0, 3.0], x) + [0.5, -0.2, 0.1] + 0.05 * rng.standard_normal(x.shape)
     state = system.state(x, v)
     linear, angular = momenta(system, state)
-    for state, _ in fc.march(system, method, state, 2e-3, 0.04, solver="direct", newton=TIGHT):
-        now_linear, now_angular = momenta(system, state)
+    for new, _ in fc.march(system, method, state, 2e-3, 0.04, solver="direct", newton=TIGHT):
+        now_linear, now_angular = momenta(system, new)
         assert np.linalg.norm(now_linear - linear) < 1e-13 * system.nodal_mass.sum() * 40
         if isinstance(method, fc.ImplicitMidpoint):
             assert np.linalg.norm(now_angular - angular) < 1e-11 * np.linalg.norm(angular)
