@@ -147,7 +147,9 @@ class Cloth:
     @cached_property
     def mesh(self) -> skfem.MeshTri:
         """The scikit-fem mesh; it sorts the vertices inside each triangle."""
-        return skfem.MeshTri(self.X.T.copy(), self.triangles.T.astype(np.int64))
+        return skfem.MeshTri(
+            np.ascontiguousarray(self.X.T), np.ascontiguousarray(self.triangles.T, dtype=np.int64)
+        )
 
     def basis(self, order: int) -> skfem.CellBasis:
         """A scalar scikit-fem basis whose quadrature is exact to polynomial degree `order`."""
@@ -216,7 +218,7 @@ class Cloth:
         basis = self.basis(1)
         local = basis.mapping.invF(points.T[:, :, None], tind=cells)
         values = [
-            basis.elem.gbasis(basis.mapping, local, a, tind=cells)[0].value.ravel()
+            basis.elem.gbasis(basis.mapping, local, a, tind=cells)[0].ravel()
             for a in range(basis.Nbfun)
         ]
         columns = basis.element_dofs[:, cells]
@@ -253,7 +255,7 @@ def _on_common_points(cloth, a, other, b):
     """Weights, and value, ∂/∂X₁, ∂/∂X₂ of both fields, at the finer cloth's quadrature points."""
     finer = cloth if len(cloth.triangles) >= len(other.triangles) else other
     basis = finer.basis(4)
-    points = basis.global_coordinates().value  # (2, m, q)
+    points = basis.global_coordinates()  # (2, m, q)
     return (
         basis.dx.ravel(),
         _value_and_gradient(cloth, a, points, finer is cloth),
@@ -274,7 +276,7 @@ def _value_and_gradient(cloth, values, points, own):
     for a in range(basis.Nbfun):
         phi = basis.elem.gbasis(basis.mapping, local, a, tind=cells)[0]
         nodal = values[basis.element_dofs[a, cells]]
-        value += phi.value.reshape(-1, 1) * nodal
+        value += phi.reshape(-1, 1) * nodal
         d1 += phi.grad[0].reshape(-1, 1) * nodal
         d2 += phi.grad[1].reshape(-1, 1) * nodal
     return value, d1, d2
@@ -297,7 +299,7 @@ def _locate(X, triangles, points, nearest=12):
     outside = np.flatnonzero(depth < -edges[cells])
     if outside.size:
         raise MeshError(
-            f"{outside.size} material points, first {points[outside[0]]}",
+            f"{outside.size} of {len(points)} material points, first {points[outside[0]]} m",
             "must lie on the cloth",
             "Cloth.interpolate",
             f"The cloth spans {X.min(axis=0)} to {X.max(axis=0)} m.",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 
 class FeclothError(Exception):
     """Base of every error that fecloth raises on purpose."""
@@ -48,7 +50,12 @@ class SolveFailed(FeclothError):
 
     def __init__(self, reason: str, residual: float = float("nan"), asked: float = float("nan")):
         self.reason, self.residual, self.asked = reason, residual, asked
-        super().__init__(f"{reason} (relative residual {residual:.2e}, asked {asked:.2e})")
+        known = (
+            ""
+            if math.isnan(residual)
+            else f" (relative residual {residual:.2e}, asked {asked:.2e})"
+        )
+        super().__init__(reason + known)
 
 
 class IndefiniteMatrix(SolveFailed):
@@ -86,10 +93,11 @@ class StepFailed(FeclothError):
         super().__init__(reason)
 
     def __str__(self) -> str:
+        if self.step is None:
+            return self.reason
+        residual = "" if math.isnan(self.residual) else f"relative residual {self.residual:.2e}; "
         return (
             f"step {self.step} from t = {self.t:.6g} s with dt = {self.dt:.3g} s failed: "
-            f"{self.reason} (relative residual {self.residual:.2e}; most deformed triangle "
-            f"{self.triangle} with a principal stretch of {self.stretch:.4g}). {self.remedy}"
-            if self.step is not None
-            else self.reason
+            f"{self.reason} ({residual}most deformed triangle {self.triangle} with a principal "
+            f"stretch of {self.stretch:.4g}). {self.remedy}"
         )
