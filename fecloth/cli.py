@@ -3,147 +3,269 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
-import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
+import meshio
+import numpy as np
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from . import linear
 from .cloth import Cloth
-from .errors import FeclothError, InputError, StepFailed
-from .march import march, run, solver_for
-from .output import Frames
-from .record import Ledger, Observer
-from .runfolder import RunFolder, peak_memory, versions
-from .scene import check, load
+from .errors import FeclothError, InputError
+from .march import StepInfo, run, solver_for
+from .record import Ledger
+from .runfolder import versions, writing
+from .runner import DONE, FAILED, run_scene
+from .scene import Built, Scene, Verdict, check, load
 
-DONE, BAD_INPUT, FAILED, INTERRUPTED = 0, 2, 3, 4
+STATUS = """exit status:
+  0  done
+  1  check: a value lies outside its tolerance
+  2  bad input: nothing was run
+  3  the simulation failed; what it wrote up to then is readable
+  4  interrupted; what it wrote up to then is readable
+"""
+MISSED, BAD_INPUT, SIMULATION_FAILED, STOPPED = 1, 2, 3, 4
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command; the exit status is 0 done, 2 bad input, 3 failed, 4 interrupted."""
+    """Run a command and return its exit status (see `STATUS`)."""
     options = _parser().parse_args(arguments)
-    console = Console(stderr=True, quiet=getattr(options, "quiet", False))
     try:
-        return options.command(options, console)
-    except StepFailed as failure:
-        print(f"failed: {failure}", file=sys.stderr)
-        return FAILED
+        return options.command(options)
     except InputError as mistake:
         print(f"error: {mistake}", file=sys.stderr)
         return BAD_INPUT
     except FeclothError as failure:
         print(f"failed: {failure}", file=sys.stderr)
-        return FAILED
+        return SIMULATION_FAILED
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return STOPPED
+    except BrokenPipeError:  # the reader of a pipe has gone, as in `fecloth info | head -1`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
 
 
-def _parser():
-    parser = argparse.ArgumentParser(prog="fecloth", description="A continuum cloth solver.")
-    commands = parser.add_subparsers(required=True)
-    for name, command in (("run", _run), ("check", _check)):
-        sub = commands.add_parser(name)
-        sub.set_defaults(command=command)
-        sub.add_argument("scene")
-        sub.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
-        sub.add_argument("--quiet", action="store_true")
-        if name == "run":
-            sub.add_argument("-o", "--output", default="out", metavar="DIR")
-            sub.add_argument("--overwrite", action="store_true")
-    sub = commands.add_parser("mesh")
-    sub.set_defaults(command=_mesh)
-    sub.add_argument("path")
-    sub.add_argument("--h", type=float)
-    commands.add_parser("info").set_defaults(command=_info)
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="fecloth",
+        description="A continuum cloth solver.",
+        epilog=STATUS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(required=True, metavar="run | check | mesh | info")
+
+    sub = _command(commands, "run", _run, "run a scene and leave files for ParaView")
+    sub.add_argument("scene", help="a .toml file")
+    _scene_options(sub)
+    sub.add_argument("-o", "--output", metavar="DIR", help="folder to write (default: out/SCENE)")
+    sub.add_argument("--overwrite", action="store_true", help="replace the run in that folder")
+
+    sub = _command(commands, "check", _check, "run scenes and verify their [expect] tables")
+    sub.add_argument("scenes", nargs="+", metavar="scene", help="a .toml file")
+    _scene_options(sub)
+
+    sub = _command(commands, "mesh", _mesh, "mesh and describe a cloth; write it with -o")
+    sub.add_argument("path", help="a .geo, .msh or other mesh file, or a scene")
+    sub.add_argument("--h", type=float, metavar="SIZE", help="edge length of a .geo file [m]")
+    sub.add_argument("-o", "--output", metavar="FILE", help="e.g. cloth.vtu, for ParaView")
+
+    sub = _command(commands, "info", _info, "versions; with a scene, what it would do")
+    sub.add_argument("scene", nargs="?", help="a .toml file")
+    sub.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     return parser
 
 
-def _run(options, console) -> int:
-    begin = time.perf_counter()
+def _command(commands, name: str, function: Callable, words: str) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        name,
+        help=words,
+        description=words,
+        epilog=STATUS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(command=function)
+    return parser
+
+
+def _scene_options(parser: argparse.ArgumentParser) -> None:
+    help_ = "replace a value of the scene, as in --set time.dt=0.005; may be repeated"
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=help_)
+    parser.add_argument("--quiet", action="store_true", help="print mistakes and failures only")
+
+
+# --- run ------------------------------------------------------------------------------------------
+
+
+def _run(options) -> int:
     scene = load(options.scene, options.set)
-    built = scene.build()
-    folder = RunFolder.create(options.output, options.overwrite)
-    folder.text("scene.resolved.toml", scene.to_toml())
-    system, state = built.system, built.state
-    solver, why = solver_for(system, built.method, built.dt, built.linear, built.newton)
-    console.print(f"{len(system.cloth.triangles)} triangles, solver {why}")
-    frames = Frames(folder.path / "run", system.cloth, system)
-    ledger, observer = Ledger.open(system, state), Observer.bind(system, state, built.probes)
-    tables = {name: folder.table(f"{name}.csv") for name in ("steps", "energies", "observed")}
-    seconds = {"build": time.perf_counter() - begin, "output": 0.0}
-    summary = {"solver": why, "triangles": len(system.cloth.triangles), "steps": 0}
-    summary |= {"nodes": len(system.cloth.X), "newton": 0, "linear": 0, "status": "done"}
-    tables["energies"].add(ledger.row())
-    tables["observed"].add(observer.row(None, None))
-    frames.add(state)
-    status, error = DONE, None
+    path = Path(options.output or Path("out") / Path(options.scene).stem)
+    console = Console(stderr=True, quiet=options.quiet)
+
+    def announce(built: Built, why: str) -> None:
+        console.print("\n".join(_plan(built, why)), highlight=False, soft_wrap=True)
+
+    with _progress(console, scene.time.t_end) as report:
+        outcome = run_scene(scene, path, options.overwrite, announce, report)
+    if not options.quiet:
+        print(_ledger_text(outcome.ledger))
+        print(_closing(outcome))
+    if outcome.status == DONE:
+        return 0
+    print(_trouble(outcome), file=sys.stderr)
+    return SIMULATION_FAILED if outcome.status == FAILED else STOPPED
+
+
+def _closing(outcome) -> str:
+    counts, seconds = outcome.summary, outcome.summary["seconds"]
+    return (
+        f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
+        f"{seconds['total']:.1f} s; open {outcome.folder / 'run.pvd'} in ParaView"
+    )
+
+
+def _trouble(outcome) -> str:
+    readable = f"{outcome.folder} is readable up to t = {outcome.summary['t']:g} s"
+    return f"failed: {outcome.error}\n{readable}" if outcome.error else f"interrupted; {readable}"
+
+
+def _ledger_text(ledger: Ledger) -> str:
+    """The ledger at the end of a run, a line for each column."""
+    row = ledger.row() | {"start": ledger.start}
+    shown = {key: value for key, value in row.items() if key not in ("t", "total")}
+    lines = [f"  {key:<28} {value: .6e} J" for key, value in shown.items()]
+    return "\n".join([f"energy at t = {ledger.t:g} s", *lines])
+
+
+@contextmanager
+def _progress(console: Console, t_end: float) -> Iterator[Callable[[StepInfo], None]]:
+    """A bar with simulated time, step, Newton iterations and the time that is left."""
+    words = TextColumn("t = {task.completed:.4g} of {task.total:g} s  {task.description}")
+    columns = words, BarColumn(), TimeElapsedColumn(), "left", TimeRemainingColumn()
+    progress = Progress(*columns, console=console, transient=True)
+    task = progress.add_task("", total=t_end)
+
+    def report(info: StepInfo) -> None:
+        progress.start()  # not before a step is done, lest a mistake be told below an empty bar
+        text = f"step {info.step}  Newton {info.counts.newton}"
+        progress.update(task, completed=info.t, description=text)
+
     try:
-        with Progress(console=console) as progress:
-            bar = progress.add_task("t = 0 s", total=built.t_end)
-            steps = march(system, built.method, state, built.dt, built.t_end, solver=solver)
-            for state, info in steps:
-                seconds.setdefault("to_first_step", time.perf_counter() - begin)
-                ledger = ledger.after(system, built.method, info.old, info.result)
-                counts = info.counts
-                summary["steps"] = info.step
-                summary["newton"] += counts.newton
-                summary["linear"] += counts.linear
-                for key, value in counts.seconds.items():
-                    seconds[key] = seconds.get(key, 0.0) + value
-                row = {"step": info.step, "t": info.t, "dt": info.dt, "newton": counts.newton}
-                row |= {"linear": counts.linear, "residual": counts.residual}
-                tables["steps"].add(row)
-                tables["energies"].add(ledger.row())
-                tables["observed"].add(observer.row(info.old, info.result))
-                if info.step % built.frame_steps == 0 or info.t >= built.t_end:
-                    start = time.perf_counter()
-                    frames.add(state)
-                    seconds["output"] += time.perf_counter() - start
-                text = f"t = {info.t:.4g} s, step {info.step}, Newton {counts.newton}"
-                progress.update(bar, completed=info.t, description=text)
-    except StepFailed as failure:
-        status, error, summary["status"] = FAILED, failure, "failed"
-        if failure.state.t > frames.times[-1]:
-            frames.add(failure.state)
-    except KeyboardInterrupt:
-        status, summary["status"] = INTERRUPTED, "interrupted"
-        if state.t > frames.times[-1]:
-            frames.add(state)
-        print(f"interrupted; {folder.path} is readable up to t = {state.t:g} s", file=sys.stderr)
-    seconds["total"] = time.perf_counter() - begin
-    summary |= {"seconds": seconds, "peak_memory_MB": peak_memory(), "versions": versions()}
-    folder.summary(summary)
-    if error is not None:
-        print(f"failed: {error}", file=sys.stderr)
-    console.print(f"wrote {folder.path}/run.pvd")
-    return status
+        yield report
+    finally:
+        if progress.live.is_started:
+            progress.stop()
 
 
-def _check(options, console) -> int:
-    scene = load(options.scene, options.set)
+# --- check ----------------------------------------------------------------------------------------
+
+
+def _check(options) -> int:
+    console, passed = Console(stderr=True, quiet=options.quiet), True
+    for path in options.scenes:
+        scene = load(path, options.set)
+        scene.require_expectations()
+        with _progress(console, scene.time.t_end) as report:
+            verdicts = _verdicts(scene, report)
+        for verdict in verdicts:
+            if not (options.quiet and verdict.passed):
+                print(f"{path}: {verdict}")
+            passed &= verdict.passed
+    return 0 if passed else MISSED
+
+
+def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
     built = scene.build()
-    arguments = {"probes": built.probes, "solver": built.linear, "newton": built.newton}
-    result = run(built.system, built.method, built.state, built.dt, built.t_end, **arguments)
-    verdicts = check(scene, result.times, result.observed, result.energies)
-    for verdict in verdicts:
-        print(verdict)
-    return DONE if all(verdict.passed for verdict in verdicts) else 1
+    arguments = built.system, built.method, built.state, built.dt, built.t_end
+    options = {"probes": built.probes, "solver": built.linear, "newton": built.newton}
+    result = run(*arguments, **options, report=report)
+    return check(scene, result.times, result.observed, result.energies)
 
 
-def _mesh(options, console) -> int:
-    cloth = Cloth.read(options.path, options.h)
-    print(f"{len(cloth.X)} nodes, {len(cloth.triangles)} triangles, area {cloth.area:.6g} m²")
-    print(f"quality {cloth.quality.min():.3f} to {cloth.quality.max():.3f}")
-    for name, nodes in sorted(cloth.node_sets.items()):
-        print(f"  {name}: {len(nodes)} nodes")
-    return DONE
+# --- mesh -----------------------------------------------------------------------------------------
 
 
-def _info(options, console) -> int:
+def _mesh(options) -> int:
+    is_scene = Path(options.path).suffix == ".toml"
+    if is_scene and options.h:
+        raise InputError("--h", "is for mesh files", options.path, "Change cloth.h in the scene.")
+    cloth = load(options.path).mesh() if is_scene else Cloth.read(options.path, options.h)
+    print("\n".join(_described(cloth)))
+    if options.output:
+        _write_mesh(cloth, Path(options.output))
+    return 0
+
+
+def _described(cloth: Cloth) -> list[str]:
+    corners = cloth.X[cloth.triangles]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    (x0, y0), (x1, y1) = cloth.X.min(axis=0), cloth.X.max(axis=0)
+    return [
+        f"{len(cloth.X)} nodes, {len(cloth.triangles)} triangles, area {cloth.area:.6g} m²",
+        f"X {x0:g} to {x1:g} m, Y {y0:g} to {y1:g} m",
+        f"edges {edges.min():.4g} to {edges.max():.4g} m, mean {edges.mean():.4g} m",
+        f"quality {cloth.quality.min():.3f} to {cloth.quality.max():.3f}, "
+        f"mean {cloth.quality.mean():.3f} (1 is equilateral)",
+        *(f"set {name}: {len(nodes)} nodes" for name, nodes in sorted(cloth.node_sets.items())),
+    ]
+
+
+def _write_mesh(cloth: Cloth, path: Path) -> None:
+    """The flat mesh through meshio, with the quality and a 0/1 array for each set."""
+    points = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    inside = {f"set {name}": np.zeros(len(points)) for name in cloth.node_sets}
+    for name, nodes in cloth.node_sets.items():
+        inside[f"set {name}"][nodes] = 1.0
+    mesh = meshio.Mesh(
+        points,
+        {"triangle": cloth.triangles},
+        point_data=inside,
+        cell_data={"quality": [cloth.quality]},
+    )
+    try:
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            mesh.write(path)
+    except (meshio.ReadError, meshio.WriteError) as error:  # a suffix it does not know: ReadError
+        raise InputError(f"{path} cannot be written: {error}", remedy="Try .vtu.") from error
+    print(f"wrote {path}")
+
+
+# --- info -----------------------------------------------------------------------------------------
+
+
+def _info(options) -> int:
+    if options.scene:
+        scene = load(options.scene, options.set)
+        built = scene.build()
+        arguments = built.system, built.method, built.dt, built.linear, built.newton
+        print("\n".join([*_described(built.cloth), *_plan(built, solver_for(*arguments)[1])]))
+        return 0
     for name, version in versions().items():
         print(f"{name}: {version}")
+    print(f"processors: {os.cpu_count()}")
     print(f"direct solver: {linear.direct().name}")
-    return DONE
+    return 0
+
+
+def _plan(built: Built, why: str) -> list[str]:
+    """What a run is about to do."""
+    system = built.system
+    stiffness, _ = system.rate_bounds()
+    lines = [
+        f"{len(system.cloth.X)} nodes, {len(system.cloth.triangles)} triangles, "
+        f"{len(system.free)} free dofs",
+        f"terms: {', '.join(system.names) or 'none'}",
+        f"{built.method}, dt = {built.dt:g} s to t = {built.t_end:g} s",
+        f"linear solver: {why}",
+    ]
+    if stiffness:
+        limit = 2 / np.sqrt(stiffness)
+        lines.append(f"an explicit method would need dt <= {limit:.3g} s (bound at rest)")
+    return lines

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -185,8 +185,11 @@ def run(
     probes: Sequence[Probe] = (),
     solver: str = "auto",
     newton: Newton | None = None,
+    report: Callable[[StepInfo], None] = lambda info: None,
 ) -> Result:
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
+
+    `report` is called after every step.
 
     Examples
     --------
@@ -211,6 +214,7 @@ def run(
         observed.append(observer.row(info.old, info.result))
         counts += (info.counts.newton, info.counts.linear)
         seconds = add_seconds(seconds, info.counts.seconds)
+        report(info)
     seconds["total"] = time.perf_counter() - begin
     times = np.array([row["t"] for row in energies])
     return Result(state, times, columns(energies), columns(observed), seconds, *counts, why)

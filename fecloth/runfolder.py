@@ -65,17 +65,24 @@ class RunFolder:
             If the folder is not empty and `overwrite` is not set, or cannot be made.
         """
         path = Path(path)
+        cls.refuse(path, overwrite)
         with writing(path):
             path.mkdir(parents=True, exist_ok=True)
-            if any(path.iterdir()) and not overwrite:
-                remedy = "Choose another folder with -o, or pass --overwrite to replace its run."
-                raise InputError(f"output folder {path}", "is not empty", remedy=remedy)
             for file in _written(path):
                 file.unlink()
             frames = path / "frames"
             if frames.is_dir() and not frames.is_symlink() and not any(frames.iterdir()):
                 frames.rmdir()
         return cls(path)
+
+    @staticmethod
+    def refuse(path: str | Path, overwrite: bool = False) -> None:
+        """Raise the `InputError` of `create` for a folder that is not empty; change nothing."""
+        path = Path(path)
+        with writing(path):
+            if path.exists() and any(path.iterdir()) and not overwrite:
+                remedy = "Choose another folder with -o, or pass --overwrite to replace its run."
+                raise InputError(f"output folder {path}", "is not empty", remedy=remedy)
 
     def table(self, name: str) -> Table:
         """A new table, e.g. "steps.csv"; the first row's keys are its header."""

@@ -93,15 +93,24 @@ class Scene(Table):
         for i, name in enumerate(names):
             if name in names[:i]:
                 raise InputError(f"probes.{i}.name = {name!r}", "two probes need two names")
-        for name, expectations in self.expect.items():
-            for at in (e.at for e in expectations):
-                if at is not None and at > self.time.t_end:
-                    allowed = f"must be at most time.t_end = {self.time.t_end} [s]"
-                    raise InputError(f"expect.{name}.at = {at}", allowed)
         if self.output.every and self.output.every < self.time.dt:
             allowed = f"must be at least time.dt = {self.time.dt} [s]"
             raise InputError(f"output.every = {self.output.every}", allowed)
         return self
+
+    def require_expectations(self) -> None:
+        """Raise `SceneError` if [expect] is empty or asks for a time after the end.
+
+        For `check`, before the run; a run that is shortened by hand need not mind.
+        """
+        if not self.expect:
+            remedy = "Add one, as in: sag = { value = 0.1, relative = 0.01 }"
+            raise SceneError("no [expect] table", "nothing to check", self._source, remedy)
+        for name, expectations in self.expect.items():
+            for at in (e.at for e in expectations):
+                if at is not None and at > self.time.t_end:
+                    allowed = f"must be at most time.t_end = {self.time.t_end} [s]"
+                    raise SceneError(f"expect.{name}.at = {at}", allowed, self._source)
 
     # --- to text ------------------------------------------------------------------------------
 
@@ -118,8 +127,13 @@ class Scene(Table):
 
     # --- to objects ---------------------------------------------------------------------------
 
-    def build(self) -> Built:
-        """Mesh the cloth, bind the terms and pins, place the start.
+    def mesh(self) -> Cloth:
+        """The cloth alone; raises `SceneError` for one that cannot be meshed."""
+        with self._at("cloth"):
+            return self.cloth.cloth()
+
+    def build(self, cloth: Cloth | None = None) -> Built:
+        """Mesh the cloth (unless it is given), bind the terms and pins, place the start.
 
         Raises
         ------
@@ -127,8 +141,7 @@ class Scene(Table):
             For a mesh that cannot be read, a set that it does not have, pins that share a node,
             a formula that is not finite where it is needed, an unknown name in [expect].
         """
-        with self._at("cloth"):
-            cloth = self.cloth.cloth()
+        cloth = self.mesh() if cloth is None else cloth
         pins = self._pins(cloth)
         with self._at("terms"):
             given = [term.make() for term in self.terms]
@@ -248,7 +261,7 @@ def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
 
 @dataclass(frozen=True)
 class Verdict:
-    """One line of ``fecloth check``: the value of a column against what the scene expects.
+    """A line of ``fecloth check``: the value of a column against what the scene expects.
 
     Attributes
     ----------
@@ -266,6 +279,12 @@ class Verdict:
     expected: float
     tolerance: float
     passed: bool
+
+    def __str__(self) -> str:
+        return (
+            f"{'ok' if self.passed else 'FAILED':<6} {self.name} at {self.at:g} s: "
+            f"{self.value:.8g}, expected {self.expected:.8g} ± {self.tolerance:.2g}"
+        )
 
 
 def check(

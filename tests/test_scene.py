@@ -74,6 +74,17 @@ def file(tmp_path):
     return path
 
 
+def test_expectations_are_asked_for_by_check_only(file):
+    scene = load(file, ["expect.sag.at=3"])
+    scene.build()
+    with pytest.raises(
+        fc.SceneError, match=r"expect.sag.at = 3.0: must be at most time.t_end = 0.1"
+    ):
+        scene.require_expectations()
+    with pytest.raises(fc.SceneError, match=r"no \[expect\] table"):
+        load(file, ["expect={}"]).require_expectations()
+
+
 def refusal(path, *overrides) -> str:
     """The message with which a scene is refused, when read or when built."""
     with pytest.raises(fc.SceneError) as caught:
@@ -264,7 +275,6 @@ MISTAKES = [
     ("output.frames=0", "output.frames = 0: must be a whole number >= 1", ""),
     ("output.every=0.001", "output.every = 0.001: must be at least time.dt = 0.01 [s]", ""),
     ("probes.0.point=[9, 9]", "probes.0.point: ", "The cloth spans"),
-    ("expect.sag.at=3", "expect.sag.at = 3.0: must be at most time.t_end = 0.1 [s]", ""),
     # names
     ("terms.0.type='StVKs'", "terms.0.type = 'StVKs': must be one of Gravity", "mean 'StVK'?"),
     ("terms.1.tangent='exat'", 'terms.1.tangent = \'exat\': must be "symmetric" or "exact"', ""),

@@ -1,0 +1,254 @@
+"""One run of a scene into a folder, which can be read at any moment and however the run ends.
+
+scene.resolved.toml   the scene with all defaults and overrides
+run.pvd, run.vtu.series, frames/*.vtu   for ParaView
+steps.csv      number, time, size, iterations and residual of every step
+energies.csv   the ledger at every step
+observed.csv   probes, mean displacement, sag, area and reactions at every step
+summary.json   sizes, counts, seconds by phase, memory, versions, how it ended
+run.log        the same in words, with the time of day
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from .cloth import Cloth
+from .errors import FeclothError, StepFailed
+from .march import StepInfo, add_seconds, march, run, solver_for
+from .output import Frames, fields
+from .record import Ledger, Observer
+from .runfolder import RunFolder, peak_memory, versions
+from .scene import Built, Scene
+from .system import System
+
+DONE, FAILED, INTERRUPTED = "done", "failed", "interrupted"
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """How a run ended.
+
+    Attributes
+    ----------
+    status
+        "done", "failed" or "interrupted".
+    folder, summary
+        Where everything lies, and what summary.json says.
+    ledger
+        At the last good state.
+    error
+        Why it failed.
+    """
+
+    status: str
+    folder: Path
+    summary: dict
+    ledger: Ledger
+    error: StepFailed | None = None
+
+
+@dataclass
+class Watch:
+    """Seconds by phase; the time of a phase runs while its `phase` block does."""
+
+    begin: float = field(default_factory=time.perf_counter)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.add({name: time.perf_counter() - begin})
+
+    def add(self, seconds: dict[str, float]) -> None:
+        self.seconds = add_seconds(self.seconds, seconds)
+
+    @property
+    def total(self) -> float:
+        return time.perf_counter() - self.begin
+
+
+def run_scene(
+    scene: Scene,
+    path: str | Path,
+    overwrite: bool = False,
+    announce: Callable[[Built, str], None] = lambda built, why: None,
+    report: Callable[[StepInfo], None] = lambda info: None,
+) -> Outcome:
+    """Mesh, compile, march and write.
+
+    Parameters
+    ----------
+    path, overwrite
+        The folder; one that is not empty is refused unless `overwrite` is set.
+    announce
+        Called with what was built and the choice of the solver, before the first step.
+    report
+        Called after every step.
+
+    Raises
+    ------
+    SceneError, InputError
+        Before anything is written. Afterwards a failure is an `Outcome`.
+    """
+    watch = Watch()
+    RunFolder.refuse(path, overwrite)
+    with watch.phase("mesh"):
+        cloth = scene.mesh()
+    with watch.phase("bind"):
+        built = scene.build(cloth)
+        solver, why = solver_for(built.system, built.method, built.dt, built.linear, built.newton)
+    with watch.phase("compile"):
+        compile_kernels(built, solver.linear.name)
+    announce(built, why)
+    folder = RunFolder.create(path, overwrite)
+    folder.text("scene.resolved.toml", scene.to_toml())
+    folder.log(f"{_sizes(built)}; solver {why}")
+    recorder = _Recorder(folder, built, watch)
+    error = None
+    with _interruptible() as interrupted:
+        try:
+            recorder.to_end(solver, report, interrupted)
+        except StepFailed as failure:
+            error = failure
+    stopped = INTERRUPTED if recorder.state.t < built.t_end else DONE
+    status = FAILED if error else stopped
+    return recorder.close(status, why, error)
+
+
+class _Recorder:
+    """The open files of a run and what it has counted."""
+
+    def __init__(self, folder: RunFolder, built: Built, watch: Watch):
+        self.folder, self.built, self.watch = folder, built, watch
+        self.state = built.state
+        self.frames = Frames(folder.path / "run", built.cloth, built.system)
+        self.ledger = Ledger.open(built.system, built.state)
+        self.observer = Observer.bind(built.system, built.state, built.probes)
+        self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
+        self.counts = {"steps": 0, "newton": 0, "linear": 0, "modified": 0}
+        with watch.phase("output"):
+            self.frames.add(self.state)
+            self._rows(self.observer.row(None, None))
+
+    def to_end(self, solver, report, interrupted: threading.Event) -> None:
+        """March until the end or until interrupted."""
+        built = self.built
+        steps = march(built.system, built.method, built.state, built.dt, built.t_end, solver=solver)
+        for state, info in steps:
+            self.state = state
+            self._count(info)
+            with self.watch.phase("record"):
+                self.ledger = self.ledger.after(built.system, built.method, info.old, info.result)
+                observed = self.observer.row(info.old, info.result)
+            with self.watch.phase("output"):
+                self._rows(observed, info)
+                if info.step % built.frame_steps == 0 or info.t >= built.t_end:
+                    self.frames.add(state)
+            report(info)
+            if interrupted.is_set():
+                return
+
+    def _count(self, info: StepInfo) -> None:
+        counts = info.counts
+        self.watch.seconds.setdefault("to_first_step", self.watch.total)
+        self.watch.add(counts.seconds)
+        self.counts["steps"] = info.step
+        for key in ("newton", "linear", "modified"):
+            self.counts[key] += getattr(counts, key)
+
+    def _rows(self, observed: dict, info: StepInfo | None = None) -> None:
+        self.tables["energies"].add(self.ledger.row())
+        self.tables["observed"].add(observed)
+        if info:
+            counts = info.counts
+            row = {"step": info.step, "t": info.t, "dt": info.dt, "newton": counts.newton}
+            row |= {"linear": counts.linear, "modified": counts.modified}
+            self.tables["steps"].add(row | {"residual": counts.residual})
+
+    def close(self, status: str, why: str, error: StepFailed | None) -> Outcome:
+        """The last good state as a frame, the summary, the last line of the log."""
+        with self.watch.phase("output"):
+            if self.state.t > self.frames.times[-1]:
+                self.frames.add(self.state)
+            for table in self.tables.values():
+                table.close()
+        seconds = self.watch.seconds | {"total": self.watch.total}
+        summary = {
+            "status": status,
+            "error": str(error) if error else None,
+            "t": self.state.t,
+            "t_end": self.built.t_end,
+            **_sizes_of(self.built.system),
+            **self.counts,
+            "frames": len(self.frames.times),
+            "solver": why,
+            "seconds": seconds,
+            "ledger": self.ledger.row(),
+            "peak_memory_MB": peak_memory(),
+            "versions": versions(),
+        }
+        self.folder.summary(summary)
+        words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
+        self.folder.log(f"{words}: {error}" if error else words)
+        return Outcome(status, self.folder.path, summary, self.ledger, error)
+
+
+_TABLES = ("steps", "energies", "observed")
+
+
+def compile_kernels(built: Built, linear: str) -> None:
+    """Compile what the run will call, on two triangles, so that no step pays for it.
+
+    Compiled code is kept on disk: a second run only loads it.
+    """
+    cloth = Cloth.rectangle(1.0, 1.0, h=1.0, pattern="right")
+    with suppress(FeclothError):  # what fails there says nothing about the scene
+        whole = built.system
+        system = System(cloth, whole.fabric, whole.terms, ["left"], whole.mass_kind)
+        start = system.state(1.01 * system.rest().x)
+        fields(system, start)
+        run(system, built.method, start, built.dt, built.dt, solver=linear)
+
+
+def _sizes_of(system: System) -> dict:
+    return {
+        "nodes": len(system.cloth.X),
+        "triangles": len(system.cloth.triangles),
+        "free_dofs": len(system.free),
+    }
+
+
+def _sizes(built: Built) -> str:
+    sizes = _sizes_of(built.system)
+    terms = ", ".join(built.system.names) or "no terms"
+    return f"{sizes['nodes']} nodes, {sizes['triangles']} triangles; {terms}"
+
+
+@contextmanager
+def _interruptible() -> Iterator[threading.Event]:
+    """Ctrl-C sets the event, so that a run stops between two steps; a second one stops at once."""
+    asked = threading.Event()
+
+    def ask(number, frame):
+        if asked.is_set():
+            raise KeyboardInterrupt
+        asked.set()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+    before = signal.signal(signal.SIGINT, ask)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)
