@@ -1,0 +1,19 @@
+"""Each study's --quick form; `pytest -m study` runs them, the plain test run leaves them out."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+STUDIES = Path(__file__).parents[1] / "studies"
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("study", ["bench.py"])
+def test_quick(study):
+    command = [sys.executable, str(STUDIES / study), "--quick"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    print(done.stdout)
+    assert "figures met" in done.stdout
