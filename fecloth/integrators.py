@@ -133,18 +133,18 @@ class LinearlyImplicitEuler:
         end = arrival(system, state, dt)
         definite = solver.options.definiteness == "clamp"
         try:
-            dv, counts = _velocity_change(system, state, dt, solver, end, definite)
+            dv, counts = _velocity_change(system, state, dt, solver, end, definite, guess)
         except IndefiniteMatrix:
             if definite or solver.options.definiteness == "none":
                 raise
-            dv, counts = _velocity_change(system, state, dt, solver, end, True)
+            dv, counts = _velocity_change(system, state, dt, solver, end, True, guess)
         v = state.v + dv
         new = held(system, State(state.t + dt, state.x + dt * v, v), end)
         at_stage = State(new.t, new.x, v)  # the velocity that moved x, also at the pins
         return Step(new, at_stage, dv, counts)
 
 
-def _velocity_change(system, state, dt, solver, end, definite):
+def _velocity_change(system, state, dt, solver, end, definite, guess):
     """Δv from the linearised step, and the counts."""
     begin = time.perf_counter()
     J, nodes = solver.matrix, system.constraints.nodes
@@ -159,7 +159,9 @@ def _velocity_change(system, state, dt, solver, end, definite):
     system.project(J)
     seconds = {"assemble": time.perf_counter() - begin}
     solver.linear.prepare(J)
-    free, info = solver.linear.solve(system.constraints.project(b), rtol=solver.options.tolerance)
+    project, rtol = system.constraints.project, solver.options.tolerance
+    start = None if guess is None else project(guess.copy())
+    free, info = solver.linear.solve(project(b), rtol=rtol, guess=start)
     seconds |= {"factor": info.seconds_factor, "solve": info.seconds_solve}
     counts = Counts(1, info.iterations, int(definite), info.residual, seconds)
     return free + dv, counts
