@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fecloth.errors import InputError, MeshError
+from .errors import InputError, MeshError
 
 _LARGEST = 20_000_000  # triangles; beyond it h is taken for a slip
 _DIMENSIONS = ("point", "curve", "surface")

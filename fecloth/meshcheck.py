@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from fecloth.errors import MeshError
+from .errors import MeshError
 
 _SHOWN = 5  # offenders that a message lists
 

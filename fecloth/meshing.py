@@ -9,10 +9,10 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from fecloth.errors import InputError
-from fecloth.gmshread import check_positive, check_size, gmsh_plane
-from fecloth.meshcheck import FlatMesh, checked, shapes, sorted_pairs
-from fecloth.meshread import read
+from .errors import InputError
+from .gmshread import check_positive, check_size, gmsh_plane
+from .meshcheck import FlatMesh, checked, shapes, sorted_pairs
+from .meshread import read
 
 __all__ = ["FlatMesh", "checked", "disk", "quality", "read", "rectangle", "renumbered"]
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fecloth.errors import InputError, MeshError
-from fecloth.gmshread import RawMesh, from_geo, from_msh, refuse_cells
-from fecloth.meshcheck import FlatMesh, checked, set_indices
+from .errors import InputError, MeshError
+from .gmshread import RawMesh, from_geo, from_msh, refuse_cells
+from .meshcheck import FlatMesh, checked, set_indices
 
 
 def read(path, h: float | None = None) -> FlatMesh:
