@@ -352,7 +352,7 @@ def test_overwrite_leaves_foreign_files_alone(system, states, tmp_path):
 
 def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="cannot be written: File exists"):
+    with pytest.raises(InputError, match="cannot be written: Not a directory"):
         RunFolder.create(tmp_path / "file", overwrite=True)
 
 
