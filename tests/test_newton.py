@@ -34,16 +34,16 @@ def steps(arc, terms, definiteness, method=None, dt=0.02, count=15, **options):
     return [(state, info.counts) for state, info in marching]
 
 
-def residuals(system, method, state, dt, guess):
+def residuals(system, method, state, dt, guess, count=6):
     """Residual after 1, 2, 3, … iterations of the first step."""
     solver, _ = solver_for(system, method, dt, "direct", fc.Newton(tolerance=1e-13))
     stage = method.stage(state, dt)
     work = newton._Work(system, stage, solver)
-    q, norms = guess, []
+    q, norms, shift = guess, [], 0.0
     R = work.first_residual(q)
-    for _ in range(6):
+    for _ in range(count):
         norms.append(np.linalg.norm(R) / work.scale)
-        q, R, _ = work.iterate(q, R, 1e-12 * work.scale, 0.0)
+        q, R, shift = work.iterate(q, R, 1e-12 * work.scale, shift)
     return np.array(norms)
 
 
@@ -104,6 +104,51 @@ def test_on_failure_changes_nothing_where_nothing_fails(sheet, isotropic):
         assert np.array_equal(x, y)
         assert (a.newton, a.linear) == (b.newton, b.linear)
         assert b.modified == 0
+
+
+def turning(sheet, isotropic, damping):
+    """A stretched cloth at the start of a large step in which it turns by a quarter radian."""
+    system = fc.System(sheet, isotropic, [fc.StVK(), *damping])
+    x = 1.01 * flat(sheet)
+    stage = fc.BackwardEuler().stage(system.state(x, np.cross([0.0, 0.0, 5.0], x)), 0.05)
+    solver, _ = solver_for(system, fc.BackwardEuler(), 0.05, "direct")
+    work = newton._Work(system, stage, solver)
+    q = np.zeros_like(x)
+    R = work.first_residual(q)
+    return work, q, R, work.direction(q, R, 0.0, 0.0)
+
+
+def test_the_search_cuts_a_step_that_is_too_long_for_the_potential(sheet, isotropic):
+    work, q, R, step = turning(sheet, isotropic, [])
+    new, _ = work.search(q, R, 40 * step, 0.0)
+    taken = np.linalg.norm(new) / np.linalg.norm(step)
+    assert 0 < taken < 20
+    assert work.potential(new) < work.potential(q)
+    assert work.potential(40 * step) > work.potential(q)
+
+
+def test_the_search_cuts_a_step_at_whose_end_the_residual_pushes_back(sheet, isotropic):
+    work, q, R, step = turning(sheet, isotropic, [fc.StrainRateDamping(0.01)])
+    long = 8 * step
+    new, R_new = work.search(q, R, long, 0.0)
+    assert 0 < np.linalg.norm(new) / np.linalg.norm(step) < 8
+    assert np.vdot(R_new, long) <= 0.8 * abs(np.vdot(R, long)) < np.vdot(work.residual(long), long)
+
+
+@pytest.mark.parametrize("damping", [[], [fc.StrainRateDamping(0.02)]], ids=["free", "damped"])
+def test_good_steps_may_increase_the_residual(damping, arc):
+    cloth, x = arc
+    terms = [fc.StVK(), fc.Gravity(), *damping]
+    system = fc.System(cloth, fc.Fabric(0.15, 500.0, 0.3), terms, pins=["left"])
+    norms = residuals(system, fc.BackwardEuler(), system.state(x), 0.02, np.zeros_like(x), 80)
+    assert (norms[1:] > 1.01 * norms[:-1]).any()
+    assert norms[-1] < 1e-3
+
+
+def test_an_uphill_direction_is_no_improvement(sheet, isotropic):
+    work, q, R, step = turning(sheet, isotropic, [])
+    assert np.vdot(R, step) < 0
+    assert work.search(q, R, -1e-3 * step, 0.0) is None
 
 
 @pytest.mark.parametrize("dt", [1e-7, 1e-5, 1e-3])
