@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from .compiled import kernel
+from .errors import InputError
 
 
 @dataclass(frozen=True)
@@ -40,10 +41,20 @@ class BlockPattern:
         return len(self.indptr) - 1
 
     def slots(self, stencil: np.ndarray) -> np.ndarray:
-        """(m, k, k) int32: the block in which the pair (stencil[e, a], stencil[e, b]) lies."""
+        """(m, k, k) int32: the block in which the pair (stencil[e, a], stencil[e, b]) lies.
+
+        Raises
+        ------
+        InputError
+            For a pair that the pattern does not have.
+        """
         m, k = stencil.shape
         slots = np.empty((m, k, k), np.int32)
-        _find_slots(self.indptr, self.indices, stencil, slots)
+        missing = _find_slots(self.indptr, self.indices, stencil, slots)
+        if missing >= 0:
+            what = f"nodes {stencil[missing].tolist()}"
+            remedy = "Give the same stencil to `stencil` and `slots`."
+            raise InputError(what, "are not all coupled in the matrix", "BlockPattern", remedy)
         return slots
 
     @cached_property
@@ -85,14 +96,16 @@ class BlockMatrix:
 
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
         """A x for x of shape (n, 3)."""
+        x = np.ascontiguousarray(x, dtype=float)
         y = np.empty_like(x)
         multiply(self.pattern.indptr, self.pattern.indices, self.values, x, y)
         return y
 
     def to_scipy(self) -> sparse.bsr_matrix:
-        """The same matrix, 3n × 3n; the values are copied."""
+        """A copy of the matrix, 3n × 3n."""
         n = 3 * len(self.pattern)
-        blocks = (self.values.copy(), self.pattern.indices, self.pattern.indptr)
+        arrays = self.values, self.pattern.indices, self.pattern.indptr
+        blocks = tuple(array.copy() for array in arrays)
         return sparse.bsr_matrix(blocks, shape=(n, n))
 
 
@@ -112,13 +125,18 @@ def multiply(indptr, indices, values, x, y):
 
 @kernel
 def _find_slots(indptr, indices, stencil, slots):
+    """The first row of the stencil that has a pair without a block, or −1."""
     m, k = stencil.shape
     for e in range(m):
         for a in range(k):
             i = stencil[e, a]
             row = indices[indptr[i] : indptr[i + 1]]
             for b in range(k):
-                slots[e, a, b] = indptr[i] + np.searchsorted(row, stencil[e, b])
+                s = np.searchsorted(row, stencil[e, b])
+                if s == len(row) or row[s] != stencil[e, b]:
+                    return e
+                slots[e, a, b] = indptr[i] + s
+    return -1
 
 
 @kernel

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sparse
 import skfem
-from scipy.spatial import cKDTree
 
 from . import meshing
-from .errors import InputError, MeshError
+from .errors import InputError
+from .locate import locate
 
 Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
 
@@ -105,6 +105,8 @@ class Cloth:
     def nodes(self, where: Where) -> np.ndarray:
         """Node indices of a named set, of a predicate on X, or the given indices themselves.
 
+        They are distinct; given indices keep their order, others ascend.
+
         Raises
         ------
         InputError
@@ -119,9 +121,17 @@ class Cloth:
                     _nearest(where, self.node_sets),
                 )
             return self.node_sets[where]
-        chosen = np.asarray(where(self.X) if callable(where) else where)
-        if chosen.dtype == bool:
+        chosen = np.atleast_1d(where(self.X) if callable(where) else where)
+        if not chosen.size:
+            raise InputError("the choice of nodes is empty", "needs a node", "Cloth.nodes")
+        if chosen.dtype == bool and chosen.shape == (len(self.X),):
             chosen = np.flatnonzero(chosen)
+        if chosen.ndim != 1 or not np.issubdtype(chosen.dtype, np.integer):
+            raise InputError(
+                f"nodes of type {chosen.dtype} and shape {chosen.shape}",
+                f"must be a set's name, indices, or {len(self.X)} booleans",
+                "Cloth.nodes",
+            )
         if not chosen.size:
             raise InputError("the choice of nodes is empty", "needs a node", "Cloth.nodes")
         if chosen.min() < 0 or chosen.max() >= len(self.X):
@@ -130,7 +140,8 @@ class Cloth:
                 f"must lie in 0 … {len(self.X) - 1}",
                 "Cloth.nodes",
             )
-        return np.unique(chosen)
+        _, first = np.unique(chosen, return_index=True)
+        return chosen[np.sort(first)]
 
     @property
     def area(self) -> float:
@@ -213,8 +224,8 @@ class Cloth:
         MeshError
             If a point lies farther outside.
         """
-        points = np.atleast_2d(np.asarray(points, dtype=float))
-        cells = _locate(self.X, self.triangles, points)
+        points = np.asarray(points, dtype=float).reshape(-1, 2)
+        cells = locate(self.X, self.triangles, points)
         basis = self.basis(1)
         local = basis.mapping.invF(points.T[:, :, None], tind=cells)
         values = [
@@ -228,12 +239,20 @@ class Cloth:
 
     def interpolate(self, values: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Values at material points (p, 2) of a nodal field (n,) or (n, d)."""
-        return self.interpolator(points) @ values
+        return self.interpolator(points) @ self._field(values)
 
     def l2_norm(self, values: np.ndarray) -> float:
         """√∫ |u|² dA of a nodal field (n,) or (n, d)."""
-        values = values.reshape(len(self.X), -1)
+        values = self._field(values)
         return float(np.sqrt(np.sum(values * (self.mass("consistent") @ values))))
+
+    def _field(self, values) -> np.ndarray:
+        """A nodal field as an array; raises `InputError` if it is not one."""
+        values = np.asarray(values, dtype=float)
+        if values.ndim not in (1, 2) or len(values) != len(self.X):
+            allowed = f"must be ({len(self.X)},) or ({len(self.X)}, d)"
+            raise InputError(f"a nodal field of shape {values.shape}", allowed, "Cloth")
+        return values
 
     def l2_difference(self, other: Cloth, a: np.ndarray, b: np.ndarray) -> float:
         """√∫ |a − b|² dA for nodal fields a on this cloth and b on `other`.
@@ -253,6 +272,10 @@ class Cloth:
 
 def _on_common_points(cloth, a, other, b):
     """Weights, and value, ∂/∂X₁, ∂/∂X₂ of both fields, at the finer cloth's quadrature points."""
+    a, b = cloth._field(a), other._field(b)
+    if a.shape[1:] != b.shape[1:]:
+        what = f"fields of shapes {a.shape} and {b.shape}"
+        raise InputError(what, "must have as many components", "Cloth.l2_difference")
     finer = cloth if len(cloth.triangles) >= len(other.triangles) else other
     basis = finer.basis(4)
     points = basis.global_coordinates()  # (2, m, q)
@@ -264,12 +287,12 @@ def _on_common_points(cloth, a, other, b):
 
 
 def _value_and_gradient(cloth, values, points, own):
-    values = np.asarray(values, dtype=float).reshape(len(cloth.X), -1)
+    values = values.reshape(len(cloth.X), -1)
     flat = points.reshape(2, -1)
     if own:
         cells = np.repeat(np.arange(points.shape[1]), points.shape[2])
     else:
-        cells = _locate(cloth.X, cloth.triangles, flat.T)
+        cells = locate(cloth.X, cloth.triangles, flat.T)
     basis = cloth.basis(1)
     local = basis.mapping.invF(flat[:, :, None], tind=cells)
     value, d1, d2 = np.zeros((3, flat.shape[1], values.shape[1]))
@@ -280,40 +303,6 @@ def _value_and_gradient(cloth, values, points, own):
         d1 += phi.grad[0].reshape(-1, 1) * nodal
         d2 += phi.grad[1].reshape(-1, 1) * nodal
     return value, d1, d2
-
-
-def _locate(X, triangles, points, nearest=12):
-    """The triangle of each point; scikit-fem's finder refuses points outside a polygonal border."""
-    if not np.isfinite(points).all():
-        raise MeshError("material points must be finite", where="Cloth.interpolate")
-    corners = X[triangles]
-    candidates = cKDTree(corners.mean(axis=1)).query(points, min(nearest, len(triangles)))[1]
-    candidates = candidates.reshape(len(points), -1)
-    depth = _depth(corners[candidates], points[:, None])
-    best = np.argmax(depth, axis=1)
-    cells, depth = candidates[np.arange(len(points)), best], depth.max(axis=1)
-    for p in np.flatnonzero(depth < -1e-12):  # graded meshes, and points that lie outside
-        everywhere = _depth(corners, points[p])
-        cells[p], depth[p] = np.argmax(everywhere), everywhere.max()
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    outside = np.flatnonzero(depth < -edges[cells])
-    if outside.size:
-        raise MeshError(
-            f"{outside.size} of {len(points)} material points, first {points[outside[0]]} m",
-            "must lie on the cloth",
-            "Cloth.interpolate",
-            f"The cloth spans {X.min(axis=0)} to {X.max(axis=0)} m.",
-        )
-    return cells
-
-
-def _depth(corners, points):
-    """Signed distance [m] of points inside the nearest edge line; corners (..., 3, 2)."""
-    tail, head = corners, np.roll(corners, -1, axis=-2)
-    along = head - tail
-    to = points[..., None, :] - tail
-    cross = along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0]
-    return (cross / np.linalg.norm(along, axis=-1)).min(axis=-1)
 
 
 def _nearest(name: str, names) -> str:

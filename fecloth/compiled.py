@@ -27,7 +27,7 @@ def cache_folder() -> str:
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parent.rglob("*.py")):
         text = source.read_bytes()
-        if b"compiled import" in text or source.name == "compiled.py":
+        if b"compiled import" in text or b"import compiled" in text or source == Path(__file__):
             digest.update(text)
     name = f"fecloth-{digest.hexdigest()[:16]}"
     for base in (

@@ -62,7 +62,10 @@ class NewtonFailed(FeclothError):
 
     def __init__(self, reason: str, residual: float, remedy: str):
         self.reason, self.residual, self.remedy = reason, residual, remedy
-        super().__init__(f"{reason} (relative residual {residual:.2e}). {remedy}")
+        super().__init__(reason, residual, remedy)
+
+    def __str__(self) -> str:
+        return f"{self.reason} (relative residual {self.residual:.2e}). {self.remedy}"
 
 
 @dataclass(frozen=True)
@@ -197,7 +200,10 @@ class _Work:
         self.system.project(self.J)
         self.modified += definite or shift > 0
         self.seconds["assemble"] += time.perf_counter() - begin
-        forcing = min(0.5, max(self.options.forcing, 0.5 * goal / np.linalg.norm(R)))
+        norm = np.linalg.norm(R)
+        if not np.isfinite(norm):
+            raise NewtonFailed("the forces are not finite", float(norm), "Take a smaller dt.")
+        forcing = min(0.5, max(self.options.forcing, 0.5 * goal / norm))
         self.linear_solver.prepare(self.J)
         step, info = self.linear_solver.solve(-R, rtol=forcing)
         self.linear += info.iterations

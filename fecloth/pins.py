@@ -24,8 +24,9 @@ class Pin:
     where
         A node set's name, node indices, or a predicate on X.
     motion
-        Displacement as a function of time, ``motion(t) -> (3,)`` for all nodes or ``(k, 3)`` [m];
-        only its changes count: x(t) = x(t₀) + motion(t) − motion(t₀). None: fixed.
+        Displacement as a function of time, ``motion(t) -> (3,)`` for all nodes or ``(k, 3)``, in
+        the order of ``cloth.nodes(where)`` [m]; only its changes count:
+        x(t) = x(t₀) + motion(t) − motion(t₀). None: fixed.
     velocity
         Its time derivative ``velocity(t)`` [m/s]; left out, a central difference over 2e-5 s.
     name
@@ -51,6 +52,16 @@ class Pin:
             return self._checked(self.velocity, t, "velocity")
         step = DERIVATIVE_STEP
         return (self.displacement(t + step) - self.displacement(t - step)) / (2 * step)
+
+    def __post_init__(self):
+        if self.velocity is not None and self.motion is None:
+            raise InputError("velocity without a motion", "needs both", f"Pin({self.where!r})")
+
+    def fits(self, value: np.ndarray, nodes: int) -> None:
+        """Refuse a motion of another number of rows than the pin has nodes."""
+        if value.ndim == 2 and len(value) not in (1, nodes):
+            allowed = f"must be (3,) or ({nodes}, 3), a row for each node"
+            raise InputError(f"a motion of shape {value.shape}", allowed, f"Pin({self.where!r})")
 
     def _checked(self, function, t, name):
         value = np.asarray(function(t), dtype=float)
@@ -88,10 +99,10 @@ class Constraints:
             if isinstance(pin, str):
                 pin = Pin(pin)
             default = pin.where if isinstance(pin.where, str) else f"pin{number}"
-            name = pin.name or default
-            if name in groups:
-                name = f"{name}.{number}"
-            groups[name] = (pin, cloth.nodes(pin.where))
+            name = _free_name(pin.name or default, groups)
+            groups[name] = (pin, nodes := cloth.nodes(pin.where))
+            for function in (pin.displacement, pin.speed):
+                pin.fits(function(0.0), len(nodes))
         everything = [nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)]
         nodes, times = np.unique(np.concatenate(everything), return_counts=True)
         if (times > 1).any():
@@ -135,6 +146,16 @@ class Constraints:
         """The dofs 3 i + c of an n-node cloth that no pin holds."""
         held = (3 * self.nodes[:, None] + np.arange(3)).ravel()
         return np.setdiff1d(np.arange(3 * n), held)
+
+
+def _free_name(name: str, taken) -> str:
+    """The name, or name.2, name.3, … if it is taken."""
+    number = 1
+    free = name
+    while free in taken:
+        number += 1
+        free = f"{name}.{number}"
+    return free
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -62,20 +62,17 @@ class System:
     mass_kind: str = "lumped"
 
     def __init__(self, cloth, fabric, terms, pins=(), mass="lumped"):
+        terms = _several(terms, "terms", "StVK()", lambda term: hasattr(term, "bind"))
+        pins = _several(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
         for name, value in (
             ("cloth", cloth),
             ("fabric", fabric),
-            ("terms", tuple(terms)),
-            ("pins", tuple(pins)),
+            ("terms", terms),
+            ("pins", pins),
             ("mass_kind", mass),
         ):
             object.__setattr__(self, name, value)
-        for term in self.terms:
-            if not hasattr(term, "bind"):
-                raise InputError(
-                    f"term {term!r}", "must be a term such as StVK()", "System(terms=...)"
-                )
-        _ = self.bound, self.constraints  # bind now: an error should stand where it was made
+        _ = self.scalar_mass, self.bound, self.constraints  # now: errors should stand where made
 
     # --- what is bound, once ------------------------------------------------------------------
 
@@ -159,6 +156,8 @@ class System:
                     f"must be finite and of shape {shape}",
                     "System.state",
                 )
+        if not np.isfinite(t):
+            raise InputError(f"t = {t!r}", "must be finite [s]", "System.state")
         return State(float(t), x, v)
 
     # --- operators ----------------------------------------------------------------------------
@@ -237,3 +236,15 @@ class System:
         factor = 4.0 if self.mass_kind == "consistent" else 1.0
         bounds = [term.rate_bounds(self.nodal_mass) for term in self.bound]
         return factor * sum(b[0] for b in bounds), factor * sum(b[1] for b in bounds)
+
+
+def _several(values, name: str, example: str, is_one: Callable[[object], bool]) -> tuple:
+    """The terms or pins as a tuple; raises `InputError` for anything else."""
+    where, allowed = f"System({name}=...)", f"must be a list, as in [{example}]"
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise InputError(f"{name} = {values!r}", allowed, where)
+    values = tuple(values)
+    for value in values:
+        if isinstance(value, type) or not is_one(value):
+            raise InputError(f"{name[:-1]} {value!r}", f"must be such as {example}", where)
+    return values

@@ -97,14 +97,17 @@ def check_term(
     """
     cloth = cloth or Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
     fabric = fabric or Fabric(0.2, (1000.0, 600.0), 0.3, 150.0, (2e-5, 1e-5))
+    states = trial_states(cloth) if states is None else list(states)
     sweeps = []
     for scale in scales:
         system = System(cloth, _scaled(fabric, scale), [term])
-        for name, x, v in states or trial_states(cloth):
+        for name, x, v in states:
             state = system.state(x, v)
             for sweep in _sweeps(system, state, tangents):
                 sweep.check(f"{term!r} in the {name} state at stiffness × {scale:g}")
                 sweeps.append(sweep)
+    if not sweeps:
+        raise VerificationFailed(f"{term!r}: no state or no scale was given, nothing is checked")
     return sweeps
 
 
@@ -140,9 +143,10 @@ def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep
     rng = np.random.default_rng(1)
     direction = rng.standard_normal(state.x.shape)
     term, f = system.bound[0], system.force(state)
-    if not np.linalg.norm(f) > 0:
-        raise VerificationFailed(f"{term.name} gives no force: choose states that load it")
     size = np.sqrt(system.cloth.area / len(system.cloth.triangles))
+    force_of_a_shift = np.linalg.norm(system.stiffness(state) @ direction.ravel()) * size
+    if not np.linalg.norm(f) > 1e-10 * force_of_a_shift:
+        raise VerificationFailed(f"{term.name} gives no force: choose states that load it")
 
     def moved(dx=0.0, dv=0.0):
         return State(state.t, state.x + dx * direction, state.v + dv * direction)

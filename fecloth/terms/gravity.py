@@ -24,10 +24,10 @@ class Gravity:
     acceleration: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
     def __post_init__(self):
-        if np.shape(self.acceleration) != (3,) or not np.isfinite(self.acceleration).all():
-            raise InputError(
-                f"acceleration = {self.acceleration!r}", "must be three finite numbers", "Gravity"
-            )
+        g = np.asarray(self.acceleration)
+        if g.shape != (3,) or g.dtype.kind not in "iuf" or not np.isfinite(g).all():
+            allowed = "must be three finite numbers [m/s²]"
+            raise InputError(f"acceleration = {self.acceleration!r}", allowed, "Gravity")
 
     def stencil(self, cloth: Cloth) -> None:
         return None

@@ -1,0 +1,239 @@
+"""Kernel arrays, masses, interpolation and norms of a cloth, and its choice of nodes."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import skfem
+
+import fecloth as fc
+from fecloth.verify import observed_order
+
+PATTERNS = ["unstructured", "right", "cross", "equilateral"]
+
+
+@pytest.fixture(scope="module")
+def disk():
+    return fc.Cloth.disk(0.5, h=0.1)
+
+
+@pytest.fixture(scope="module", params=[*PATTERNS, "disk"])
+def cloth(request, disk):
+    if request.param == "disk":
+        return disk
+    return fc.Cloth.rectangle(1.0, 0.6, h=0.13, pattern=request.param)
+
+
+def areas(cloth):
+    """(m,) from the corners, positive for a counter-clockwise triangle."""
+    a, b, c = np.moveaxis(cloth.X[cloth.triangles], 1, 0)
+    return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+
+
+def linear(X):
+    """A scalar and a vector field without curvature, (n, 3)."""
+    return np.column_stack([X[:, 0], 2 - 3 * X[:, 1], 0.5 + X @ [1.5, -0.7]])
+
+
+def test_gradients_and_weights_in_closed_form(cloth):
+    """∂N_a/∂X is the inner normal of the opposite edge over twice the area; one point a P1."""
+    m = len(cloth.triangles)
+    assert cloth.shape == ((0, 0, 0), (0,))
+    assert cloth.gradients.shape == (m, 1, 3, 2)
+    assert cloth.stencil.dtype == np.int32
+    assert np.array_equal(np.sort(cloth.stencil, axis=1), np.sort(cloth.triangles, axis=1))
+    np.testing.assert_allclose(cloth.weights[:, 0], areas(cloth), rtol=1e-12)
+    assert (areas(cloth) > 0).all()
+    corners = cloth.X[cloth.stencil]
+    b, c = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)
+    normal = np.stack([b[..., 1] - c[..., 1], c[..., 0] - b[..., 0]], axis=-1)
+    twice = np.einsum("eai,eai->ea", corners - b, normal)  # ± twice the area
+    np.testing.assert_allclose(cloth.gradients[:, 0], normal / twice[..., None], atol=1e-11)
+    assert abs(cloth.gradients.sum(axis=2)).max() < 1e-12 / np.sqrt(areas(cloth).min())
+
+
+def test_gradients_meet_scikit_fem(cloth, rng):
+    mesh = skfem.MeshTri(cloth.X.T.copy(), cloth.triangles.T.astype(np.int64))
+    basis, u = skfem.Basis(mesh, skfem.ElementTriP1()), rng.standard_normal(len(cloth.X))
+    expected = basis.interpolate(u).grad[:, :, 0].T
+    got = np.einsum("ea,eqai->ei", u[cloth.stencil], cloth.gradients)
+    np.testing.assert_allclose(got, expected, atol=1e-12 * abs(expected).max())
+
+
+def test_masses_and_load_from_the_areas(cloth):
+    """A P1 triangle has the mass A/12 (1 + δ_ab), its row sums are A/3."""
+    n = len(cloth.X)
+    expected, load = np.zeros((n, n)), np.zeros(n)
+    for nodes, area in zip(cloth.triangles, areas(cloth), strict=True):
+        expected[np.ix_(nodes, nodes)] += area / 12 * (1 + np.eye(3))
+        load[nodes] += area / 3
+    np.testing.assert_allclose(cloth.mass("consistent").toarray(), expected, atol=1e-15)
+    np.testing.assert_allclose(cloth.load, load, rtol=1e-12)
+    np.testing.assert_allclose(cloth.mass().toarray(), np.diag(load), rtol=1e-12)
+    with pytest.raises(fc.InputError, match="Cloth.mass: mass = 'diagonal': must be \"lumped\""):
+        cloth.mass("diagonal")
+
+
+def test_area_and_total_masses(cloth, disk):
+    """The polygon of k equal chords has the area k/2 r² sin(2π/k)."""
+    k = len(disk.nodes("boundary"))
+    expected = k / 8 * np.sin(2 * np.pi / k) if cloth is disk else 0.6
+    for total in (cloth.area, cloth.load.sum(), cloth.mass().sum(), cloth.mass("consistent").sum()):
+        assert total == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("renumber", [True, False])
+def test_source_numbers_lead_back(renumber, rng):
+    source = fc.Cloth.rectangle(1.0, 0.6, h=0.2, pattern="cross")
+    order = rng.permutation(len(source.X))
+    X, triangles = source.X[order], np.argsort(order)[source.triangles]
+    cloth = fc.Cloth.from_arrays(X, triangles, {"some": [3, 7, 1]}, renumber=renumber)
+    assert np.array_equal(cloth.X, X[cloth.source_nodes])
+    came_in = cloth.source_nodes[cloth.triangles]
+    assert np.array_equal(came_in, triangles[cloth.source_triangles])
+    assert sorted(cloth.source_nodes[cloth.nodes("some")]) == [1, 3, 7]
+    assert renumber != np.array_equal(cloth.source_nodes, np.arange(len(X)))
+
+
+@pytest.mark.parametrize("stretch", [1, 50], ids=["", "slivers"])
+def test_interpolation_inside(cloth, stretch, rng):
+    """Each point by the triangle that holds it, also if other middles lie nearer."""
+    cloth = fc.Cloth.from_arrays(cloth.X * [stretch, 1], cloth.triangles)
+    corners, shares = cloth.X[cloth.triangles], rng.dirichlet(np.ones(3), len(cloth.triangles))
+    points, u = np.einsum("pa,pai->pi", shares, corners), rng.standard_normal(len(cloth.X))
+    expected = np.sum(shares * u[cloth.triangles], axis=1)
+    np.testing.assert_allclose(cloth.interpolate(u, points), expected, atol=1e-11)
+    got = cloth.interpolate(linear(cloth.X), points)
+    np.testing.assert_allclose(got, linear(points), atol=1e-13 * stretch)
+    np.testing.assert_allclose(cloth.interpolate(u, cloth.X), u, atol=1e-11)
+    assert cloth.interpolate(cloth.X[:, 0], [0.2, 0.1]) == pytest.approx([0.2], abs=1e-13)
+
+
+def test_interpolation_between_the_polygon_and_the_circle(disk):
+    """The circle lies outside the mesh by up to h²/8r; a triangle's polynomial goes on there."""
+    angle = np.linspace(0, 2 * np.pi, 500)
+    points = 0.5 * np.column_stack([np.cos(angle), np.sin(angle)])
+    got = disk.interpolate(linear(disk.X), points)
+    np.testing.assert_allclose(got, linear(points), atol=1e-13)
+
+
+@pytest.mark.parametrize("point", [(1.5, 0.3), (0.5, -0.4), (3.0, 3.0), (np.nan, 0.0)])
+def test_points_off_the_cloth_are_refused(sheet, point):
+    said = "must be finite" if np.isnan(point[0]) else "1 of 2 material points, first .* must lie"
+    with pytest.raises(fc.MeshError, match=said):
+        sheet.interpolate(sheet.X, [(0.5, 0.3), point])
+
+
+def test_l2_norm_in_closed_form(cloth, disk):
+    """∫ |X|² over a rectangle (w³h + wh³)/3, and over the disk's polygon of k chords."""
+    k = len(disk.nodes("boundary"))
+    polygon = k / 64 * np.sin(2 * np.pi / k) * (2 + np.cos(2 * np.pi / k)) / 3
+    expected = polygon if cloth is disk else (0.6 + 0.6**3) / 3
+    assert cloth.l2_norm(cloth.X) == pytest.approx(np.sqrt(expected), rel=1e-12)
+    constant = np.full(len(cloth.X), -2.0)
+    assert cloth.l2_norm(constant) == pytest.approx(2 * np.sqrt(cloth.area), rel=1e-12)
+
+
+def test_linear_fields_do_not_differ_between_meshes(cloth, disk):
+    square = fc.Cloth.rectangle(1.0, 0.6, 0.1, "right")
+    other = fc.Cloth.disk(0.5, 0.07) if cloth is disk else square
+    finer = max(cloth, other, key=lambda c: len(c.triangles))
+    for one, two in ((cloth, other), (other, cloth)):
+        p, q = linear(one.X), linear(two.X)
+        assert one.l2_difference(two, p, q) < 1e-13
+        assert one.h1_difference(two, p, q) < 1e-11
+        side = np.sqrt(finer.area)
+        assert one.l2_difference(two, p[:, 0], q[:, 0] + 3) == pytest.approx(3 * side, rel=1e-12)
+        assert one.h1_difference(two, p[:, 0], 0 * q[:, 0]) == pytest.approx(side, rel=1e-12)
+
+
+def test_differences_of_nested_interpolants_in_closed_form():
+    """X₁² at h and h/2 differs by a hat of h²/4 in each cell: L2 = h²/√48 √A, H1 = h/2 √A."""
+    sheets = [fc.Cloth.rectangle(1.0, 0.5, 0.5 / 2**i, "right") for i in range(1, 4)]
+    for i, (coarse, fine) in enumerate(pairwise(sheets)):
+        h, fields = 0.25 / 2**i, (coarse.X[:, 0] ** 2, fine.X[:, 0] ** 2)
+        l2, h1 = coarse.l2_difference(fine, *fields), coarse.h1_difference(fine, *fields)
+        assert l2 == pytest.approx(h**2 * np.sqrt(0.5 / 48), rel=1e-11)
+        assert h1 == pytest.approx(h / 2 * np.sqrt(0.5), rel=1e-11)
+        assert fine.l2_difference(coarse, *fields[::-1]) == l2
+
+
+def test_differences_of_a_quadratic_converge_on_unrelated_meshes():
+    def field(X):
+        return np.column_stack([X[:, 0] ** 2 + X[:, 0] * X[:, 1], X[:, 1] ** 2])
+
+    h = [0.2, 0.1, 0.05]
+    fine = fc.Cloth.disk(0.5, h=0.0125)
+    coarse = [fc.Cloth.disk(0.5, h=size) for size in h]
+    l2 = [c.l2_difference(fine, field(c.X), field(fine.X)) for c in coarse]
+    h1 = [c.h1_difference(fine, field(c.X), field(fine.X)) for c in coarse]
+    assert observed_order(h, l2) == pytest.approx([2, 2], abs=0.15)
+    assert observed_order(h, h1) == pytest.approx([1, 1], abs=0.15)
+
+
+def test_nodes_by_set_predicate_indices_and_mask(sheet):
+    left = np.flatnonzero(sheet.X[:, 0] == 0)
+    assert len(left) > 3
+    for where in ("left", lambda X: X[:, 0] == 0, left, sheet.X[:, 0] == 0):
+        assert np.array_equal(sheet.nodes(where), left)
+    assert sheet.nodes([5, 2, 5]).tolist() == [5, 2]
+    assert sheet.nodes(lambda X: [3, 1]).tolist() == [3, 1]
+    assert sheet.nodes(len(sheet.X) - 1).tolist() == [len(sheet.X) - 1]
+
+
+def test_choices_of_nodes_that_are_refused(sheet):
+    n = len(sheet.X)
+    every = "bottom, boundary, corners, left, right, top"
+    for where, said in (
+        ("lft", f"Cloth.nodes: node set 'lft': must be one of {every}. Did you mean 'left'?"),
+        ("zzz", f"Cloth.nodes: node set 'zzz': must be one of {every}"),
+        ([], "Cloth.nodes: the choice of nodes is empty: needs a node"),
+        (lambda X: X[:, 0] < -1, "Cloth.nodes: the choice of nodes is empty: needs a node"),
+        ([0, n], f"Cloth.nodes: node indices 0 … {n}: must lie in 0 … {n - 1}"),
+        ([-1, 4], f"Cloth.nodes: node indices -1 … 4: must lie in 0 … {n - 1}"),
+    ):
+        with pytest.raises(fc.InputError) as caught:
+            sheet.nodes(where)
+        assert str(caught.value) == said
+    bare = fc.Cloth(sheet.X, sheet.triangles)
+    with pytest.raises(fc.InputError, match="must be one of \\(none\\)"):
+        bare.nodes("left")
+
+
+@pytest.mark.parametrize("where", [[True, False], [0.5, 1.5], [None], [["left"]]])
+def test_what_is_no_choice_of_nodes(where, sheet):
+    with pytest.raises(fc.InputError, match="must be a set's name, indices, or .* booleans"):
+        sheet.nodes(where)
+
+
+@pytest.mark.parametrize("point", [(1.5, 0.5), (1.34, 1.34), (1.36, 0.0)])
+def test_a_point_is_outside_by_its_distance_not_by_that_to_an_edge_line(point):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, 0.25, "right")
+    with pytest.raises(fc.MeshError, match="must lie on the cloth"):
+        cloth.interpolate(cloth.X, [point])
+    assert cloth.interpolate(cloth.X, [(1.3, 0.5)]) == pytest.approx(np.array([[1.3, 0.5]]))
+
+
+def test_fields_that_do_not_match(sheet):
+    n = len(sheet.X)
+    with pytest.raises(fc.InputError, match="as many components"):
+        sheet.l2_difference(sheet, np.ones(n), np.ones((n, 3)))
+    with pytest.raises(fc.InputError, match=rf"must be \({n},\) or \({n}, d\)"):
+        sheet.l2_norm(np.ones(n + 1))
+    with pytest.raises(fc.InputError, match="nodal field"):
+        sheet.interpolate(np.ones(2), [(0.1, 0.1)])
+    assert sheet.interpolate(np.ones(n), np.zeros((0, 2))).shape == (0,)
+    assert sheet.l2_norm([1.0] * n) == pytest.approx(np.sqrt(0.6))
+
+
+def test_differences_are_integrated_exactly_to_degree_four():
+    """(X² on the fine mesh's nodes − its own interpolant) is piecewise quadratic, its square 4."""
+    coarse = fc.Cloth.rectangle(1.0, 1.0, 1.0, "right")
+    fine = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right")
+    a, b = coarse.X[:, 0] * 3.0, fine.X[:, 0] ** 2
+    points, weights = np.polynomial.legendre.leggauss(3)
+    exact = 0.0
+    for left, slope, offset in ((0.0, 0.5, 0.0), (0.5, 1.5, -0.5)):  # X² between its nodes
+        x = left + 0.25 * (points + 1)
+        exact += 0.25 * weights @ (3 * x - slope * x - offset) ** 2
+    assert coarse.l2_difference(fine, a, b) == pytest.approx(np.sqrt(exact), rel=1e-12)

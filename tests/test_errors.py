@@ -1,0 +1,114 @@
+"""What the messages say, and what the exceptions carry."""
+
+import pickle
+
+import pytest
+
+import fecloth as fc
+from fecloth.newton import NewtonFailed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("h = 0 m",), "h = 0 m"),
+        (("h = 0 m", "must be > 0"), "h = 0 m: must be > 0"),
+        (("h = 0 m", "must be > 0", "a.toml, cloth.h"), "a.toml, cloth.h: h = 0 m: must be > 0"),
+        (("h = 0 m", "", "disk"), "disk: h = 0 m"),
+        (("h = 0 m", "", "", "Give h."), "h = 0 m. Give h."),
+        (
+            ("h = 0 m", "must be > 0", "disk", "Give h."),
+            "disk: h = 0 m: must be > 0. Give h.",
+        ),
+    ],
+)
+@pytest.mark.parametrize("kind", [fc.InputError, fc.MeshError, fc.SceneError])
+def test_quantity_limit_place_and_remedy(kind, arguments, text):
+    error = kind(*arguments)
+    assert str(error) == text
+    padded = (*arguments, "", "", "")[:4]
+    assert (error.what, error.allowed, error.where, error.remedy) == padded
+
+
+@pytest.mark.parametrize(
+    ("kind", "bases"),
+    [
+        (fc.InputError, (fc.FeclothError, ValueError)),
+        (fc.MeshError, (fc.InputError,)),
+        (fc.SceneError, (fc.InputError,)),
+        (fc.SolveFailed, (fc.FeclothError,)),
+        (fc.IndefiniteMatrix, (fc.SolveFailed,)),
+        (fc.StepFailed, (fc.FeclothError,)),
+    ],
+)
+def test_what_catches_what(kind, bases):
+    for base in bases:
+        assert issubclass(kind, base)
+    if kind in (fc.SolveFailed, fc.IndefiniteMatrix, fc.StepFailed):
+        assert not issubclass(kind, fc.InputError)  # a failed run is not a wrong input
+
+
+@pytest.mark.parametrize("kind", [fc.SolveFailed, fc.IndefiniteMatrix])
+def test_a_failed_solve_states_its_residual(kind):
+    error = kind("CG stopped after 30 iterations", 2.5e-3, 1e-6)
+    assert str(error) == (
+        "CG stopped after 30 iterations (relative residual 2.50e-03, asked 1.00e-06)"
+    )
+    assert (error.reason, error.residual, error.asked) == (
+        "CG stopped after 30 iterations",
+        2.5e-3,
+        1e-6,
+    )
+    assert str(kind("not positive definite")) == "not positive definite"  # no residual, no "nan"
+
+
+def failed(**change):
+    known = {"step": 12, "t": 0.11, "dt": 0.01, "residual": 3.4e-2, "stretch": 0.031}
+    known |= {"triangle": 77, "state": "the last good one", "remedy": "Take a smaller dt."}
+    return fc.StepFailed("Newton did not converge", **(known | change))
+
+
+def test_a_failed_step_says_where_and_how_badly():
+    assert str(failed()) == (
+        "step 12 from t = 0.11 s with dt = 0.01 s failed: Newton did not converge "
+        "(relative residual 3.40e-02; most deformed triangle 77 with a principal stretch of "
+        "0.031). Take a smaller dt."
+    )
+    error = failed()
+    assert (error.reason, error.step, error.t, error.dt) == (
+        "Newton did not converge",
+        12,
+        0.11,
+        0.01,
+    )
+    assert (error.residual, error.stretch, error.triangle) == (3.4e-2, 0.031, 77)
+    assert (error.state, error.remedy) == ("the last good one", "Take a smaller dt.")
+
+
+def test_a_failed_step_without_a_residual_does_not_name_one():
+    said = str(failed(residual=float("nan")))
+    assert "residual" not in said
+    assert "(most deformed triangle 77" in said
+    assert str(fc.StepFailed("no step was taken")) == "no step was taken"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        fc.MeshError("h = 0 m", "must be > 0", "disk", "Give h."),
+        fc.IndefiniteMatrix("not positive definite", 0.5, 1e-6),
+        failed(),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_errors_travel_between_processes(error):
+    copy = pickle.loads(pickle.dumps(error))
+    assert type(copy) is type(error)
+    assert str(copy) == str(error)
+    assert vars(copy) == vars(error)
+
+
+def test_newtons_failure_survives_pickling():
+    failure = pickle.loads(pickle.dumps(NewtonFailed("it stalled", 0.5, "Take a smaller dt.")))
+    assert str(failure) == "it stalled (relative residual 5.00e-01). Take a smaller dt."
+    assert (failure.reason, failure.residual) == ("it stalled", 0.5)

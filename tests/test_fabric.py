@@ -1,0 +1,159 @@
+"""Moduli against closed forms, the conversion from a bulk sheet, and what is refused."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import fecloth as fc
+
+stiffness = st.floats(1.0, 1e5)
+# ν₁₂ as a fraction of its limit √(Y₁/Y₂)
+fraction = st.floats(-0.99, 0.99)
+
+
+def plane(C):
+    """(3, 3) Voigt matrix of (C11, C22, C66, C12, C16, C26)."""
+    C11, C22, C66, C12, C16, C26 = C
+    return np.array([[C11, C12, C16], [C12, C22, C26], [C16, C26, C66]])
+
+
+@settings(deadline=None)
+@given(warp=stiffness, weft=stiffness, shear=stiffness, part=fraction)
+def test_moduli_invert_the_compliance(warp, weft, shear, part):
+    """ε₁ = (σ₁ − ν₁₂ σ₂ Y₁/Y₁)/Y₁ …: the compliance is [[1/Y₁, −ν/Y₁], [−ν/Y₁, 1/Y₂]] and 1/G."""
+    nu = part * np.sqrt(warp / weft)
+    moduli = fc.Fabric(0.2, (warp, weft), nu, shear_stiffness=shear).moduli()
+    compliance = np.array([[1 / warp, -nu / warp, 0], [-nu / warp, 1 / weft, 0], [0, 0, 1 / shear]])
+    scale = np.sqrt(np.diag(compliance))
+    np.testing.assert_allclose(
+        (plane(moduli) @ compliance) / np.outer(1 / scale, scale), np.eye(3), atol=1e-11
+    )
+    assert np.linalg.eigvalsh(plane(moduli) * np.outer(scale, scale))[0] > 0
+
+
+def test_moduli_of_a_known_fabric():
+    """Y = (2000, 900) N/m, ν₁₂ = 0.2: ν₂₁ = 0.09, 1 − ν₁₂ν₂₁ = 0.982."""
+    moduli = fc.Fabric(0.2, (2000.0, 900.0), 0.2, shear_stiffness=60.0).moduli()
+    expected = [2000 / 0.982, 900 / 0.982, 60.0, 0.2 * 900 / 0.982, 0.0, 0.0]
+    np.testing.assert_allclose(moduli, expected, rtol=1e-14)
+
+
+def test_poisson_ratio_is_weft_contraction_under_warp_tension():
+    warp, nu = 2000.0, 0.35
+    C = plane(fc.Fabric(0.2, (warp, 900.0), nu, shear_stiffness=60.0).moduli())
+    strain = np.linalg.solve(C, [20.0, 0.0, 0.0])  # 20 N/m along the warp
+    np.testing.assert_allclose(strain, [20 / warp, -nu * 20 / warp, 0.0], rtol=1e-13, atol=1e-18)
+
+
+@settings(deadline=None)
+@given(young=stiffness, nu=st.floats(-0.9, 0.99), angle=st.floats(0.0, 3.2))
+def test_an_isotropic_fabric_has_no_direction(young, nu, angle):
+    """W(QᵀEQ) = W(E) for E = (0.3, −0.1, 0.05): needs C66 = (C11 − C12)/2."""
+    C = plane(fc.Fabric(0.2, young, nu).moduli())
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    E = np.array([[0.3, 0.05], [0.05, -0.1]])
+    voigt = [np.array([e[0, 0], e[1, 1], 2 * e[0, 1]]) for e in (E, turn.T @ E @ turn)]
+    first, second = (0.5 * e @ C @ e for e in voigt)
+    assert second == pytest.approx(first, rel=1e-10)
+
+
+def test_one_number_is_both_directions():
+    one, both = fc.Fabric(0.2, 700.0, 0.3), fc.Fabric(0.2, (700.0, 700.0), 0.3)
+    assert one.tensile == both.tensile == (700.0, 700.0)
+    assert one.shear == both.shear == pytest.approx(700 / 2.6, rel=1e-15)
+    assert fc.Fabric(0.2, 700.0, 0.3, shear_stiffness=10.0).shear == 10.0
+    assert fc.Fabric(0.2, 700.0, bending_rigidity=2e-5).bending == (2e-5, 2e-5)
+    assert fc.Fabric(0.2, 700.0, bending_rigidity=(2e-5, 1e-5)).bending == (2e-5, 1e-5)
+    assert one.bending is None
+
+
+def test_a_fabric_does_not_change():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        fc.Fabric(0.2, 700.0).areal_density = 1.0
+
+
+def test_sheet_closed_forms():
+    """h = 2 mm rubber: Y = E h, B = E h³/(12 (1 − ν²)), ρ h; G = E h/(2 (1 + ν))."""
+    fabric = fc.Fabric.sheet(E=1.2e6, nu=0.5, thickness=2e-3, rho=1100.0)
+    assert fabric.areal_density == pytest.approx(2.2, rel=1e-14)
+    assert fabric.tensile == pytest.approx((2400.0, 2400.0), rel=1e-14)
+    assert fabric.bending == pytest.approx((1.2e6 * 8e-9 / 9, 1.2e6 * 8e-9 / 9), rel=1e-14)
+    assert fabric.shear == pytest.approx(800.0, rel=1e-14)
+    expected = [3200.0, 3200.0, 800.0, 1600.0, 0.0, 0.0]  # Y/(1 − ν²) = 2400/0.75
+    np.testing.assert_allclose(fabric.moduli(), expected, rtol=1e-14)
+
+
+def test_poisson_limit_follows_the_ratio_of_stiffness():
+    """ν₁₂² < Y₁/Y₂: beyond 1 where the warp is the stiffer, below 1 where the weft is."""
+    stiff_warp = fc.Fabric(0.2, (2000.0, 500.0), 1.99, shear_stiffness=60.0)
+    assert np.linalg.eigvalsh(plane(stiff_warp.moduli()))[0] > 0
+    fc.Fabric(0.2, (500.0, 2000.0), 0.499, shear_stiffness=60.0)
+    for tensile, nu, limit in (
+        ((2000.0, 500.0), 2.0, "-2 and 2"),
+        ((500.0, 2000.0), 0.5, "-0.5 and 0.5"),
+        ((500.0, 2000.0), -0.6, "-0.5 and 0.5"),
+        (700.0, 1.0, "-1 and 1"),
+        (700.0, -1.0, "-1 and 1"),
+    ):
+        with pytest.raises(fc.InputError, match=f"poisson_ratio = {nu}: must lie between {limit}"):
+            fc.Fabric(0.2, tensile, nu, shear_stiffness=60.0)
+
+
+GOOD = {
+    "areal_density": 0.2,
+    "tensile_stiffness": (2000.0, 900.0),
+    "poisson_ratio": 0.2,
+    "shear_stiffness": 60.0,
+    "bending_rigidity": (2e-5, 1e-5),
+}
+UNIT = {"areal_density": "kg/m²", "shear_stiffness": "N/m"}
+BAD = [0.0, -0.1, np.nan, np.inf, -np.inf, "1", 1j]
+
+
+@pytest.mark.parametrize("bad", BAD, ids=repr)
+@pytest.mark.parametrize("name", ["areal_density", "shear_stiffness"])
+def test_one_number_out_of_range(name, bad):
+    with pytest.raises(fc.InputError) as caught:
+        fc.Fabric(**(GOOD | {name: bad}))
+    unit = UNIT[name]
+    assert str(caught.value) == f"Fabric: {name} = {bad!r}: must be a finite number > 0 [{unit}]"
+
+
+@pytest.mark.parametrize("bad", BAD, ids=repr)
+@pytest.mark.parametrize("name", ["tensile_stiffness", "bending_rigidity"])
+def test_a_pair_out_of_range(name, bad):
+    for value in (bad, (bad, 900.0), (900.0, bad)):
+        with pytest.raises(fc.InputError) as caught:
+            fc.Fabric(**(GOOD | {name: value}))
+        assert f"{name} = {bad!r}: must be a finite number > 0" in str(caught.value)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_poisson_ratio_not_finite(bad):
+    with pytest.raises(fc.InputError, match=f"poisson_ratio = {bad}"):
+        fc.Fabric(0.2, 700.0, bad)
+
+
+@pytest.mark.parametrize("name", ["tensile_stiffness", "bending_rigidity"])
+def test_neither_a_number_nor_a_pair(name):
+    with pytest.raises(fc.InputError, match=f"{name} = .1.0, 2.0, 3.0.: must be a number or"):
+        fc.Fabric(**(GOOD | {name: (1.0, 2.0, 3.0)}))
+
+
+def test_an_orthotropic_fabric_must_state_its_shear_stiffness():
+    with pytest.raises(fc.InputError, match="shear_stiffness is missing: an orthotropic fabric"):
+        fc.Fabric(0.2, (2000.0, 900.0), 0.2)
+
+
+@pytest.mark.parametrize(
+    ("name", "bad"),
+    [(name, bad) for name in ("E", "thickness", "rho") for bad in (0.0, -1.0, np.nan, np.inf)]
+    + [("nu", bad) for bad in (-1.0, 0.51, np.nan, np.inf)],
+)
+def test_sheet_refuses(name, bad):
+    good = {"E": 2e5, "nu": 0.3, "thickness": 5e-4, "rho": 400.0}
+    with pytest.raises(fc.InputError, match=f"Fabric.sheet: {name} = {bad}"):
+        fc.Fabric.sheet(**(good | {name: bad}))

@@ -1,0 +1,184 @@
+"""The checks themselves: they refuse what is wrong and pass what is right."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from conftest import affine
+
+import fecloth as fc
+from fecloth.blocks import BlockMatrix
+from fecloth.terms.membrane import principal_stretches
+from fecloth.verify import (
+    Sweep,
+    VerificationFailed,
+    check_integrator,
+    check_term,
+    observed_order,
+    trial_states,
+)
+
+ONE_SCALE = {"scales": (1.0,)}
+
+
+@dataclass(frozen=True)
+class Spoiled:
+    """Another term with its energy, force and tangents multiplied."""
+
+    base: object
+    energy: float = 1.0
+    force: float = 1.0
+    stiffness: float = 1.0
+    damping: float = 1.0
+
+    def stencil(self, cloth):
+        return self.base.stencil(cloth)
+
+    def bind(self, cloth, fabric, slots):
+        return BoundSpoiled(self, self.base.bind(cloth, fabric, slots))
+
+
+@dataclass(frozen=True, eq=False)
+class BoundSpoiled:
+    by: Spoiled
+    bound: object
+
+    def __getattr__(self, name):
+        return getattr(self.bound, name)
+
+    def energy(self, x, t):
+        return self.by.energy * self.bound.energy(x, t)
+
+    def add_force(self, x, v, t, f):
+        own = np.zeros_like(f)
+        self.bound.add_force(x, v, t, own)
+        f += self.by.force * own
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite):
+        own = BlockMatrix.zeros(J.pattern)
+        wx, wv = wx * self.by.stiffness, wv * self.by.damping
+        self.bound.add_tangent(x, v, t, wx, wv, own, definite)
+        J.values[:] += own.values
+
+
+EXACT = fc.StrainRateDamping(0.01, tangent="exact")
+
+
+@pytest.mark.parametrize(
+    ("term", "said"),
+    [
+        (Spoiled(fc.StVK(), energy=1.001), "^force of Spoiled"),
+        (Spoiled(fc.StVK(), force=-1.0, stiffness=-1.0), "^force of Spoiled"),
+        (Spoiled(fc.StVK(), stiffness=1.001), "^x-tangent of Spoiled"),
+        (Spoiled(fc.StVK(), stiffness=0.0), "^x-tangent of Spoiled"),
+        (Spoiled(EXACT, stiffness=1.001), "^x-tangent of Spoiled"),
+        (Spoiled(EXACT, damping=1.001), "^v-tangent of Spoiled"),
+        (Spoiled(EXACT, damping=0.0), "^v-tangent of Spoiled"),
+        (Spoiled(fc.Gravity(), energy=1.001), "^force of Spoiled"),
+        (Spoiled(fc.StVK(), force=0.0), "^StVK gives no force"),
+        (Spoiled(fc.StVK(), force=np.nan), "^StVK gives no force"),
+        (Spoiled(fc.StVK(), energy=np.nan), "^force of Spoiled"),
+    ],
+)
+def test_check_term_refuses(term, said):
+    check_term(term.base, **ONE_SCALE)
+    with pytest.raises(VerificationFailed, match=said):
+        check_term(term, **ONE_SCALE)
+
+
+def test_check_term_names_term_state_and_scale():
+    said = r"Spoiled\(base=StVK.* in the random state at stiffness × 0.001 .* slope .* instead of 2"
+    with pytest.raises(VerificationFailed, match=said):
+        check_term(Spoiled(fc.StVK(), stiffness=1.1))
+
+
+def test_check_term_refuses_states_without_load(isotropic):
+    sheet = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")  # exact in binary
+    rest = fc.System(sheet, isotropic, []).rest()
+    for term in (fc.StVK(), fc.StrainRateDamping(0.01)):
+        with pytest.raises(VerificationFailed, match="gives no force: choose states"):
+            check_term(term, sheet, isotropic, states=[("rest", rest.x, rest.v)])
+
+
+def test_check_term_runs_every_derivative_state_and_scale():
+    sweeps = check_term(fc.StVK(), scales=(1e-2, 1e2))
+    names = ["force", "x-tangent", "v-tangent"]
+    assert [sweep.name for sweep in sweeps] == names * 3 * 2
+    slopes = [sweep.slope for sweep in sweeps if sweep.name != "v-tangent"]
+    assert slopes == pytest.approx(np.full(12, 2.0), abs=0.15)
+    assert len(check_term(EXACT, tangents=("v",), **ONE_SCALE)) == 3  # it has no energy
+
+
+def test_trial_states_are_what_they_are_called(sheet):
+    states = {name: principal_stretches(sheet, x) for name, x, _ in trial_states(sheet)}
+    assert list(states) == ["random", "compressed", "nearly degenerate"]
+    assert np.median(states["compressed"]) == pytest.approx(0.3, abs=0.1)
+    assert states["compressed"].max() < 1
+    assert (states["nearly degenerate"][:, 0] < 0.05).all()
+    assert states["random"].max() > 1.2
+    x, other = trial_states(sheet)[0][1], trial_states(sheet, seed=1)[0][1]
+    assert np.array_equal(x, trial_states(sheet)[0][1])
+    assert abs(x - other).max() > 0.01
+
+
+H = 0.1 * 0.5 ** np.arange(16)
+
+
+def test_a_sweep_passes_slope_two_and_round_off():
+    """3 h² + 1e-15/h turns round at 5e-6; all errors below 1e-8 mean a linear function."""
+    good = Sweep("force", H, 3 * H**2 + 1e-15 / H)
+    good.check("it")
+    assert good.slope == pytest.approx(2, abs=0.02)
+    linear = Sweep("force", H, 1e-14 / H)
+    linear.check("it")
+    assert np.isnan(linear.slope)
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [3 * H, 3 * H**3, 3 * H**2 + 1e-4, np.full(16, 1e-3), np.full(16, 1e-6), 1e-7 / H, H * np.nan],
+    ids=["order 1", "order 3", "plateau", "constant", "small constant", "growing", "nan"],
+)
+def test_a_sweep_refuses_any_other_curve(errors):
+    with pytest.raises(VerificationFailed, match="^force of it is not the derivative: slope"):
+        Sweep("force", H, errors).check("it")
+
+
+def test_a_sweep_refuses_to_stop_before_the_error_is_small():
+    with pytest.raises(VerificationFailed, match="slope 2.00 .* smallest relative error 1.2e-04"):
+        Sweep("force", H[:5], 3 * H[:5] ** 2).check("it")
+
+
+def test_observed_order_of_a_power_law():
+    h = [0.4, 0.1, 0.07, 0.01]
+    for order in (1, 2, 3.5):
+        errors = 7 * np.array(h) ** order
+        np.testing.assert_allclose(observed_order(h, errors), np.full(3, order), rtol=1e-12)
+    assert observed_order([2, 1], [1, 2]) == pytest.approx([-1])  # it grows, and integers do
+
+
+def test_check_integrator_returns_the_orders_and_holds_the_tolerance(isotropic):
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1, pattern="right")
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    start = system.state(affine(cloth, [[1.1, 0], [0, 1.1], [0, 0]]))
+    orders = check_integrator(system, fc.ImplicitMidpoint(), start, 0.005)
+    assert orders.shape == (2,)
+    assert orders[-1] == pytest.approx(2, abs=0.15)
+    with pytest.raises(VerificationFailed, match="ImplicitMidpoint.*claimed 2"):
+        check_integrator(system, fc.ImplicitMidpoint(), start, 0.005, tolerance=1e-9)
+
+
+def test_states_may_be_a_generator_and_must_be_some():
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
+    listed = check_term(fc.StVK(), cloth=cloth, states=(s for s in trial_states(cloth)))
+    assert len(listed) == len(check_term(fc.StVK(), cloth=cloth))
+    for nothing in ({"states": []}, {"scales": ()}):
+        with pytest.raises(VerificationFailed, match="nothing is checked"):
+            check_term(fc.StVK(), cloth=cloth, **nothing)
+
+
+def test_round_off_is_no_force():
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.05)
+    rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    with pytest.raises(VerificationFailed, match="gives no force"):
+        check_term(fc.StVK(), cloth=cloth, states=[("rest", rest, 0 * rest)])
