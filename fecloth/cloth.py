@@ -40,8 +40,8 @@ class Cloth:
     triangles
         (m, 3) int32, counter-clockwise; ``triangles`` and not scikit-fem's ``mesh.t`` holds the
         orientation.
-    node_sets, edge_sets
-        Named node indices, and named (k, 2) node pairs.
+    node_sets, edge_sets, triangle_sets
+        Named node indices, (k, 2) node pairs, and triangles (regions).
     source_nodes, source_triangles
         ``X[i]`` came in as node ``source_nodes[i]``; likewise for triangles.
 
@@ -61,6 +61,7 @@ class Cloth:
     source_nodes: np.ndarray | None = None
     source_triangles: np.ndarray | None = None
     element: str = "P1"
+    triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
     # --- where a cloth comes from -------------------------------------------------------------
 
@@ -89,16 +90,33 @@ class Cloth:
         return cls._of(meshing.read(path, h))
 
     @classmethod
-    def from_arrays(cls, X, triangles, sets: dict | None = None, renumber: bool = True):
-        """A cloth from coordinates (n, 2) [m], triangles (m, 3) and named node indices."""
-        return cls._of(meshing.checked(X, triangles, sets, where="from_arrays"), renumber)
+    def from_arrays(
+        cls,
+        X,
+        triangles,
+        sets: dict | None = None,
+        renumber: bool = True,
+        regions: dict | None = None,
+    ):
+        """A cloth from coordinates (n, 2) [m], triangles (m, 3), named nodes, named triangles."""
+        where = "from_arrays"
+        mesh = meshing.checked(X, triangles, sets, where=where, triangle_sets=regions)
+        return cls._of(mesh, renumber)
 
     @classmethod
     def _of(cls, mesh: meshing.FlatMesh, renumber: bool = True):
         nodes, triangles = np.arange(len(mesh.X)), np.arange(len(mesh.triangles))
         if renumber:
             mesh, nodes, triangles = meshing.renumbered(mesh)
-        return cls(mesh.X, mesh.triangles, mesh.node_sets, mesh.edge_sets, nodes, triangles)
+        return cls(
+            mesh.X,
+            mesh.triangles,
+            mesh.node_sets,
+            mesh.edge_sets,
+            nodes,
+            triangles,
+            triangle_sets=mesh.triangle_sets,
+        )
 
     # --- what it is ---------------------------------------------------------------------------
 
@@ -142,6 +160,26 @@ class Cloth:
             )
         _, first = np.unique(chosen, return_index=True)
         return chosen[np.sort(first)]
+
+    def region(self, where: Where) -> np.ndarray:
+        """Triangle indices of a named region, or of a predicate on the centroids (m, 2).
+
+        Raises
+        ------
+        InputError
+            If the region is unknown or holds no triangle.
+        """
+        if callable(where):
+            chosen = np.flatnonzero(where(self.X[self.triangles].mean(axis=1)))
+        elif where in self.triangle_sets:
+            chosen = self.triangle_sets[where]
+        else:
+            allowed = f"must be one of {', '.join(sorted(self.triangle_sets)) or '(none)'}"
+            close = _nearest(where, self.triangle_sets)
+            raise InputError(f"region {where!r}", allowed, "Cloth.region", close)
+        if not len(chosen):
+            raise InputError("the choice of triangles is empty", "needs one", "Cloth.region")
+        return chosen
 
     @property
     def area(self) -> float:
@@ -201,14 +239,24 @@ class Cloth:
     @cached_property
     def load(self) -> np.ndarray:
         """(n,) ∫ N_a dA [m²], the load vector of a unit load."""
-        return skfem.LinearForm(lambda v, w: v).assemble(self.basis(2))
+        return self.weighted_load(np.ones(len(self.triangles)))
 
-    def mass(self, kind: str = "lumped") -> sparse.csr_matrix:
-        """(n, n) ∫ N_a N_b dA [m²], consistent or lumped by row sums."""
+    def weighted_load(self, density: np.ndarray) -> np.ndarray:
+        """(n,) ∫ ρ N_a dA, with one ρ for each triangle (m,)."""
+        basis = self.basis(2)
+        rho = np.broadcast_to(density[:, None], basis.dx.shape)
+        return skfem.LinearForm(lambda v, w: w["rho"] * v).assemble(basis, rho=rho)
+
+    def mass(self, kind: str = "lumped", density: np.ndarray | None = None) -> sparse.csr_matrix:
+        """(n, n) ∫ ρ N_a N_b dA, consistent or lumped by row sums; ρ (m,) is 1 if left out."""
+        density = np.ones(len(self.triangles)) if density is None else density
         if kind == "lumped":
-            return sparse.diags(self.load, format="csr")
+            return sparse.diags(self.weighted_load(density), format="csr")
         if kind == "consistent":
-            return skfem.BilinearForm(lambda u, v, w: u * v).assemble(self.basis(2)).tocsr()
+            basis = self.basis(2)
+            rho = np.broadcast_to(density[:, None], basis.dx.shape)
+            form = skfem.BilinearForm(lambda u, v, w: w["rho"] * u * v)
+            return form.assemble(basis, rho=rho).tocsr()
         raise InputError(f"mass = {kind!r}", 'must be "lumped" or "consistent"', "Cloth.mass")
 
     # --- fields on the cloth ------------------------------------------------------------------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +47,7 @@ class RawMesh:
     node_ids: np.ndarray
     triangle_ids: np.ndarray
     geometric: np.ndarray  # (n,) bool: nodes that may be dropped when no triangle uses them
+    triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def check_size(h, extent: float, area: float, where: str) -> None:
@@ -148,7 +149,25 @@ def _from_gmsh(gmsh, where: str) -> RawMesh:
         first = np.sort(np.unique(triangles, axis=0, return_index=True)[1])
         triangles, triangle_ids = triangles[first], triangle_ids[first]
     nodes, edges = _gmsh_sets(gmsh, ids, where)
-    return RawMesh(xyz, triangles, nodes, edges, ids, triangle_ids, np.ones(len(ids), dtype=bool))
+    regions = _gmsh_regions(gmsh, triangles, ids)
+    every = np.ones(len(ids), dtype=bool)
+    return RawMesh(xyz, triangles, nodes, edges, ids, triangle_ids, every, regions)
+
+
+def _gmsh_regions(gmsh, triangles, ids) -> dict[str, np.ndarray]:
+    """Triangle indices by the name of their physical surface; by their nodes, as a file of format
+    2.2 numbers a triangle anew for each group that it is in."""
+    order = np.lexsort(triangles.T[::-1])
+    known = np.ascontiguousarray(triangles[order].astype(np.int64)) @ [len(ids) ** 2, len(ids), 1]
+    regions: dict[str, list[np.ndarray]] = {}
+    for dim, tag in gmsh.model.getPhysicalGroups(2):
+        name = gmsh.model.getPhysicalName(dim, tag) or f"surface_{tag}"
+        for surface in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
+            vertices = gmsh.model.mesh.getElementsByType(2, surface)[1].astype(np.int64)
+            own = np.searchsorted(ids, vertices).reshape(-1, 3) @ [len(ids) ** 2, len(ids), 1]
+            place = np.minimum(np.searchsorted(known, own), len(known) - 1)
+            regions.setdefault(name, []).append(order[place[known[place] == own]])
+    return {name: np.unique(np.concatenate(found)) for name, found in regions.items()}
 
 
 def _gmsh_sets(gmsh, ids, where):

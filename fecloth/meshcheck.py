@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -27,12 +27,15 @@ class FlatMesh:
         Name to sorted unique node indices.
     edge_sets
         Name to (k, 2) node pairs, lower index first, of the triangle edges in the named curve.
+    triangle_sets
+        Name to sorted unique triangle indices.
     """
 
     X: np.ndarray
     triangles: np.ndarray
     node_sets: dict[str, np.ndarray]
     edge_sets: dict[str, np.ndarray]
+    triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,14 @@ class _Source:
 
 
 def checked(
-    X, triangles, node_sets=None, edge_sets=None, where="", node_ids=None, triangle_ids=None
+    X,
+    triangles,
+    node_sets=None,
+    edge_sets=None,
+    where="",
+    node_ids=None,
+    triangle_ids=None,
+    triangle_sets=None,
 ) -> FlatMesh:
     """Validate plain arrays and orient the triangles counter-clockwise, once.
 
@@ -92,6 +102,7 @@ def checked(
         File or call, for the messages.
     node_ids, triangle_ids : integer arrays, optional
         Numbers by which messages name nodes and triangles; default: the indices.
+    triangle_sets : dict of str to (k,) integer arrays, optional
 
     Raises
     ------
@@ -128,7 +139,8 @@ def checked(
     if "boundary" not in nodes:
         edges.setdefault("boundary", boundary)
     nodes = {name: np.unique(pairs) for name, pairs in edges.items()} | nodes
-    return FlatMesh(X, triangles, nodes, edges)
+    regions = {name: _node_set(name, s, m, where) for name, s in (triangle_sets or {}).items()}
+    return FlatMesh(X, triangles, nodes, edges, regions)
 
 
 def sorted_pairs(pairs: np.ndarray) -> np.ndarray:

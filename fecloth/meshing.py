@@ -160,7 +160,10 @@ def renumbered(mesh: FlatMesh) -> tuple[FlatMesh, np.ndarray, np.ndarray]:
         name: np.sort(new[nodes]).astype(np.intp) for name, nodes in mesh.node_sets.items()
     }
     edge_sets = {name: sorted_pairs(new[pairs]) for name, pairs in mesh.edge_sets.items()}
-    moved = FlatMesh(mesh.X[old_nodes], triangles[old_triangles], node_sets, edge_sets)
+    place = np.empty(len(triangles), dtype=np.intp)
+    place[old_triangles] = np.arange(len(triangles))
+    regions = {name: np.sort(place[chosen]) for name, chosen in mesh.triangle_sets.items()}
+    moved = FlatMesh(mesh.X[old_nodes], triangles[old_triangles], node_sets, edge_sets, regions)
     return moved, old_nodes.astype(np.intp), old_triangles
 
 

@@ -94,7 +94,8 @@ def _assembled(raw: RawMesh, where: str) -> FlatMesh:
     else:
         kept[:] = True
     ids, xyz = raw.node_ids[kept], raw.xyz[kept]
-    return checked(xyz, t, nodes, edges, where, ids, raw.triangle_ids)
+    regions = raw.triangle_sets
+    return checked(xyz, t, nodes, edges, where, ids, raw.triangle_ids, regions)
 
 
 def _from_meshio(path: Path, suffix: str) -> RawMesh:

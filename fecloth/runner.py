@@ -214,7 +214,7 @@ def compile_kernels(built: Built, linear: str) -> None:
     cloth = Cloth.rectangle(1.0, 1.0, h=1.0, pattern="right")
     with suppress(FeclothError):  # what fails there says nothing about the scene
         whole = built.system
-        system = System(cloth, whole.fabric, whole.terms, ["left"], whole.mass_kind)
+        system = System(cloth, whole.panel.fabrics[0], whole.terms, ["left"], whole.mass_kind)
         start = system.state(1.01 * system.rest().x)
         fields(system, start)
         run(system, built.method, start, built.dt, built.dt, solver=linear)

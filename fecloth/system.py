@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,6 +13,7 @@ from .blocks import BlockMatrix, BlockPattern, add_mass
 from .cloth import Cloth
 from .errors import InputError
 from .fabric import Fabric
+from .panel import Panel
 from .pins import Constraints, MatrixProjection, Pin
 
 
@@ -32,13 +33,15 @@ class System:
     Parameters
     ----------
     cloth, fabric
-        Reference mesh and constants.
+        Reference mesh and constants; {"body": a, "hem": b} gives each named region its fabric.
     terms
         Descriptions such as ``StVK(), Gravity()``; nothing is added to them.
     pins
         `Pin` objects, or names of node sets to hold fixed.
     mass
         "lumped" (row sums) or "consistent".
+    grain
+        Angle of the warp from the X axis [rad], for all or by region.
 
     Raises
     ------
@@ -56,12 +59,13 @@ class System:
     """
 
     cloth: Cloth
-    fabric: Fabric
+    fabric: Fabric | Mapping[str, Fabric]
     terms: Sequence
     pins: Sequence[Pin | str] = ()
     mass_kind: str = "lumped"
+    grain: float | Mapping[str, float] = 0.0
 
-    def __init__(self, cloth, fabric, terms, pins=(), mass="lumped"):
+    def __init__(self, cloth, fabric, terms, pins=(), mass="lumped", grain=0.0):
         terms = _several(terms, "terms", "StVK()", lambda term: hasattr(term, "bind"))
         pins = _several(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
         for name, value in (
@@ -70,6 +74,7 @@ class System:
             ("terms", terms),
             ("pins", pins),
             ("mass_kind", mass),
+            ("grain", grain),
         ):
             object.__setattr__(self, name, value)
         _ = self.scalar_mass, self.bound, self.constraints  # now: errors should stand where made
@@ -77,14 +82,19 @@ class System:
     # --- what is bound, once ------------------------------------------------------------------
 
     @cached_property
+    def panel(self) -> Panel:
+        """The cloth cut from its fabrics."""
+        return Panel.cut(self.cloth, self.fabric, self.grain)
+
+    @cached_property
     def scalar_mass(self) -> sparse.csr_matrix:
         """(n, n) mass matrix of one component [kg]."""
-        return (self.fabric.areal_density * self.cloth.mass(self.mass_kind)).tocsr()
+        return self.cloth.mass(self.mass_kind, self.panel.density)
 
     @cached_property
     def nodal_mass(self) -> np.ndarray:
         """(n,) row sums of the mass [kg]."""
-        return self.fabric.areal_density * self.cloth.load
+        return self.cloth.weighted_load(self.panel.density)
 
     @cached_property
     def _stencils(self) -> list:
@@ -108,7 +118,7 @@ class System:
                 shared[id(stencil)] = self.pattern.slots(stencil)
             return shared[id(stencil)]
 
-        return tuple(term.bind(self.cloth, self.fabric, slots) for term in self.terms)
+        return tuple(term.bind(self.panel, slots) for term in self.terms)
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -18,8 +18,9 @@ class LinearMembrane:
     def stencil(self, cloth):
         return cloth.stencil
 
-    def bind(self, cloth, fabric, slots):
-        system = fc.System(cloth, fabric, [fc.StVK()])
+    def bind(self, panel, slots):
+        cloth = panel.cloth
+        system = fc.System(cloth, panel.fabrics[0], [fc.StVK()])
         x = np.column_stack([self.stretch * cloth.X, np.zeros(len(cloth.X))])
         K = system.stiffness(system.state(x))
         return BoundLinear(K, x, slots(cloth.stencil), cloth.stencil, 0.0)
@@ -33,9 +34,9 @@ class LinearDamping:
     def stencil(self, cloth):
         return cloth.stencil
 
-    def bind(self, cloth, fabric, slots):
-        bound = LinearMembrane(self.stretch).bind(cloth, fabric, slots)
-        return BoundLinear(bound.K, bound.x0, bound.slots, cloth.stencil, self.time)
+    def bind(self, panel, slots):
+        bound = LinearMembrane(self.stretch).bind(panel, slots)
+        return BoundLinear(bound.K, bound.x0, bound.slots, panel.cloth.stencil, self.time)
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,8 +34,8 @@ class Spoiled:
     def stencil(self, cloth):
         return self.base.stencil(cloth)
 
-    def bind(self, cloth, fabric, slots):
-        return BoundSpoiled(self, self.base.bind(cloth, fabric, slots))
+    def bind(self, panel, slots):
+        return BoundSpoiled(self, self.base.bind(panel, slots))
 
 
 @dataclass(frozen=True, eq=False)

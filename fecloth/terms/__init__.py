@@ -3,7 +3,7 @@
 What a user writes is a frozen description with its own parameters only. It offers
 
     stencil(cloth)              (m, k) nodes that it couples, or None
-    bind(cloth, fabric, slots)  the bound term; ``slots(stencil)`` gives its blocks in the matrix
+    bind(panel, slots)          the bound term; ``slots(stencil)`` gives its blocks in the matrix
 
 and the bound term offers, in place and without knowledge of dt, solver or other terms,
 

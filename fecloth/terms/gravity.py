@@ -8,7 +8,7 @@ import numpy as np
 
 from ..cloth import Cloth
 from ..errors import InputError
-from ..fabric import Fabric
+from ..panel import Panel
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,9 @@ class Gravity:
     def stencil(self, cloth: Cloth) -> None:
         return None
 
-    def bind(self, cloth: Cloth, fabric: Fabric, slots) -> BoundGravity:
-        return BoundGravity(fabric.areal_density * np.outer(cloth.load, self.acceleration))
+    def bind(self, panel: Panel, slots) -> BoundGravity:
+        weights = panel.cloth.weighted_load(panel.density)
+        return BoundGravity(np.outer(weights, self.acceleration))
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,7 @@ import numpy as np
 
 from ..cloth import Cloth
 from ..compiled import inner, loop
+from ..panel import Panel
 
 
 @inner
@@ -249,17 +250,17 @@ class BoundMembrane:
     ----------
     kernels
         The law's entry points.
-    cloth, slots
-        The cloth, and the (m, k, k) blocks of its triangles in the system matrix.
+    panel, slots
+        The panel, and the (m, k, k) blocks of its triangles in the system matrix.
     constants
         (m, p) constants of the law in each triangle.
     moduli
-        (6,) ℂ at E = 0 [N/m], for the bound on the frequency.
+        (m, 6) ℂ at E = 0 [N/m], for the bound on the frequency.
     """
 
     name: str
     kernels: Kernels
-    cloth: Cloth
+    panel: Panel
     slots: np.ndarray
     constants: np.ndarray
     moduli: np.ndarray
@@ -271,8 +272,8 @@ class BoundMembrane:
 
     @property
     def _data(self):
-        cloth = self.cloth
-        return *cloth.shape, cloth.stencil, cloth.gradients, cloth.weights, self.constants
+        cloth, gradients = self.panel.cloth, self.panel.gradients
+        return *cloth.shape, cloth.stencil, gradients, cloth.weights, self.constants
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """Σ w W [J]."""
@@ -294,33 +295,32 @@ class BoundMembrane:
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest and of M⁻¹D [1/s]."""
-        return eigenvalue_bound(self.cloth, self.moduli, mass), 0.0
+        return eigenvalue_bound(self.panel, self.moduli, mass), 0.0
 
 
-def bind(name, kernels: Kernels, constants, moduli, cloth: Cloth, slots: Callable) -> BoundMembrane:
-    """Bind a law to a cloth; `constants` (p,) are shared by all triangles without a copy."""
-    constants = np.broadcast_to(constants, (len(cloth.triangles), np.shape(constants)[-1]))
-    return BoundMembrane(name, kernels, cloth, slots(cloth.stencil), constants, moduli)
+def bind(name, kernels: Kernels, constants, moduli, panel: Panel, slots: Callable) -> BoundMembrane:
+    """Bind a law with its constants (m, p) and moduli (m, 6) to a panel."""
+    return BoundMembrane(name, kernels, panel, slots(panel.cloth.stencil), constants, moduli)
 
 
-def eigenvalue_bound(cloth: Cloth, moduli: np.ndarray, mass: np.ndarray) -> float:
+def eigenvalue_bound(panel: Panel, moduli: np.ndarray, mass: np.ndarray) -> float:
     """Upper bound of the largest eigenvalue of M⁻¹K at F = I, for lumped masses (n,) [kg].
 
     The largest eigenvalue of a sum of element matrices is at most the largest of the elements'
-    own (Irons and Treharne 1971); each node's mass is shared among its triangles by area. The
+    own (Irons and Treharne 1971); each node's mass is shared among its triangles by theirs. The
     nonzero eigenvalues of M_e⁻¹ K_e are those of the 3×3 matrix Lᵀ (Σ_a w B_a B_aᵀ / m_a) L with
     ℂ = L Lᵀ.
     """
-    area = cloth.weights.sum(axis=1)
+    cloth = panel.cloth
+    area = cloth.weights.sum(axis=1) * panel.density
     around = np.bincount(cloth.stencil.ravel(), np.repeat(area, cloth.stencil.shape[1]), len(mass))
     share = area[:, None] * (mass / around)[cloth.stencil]  # (m, k)
-    C11, C22, C66, C12, C16, C26 = moduli
-    L = np.linalg.cholesky([[C11, C12, C16], [C12, C22, C26], [C16, C26, C66]])
-    G1, G2 = np.moveaxis(cloth.gradients, -1, 0)  # (m, q, k)
+    L = np.linalg.cholesky(moduli[:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]])  # (m, 3, 3)
+    G1, G2 = np.moveaxis(panel.gradients, -1, 0)  # (m, q, k)
     zero = np.zeros_like(G1)
     B = np.stack([np.stack([G1, zero], -1), np.stack([zero, G2], -1), np.stack([G2, G1], -1)], -2)
     inner_ = np.einsum("eq,eqaij,eqakj,ea->eik", cloth.weights, B, B, 1 / share, optimize=True)
-    return float(np.linalg.eigvalsh(L.T @ inner_ @ L)[:, -1].max())
+    return float(np.linalg.eigvalsh(L.transpose(0, 2, 1) @ inner_ @ L)[:, -1].max())
 
 
 def deformation_gradient(cloth: Cloth, x: np.ndarray) -> np.ndarray:

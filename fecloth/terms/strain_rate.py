@@ -9,7 +9,7 @@ import numpy as np
 from ..cloth import Cloth
 from ..compiled import inner, kernel
 from ..errors import InputError
-from ..fabric import Fabric
+from ..panel import Panel
 from .membrane import (
     block,
     clamped,
@@ -65,17 +65,18 @@ class StrainRateDamping:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, cloth: Cloth, fabric: Fabric, slots) -> BoundStrainRate:
-        moduli = self.time * (self.law or StVK()).moduli(fabric)
-        shared = np.broadcast_to(moduli, (len(cloth.triangles), 6))
-        return BoundStrainRate(cloth, slots(cloth.stencil), shared, self.tangent == "symmetric")
+    def bind(self, panel: Panel, slots) -> BoundStrainRate:
+        law = self.law or StVK()
+        viscosity = panel.each(lambda fabric: self.time * law.moduli(fabric))
+        blocks = slots(panel.cloth.stencil)
+        return BoundStrainRate(panel, blocks, viscosity, self.tangent == "symmetric")
 
 
 @dataclass(frozen=True, eq=False)
 class BoundStrainRate:
     """`StrainRateDamping` on a cloth; `viscosity` (m, 6) is τ ℂ₀ [N s/m] in each triangle."""
 
-    cloth: Cloth
+    panel: Panel
     slots: np.ndarray
     viscosity: np.ndarray
     symmetric: bool
@@ -87,8 +88,8 @@ class BoundStrainRate:
 
     @property
     def _data(self):
-        cloth = self.cloth
-        return *cloth.shape, cloth.stencil, cloth.gradients, cloth.weights, self.viscosity
+        cloth, gradients = self.panel.cloth, self.panel.gradients
+        return *cloth.shape, cloth.stencil, gradients, cloth.weights, self.viscosity
 
     def power(self, x, v, t) -> float:
         """Dissipated power Σ w Ė : S_v [W]."""
@@ -109,7 +110,7 @@ class BoundStrainRate:
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest."""
-        return 0.0, eigenvalue_bound(self.cloth, self.viscosity[0], mass)
+        return 0.0, eigenvalue_bound(self.panel, self.viscosity, mass)
 
 
 @inner

@@ -9,6 +9,7 @@ import numpy as np
 from ..cloth import Cloth
 from ..compiled import inner, kernel
 from ..fabric import Fabric
+from ..panel import Panel
 from . import membrane
 from .membrane import contract
 
@@ -33,9 +34,9 @@ class StVK:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, cloth: Cloth, fabric: Fabric, slots) -> membrane.BoundMembrane:
-        C = self.moduli(fabric)
-        return membrane.bind("StVK", KERNELS, C, C, cloth, slots)
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
+        C = panel.each(self.moduli)
+        return membrane.bind("StVK", KERNELS, C, C, panel, slots)
 
 
 @inner

@@ -10,6 +10,7 @@ from ..cloth import Cloth
 from ..compiled import inner, kernel
 from ..errors import InputError
 from ..fabric import Fabric
+from ..panel import Panel
 from . import membrane
 
 
@@ -43,9 +44,9 @@ class TensorCondition:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, cloth: Cloth, fabric: Fabric, slots) -> membrane.BoundMembrane:
-        k, moduli = np.array([self.k]), self.moduli(fabric)
-        return membrane.bind("TensorCondition", KERNELS, k, moduli, cloth, slots)
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
+        k, moduli = panel.each(lambda fabric: self.k), panel.each(self.moduli)
+        return membrane.bind("TensorCondition", KERNELS, k, moduli, panel, slots)
 
 
 @inner

@@ -1,0 +1,96 @@
+"""A cloth cut from its fabrics: which fabric each triangle is of, and where its warp runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .cloth import Cloth
+from .errors import InputError
+from .fabric import Fabric
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """What a term is bound to; made by `cut`.
+
+    Attributes
+    ----------
+    cloth
+        The reference mesh.
+    fabrics
+        The fabrics of its regions.
+    region
+        (m,) index of each triangle's fabric.
+    grain
+        (m,) angle of the warp from the X axis [rad].
+    """
+
+    cloth: Cloth
+    fabrics: tuple[Fabric, ...]
+    region: np.ndarray
+    grain: np.ndarray
+
+    @classmethod
+    def cut(
+        cls,
+        cloth: Cloth,
+        fabric: Fabric | Mapping[str, Fabric],
+        grain: float | Mapping[str, float] = 0.0,
+    ) -> Panel:
+        """One fabric for all, or one for each named region; likewise the grain angle [rad].
+
+        Raises
+        ------
+        InputError
+            For a region that the cloth does not have, regions that overlap or leave a gap, or an
+            angle that is not finite.
+        """
+        m = len(cloth.triangles)
+        if isinstance(fabric, Fabric):
+            fabrics, region = (fabric,), np.zeros(m, int)
+        else:
+            fabrics, region = tuple(fabric.values()), _regions(cloth, tuple(fabric))
+        angle = np.full(m, 0.0 if isinstance(grain, Mapping) else grain, dtype=float)
+        for name, value in grain.items() if isinstance(grain, Mapping) else ():
+            angle[cloth.region(name)] = value
+        if not np.isfinite(angle).all():
+            raise InputError(f"grain = {grain!r}", "must be finite [rad]", "System")
+        return cls(cloth, fabrics, region, angle)
+
+    def each(self, constants: Callable[[Fabric], np.ndarray]) -> np.ndarray:
+        """(m, p) of ``constants(fabric) -> (p,)``, the triangles' own; one fabric takes one row."""
+        rows = np.array([np.atleast_1d(constants(fabric)) for fabric in self.fabrics], dtype=float)
+        if len(rows) == 1:
+            return np.broadcast_to(rows, (len(self.region), rows.shape[1]))
+        return rows[self.region]
+
+    @cached_property
+    def density(self) -> np.ndarray:
+        """(m,) mass per reference area [kg/m²]."""
+        return self.each(lambda fabric: fabric.areal_density)[:, 0]
+
+    @cached_property
+    def gradients(self) -> np.ndarray:
+        """(m, q, k, 2), ∂N_a along warp and weft [1/m], so that F, E and S are the fabric's."""
+        if not self.grain.any():
+            return self.cloth.gradients
+        c, s = np.cos(self.grain), np.sin(self.grain)
+        turn = np.array([[c, -s], [s, c]])  # columns: warp and weft in X and Y
+        return np.ascontiguousarray(np.einsum("eqai,ije->eqaj", self.cloth.gradients, turn))
+
+
+def _regions(cloth: Cloth, names: tuple[str, ...]) -> np.ndarray:
+    """(m,) index of the one region that each triangle lies in."""
+    inside = np.zeros((len(names), len(cloth.triangles)), bool)
+    for row, name in zip(inside, names, strict=True):
+        row[cloth.region(name)] = True
+    times = inside.sum(axis=0)
+    if (times != 1).any():
+        bad = int(np.flatnonzero(times != 1)[0])
+        what = f"triangle {bad} lies in {times[bad]} of the regions {', '.join(names)}"
+        raise InputError(what, "each triangle needs one fabric", "System(fabric=...)")
+    return inside.argmax(axis=0)
