@@ -141,7 +141,7 @@ class _Work:
         self.scale = 0.0
         self.linear = self.modified = 0
         self.seconds = {"assemble": 0.0, "factor": 0.0, "solve": 0.0}
-        self.has_potential = all(term.has_energy for term in system.bound)
+        self.has_potential = all(term.has_energy and not term.dissipative for term in system.bound)
 
     def counts(self, iterations, norm):
         return Counts(iterations, self.linear, self.modified, self.relative(norm), self.seconds)

@@ -106,11 +106,11 @@ class Ledger:
 
 
 def _conservative(system, state):
-    """(n, 3) force of the terms that have an energy."""
-    f = np.zeros_like(state.x)
+    """(n, 3) force of the terms that have an energy, without the damping that they may have."""
+    f, still = np.zeros_like(state.x), np.zeros_like(state.v)
     for term in system.bound:
         if term.has_energy:
-            term.add_force(state.x, state.v, state.t, f)
+            term.add_force(state.x, still, state.t, f)
     return f
 
 
