@@ -22,7 +22,7 @@ from .output import Frames, fields, read_frame, write_vtk
 from .pins import Pin
 from .record import Ledger, Probe
 from .system import State, System
-from .terms import Gravity, StrainRateDamping, StVK, TensorCondition
+from .terms import Gravity, NeoHookean, Pressure, StrainRateDamping, StVK, TensionField, TensorCondition
 
 __version__ = "0.1.0"
 
@@ -39,8 +39,10 @@ __all__ = [
     "Ledger",
     "LinearlyImplicitEuler",
     "MeshError",
+    "NeoHookean",
     "Newton",
     "Pin",
+    "Pressure",
     "Probe",
     "Result",
     "SceneError",
@@ -50,6 +52,7 @@ __all__ = [
     "StepFailed",
     "StrainRateDamping",
     "System",
+    "TensionField",
     "TensorCondition",
     "fields",
     "march",

@@ -17,7 +17,7 @@ from .terms.membrane import deformation_gradient
 class Ledger:
     """Where the energy is and where it went, all in J, at time t.
 
-    kinetic + Σ potential + Σ dissipated + numerical − pins − start = remainder
+    kinetic + Σ potential + Σ dissipated + numerical − Σ work − pins − start = remainder
 
     Attributes
     ----------
@@ -25,6 +25,8 @@ class Ledger:
         ½ v·M v, and each term's energy, now.
     dissipated
         Work done against each damping since the start, Σ dt · power at the method's stage.
+    work
+        Work of each load that has no energy, Σ dt · supply at the method's stage.
     pins
         Work that the pins did on the cloth: change of the pinned nodes' kinetic energy less the
         work of the other forces on them.
@@ -40,6 +42,7 @@ class Ledger:
     kinetic: float
     potential: Mapping[str, float]
     dissipated: Mapping[str, float]
+    work: Mapping[str, float]
     pins: float
     numerical: float
     start: float
@@ -49,10 +52,11 @@ class Ledger:
         """The ledger before the first step."""
         energies = system.energies(state)
         kinetic = energies.pop("kinetic")
-        named = zip(system.names, system.bound, strict=True)
+        named = list(zip(system.names, system.bound, strict=True))
         dissipated = {name: 0.0 for name, term in named if term.dissipative}
+        work = {name: 0.0 for name, term in named if hasattr(term, "supply")}
         total = kinetic + sum(energies.values())
-        return cls(state.t, kinetic, energies, dissipated, 0.0, 0.0, total)
+        return cls(state.t, kinetic, energies, dissipated, work, 0.0, 0.0, total)
 
     def after(self, system: System, method, old: State, step) -> Ledger:
         """The ledger after `step`, taken by `method` from the state `old`."""
@@ -66,6 +70,11 @@ class Ledger:
             for name, term in zip(system.names, system.bound, strict=True)
             if term.dissipative
         }
+        work = {
+            name: self.work[name] + dt * term.supply(at.x, at.v, at.t)
+            for name, term in zip(system.names, system.bound, strict=True)
+            if name in self.work
+        }
         numerical = self.numerical
         if method.theta != 0.5:
             bend = np.vdot(_conservative(system, old) - _conservative(system, new), dx)
@@ -76,6 +85,7 @@ class Ledger:
             kinetic=kinetic,
             potential=energies,
             dissipated=dissipated,
+            work=work,
             pins=self.pins + _pin_work(system, method.theta, old, step, inertia),
             numerical=numerical,
         )
@@ -89,7 +99,7 @@ class Ledger:
     def remainder(self) -> float:
         """What the other columns do not explain [J]."""
         lost = sum(self.dissipated.values()) + self.numerical
-        return self.total + lost - self.pins - self.start
+        return self.total + lost - sum(self.work.values()) - self.pins - self.start
 
     def row(self) -> dict[str, float]:
         """One row of energies.csv."""
@@ -98,6 +108,7 @@ class Ledger:
             "kinetic": self.kinetic,
             **self.potential,
             **{f"dissipated:{name}": value for name, value in self.dissipated.items()},
+            **{f"work:{name}": value for name, value in self.work.items()},
             "pins": self.pins,
             "numerical": self.numerical,
             "total": self.total,

@@ -6,7 +6,7 @@ import dataclasses
 import reprlib
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, ForwardRef, Literal, Union, get_args, get_origin
 
 from pydantic import (
@@ -85,14 +85,15 @@ class Made(Table):
 def table_of(cls: type, name: str = "", **more) -> type[Made]:
     """The table of a dataclass: its fields are the keys; with a name, `type` is that name.
 
-    A field annotated ``object`` holds another term, as the law of a damping does.
+    A field annotated ``object`` holds another term, as the law of a damping does. A field that
+    also takes a function takes all but that.
     """
     hints = typing.get_type_hints(cls)
     fields: dict[str, Any] = {"type": (Literal[name], ...)} if name else {}
     for field in dataclasses.fields(cls):
         if not field.init:
             continue
-        hint = hints[field.name]
+        hint = _writable(hints[field.name])
         hint = Union[ForwardRef("Term"), None] if hint is object else hint  # noqa: UP007
         default = field.default
         if field.default_factory is not dataclasses.MISSING:
@@ -101,6 +102,14 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
     model = create_model(f"{cls.__name__}Table", __base__=Made, **(fields | more))
     model.makes = cls
     return model
+
+
+def _writable(hint: Any) -> Any:
+    """The part of a type that a file can hold: without functions."""
+    origin, args = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return Union[tuple(_writable(a) for a in args if get_origin(a) is not Callable)]  # noqa: UP007
+    return tuple[tuple(map(_writable, args))] if origin is tuple else hint
 
 
 def one_of(key: str, tables: Mapping[str, type[Table]]) -> Any:

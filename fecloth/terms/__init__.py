@@ -9,6 +9,7 @@ and the bound term offers, in place and without knowledge of dt, solver or other
 
     energy(x, t)                              potential [J], if has_energy
     power(x, v, t)                            dissipated power [W], if dissipative
+    supply(x, v, t)                           power from outside [W], if it is a load without energy
     add_force(x, v, t, f)                     f += force [N]
     add_tangent(x, v, t, wx, wv, J, definite) J += wx K + wv D, K = −∂f/∂x, D = −∂f/∂v
     rate_bounds(mass)                         bounds of the eigenvalues of M⁻¹K and M⁻¹D at rest
@@ -18,8 +19,11 @@ velocity_dependent.
 """
 
 from .gravity import Gravity
+from .neo_hookean import NeoHookean
+from .pressure import Pressure
 from .strain_rate import StrainRateDamping
 from .stvk import StVK
+from .tension_field import TensionField
 from .tensor_condition import TensorCondition
 
-__all__ = ["Gravity", "StVK", "StrainRateDamping", "TensorCondition"]
+__all__ = ["Gravity", "NeoHookean", "Pressure", "StVK", "StrainRateDamping", "TensionField", "TensorCondition"]
