@@ -26,4 +26,12 @@ from .stvk import StVK
 from .tension_field import TensionField
 from .tensor_condition import TensorCondition
 
-__all__ = ["Gravity", "NeoHookean", "Pressure", "StVK", "StrainRateDamping", "TensionField", "TensorCondition"]
+__all__ = [
+    "Gravity",
+    "NeoHookean",
+    "Pressure",
+    "StVK",
+    "StrainRateDamping",
+    "TensionField",
+    "TensorCondition",
+]

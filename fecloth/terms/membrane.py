@@ -33,6 +33,8 @@ import numpy as np
 
 from ..cloth import Cloth
 from ..compiled import inner, loop
+from ..errors import InputError
+from ..fabric import Fabric
 from ..panel import Panel
 
 
@@ -301,6 +303,23 @@ class BoundMembrane:
 def bind(name, kernels: Kernels, constants, moduli, panel: Panel, slots: Callable) -> BoundMembrane:
     """Bind a law with its constants (m, p) and moduli (m, 6) to a panel."""
     return BoundMembrane(name, kernels, panel, slots(panel.cloth.stencil), constants, moduli)
+
+
+def isotropic(fabric: Fabric, term: str) -> tuple[float, float]:
+    """(Y [N/m], ν) of a fabric; refuses one whose stiffness depends on the direction."""
+    (warp, weft), nu = fabric.tensile, fabric.poisson_ratio
+    shear = warp / (2 * (1 + nu))
+    remedy = "StVK takes orthotropic fabrics."
+    if warp != weft:
+        what = f"tensile_stiffness = ({warp!r}, {weft!r})"
+        raise InputError(what, "must be one number: the law is isotropic", term, remedy)
+    if abs(fabric.shear - shear) > 1e-9 * shear:
+        what, allowed = (
+            f"shear_stiffness = {fabric.shear!r}",
+            f"must be Y/(2 (1 + ν)) = {shear:.6g}",
+        )
+        raise InputError(what, f"{allowed}: the law is isotropic", term, remedy)
+    return warp, nu
 
 
 def eigenvalue_bound(panel: Panel, moduli: np.ndarray, mass: np.ndarray) -> float:
