@@ -10,10 +10,10 @@ STUDIES = Path(__file__).parents[1] / "studies"
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("study", ["bench.py"])
-def test_quick(study):
+@pytest.mark.parametrize(("study", "says"), [("bench.py", "figures met"), ("costs.py", "StVK")])
+def test_quick(study, says):
     command = [sys.executable, str(STUDIES / study), "--quick"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     print(done.stdout)
-    assert "figures met" in done.stdout
+    assert says in done.stdout
