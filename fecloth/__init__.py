@@ -19,10 +19,18 @@ from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
 from .march import Result, march, run, solver_for
 from .newton import Newton
 from .output import Frames, fields, read_frame, write_vtk
-from .pins import Pin
+from .pins import Pin, Slide
 from .record import Ledger, Probe
 from .system import State, System
-from .terms import Gravity, NeoHookean, Pressure, StrainRateDamping, StVK, TensionField, TensorCondition
+from .terms import (
+    Gravity,
+    NeoHookean,
+    Pressure,
+    StrainRateDamping,
+    StVK,
+    TensionField,
+    TensorCondition,
+)
 
 __version__ = "0.1.0"
 
@@ -46,6 +54,7 @@ __all__ = [
     "Probe",
     "Result",
     "SceneError",
+    "Slide",
     "SolveFailed",
     "StVK",
     "State",

@@ -260,7 +260,7 @@ def _plan(built: Built, why: str) -> list[str]:
     stiffness, _ = system.rate_bounds()
     lines = [
         f"{len(system.cloth.X)} nodes, {len(system.cloth.triangles)} triangles, "
-        f"{len(system.free)} free dofs",
+        f"{system.admissible.shape[1]} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
         f"{built.method}, dt = {built.dt:g} s to t = {built.t_end:g} s",
         f"linear solver: {why}",

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sparse
 
 from .blocks import BlockMatrix, BlockPattern
 from .cloth import Cloth, Where
@@ -37,6 +38,11 @@ class Pin:
     motion: Callable[[float], np.ndarray] | None = None
     velocity: Callable[[float], np.ndarray] | None = None
     name: str | None = None
+
+    @property
+    def projector(self) -> np.ndarray:
+        """(3, 3), onto the directions that stay free: none."""
+        return np.zeros((3, 3))
 
     def displacement(self, t: float) -> np.ndarray:
         """(3,) or (k, 3) [m]."""
@@ -74,9 +80,61 @@ class Pin:
         return value
 
 
+@dataclass(frozen=True)
+class Slide(Pin):
+    """Nodes that slide without friction along a line or in a plane, from where the run finds them.
+
+    The free directions of each node are the image of a projector P, and the reaction lies in that
+    of I − P:
+
+        P = d dᵀ             along the line of direction d     (rank 1)
+        P = I − n nᵀ         in the plane of normal n          (rank 2)
+
+    Parameters
+    ----------
+    where, motion, velocity, name
+        As for `Pin`; a motion carries the line or plane along, so only its part across counts.
+    direction
+        Of the line, any length; give this or `normal`.
+    normal
+        Of the plane, any length.
+
+    Examples
+    --------
+    >>> Slide("left", normal=(0, 0, 2)).projector
+    array([[1., 0., 0.],
+           [0., 1., 0.],
+           [0., 0., 0.]])
+    """
+
+    direction: tuple[float, float, float] | None = None
+    normal: tuple[float, float, float] | None = None
+
+    def __post_init__(self):
+        super().__post_init__()
+        where = f"Slide({self.where!r})"
+        if (self.direction is None) == (self.normal is None):
+            given = "neither" if self.normal is None else "both"
+            raise InputError(f"{given} of direction and normal", "needs one of them", where)
+        name = "direction" if self.normal is None else "normal"
+        value = getattr(self, name)
+        y = np.asarray(value)
+        if y.shape != (3,) or y.dtype.kind not in "iuf" or not np.isfinite(y).all() or not y.any():
+            allowed = "must be three finite numbers, not all zero"
+            raise InputError(f"{name} = {value!r}", allowed, where)
+
+    @property
+    def projector(self) -> np.ndarray:
+        """(3, 3), onto the line or the plane."""
+        along = np.array(self.normal if self.direction is None else self.direction, dtype=float)
+        along /= abs(along).max()  # so that no square overflows
+        P = np.outer(along, along) / np.dot(along, along)
+        return P if self.normal is None else np.eye(3) - P
+
+
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """All pins of a system on its cloth.
+    """All pins and slides of a system on its cloth.
 
     Attributes
     ----------
@@ -85,7 +143,7 @@ class Constraints:
     nodes
         (c,) constrained nodes, ascending.
     projectors
-        (c, 3, 3), P: onto the free directions of each of them (0: pinned).
+        (c, 3, 3), P: onto the free directions of each of them (0: pinned, rank 1 or 2: sliding).
     """
 
     groups: dict[str, tuple[Pin, np.ndarray]]
@@ -104,7 +162,9 @@ class Constraints:
             for function in (pin.displacement, pin.speed):
                 pin.fits(function(0.0), len(nodes))
         everything = [nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)]
-        nodes, times = np.unique(np.concatenate(everything), return_counts=True)
+        nodes, first, times = np.unique(
+            np.concatenate(everything), return_index=True, return_counts=True
+        )
         if (times > 1).any():
             raise InputError(
                 f"node {nodes[times > 1][0]} is held by more than one pin",
@@ -112,7 +172,8 @@ class Constraints:
                 "System(pins=...)",
                 "Leave it out of one of the groups.",
             )
-        return cls(groups, nodes, np.zeros((len(nodes), 3, 3)))
+        each = [np.tile(pin.projector, (len(nodes), 1, 1)) for pin, nodes in groups.values()]
+        return cls(groups, nodes, np.concatenate([*each, np.zeros((0, 3, 3))])[first])
 
     def project(self, y: np.ndarray) -> np.ndarray:
         """P y in place, y (n, 3)."""
@@ -143,9 +204,34 @@ class Constraints:
         return x, v
 
     def free(self, n: int) -> np.ndarray:
-        """The dofs 3 i + c of an n-node cloth that no pin holds."""
-        held = (3 * self.nodes[:, None] + np.arange(3)).ravel()
+        """The dofs 3 i + c of an n-node cloth that no pin holds.
+
+        Raises
+        ------
+        InputError
+            Where a node slides along no axis, so that its free directions are no dofs.
+        """
+        diagonal = np.einsum("cii->ci", self.projectors)
+        oblique = np.flatnonzero(((diagonal > 1e-12) & (diagonal < 1 - 1e-12)).any(axis=1))
+        if len(oblique):
+            what = f"node {self.nodes[oblique[0]]} slides along no axis"
+            remedy = "Use System.admissible, a basis of the free directions."
+            raise InputError(what, "the free dofs are defined along the axes", "System", remedy)
+        held = (3 * self.nodes[:, None] + np.arange(3))[diagonal < 0.5]
         return np.setdiff1d(np.arange(3 * n), held)
+
+    def admissible(self, n: int) -> sparse.csc_matrix:
+        """(3n, f) orthonormal columns: the velocities that the pins allow, f of them."""
+        others = np.setdiff1d(np.arange(n), self.nodes)
+        values, vectors = np.linalg.eigh(self.projectors)  # columns of vectors
+        at, which = np.nonzero(values > 0.5)
+        rows = [3 * others[:, None] + np.arange(3), 3 * self.nodes[at][:, None] + np.arange(3)]
+        columns = [np.arange(3 * len(others)), 3 * len(others) + np.arange(len(at))]
+        data = [np.ones(3 * len(others)), vectors[at, :, which].ravel()]
+        rows = np.concatenate([r.ravel() for r in rows])
+        columns = np.concatenate([columns[0], np.repeat(columns[1], 3)])
+        shape = (3 * n, 3 * len(others) + len(at))
+        return sparse.csc_matrix((np.concatenate(data), (rows, columns)), shape=shape)
 
 
 def _free_name(name: str, taken) -> str:

@@ -138,14 +138,17 @@ def _pin_work(system, theta, old, step, inertia):
 
 
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
-    """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed."""
+    """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed.
+
+    Only the held directions count: a slide has no reaction along its line or plane.
+    """
     if not system.constraints.groups:
         return {}
     dt = step.state.t - old.t
+    constraints = system.constraints
     residual = system.scalar_mass @ ((step.state.v - old.v) / dt) - system.force(step.stage)
-    return {
-        name: residual[nodes].sum(axis=0) for name, (_, nodes) in system.constraints.groups.items()
-    }
+    residual[constraints.nodes] = constraints.held(residual)
+    return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}
 
 
 @dataclass(frozen=True)

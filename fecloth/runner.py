@@ -224,7 +224,7 @@ def _sizes_of(system: System) -> dict:
     return {
         "nodes": len(system.cloth.X),
         "triangles": len(system.cloth.triangles),
-        "free_dofs": len(system.free),
+        "free_dofs": system.admissible.shape[1],
     }
 
 

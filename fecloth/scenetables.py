@@ -17,7 +17,7 @@ from .fabric import Fabric
 from .formula import Formula, Motion, Region
 from .integrators import METHODS
 from .newton import Newton
-from .pins import Pin
+from .pins import Pin, Slide
 from .record import Probe
 from .schema import Table, exactly_one, one_of, table_of
 
@@ -94,22 +94,34 @@ Shape = one_of("shape", {"rectangle": Rectangle, "disk": Disk, "file": MeshFile}
 
 
 class PinTable(Table):
-    """Nodes of a set (`where`) or with ``inside`` true, held fixed or moved by formulas of t."""
+    """Nodes of a set (`where`) or with ``inside`` true, held fixed or moved by formulas of t.
+
+    With a `direction` they slide along that line, with a `normal` in that plane.
+    """
 
     where: str | None = None
     inside: Where | None = None
     motion: tuple[OfTime, OfTime, OfTime] | None = None
     name: Name | None = None
+    direction: Vector | None = None
+    normal: Vector | None = None
 
     @model_validator(mode="after")
     def _one_place(self):
         exactly_one(self, "where", "inside")
+        if self.direction and self.normal:
+            exactly_one(self, "direction", "normal")
+        self.pin()
         return self
 
     def pin(self) -> Pin:
         inside = self.inside and Region(Formula(self.inside, ("X", "Y"), True))
         motion = self.motion and Motion(tuple(Formula(text, ("t",)) for text in self.motion))
-        return Pin(inside if self.where is None else self.where, motion, name=self.name)
+        where = inside if self.where is None else self.where
+        if self.direction or self.normal:
+            across = {"direction": self.direction, "normal": self.normal}
+            return Slide(where, motion, name=self.name, **across)
+        return Pin(where, motion, name=self.name)
 
 
 class Rotation(Table):

@@ -37,7 +37,7 @@ class System:
     terms
         Descriptions such as ``StVK(), Gravity()``; nothing is added to them.
     pins
-        `Pin` objects, or names of node sets to hold fixed.
+        `Pin` and `Slide` objects, or names of node sets to hold fixed.
     mass
         "lumped" (row sums) or "consistent".
     grain
@@ -229,8 +229,17 @@ class System:
 
     @cached_property
     def free(self) -> np.ndarray:
-        """The dofs 3 i + c that no pin holds."""
+        """The dofs 3 i + c that no pin holds; refused where a slide is along no axis."""
         return self.constraints.free(len(self.cloth.X))
+
+    @cached_property
+    def admissible(self) -> sparse.csc_matrix:
+        """(3n, f) orthonormal basis Z of the motions that pins and slides allow.
+
+        ZᵀKZ, ZᵀDZ and ZᵀMZ are the operators on the f degrees of freedom that are left. Without
+        slides its columns are unit vectors, along `free`.
+        """
+        return self.constraints.admissible(len(self.cloth.X))
 
     @property
     def symmetric(self) -> bool:
