@@ -10,9 +10,10 @@ A frame's points are the current positions, so that it shows without a filter. I
     stress_resultants     (m, 3)  S11, S22, S12 [N/m]
     energy_density        (m,)    W [J/m²] per reference area
 
-1 is the warp and 2 the weft; ParaView shows the components by these names. Cell values are means
-over the reference triangle. The time stands in the field data as TimeValue, where VTK looks for
-it. Numbers are float64, compressed without loss, so that a frame read back is the state itself.
+1 is the warp and 2 the weft, wherever the grain of the system lays them (without a system, X and
+Y); ParaView shows the components by these names. Cell values are means over the reference
+triangle. The time stands in the field data as TimeValue, where VTK looks for it. Numbers are
+float64, compressed without loss, so that a frame read back is the state itself.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def fields(system: System, state: State) -> tuple[Arrays, Arrays]:
     Stress resultants and energy density are summed over the membrane terms; a system without one
     has neither.
     """
-    points, cells = kinematics(system.cloth, state)
+    points, cells = kinematics(system.cloth, state, system.panel.gradients)
     membranes = [term for term in system.bound if hasattr(term, "add_stress")]
     if membranes:
         stress = np.zeros((len(system.cloth.triangles), 4))
@@ -66,21 +67,26 @@ def fields(system: System, state: State) -> tuple[Arrays, Arrays]:
     return points, cells
 
 
-def kinematics(cloth: Cloth, state: State) -> tuple[Arrays, Arrays]:
-    """The point data and cell data that need no material."""
+def kinematics(
+    cloth: Cloth, state: State, gradients: np.ndarray | None = None
+) -> tuple[Arrays, Arrays]:
+    """The point data and cell data that need no material.
+
+    `gradients` are those along warp and weft, `Panel.gradients`; left out, along X and Y.
+    """
     moved = state.x.copy()
     moved[:, :2] -= cloth.X
     cells = {
-        "green_strain": _green_strain(cloth, state.x),
+        "green_strain": _green_strain(cloth, state.x, gradients),
         "principal_stretches": principal_stretches(cloth, state.x),
         "quality": cloth.quality,
     }
     return {"displacement": moved, "velocity": state.v}, cells
 
 
-def _green_strain(cloth, x):
+def _green_strain(cloth, x, gradients):
     """(m, 3) means of E11, E22, E12 over each triangle."""
-    F = deformation_gradient(cloth, x)
+    F = deformation_gradient(cloth, x, gradients)
     share = cloth.weights / cloth.weights.sum(axis=1, keepdims=True)
     C11, C22 = np.einsum("eq,eqij,eqij->je", share, F, F)
     C12 = np.einsum("eq,eqi,eqi->e", share, F[..., 0], F[..., 1])

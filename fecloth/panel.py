@@ -46,19 +46,19 @@ class Panel:
         Raises
         ------
         InputError
-            For a region that the cloth does not have, regions that overlap or leave a gap, or an
-            angle that is not finite.
+            For a region that the cloth does not have, regions that overlap or leave a gap, what
+            is no fabric, or an angle that is not finite.
         """
-        m = len(cloth.triangles)
-        if isinstance(fabric, Fabric):
-            fabrics, region = (fabric,), np.zeros(m, int)
-        else:
-            fabrics, region = tuple(fabric.values()), _regions(cloth, tuple(fabric))
-        angle = np.full(m, 0.0 if isinstance(grain, Mapping) else grain, dtype=float)
-        for name, value in grain.items() if isinstance(grain, Mapping) else ():
-            angle[cloth.region(name)] = value
-        if not np.isfinite(angle).all():
-            raise InputError(f"grain = {grain!r}", "must be finite [rad]", "System")
+        fabrics, region = _by_region(cloth, fabric, "fabric")
+        for one in fabrics:
+            if not isinstance(one, Fabric):
+                allowed = 'must be a Fabric, or {"region": Fabric, ...}'
+                raise InputError(f"fabric = {one!r}", allowed, "System")
+        angles, lies = _by_region(cloth, grain, "grain")
+        for angle in angles:
+            if not isinstance(angle, float | int | np.number) or not np.isfinite(angle):
+                raise InputError(f"grain = {angle!r}", "must be a finite angle [rad]", "System")
+        angle = np.array(angles, dtype=float)[lies]
         return cls(cloth, fabrics, region, angle)
 
     def each(self, constants: Callable[[Fabric], np.ndarray]) -> np.ndarray:
@@ -83,14 +83,20 @@ class Panel:
         return np.ascontiguousarray(np.einsum("eqai,ije->eqaj", self.cloth.gradients, turn))
 
 
-def _regions(cloth: Cloth, names: tuple[str, ...]) -> np.ndarray:
-    """(m,) index of the one region that each triangle lies in."""
-    inside = np.zeros((len(names), len(cloth.triangles)), bool)
-    for row, name in zip(inside, names, strict=True):
-        row[cloth.region(name)] = True
+def _by_region(cloth: Cloth, given, name: str) -> tuple[tuple, np.ndarray]:
+    """The values that occur, and (m,) index of each triangle's own."""
+    if not isinstance(given, Mapping):
+        return (given,), np.zeros(len(cloth.triangles), int)
+    where = f"System({name}=...)"
+    if not given:
+        raise InputError(f"{name} = {{}}", "must name a region", where)
+    inside = np.zeros((len(given), len(cloth.triangles)), bool)
+    for row, region in zip(inside, given, strict=True):
+        row[cloth.region(region)] = True
     times = inside.sum(axis=0)
     if (times != 1).any():
         bad = int(np.flatnonzero(times != 1)[0])
-        what = f"triangle {bad} lies in {times[bad]} of the regions {', '.join(names)}"
-        raise InputError(what, "each triangle needs one fabric", "System(fabric=...)")
-    return inside.argmax(axis=0)
+        what = f"triangle {bad} lies in {times[bad]} of the regions {', '.join(given)}"
+        remedy = f"The cloth has the regions {', '.join(sorted(cloth.triangle_sets))}."
+        raise InputError(what, f"each triangle needs one {name}", where, remedy)
+    return tuple(given.values()), inside.argmax(axis=0)

@@ -342,9 +342,12 @@ def eigenvalue_bound(panel: Panel, moduli: np.ndarray, mass: np.ndarray) -> floa
     return float(np.linalg.eigvalsh(L.transpose(0, 2, 1) @ inner_ @ L)[:, -1].max())
 
 
-def deformation_gradient(cloth: Cloth, x: np.ndarray) -> np.ndarray:
-    """(m, q, 3, 2), F = Σ x_a ⊗ G_a at every quadrature point."""
-    return np.einsum("eai,eqaj->eqij", x[cloth.stencil], cloth.gradients)
+def deformation_gradient(
+    cloth: Cloth, x: np.ndarray, gradients: np.ndarray | None = None
+) -> np.ndarray:
+    """(m, q, 3, 2), F = Σ x_a ⊗ G_a at every quadrature point; G along X and Y if left out."""
+    G = cloth.gradients if gradients is None else gradients
+    return np.einsum("eai,eqaj->eqij", x[cloth.stencil], G)
 
 
 def principal_stretches(cloth: Cloth, x: np.ndarray) -> np.ndarray:

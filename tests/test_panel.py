@@ -1,0 +1,302 @@
+"""Grain angles and regions: bias-cut strips, two fabrics in one cloth, regions from mesh files."""
+
+import gmsh
+import numpy as np
+import pytest
+import scipy.linalg
+from conftest import affine, flat, rough
+
+import fecloth as fc
+
+WOVEN = fc.Fabric(0.15, (2000.0, 900.0), 0.2, shear_stiffness=60.0)
+LINING = fc.Fabric(0.4, 500.0, 0.3)
+ANGLES = np.radians([0.0, 17.0, 45.0, 90.0, -30.0, 200.0])
+
+
+def turn(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def rotated_moduli(fabric, angle):
+    """(2, 2, 2, 2) moduli in X and Y of a fabric whose warp lies at an angle to X."""
+    C11, C22, C66, C12, _, _ = fabric.moduli()
+    C = np.zeros((2, 2, 2, 2))
+    C[0, 0, 0, 0], C[1, 1, 1, 1] = C11, C22
+    C[0, 0, 1, 1] = C[1, 1, 0, 0] = C12
+    for i, j, k, l in ((0, 1, 0, 1), (0, 1, 1, 0), (1, 0, 0, 1), (1, 0, 1, 0)):
+        C[i, j, k, l] = C66
+    R = turn(angle)
+    return np.einsum("ai,bj,ck,dl,ijkl->abcd", R, R, R, R, C)
+
+
+@pytest.fixture(scope="module")
+def strip():
+    return fc.Cloth.rectangle(1.0, 0.25, h=0.08)
+
+
+# --- grain ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_bias_cut_strip_pulls_as_the_rotated_orthotropic_law(angle, strip):
+    """A strip in uniaxial tension S = T e₁⊗e₁ at E = ℂ⁻¹S stretches, contracts and shears.
+
+    1/E₁₁ is the compliance cos⁴/Y₁ + sin⁴/Y₂ + cos² sin² (1/G − 2ν/Y₁) of Jones (1999); its ends
+    pull with F S e₁ per width, its sides and its inside are free of force.
+    """
+    T = 100.0
+    moduli = rotated_moduli(WOVEN, angle)
+    pairs = ((0, 0), (1, 1), (0, 1))
+    M = np.array([[moduli[a, b, c, d] * (1 + (c != d)) for c, d in pairs] for a, b in pairs])
+    E11, E22, E12 = np.linalg.solve(M, [T, 0.0, 0.0])
+    c, s = np.cos(angle), np.sin(angle)
+    warp, weft, G, nu = 2000.0, 900.0, 60.0, 0.2
+    compliance = c**4 / warp + s**4 / weft + c**2 * s**2 * (1 / G - 2 * nu / warp)
+    assert pytest.approx(T * compliance, rel=1e-12) == E11
+
+    F = np.vstack([scipy.linalg.sqrtm(np.eye(2) + 2 * np.array([[E11, E12], [E12, E22]])), [0, 0]])
+    x = affine(strip, np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0] @ F)
+    F = np.linalg.lstsq(strip.X - strip.X.mean(0), x - x.mean(0), rcond=None)[0].T
+    system = fc.System(strip, WOVEN, [fc.StVK()], grain=angle)
+    force = system.force(system.state(x))
+    pull = T * 0.25 * F[:, 0]
+    right, left = strip.nodes("right"), strip.nodes("left")
+    np.testing.assert_allclose(-force[right].sum(axis=0), pull, atol=1e-10 * T)
+    np.testing.assert_allclose(force[left].sum(axis=0), pull, atol=1e-10 * T)
+    rest = np.setdiff1d(np.arange(len(x)), np.union1d(left, right))
+    assert abs(force[rest]).max() < 1e-10 * T
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_any_state_against_the_rotated_law(angle, strip, rng):
+    """Forces and energy of a rough state from the rotated moduli, triangle by triangle."""
+    system = fc.System(strip, WOVEN, [fc.StVK()], grain=angle)
+    x = rough(strip, rng)
+    F = np.einsum("eai,eaj->eij", x[strip.stencil], strip.gradients[:, 0])
+    E = 0.5 * (np.swapaxes(F, 1, 2) @ F - np.eye(2))
+    S = np.einsum("abcd,ecd->eab", rotated_moduli(WOVEN, angle), E)
+    w = strip.weights[:, 0]
+    expected = np.zeros_like(x)
+    np.add.at(
+        expected, strip.stencil, -np.einsum("e,eij,eaj->eai", w, F @ S, strip.gradients[:, 0])
+    )
+    state = system.state(x)
+    np.testing.assert_allclose(system.force(state), expected, atol=1e-12 * abs(expected).max())
+    energy = 0.5 * np.einsum("e,eab,eab->", w, S, E)
+    assert system.energies(state)["StVK"] == pytest.approx(energy, rel=1e-12)
+
+
+def test_grain_of_an_isotropic_fabric_changes_nothing(strip, rng):
+    plain, turned = (fc.System(strip, LINING, [fc.StVK()], grain=g) for g in (0.0, 0.7))
+    x = rough(strip, rng)
+    force = plain.force(plain.state(x))
+    np.testing.assert_allclose(turned.force(turned.state(x)), force, atol=1e-12 * abs(force).max())
+    assert plain.panel.gradients is strip.gradients
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_frames_show_strain_and_stress_along_warp_and_weft(angle, strip):
+    """A thread along the warp: E11 is its strain; S = ℂ:E holds between the two arrays."""
+    F = np.array([[1.3, 0.2], [0.1, 0.9], [0.0, 0.2]])
+    system = fc.System(strip, WOVEN, [fc.StVK()], grain=angle)
+    _, cells = fc.fields(system, system.state(affine(strip, F)))
+    R = turn(angle)
+    E = 0.5 * (R.T @ F.T @ F @ R - np.eye(2))
+    expected = np.tile([E[0, 0], E[1, 1], E[0, 1]], (len(strip.triangles), 1))
+    np.testing.assert_allclose(cells["green_strain"], expected, atol=1e-13)
+    warp = F @ R[:, 0]
+    assert cells["green_strain"][0, 0] == pytest.approx((warp @ warp - 1) / 2, rel=1e-12)
+    C11, C22, C66, C12, _, _ = WOVEN.moduli()
+    S = [C11 * E[0, 0] + C12 * E[1, 1], C12 * E[0, 0] + C22 * E[1, 1], 2 * C66 * E[0, 1]]
+    np.testing.assert_allclose(cells["stress_resultants"][0], S, rtol=1e-11)
+    stretches = np.linalg.svd(F, compute_uv=False)[::-1]
+    np.testing.assert_allclose(cells["principal_stretches"][0], stretches, rtol=1e-12)
+
+
+def test_frames_without_a_system_show_strain_along_X_and_Y(strip, tmp_path):
+    from meshio import vtu
+
+    state = fc.System(strip, WOVEN, [], grain=0.5).state(affine(strip, [[1.2, 0], [0, 1], [0, 0]]))
+    fc.write_vtk(tmp_path / "bare", strip, state)
+    cells = vtu.read(tmp_path / "bare_000000.vtu").cell_data
+    np.testing.assert_allclose(cells["green_strain"][0][:, 0], (1.2**2 - 1) / 2, rtol=1e-12)
+
+
+# --- regions --------------------------------------------------------------------------------------
+
+
+def halves(h=0.1):
+    """[0, 1] × [0, 0.5]: region "body" for X < 0.6, "hem" beyond."""
+    grid = fc.Cloth.rectangle(1.0, 0.5, h=h, pattern="right")
+    right = grid.X[grid.triangles].mean(axis=1)[:, 0] > 0.6
+    regions = {"body": np.flatnonzero(~right), "hem": np.flatnonzero(right)}
+    return fc.Cloth.from_arrays(grid.X, grid.triangles, regions=regions)
+
+
+def test_two_fabrics_pull_each_with_its_own_law_and_jump_at_the_seam():
+    cloth = halves()
+    F = np.array([[1.2, 0.1], [0.0, 1.1], [0.3, 0.0]])
+    E = 0.5 * (F.T @ F - np.eye(2))
+    grain = {"body": 0.4, "hem": 0.0}
+    fabric = {"hem": LINING, "body": WOVEN}
+    system = fc.System(cloth, fabric, [fc.StVK()], grain=grain)
+    P_body, P_hem = (
+        F @ np.einsum("abcd,cd->ab", rotated_moduli(f, g), E)
+        for f, g in ((WOVEN, 0.4), (LINING, 0))
+    )
+    force = system.force(system.state(affine(cloth, F)))
+    X, Y = cloth.X.T
+    scale = abs(P_body).max()
+    inside = (Y > 1e-9) & (Y < 0.5 - 1e-9)
+    for where, resultant in (
+        (X < 1e-9, 0.5 * P_body[:, 0]),
+        (abs(X - 0.6) < 1e-9, None),
+        (X > 1 - 1e-9, -0.5 * P_hem[:, 0]),
+    ):
+        # the corners carry also half an edge of the sides below and above, which cancel
+        total = force[where].sum(axis=0)
+        if resultant is None:
+            resultant = 0.5 * (P_hem[:, 0] - P_body[:, 0])
+        np.testing.assert_allclose(total, resultant, atol=1e-11 * scale)
+    elsewhere = inside & (X > 1e-9) & (X < 1 - 1e-9) & (abs(X - 0.6) > 1e-9)
+    assert abs(force[elsewhere]).max() < 1e-11 * scale
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_mass_and_weight_of_two_densities(mass):
+    cloth = halves()
+    fabrics = {"body": WOVEN, "hem": LINING}
+    system = fc.System(cloth, fabrics, [fc.Gravity((0, 0, -10.0))], mass=mass)
+    total = 0.15 * 0.3 + 0.4 * 0.2
+    assert system.scalar_mass.sum() == pytest.approx(total, rel=1e-13)
+    assert system.nodal_mass.sum() == pytest.approx(total, rel=1e-13)
+    weight = system.force(system.rest())
+    np.testing.assert_allclose(weight.sum(axis=0), [0, 0, -10 * total], atol=1e-13)
+    middle = (0.15 * 0.3 * 0.3 + 0.4 * 0.2 * 0.8) / total  # centre of mass
+    assert weight[:, 2] @ cloth.X[:, 0] / weight[:, 2].sum() == pytest.approx(middle, rel=1e-12)
+    ones = system.state(flat(cloth), np.ones((len(cloth.X), 3)))
+    assert system.energies(ones)["kinetic"] == pytest.approx(1.5 * total, rel=1e-13)
+
+
+def test_one_fabric_by_region_is_that_fabric(rng):
+    cloth = halves()
+    whole = fc.System(cloth, WOVEN, [fc.StVK(), fc.StrainRateDamping(0.1)], grain=0.3)
+    both = {"body": WOVEN, "hem": WOVEN}
+    parts = fc.System(cloth, both, [fc.StVK(), fc.StrainRateDamping(0.1)], grain=0.3)
+    state = whole.state(rough(cloth, rng), rng.standard_normal((len(cloth.X), 3)))
+    np.testing.assert_array_equal(parts.force(state), whole.force(state))
+    assert abs(parts.stiffness(state) - whole.stiffness(state)).max() == 0
+    assert parts.rate_bounds() == whole.rate_bounds()
+
+
+@pytest.mark.parametrize("grain", [0.0, 0.6, {"body": 0.2, "hem": -1.0}])
+def test_rate_bounds_stay_above_the_eigenvalues(grain):
+    cloth = halves(0.2)
+    fabrics = {"body": WOVEN, "hem": LINING}
+    terms = [fc.StVK(), fc.StrainRateDamping(0.01)]
+    system = fc.System(cloth, fabrics, terms, grain=grain)
+    M = system.mass.toarray()
+    for A, bound in zip(
+        (system.stiffness(system.rest()), system.damping(system.rest())),
+        system.rate_bounds(),
+        strict=True,
+    ):
+        largest = scipy.linalg.eigh(A.toarray(), M, eigvals_only=True)[-1]
+        assert largest <= bound * (1 + 1e-12) < 2.5 * largest
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"fabric": {"body": WOVEN}}, r"triangle \d+ lies in 0 of the regions body.*one fabric"),
+        ({"fabric": {"body": WOVEN, "hme": LINING}}, "region 'hme'.*Did you mean 'hem'"),
+        ({"fabric": {"body": WOVEN, "hem": LINING, "all": WOVEN}}, "lies in 2 of the regions"),
+        ({"fabric": {}}, "fabric = {}: must name a region"),
+        ({"fabric": {"body": WOVEN, "hem": 3}}, "fabric = 3: must be a Fabric"),
+        ({"fabric": WOVEN, "grain": {"body": 0.1}}, "needs one grain"),
+        ({"fabric": WOVEN, "grain": {"body": 0.1, "hem": np.nan}}, "grain = nan"),
+        ({"fabric": WOVEN, "grain": "45"}, "grain = '45'"),
+        ({"fabric": WOVEN, "grain": np.inf}, "grain = inf"),
+    ],
+)
+def test_refusals(arguments, said):
+    grid = halves()
+    regions = grid.triangle_sets | {"all": np.arange(len(grid.triangles))}
+    cloth = fc.Cloth.from_arrays(grid.X, grid.triangles, regions=regions)
+    with pytest.raises(fc.InputError, match=said):
+        fc.System(cloth, terms=[fc.StVK()], **arguments)
+
+
+# --- regions of mesh files ------------------------------------------------------------------------
+
+GEO = """
+Point(1) = {0, 0, 0, 0.1}; Point(2) = {0.6, 0, 0, 0.1}; Point(3) = {1, 0, 0, 0.1};
+Point(4) = {1, 0.5, 0, 0.1}; Point(5) = {0.6, 0.5, 0, 0.1}; Point(6) = {0, 0.5, 0, 0.1};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 5}; Line(5) = {5, 6};
+Line(6) = {6, 1}; Line(7) = {2, 5};
+Curve Loop(1) = {1, 7, 5, 6}; Plane Surface(1) = {1};
+Curve Loop(2) = {2, 3, 4, -7}; Plane Surface(2) = {2};
+Physical Surface("body") = {1};
+Physical Surface("hem") = {2};
+Physical Curve("seam") = {7};
+"""
+
+
+def written(folder, version):
+    """The same two surfaces as .geo, or as .msh of a format."""
+    geo = folder / "two.geo"
+    geo.write_text(GEO)
+    if version == "geo":
+        return geo
+    path = folder / f"two_{version}.msh"
+    gmsh.initialize(readConfigFiles=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.merge(str(geo))
+        gmsh.model.mesh.generate(2)
+        gmsh.option.setNumber("Mesh.MshFileVersion", float(version))
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path
+
+
+@pytest.mark.parametrize("version", ["geo", "2.2", "4.1"])
+def test_physical_surfaces_become_regions(version, tmp_path):
+    cloth = fc.Cloth.read(written(tmp_path, version))
+    assert set(cloth.triangle_sets) == {"body", "hem"}
+    centroids = cloth.X[cloth.triangles].mean(axis=1)
+    for name, inside, area in (
+        ("body", centroids[:, 0] < 0.6, 0.3),
+        ("hem", centroids[:, 0] > 0.6, 0.2),
+    ):
+        np.testing.assert_array_equal(cloth.region(name), np.flatnonzero(inside))
+        assert cloth.weights[cloth.region(name)].sum() == pytest.approx(area, rel=1e-12)
+    system = fc.System(cloth, {"body": WOVEN, "hem": LINING}, [fc.StVK()])
+    assert system.nodal_mass.sum() == pytest.approx(0.15 * 0.3 + 0.4 * 0.2, rel=1e-12)
+    assert cloth.X[cloth.nodes("seam")][:, 0] == pytest.approx(0.6)
+
+
+def test_renumbering_keeps_the_regions(rng):
+    grid = halves()
+    order, nodes = rng.permutation(len(grid.triangles)), rng.permutation(len(grid.X))
+    place = np.argsort(nodes)
+    hem = np.flatnonzero(np.isin(order, grid.region("hem")))
+    mixed = {"regions": {"hem": hem}}
+    for renumber in (True, False):
+        triangles = place[grid.triangles[order]]
+        cloth = fc.Cloth.from_arrays(grid.X[nodes], triangles, renumber=renumber, **mixed)
+        centroids = cloth.X[cloth.triangles].mean(axis=1)
+        np.testing.assert_array_equal(cloth.region("hem"), np.flatnonzero(centroids[:, 0] > 0.6))
+        np.testing.assert_array_equal(np.sort(cloth.source_triangles[cloth.region("hem")]), hem)
+
+
+def test_a_region_by_predicate_and_refusals():
+    cloth = halves()
+    chosen = cloth.region(lambda X: X[:, 0] > 0.6)
+    np.testing.assert_array_equal(chosen, cloth.region("hem"))
+    with pytest.raises(fc.InputError, match="the choice of triangles is empty"):
+        cloth.region(lambda X: X[:, 0] > 2)
+    with pytest.raises(fc.InputError, match="region 'x': must be one of body, hem"):
+        cloth.region("x")
