@@ -4,6 +4,7 @@ SI units throughout; stiffness and stress of a fabric are per width [N/m]. See t
 symbol table, and `System`, `march` and `run` for where to start.
 """
 
+from .bendingtensor import bending_tensor, strip_rigidity
 from .cloth import Cloth
 from .errors import (
     FeclothError,
@@ -23,7 +24,9 @@ from .pins import Pin, Slide
 from .record import Ledger, Probe
 from .system import State, System
 from .terms import (
+    BendingDamping,
     Gravity,
+    HingeBending,
     NeoHookean,
     Pressure,
     StrainRateDamping,
@@ -31,16 +34,19 @@ from .terms import (
     TensionField,
     TensorCondition,
 )
+from .terms.hinge import hinge_angles
 
 __version__ = "0.1.0"
 
 __all__ = [
     "BackwardEuler",
+    "BendingDamping",
     "Cloth",
     "Fabric",
     "FeclothError",
     "Frames",
     "Gravity",
+    "HingeBending",
     "ImplicitMidpoint",
     "IndefiniteMatrix",
     "InputError",
@@ -63,10 +69,13 @@ __all__ = [
     "System",
     "TensionField",
     "TensorCondition",
+    "bending_tensor",
     "fields",
+    "hinge_angles",
     "march",
     "read_frame",
     "run",
     "solver_for",
+    "strip_rigidity",
     "write_vtk",
 ]

@@ -14,6 +14,7 @@ import skfem
 
 from . import meshing
 from .errors import InputError
+from .hinges import Hinges
 from .locate import locate
 
 Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
@@ -190,6 +191,11 @@ class Cloth:
     def quality(self) -> np.ndarray:
         """(m,) shape of each reference triangle, 4√3 A / Σ l²: 1 equilateral, 0 degenerate."""
         return meshing.quality(self.X, self.triangles)
+
+    @cached_property
+    def hinges(self) -> Hinges:
+        """The interior edges, each with its two triangles."""
+        return Hinges.of(self.X, self.triangles)
 
     # --- scikit-fem ---------------------------------------------------------------------------
 

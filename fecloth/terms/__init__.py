@@ -19,6 +19,7 @@ velocity_dependent.
 """
 
 from .gravity import Gravity
+from .hinge import BendingDamping, HingeBending
 from .neo_hookean import NeoHookean
 from .pressure import Pressure
 from .strain_rate import StrainRateDamping
@@ -27,7 +28,9 @@ from .tension_field import TensionField
 from .tensor_condition import TensorCondition
 
 __all__ = [
+    "BendingDamping",
     "Gravity",
+    "HingeBending",
     "NeoHookean",
     "Pressure",
     "StVK",

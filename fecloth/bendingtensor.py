@@ -1,0 +1,111 @@
+"""What a hinge model on a periodic pattern really is: its homogenised bending tensor."""
+
+from __future__ import annotations
+
+import difflib
+
+import numpy as np
+
+from .errors import InputError
+from .hinges import Hinges
+
+_H = np.sqrt(0.75)
+_SQUARE, _SKEW = np.eye(2), np.array([[1.0, 0.5], [0.0, _H]])
+_A, _B, _C, _D, _O = (0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 0)
+
+# the periods as columns, the nodes of a cell, and its triangles: each corner is a node of the
+# cell that lies (i, j) cells further, written (node, i, j)
+CELLS = {
+    "right": (_SQUARE, [[0.0, 0.0]], [(_A, _B, _C), (_A, _C, _D)]),
+    "cross": (
+        _SQUARE,
+        [[0.0, 0.0], [0.5, 0.5]],
+        [(_A, _B, _O), (_B, _C, _O), (_C, _D, _O), (_D, _A, _O)],
+    ),
+    "equilateral": (_SKEW, [[0.0, 0.0]], [(_A, _B, _D), (_B, _C, _D)]),
+}
+
+
+def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) -> np.ndarray:
+    """(3, 3) D [N m] of the unbounded pattern: ½ kᵀ D k per area, k = (κ11, κ22, 2 κ12).
+
+    The energy of `HingeBending`, to second order about flat, of the deflection ½ X·κX plus a
+    periodic one, over the area of a cell, least over the periodic one. It does not depend on the
+    size of the cell: refinement does not bring the model nearer to the plate B (κ11² + κ22² + …).
+
+    Parameters
+    ----------
+    pattern
+        "right", "cross" or "equilateral", as `Cloth.rectangle` takes it.
+    rigidity
+        B [N m], one number or (warp, weft) with the warp along X.
+
+    Examples
+    --------
+    The free strip along X, and one that is kept from curving across:
+
+    >>> D = bending_tensor("right")
+    >>> float(1 / np.linalg.inv(D)[0, 0]), float(D[0, 0])
+    (0.8, 1.0)
+    """
+    X, hinges, period, place = _patch(pattern, 3, 3)
+    inside = ((place >= 1 - 1e-9) & (place < 2 - 1e-9)).all(axis=1)
+    node = np.arange(len(X)) % len(CELLS[pattern][1])
+    x, y = X.T
+    curvature = 0.5 * np.stack([x * x, y * y, x * y], axis=1)
+    return _relaxed(hinges, inside, rigidity, curvature, node) / np.linalg.det(period)
+
+
+def strip_rigidity(pattern: str, across: int, rigidity: float | tuple[float, float] = 1.0) -> float:
+    """B_eff [N m] of a strip along X that is `across` cells wide, free at its two long edges.
+
+    Its moment per width and curvature in pure bending: as in `bending_tensor`, but least over
+    every deflection with the period along X, and over the twist. Towards many cells it tends to
+    1/(D⁻¹)₁₁; the edges' missing hinges make it differ by about one part in `across`.
+    """
+    if across < 1:
+        raise InputError(f"across = {across!r}", "must be at least 1", "strip_rigidity")
+    X, hinges, period, place = _patch(pattern, 3, across)
+    inside = (place[:, 0] >= 1 - 1e-9) & (place[:, 0] < 2 - 1e-9)
+    row = np.arange(len(X)) % ((across + 1) * len(CELLS[pattern][1]))
+    x, y = X.T
+    bent = _relaxed(hinges, inside, rigidity, 0.5 * np.stack([x * x, x * y], axis=1), row)
+    return float(1 / np.linalg.inv(bent)[0, 0] / (across * np.linalg.det(period)))
+
+
+def _patch(pattern, nx, ny):
+    """X, hinges, periods of nx × ny cells, and the middles of the edges counted in periods."""
+    if pattern not in CELLS:
+        near = difflib.get_close_matches(str(pattern), CELLS, n=1, cutoff=0.0)[0]
+        allowed = f"must be one of {', '.join(CELLS)}"
+        remedy = f"Did you mean {near!r}?"
+        raise InputError(f"pattern = {pattern!r}", allowed, "bending_tensor", remedy)
+    period, nodes, triangles = CELLS[pattern]
+    i, j = np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), indexing="ij")
+    corner = np.stack([i.ravel(), j.ravel()], axis=1) @ period.T
+    X = (corner[:, None] + np.array(nodes)).reshape(-1, 2)
+    cell = np.stack([i[:-1, :-1].ravel(), j[:-1, :-1].ravel()], axis=1)
+    own, shift = np.array(triangles)[..., 0], np.array(triangles)[..., 1:]
+    at = cell[:, None, None] + shift
+    T = ((at[..., 0] * (ny + 1) + at[..., 1]) * len(nodes) + own).reshape(-1, 3)
+    hinges = Hinges.of(X, T)
+    middle = 0.5 * (X[hinges.nodes[:, 0]] + X[hinges.nodes[:, 1]])
+    return X, hinges, period, middle @ np.linalg.inv(period).T
+
+
+def _relaxed(hinges, inside, rigidity, fields, node):
+    """Energy matrix of the deflections `fields` (n, p), least over those that are the same at all
+    nodes of one number in `node` (n,)."""
+    warp, weft = np.broadcast_to(np.sqrt(rigidity), 2)
+    e = hinges.vector / hinges.length[:, None]
+    B = (warp * e[:, 1] ** 2 + weft * e[:, 0] ** 2) ** 2
+    root = np.sqrt(B / hinges.area) * hinges.length
+    g = (root[:, None] * hinges.flat_gradient)[inside]
+    nodes = hinges.nodes[inside]
+    bent = np.einsum("ha,hap->hp", g, fields[nodes])
+    free = np.zeros((len(g), node.max() + 1))
+    np.add.at(free, (np.arange(len(g))[:, None], node[nodes]), g)
+    directions, size, _ = np.linalg.svd(free, full_matrices=False)
+    reached = directions[:, size > 1e-9 * np.linalg.norm(g)]
+    rest = bent - reached @ (reached.T @ bent)
+    return rest.T @ rest

@@ -1,0 +1,89 @@
+"""The hinges of a triangle mesh: its interior edges, each with the two triangles that it joins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Hinges:
+    """All interior edges of a flat mesh; made by `of`, and kept by ``Cloth.hinges``.
+
+    A hinge lies between its nodes 0 and 1; node 2 is opposite in the triangle to the left of
+    0 → 1, node 3 in the one to the right.
+
+    Attributes
+    ----------
+    nodes
+        (h, 4) int32.
+    sides
+        (h, 2) the left and the right triangle.
+    vector
+        (h, 2) from node 0 to node 1 in the reference plane [m].
+    areas
+        (h, 2) reference areas of the two triangles [m²].
+    feet
+        (h, 2) where the heights from nodes 2 and 3 meet the edge: 0 at node 0, 1 at node 1.
+    """
+
+    nodes: np.ndarray
+    sides: np.ndarray
+    vector: np.ndarray
+    areas: np.ndarray
+    feet: np.ndarray
+
+    @classmethod
+    def of(cls, X: np.ndarray, triangles: np.ndarray) -> Hinges:
+        """The hinges of counter-clockwise triangles (m, 3) on nodes X (n, 2), in the order in which
+        their left triangles stand.
+
+        Examples
+        --------
+        >>> X = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+        >>> Hinges.of(X, np.array([[0, 1, 2], [0, 2, 3]])).nodes.tolist()
+        [[2, 0, 1, 3]]
+        """
+        start = triangles.ravel().astype(np.int64)
+        end, opposite = (np.roll(triangles, -s, axis=1).ravel().astype(np.int64) for s in (1, 2))
+        n = len(X)
+        order = np.argsort(end * n + start)
+        backward = (end * n + start)[order]  # the key of the same edge seen from the other side
+        place = np.minimum(np.searchsorted(backward, start * n + end), len(order) - 1)
+        twin = order[place]
+        paired = backward[place] == start * n + end
+        left = np.flatnonzero(paired & (np.arange(len(start)) < twin))
+        right = twin[left]
+        nodes = np.stack([start[left], end[left], opposite[left], opposite[right]], axis=1)
+        return cls._measured(X, nodes.astype(np.int32), np.stack([left // 3, right // 3], axis=1))
+
+    @classmethod
+    def _measured(cls, X, nodes, sides) -> Hinges:
+        e, *apexes = (X[nodes[:, a]] - X[nodes[:, 0]] for a in (1, 2, 3))
+        square = np.sum(e * e, axis=1)
+        areas = [0.5 * np.abs(e[:, 0] * a[:, 1] - e[:, 1] * a[:, 0]) for a in apexes]
+        feet = [np.sum(e * a, axis=1) / square for a in apexes]
+        return cls(nodes, sides, e, np.stack(areas, axis=1), np.stack(feet, axis=1))
+
+    @cached_property
+    def length(self) -> np.ndarray:
+        """(h,) reference length of the edges [m]."""
+        return np.hypot(*self.vector.T)
+
+    @cached_property
+    def area(self) -> np.ndarray:
+        """(h,) A₁ + A₂ [m²]."""
+        return self.areas.sum(axis=1)
+
+    @cached_property
+    def flat_gradient(self) -> np.ndarray:
+        """(h, 4) g with θ = Σ g_a z_a to first order in the heights z of the nodes [1/m].
+
+        A height of the opposite node turns its triangle by 1/h_i; the edge's nodes carry the
+        reaction as a lever does. Σ g_a X_a = 0: an affine motion bends nothing.
+        """
+        g2, g3 = (0.5 * self.length[:, None] / self.areas).T
+        s2, s3 = self.feet.T
+        return np.stack([-(1 - s2) * g2 - (1 - s3) * g3, -s2 * g2 - s3 * g3, g2, g3], axis=1)
