@@ -17,6 +17,7 @@ from .errors import (
 )
 from .fabric import Fabric
 from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
+from .lattice import plane_moduli
 from .march import Result, march, run, solver_for
 from .newton import Newton
 from .output import Frames, fields, read_frame, write_vtk
@@ -29,6 +30,7 @@ from .terms import (
     HingeBending,
     NeoHookean,
     Pressure,
+    Springs,
     StrainRateDamping,
     StVK,
     TensionField,
@@ -62,6 +64,7 @@ __all__ = [
     "SceneError",
     "Slide",
     "SolveFailed",
+    "Springs",
     "StVK",
     "State",
     "StepFailed",
@@ -73,6 +76,7 @@ __all__ = [
     "fields",
     "hinge_angles",
     "march",
+    "plane_moduli",
     "read_frame",
     "run",
     "solver_for",

@@ -22,6 +22,7 @@ from .gravity import Gravity
 from .hinge import BendingDamping, HingeBending
 from .neo_hookean import NeoHookean
 from .pressure import Pressure
+from .springs import Springs
 from .strain_rate import StrainRateDamping
 from .stvk import StVK
 from .tension_field import TensionField
@@ -33,6 +34,7 @@ __all__ = [
     "HingeBending",
     "NeoHookean",
     "Pressure",
+    "Springs",
     "StVK",
     "StrainRateDamping",
     "TensionField",

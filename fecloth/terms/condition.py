@@ -232,17 +232,21 @@ class BoundCondition:
     def symmetric(self) -> bool:
         return self.tangent == "symmetric" or not self.dissipative
 
+    def table(self, x, t, order) -> np.ndarray:
+        """(m, p) constants at x and t, for terms whose are not: up to what `order` asks for."""
+        return self.constants
+
     def energy(self, x: np.ndarray, t: float) -> float:
         """½ Σ Cᵀ k_s C [J]."""
-        return self.kernels.energy(*self.shape, self.nodes, self.constants, self.stiffness, x)
+        return self.kernels.energy(*self.shape, self.nodes, self.table(x, t, 0), self.stiffness, x)
 
     def power(self, x, v, t) -> float:
         """Dissipated power Σ Ċᵀ k_d Ċ [W]."""
-        return self.kernels.power(*self.shape, self.nodes, self.constants, self.damping, x, v)
+        return self.kernels.power(*self.shape, self.nodes, self.table(x, t, 1), self.damping, x, v)
 
     def add_force(self, x, v, t, f) -> None:
         """f_a −= ∂C_a (k_s C + k_d Ċ) [N]."""
-        data = self.constants, self.stiffness, self.damping
+        data = self.table(x, t, 1), self.stiffness, self.damping
         self.kernels.add_force(*self.shape, self.nodes, *data, x, v, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
@@ -251,7 +255,7 @@ class BoundCondition:
         if definite and part == EXACT:
             part = DEFINITE
         mixed = not self.symmetric and not definite
-        data = self.constants, self.stiffness, self.damping
+        data = self.table(x, t, 2), self.stiffness, self.damping
         weights = float(wx), float(wv), part, mixed
         self.kernels.add_tangent(
             *self.shape, self.nodes, self.slots, *data, x, v, *weights, J.values
@@ -286,13 +290,13 @@ class BoundCondition:
 
     def _parts(self, wx, wv, size=8192):
         """(slice, (s, k, 3, k, 3)), the stencils' own matrices at rest, `size` of them at once."""
-        still = np.zeros_like(self.rest)
+        still, constants = np.zeros_like(self.rest), self.table(self.rest, 0.0, 2)
         for start in range(0, len(self.nodes), size):
             part = slice(start, start + size)
             s, k = self.nodes[part].shape
             slots = np.arange(s * k * k, dtype=np.int32).reshape(s, k, k)
             values = np.zeros((s * k * k, 3, 3))
-            data = self.constants[part], self.stiffness[part], self.damping[part]
+            data = constants[part], self.stiffness[part], self.damping[part]
             weights = wx, wv, EXACT if self.hessian == "exact" else GAUSS_NEWTON, False
             nodes = self.nodes[part]
             self.kernels.add_tangent(
