@@ -22,6 +22,7 @@ from .gravity import Gravity
 from .hinge import BendingDamping, HingeBending
 from .neo_hookean import NeoHookean
 from .pressure import Pressure
+from .quadratic_bending import QuadraticBending
 from .springs import Springs
 from .strain_rate import StrainRateDamping
 from .stvk import StVK
@@ -34,6 +35,7 @@ __all__ = [
     "HingeBending",
     "NeoHookean",
     "Pressure",
+    "QuadraticBending",
     "Springs",
     "StVK",
     "StrainRateDamping",
