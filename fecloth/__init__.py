@@ -25,6 +25,7 @@ from .pins import Pin, Slide
 from .record import Ledger, Probe
 from .system import State, System
 from .terms import (
+    BaraffWitkin,
     BendingDamping,
     Gravity,
     HingeBending,
@@ -43,6 +44,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "BackwardEuler",
+    "BaraffWitkin",
     "BendingDamping",
     "Cloth",
     "Fabric",

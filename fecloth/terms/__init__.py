@@ -18,6 +18,7 @@ with the attributes name, symmetric (of its tangent), has_energy, dissipative an
 velocity_dependent.
 """
 
+from .baraff_witkin import BaraffWitkin
 from .gravity import Gravity
 from .hinge import BendingDamping, HingeBending
 from .neo_hookean import NeoHookean
@@ -30,6 +31,7 @@ from .tension_field import TensionField
 from .tensor_condition import TensorCondition
 
 __all__ = [
+    "BaraffWitkin",
     "BendingDamping",
     "Gravity",
     "HingeBending",
