@@ -8,7 +8,8 @@ described in `scenetables`.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Mapping
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -24,9 +25,10 @@ from .formula import nearest
 from .march import step_times
 from .newton import Newton
 from .output import read_frame
+from .panel import Panel
 from .pins import DERIVATIVE_STEP, Constraints, Pin
 from .record import Ledger, Observer, Probe
-from .schema import Table, as_tuples, placed, scene_error
+from .schema import Table, as_tuples, exactly_one, placed, scene_error
 from .system import State, System
 
 
@@ -61,13 +63,17 @@ class Built:
 class Scene(Table):
     """A scene file, checked; its tables hold what the file says and the defaults.
 
+    `fabric` is that of the whole cloth, or `fabrics` has one for each region, as in
+    [fabrics.body]; `grain_degrees` is the angle of the warp from X, one or by region.
     Two scenes are equal if they say the same, whatever file they come from.
     """
 
     title: str | None = None
     mass: Literal["lumped", "consistent"] = "lumped"
     cloth: tables.Shape
-    fabric: tables.FabricTable
+    fabric: tables.FabricTable | None = None
+    fabrics: dict[str, tables.FabricTable] | None = None
+    grain_degrees: float | dict[str, float] = 0.0
     terms: tuple[tables.Term, ...] = ()
     pins: tuple[tables.PinTable, ...] = ()
     start: tables.Start = tables.Start(plane="xy")
@@ -89,6 +95,9 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _consistent(self):
+        exactly_one(self, "fabric", "fabrics")
+        if self.fabrics == {}:
+            raise InputError("fabrics = {}", "must name a region, as in [fabrics.body]")
         names = [probe.name for probe in self.probes]
         for i, name in enumerate(names):
             if name in names[:i]:
@@ -138,14 +147,15 @@ class Scene(Table):
         Raises
         ------
         SceneError
-            For a mesh that cannot be read, a set that it does not have, pins that share a node,
-            a formula that is not finite where it is needed, an unknown name in [expect].
+            For a mesh that cannot be read, a set or region that it does not have, regions that
+            overlap or leave a gap, pins that share a node, a formula that is not finite where it
+            is needed, an unknown name in [expect].
         """
         cloth = self.mesh() if cloth is None else cloth
-        pins = self._pins(cloth)
+        pins, fabric, grain = self._pins(cloth), *self._cut(cloth)
         with self._at("terms"):
             given = [term.make() for term in self.terms]
-            system = System(cloth, self.fabric.make(), given, pins, self.mass)
+            system = System(cloth, fabric, given, pins, self.mass, grain)
         if self.solver.linear != "auto":
             with self._at("solver.linear"):
                 linear.named(self.solver.linear, system.symmetric)
@@ -164,6 +174,16 @@ class Scene(Table):
             probes=probes,
             frame_steps=self.output.steps(self.time),
         )
+
+    def _cut(self, cloth: Cloth) -> tuple:
+        """The fabric and the grain [rad] as `System` takes them, each one or by region."""
+        fabric = self.fabric.make() if self.fabric else _each(self.fabrics, lambda t: t.make())
+        with self._at("fabric" if self.fabric else "fabrics"):
+            Panel.cut(cloth, fabric)
+        grain = _each(self.grain_degrees, math.radians)
+        with self._at("grain_degrees"):
+            Panel.cut(cloth, fabric, grain)
+        return fabric, grain
 
     def _pins(self, cloth: Cloth) -> list[Pin]:
         pins = [table.pin() for table in self.pins]
@@ -227,6 +247,13 @@ class Scene(Table):
             if isinstance(error, MeshError) and key == "cloth":  # where: the mesh file
                 what = f"{key}: {error.where}: {error.what}"
             raise SceneError(what, error.allowed, self._source, error.remedy) from error
+
+
+def _each(given: Any, function: Callable) -> Any:
+    """The function's value, or one for each region."""
+    if isinstance(given, Mapping):
+        return {name: function(value) for name, value in given.items()}
+    return function(given)
 
 
 def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:

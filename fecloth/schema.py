@@ -173,6 +173,8 @@ def _words(hint) -> str:
         tables = _holds_tables(args[0])
         item = "tables" if tables else f"{_words(args[0]).split(' ', 1)[1]}s"
         return f"a list of {item}" if args[-1] is Ellipsis else f"a list of {len(args)} {item}"
+    if origin is dict and not _holds_tables(hint):
+        return f"a table of {_words(args[1]).split(' ', 1)[1]}s"
     return "a table" if _holds_tables(hint) else _WORDS.get(hint, "of another type")
 
 
