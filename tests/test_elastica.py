@@ -1,0 +1,115 @@
+"""A strip clamped at one end under its own weight against the heavy elastica, by pattern.
+
+With s along the strip in units of its length L, φ(s) the angle below the horizontal and
+Γ = ρ g L³/B, balance of moments gives φ'' = −Γ (1 − s) cos φ, φ(0) = 0, φ'(1) = 0. The strip is two
+cells wide, with free edges, and of B_eff as `bending_tensor` has it for such a strip; so narrow
+(less than √(12 B/Y)) that the clamp does not keep it from curving across and that twist, which
+`right` couples to bending, does not lift it out of its plane.
+"""
+
+import numpy as np
+import pytest
+import scipy.sparse.linalg
+from scipy.integrate import cumulative_simpson, solve_bvp
+
+import fecloth as fc
+
+LENGTH, DENSITY, G = 1.0, 0.1, 9.81
+CELLS = 100  # along the strip
+
+
+def elastica(gamma):
+    """s, reach and drop of the inextensible strip, in units of its length."""
+    s, y = np.linspace(0, 1, 101), np.zeros((2, 101))
+    for load in np.geomspace(min(gamma, 1.0), gamma, 6):
+        solution = solve_bvp(
+            lambda s, y, load=load: [y[1], -load * (1 - s) * np.cos(y[0])],
+            lambda start, end: [start[0], end[1]],
+            s,
+            y,
+            tol=1e-8,
+            max_nodes=100_000,
+        )
+        assert solution.success
+        s, y = solution.x, solution.y
+    s = np.linspace(0, 1, 2001)
+    angle = solution.sol(s)[0]
+    along, down = (cumulative_simpson(f(angle), x=s, initial=0) for f in (np.cos, np.sin))
+    return s, along, down
+
+
+def hanging(pattern, gamma, bending):
+    """Reach and drop of the tip of a strip of B = ρ g L³/Γ at rest, in units of its length.
+
+    Two columns of nodes are held: the slope is zero half-way between them, and from there the
+    length counts. The strip is let go flat and comes to rest in backward Euler's growing steps.
+    """
+    h = LENGTH / (CELLS - 0.5)
+    width = {"right": h, "cross": h, "equilateral": 2 * h * np.sqrt(0.75)}[pattern]
+    B = DENSITY * G * LENGTH**3 / gamma
+    Y = 12 * B / (0.02 * LENGTH) ** 2  # its weight stretches it by 0.3 % at most
+    cloth = fc.Cloth.rectangle(CELLS * h, width, h, pattern)
+    fabric = fc.Fabric(DENSITY, Y, bending_rigidity=B)
+    clamp = fc.Pin(lambda X: X[:, 0] < 1.01 * h)
+    terms = [fc.StVK(), bending, fc.Gravity((0, 0, -G))]
+    system = fc.System(cloth, fabric, terms, pins=[clamp])
+    state = system.rest()
+    dt, solver = 0.05, {"solver": "direct", "newton": fc.Newton(tolerance=1e-8)}
+    while dt < 1000.0:
+        try:
+            state = fc.run(system, fc.BackwardEuler(), state, dt, state.t + dt, **solver).state
+            dt *= 1.5
+        except fc.StepFailed:
+            dt /= 4
+    rest = system.constraints.project(system.force(state))
+    assert np.linalg.norm(rest) < 1e-6 * DENSITY * G * LENGTH * width  # at rest, to its weight
+    tip = state.x[cloth.nodes("right")].mean(axis=0)
+    return (tip[0] - 0.5 * h) / LENGTH, -tip[2] / LENGTH
+
+
+PATTERNS = ["right", "cross", "equilateral"]
+
+
+def close_to_elastica(pattern, gamma, bending):
+    effective = 1 / np.linalg.inv(fc.bending_tensor(pattern))[0, 0]
+    _, reach, drop = elastica(gamma / effective)
+    assert hanging(pattern, gamma, bending) == pytest.approx((reach[-1], drop[-1]), rel=0.03)
+
+
+@pytest.mark.parametrize("gamma", [1.0, 10.0, 100.0])
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_heavy_elastica(pattern, gamma):
+    close_to_elastica(pattern, gamma, fc.HingeBending())
+
+
+@pytest.mark.parametrize("gamma", [1.0, 10.0])
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_heavy_elastica_of_the_quadratic_form(pattern, gamma):
+    """Not at 100: B/(Y h²) = 1/3 here, so the form stiffens the twist of `right`; reach 7 % off."""
+    close_to_elastica(pattern, gamma, fc.QuadraticBending())
+
+
+# B_eff/B of a cantilever in small deflection, at width/length 0.25 and 2, as in `HingeBending`
+BIAS = {
+    "right": (0.83, 0.92),
+    "cross": (1.11, 1.29),
+    "equilateral": (0.93, 0.99),
+    "unstructured": (0.93, 0.98),
+}
+
+
+@pytest.mark.parametrize("pattern", BIAS)
+def test_bias_of_a_cantilever(pattern):
+    """The table of `HingeBending`: its stiffness at flat, from ρ g L⁴/(8 w) at the tip."""
+    for width, bias in zip((0.25, 2.0), BIAS[pattern], strict=True):
+        h = 1.0 / 40
+        cloth = fc.Cloth.rectangle(1.0 + h, width, h, pattern)
+        system = fc.System(
+            cloth, fc.Fabric(1.0, 1.0, bending_rigidity=1.0), [fc.QuadraticBending()]
+        )
+        held = cloth.X[:, 0] < 1.01 * h
+        free = np.flatnonzero(~held)
+        K = system.bound[0].matrix[free][:, free].tocsc()
+        w = scipy.sparse.linalg.spsolve(K, system.nodal_mass[free])
+        tip = w[np.isclose(cloth.X[free, 0], 1.0 + h)].mean()
+        assert (1.0 + 0.5 * h) ** 4 / (8 * tip) == pytest.approx(bias, abs=0.02)
