@@ -126,6 +126,24 @@ class Fabric:
             return None
         return _pair("bending_rigidity", self.bending_rigidity)
 
+    def isotropic(self, where: str) -> tuple[float, float]:
+        """(Y [N/m], ν), for a term `where` that cannot have two directions.
+
+        Raises
+        ------
+        InputError
+            If the stiffness depends on the direction.
+        """
+        (warp, weft), nu = self.tensile, self.poisson_ratio
+        shear, remedy = warp / (2 * (1 + nu)), "StVK takes orthotropic fabrics."
+        if warp != weft:
+            what = f"tensile_stiffness = ({warp!r}, {weft!r})"
+            raise InputError(what, "must be one number: the law is isotropic", where, remedy)
+        if abs(self.shear - shear) > 1e-9 * shear:
+            allowed = f"must be Y/(2 (1 + ν)) = {shear:.6g}: the law is isotropic"
+            raise InputError(f"shear_stiffness = {self.shear!r}", allowed, where, remedy)
+        return warp, nu
+
     def moduli(self) -> np.ndarray:
         """Plane-stress moduli ℂ in the order (C11, C22, C66, C12, C16, C26) [N/m].
 

@@ -20,6 +20,19 @@ The loop forms, for the nodes a of each triangle and each quadrature point of we
 and 9.4.) Nothing here assumes three nodes or one quadrature point: `K` and `Q` are
 tuples with one zero for each node and each point, so that the compiler knows their number and
 unrolls the loops (three times faster than a count read from an array).
+
+Which laws are the same material at small strain, that is have one ℂ at F = a rotation, for a
+fabric of Y and ν (tests/test_tension_field.py holds each line):
+
+    law                          uniaxial   biaxial      shear           is StVK's
+    StVK                         Y          Y/(1 − ν)    Y/(2 (1 + ν))   -
+    NeoHookean("compressible")   Y          Y/(1 − ν)    Y/(2 (1 + ν))   for every ν ≥ 0
+    NeoHookean()                 Y          2 Y          Y/3             for ν = ½ only
+    TensorCondition(Y/4)         Y          Y            Y/2             for ν = 0 only
+    TensionField, taut           Y          Y/(1 − ν)    Y/(2 (1 + ν))   for every ν
+
+TensionField has no ℂ at rest itself: from E = 0 a strain e > 0 along one direction alone meets
+Y e/(1 − ν²) if ν > 0, e < 0 nothing, and the shear E12 = e the stress Y e/2 in place of 2 G e.
 """
 
 from __future__ import annotations
@@ -33,8 +46,6 @@ import numpy as np
 
 from ..cloth import Cloth
 from ..compiled import inner, loop
-from ..errors import InputError
-from ..fabric import Fabric
 from ..panel import Panel
 
 
@@ -303,23 +314,6 @@ class BoundMembrane:
 def bind(name, kernels: Kernels, constants, moduli, panel: Panel, slots: Callable) -> BoundMembrane:
     """Bind a law with its constants (m, p) and moduli (m, 6) to a panel."""
     return BoundMembrane(name, kernels, panel, slots(panel.cloth.stencil), constants, moduli)
-
-
-def isotropic(fabric: Fabric, term: str) -> tuple[float, float]:
-    """(Y [N/m], ν) of a fabric; refuses one whose stiffness depends on the direction."""
-    (warp, weft), nu = fabric.tensile, fabric.poisson_ratio
-    shear = warp / (2 * (1 + nu))
-    remedy = "StVK takes orthotropic fabrics."
-    if warp != weft:
-        what = f"tensile_stiffness = ({warp!r}, {weft!r})"
-        raise InputError(what, "must be one number: the law is isotropic", term, remedy)
-    if abs(fabric.shear - shear) > 1e-9 * shear:
-        what, allowed = (
-            f"shear_stiffness = {fabric.shear!r}",
-            f"must be Y/(2 (1 + ν)) = {shear:.6g}",
-        )
-        raise InputError(what, f"{allowed}: the law is isotropic", term, remedy)
-    return warp, nu
 
 
 def eigenvalue_bound(panel: Panel, moduli: np.ndarray, mass: np.ndarray) -> float:

@@ -13,7 +13,6 @@ from ..errors import InputError
 from ..fabric import Fabric
 from ..panel import Panel
 from . import membrane
-from .membrane import isotropic
 
 KINDS = ("incompressible", "compressible")
 
@@ -91,7 +90,7 @@ class NeoHookean:
         """(1,) μ, or (2,) μ and λ [N/m]."""
         if self.mu is not None:
             return np.array([self.mu] if self.lam is None else [self.mu, self.lam])
-        Y, nu = isotropic(fabric, "NeoHookean")
+        Y, nu = fabric.isotropic("NeoHookean")
         if self.kind == "incompressible":
             return np.array([Y / 3])
         if nu < 0:

@@ -12,7 +12,7 @@ from ..compiled import inner, kernel
 from ..fabric import Fabric
 from ..panel import Panel
 from . import membrane
-from .membrane import contract, isotropic
+from .membrane import contract
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class TensionField:
 
     def constants(self, fabric: Fabric) -> np.ndarray:
         """(2,) Y [N/m] and ν; refuses a fabric that is not isotropic."""
-        return np.array(isotropic(fabric, "TensionField"))
+        return np.array(fabric.isotropic("TensionField"))
 
     def moduli(self, fabric: Fabric) -> np.ndarray:
         """(6,) ℂ [N/m], that of the taut state."""
-        isotropic(fabric, "TensionField")
+        fabric.isotropic("TensionField")
         return fabric.moduli()
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
