@@ -27,8 +27,10 @@ from .system import State, System
 from .terms import (
     BaraffWitkin,
     BendingDamping,
+    Drag,
     Gravity,
     HingeBending,
+    MassDamping,
     NeoHookean,
     Pressure,
     QuadraticBending,
@@ -37,6 +39,7 @@ from .terms import (
     StVK,
     TensionField,
     TensorCondition,
+    Wind,
 )
 from .terms.hinge import hinge_angles
 
@@ -47,6 +50,7 @@ __all__ = [
     "BaraffWitkin",
     "BendingDamping",
     "Cloth",
+    "Drag",
     "Fabric",
     "FeclothError",
     "Frames",
@@ -57,6 +61,7 @@ __all__ = [
     "InputError",
     "Ledger",
     "LinearlyImplicitEuler",
+    "MassDamping",
     "MeshError",
     "NeoHookean",
     "Newton",
@@ -76,6 +81,7 @@ __all__ = [
     "System",
     "TensionField",
     "TensorCondition",
+    "Wind",
     "bending_tensor",
     "fields",
     "hinge_angles",

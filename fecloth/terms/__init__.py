@@ -19,8 +19,10 @@ velocity_dependent.
 """
 
 from .baraff_witkin import BaraffWitkin
+from .drag import Drag, Wind
 from .gravity import Gravity
 from .hinge import BendingDamping, HingeBending
+from .mass_damping import MassDamping
 from .neo_hookean import NeoHookean
 from .pressure import Pressure
 from .quadratic_bending import QuadraticBending
@@ -33,8 +35,10 @@ from .tensor_condition import TensorCondition
 __all__ = [
     "BaraffWitkin",
     "BendingDamping",
+    "Drag",
     "Gravity",
     "HingeBending",
+    "MassDamping",
     "NeoHookean",
     "Pressure",
     "QuadraticBending",
@@ -43,4 +47,5 @@ __all__ = [
     "StrainRateDamping",
     "TensionField",
     "TensorCondition",
+    "Wind",
 ]
