@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -71,6 +72,22 @@ def strip_rigidity(pattern: str, across: int, rigidity: float | tuple[float, flo
     x, y = X.T
     bent = _relaxed(hinges, inside, rigidity, 0.5 * np.stack([x * x, x * y], axis=1), row)
     return float(1 / np.linalg.inv(bent)[0, 0] / (across * np.linalg.det(period)))
+
+
+def bending_note(pattern: str, terms: Iterable[str]) -> str:
+    """A line for a scene that expects values and bends by hinges on a pattern; else "".
+
+    Examples
+    --------
+    >>> bending_note("right", ["StVK", "HingeBending"])
+    'HingeBending on "right" bends along X as 0.80 B (narrow strip) to 1.00 B (wide), at any h'
+    """
+    hinged = [name for name in terms if name in ("HingeBending", "QuadraticBending")]
+    if not hinged or pattern not in CELLS:
+        return ""
+    D = bending_tensor(pattern)
+    span = f"{1 / np.linalg.inv(D)[0, 0]:.2f} B (narrow strip) to {D[0, 0]:.2f} B (wide)"
+    return f'{hinged[0]} on "{pattern}" bends along X as {span}, at any h'
 
 
 def _patch(pattern, nx, ny):

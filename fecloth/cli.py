@@ -265,6 +265,8 @@ def _plan(built: Built, why: str) -> list[str]:
         f"{built.method}, dt = {built.dt:g} s to t = {built.t_end:g} s",
         f"linear solver: {why}",
     ]
+    if built.note:
+        lines.append(built.note)
     if stiffness:
         limit = 2 / np.sqrt(stiffness)
         lines.append(f"an explicit method would need dt <= {limit:.3g} s (bound at rest)")

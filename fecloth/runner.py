@@ -113,6 +113,8 @@ def run_scene(
     folder = RunFolder.create(path, overwrite)
     folder.text("scene.resolved.toml", scene.to_toml())
     folder.log(f"{_sizes(built)}; solver {why}")
+    if built.note:
+        folder.log(built.note)
     recorder = _Recorder(folder, built, watch)
     error = None
     with _interruptible() as interrupted:

@@ -19,6 +19,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from . import linear, scenefile
 from . import scenetables as tables
+from .bendingtensor import bending_note
 from .cloth import Cloth
 from .errors import InputError, MeshError, SceneError
 from .formula import nearest
@@ -46,6 +47,8 @@ class Built:
         For `run`.
     frame_steps
         Steps between two frames of the output.
+    note
+        A line to say before the run, or "".
     """
 
     cloth: Cloth
@@ -58,6 +61,7 @@ class Built:
     linear: str
     probes: tuple[Probe, ...]
     frame_steps: int
+    note: str = ""
 
 
 class Scene(Table):
@@ -173,7 +177,13 @@ class Scene(Table):
             linear=self.solver.linear,
             probes=probes,
             frame_steps=self.output.steps(self.time),
+            note=self._note(),
         )
+
+    def _note(self) -> str:
+        """What [expect] should know of the mesh."""
+        pattern = getattr(self.cloth, "pattern", "")
+        return bending_note(pattern, [t.type for t in self.terms]) if self.expect else ""
 
     def _cut(self, cloth: Cloth) -> tuple:
         """The fabric and the grain [rad] as `System` takes them, each one or by region."""

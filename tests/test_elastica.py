@@ -1,10 +1,10 @@
 """A strip clamped at one end under its own weight against the heavy elastica, by pattern.
 
 With s along the strip in units of its length L, φ(s) the angle below the horizontal and
-Γ = ρ g L³/B, balance of moments gives φ'' = −Γ (1 − s) cos φ, φ(0) = 0, φ'(1) = 0. The strip is two
-cells wide, with free edges, and of B_eff as `bending_tensor` has it for such a strip; so narrow
-(less than √(12 B/Y)) that the clamp does not keep it from curving across and that twist, which
-`right` couples to bending, does not lift it out of its plane.
+Γ = ρ g L³/B, balance of moments gives φ'' = −Γ (1 − s) cos φ, φ(0) = 0, φ'(1) = 0. The strip is one
+cell wide (two rows of `equilateral`) and free at its long edges, so its B_eff is the pattern's
+1/(D⁻¹)₁₁ (`bending_tensor`). It is narrow against √(12 B/Y): then neither the clamp keeps it from
+curving across, nor does the twist that `right` couples to bending lift it out of its plane.
 """
 
 import numpy as np
