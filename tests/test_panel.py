@@ -206,6 +206,17 @@ def test_rate_bounds_stay_above_the_eigenvalues(grain):
         assert largest <= bound * (1 + 1e-12) < 2.5 * largest
 
 
+@pytest.mark.parametrize("angle", ANGLES)
+def test_rate_bounds_of_a_single_triangle_are_its_eigenvalues(angle):
+    """So they see the grain; a stretched triangle, as on an equilateral one all angles are near."""
+    cloth = fc.Cloth.from_arrays([[0, 0], [0.3, 0.02], [0.05, 0.1]], [[0, 1, 2]])
+    terms = [fc.StVK(), fc.StrainRateDamping(0.01)]
+    system = fc.System(cloth, WOVEN, terms, grain=angle)
+    K, M = system.stiffness(system.rest()).toarray(), system.mass.toarray()
+    largest = scipy.linalg.eigh(K, M, eigvals_only=True)[-1]
+    assert system.rate_bounds() == pytest.approx((largest, 0.01 * largest), rel=1e-11)
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
