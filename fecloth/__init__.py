@@ -42,6 +42,7 @@ from .terms import (
     Wind,
 )
 from .terms.hinge import hinge_angles
+from .terms.user_condition import Condition
 
 __version__ = "0.1.0"
 
@@ -50,6 +51,7 @@ __all__ = [
     "BaraffWitkin",
     "BendingDamping",
     "Cloth",
+    "Condition",
     "Drag",
     "Fabric",
     "FeclothError",

@@ -53,7 +53,8 @@ class Springs:
     converges under refinement to the fabric, but for ν = 1/3 on equilateral triangles. A spring
     in compression is unstable against rotation; `definite` drops that part of its tangent.
 
-    Cost of force and tangent relative to `StVK`: 1.2 times for the edges, 3 for "biquadratic".
+    Cost of force and tangent relative to `StVK`: 1.2 times for the edges, 2.5 and 3.6 for
+    "biquadratic".
 
     Parameters
     ----------
