@@ -32,6 +32,7 @@ from .terms import (
     HingeBending,
     MassDamping,
     NeoHookean,
+    PointForce,
     Pressure,
     QuadraticBending,
     Springs,
@@ -39,6 +40,7 @@ from .terms import (
     StVK,
     TensionField,
     TensorCondition,
+    UserForce,
     Wind,
 )
 from .terms.hinge import hinge_angles
@@ -68,6 +70,7 @@ __all__ = [
     "NeoHookean",
     "Newton",
     "Pin",
+    "PointForce",
     "Pressure",
     "Probe",
     "QuadraticBending",
@@ -83,6 +86,7 @@ __all__ = [
     "System",
     "TensionField",
     "TensorCondition",
+    "UserForce",
     "Wind",
     "bending_tensor",
     "fields",

@@ -20,6 +20,7 @@ velocity_dependent.
 
 from .baraff_witkin import BaraffWitkin
 from .drag import Drag, Wind
+from .forces import PointForce, UserForce
 from .gravity import Gravity
 from .hinge import BendingDamping, HingeBending
 from .mass_damping import MassDamping
@@ -40,6 +41,7 @@ __all__ = [
     "HingeBending",
     "MassDamping",
     "NeoHookean",
+    "PointForce",
     "Pressure",
     "QuadraticBending",
     "Springs",
@@ -47,5 +49,6 @@ __all__ = [
     "StrainRateDamping",
     "TensionField",
     "TensorCondition",
+    "UserForce",
     "Wind",
 ]
