@@ -40,6 +40,7 @@ from .terms import (
     StVK,
     TensionField,
     TensorCondition,
+    Tether,
     UserForce,
     Wind,
 )
@@ -86,6 +87,7 @@ __all__ = [
     "System",
     "TensionField",
     "TensorCondition",
+    "Tether",
     "UserForce",
     "Wind",
     "bending_tensor",

@@ -32,6 +32,7 @@ from .strain_rate import StrainRateDamping
 from .stvk import StVK
 from .tension_field import TensionField
 from .tensor_condition import TensorCondition
+from .tether import Tether
 
 __all__ = [
     "BaraffWitkin",
@@ -49,6 +50,7 @@ __all__ = [
     "StrainRateDamping",
     "TensionField",
     "TensorCondition",
+    "Tether",
     "UserForce",
     "Wind",
 ]
