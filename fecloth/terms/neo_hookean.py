@@ -36,10 +36,10 @@ class NeoHookean:
         ℂ = λ C⁻¹ ⊗ C⁻¹ + 2 (μ − λ ln J) C⁻¹ ⊙ C⁻¹
 
     Source: Bonet and Wood (2008), Nonlinear Continuum Mechanics for Finite Element Analysis,
-    section 6.4.3, in the form for two dimensions: their W with λ₃ = 1. So that it is a membrane's
-    all the same, λ and μ are those of plane stress: from the fabric μ = Y/(2 (1 + ν)) and
-    λ = Yν/(1 − ν²), and at rest the law agrees with `StVK`. At finite strain it is a law of its
-    own for the sheet; the thickness is not asked for. In the metric of C the eigenvalues of ℂ
+    section 6.4.3 (S is its eq. 6.28), for two dimensions: their W with λ₃ = 1. So that it is a
+    membrane's all the same, λ and μ are those of plane stress: from the fabric μ = Y/(2 (1 + ν))
+    and λ = Yν/(1 − ν²), and at rest the law agrees with `StVK`. At finite strain it is a law of
+    its own for the sheet; the thickness is not asked for. In the metric of C the eigenvalues of ℂ
     are 2 (μ − λ ln J), twice, and 2 (λ + μ − λ ln J): W is convex in E up to ln J = μ/λ =
     (1 − ν)/(2ν), an area ratio of 3.2 at ν = 0.3, and everywhere if λ = 0. Beyond, a definite
     tangent raises those eigenvalues to zero.

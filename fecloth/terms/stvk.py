@@ -21,7 +21,7 @@ class StVK:
     Energy per reference area W [J/m²], stress resultant S [N/m], in the material axes warp and
     weft. Isotropic: W = Y / (2 (1 − ν²)) (E11² + E22² + 2 ν E11 E22 + 2 (1 − ν) E12²).
     Source: Bonet and Wood (2008), Nonlinear Continuum Mechanics for Finite Element Analysis,
-    eq. 6.27, with plane-stress moduli (`Fabric.moduli`).
+    chapter 6, with plane-stress moduli (`Fabric.moduli`).
 
     Valid for any rotation and for strains at which the fabric is linear in E. W is convex in E,
     but in compression the force softens beyond a stretch of 1/√3 and a triangle can collapse.
