@@ -45,9 +45,9 @@ class NeoHookean:
     tangent raises those eigenvalues to zero.
 
     Valid for isotropic fabrics at any stretch. Where `StVK` softens in compression, here S grows
-    as 1/J² and W without bound, so that no equilibrium has a collapsed triangle; but J is the area
-    ratio without a sign, and a large step may turn a triangle over. Cost relative to `StVK`:
-    force 1.2 (incompressible) and 1.9 (compressible), tangent 1.2 and 1.4.
+    at least as 1/J² and W without bound, so that no equilibrium has a collapsed triangle; but J
+    is the area ratio without a sign, and a large step may turn a triangle over. Cost relative to
+    `StVK`: force 1.2 (incompressible) and 1.9 (compressible), tangent 1.2 and 1.4.
 
     Parameters
     ----------
