@@ -43,7 +43,7 @@ def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) ->
 
     Examples
     --------
-    The free strip along X, and one that is kept from curving across:
+    The free strip along X, and one that can neither curve across nor twist:
 
     >>> D = bending_tensor("right")
     >>> float(1 / np.linalg.inv(D)[0, 0]), float(D[0, 0])

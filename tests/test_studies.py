@@ -10,7 +10,10 @@ STUDIES = Path(__file__).parents[1] / "studies"
 
 
 @pytest.mark.study
-@pytest.mark.parametrize(("study", "says"), [("bench.py", "figures met"), ("costs.py", "StVK")])
+@pytest.mark.parametrize(
+    ("study", "says"),
+    [("bench.py", "figures met"), ("costs.py", "StVK"), ("bending_bias.py", "derived")],
+)
 def test_quick(study, says):
     command = [sys.executable, str(STUDIES / study), "--quick"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)

@@ -45,11 +45,11 @@ class HingeBending:
 
         pattern                             right    cross    equilateral    unstructured
         derived: narrow strip, free edges   0.80     1.00     0.89           -
-        derived: kept from curving across   1.00     1.33     1.00           -
+        derived: cylindrical, no twist      1.00     1.33     1.00           -
         cantilever, width/length 0.25       0.83     1.11     0.93           0.93
         cantilever, width/length 2          0.92     1.29     0.99           0.98
 
-    (small deflection, 80 edges along the cantilever; 20 edges: within 0.035 of it). `right` also
+    (small deflection, 80 edges along the cantilever; 20 edges: within 0.035 of it; `studies/bending_bias.py`). `right` also
     couples bending and twist: a strip of it turns out of its plane.
 
     Valid from flat to nearly folded: at θ = ±π the angle, and the energy, jump. Its tangent is
