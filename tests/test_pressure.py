@@ -307,3 +307,16 @@ def test_both_tangents_lead_to_the_same_membrane_as_fast():
     one, other = inflated(500.0, 10), inflated(500.0, 10, "exact")
     assert one[:2] == pytest.approx(other[:2], rel=1e-8)
     assert one[2] == other[2]
+
+
+def test_the_scene_expects_the_exact_height():
+    from pathlib import Path
+
+    from fecloth.scene import load
+
+    scene = load(Path(__file__).parents[1] / "studies" / "scenes" / "dome.toml")
+    (expected,) = scene.expect["centre.z"]
+    height, _ = shooting(500.0)
+    assert expected.value == pytest.approx(height, rel=1e-6)
+    (expected,) = scene.expect["reaction:boundary.z"]
+    assert expected.value == pytest.approx(-500.0 * np.pi * RADIUS**2, rel=1e-6)
