@@ -40,8 +40,9 @@ class HingeBending:
     fabric states. Where the two triangles differ in fabric or grain, they bend in series under
     one moment: (A₁ + A₂)/B = A₁/B(1) + A₂/B(2).
 
-    **It does not carry B, on any mesh, and refinement does not help.** What it carries on the
-    regular patterns is known (`bending_tensor`), on others it must be measured. B_eff/B along X:
+    **It does not carry B, and refinement does not help.** What it carries depends on the mesh and
+    on what keeps the cloth from curving across; on the regular patterns it is known
+    (`bending_tensor`), on others it must be measured. B_eff/B along X:
 
         pattern                             right    cross    equilateral    unstructured
         derived: narrow strip, free edges   0.80     1.00     0.89           -
@@ -49,8 +50,9 @@ class HingeBending:
         cantilever, width/length 0.25       0.83     1.11     0.93           0.93
         cantilever, width/length 2          0.92     1.29     0.99           0.98
 
-    (small deflection, 80 edges along the cantilever; 20 edges: within 0.035 of it; `studies/bending_bias.py`). `right` also
-    couples bending and twist: a strip of it turns out of its plane.
+    (small deflection, 80 edges along the cantilever, 20 edges within 0.035 of it;
+    `studies/bending_bias.py`). `right` also couples bending and twist: a strip of it turns out of
+    its plane.
 
     Valid from flat to nearly folded: at θ = ±π the angle, and the energy, jump. Its tangent is
     exact; `definite` drops the part with ∂²θ, which is indefinite. Where a triangle has no height
