@@ -169,6 +169,42 @@ def test_ledger_of_damped_springs_closes(sheet):
         assert abs(result.energies["remainder"][-1]) < share * lost
 
 
+def test_ledger_tells_energy_and_damping_of_one_term_apart(sheet):
+    """Biquadratic springs with damping are two terms in one: every column as of the two."""
+    one, two = (
+        fc.System(sheet, SQUARE, [*terms, fc.Gravity()], pins=["left"])
+        for terms in (
+            [fc.Springs("biquadratic", damping=0.02)],
+            [fc.StVK(), fc.StrainRateDamping(0.02)],
+        )
+    )
+    x = flat(sheet) * [1.05, 1.0, 1.0]
+    a, b = (
+        fc.run(system, fc.BackwardEuler(), system.state(x), dt=0.005, t_end=0.05).energies
+        for system in (one, two)
+    )
+    assert b["numerical"][-1] > 1e-3
+    for mine, other in (
+        ("numerical", "numerical"),
+        ("Springs", "StVK"),
+        ("dissipated:Springs", "dissipated:StrainRateDamping"),
+        ("kinetic", "kinetic"),
+    ):
+        np.testing.assert_allclose(a[mine], b[other], rtol=1e-4, atol=1e-9)
+
+
+def test_newton_does_not_take_damped_springs_for_a_potential(sheet):
+    """A line search on the energy alone would be blind to the damping force."""
+    from types import SimpleNamespace
+
+    from fecloth.newton import _Work
+
+    solver = SimpleNamespace(linear=None, matrix=None, options=None)
+    for damping, expected in ((0.0, True), (0.01, False)):
+        system = fc.System(sheet, SQUARE, [fc.Springs(damping=damping)])
+        assert _Work(system, None, solver).has_potential is expected
+
+
 @pytest.mark.parametrize("pattern", ["unstructured", "right", "equilateral"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_rate_bounds_are_never_below(kind, pattern):
