@@ -27,7 +27,8 @@ A family of conditions is a compiled function
 and four module-level entry points, which hand it to the loops below (as springs.py does), in a
 `Kernels`. `K` is a tuple with one zero for each node and `R` a tuple with, for each component, 1
 if its ∂²C is positive semi-definite at every x and 0 if it is not: the compiler knows their
-length. `bind` makes the bound term.
+length. `bind` makes the bound term. A term whose constants change with x or t extends
+`BoundCondition` and its `table`, as user_condition.py and tether.py do.
 
 `definite` keeps the part (k_s C + k_d Ċ)_r ∂²C_r where both factors are not negative, drops the
 others and the non-symmetric part. Gauss–Newton drops all of ∂²C.
