@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import newton
+from . import linear, newton
 from .errors import IndefiniteMatrix
 from .newton import Counts, Solver
 from .stage import Stage, prescribed
@@ -152,19 +152,27 @@ def _velocity_change(system, state, dt, solver, end, definite, guess):
     dv[nodes] = system.constraints.held((end.x - state.x) / dt - state.v)
     inertial[nodes] = system.constraints.held(end.v - state.v)
     system.assemble(J, state, wx=dt, definite=definite)
-    b = system.force(state) - J @ state.v
+    dense = system.dense(state)
+    b = system.force(state) - J @ state.v - _times(dense, dt, state.v)
     system.add_tangents(J, state, wv=1.0, definite=definite)
-    b -= J @ dv + system.scalar_mass @ (inertial / dt)
+    b -= J @ dv + _times(dense, dt, dv) + system.scalar_mass @ (inertial / dt)
     system.add_tangents(J, state, wa=1.0 / dt)
     system.project(J)
     seconds = {"assemble": time.perf_counter() - begin}
     solver.linear.prepare(J)
     project, rtol = system.constraints.project, solver.options.tolerance
     start = None if guess is None else project(guess.copy())
-    free, info = solver.linear.solve(project(b), rtol=rtol, guess=start)
-    seconds |= {"factor": info.seconds_factor, "solve": info.seconds_solve}
-    counts = Counts(1, info.iterations, int(definite), info.residual, seconds)
-    return free + dv, counts
+    updates = [(dt * c, project(u)) for c, u in dense]
+    free, infos = linear.updated(solver.linear, updates, project(b), rtol, start)
+    seconds["factor"] = infos[0].seconds_factor
+    seconds["solve"] = sum(info.seconds_solve for info in infos)
+    iterations = sum(info.iterations for info in infos)
+    return free + dv, Counts(1, iterations, int(definite), infos[0].residual, seconds)
+
+
+def _times(dense, wx, v):
+    """wx Σ c u (u · v)."""
+    return sum((wx * c * float(np.vdot(u, v)) * u for c, u in dense), np.zeros_like(v))
 
 
 def arrival(system: System, state: State, dt: float) -> State:

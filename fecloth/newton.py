@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from . import linear
 from .blocks import BlockMatrix
 from .errors import FeclothError, IndefiniteMatrix, InputError
 from .stage import Stage
@@ -196,7 +197,8 @@ class _Work:
         x, v, _ = stage.at(q)
         definite = self.options.definiteness == "clamp"
         weights = stage.wx, stage.wv, (1 + shift) * stage.wa
-        self.system.assemble(self.J, State(stage.t, x, v), *weights, definite)
+        at = State(stage.t, x, v)
+        self.system.assemble(self.J, at, *weights, definite)
         self.system.project(self.J)
         self.modified += definite or shift > 0
         self.seconds["assemble"] += time.perf_counter() - begin
@@ -205,10 +207,12 @@ class _Work:
             raise NewtonFailed("the forces are not finite", float(norm), "Take a smaller dt.")
         forcing = min(0.5, max(self.options.forcing, 0.5 * goal / norm))
         self.linear_solver.prepare(self.J)
-        step, info = self.linear_solver.solve(-R, rtol=forcing)
-        self.linear += info.iterations
-        self.seconds["factor"] += info.seconds_factor
-        self.seconds["solve"] += info.seconds_solve
+        project = self.system.constraints.project
+        dense = [(stage.wx * c, project(u)) for c, u in self.system.dense(at)]
+        step, infos = linear.updated(self.linear_solver, dense, -R, forcing)
+        self.linear += sum(info.iterations for info in infos)
+        self.seconds["factor"] += infos[0].seconds_factor
+        self.seconds["solve"] += sum(info.seconds_solve for info in infos)
         return step
 
     def round_off(self, q, shift):

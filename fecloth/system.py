@@ -207,13 +207,17 @@ class System:
                 term.add_tangent(state.x, state.v, state.t, wx, wv, J, definite)
         return J
 
+    def dense(self, state: State) -> list[tuple[float, np.ndarray]]:
+        """(c, u (n, 3)) of the parts c u uᵀ of K that couple all nodes, and are not in a matrix."""
+        return [term.dense(state.x, state.t) for term in self.bound if hasattr(term, "dense")]
+
     def project(self, J: BlockMatrix) -> BlockMatrix:
         """P J P + (I − P) s, in place: a pinned node's rows and columns become a multiple of I."""
         self._projection.apply(J)
         return J
 
     def stiffness(self, state: State) -> sparse.bsr_matrix:
-        """K = −∂f/∂x over all nodes, (3n, 3n) [N/m]."""
+        """K = −∂f/∂x over all nodes, (3n, 3n) [N/m], without what `dense` gives."""
         J = BlockMatrix.zeros(self.pattern)
         return self.assemble(J, state, wx=1.0).to_scipy()
 

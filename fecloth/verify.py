@@ -162,6 +162,8 @@ def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep
         sweeps.append(_sweep("force", energy, slope, np.linalg.norm(f), size))
     if "x" in tangents:
         exact = -(system.stiffness(state) @ direction.ravel())
+        for c, u in system.dense(state):
+            exact -= c * float(np.vdot(u, direction)) * u.ravel()
         sweeps.append(
             _sweep("x-tangent", lambda h: system.force(moved(h)).ravel(), exact, None, size)
         )

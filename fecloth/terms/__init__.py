@@ -12,6 +12,7 @@ and the bound term offers, in place and without knowledge of dt, solver or other
     supply(x, v, t)                           power from outside [W], if it is a load without energy
     add_force(x, v, t, f)                     f += force [N]
     add_tangent(x, v, t, wx, wv, J, definite) J += wx K + wv D, K = −∂f/∂x, D = −∂f/∂v
+    dense(x, t)                               c and u of a part c u uᵀ of K outside J, if any
     rate_bounds(mass)                         bounds of the eigenvalues of M⁻¹K and M⁻¹D at rest
 
 with the attributes name, symmetric (of its tangent), has_energy, dissipative and
@@ -21,6 +22,7 @@ velocity_dependent.
 from .baraff_witkin import BaraffWitkin
 from .drag import Drag, Wind
 from .forces import PointForce, UserForce
+from .gas import Gas
 from .gravity import Gravity
 from .hinge import BendingDamping, HingeBending
 from .mass_damping import MassDamping
@@ -38,6 +40,7 @@ __all__ = [
     "BaraffWitkin",
     "BendingDamping",
     "Drag",
+    "Gas",
     "Gravity",
     "HingeBending",
     "MassDamping",
