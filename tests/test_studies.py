@@ -12,7 +12,12 @@ STUDIES = Path(__file__).parents[1] / "studies"
 @pytest.mark.study
 @pytest.mark.parametrize(
     ("study", "says"),
-    [("bench.py", "figures met"), ("costs.py", "StVK"), ("bending_bias.py", "derived")],
+    [
+        ("bench.py", "figures met"),
+        ("costs.py", "StVK"),
+        ("bending_bias.py", "derived"),
+        ("materials.py", "power of"),
+    ],
 )
 def test_quick(study, says):
     command = [sys.executable, str(STUDIES / study), "--quick"]
