@@ -4,6 +4,7 @@ SI units throughout; stiffness and stress of a fabric are per width [N/m]. See t
 symbol table, and `System`, `march` and `run` for where to start.
 """
 
+from . import verify
 from .bendingtensor import bending_tensor, strip_rigidity
 from .cloth import Cloth
 from .errors import (
@@ -101,5 +102,6 @@ __all__ = [
     "run",
     "solver_for",
     "strip_rigidity",
+    "verify",
     "write_vtk",
 ]

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 
 import meshio
@@ -59,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=STATUS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action="version", version=f"fecloth {version('fecloth')}")
     commands = parser.add_subparsers(required=True, metavar="run | check | mesh | info")
 
     sub = _command(commands, "run", _run, "run a scene and leave files for ParaView")
@@ -116,6 +118,8 @@ def _run(options) -> int:
     if not options.quiet:
         print(_ledger_text(outcome.ledger))
         print(_closing(outcome))
+    if outcome.warning:
+        print(f"warning: {outcome.warning}", file=sys.stderr)
     if outcome.status == DONE:
         return 0
     print(_trouble(outcome), file=sys.stderr)
@@ -247,8 +251,8 @@ def _info(options) -> int:
         arguments = built.system, built.method, built.dt, built.linear, built.newton
         print("\n".join([*_described(built.cloth), *_plan(built, solver_for(*arguments)[1])]))
         return 0
-    for name, version in versions().items():
-        print(f"{name}: {version}")
+    for name, found in versions().items():
+        print(f"{name}: {found}")
     print(f"processors: {os.cpu_count()}")
     print(f"direct solver: {linear.direct().name}")
     return 0

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 
@@ -52,6 +53,9 @@ def solver_for(
     `choice` is "auto", "direct", "pardiso", "superlu" or "pcg". "auto" takes conjugate gradients
     where dt times the fastest frequency predicts few iterations, else a factorisation.
     """
+    if isinstance(method, type) or not hasattr(method, "weights"):
+        allowed = "must be a method such as BackwardEuler()"
+        raise InputError(f"method {method!r}", allowed, "march")
     symmetric = system.symmetric
     if choice == "auto":
         stiffness, damping = system.rate_bounds()
@@ -116,6 +120,9 @@ def march(
 
 def step_times(t: float, dt: float, t_end: float) -> np.ndarray:
     """The end time of every step; t + i dt without accumulated round-off."""
+    for name, value in (("dt", dt), ("t_end", t_end)):
+        if not isinstance(value, Real):
+            raise InputError(f"{name} = {value!r}", "must be a number [s]", "march")
     if not (math.isfinite(dt) and dt > 0):
         raise InputError(f"dt = {dt!r}", "must be finite and > 0 [s]", "march")
     if not (math.isfinite(t_end) and t_end > t):
@@ -201,6 +208,7 @@ def run(
     >>> len(result.times), bool(abs(result.energies["remainder"][-1]) < 1e-3)
     (11, True)
     """
+    step_times(state.t, dt, t_end)  # refuse them before anything else
     chosen, why = solver_for(system, method, dt, solver, newton)
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
     energies, observed = [ledger.row()], [observer.row(None, None)]

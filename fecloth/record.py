@@ -101,6 +101,12 @@ class Ledger:
         lost = sum(self.dissipated.values()) + self.numerical
         return self.total + lost - sum(self.work.values()) - self.pins - self.start
 
+    @property
+    def turnover(self) -> float:
+        """What has moved: kinetic and the amounts of all that was dissipated or worked [J]."""
+        flows = *self.dissipated.values(), *self.work.values(), self.pins, self.numerical
+        return self.kinetic + sum(map(abs, flows))
+
     def row(self) -> dict[str, float]:
         """One row of energies.csv."""
         return {
@@ -129,8 +135,9 @@ def _pin_work(system, theta, old, step, inertia):
     """Work of the held directions over a step: Δv·M v_θ − f · Δx on the constrained nodes."""
     constraints = system.constraints
     at = constraints.nodes
-    if not len(at) or all(pin.motion is None for pin, _ in constraints.groups.values()):
-        return 0.0
+    fixed = all(pin.motion is None for pin, _ in constraints.groups.values())
+    if not len(at) or (fixed and not constraints.held(old.v).any()):
+        return 0.0  # but a start that moves what is fixed is stopped by the pins
     v = old.v + theta * (step.state.v - old.v)
     held_v, held_x = constraints.held(v), constraints.held(step.state.x - old.x)
     f = system.force(step.stage)[at]

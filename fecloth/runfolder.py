@@ -80,9 +80,15 @@ class RunFolder:
         """Raise the `InputError` of `create` for a folder that is not empty; change nothing."""
         path = Path(path)
         with writing(path):
-            if path.exists() and any(path.iterdir()) and not overwrite:
+            if not path.exists() or not any(path.iterdir()):
+                return
+            if not overwrite:
                 remedy = "Choose another folder with -o, or pass --overwrite to replace its run."
                 raise InputError(f"output folder {path}", "is not empty", remedy=remedy)
+            if not any((path / name).is_file() for name in ("scene.resolved.toml", *TABLES)):
+                remedy = "Choose another folder with -o."
+                what = f"output folder {path}"
+                raise InputError(what, "holds other things than a run", remedy=remedy)
 
     def table(self, name: str) -> Table:
         """A new table, e.g. "steps.csv"; the first row's keys are its header."""

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from .cloth import Cloth
-from .errors import FeclothError, StepFailed
+from .errors import FeclothError, InputError, StepFailed
 from .march import StepInfo, add_seconds, march, run, solver_for
 from .output import Frames, fields
 from .record import Ledger, Observer
@@ -29,6 +29,7 @@ from .scene import Built, Scene
 from .system import System
 
 DONE, FAILED, INTERRUPTED = "done", "failed", "interrupted"
+TRUSTED = 0.05  # of the energy that moved: a larger remainder is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +46,16 @@ class Outcome:
         At the last good state.
     error
         Why it failed.
+    warning
+        What to doubt, "" for nothing.
     """
 
     status: str
     folder: Path
     summary: dict
     ledger: Ledger
-    error: StepFailed | None = None
+    error: FeclothError | None = None
+    warning: str = ""
 
 
 @dataclass
@@ -120,7 +124,7 @@ def run_scene(
     with _interruptible() as interrupted:
         try:
             recorder.to_end(solver, report, interrupted)
-        except StepFailed as failure:
+        except (StepFailed, InputError) as failure:  # a user's function, a full disk
             error = failure
     stopped = INTERRUPTED if recorder.state.t < built.t_end else DONE
     status = FAILED if error else stopped
@@ -137,6 +141,7 @@ class _Recorder:
         self.ledger = Ledger.open(built.system, built.state)
         self.observer = Observer.bind(built.system, built.state, built.probes)
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
+        self.turnover = 0.0
         self.counts = {"steps": 0, "newton": 0, "linear": 0, "modified": 0}
         with watch.phase("output"):
             self.frames.add(self.state)
@@ -152,6 +157,7 @@ class _Recorder:
             with self.watch.phase("record"):
                 self.ledger = self.ledger.after(built.system, built.method, info.old, info.result)
                 observed = self.observer.row(info.old, info.result)
+                self.turnover = max(self.turnover, self.ledger.turnover)
             with self.watch.phase("output"):
                 self._rows(observed, info)
                 if info.step % built.frame_steps == 0 or info.t >= built.t_end:
@@ -177,7 +183,17 @@ class _Recorder:
             row |= {"linear": counts.linear, "modified": counts.modified}
             self.tables["steps"].add(row | {"residual": counts.residual})
 
-    def close(self, status: str, why: str, error: StepFailed | None) -> Outcome:
+    def doubt(self) -> str:
+        """A sentence if the energy balance does not close."""
+        remainder = self.ledger.remainder
+        if not abs(remainder) > TRUSTED * self.turnover:
+            return ""
+        return (
+            f"the energy balance is off by {remainder:.3g} J, where {self.turnover:.3g} J have "
+            "moved: do not trust this motion; take a smaller dt"
+        )
+
+    def close(self, status: str, why: str, error: FeclothError | None) -> Outcome:
         """The last good state as a frame, the summary, the last line of the log."""
         with self.watch.phase("output"):
             if self.state.t > self.frames.times[-1]:
@@ -188,6 +204,7 @@ class _Recorder:
         summary = {
             "status": status,
             "error": str(error) if error else None,
+            "warning": (warning := self.doubt()) or None,
             "t": self.state.t,
             "t_end": self.built.t_end,
             **_sizes_of(self.built.system),
@@ -202,7 +219,9 @@ class _Recorder:
         self.folder.summary(summary)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         self.folder.log(f"{words}: {error}" if error else words)
-        return Outcome(status, self.folder.path, summary, self.ledger, error)
+        if warning:
+            self.folder.log(f"warning: {warning}")
+        return Outcome(status, self.folder.path, summary, self.ledger, error, warning)
 
 
 _TABLES = ("steps", "energies", "observed")
@@ -241,7 +260,7 @@ def _sizes(built: Built) -> str:
 
 @contextmanager
 def _interruptible() -> Iterator[threading.Event]:
-    """Ctrl-C sets the event, so that a run stops between two steps; a second one stops at once."""
+    """Ctrl-C (and SIGTERM) sets the event: a run stops between two steps; a second one at once."""
     asked = threading.Event()
 
     def ask(number, frame):
@@ -252,8 +271,9 @@ def _interruptible() -> Iterator[threading.Event]:
     if threading.current_thread() is not threading.main_thread():
         yield asked
         return
-    before = signal.signal(signal.SIGINT, ask)
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield asked
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -209,7 +209,8 @@ class Scene(Table):
 
     def _motion_times(self) -> np.ndarray:
         """All times at which a motion is asked for, also by the difference for its velocity."""
-        times = np.append(0.0, step_times(0.0, self.time.dt, self.time.t_end))
+        start = self.time.t_start
+        times = np.append(start, step_times(start, self.time.dt, self.time.t_end))
         step = DERIVATIVE_STEP
         return np.concatenate([times, times[1:] - step, times[1:] + step])
 
@@ -217,13 +218,13 @@ class Scene(Table):
         cloth, start = system.cloth, self.start
         if start.frame:
             with self._at("start.frame"):
-                return replace(read_frame(start.frame, cloth), t=0.0)
+                return replace(read_frame(start.frame, cloth), t=self.time.t_start)
         with self._at("start.position"):
             x = start.x(cloth.X)
         with self._at("start.velocity"):
             v = start.v(cloth.X)
         with self._at("start"):
-            return system.state(x, v)
+            return system.state(x, v, self.time.t_start)
 
     def _probes(self, cloth: Cloth) -> tuple[Probe, ...]:
         probes = tuple(table.probe() for table in self.probes)

@@ -192,13 +192,14 @@ def _at(texts: tuple[str, ...], X: np.ndarray) -> np.ndarray:
 
 
 class Time(Table):
-    """The method and its step dt, up to t_end [s]."""
+    """The method and its step dt, from t_start to t_end [s]."""
 
     method: one_of("type", {name: table_of(cls, name) for name, cls in METHODS.items()}) = Field(
         description=", ".join(METHODS)
     )
     dt: float = Field(gt=0, description="s")
-    t_end: float = Field(gt=0, description="s")
+    t_end: float = Field(description="s")
+    t_start: float = Field(0.0, description="s")
 
     @model_validator(mode="before")
     @classmethod
@@ -209,8 +210,12 @@ class Time(Table):
 
     @model_validator(mode="after")
     def _finitely_many(self):
-        if self.t_end / self.dt > MOST_STEPS:
-            what = f"dt = {self.dt!r} makes {self.t_end / self.dt:.2g} steps"
+        if not self.t_end > self.t_start:
+            allowed = f"must be greater than {self.t_start:g} [s]"
+            raise InputError(f"t_end = {self.t_end!r}", allowed)
+        steps = (self.t_end - self.t_start) / self.dt
+        if steps > MOST_STEPS:
+            what = f"dt = {self.dt!r} makes {steps:.2g} steps"
             raise InputError(what, f"must be at most {MOST_STEPS:.0e}", "", "Is it in seconds?")
         return self
 
@@ -235,7 +240,7 @@ class Output(Table):
 
     def steps(self, time: Time) -> int:
         """Steps between two frames, rounded to the nearest."""
-        seconds = self.every or time.t_end / (self.frames or 1)
+        seconds = self.every or (time.t_end - time.t_start) / (self.frames or 1)
         return self.every_steps or max(1, round(seconds / time.dt))
 
 

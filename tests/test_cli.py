@@ -138,8 +138,10 @@ def test_a_folder_that_is_not_empty_is_refused_and_kept(scene, capsys):
     assert main(["run", str(scene), "-o", "run"]) == 2
     assert "is not empty" in capsys.readouterr().err
     assert [p.name for p in Path("run").iterdir()] == ["mine.txt"]
-    assert main(["run", str(scene), "-o", "run", "--overwrite", "--quiet"]) == 0
-    assert Path("run/mine.txt").read_text() == "keep"
+    assert main(["run", str(scene), "-o", "other", "--quiet"]) == 0
+    Path("other/mine.txt").write_text("keep")
+    assert main(["run", str(scene), "-o", "other", "--overwrite", "--quiet"]) == 0
+    assert Path("other/mine.txt").read_text() == "keep"
 
 
 def test_a_failed_step_is_status_3_and_leaves_the_last_good_state(scene, capsys):
@@ -261,3 +263,48 @@ def test_a_killed_run_leaves_a_pvd_that_opens(later, scene, tmp_path):
     running.kill()
     running.communicate(timeout=60)
     assert len(opens(out)) >= 3
+
+
+def test_a_balance_that_does_not_close_is_told(scene, capsys):
+    make = ["--set", 'time.method="implicit_midpoint"', "--set", "terms.1.time=1e-9"]
+    assert main(["run", str(scene), "-o", "good", *make, "--set", "time.dt=0.001"]) == 0
+    assert "warning" not in capsys.readouterr().err
+    assert json.loads(Path("good/summary.json").read_text())["warning"] is None
+    long = ["--set", "time.dt=0.02", "--set", "time.t_end=2", "--set", "output.every=1"]
+    assert main(["run", str(scene), "-o", "bad", *make, *long]) == 0
+    assert "warning: the energy balance is off by" in capsys.readouterr().err
+    assert "smaller dt" in json.loads(Path("bad/summary.json").read_text())["warning"]
+
+
+def test_a_run_goes_on_from_a_frame_at_its_time(scene):
+    shake = ["--set", "pins.0.motion=['0', '0', '0.05*sin(40*t)']", "--quiet"]
+    assert main(["run", str(scene), "-o", "whole", *shake]) == 0
+    frame = Path("whole/frames/frame_000003.vtu").resolve()
+    start = ["--set", f"start={{frame='{frame}'}}", "--set", "time.t_start=0.06"]
+    assert main(["run", str(scene), "-o", "rest", *shake, *start]) == 0
+    assert frame_times(Path("rest/run.pvd")) == pytest.approx([0.06, 0.08, 0.1])
+    a, b = (
+        meshio.read(f"{name}/frames/frame_00000{i}.vtu") for name, i in (("whole", 5), ("rest", 2))
+    )
+    assert a.points == pytest.approx(b.points, abs=1e-6)
+
+
+def test_overwrite_replaces_runs_only(scene, capsys):
+    Path("mine").mkdir()
+    Path("mine/summary.json").write_text("keep")
+    assert main(["run", str(scene), "-o", "mine", "--overwrite"]) == 2
+    assert "holds other things than a run" in capsys.readouterr().err
+    assert Path("mine/summary.json").read_text() == "keep"
+
+
+def test_what_fails_in_the_middle_of_a_run_is_status_3(scene, capsys):
+    shake = ["--set", "pins.0.motion=['0', '0', 'where(t > 0.05, 1/(t*0), 0)']"]
+    assert main(["run", str(scene), "-o", "run", *shake]) in (2, 3)
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["--version"])
+    assert stop.value.code == 0
+    assert f"fecloth {fc.__version__}" in capsys.readouterr().out

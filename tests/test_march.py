@@ -140,3 +140,19 @@ def test_a_scene_evaluates_only_what_it_names(isotropic, monkeypatch):
     fc.run(system, fc.BackwardEuler(), system.rest(), 0.01, 0.05)
     assert system.names == ("Gravity",)
     assert not calls
+
+
+@pytest.mark.parametrize(
+    ("method", "dt", "message"),
+    [
+        (fc.BackwardEuler, 0.1, "must be a method such as BackwardEuler"),
+        ("midpoint", 0.1, "method 'midpoint'"),
+        (fc.BackwardEuler(), "0.1", r"dt = '0.1': must be a number \[s\]"),
+    ],
+)
+def test_what_cannot_be_marched_is_refused(method, dt, message, isotropic):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5)
+    system = fc.System(cloth, isotropic, [fc.StVK()])
+    for function in (fc.run, lambda *a: next(fc.march(*a))):
+        with pytest.raises(fc.InputError, match=message):
+            function(system, method, system.rest(), dt, 1.0)

@@ -105,3 +105,17 @@ def test_area_of_an_affine_map():
 def test_a_probe_needs_one_place():
     with pytest.raises(fc.InputError, match="either"):
         fc.Probe("nowhere")
+
+
+@pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.BackwardEuler()])
+def test_a_start_that_moves_what_is_fixed_is_stopped_by_the_pins(method, isotropic):
+    """The pinned nodes' kinetic energy is taken by the pins (midpoint), or half by the method."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.25)
+    system = fc.System(cloth, isotropic, [fc.StVK()], pins=["left"])
+    start = system.state(system.rest().x, np.tile([0.0, 0.0, 1.0], (len(cloth.X), 1)))
+    lost = 0.5 * system.nodal_mass[cloth.nodes("left")].sum()
+    newton = fc.Newton(tolerance=1e-12)
+    result = fc.run(system, method, start, 1e-5, 1e-5, solver="direct", newton=newton)
+    taken = -result.energies["pins"][-1] + result.energies["numerical"][-1]
+    assert taken == pytest.approx(lost, rel=1e-2)
+    assert abs(result.energies["remainder"][-1]) < 1e-3 * lost
