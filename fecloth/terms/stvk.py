@@ -25,6 +25,8 @@ class StVK:
 
     Valid for any rotation and for strains at which the fabric is linear in E. W is convex in E,
     but in compression the force softens beyond a stretch of 1/√3 and a triangle can collapse.
+    Cost: 15 ns a triangle for the force, 68 for the tangent (one thread); other terms state
+    theirs relative to these, and ``python studies/costs.py`` measures them.
     """
 
     def moduli(self, fabric: Fabric) -> np.ndarray:

@@ -23,7 +23,8 @@ class TensorCondition:
     deformed edges, transformed by a constant of the rest triangle. The condition as the energy
     k/2 CᵀC follows Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 6.
 
-    The same material as `StVK` with ν = 0 and tensile stiffness 4k (so G = 2k).
+    The same material as `StVK` with ν = 0 and tensile stiffness 4k (so G = 2k), at the same cost,
+    valid where that is.
 
     Parameters
     ----------
