@@ -137,11 +137,12 @@ class Fabric:
         (warp, weft), nu = self.tensile, self.poisson_ratio
         shear, remedy = warp / (2 * (1 + nu)), "StVK takes orthotropic fabrics."
         if warp != weft:
-            what = f"tensile_stiffness = ({warp!r}, {weft!r})"
+            what = f"the fabric's tensile_stiffness = ({warp!r}, {weft!r})"
             raise InputError(what, "must be one number: the law is isotropic", where, remedy)
         if abs(self.shear - shear) > 1e-9 * shear:
             allowed = f"must be Y/(2 (1 + ν)) = {shear:.6g}: the law is isotropic"
-            raise InputError(f"shear_stiffness = {self.shear!r}", allowed, where, remedy)
+            what = f"the fabric's shear_stiffness = {self.shear!r}"
+            raise InputError(what, allowed, where, remedy)
         return warp, nu
 
     def moduli(self) -> np.ndarray:

@@ -60,6 +60,11 @@ class Pin:
         return (self.displacement(t + step) - self.displacement(t - step)) / (2 * step)
 
     def __post_init__(self):
+        for name in ("motion", "velocity"):
+            value = getattr(self, name)
+            if value is not None and not callable(value):
+                allowed = "must be a function of t, as in lambda t: [0, 0, 0.1 * t]"
+                raise InputError(f"{name} = {value!r}", allowed, f"Pin({self.where!r})")
         if self.velocity is not None and self.motion is None:
             raise InputError("velocity without a motion", "needs both", f"Pin({self.where!r})")
 

@@ -200,6 +200,7 @@ class Observer:
 
     @classmethod
     def bind(cls, system: System, start: State, probes=()) -> Observer:
+        probes = _distinct(probes)
         return cls(system, start, {p.name: p.weights(system.cloth) for p in probes})
 
     def row(self, old: State | None, step) -> dict[str, float]:
@@ -217,6 +218,19 @@ class Observer:
         for name in self.system.constraints.groups:
             row |= _components(f"reaction:{name}", held.get(name, np.full(3, np.nan)))
         return row
+
+
+def _distinct(probes) -> tuple[Probe, ...]:
+    """The probes, if they are some and their columns their own."""
+    if isinstance(probes, Probe) or not all(isinstance(p, Probe) for p in probes):
+        raise InputError(f"probes = {probes!r}", "must be a list of Probe", "Observer")
+    names = [probe.name for probe in probes]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"probe {name!r} stands twice", "needs a name of its own", "Observer")
+        if name in ("mean_displacement", "sag", "area") or name.startswith("reaction:"):
+            raise InputError(f"probe {name!r}", "is the name of a column of every run", "Observer")
+    return tuple(probes)
 
 
 def area(cloth: Cloth, x: np.ndarray) -> float:

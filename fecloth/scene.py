@@ -164,6 +164,7 @@ class Scene(Table):
             with self._at("solver.linear"):
                 linear.named(self.solver.linear, system.symmetric)
         state = self._start(system)
+        self._check_start(system, state)
         probes = self._probes(cloth)
         self._check_expected(system, state, probes)
         return Built(
@@ -225,6 +226,16 @@ class Scene(Table):
             v = start.v(cloth.X)
         with self._at("start"):
             return system.state(x, v, self.time.t_start)
+
+    def _check_start(self, system: System, state: State) -> None:
+        for name, term in zip(system.names, system.bound, strict=True):
+            f = np.zeros_like(state.x)
+            with self._at("terms"):
+                term.add_force(state.x, state.v, state.t, f)
+            if not np.isfinite(f).all():
+                allowed = "has no finite force at the start"
+                remedy = "Is the start degenerate? A Gas needs a volume: give it a dome."
+                raise SceneError(f"terms: {name}", allowed, self._source, remedy)
 
     def _probes(self, cloth: Cloth) -> tuple[Probe, ...]:
         probes = tuple(table.probe() for table in self.probes)

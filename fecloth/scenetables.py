@@ -31,7 +31,11 @@ def _formula(*variables: str, condition: bool = False) -> Any:
         Formula(text, variables, condition)
         return text
 
-    return Annotated[str, AfterValidator(check)]
+    def text(value: Any) -> Any:
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        return repr(value) if number and not condition else value
+
+    return Annotated[str, BeforeValidator(text), AfterValidator(check)]
 
 
 def _named(name: str) -> str:

@@ -303,3 +303,14 @@ def test_energy_of_a_uniform_stretch(small):
     x = affine(small, F, (0.1, 0.2, 0.3))
     assert system.energies(system.state(x))["Condition"] == pytest.approx(expected, rel=1e-12)
     assert flat(small).shape == x.shape
+
+
+@pytest.mark.parametrize("name", ["kinetic", "remainder", "pins", "dissipated:Drag", "a,b"])
+def test_a_name_that_is_a_column_of_the_ledger_is_refused(name):
+    with pytest.raises(fc.InputError, match="name = .*must be letters"):
+        fc.Condition(lambda y: y[:, 0, 2], [[0]], 1.0, name=name)
+
+
+def test_a_value_that_is_no_function_is_refused():
+    with pytest.raises(fc.InputError, match="value = 'y': must be a function"):
+        fc.Condition("y", [[0, 1]], 1.0)

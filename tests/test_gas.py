@@ -158,3 +158,19 @@ def test_a_flat_start_is_a_failed_step(isotropic):
         fc.run(system, fc.BackwardEuler(), system.rest(), 1e-3, 1e-2)
     assert math.isinf(system.energies(system.rest())["Gas"])
     system.force(system.state(rough(cloth, np.random.default_rng(0))))
+
+
+def test_a_scene_with_a_flat_gas_is_refused(tmp_path):
+    from fecloth.scene import load
+
+    text = """
+    cloth = { shape = "disk", radius = 0.5, h = 0.2 }
+    fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+    terms = [{ type = "StVK" }, { type = "Gas", pressure = 1e5, volume = 0.1 }]
+    pins = [{ where = "boundary", motion = [0, 0, "0.1 * t"] }]
+    time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }
+    """
+    (path := tmp_path / "scene.toml").write_text(text)
+    with pytest.raises(fc.SceneError, match=r"terms: Gas: has no finite force at the start.*dome"):
+        load(path).build()
+    load(path, ["start={position=['X', 'Y', '0.1*(0.25-X**2-Y**2)']}"]).build()

@@ -177,7 +177,9 @@ def test_two_fabrics_bend_in_series():
 
 @pytest.mark.parametrize("term", BOTH, ids=lambda term: type(term).__name__)
 def test_a_fabric_must_know_its_rigidity(term, sheet, isotropic):
-    with pytest.raises(fc.InputError, match="bending_rigidity is missing.*Give bending_rigidity"):
+    with pytest.raises(
+        fc.InputError, match="the fabric has no bending_rigidity.*Give it in the fabric"
+    ):
         fc.System(sheet, isotropic, [term])
 
 

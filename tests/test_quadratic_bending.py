@@ -109,5 +109,5 @@ def test_definite_and_bounded():
 
 
 def test_a_fabric_must_know_its_rigidity(sheet, isotropic):
-    with pytest.raises(fc.InputError, match="QuadraticBending: bending_rigidity is missing"):
+    with pytest.raises(fc.InputError, match="QuadraticBending: the fabric has no bending_rigidity"):
         fc.System(sheet, isotropic, [fc.QuadraticBending()])

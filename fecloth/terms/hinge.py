@@ -145,8 +145,9 @@ def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
 
     def roots(fabric):
         if fabric.bending is None:
-            remedy = "Give bending_rigidity, one number or (warp, weft)."
-            raise InputError("bending_rigidity is missing", "must be > 0 [N m]", where, remedy)
+            remedy = "Give it in the fabric, one number or (warp, weft)."
+            what = "the fabric has no bending_rigidity"
+            raise InputError(what, f"{where} needs it, > 0 [N m]", where, remedy)
         return np.sqrt(fabric.bending)
 
     hinges = panel.cloth.hinges

@@ -17,6 +17,8 @@ STEP = 1e-3  # of the differences, relative to the size of the stencil
 TOLERANCE = 1e-6  # of a given derivative against differences, relative to the largest entry
 WEIGHTS = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))  # central, of order 4
 
+RESERVED = ("t", "kinetic", "pins", "numerical", "total", "remainder")  # columns of the ledger
+
 Function = Callable[[np.ndarray], np.ndarray]
 
 
@@ -92,6 +94,11 @@ class Condition:
     name: str = "Condition"
 
     def __post_init__(self):
+        if self.name in RESERVED or not all(c.isalnum() or c in " _-" for c in self.name):
+            allowed = f"must be letters, digits, spaces, _ and -, and none of {', '.join(RESERVED)}"
+            raise InputError(f"name = {self.name!r}", allowed, "Condition")
+        if not callable(self.value):
+            raise InputError(f"value = {self.value!r}", "must be a function", "Condition")
         condition.check_options(self.name, tangent=self.tangent)
         for key in ("stiffness", "damping"):
             value = np.asarray(getattr(self, key), dtype=float)
