@@ -16,6 +16,7 @@ from .errors import (
     SolveFailed,
     StepFailed,
 )
+from .explicit import CentralDifference, ForwardEuler, SymplecticEuler
 from .fabric import Fabric
 from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
 from .lattice import plane_moduli
@@ -55,11 +56,13 @@ __all__ = [
     "BackwardEuler",
     "BaraffWitkin",
     "BendingDamping",
+    "CentralDifference",
     "Cloth",
     "Condition",
     "Drag",
     "Fabric",
     "FeclothError",
+    "ForwardEuler",
     "Frames",
     "Gas",
     "Gravity",
@@ -87,6 +90,7 @@ __all__ = [
     "State",
     "StepFailed",
     "StrainRateDamping",
+    "SymplecticEuler",
     "System",
     "TensionField",
     "TensorCondition",

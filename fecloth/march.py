@@ -53,9 +53,12 @@ def solver_for(
     `choice` is "auto", "direct", "pardiso", "superlu" or "pcg". "auto" takes conjugate gradients
     where dt times the fastest frequency predicts few iterations, else a factorisation.
     """
-    if isinstance(method, type) or not hasattr(method, "weights"):
+    if isinstance(method, type) or not hasattr(method, "step"):
         allowed = "must be a method such as BackwardEuler()"
         raise InputError(f"method {method!r}", allowed, "march")
+    if getattr(method, "explicit", False):
+        method.check(system)
+        return Solver(None, None, options or Newton()), "no linear solver: explicit"
     symmetric = system.symmetric
     if choice == "auto":
         stiffness, damping = system.rate_bounds()

@@ -33,7 +33,8 @@ class Ledger:
     numerical
         What the method itself takes, by its own formula: (θ − ½)(Δv·M Δv + Δx·K Δx) a step, where
         Δx·K Δx is the change of the conservative force along Δx (exact for energies quadratic
-        in x); ½ (…) for backward Euler, nothing for the midpoint rule.
+        in x); ½ (…) for backward Euler, nothing for the midpoint rule; for explicit methods see
+        `Explicit.numerical`.
     start
         kinetic + Σ potential at the start.
     """
@@ -60,24 +61,27 @@ class Ledger:
 
     def after(self, system: System, method, old: State, step) -> Ledger:
         """The ledger after `step`, taken by `method` from the state `old`."""
-        new, at = step.state, step.stage
+        new = step.state
         dt, dx, dv = new.t - old.t, new.x - old.x, new.v - old.v
+        stages = stages_of(step)
         energies = system.energies(new)
         kinetic = energies.pop("kinetic")
         inertia = system.scalar_mass @ dv
         dissipated = {
-            name: self.dissipated[name] + dt * term.power(at.x, at.v, at.t)
+            name: self.dissipated[name] + dt * _mean(term.power, stages)
             for name, term in zip(system.names, system.bound, strict=True)
             if term.dissipative
         }
         work = {
-            name: self.work[name] + dt * term.supply(at.x, at.v, at.t)
+            name: self.work[name] + dt * _mean(term.supply, stages)
             for name, term in zip(system.names, system.bound, strict=True)
             if name in self.work
         }
         numerical = self.numerical
-        if method.theta != 0.5:
-            bend = np.vdot(_conservative(system, old) - _conservative(system, new), dx)
+        if hasattr(method, "numerical"):
+            numerical += method.numerical(system, old, step)
+        elif method.theta != 0.5:
+            bend = np.vdot(conservative(system, old) - conservative(system, new), dx)
             numerical += (method.theta - 0.5) * float(np.vdot(dv, inertia) + bend)
         return replace(
             self,
@@ -122,7 +126,35 @@ class Ledger:
         }
 
 
-def _conservative(system, state):
+def stages_of(step) -> tuple[State, ...]:
+    """Where the forces of a step were taken, equal in weight."""
+    return getattr(step, "stages", (step.stage,))
+
+
+def _mean(function, stages):
+    return sum(function(at.x, at.v, at.t) for at in stages) / len(stages)
+
+
+def mean_force(system: System, step) -> np.ndarray:
+    """(n, 3) force [N] that moved the cloth over a step."""
+    stages = stages_of(step)
+    return sum(system.force(at) for at in stages) / len(stages)
+
+
+def column_forces(system: System, state: State) -> np.ndarray:
+    """(n, 3) forces [N] whose power the ledger sums as dissipated or as work."""
+    f, still = np.zeros_like(state.x), np.zeros_like(state.v)
+    for term in system.bound:
+        if term.dissipative or hasattr(term, "supply"):
+            term.add_force(state.x, state.v, state.t, f)
+            if term.has_energy:
+                elastic = np.zeros_like(f)
+                term.add_force(state.x, still, state.t, elastic)
+                f -= elastic
+    return f
+
+
+def conservative(system: System, state: State) -> np.ndarray:
     """(n, 3) force of the terms that have an energy, without the damping that they may have."""
     f, still = np.zeros_like(state.x), np.zeros_like(state.v)
     for term in system.bound:
@@ -140,7 +172,7 @@ def _pin_work(system, theta, old, step, inertia):
         return 0.0  # but a start that moves what is fixed is stopped by the pins
     v = old.v + theta * (step.state.v - old.v)
     held_v, held_x = constraints.held(v), constraints.held(step.state.x - old.x)
-    f = system.force(step.stage)[at]
+    f = mean_force(system, step)[at]
     return float(np.vdot(inertia[at], held_v) - np.vdot(f, held_x))
 
 
@@ -153,7 +185,7 @@ def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
         return {}
     dt = step.state.t - old.t
     constraints = system.constraints
-    residual = system.scalar_mass @ ((step.state.v - old.v) / dt) - system.force(step.stage)
+    residual = system.scalar_mass @ ((step.state.v - old.v) / dt) - mean_force(system, step)
     residual[constraints.nodes] = constraints.held(residual)
     return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}
 

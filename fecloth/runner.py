@@ -112,7 +112,7 @@ def run_scene(
         built = scene.build(cloth)
         solver, why = solver_for(built.system, built.method, built.dt, built.linear, built.newton)
     with watch.phase("compile"):
-        compile_kernels(built, solver.linear.name)
+        compile_kernels(built, getattr(solver.linear, "name", "auto"))
     announce(built, why)
     folder = RunFolder.create(path, overwrite)
     folder.text("scene.resolved.toml", scene.to_toml())

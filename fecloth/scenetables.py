@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, mod
 from . import scenefile, terms
 from .cloth import Cloth
 from .errors import InputError
+from .explicit import EXPLICIT
 from .fabric import Fabric
 from .formula import Formula, Motion, Region
 from .integrators import METHODS
@@ -23,6 +24,7 @@ from .schema import Table, exactly_one, one_of, table_of
 
 MOST_STEPS = 10_000_000
 _PLANES = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}  # the axes of warp and weft
+_METHODS = METHODS | EXPLICIT
 _TAKEN = ("mean_displacement", "reaction")  # columns that no probe may be called
 
 
@@ -198,8 +200,8 @@ def _at(texts: tuple[str, ...], X: np.ndarray) -> np.ndarray:
 class Time(Table):
     """The method and its step dt, from t_start to t_end [s]."""
 
-    method: one_of("type", {name: table_of(cls, name) for name, cls in METHODS.items()}) = Field(
-        description=", ".join(METHODS)
+    method: one_of("type", {name: table_of(cls, name) for name, cls in _METHODS.items()}) = Field(
+        description=", ".join(_METHODS)
     )
     dt: float = Field(gt=0, description="s")
     t_end: float = Field(description="s")

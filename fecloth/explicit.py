@@ -1,0 +1,192 @@
+"""Explicit methods: forces and updates only, on the lumped mass, without any matrix.
+
+Each has its own stability limit on dt, given for a mode of frequency ω and damping ratio ζ; what
+is beyond it grows without bound. Pins and slides act through their projector P on accelerations,
+and moved pins are put where their motion is at the end of each step, exactly.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import InputError
+from .integrators import Step, arrival, held
+from .newton import Counts
+from .record import column_forces, conservative
+from .system import State, System
+
+# a step that overflows is reported by the loop over time, which finds it not finite
+quiet = np.errstate(over="ignore", invalid="ignore")
+
+
+@dataclass(frozen=True, eq=False)
+class TwoForceStep(Step):
+    """A step over the mean of two forces: at `begin`, and at `stage`, the end of the step."""
+
+    begin: State
+
+    @property
+    def stages(self) -> tuple[State, State]:
+        """Where the forces of the step were taken, equal in weight."""
+        return self.begin, self.stage
+
+
+class Explicit:
+    """What explicit methods share; `forces_at` is 0 for forces at the start, ½ at both ends."""
+
+    order: int
+    forces_at: float
+    theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
+    explicit = True
+
+    def check(self, system: System) -> None:
+        """Refuse a mass that would need a linear solve.
+
+        Raises
+        ------
+        InputError
+            For a consistent mass.
+        """
+        if system.mass_kind != "lumped":
+            raise InputError(
+                f"mass = {system.mass_kind!r}",
+                "must be 'lumped': an explicit step divides by the mass, and solves nothing",
+                type(self).__name__,
+                "Lump the mass, or take an implicit method.",
+            )
+
+    def numerical(self, system: System, old: State, step: Step) -> float:
+        """Energy [J] that the method itself took in a step; negative where it gave some.
+
+        With v̄ the mean of the old and new velocity, over the free directions, and the mean over
+        the step's forces,
+
+            M Δv · (Δx/dt − v̄) + (θ − ½) Δx·K Δx − mean of d·(Δx − dt v)
+
+        where θ = `forces_at`, Δx·K Δx is the change of the conservative force along Δx, and d the
+        forces whose power at (x, v) the ledger takes as dissipated or as work. Exact for energies
+        quadratic in x and any damping; on others the ledger's remainder shows the rest.
+        """
+        dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
+        lead = system.constraints.project(dx / dt - old.v - 0.5 * dv)
+        taken = float(np.vdot(system.nodal_mass[:, None] * dv, lead))
+        if self.forces_at != 0.5:
+            bend = np.vdot(conservative(system, old) - conservative(system, step.state), dx)
+            taken += (self.forces_at - 0.5) * float(bend)
+        stages = getattr(step, "stages", (step.stage,))
+        for at in stages:
+            taken -= float(np.vdot(column_forces(system, at), dx - dt * at.v)) / len(stages)
+        return taken
+
+
+@dataclass(frozen=True)
+class ForwardEuler(Explicit):
+    """v₁ = v₀ + dt M⁻¹ f(x₀, v₀), x₁ = x₀ + dt v₀.
+
+    First order. Stable for dt ≤ 2ζ/ω where ζ < 1, so for no dt without damping: a mode grows by
+    √(1 + ω²dt²) a step. A taut sheet has transverse modes that strain-rate damping leaves
+    undamped. Keeps linear momentum; here to show why others are used.
+    Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, I.7.
+    """
+
+    order = 1
+    forces_at = 0.0
+
+    def step(self, system: System, state: State, dt: float, solver=None, guess=None) -> Step:
+        """One step from `state` over `dt` [s]."""
+        return _euler(self, system, state, dt, new_velocity=0.0)
+
+
+@dataclass(frozen=True)
+class SymplecticEuler(Explicit):
+    """v₁ = v₀ + dt M⁻¹ f(x₀, v₀), x₁ = x₀ + dt v₁.
+
+    First order, stable for ω dt ≤ 2 (√(1 + ζ²) − ζ). Symplectic without damping: the energy error
+    stays bounded, of first order in dt. Keeps linear and angular momentum.
+    Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, eq. I.1.9.
+    """
+
+    order = 1
+    forces_at = 0.0
+
+    def step(self, system: System, state: State, dt: float, solver=None, guess=None) -> Step:
+        """One step from `state` over `dt` [s]."""
+        return _euler(self, system, state, dt, new_velocity=1.0)
+
+
+@quiet
+def _euler(method, system, state, dt, new_velocity):
+    method.check(system)
+    begin = time.perf_counter()
+    dv = dt * acceleration(system, state)
+    x = state.x + dt * (state.v + new_velocity * dv)
+    new = State(state.t + dt, x, state.v + dv)
+    new = held(system, new, arrival(system, state, dt))
+    return Step(new, state, None, Counts(seconds={"force": time.perf_counter() - begin}))
+
+
+@dataclass(frozen=True, eq=False)
+class LastForce:
+    """What central differences keep from step to step: a = M⁻¹ f, and where f was taken."""
+
+    a: np.ndarray
+    at: State
+
+
+@dataclass(frozen=True)
+class CentralDifference(Explicit):
+    """v½ = v₀ + dt/2 a₀, x₁ = x₀ + dt v½, a₁ = M⁻¹ f(x₁, v₀ + dt a₀), v₁ = v½ + dt/2 a₁.
+
+    Velocity Verlet: the leapfrog, started with the half-step velocity. Second order, also with
+    damping, as that sees the predicted velocity v₀ + dt a₀; a force at v½ would be of first order.
+    One force a step, kept for the next one. Stable for ω dt < 2 without damping, with less of it:
+    ω dt ≤ 1.64, 0.83, 0.47 at ζ = 0.1, 0.5, 1. Without damping symplectic: the energy error stays
+    bounded, of second order in dt; linear modes conserve the energy less dt²/8 a·M a. Keeps linear
+    and angular momentum.
+    Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, eq. I.1.17.
+    """
+
+    order = 2
+    forces_at = 0.5
+
+    @quiet
+    def step(
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver=None,
+        guess: LastForce | None = None,
+    ) -> Step:
+        """One step from `state` over `dt` [s]; `guess` is the q of the step that led there.
+
+        Without it the force at `state` is evaluated, as in the first step.
+        """
+        self.check(system)
+        begin = time.perf_counter()
+        last = guess or LastForce(acceleration(system, state), state)
+        end = arrival(system, state, dt)
+        half = state.v + 0.5 * dt * last.a
+        at = State(state.t + dt, state.x + dt * half, state.v + dt * last.a)
+        at = held(system, at, end)
+        a = acceleration(system, at)
+        new = held(system, State(at.t, at.x, half + 0.5 * dt * a), end)
+        counts = Counts(seconds={"force": time.perf_counter() - begin})
+        return TwoForceStep(new, at, LastForce(a, at), counts, last.at)
+
+
+def acceleration(system: System, state: State) -> np.ndarray:
+    """P M⁻¹ f (n, 3) [m/s²], nothing along the held directions."""
+    a = system.force(state)
+    a /= system.nodal_mass[:, None]
+    return system.constraints.project(a)
+
+
+EXPLICIT = {
+    "forward_euler": ForwardEuler,
+    "symplectic_euler": SymplecticEuler,
+    "central_difference": CentralDifference,
+}
