@@ -21,6 +21,7 @@ from .fabric import Fabric
 from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
 from .lattice import plane_moduli
 from .march import Result, march, run, solver_for
+from .memory import BDF2, GeneralizedAlpha, Newmark
 from .newton import Newton
 from .output import Frames, fields, read_frame, write_vtk
 from .pins import Pin, Slide
@@ -53,6 +54,7 @@ from .terms.user_condition import Condition
 __version__ = "0.1.0"
 
 __all__ = [
+    "BDF2",
     "BackwardEuler",
     "BaraffWitkin",
     "BendingDamping",
@@ -65,6 +67,7 @@ __all__ = [
     "ForwardEuler",
     "Frames",
     "Gas",
+    "GeneralizedAlpha",
     "Gravity",
     "HingeBending",
     "ImplicitMidpoint",
@@ -75,6 +78,7 @@ __all__ = [
     "MassDamping",
     "MeshError",
     "NeoHookean",
+    "Newmark",
     "Newton",
     "Pin",
     "PointForce",

@@ -13,31 +13,11 @@ import numpy as np
 
 from . import linear, newton
 from .errors import IndefiniteMatrix
+from .memory import BDF2, GeneralizedAlpha, Newmark
 from .newton import Counts, Solver
 from .stage import Stage, prescribed
+from .step import Step, arrival, held
 from .system import State, System
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """The result of one step.
-
-    Attributes
-    ----------
-    state
-        The new state.
-    stage
-        Time, position and velocity at which the method balanced the forces.
-    q
-        The unknown that was found, a good first guess for the next step.
-    counts
-        Newton and linear iterations, residual, seconds.
-    """
-
-    state: State
-    stage: State
-    q: np.ndarray
-    counts: Counts
 
 
 class StageMethod:
@@ -175,20 +155,11 @@ def _times(dense, wx, v):
     return sum((wx * c * float(np.vdot(u, v)) * u for c, u in dense), np.zeros_like(v))
 
 
-def arrival(system: System, state: State, dt: float) -> State:
-    """Where the pins' motion puts the held directions at the end of a step."""
-    x, v = system.constraints.target(state.t, dt, state.x)
-    return State(state.t + dt, x, v)
-
-
-def held(system: System, state: State, end: State) -> State:
-    """The state with its held directions at the prescribed end, exactly."""
-    hold = system.constraints.hold
-    return State(state.t, hold(state.x, end.x), hold(state.v, end.v))
-
-
 METHODS = {
     "backward_euler": BackwardEuler,
     "linearly_implicit_euler": LinearlyImplicitEuler,
     "implicit_midpoint": ImplicitMidpoint,
+    "newmark": Newmark,
+    "generalized_alpha": GeneralizedAlpha,
+    "bdf2": BDF2,
 }

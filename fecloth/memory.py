@@ -1,0 +1,284 @@
+"""Implicit methods that remember: the last acceleration, or the last change of the state.
+
+The memory is a frozen record, the `q` of each step, that `march` hands to the next one; without
+it a method starts anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from . import newton
+from .errors import InputError
+from .newton import Solver
+from .record import column_forces, conservative
+from .stage import Stage
+from .step import Step, arrival, held
+from .system import State, System
+
+
+@dataclass(frozen=True, eq=False)
+class RememberedStep(Step):
+    """A step with what its energy balance needs.
+
+    M a = f(stage) along the free directions, and the stage lies at old + θ (new − old).
+    """
+
+    a: np.ndarray
+    theta: float
+
+
+class WithMemory:
+    """What these methods share: their energy balance."""
+
+    order: int
+    theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
+
+    def numerical(self, system: System, old: State, step: RememberedStep) -> float:
+        """Energy [J] that the method itself took in a step; negative where it gave some.
+
+        With v̄ the mean of the old and new velocity, and over the free directions where marked °,
+
+            M Δv · (Δx/dt − v̄)° − M (Δv/dt − a) · Δx° + (θ − ½) Δx·K Δx − d·(Δx − dt v)
+
+        Δx·K Δx is the change of the conservative force along Δx, and d the forces whose power at
+        the stage's (x, v) the ledger takes as dissipated or as work. Exact for energies quadratic
+        in x and linear damping; on others the ledger's remainder shows the rest.
+        """
+        dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
+        mass, free = system.scalar_mass, system.constraints.project
+        taken = np.vdot(mass @ dv, free(dx / dt - old.v - 0.5 * dv))
+        taken -= np.vdot(mass @ (dv / dt - step.a), free(dx.copy()))
+        if step.theta != 0.5:
+            bend = np.vdot(conservative(system, old) - conservative(system, step.state), dx)
+            taken += (step.theta - 0.5) * bend
+        return float(taken - np.vdot(column_forces(system, step.stage), dx - dt * step.stage.v))
+
+
+def blend(old: State, new: State, theta: float) -> State:
+    """old + θ (new − old)."""
+    dt, dx, dv = new.t - old.t, new.x - old.x, new.v - old.v
+    return State(old.t + theta * dt, old.x + theta * dx, old.v + theta * dv)
+
+
+def holding(system: System, stage: Stage, at: State, a: np.ndarray) -> Stage:
+    """The stage with its held directions at x and v of a state, and at the acceleration a."""
+    hold = system.constraints.hold
+    x, v, a = hold(stage.x, at.x), hold(stage.v, at.v), hold(stage.a, a)
+    return replace(stage, x=x, v=v, a=a)
+
+
+def starting_acceleration(
+    system: System, state: State, end: State, dt: float, solver: Solver
+) -> np.ndarray:
+    """a (n, 3) with M a = f along the free directions, and the first step's mean at the pins."""
+    project, hold = system.constraints.project, system.constraints.hold
+    a = hold(np.zeros_like(state.v), (end.v - state.v) / dt)
+    b = project(system.force(state) - system.scalar_mass @ a)
+    J = system.project(system.assemble(solver.matrix, state, wa=1.0))
+    solver.linear.prepare(J)
+    free, _ = solver.linear.solve(b, rtol=solver.options.tolerance)
+    return a + free
+
+
+# --- those that remember the acceleration ---------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Acceleration:
+    """a (n, 3) [m/s²] at the end of the last step, as the method has it."""
+
+    a: np.ndarray
+
+
+class AccelerationMethod(WithMemory):
+    """M a_m = f(x_f, v_f, t_f) between old (0) and new (1), y_f = α_f y₀ + (1 − α_f) y₁, and
+
+    x₁ = x₀ + dt v₀ + dt² ((½ − β) a₀ + β a₁),  v₁ = v₀ + dt ((1 − γ) a₀ + γ a₁);  unknown q = a₁.
+    """
+
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        """(α_m, α_f, β, γ)."""
+        raise NotImplementedError
+
+    def stage(self, state: State, dt: float, a: np.ndarray) -> Stage:
+        """The stage of a step from `state`, where the acceleration is a."""
+        alpha_m, alpha_f, beta, gamma = self.parameters
+        x = state.x + dt * state.v + (0.5 - beta) * dt**2 * a
+        at = blend(state, State(state.t + dt, x, state.v + (1 - gamma) * dt * a), 1 - alpha_f)
+        weights = (1 - alpha_f) * beta * dt**2, (1 - alpha_f) * gamma * dt, 1 - alpha_m
+        return Stage(at.t, at.x, at.v, alpha_m * a, *weights, x, beta * dt**2)
+
+    def weights(self, dt: float) -> tuple[float, float, float]:
+        """(wx, wv, wa) of J = wa M + wv D + wx K."""
+        nothing = np.zeros((0, 3))
+        stage = self.stage(State(0.0, nothing, nothing), dt, nothing)
+        return stage.wx, stage.wv, stage.wa
+
+    def step(
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: Solver,
+        guess: Acceleration | None = None,
+    ) -> Step:
+        """One step from `state` over `dt` [s]; `guess` is the q of the step that led there."""
+        alpha_m, alpha_f, _, gamma = self.parameters
+        end = arrival(system, state, dt)
+        a = guess.a if guess else starting_acceleration(system, state, end, dt, solver)
+        moved = ((end.v - state.v) / dt - (1 - gamma) * a) / gamma  # a₁ of what the pins hold
+        stage = self.stage(state, dt, a)
+        at, a_m = blend(state, end, 1 - alpha_f), alpha_m * a + (1 - alpha_m) * moved
+        stage = holding(system, stage, at, a_m)
+        q, counts = newton.solve(system, stage, solver, a)
+        new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * ((1 - gamma) * a))
+        new = held(system, replace(new, v=new.v + dt * gamma * q), end)
+        a_new = system.constraints.hold(q, moved)
+        balance = self.balance(state, new, stage, q, dt)
+        return RememberedStep(new, balance[0], Acceleration(a_new), counts, *balance[1:])
+
+    def balance(self, old, new, stage, q, dt) -> tuple[State, np.ndarray, float]:
+        """State, a and θ with M a = f(state) for the energy balance: here those of the stage."""
+        x, v, a = stage.at(q)
+        return State(stage.t, x, v), a, 1 - self.parameters[1]
+
+
+@dataclass(frozen=True)
+class Newmark(AccelerationMethod):
+    """M a₁ = f(x₁, v₁), x₁ and v₁ by β and γ from a₀ and a₁.
+
+    Second order for γ = ½, else first. A-stable for 2β ≥ γ ≥ ½. β = ¼, γ = ½ is the trapezoidal
+    rule: no damping of linear modes of any frequency, and the energy of a linear problem is kept;
+    on nonlinear ones it can grow at steps that do not resolve the fast modes. γ > ½ damps all
+    modes, as ω dt → ∞ by the factor 1 − 1/γ or so a step for the least β = (γ + ½)²/4 without
+    oscillation. Keeps linear momentum; angular momentum on linear problems only.
+
+    The energy balance is that of the state γ of the way from old to new, whose force is the mean
+    (1 − γ) f₀ + γ f₁ that moved the cloth on linear problems; on nonlinear ones the remainder,
+    and the reactions of pins, show the difference, of second order.
+    Source: Newmark (1959), A Method of Computation for Structural Dynamics, J. Eng. Mech. Div. 85.
+
+    Parameters
+    ----------
+    beta
+        > 0: at 0 the method is explicit.
+    gamma
+        At least ½: below, every mode grows.
+    """
+
+    beta: float = 0.25
+    gamma: float = 0.5
+
+    def __post_init__(self):
+        if not 0 < self.beta < np.inf:
+            remedy = "beta = 0 is CentralDifference."
+            raise InputError(f"beta = {self.beta!r}", "must be > 0", "Newmark", remedy)
+        if not 0.5 <= self.gamma < np.inf:
+            raise InputError(f"gamma = {self.gamma!r}", "must be >= 0.5", "Newmark")
+
+    @property
+    def order(self) -> int:
+        return 2 if self.gamma == 0.5 else 1
+
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        return 0.0, 0.0, self.beta, self.gamma
+
+    def balance(self, old, new, stage, q, dt) -> tuple[State, np.ndarray, float]:
+        return blend(old, new, self.gamma), (new.v - old.v) / dt, self.gamma
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha(AccelerationMethod):
+    """M a_m = f(x_f, v_f): α_m = (2ρ − 1)/(ρ + 1), α_f = ρ/(ρ + 1), with ρ = ρ∞.
+
+    Second order by γ = ½ − α_m + α_f, and A-stable with β = (1 − α_m + α_f)²/4. A mode loses the
+    factor ρ∞ of its amplitude a step as ω dt → ∞, and little where ω dt < 0.3: ρ∞ = 1 damps
+    nothing, ρ∞ = 0 annihilates the fastest modes in one step. Keeps linear momentum once its
+    accelerations are consistent, as from its own start; angular momentum and energy not.
+    Source: Chung and Hulbert (1993), A Time Integration Algorithm for Structural Dynamics With
+    Improved Numerical Dissipation: The Generalized-α Method, J. Appl. Mech. 60, eqs. 17 and 25.
+
+    Parameters
+    ----------
+    rho_inf
+        In [0, 1].
+    """
+
+    order = 2
+    rho_inf: float = 0.5
+
+    def __post_init__(self):
+        if not 0 <= self.rho_inf <= 1:
+            raise InputError(
+                f"rho_inf = {self.rho_inf!r}", "must lie in [0, 1]", "GeneralizedAlpha"
+            )
+
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        alpha_m = (2 * self.rho_inf - 1) / (self.rho_inf + 1)
+        alpha_f = self.rho_inf / (self.rho_inf + 1)
+        lag = alpha_f - alpha_m
+        return alpha_m, alpha_f, 0.25 * (1 + lag) ** 2, 0.5 + lag
+
+
+# --- the one that remembers the last change -------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """Step size [s], Δx and Δv (n, 3) of the last step."""
+
+    dt: float
+    dx: np.ndarray
+    dv: np.ndarray
+
+
+@dataclass(frozen=True)
+class BDF2(WithMemory):
+    """x₁ = x₀ + e Δx₋ + b dt v₁,  v₁ = v₀ + e Δv₋ + b dt a₁,  M a₁ = f(x₁, v₁);  q = v₁ − v₀.
+
+    Δx₋ and Δv₋ are the changes of the step before, of size dt/r: e = r²/(1 + 2r) and
+    b = (1 + r)/(1 + 2r). Second order, also with steps of changing size, whose ratio r must stay
+    below 1 + √2 for stability; A-stable and L-stable at constant steps: fast modes vanish, slow
+    ones lose about (ω dt)⁴/4 of their amplitude a step. The first step is by the trapezoidal rule.
+    Keeps linear momentum, loses angular momentum and energy.
+    Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, III.5.
+    """
+
+    order = 2
+
+    def stage(self, state: State, dt: float, last: Change) -> Stage:
+        """The stage of a step from `state`, after the change that led there."""
+        r = dt / last.dt
+        e, h = r**2 / (1 + 2 * r), (1 + r) / (1 + 2 * r) * dt
+        x = state.x + e * last.dx + h * state.v
+        return Stage(state.t + dt, x, state.v, -e / h * last.dv, h, 1.0, 1.0 / h, x, h)
+
+    def weights(self, dt: float) -> tuple[float, float, float]:
+        """(wx, wv, wa) of J = wa M + wv D + wx K, after a step of the same size."""
+        nothing = np.zeros((0, 3))
+        stage = self.stage(State(0.0, nothing, nothing), dt, Change(dt, nothing, nothing))
+        return stage.wx, stage.wv, stage.wa
+
+    def step(
+        self, system: System, state: State, dt: float, solver: Solver, guess: Change | None = None
+    ) -> Step:
+        """One step from `state` over `dt` [s]; `guess` is the q of the step that led there."""
+        if guess is None:
+            first = Newmark().step(system, state, dt, solver)
+            return replace(first, q=_change(state, first.state))
+        end, stage = arrival(system, state, dt), self.stage(state, dt, guess)
+        stage = holding(system, stage, end, stage.a + stage.wa * (end.v - state.v))
+        q, counts = newton.solve(system, stage, solver, guess.dv)
+        x, v, a = stage.at(q)
+        new = held(system, State(end.t, stage.x_end + stage.w_end * q, v), end)
+        return RememberedStep(new, State(stage.t, x, v), _change(state, new), counts, a, 1.0)
+
+
+def _change(old, new):
+    return Change(new.t - old.t, new.x - old.x, new.v - old.v)
