@@ -4,9 +4,10 @@ SI units throughout; stiffness and stress of a fabric are per width [N/m]. See t
 symbol table, and `System`, `march` and `run` for where to start.
 """
 
-from . import verify
+from . import stability, verify
 from .bendingtensor import bending_tensor, strip_rigidity
 from .cloth import Cloth
+from .equilibrium import EquilibriumFailed, equilibrium
 from .errors import (
     FeclothError,
     IndefiniteMatrix,
@@ -26,6 +27,7 @@ from .newton import Newton
 from .output import Frames, fields, read_frame, write_vtk
 from .pins import Pin, Slide
 from .record import Ledger, Probe
+from .stability import critical_dt
 from .system import State, System
 from .terms import (
     BaraffWitkin,
@@ -62,6 +64,7 @@ __all__ = [
     "Cloth",
     "Condition",
     "Drag",
+    "EquilibriumFailed",
     "Fabric",
     "FeclothError",
     "ForwardEuler",
@@ -102,6 +105,8 @@ __all__ = [
     "UserForce",
     "Wind",
     "bending_tensor",
+    "critical_dt",
+    "equilibrium",
     "fields",
     "hinge_angles",
     "march",
@@ -109,6 +114,7 @@ __all__ = [
     "read_frame",
     "run",
     "solver_for",
+    "stability",
     "strip_rigidity",
     "verify",
     "write_vtk",

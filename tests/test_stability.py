@@ -1,0 +1,175 @@
+"""The largest stable step: against dense eigenvalues, against real runs, and its cheap bound."""
+
+import numpy as np
+import pytest
+from conftest import affine
+from scipy.linalg import eigh
+
+import fecloth as fc
+from fecloth.stability import critical_dt, element_bound
+
+DAMPED = [fc.StVK(), fc.StrainRateDamping(0.5)]
+
+
+def dense(system, state):
+    """K, D, M on the free directions, as full matrices."""
+    Z = system.admissible
+    parts = system.stiffness(state), system.damping(state), system.mass
+    return [(Z.T @ A @ Z).toarray() for A in parts]
+
+
+def spectral_radius(K, D, M, dt, method):
+    """Of one step of the method, as its definition reads, on the linear system."""
+    k, d = np.linalg.solve(M, K), np.linalg.solve(M, D)
+    one = np.eye(len(M))
+    if method == "symplectic":  # v + dt a(x, v), x + dt v
+        v = [-dt * k, one - dt * d]
+        x = [one + dt * v[0], dt * v[1]]
+        step = np.block([x, v])
+    else:  # (x, v, a): x + dt v + dt²/2 a, a = −k x⁺ − d (v + dt a), v + dt/2 (a + a⁺)
+        x = [one, dt * one, dt**2 / 2 * one]
+        a = [-k @ x[0], -k @ x[1] - d, -k @ x[2] - dt * d]
+        v = [dt / 2 * a[0], one + dt / 2 * a[1], dt / 2 * (one + a[2])]
+        step = np.block([x, v, a])
+    return abs(np.linalg.eigvals(step)).max()
+
+
+@pytest.fixture(scope="module")
+def small():
+    return fc.Cloth.rectangle(1.0, 0.6, h=0.25)
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_lanczos_meets_the_dense_eigenvalues(sheet, orthotropic, mass):
+    slide = fc.Slide("right", direction=(1, 1, 0))
+    terms = [fc.StVK(), fc.Gravity()]
+    system = fc.System(sheet, orthotropic, terms, pins=["left", slide], mass=mass)
+    state = system.state(affine(sheet, [[1.2, 0.1], [0.0, 1.05], [0.3, 0.0]]))
+    K, _, M = dense(system, state)
+    expected = 2 / np.sqrt(eigh(K, M, eigvals_only=True)[-1])
+    assert critical_dt(system, state) == pytest.approx(expected, rel=1e-8)
+    assert critical_dt(system, state, "central_difference") == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize("method", ["symplectic", "central_difference"])
+@pytest.mark.parametrize("eta", [0.05, 0.5, 20.0])
+def test_damped_limit_is_where_the_step_matrix_begins_to_grow(small, isotropic, method, eta):
+    """The prestress makes the modes of M⁻¹K others than those of M⁻¹D."""
+    terms = [fc.StVK(), fc.StrainRateDamping(eta), fc.MassDamping(3.0)]
+    system = fc.System(small, isotropic, terms, pins=["left"])
+    state = system.state(affine(small, [[1.2, 0.1], [0.0, 1.05], [0.3, 0.0]]))
+    dt = critical_dt(system, state, method)
+    K, D, M = dense(system, state)
+    assert abs(K @ np.linalg.solve(M, D) - D @ np.linalg.solve(M, K)).max() > 0
+    assert spectral_radius(K, D, M, 0.9999 * dt, method) < 1 + 1e-9
+    assert spectral_radius(K, D, M, 1.0001 * dt, method) > 1 + 1e-5
+
+
+def test_a_stiffer_state_needs_a_smaller_step(sheet, isotropic):
+    system = fc.System(sheet, isotropic, [fc.StVK()])
+    stretched = system.state(affine(sheet, [[1.3, 0.0], [0.0, 1.3], [0.0, 0.0]]))
+    assert critical_dt(system, stretched) < 0.9 * critical_dt(system, system.rest())
+
+
+def test_a_gas_counts(isotropic):
+    """Its part of rank one is stiff: without it the limit would be unsafe."""
+    cloth = fc.Cloth.disk(0.5, 0.2)
+    gas = fc.Gas(pressure=1e5, volume=1e-4)
+    systems = [fc.System(cloth, isotropic, t, pins=["boundary"]) for t in ([fc.StVK()], [gas])]
+    x = systems[0].rest().x
+    x[:, 2] = 0.01 * (1 - np.sum(cloth.X**2, axis=1) / 0.25)
+    state = systems[0].state(x)
+    ((c, u),) = systems[1].dense(state)
+    K, _, M = dense(systems[1], state)
+    u = systems[1].admissible.T @ u.ravel()
+    expected = 2 / np.sqrt(eigh(K + c * np.outer(u, u), M, eigvals_only=True)[-1])
+    dt = critical_dt(systems[1], state)
+    assert dt == pytest.approx(expected, rel=1e-8)
+    assert dt < 0.7 * critical_dt(systems[0], state)
+
+
+def grown(system, dt, steps=3000):
+    """Growth of the energy of noise on the linear system under the symplectic Euler method."""
+    K, _, M = dense(system, system.rest())
+    m, rng = np.diag(M), np.random.default_rng(5)
+    x, v = 1e-6 * rng.standard_normal(len(m)), np.zeros(len(m))
+    start = x @ K @ x
+    for _ in range(steps):
+        v -= dt * (K @ x) / m
+        x += dt * v
+        if abs(x).max() > 1e6:
+            break
+    return (x @ K @ x + v @ (m * v)) / start
+
+
+def test_real_blow_up_lies_within_two_per_cent_above(small, isotropic):
+    system = fc.System(small, isotropic, [fc.StVK()], pins=["left"])
+    dt = critical_dt(system, system.rest())
+    assert grown(system, 0.999 * dt) < 1e4
+    assert not grown(system, 1.02 * dt) < 1e20
+
+
+# --- the element bound ----------------------------------------------------------------------------
+
+
+def ratio(cloth, fabric, terms, method="symplectic", **options):
+    """critical_dt over the bound; a bound that is unsafe has less than 1."""
+    system = fc.System(cloth, fabric, terms, **options)
+    found = critical_dt(system, system.rest(), method) / element_bound(system, method)
+    assert found > 1 - 1e-9
+    return found
+
+
+def least_angle(cloth):
+    corners = cloth.X[cloth.triangles]
+    a, b = (np.roll(corners, -k, axis=1) - corners for k in (1, 2))
+    cosine = np.sum(a * b, axis=2) / np.linalg.norm(a, axis=2) / np.linalg.norm(b, axis=2)
+    return np.degrees(np.arccos(cosine)).min()
+
+
+@pytest.mark.parametrize("h", [0.1, 0.05])
+def test_the_bound_is_within_one_and_a_half_on_gmsh_meshes(isotropic, h):
+    for cloth in (fc.Cloth.rectangle(1.0, 0.7, h=h), fc.Cloth.disk(0.5, h / 2)):
+        assert least_angle(cloth) > 30
+        assert 1.1 < ratio(cloth, isotropic, [fc.StVK()]) < 1.5
+        for method in ("symplectic", "central_difference"):  # rates enter without the root
+            assert ratio(cloth, isotropic, DAMPED, method) < 1.5**2
+
+
+@pytest.mark.parametrize("pattern", ["right", "cross", "equilateral", "unstructured"])
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_the_bound_is_never_unsafe(pattern, mass, isotropic, orthotropic):
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.17, pattern=pattern)
+    bent = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1.0)
+    for fabric in (isotropic, orthotropic):
+        for pins in ([], ["left"]):
+            for terms in ([fc.StVK()], [fc.NeoHookean()], DAMPED):
+                if fabric is orthotropic and isinstance(terms[0], fc.NeoHookean):
+                    continue
+                ratio(cloth, fabric, terms, pins=pins, mass=mass)
+    ratio(cloth, bent, [fc.StVK(), fc.HingeBending()], mass=mass)
+
+
+@pytest.mark.parametrize(("squeeze", "angle", "price"), [(0.35, 12, 2.75), (0.1, 3, 5.7)])
+def test_slivers_cost_more(squeeze, angle, price, isotropic):
+    """Of one sliver among good triangles the bound sees its own mass, not its neighbours'."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.2, pattern="right")
+    X, middle = cloth.X.copy(), np.argmin(np.sum((cloth.X - 0.4) ** 2, axis=1))
+    X[middle, 0] += 0.2 * (1 - squeeze)
+    sliver = fc.Cloth.from_arrays(X, cloth.triangles)
+    assert least_angle(sliver) == pytest.approx(angle, rel=0.01)
+    assert ratio(sliver, isotropic, [fc.StVK()]) == pytest.approx(price, rel=0.01)
+
+
+def test_refusals(sheet, isotropic):
+    system = fc.System(sheet, isotropic, [fc.StVK()])
+    with pytest.raises(fc.InputError, match="method = 'euler': must be one of symplectic, central"):
+        critical_dt(system, system.rest(), "euler")
+    held = fc.System(sheet, isotropic, [fc.StVK()], pins=[fc.Pin(lambda X: X[:, 0] > -1)])
+    with pytest.raises(fc.InputError, match="no free direction"):
+        critical_dt(held, held.rest())
+
+
+def test_nothing_stiff_has_no_limit(sheet, isotropic):
+    system = fc.System(sheet, isotropic, [fc.Gravity()])
+    assert critical_dt(system, system.rest()) == np.inf == element_bound(system)
