@@ -1,8 +1,8 @@
 """Explicit methods: forces and updates only, on the lumped mass, without any matrix.
 
 Each has its own stability limit on dt, given for a mode of frequency ω and damping ratio ζ; what
-is beyond it grows without bound. Pins and slides act through their projector P on accelerations,
-and moved pins are put where their motion is at the end of each step, exactly.
+is beyond it grows without bound. Pins and slides act through their projector P at the end of each
+step, which puts moved pins where their motion is, exactly.
 """
 
 from __future__ import annotations
@@ -142,10 +142,10 @@ class CentralDifference(Explicit):
 
     Velocity Verlet: the leapfrog, started with the half-step velocity. Second order, also with
     damping, as that sees the predicted velocity v₀ + dt a₀; a force at v½ would be of first order.
-    One force a step, kept for the next one. Stable for ω dt < 2 without damping, with less of it:
-    ω dt ≤ 1.64, 0.83, 0.47 at ζ = 0.1, 0.5, 1. Without damping symplectic: the energy error stays
-    bounded, of second order in dt; linear modes conserve the energy less dt²/8 a·M a. Keeps linear
-    and angular momentum.
+    One force a step, kept for the next one; `many_steps` takes them in one call. Stable for
+    ω dt < 2 without damping, with it for less: ω dt ≤ 1.64, 0.83, 0.47 at ζ = 0.1, 0.5, 1. Without
+    damping symplectic: the energy error stays bounded, of second order in dt; linear modes
+    conserve the energy less dt²/8 a·M a. Keeps linear and angular momentum.
     Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, eq. I.1.17.
     """
 
@@ -179,10 +179,10 @@ class CentralDifference(Explicit):
 
 
 def acceleration(system: System, state: State) -> np.ndarray:
-    """P M⁻¹ f (n, 3) [m/s²], nothing along the held directions."""
+    """M⁻¹ f (n, 3) [m/s²]; what it has along held directions, `held` takes out of x and v."""
     a = system.force(state)
     a /= system.nodal_mass[:, None]
-    return system.constraints.project(a)
+    return a
 
 
 EXPLICIT = {

@@ -209,6 +209,41 @@ def trampoline(h: float, limit: float) -> list[Figure]:
     ]
 
 
+def explicit_steps(small: int, large: int) -> list[Figure]:
+    """Central differences in one compiled call, ns a triangle and step."""
+    figures, steps = [], 50
+    for triangles in (small, large):
+        system = fc.System(square(triangles), FABRIC, [fc.StVK(), fc.Gravity()], pins=["left"])
+        start, m = stretched(system), len(system.cloth.triangles)
+        seconds = fastest(lambda s=system, start=start: fc.many_steps(s, start, 1e-6, steps), 5)
+        cost = 1e9 * seconds / (steps * m)
+        what = f"central differences in one call, {triangles} triangles"
+        figures.append(Figure(what, cost, "ns/triangle/step", 28))
+    return figures
+
+
+def explicit_trampoline(h: float, dt: float) -> list[Figure]:
+    """The trampoline by central differences, the mean deflection taken every 2 ms."""
+    cloth = fc.Cloth.disk(radius=0.5, h=h)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    every, mean, share = round(2e-3 / dt), [], system.nodal_mass / system.nodal_mass.sum()
+    state = system.rest()
+    fc.many_steps(system, state, dt, 1)
+    begin = time.process_time()
+    for _ in range(100):
+        state = fc.many_steps(system, state, dt, every)
+        mean.append(-share @ state.x[:, 2])
+    cost = (time.process_time() - begin) / 0.2
+    times = 2e-3 * np.arange(1, 101)
+    exact = references.trampoline(times, elements=800).mean_deflection
+    error = 100 * np.abs(mean - exact).max() / np.abs(exact).max()
+    size = f"{len(cloth.triangles)} triangles, explicit {1e3 * dt:g} ms"
+    return [
+        Figure(f"trampoline, {size}: error of the mean", error, "% of the peak", 0.1),
+        Figure(f"trampoline, {size}: cost", cost, "CPU s/simulated s", 1.6),
+    ]
+
+
 def overhead() -> list[Figure]:
     """Everything of a Newton iteration but the linear solve, on 500 triangles."""
     system = fc.System(square(500), FABRIC, [fc.StVK(), fc.Gravity()], pins=["left"])
@@ -285,6 +320,7 @@ def main() -> int:
         lambda: kernels(2_000, 8_000),
         lambda: newton_iteration(4_000),
         lambda: trampoline(0.03, limit=1.0),
+        lambda: explicit_steps(2_000, 8_000),
         overhead,
     ]
     if not options.quick:
@@ -292,6 +328,8 @@ def main() -> int:
             lambda: kernels(8_000, 200_000),
             lambda: newton_iteration(50_000),
             lambda: trampoline(0.0152, limit=0.3),
+            lambda: explicit_steps(8_000, 200_000),
+            lambda: explicit_trampoline(0.0152, dt=1.25e-4),
             overhead,
             first_step,
             memory,
