@@ -19,6 +19,7 @@ from .errors import (
 )
 from .explicit import CentralDifference, ForwardEuler, SymplecticEuler
 from .fabric import Fabric
+from .fused import many_steps
 from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
 from .lattice import plane_moduli
 from .march import Result, march, run, solver_for
@@ -109,6 +110,7 @@ __all__ = [
     "equilibrium",
     "fields",
     "hinge_angles",
+    "many_steps",
     "march",
     "plane_moduli",
     "read_frame",
