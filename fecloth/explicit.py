@@ -143,9 +143,9 @@ class CentralDifference(Explicit):
     Velocity Verlet: the leapfrog, started with the half-step velocity. Second order, also with
     damping, as that sees the predicted velocity v₀ + dt a₀; a force at v½ would be of first order.
     One force a step, kept for the next one; `many_steps` takes them in one call. Stable for
-    ω dt < 2 without damping, with it for less: ω dt ≤ 1.64, 0.83, 0.47 at ζ = 0.1, 0.5, 1. Without
-    damping symplectic: the energy error stays bounded, of second order in dt; linear modes
-    conserve the energy less dt²/8 a·M a. Keeps linear and angular momentum.
+    ω dt < 2 (√(1 + 4ζ²) − 2ζ): 2, 1.64, 0.83, 0.47 at ζ = 0, 0.1, 0.5, 1. Without damping
+    symplectic: the energy error stays bounded, of second order in dt; linear modes conserve the
+    energy less dt²/8 a·M a. Keeps linear and angular momentum.
     Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, eq. I.1.17.
     """
 
