@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from numbers import Real
 
 
 class FeclothError(Exception):
@@ -101,3 +102,8 @@ class StepFailed(FeclothError):
             f"{self.reason} ({residual}most deformed triangle {self.triangle} with a principal "
             f"stretch of {self.stretch:.4g}). {self.remedy}"
         )
+
+
+def is_number(value: object) -> bool:
+    """Whether it is a finite real number, and no text or boolean."""
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)

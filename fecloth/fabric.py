@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, is_number
 
 Pair = float | tuple[float, float]
 
@@ -52,7 +52,7 @@ class Fabric:
 
     def __post_init__(self):
         _positive("areal_density", self.areal_density, "kg/m²")
-        if not _is_number(self.poisson_ratio):
+        if not is_number(self.poisson_ratio):
             raise InputError(
                 f"poisson_ratio = {self.poisson_ratio!r}", "must be a number", "Fabric"
             )
@@ -168,10 +168,5 @@ def _pair(name: str, value: Pair) -> tuple[float, float]:
 
 
 def _positive(name: str, value: float, unit: str, where: str = "Fabric") -> None:
-    if not (_is_number(value) and value > 0):
+    if not (is_number(value) and value > 0):
         raise InputError(f"{name} = {value!r}", f"must be a finite number > 0 [{unit}]", where)
-
-
-def _is_number(value) -> bool:
-    real = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    return real and math.isfinite(value)

@@ -112,3 +112,23 @@ def test_newtons_failure_survives_pickling():
     failure = pickle.loads(pickle.dumps(NewtonFailed("it stalled", 0.5, "Take a smaller dt.")))
     assert str(failure) == "it stalled (relative residual 5.00e-01). Take a smaller dt."
     assert (failure.reason, failure.residual) == ("it stalled", 0.5)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda text: fc.StrainRateDamping(text),
+        lambda text: fc.BendingDamping(text),
+        lambda text: fc.MassDamping(text),
+        lambda text: fc.TensorCondition(text),
+        lambda text: fc.NeoHookean(mu=text),
+        lambda text: fc.Springs(stiffness=text),
+        lambda text: fc.Gas(text, 1.0),
+        lambda text: fc.Tether("left", (0, 0, 0), text),
+        lambda text: fc.Drag(text),
+    ],
+)
+@pytest.mark.parametrize("value", ["0.01", True])
+def test_a_text_in_place_of_a_number_is_refused_with_words(make, value):
+    with pytest.raises(fc.InputError, match=f"= {value!r}"):
+        make(value)

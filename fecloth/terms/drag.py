@@ -10,7 +10,7 @@ import numpy as np
 from .. import air
 from ..cloth import Cloth
 from ..compiled import inner, kernel
-from ..errors import InputError
+from ..errors import InputError, is_number
 from ..panel import Panel
 from .pressure import cross, edge
 
@@ -109,7 +109,7 @@ class Wind:
         air.field(self.velocity, "Wind")
         for name in ("gusts", "gust_length"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0) or (name == "gust_length" and value == 0):
+            if not (is_number(value) and value >= 0) or (name == "gust_length" and value == 0):
                 allowed = "must be finite and " + (">= 0" if name == "gusts" else "> 0 [m]")
                 raise InputError(f"{name} = {value!r}", allowed, "Wind")
         if not 0 <= self.seed < 2**32:
@@ -135,7 +135,7 @@ def _check(drag):
     where = type(drag).__name__
     for name in ("normal", "tangential"):
         value = getattr(drag, name)
-        if not (np.isfinite(value) and value >= 0):
+        if not (is_number(value) and value >= 0):
             raise InputError(f"{name} = {value!r}", "must be finite and >= 0", where)
     if drag.normal == drag.tangential == 0:
         raise InputError("normal = tangential = 0", "one of them must be > 0", where)

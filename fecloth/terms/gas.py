@@ -9,7 +9,7 @@ import numpy as np
 
 from ..cloth import Cloth
 from ..compiled import inner, kernel
-from ..errors import InputError
+from ..errors import InputError, is_number
 from ..panel import Panel
 from .pressure import add_skew, cross, orientation
 
@@ -54,9 +54,9 @@ class Gas:
     def __post_init__(self):
         for name, unit in (("pressure", "Pa"), ("volume", "m³"), ("exponent", "-")):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
+            if not (is_number(value) and value > 0):
                 raise InputError(f"{name} = {value!r}", f"must be finite and > 0 [{unit}]", "Gas")
-        if not (np.isfinite(self.ambient) and self.ambient >= 0):
+        if not (is_number(self.ambient) and self.ambient >= 0):
             allowed = "must be finite and >= 0 [Pa]"
             raise InputError(f"ambient = {self.ambient!r}", allowed, "Gas")
         if np.shape(self.origin) != (3,) or not np.isfinite(self.origin).all():

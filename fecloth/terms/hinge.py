@@ -8,7 +8,7 @@ import numpy as np
 
 from ..cloth import Cloth
 from ..compiled import kernel
-from ..errors import InputError
+from ..errors import InputError, is_number
 from ..panel import Panel
 from . import condition as loops
 from .dihedral import angles, condition
@@ -120,7 +120,7 @@ class BendingDamping:
 
     def __post_init__(self):
         where = "BendingDamping"
-        if not (np.isfinite(self.time) and self.time > 0):
+        if not (is_number(self.time) and self.time > 0):
             raise InputError(f"time = {self.time!r}", "must be finite and > 0 [s]", where)
         if self.tangent not in ("symmetric", "exact"):
             allowed = 'must be "symmetric" or "exact"'

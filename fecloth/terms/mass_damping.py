@@ -8,7 +8,7 @@ import numpy as np
 
 from ..cloth import Cloth
 from ..compiled import kernel
-from ..errors import InputError
+from ..errors import InputError, is_number
 from ..panel import Panel
 
 
@@ -33,7 +33,7 @@ class MassDamping:
     rate: float
 
     def __post_init__(self):
-        if not (np.isfinite(self.rate) and self.rate > 0):
+        if not (is_number(self.rate) and self.rate > 0):
             raise InputError(f"rate = {self.rate!r}", "must be finite and > 0 [1/s]", "MassDamping")
 
     def stencil(self, cloth: Cloth) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..cloth import Cloth
 from ..compiled import inner, kernel
-from ..errors import InputError
+from ..errors import InputError, is_number
 from ..fabric import Fabric
 from ..panel import Panel
 from . import membrane
@@ -76,9 +76,9 @@ class NeoHookean:
         where = "NeoHookean"
         if self.kind not in KINDS:
             raise InputError(f"kind = {self.kind!r}", f"must be one of {', '.join(KINDS)}", where)
-        if self.mu is not None and not (np.isfinite(self.mu) and self.mu > 0):
+        if self.mu is not None and not (is_number(self.mu) and self.mu > 0):
             raise InputError(f"mu = {self.mu!r}", "must be finite and > 0 [N/m]", where)
-        if self.lam is not None and not (np.isfinite(self.lam) and self.lam >= 0):
+        if self.lam is not None and not (is_number(self.lam) and self.lam >= 0):
             allowed, remedy = "must be finite and >= 0 [N/m]", "Below 0, W falls as J goes to 0."
             raise InputError(f"lam = {self.lam!r}", allowed, where, remedy)
         if self.kind == "incompressible" and self.lam is not None:

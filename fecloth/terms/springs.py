@@ -9,7 +9,7 @@ import numpy as np
 
 from ..cloth import Cloth
 from ..compiled import inner, kernel
-from ..errors import InputError
+from ..errors import InputError, is_number
 from ..panel import Panel
 from . import condition
 from .springnets import Net, edges, structural
@@ -91,7 +91,7 @@ class Springs:
         condition.check_options("Springs", tangent=self.tangent)
         for name in ("stiffness", "shear", "bend", "damping"):
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value >= 0):
+            if value is not None and not (is_number(value) and value >= 0):
                 unit = "s" if name == "damping" else "N/m"
                 raise InputError(f"{name} = {value!r}", f"must be >= 0 [{unit}]", "Springs")
             if value is not None and name != "damping" and self.kind != "structural":

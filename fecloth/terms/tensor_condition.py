@@ -8,7 +8,7 @@ import numpy as np
 
 from ..cloth import Cloth
 from ..compiled import inner, kernel
-from ..errors import InputError
+from ..errors import InputError, is_number
 from ..fabric import Fabric
 from ..panel import Panel
 from . import membrane
@@ -35,7 +35,7 @@ class TensorCondition:
     k: float
 
     def __post_init__(self):
-        if not (np.isfinite(self.k) and self.k > 0):
+        if not (is_number(self.k) and self.k > 0):
             raise InputError(f"k = {self.k!r}", "must be finite and > 0 [N/m]", "TensorCondition")
 
     def moduli(self, fabric: Fabric) -> np.ndarray:

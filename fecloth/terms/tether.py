@@ -8,7 +8,7 @@ import numpy as np
 
 from ..cloth import Cloth, Where
 from ..compiled import inner, kernel
-from ..errors import InputError
+from ..errors import InputError, is_number
 from ..given import Timed, VectorOfTime, vector
 from ..panel import Panel
 from . import condition
@@ -54,10 +54,10 @@ class Tether:
     damping: float = 0.0
 
     def __post_init__(self):
-        if not (np.isfinite(self.stiffness) and self.stiffness > 0):
+        if not (is_number(self.stiffness) and self.stiffness > 0):
             what = f"stiffness = {self.stiffness!r}"
             raise InputError(what, "must be finite and > 0 [N/m]", "Tether")
-        if not (np.isfinite(self.damping) and self.damping >= 0):
+        if not (is_number(self.damping) and self.damping >= 0):
             raise InputError(f"damping = {self.damping!r}", "must be >= 0 [N s/m]", "Tether")
         vector(self.point, "point", "Tether")
 
