@@ -34,7 +34,7 @@ class Ledger:
         What the method itself takes, by its own formula: (θ − ½)(Δv·M Δv + Δx·K Δx) a step, where
         Δx·K Δx is the change of the conservative force along Δx (exact for energies quadratic
         in x); ½ (…) for backward Euler, nothing for the midpoint rule; for explicit methods see
-        `Explicit.numerical`.
+        `Explicit.numerical`, for those with a memory `WithMemory.numerical`.
     start
         kinetic + Σ potential at the start.
     """
@@ -179,13 +179,15 @@ def _pin_work(system, theta, old, step, inertia):
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
     """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed.
 
+    A step with an acceleration `a` of its own, at which it balanced the forces, is taken by that.
     Only the held directions count: a slide has no reaction along its line or plane.
     """
     if not system.constraints.groups:
         return {}
     dt = step.state.t - old.t
     constraints = system.constraints
-    residual = system.scalar_mass @ ((step.state.v - old.v) / dt) - mean_force(system, step)
+    a = getattr(step, "a", (step.state.v - old.v) / dt)
+    residual = system.scalar_mass @ a - mean_force(system, step)
     residual[constraints.nodes] = constraints.held(residual)
     return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}
 

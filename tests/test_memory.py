@@ -185,6 +185,21 @@ def test_ledger_of_a_linear_problem(method, mass, small, isotropic):
         assert takes > 1e-3 * total
 
 
+def test_reactions_of_bdf2_are_those_at_the_end_of_the_step(isotropic):
+    """All nodes moved with z = t² + 5 t³: m (2 + 30 t), as BDF2 is exact for a quadratic v."""
+    cloth = fc.Cloth.rectangle(0.3, 0.3, h=0.1)
+    pin = fc.Pin(
+        lambda X: X[:, 0] > -1,
+        lambda t: [0.0, 0.0, t**2 + 5 * t**3],
+        lambda t: [0.0, 0.0, 2 * t + 15 * t**2],
+        name="all",
+    )
+    system = fc.System(cloth, isotropic, [fc.StVK()], pins=[pin])
+    result = fc.run(system, fc.BDF2(), system.rest(), 0.01, 0.1, solver="direct")
+    expected = system.nodal_mass.sum() * (2 + 30 * result.times[2:])
+    np.testing.assert_allclose(result.observed["reaction:all.z"][2:], expected, rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
