@@ -89,7 +89,7 @@ class ForwardEuler(Explicit):
     First order. Stable for dt ≤ 2ζ/ω where ζ < 1, so for no dt without damping: a mode grows by
     √(1 + ω²dt²) a step. A taut sheet has transverse modes that strain-rate damping leaves
     undamped. Keeps linear momentum; here to show why others are used.
-    Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, I.7.
+    Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, chapter I.
     """
 
     order = 1
@@ -106,7 +106,7 @@ class SymplecticEuler(Explicit):
 
     First order, stable for ω dt ≤ 2 (√(1 + ζ²) − ζ). Symplectic without damping: the energy error
     stays bounded, of first order in dt. Keeps linear and angular momentum.
-    Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, eq. I.1.9.
+    Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, section I.1.
     """
 
     order = 1
@@ -146,7 +146,8 @@ class CentralDifference(Explicit):
     ω dt < 2 (√(1 + 4ζ²) − 2ζ): 2, 1.64, 0.83, 0.47 at ζ = 0, 0.1, 0.5, 1. Without damping
     symplectic: the energy error stays bounded, of second order in dt; linear modes conserve the
     energy less dt²/8 a·M a. Keeps linear and angular momentum.
-    Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, eq. I.1.17.
+    Source: Hairer, Lubich and Wanner (2003), Geometric numerical integration illustrated by the
+    Störmer–Verlet method, Acta Numerica 12, section 1.
     """
 
     order = 2

@@ -238,3 +238,21 @@ t_end = 2e-3
     outcome = run_scene(scene, tmp_path / "out")
     assert "explicit" in (tmp_path / "out" / "summary.json").read_text()
     assert outcome
+
+
+@pytest.mark.parametrize(
+    ("name", "method"), [("central_difference", CENTRAL), ("symplectic", SYMPLECTIC)]
+)
+def test_a_taut_damped_sheet_breaks_within_two_percent_of_the_prediction(
+    name, method, isotropic, rng
+):
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.05)
+    terms = [fc.StVK(), fc.StrainRateDamping(2e-5)]
+    system = fc.System(cloth, isotropic, terms, pins=["boundary"])
+    rest = system.state(1.1 * flat(cloth))
+    dt = fc.critical_dt(system, rest, name)
+    start = system.state(rest.x + 1e-9 * rng.standard_normal(rest.x.shape))
+    *_, (end, _) = fc.march(system, method, start, 0.99 * dt, 1500 * dt)
+    assert abs(end.x - rest.x).max() < 1e-8
+    with pytest.raises(fc.StepFailed):
+        list(fc.march(system, method, start, 1.02 * dt, 1500 * dt))
