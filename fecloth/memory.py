@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import newton
-from .errors import InputError
+from .errors import InputError, is_number
 from .newton import Solver
 from .record import column_forces, conservative
 from .stage import Stage
@@ -175,10 +175,10 @@ class Newmark(AccelerationMethod):
     gamma: float = 0.5
 
     def __post_init__(self):
-        if not 0 < self.beta < np.inf:
+        if not (is_number(self.beta) and self.beta > 0):
             remedy = "beta = 0 is CentralDifference."
             raise InputError(f"beta = {self.beta!r}", "must be > 0", "Newmark", remedy)
-        if not 0.5 <= self.gamma < np.inf:
+        if not (is_number(self.gamma) and self.gamma >= 0.5):
             raise InputError(f"gamma = {self.gamma!r}", "must be >= 0.5", "Newmark")
 
     @property
@@ -200,7 +200,7 @@ class GeneralizedAlpha(AccelerationMethod):
     Second order by γ = ½ − α_m + α_f, and A-stable with β = (1 − α_m + α_f)²/4. A mode keeps ρ∞
     of its amplitude a step as ω dt → ∞; with ρ∞ = ½ it loses 1e-2 at ω dt = 1 and 1.4e-4 at 0.3,
     with ρ∞ = 1 nothing at any. Keeps linear momentum, not angular, nor energy: on nonlinear
-    problems that can grow at steps that do not resolve the fast modes (it did on a sheet that swings
+    problems it can grow at steps that do not resolve the fast modes (it did on a sheet that swings
     down, dt = 10 ms, far more for ρ∞ = 0.8 than for ½), where BDF2 and backward Euler lose it.
     Source: Chung and Hulbert (1993), A Time Integration Algorithm for Structural Dynamics With
     Improved Numerical Dissipation: The Generalized-α Method, J. Appl. Mech. 60.
@@ -215,7 +215,7 @@ class GeneralizedAlpha(AccelerationMethod):
     rho_inf: float = 0.5
 
     def __post_init__(self):
-        if not 0 <= self.rho_inf <= 1:
+        if not (is_number(self.rho_inf) and 0 <= self.rho_inf <= 1):
             raise InputError(
                 f"rho_inf = {self.rho_inf!r}", "must lie in [0, 1]", "GeneralizedAlpha"
             )

@@ -206,6 +206,7 @@ def test_reactions_of_bdf2_are_those_at_the_end_of_the_step(isotropic):
         (lambda: fc.Newmark(beta=0.0), r"beta = 0.0: must be > 0.*CentralDifference"),
         (lambda: fc.Newmark(gamma=0.4), r"gamma = 0.4: must be >= 0.5"),
         (lambda: fc.Newmark(gamma=np.nan), r"gamma = nan: must be >= 0.5"),
+        (lambda: fc.Newmark(beta="0.3"), r"beta = '0.3': must be > 0"),
         (lambda: fc.GeneralizedAlpha(1.1), r"rho_inf = 1.1: must lie in \[0, 1\]"),
         (lambda: fc.GeneralizedAlpha(-0.1), r"rho_inf = -0.1: must lie in \[0, 1\]"),
     ],
