@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
-import meshio
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -222,6 +221,8 @@ def _described(cloth: Cloth) -> list[str]:
 
 def _write_mesh(cloth: Cloth, path: Path) -> None:
     """The flat mesh through meshio, with the quality and a 0/1 array for each set."""
+    import meshio  # here, so that no other command waits for it
+
     points = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
     inside = {f"set {name}": np.zeros(len(points)) for name in cloth.node_sets}
     for name, nodes in cloth.node_sets.items():

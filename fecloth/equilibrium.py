@@ -129,10 +129,10 @@ def equilibrium(
     for number in range(1, max_iterations + 1):
         if np.linalg.norm(f) <= goal:
             return work.state(x)
-        x, f, shift, length = work.iterate(x, f, goal)
-        _, scale = work.forces(x)
+        x, f, scale, shift, length = work.iterate(x, f, goal)
         goal = max(tolerance * scale, work.round_off(x, shift))
-        report(Iteration(number, work.relative(x, f), shift, length))
+        relative = float(np.linalg.norm(f) / scale) if scale else 0.0
+        report(Iteration(number, relative, shift, length))
         work.refuse_to_travel(x, f)
     if np.linalg.norm(f) <= goal:
         return work.state(x)
@@ -181,7 +181,7 @@ class _Work:
         return sum(term.energy(x, self.start.t) for term in bound if term.has_energy)
 
     def iterate(self, x, f, goal):
-        """The next x and f, the shift and the part of the step that were taken."""
+        """The next x, f and Σ ‖f_term‖, the shift and the part of the step that were taken."""
         shift = 0.0
         for _ in range(ATTEMPTS):
             try:
@@ -192,7 +192,7 @@ class _Work:
                 reason = "no step along Newton's direction is an improvement"
             if found:
                 self.resume = shift / GROWTH or self.resume
-                return *found[:2], shift, found[2]
+                return *found[:3], shift, found[3]
             shift = GROWTH * shift or self.resume
         raise self.failed(reason, x, f)
 
@@ -207,7 +207,7 @@ class _Work:
         return project(step)
 
     def search(self, x, f, step, goal):
-        """The new x, its f and the part of the step; None if no part is an improvement."""
+        """The new x, its f and Σ ‖f_term‖, the part of the step; None if none is better."""
         slope = float(np.vdot(f, step))  # work of the forces along the step
         if not slope > 0:
             return None
@@ -216,18 +216,18 @@ class _Work:
         norm, potential = np.linalg.norm(f), None
         for length in first * 0.5 ** np.arange(HALVINGS):
             trial = x + length * step
-            f_trial, _ = self.forces(trial)
+            f_trial, scale = self.forces(trial)
             norm_trial = np.linalg.norm(f_trial)
             if not np.isfinite(norm_trial):
                 continue
             if norm_trial <= max(goal, (1 - 1e-4 * length) * norm):
-                return trial, f_trial, float(length)
+                return trial, f_trial, scale, float(length)
             if self.has_potential:
                 potential = self.potential(x) if potential is None else potential
                 if self.potential(trial) <= potential - 1e-4 * length * slope:
-                    return trial, f_trial, float(length)
+                    return trial, f_trial, scale, float(length)
             elif np.vdot(f_trial, step) >= -0.8 * slope:
-                return trial, f_trial, float(length)
+                return trial, f_trial, scale, float(length)
         return None
 
     def round_off(self, x, shift):

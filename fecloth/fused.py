@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import kernel
-from .errors import InputError
+from .errors import InputError, StepFailed
 from .system import State, System
 from .terms import membrane, stvk
 from .terms.gravity import BoundGravity
@@ -13,15 +13,27 @@ from .terms.stvk import law
 
 
 def many_steps(system: System, state: State, dt: float, steps: int) -> State:
-    """The state after so many steps of `CentralDifference` of dt [s], to round-off.
+    """The state after so many steps of `CentralDifference`, to round-off.
 
     The leapfrog v½ ← v½ + dt M⁻¹ f(x), x ← x + dt v½ between two half kicks: one pass over the
     triangles and one over the nodes a step, nothing allocated, no Python between steps.
+
+    Source: as for `CentralDifference`.
+
+    Parameters
+    ----------
+    system, state
+        What moves, and its start: x (n, 3) [m], v (n, 3) [m/s].
+    dt, steps
+        Step [s], the same for all, and their number.
 
     Raises
     ------
     InputError
         For terms besides one StVK and Gravity, a consistent mass, or moved pins.
+    StepFailed
+        If the end is not finite, as beyond the limit on dt (see `critical_dt`); its `state` is
+        the start, as no other is kept.
 
     Examples
     --------
@@ -51,6 +63,12 @@ def many_steps(system: System, state: State, dt: float, steps: int) -> State:
     held = constraints.nodes, np.ascontiguousarray(constraints.projectors)
     inverse = 1.0 / system.nodal_mass
     leapfrog(*cloth.shape, *material, *held, inverse, load, float(dt), steps, x, v, still)
+    if not (np.isfinite(x).all() and np.isfinite(v).all()):
+        raise StepFailed(
+            f"{steps} steps of dt = {dt:g} s from t = {state.t:g} s end at values that are not "
+            "finite. Take a dt below that of critical_dt.",
+            state=state,
+        )
     return State(state.t + steps * dt, x, v)
 
 
@@ -75,6 +93,7 @@ def _refused(what, allowed):
 
 @kernel
 def leapfrog(K, Q, nodes, G, w, c, at, P, inverse_mass, load, dt, steps, x, v, f):
+    """v += dt M⁻¹ P f(x), x += dt v, between two half kicks, in place; f is work space."""
     for step in range(steps + 1):
         for i in range(len(f)):
             for k in range(3):

@@ -53,3 +53,14 @@ def test_refuses_what_is_no_number_of_steps(dt, steps, isotropic):
     system = fc.System(fc.Cloth.rectangle(**CLOTH), isotropic, [fc.StVK()])
     with pytest.raises(fc.InputError, match="many_steps: (dt|steps) = "):
         fc.many_steps(system, system.rest(), dt, steps)
+
+
+def test_a_step_beyond_the_limit_is_a_failure_and_no_state():
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.1)
+    fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
+    start = system.state(1.05 * system.rest().x)
+    dt = 3 * fc.critical_dt(system, start)
+    with pytest.raises(fc.StepFailed, match="not finite.*critical_dt") as failure:
+        fc.many_steps(system, start, dt, 2000)
+    assert failure.value.state is start
