@@ -10,6 +10,7 @@ import numpy as np
 from . import linear
 from .blocks import BlockMatrix
 from .errors import FeclothError, InputError, SolveFailed
+from .newton import round_off
 from .system import State, System
 from .terms.membrane import principal_stretches
 
@@ -125,12 +126,12 @@ def equilibrium(
     x = start.x
     f, scale = work.forces(x)
     work.choose_first_shift(f)
-    goal = max(tolerance * scale, work.round_off(x, 0.0))
+    goal = max(tolerance * scale, round_off(system, work.J, x, 0.0))
     for number in range(1, max_iterations + 1):
         if np.linalg.norm(f) <= goal:
             return work.state(x)
         x, f, scale, shift, length = work.iterate(x, f, goal)
-        goal = max(tolerance * scale, work.round_off(x, shift))
+        goal = max(tolerance * scale, round_off(system, work.J, x, shift))
         relative = float(np.linalg.norm(f) / scale) if scale else 0.0
         report(Iteration(number, relative, shift, length))
         work.refuse_to_travel(x, f)
@@ -229,12 +230,6 @@ class _Work:
             elif np.vdot(f_trial, step) >= -0.8 * slope:
                 return trial, f_trial, scale, float(length)
         return None
-
-    def round_off(self, x, shift):
-        """8 ε ‖K_ii x_i‖: what the rounding of positions alone does to the forces."""
-        diagonal = np.einsum("sii->s", self.J.values[self.J.pattern.diagonal]) / 3
-        stiffness = np.abs(diagonal - shift * self.system.scalar_mass.diagonal())
-        return 8 * np.finfo(float).eps * np.linalg.norm(stiffness[:, None] * x)
 
     def refuse_to_travel(self, x, f):
         way = (x - self.start.x).mean(axis=0)

@@ -123,14 +123,20 @@ def solve(system: System, stage: Stage, solver: Solver, guess: np.ndarray | None
     norm, goal, shift = np.linalg.norm(R), options.tolerance * work.scale, 0.0
     for iteration in range(1, options.max_iterations + 1):
         q, R, shift = work.iterate(q, R, goal, shift)
-        norm, goal = (
-            np.linalg.norm(R),
-            max(options.tolerance * work.scale, work.round_off(q, shift)),
-        )
+        x, inertia = stage.at(q)[0], (1 + shift) * stage.wa
+        floor = round_off(system, work.J, x, inertia) / stage.wx
+        norm, goal = np.linalg.norm(R), max(options.tolerance * work.scale, floor)
         if norm <= goal:
             return q, work.counts(iteration, norm)
     reason = f"Newton did not converge in {options.max_iterations} iterations"
     raise NewtonFailed(reason, work.relative(norm), "Take a smaller dt.")
+
+
+def round_off(system: System, J: BlockMatrix, x: np.ndarray, wa: float) -> float:
+    """8 ε ‖J_ii x_i‖ without J's wa M: what the rounding of positions does to wx times forces."""
+    diagonal = np.einsum("sii->s", J.values[J.pattern.diagonal]) / 3
+    stiffness = np.abs(diagonal - wa * system.scalar_mass.diagonal())
+    return float(8 * np.finfo(float).eps * np.linalg.norm(stiffness[:, None] * x))
 
 
 class _Work:
@@ -214,15 +220,6 @@ class _Work:
         self.seconds["factor"] += infos[0].seconds_factor
         self.seconds["solve"] += sum(info.seconds_solve for info in infos)
         return step
-
-    def round_off(self, q, shift):
-        """8 ε ‖K_ii x_i‖: what the rounding of positions alone does to the forces."""
-        stage, J = self.stage, self.J
-        diagonal = np.einsum("sii->s", J.values[J.pattern.diagonal]) / 3
-        inertia = (1 + shift) * stage.wa * self.system.scalar_mass.diagonal()
-        stiffness = np.abs(diagonal - inertia) / stage.wx
-        x, _, _ = stage.at(q)
-        return 8 * np.finfo(float).eps * np.linalg.norm(stiffness[:, None] * x)
 
     def search(self, q, R, step, goal, halvings=12):
         """The new q and its residual; None if no step along the direction is an improvement."""
