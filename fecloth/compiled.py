@@ -54,10 +54,24 @@ def kernel(function: Callable) -> Callable:
     Products and sums may be contracted to fused multiply-adds; no other liberty is taken, so NaN
     and infinity survive and the result does not depend on the thread count.
     """
+    return _kept(function)
+
+
+def threaded_kernel(function: Callable) -> Callable:
+    """Compile an entry point whose loops over `numba.prange` are shared among threads.
+
+    The passes of such a loop must write nothing that another one reads or writes; then it keeps
+    what `kernel` promises.
+    """
+    return _kept(function, parallel=True)
+
+
+def _kept(function: Callable, **options) -> Callable:
     user_choice = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = cache_folder()  # read by Numba while it decorates, not later
     try:
-        return numba.njit(cache=True, fastmath={"contract"}, error_model="numpy")(function)
+        options |= {"fastmath": {"contract"}, "error_model": "numpy"}
+        return numba.njit(cache=True, **options)(function)
     finally:
         numba.config.CACHE_DIR = user_choice
 
