@@ -35,11 +35,13 @@ class Pardiso:
     def __init__(self, symmetric: bool = True):
         _mkl_pardiso()  # fail here, not in a time step
         self.symmetric = symmetric
+        self.prepared = 0
         self._A = self._pattern = self._release = None
 
     def prepare(self, A: BlockMatrix) -> None:
         """Factorise A; the analysis is kept while the pattern is the same object."""
         begin, self._A = time.perf_counter(), None
+        self.prepared += 1
         if self._pattern is not A.pattern:
             self._analyse(A.pattern)
         self._rows.refill(A)
@@ -153,11 +155,13 @@ class SuperLU:
 
     def __init__(self, symmetric: bool = True):
         self.symmetric = symmetric
+        self.prepared = 0
         self._A = self._rows = None
 
     def prepare(self, A: BlockMatrix) -> None:
         """Factorise A."""
         begin, self._A = time.perf_counter(), None
+        self.prepared += 1
         if self._rows is None or self._rows.pattern is not A.pattern:
             self._rows = _ScalarRows(A.pattern, upper=False)
         self._rows.refill(A)

@@ -9,7 +9,8 @@ import numpy as np
 
 from . import linear
 from .blocks import BlockMatrix
-from .errors import FeclothError, IndefiniteMatrix, InputError
+from .errors import FeclothError, IndefiniteMatrix, InputError, SolveFailed
+from .kept import Kept
 from .stage import Stage
 from .system import State, System
 
@@ -39,12 +40,16 @@ class Newton:
         iterations (after Nocedal and Wright 2006, algorithm 3.3). A cloth in compression is
         unstable for good; there clamping converges slowly, as it takes away what the solution
         has. On a flag at dt = 10 ms it took up to 129 iterations a step, the added mass 23.
+    reuse
+        Whether a direct solver's factor serves further iterations, and steps of the same size,
+        while that is cheaper than a new one; see `kept.Kept`.
     """
 
     tolerance: float = 1e-6
     max_iterations: int = 200
     forcing: float = 1e-2
     definiteness: str = "on_failure"
+    reuse: bool = True
 
     def __post_init__(self):
         if not 1e-13 <= self.tolerance < 1:
@@ -56,6 +61,8 @@ class Newton:
         if self.definiteness not in DEFINITENESS:
             allowed = f"must be one of {', '.join(DEFINITENESS)}"
             raise InputError(f"definiteness = {self.definiteness!r}", allowed, "Newton")
+        if not isinstance(self.reuse, bool):
+            raise InputError(f"reuse = {self.reuse!r}", "must be True or False", "Newton")
 
 
 class NewtonFailed(FeclothError):
@@ -83,6 +90,10 @@ class Counts:
         Relative to the forces of the step.
     seconds
         Of assembly, factorisation and solution.
+    factorisations
+        Or preconditioners: fewer than Newton iterations where a factor was kept.
+    rejected
+        Steps that were tried before, and too long.
     """
 
     newton: int = 0
@@ -90,15 +101,29 @@ class Counts:
     modified: int = 0
     residual: float = 0.0
     seconds: dict = field(default_factory=dict)
+    factorisations: int = 0
+    rejected: int = 0
+
+    def plus(self, other: Counts) -> Counts:
+        """The sums, and the other's residual."""
+        names = ("newton", "linear", "modified", "factorisations", "rejected")
+        sums = {name: getattr(self, name) + getattr(other, name) for name in names}
+        keys = {**self.seconds, **other.seconds}
+        seconds = {k: self.seconds.get(k, 0.0) + other.seconds.get(k, 0.0) for k in keys}
+        return Counts(**sums, residual=other.residual, seconds=seconds)
 
 
 @dataclass(frozen=True, eq=False)
 class Solver:
-    """What a step needs to solve its equations: a linear solver, a matrix to fill, the options."""
+    """What a step needs to solve its equations: a linear solver, a matrix to fill, the options.
+
+    After ``kept.drop()`` the steps that follow do not depend on those before.
+    """
 
     linear: object
     matrix: BlockMatrix
     options: Newton
+    kept: Kept = field(default_factory=Kept)
 
 
 def solve(system: System, stage: Stage, solver: Solver, guess: np.ndarray | None = None):
@@ -117,7 +142,17 @@ def solve(system: System, stage: Stage, solver: Solver, guess: np.ndarray | None
     NewtonFailed
         If the tolerance is not met.
     """
-    options, work = solver.options, _Work(system, stage, solver)
+    work = _Work(system, stage, solver)
+    try:
+        return _iterated(work, guess)
+    except FeclothError:
+        solver.kept.drop()
+        raise
+
+
+def _iterated(work: _Work, guess: np.ndarray | None):
+    """`solve`."""
+    system, stage, options = work.system, work.stage, work.options
     q = np.zeros_like(stage.x) if guess is None else system.constraints.project(guess.copy())
     R = work.first_residual(q)
     norm, goal, shift = np.linalg.norm(R), options.tolerance * work.scale, 0.0
@@ -127,6 +162,7 @@ def solve(system: System, stage: Stage, solver: Solver, guess: np.ndarray | None
         floor = round_off(system, work.J, x, inertia) / stage.wx
         norm, goal = np.linalg.norm(R), max(options.tolerance * work.scale, floor)
         if norm <= goal:
+            work.kept.step_ends(work.again, work.linear_solver)
             return q, work.counts(iteration, norm)
     reason = f"Newton did not converge in {options.max_iterations} iterations"
     raise NewtonFailed(reason, work.relative(norm), "Take a smaller dt.")
@@ -144,14 +180,15 @@ class _Work:
 
     def __init__(self, system, stage, solver):
         self.system, self.stage, self.linear_solver = system, stage, solver.linear
-        self.J, self.options = solver.matrix, solver.options
+        self.J, self.options, self.kept = solver.matrix, solver.options, solver.kept
         self.scale = 0.0
-        self.linear = self.modified = 0
+        self.linear = self.modified = self.factorisations = self.again = 0
         self.seconds = {"assemble": 0.0, "factor": 0.0, "solve": 0.0}
         self.has_potential = all(term.has_energy and not term.dissipative for term in system.bound)
 
     def counts(self, iterations, norm):
-        return Counts(iterations, self.linear, self.modified, self.relative(norm), self.seconds)
+        counted = self.linear, self.modified, self.relative(norm), self.seconds
+        return Counts(iterations, *counted, self.factorisations)
 
     def relative(self, norm):
         return float(norm / self.scale) if self.scale else 0.0
@@ -176,6 +213,9 @@ class _Work:
     def iterate(self, q, R, goal, shift):
         """q and R after one iteration, and the shift that it took, from that of the last one."""
         shift = shift / GROWTH if shift > FIRST_SHIFT else 0.0
+        found = self.with_kept(q, R, goal, shift)
+        if found:
+            return *found, shift
         while True:
             found, reason = self.attempt(q, R, goal, shift)
             if found:
@@ -187,6 +227,32 @@ class _Work:
                 raise NewtonFailed(reason, self.relative(np.linalg.norm(R)), remedy)
             shift = max(FIRST_SHIFT, GROWTH * shift)
 
+    def with_kept(self, q, R, goal, shift):
+        """q and R after one iteration with the kept factor; None without one, or if R grows."""
+        key, norm = self.key(shift), np.linalg.norm(R)
+        if not (self.options.reuse and norm > 0 and self.kept.fits(key, self.linear_solver)):
+            return None
+        try:
+            trial = q + self.solved(self.state(q), R, goal)
+        except SolveFailed:  # a factor too poor for refinement
+            self.kept.drop()
+            return None
+        self.again += 1
+        R_trial = self.residual(trial)
+        norm_trial = np.linalg.norm(R_trial)
+        to_go = goal / norm_trial if norm_trial else 1.0
+        self.kept.served(norm_trial / norm, to_go, self.linear_solver)
+        return (trial, R_trial) if norm_trial < norm else None
+
+    def key(self, shift):
+        """What a factor is made for: with anything else it is another one."""
+        stage, definite = self.stage, self.options.definiteness == "clamp"
+        return self.system, stage.wx, stage.wv, (1 + shift) * stage.wa, definite
+
+    def state(self, q):
+        x, v, _ = self.stage.at(q)
+        return State(self.stage.t, x, v)
+
     def attempt(self, q, R, goal, shift):
         """q and R after one iteration with the given shift; or None, and why."""
         try:
@@ -197,13 +263,11 @@ class _Work:
 
     def direction(self, q, R, goal, shift):
         """s = −J⁻¹ R with J = (1 + shift) wa M + wv D + wx K."""
-        stage, begin = self.stage, time.perf_counter()
+        begin = time.perf_counter()
         if not R.any():
             return np.zeros_like(R)
-        x, v, _ = stage.at(q)
-        definite = self.options.definiteness == "clamp"
-        weights = stage.wx, stage.wv, (1 + shift) * stage.wa
-        at = State(stage.t, x, v)
+        at, (_, *weights, definite) = self.state(q), self.key(shift)
+        self.kept.key = None  # whatever happens now, the matrix is another one
         self.system.assemble(self.J, at, *weights, definite)
         self.system.project(self.J)
         self.modified += definite or shift > 0
@@ -211,13 +275,20 @@ class _Work:
         norm = np.linalg.norm(R)
         if not np.isfinite(norm):
             raise NewtonFailed("the forces are not finite", float(norm), "Take a smaller dt.")
-        forcing = min(0.5, max(self.options.forcing, 0.5 * goal / norm))
+        self.factorisations += 1
         self.linear_solver.prepare(self.J)
+        step = self.solved(at, R, goal, new=True)
+        self.kept.made(self.key(shift), self.linear_solver)
+        return step
+
+    def solved(self, at, R, goal, new=False):
+        """−J⁻¹ R for the J that was prepared."""
+        forcing = min(0.5, max(self.options.forcing, 0.5 * goal / np.linalg.norm(R)))
         project = self.system.constraints.project
-        dense = [(stage.wx * c, project(u)) for c, u in self.system.dense(at)]
+        dense = [(self.stage.wx * c, project(u)) for c, u in self.system.dense(at)]
         step, infos = linear.updated(self.linear_solver, dense, -R, forcing)
         self.linear += sum(info.iterations for info in infos)
-        self.seconds["factor"] += infos[0].seconds_factor
+        self.seconds["factor"] += infos[0].seconds_factor if new else 0.0
         self.seconds["solve"] += sum(info.seconds_solve for info in infos)
         return step
 

@@ -54,11 +54,13 @@ class PCG:
 
     def __init__(self, max_iterations: int = 10_000):
         self.max_iterations = max_iterations
+        self.prepared = 0  # times
         self._A, self._inverse = None, np.empty((0, 6))
 
     def prepare(self, A: BlockMatrix) -> None:
         """Invert the diagonal blocks."""
         begin, self._A = time.perf_counter(), None
+        self.prepared += 1
         n = len(A.pattern)
         if len(self._inverse) != n:
             self._inverse, self._work = np.empty((n, 6)), np.zeros((4, n, 3))

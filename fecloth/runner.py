@@ -142,7 +142,7 @@ class _Recorder:
         self.observer = Observer.bind(built.system, built.state, built.probes)
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
         self.turnover = 0.0
-        self.counts = {"steps": 0, "newton": 0, "linear": 0, "modified": 0}
+        self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
         with watch.phase("output"):
             self.frames.add(self.state)
             self._rows(self.observer.row(None, None))
@@ -171,7 +171,7 @@ class _Recorder:
         self.watch.seconds.setdefault("to_first_step", self.watch.total)
         self.watch.add(counts.seconds)
         self.counts["steps"] = info.step
-        for key in ("newton", "linear", "modified"):
+        for key in _COUNTED:
             self.counts[key] += getattr(counts, key)
 
     def _rows(self, observed: dict, info: StepInfo | None = None) -> None:
@@ -225,6 +225,7 @@ class _Recorder:
 
 
 _TABLES = ("steps", "energies", "observed")
+_COUNTED = ("newton", "linear", "modified", "factorisations")
 
 
 def compile_kernels(built: Built, linear: str) -> None:
