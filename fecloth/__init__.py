@@ -7,6 +7,7 @@ symbol table, and `System`, `march` and `run` for where to start.
 from . import stability, verify
 from .bendingtensor import bending_tensor, strip_rigidity
 from .cloth import Cloth
+from .energy_momentum import EnergyMomentum
 from .equilibrium import EquilibriumFailed, equilibrium
 from .errors import (
     FeclothError,
@@ -65,6 +66,7 @@ __all__ = [
     "Cloth",
     "Condition",
     "Drag",
+    "EnergyMomentum",
     "EquilibriumFailed",
     "Fabric",
     "FeclothError",

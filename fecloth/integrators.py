@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import linear, newton
+from .energy_momentum import EnergyMomentum
 from .errors import IndefiniteMatrix
 from .memory import BDF2, GeneralizedAlpha, Newmark
 from .newton import Counts, Solver
@@ -159,6 +160,7 @@ METHODS = {
     "backward_euler": BackwardEuler,
     "linearly_implicit_euler": LinearlyImplicitEuler,
     "implicit_midpoint": ImplicitMidpoint,
+    "energy_momentum": EnergyMomentum,
     "newmark": Newmark,
     "generalized_alpha": GeneralizedAlpha,
     "bdf2": BDF2,

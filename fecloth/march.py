@@ -59,7 +59,7 @@ def solver_for(
     if getattr(method, "explicit", False):
         method.check(system)
         return Solver(None, None, options or Newton()), "no linear solver: explicit"
-    symmetric = system.symmetric
+    symmetric = system.symmetric and getattr(method, "symmetric", True)
     if choice == "auto":
         stiffness, damping = system.rate_bounds()
         wx, wv, wa = method.weights(dt)

@@ -88,5 +88,8 @@ class BoundLinear:
         for s, (i, j) in enumerate(zip(rows, J.pattern.indices, strict=True)):
             J.values[s] += factor * dense[i, j]
 
+    def between(self, start):
+        return self
+
     def rate_bounds(self, mass):
         return 0.0, 0.0

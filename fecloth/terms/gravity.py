@@ -61,5 +61,9 @@ class BoundGravity:
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """Gravity has none."""
 
+    def between(self, start: np.ndarray) -> BoundGravity:
+        """Itself: over a step its force at the mean does the work of its energy."""
+        return self
+
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         return 0.0, 0.0

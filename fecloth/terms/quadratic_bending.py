@@ -94,6 +94,10 @@ class BoundQuadratic:
         """J += wx Q ⊗ I₃."""
         add_mass(self.blocks, self.values, wx, J.values)
 
+    def between(self, start: np.ndarray) -> BoundQuadratic:
+        """Itself: over a step its force at the mean does the work of its energy."""
+        return self
+
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bound of the eigenvalues of M⁻¹K [1/s²]: the largest row sum of |Q|/m."""
         return float((abs(self.matrix).sum(axis=1).A1 / mass).max()), 0.0

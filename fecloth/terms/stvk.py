@@ -10,7 +10,7 @@ from ..cloth import Cloth
 from ..compiled import inner, kernel
 from ..fabric import Fabric
 from ..panel import Panel
-from . import membrane
+from . import averaged, membrane
 from .membrane import contract
 
 
@@ -36,9 +36,9 @@ class StVK:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
+    def bind(self, panel: Panel, slots) -> averaged.QuadraticMembrane:
         C = panel.each(self.moduli)
-        return membrane.bind("StVK", KERNELS, C, C, panel, slots)
+        return averaged.bind("StVK", KERNELS, AVERAGED, C, C, panel, slots)
 
 
 @inner
@@ -71,3 +71,21 @@ def add_stress(K, Q, nodes, G, w, c, x, out):
 
 
 KERNELS = membrane.Kernels(energy, add_force, add_tangent, add_stress)
+
+
+@kernel
+def force_over_step(K, Q, nodes, G, w, c, start, x, f):
+    averaged.add_force(law, K, Q, nodes, G, w, c, start, x, f)
+
+
+@kernel
+def tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    averaged.add_tangent(law, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+@kernel
+def definite_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    averaged.add_definite(law, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+AVERAGED = averaged.Averaged(force_over_step, tangent_over_step, definite_over_step)

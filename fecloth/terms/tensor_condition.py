@@ -11,7 +11,7 @@ from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..fabric import Fabric
 from ..panel import Panel
-from . import membrane
+from . import averaged, membrane
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class TensorCondition:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
+    def bind(self, panel: Panel, slots) -> averaged.QuadraticMembrane:
         k, moduli = panel.each(lambda fabric: self.k), panel.each(self.moduli)
-        return membrane.bind("TensorCondition", KERNELS, k, moduli, panel, slots)
+        return averaged.bind("TensorCondition", KERNELS, AVERAGED, k, moduli, panel, slots)
 
 
 @inner
@@ -81,3 +81,21 @@ def add_stress(K, Q, nodes, G, w, c, x, out):
 
 
 KERNELS = membrane.Kernels(energy, add_force, add_tangent, add_stress)
+
+
+@kernel
+def force_over_step(K, Q, nodes, G, w, c, start, x, f):
+    averaged.add_force(law, K, Q, nodes, G, w, c, start, x, f)
+
+
+@kernel
+def tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    averaged.add_tangent(law, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+@kernel
+def definite_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    averaged.add_definite(law, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+AVERAGED = averaged.Averaged(force_over_step, tangent_over_step, definite_over_step)

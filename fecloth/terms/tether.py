@@ -90,6 +90,10 @@ class BoundTether(condition.BoundCondition):
     def table(self, x, t, order) -> np.ndarray:
         return np.tile(self.point(t), (len(self.nodes), 1))
 
+    def between(self, start: np.ndarray) -> BoundTether:
+        """Itself: over a step its force at the mean does the work of its energy."""
+        return self
+
     def speed(self, t: float) -> np.ndarray:
         """(3,) ṗ [m/s]."""
         step = DERIVATIVE_STEP
