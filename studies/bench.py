@@ -1,15 +1,17 @@
 """The speed figures of fecloth, each printed with its limit: python studies/bench.py [--quick].
 
-Single-threaded; every time is the minimum of several runs after a warm-up, and comparisons are
-ratios within one run. --quick takes small meshes and leaves out what starts new processes.
+Single-threaded but for the one line that says so; every time is the minimum of several runs after
+a warm-up, and comparisons are ratios within one run. --quick takes small meshes and leaves out
+what starts new processes.
 """
 
 from __future__ import annotations
 
 import os
 
-for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"  # before NumPy and MKL read them
+os.environ["NUMBA_NUM_THREADS"] = "2"  # at most: only many_steps(threads=2) takes more than one
 
 import argparse
 import json
@@ -210,15 +212,27 @@ def trampoline(h: float, limit: float) -> list[Figure]:
 
 
 def explicit_steps(small: int, large: int) -> list[Figure]:
-    """Central differences in one compiled call, ns a triangle and step."""
-    figures, steps = [], 50
+    """Central differences in one compiled call, ns a triangle and step, and what two threads save.
+
+    The two threads meet once a step, so their line means something on two idle cores only.
+    """
+    figures = []
     for triangles in (small, large):
         system = fc.System(square(triangles), FABRIC, [fc.StVK(), fc.Gravity()], pins=["left"])
         start, m = stretched(system), len(system.cloth.triangles)
-        seconds = fastest(lambda s=system, start=start: fc.many_steps(s, start, 1e-6, steps), 5)
-        cost = 1e9 * seconds / (steps * m)
+        steps = max(10, 400_000 // m)
+
+        def run(threads, system=system, start=start, steps=steps):
+            return fastest(lambda: fc.many_steps(system, start, 1e-6, steps, threads), 15)
+
+        cost = 1e9 * run(1) / (steps * m)
         what = f"central differences in one call, {triangles} triangles"
         figures.append(Figure(what, cost, "ns/triangle/step", 28))
+        if (os.cpu_count() or 1) > 1:
+            ratio = run(2) / min(run(1), 1e-9 * cost * steps * m)
+            figures.append(
+                Figure(f"the same on two threads / on one, {triangles}", ratio, "ratio", 0.65)
+            )
     return figures
 
 
