@@ -60,9 +60,10 @@ class Kept:
         one. One that served badly is answered with 1, 2, 4, … new ones that are not tried again.
         """
         self.solves += 1
-        if contraction == 0.0 or to_go >= 1.0:
-            self.failures = 0
-        elif contraction < 1.0 and math.log(to_go) > PRICES[linear.name] * math.log(contraction):
+        cheap = contraction == 0.0 or to_go >= 1.0
+        if not cheap and contraction < 1.0:
+            cheap = math.log(to_go) / math.log(contraction) < PRICES[linear.name]
+        if cheap:
             self.failures = 0
         else:
             self.failures += 1

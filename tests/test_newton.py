@@ -284,7 +284,10 @@ def test_another_system_takes_another_factor(drum, isotropic):
 def test_what_others_prepare_replaces_the_factor(drum):
     solver = direct(drum)
     state, _ = fallen(drum, solver, [1e-3] * 3)
+    key = newton._Work(drum, fc.ImplicitMidpoint().stage(state, 1e-3), solver).key(0.0)
+    assert solver.kept.fits(key, solver.linear)
     solver.linear.prepare(drum.project(drum.assemble(solver.matrix, state, wa=1.0)))
+    assert not solver.kept.fits(key, solver.linear)
     after, counts = fallen(drum, solver, [1e-3], state)
     fresh, _ = fallen(drum, direct(drum), [1e-3], state)
     assert counts[0].factorisations > 0
