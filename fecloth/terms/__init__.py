@@ -16,7 +16,7 @@ and the bound term offers, in place and without knowledge of dt, solver or other
     rate_bounds(mass)                         bounds of the eigenvalues of M⁻¹K and M⁻¹D at rest
 
 with the attributes name, symmetric (of its tangent), has_energy, dissipative and
-velocity_dependent.
+velocity_dependent, and `load = True` if it acts from outside: equilibrium's load steps scale it.
 """
 
 from .baraff_witkin import BaraffWitkin

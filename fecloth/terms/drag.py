@@ -221,6 +221,7 @@ class BoundWind(BoundDrag):
     """`Wind` on a cloth: a drag to which the air brings power."""
 
     name = "Wind"
+    load = True
 
     def supply(self, x, v, t) -> float:
         """Power Σ F · u of the wind [W]."""

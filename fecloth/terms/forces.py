@@ -72,6 +72,7 @@ class BoundPointForce:
     force: Timed
 
     name = "PointForce"
+    load = True
     symmetric = True
     has_energy = False
     dissipative = False
@@ -199,6 +200,7 @@ class BoundUserForce:
     symmetric: bool
 
     name = "UserForce"
+    load = True
     has_energy = False
     dissipative = False
     velocity_dependent = True

@@ -84,6 +84,7 @@ class BoundGas:
     slots: np.ndarray
 
     name = "Gas"
+    load = True
     symmetric = True
     has_energy = True
     dissipative = False

@@ -46,6 +46,7 @@ class BoundGravity:
     weight: np.ndarray
 
     name = "Gravity"
+    load = True
     symmetric = True
     has_energy = True
     dissipative = False

@@ -94,6 +94,7 @@ class BoundPressure:
     symmetric: bool
 
     name = "Pressure"
+    load = True
     has_energy = False
     dissipative = False
     velocity_dependent = False
