@@ -40,6 +40,7 @@ class EnergyMomentum:
 
     order = 2
     theta = 0.5
+    critical = 0.0, 0.0  # A-stable
     error_constant = 1 / 12
     symmetric = False
 

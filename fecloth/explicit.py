@@ -39,6 +39,7 @@ class Explicit:
 
     order: int
     forces_at: float
+    critical: tuple[float, float]  # (a, b): stable for a dt² k + b dt d < 1, k = ω², d = 2 ζ ω
     theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
     explicit = True
 
@@ -86,12 +87,14 @@ class Explicit:
 class ForwardEuler(Explicit):
     """v₁ = v₀ + dt M⁻¹ f(x₀, v₀), x₁ = x₀ + dt v₀.
 
-    First order. Stable for dt ≤ 2ζ/ω where ζ < 1, so for no dt without damping: a mode grows by
-    √(1 + ω²dt²) a step. A taut sheet has transverse modes that strain-rate damping leaves
-    undamped. Keeps linear momentum; here to show why others are used.
+    First order. Stable for ω dt ≤ 2ζ where ζ < 1, 2/(ζ + √(ζ² − 1)) above, so for no dt without
+    damping: a mode grows by √(1 + ω²dt²) a step, the fastest ones most. A taut sheet has
+    transverse modes that strain-rate damping leaves undamped. Keeps linear momentum, not angular,
+    and gains energy; here to show why others are used.
     Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, chapter I.
     """
 
+    critical = None  # its limit is of another form: see `critical_dt`
     order = 1
     forces_at = 0.0
 
@@ -109,6 +112,7 @@ class SymplecticEuler(Explicit):
     Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, section I.1.
     """
 
+    critical = 1 / 4, 1 / 2
     order = 1
     forces_at = 0.0
 
@@ -150,6 +154,7 @@ class CentralDifference(Explicit):
     Störmer–Verlet method, Acta Numerica 12, section 1.
     """
 
+    critical = 1 / 4, 1.0
     order = 2
     forces_at = 0.5
 

@@ -31,6 +31,7 @@ class StageMethod:
 
     order: int
     theta: float
+    critical = 0.0, 0.0  # A-stable; otherwise as in `fecloth.stability`
 
     def stage(self, state: State, dt: float) -> Stage:
         raise NotImplementedError
@@ -98,6 +99,7 @@ class LinearlyImplicitEuler:
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 6 (their ∂f/∂x is −K).
     """
 
+    critical = 0.0, 0.0
     order = 1
     theta = 1.0
 

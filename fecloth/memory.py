@@ -34,6 +34,7 @@ class WithMemory:
     """What these methods share: their energy balance."""
 
     order: int
+    critical = 0.0, 0.0  # A-stable; otherwise as in `fecloth.stability`
     theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
 
     def numerical(self, system: System, old: State, step: RememberedStep) -> float:
@@ -152,7 +153,8 @@ class AccelerationMethod(WithMemory):
 class Newmark(AccelerationMethod):
     """M a₁ = f(x₁, v₁), x₁ and v₁ by β and γ from a₀ and a₁.
 
-    Second order for γ = ½, else first. A-stable for 2β ≥ γ ≥ ½. β = ¼, γ = ½ is the trapezoidal
+    Second order for γ = ½, else first. A-stable for 2β ≥ γ ≥ ½; with less β stable for
+    ω dt < 1/√(γ/2 − β) without damping (`critical_dt`). β = ¼, γ = ½ is the trapezoidal
     rule: no damping of linear modes of any frequency, and the energy of a linear problem is kept;
     on nonlinear ones it can grow at steps that do not resolve the fast modes. γ > ½ takes the part
     (γ − ½)(ω dt)²/2 of a slow mode's amplitude a step; with β = (γ + ½)²/4 the fastest ones keep
@@ -184,6 +186,11 @@ class Newmark(AccelerationMethod):
     @property
     def order(self) -> int:
         return 2 if self.gamma == 0.5 else 1
+
+    @property
+    def critical(self) -> tuple[float, float]:
+        """(a, b) of `fecloth.stability`: damping widens the limit where γ > ½."""
+        return max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma
 
     @property
     def parameters(self) -> tuple[float, float, float, float]:

@@ -1,49 +1,84 @@
-"""The largest stable time step of explicit methods, from the operators before any run."""
+"""The largest stable time step of every method, from the operators before any run.
+
+For a mode with k = ω² and d = 2 ζ ω each method but forward Euler is stable as long as
+
+    a dt² k + b dt d < 1,    (a, b) = `critical` of the method, (0, 0) if it is A-stable.
+
+Where M⁻¹K and M⁻¹D share no modes, each solution x ∝ μⁿ z still obeys the scalar law with the
+Rayleigh quotients of z, and the first one to grow has μ = −1. Hence the limit is the dt at which
+the largest eigenvalue of M⁻¹ (a dt² K + b dt D) is 1, for positive semi-definite K and D.
+"""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from scipy.linalg import eigh
-from scipy.sparse.linalg import LinearOperator, aslinearoperator, eigsh
+from scipy.linalg import eigh, eigvals
+from scipy.sparse import issparse
+from scipy.sparse.linalg import LinearOperator, aslinearoperator, eigsh, splu
 
 from .errors import InputError
+from .estimate import estimate
+from .explicit import EXPLICIT, ForwardEuler
+from .integrators import METHODS
 from .system import State, System
 
-DAMPING = {"symplectic": 1.0, "central_difference": 2.0}  # c in dt² k + 2 c dt d < 4
+DENSE = 400  # free directions up to which forward Euler's limit comes from all modes
+NOTHING = 1e-9  # of the largest: less damping counts as none
+
+__all__ = ["critical_dt", "element_bound", "estimate", "the"]
 
 
-def critical_dt(system: System, state: State, method: str = "symplectic") -> float:
+def critical_dt(system: System, state: State, method="symplectic_euler") -> float:
     """The largest stable step of a method on the system, linearised at a state [s].
 
-    With a mode's k = ω² and d = 2 ζ ω the methods as they are coded are stable for
+    With Ω = ω dt for each mode, as the methods are coded:
 
-        dt² k + 2 dt d < 4,    ω dt < 2 (√(1 + ζ²) − ζ)     "symplectic", the force at (x, v)
-        dt² k + 4 dt d < 4,    ω dt < 2 (√(1 + 4 ζ²) − 2 ζ)  "central_difference", the force at
-                                                            the predicted velocity
+    =================================  ==========================================================
+    `SymplecticEuler`                  Ω < 2 (√(1 + ζ²) − ζ), the force at (x, v)
+    `CentralDifference`                Ω < 2 (√(1 + 4 ζ²) − 2 ζ), at the predicted velocity
+    `ForwardEuler`                     Ω ≤ 2ζ, or 2/(ζ + √(ζ² − 1)) where ζ > 1
+    `Newmark`, 2β < γ                  Ω < (ζ g + √(ζ² g² + c))/c, g = γ − ½, c = γ/2 − β (Hughes
+                                       2000, The Finite Element Method, section 9.1)
+    all others                         any: infinite
+    =================================  ==========================================================
 
-    and both for ω dt < 2 without damping. Where M⁻¹K and M⁻¹D share no modes, each solution
-    x ∝ μⁿ z still obeys the scalar law with the Rayleigh quotients of z, and the first one to
-    grow has μ = −1. Hence the limit is the dt at which the largest eigenvalue of
-    M⁻¹ (dt² K + 2 c dt D), c = 1 or 2, is 4, for positive semi-definite K and D: found by Lanczos'
-    method on the directions that the pins leave free. Of K and D that are not symmetric the
-    symmetric part is taken, and negative stiffness, which no step cures, is passed over.
+    The largest eigenvalue comes from Lanczos' method on the directions that the pins leave free.
+    Of K and D that are not symmetric the symmetric part is taken, and negative stiffness, which
+    no step cures, is passed over.
+
+    Infinite means A-stable, and that is said of linear problems only: no mode of K and D as they
+    are at one state grows at any step. A nonlinear cloth may gain energy all the same (the
+    midpoint rule, the trapezoidal rule and generalised-α have been seen to), the linearised step
+    fails in compression, Newton's iteration may find no solution, and what is stable may still be
+    wrong by far.
+
+    Forward Euler needs damping in every mode: a taut sheet has transverse modes that strain-rate
+    damping leaves undamped, and its limit is 0, as without any damping. Up to 400 free directions
+    it is the least over all eigenvalues of (λ²M + λD + K) z = 0 of 2 |Re λ|/|λ|², as |1 + dt λ| ≤ 1
+    asks, whether K and D share their modes or not. Beyond, it is a dt that is safe,
+
+        min(least of d/k, 2/largest d)   over all directions, k, d their Rayleigh quotients,
+
+    which is the limit itself where modes are shared and underdamped, and no less than half of
+    it where they are shared and overdamped. Either way damping below 1e-9 of the largest counts
+    as none.
 
     That holds for small motions about `state`. A cloth that stretches in the run becomes stiffer,
-    so that the limit falls; ask again there.
+    so that the limit falls; ask again there (`estimate` is made for that).
 
     Parameters
     ----------
     system, state
         What moves, and where it is linearised.
     method
-        "symplectic" or "central_difference".
+        A method, its class, or its name, as "central_difference".
 
     Returns
     -------
     float
-        dt [s]; infinite where nothing is stiff or damped.
+        dt [s]; infinite for an A-stable method, and where nothing is stiff or damped.
 
     Examples
     --------
@@ -51,33 +86,25 @@ def critical_dt(system: System, state: State, method: str = "symplectic") -> flo
     >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
     >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
     >>> system = fc.System(cloth, fabric, [fc.StVK()], pins=["left"])
-    >>> dt = fc.critical_dt(system, system.rest())
+    >>> dt = fc.critical_dt(system, system.rest(), fc.CentralDifference())
     >>> bool(fc.stability.element_bound(system) <= dt < 0.1 * (0.2 / 1000) ** 0.5)
     True
+    >>> fc.critical_dt(system, system.rest(), "forward_euler")
+    0.0
+    >>> fc.critical_dt(system, system.rest(), fc.BackwardEuler)
+    inf
     """
-    c = _damping(method)
+    method = the(method)
+    if isinstance(method, ForwardEuler):
+        return _forward_euler(*_free_operators(system, state))
+    a, b = method.critical
+    if a == 0:
+        return math.inf
     K, D, M = _free_operators(system, state)
-    stiffness, _ = _largest(K, M)
-    dt = _limit(max(stiffness, 0.0), 0.0)
-    if D is None:
-        return dt
-    D = c * D
-    damping, _ = _largest(D, M)
-    if damping <= 0:
-        return dt
-    # No z gives less than the limit, and the z of the largest eigenvalue at some dt ever closer
-    # ones: Newton's iteration from above.
-    dt = min(dt, _limit(0.0, damping))
-    for _ in range(20):
-        _, z = _largest(dt**2 * K + 2 * dt * D, M)
-        k, d, m = (float(np.vdot(z, A @ z)) for A in (K, D, M))
-        last, dt = dt, _limit(max(k / m, 0.0), d / m)
-        if dt >= last * (1 - 1e-9):
-            break
-    return dt
+    return _least(a * K, None if D is None else b * D, M)
 
 
-def element_bound(system: System, method: str = "symplectic") -> float:
+def element_bound(system: System, method="symplectic_euler") -> float:
     """A step that is stable at rest [s], at most that of `critical_dt`, by `System.rate_bounds`.
 
     The largest eigenvalues of the single triangles bound that of the cloth (Irons and Treharne
@@ -94,24 +121,100 @@ def element_bound(system: System, method: str = "symplectic") -> float:
     Where strain-rate damping governs the step, the price is the square of these. It is higher too
     where the stiffest triangles are pinned: 2.2 for the rows of equilateral ones, cut in half
     along two edges, with a pinned boundary. In a stretched state the cloth is stiffer than at
-    rest, and the bound may fail: `critical_dt` knows the state.
+    rest, and the bound may fail: `critical_dt` knows the state. Pressure and gas have no bound at
+    rest and count as nothing.
+
+    No triangle bounds how little damping there is: for forward Euler it is 0 if anything is stiff.
     """
+    method = the(method)
     stiffness, damping = system.rate_bounds()
-    return _limit(stiffness, _damping(method) * damping)
+    if isinstance(method, ForwardEuler):
+        return 0.0 if stiffness > 0 else _root(0.0, 0.5 * damping)
+    a, b = method.critical
+    return _root(a * stiffness, max(b, 0.0) * damping) if a else math.inf
 
 
-def _damping(method: str) -> float:
-    """c of a method."""
-    if method not in DAMPING:
-        allowed = f"must be one of {', '.join(DAMPING)}; implicit methods have no such limit"
+def the(method):
+    """The method itself, from its name or its class.
+
+    Raises
+    ------
+    InputError
+        For what is none of them, and for a method that states no limit.
+    """
+    known = {**METHODS, **EXPLICIT}
+    if isinstance(method, str):
+        if method not in known:
+            allowed = f"must be one of {', '.join(known)}"
+            raise InputError(f"method = {method!r}", allowed, "stability")
+        method = known[method]
+    made = method() if isinstance(method, type) else method
+    if not hasattr(made, "critical"):
+        allowed = "must be a method with a `critical` = (a, b) for a dt² k + b dt d < 1"
         raise InputError(f"method = {method!r}", allowed, "stability")
-    return DAMPING[method]
+    return made
 
 
-def _limit(stiffness: float, damping: float) -> float:
-    """The dt of dt² k + 2 dt d = 4."""
-    total = damping + math.sqrt(damping**2 + 4 * stiffness)
-    return 4 / total if total > 0 else math.inf
+def _root(k: float, d: float) -> float:
+    """The positive dt of dt² k + dt d = 1."""
+    total = d + math.sqrt(d**2 + 4 * k)
+    return 2 / total if total > 0 else math.inf
+
+
+def _least(K, D, M) -> float:
+    """The least dt over all z of dt² k + dt d = 1."""
+    stiffness, z = _largest(K, M)
+    if D is None:
+        return _root(max(stiffness, 0.0), 0.0)
+
+    def root(z):
+        k, d, m = (float(np.vdot(z, A @ z)) for A in (K, D, M))
+        return _root(max(k / m, 0.0), d / m)
+
+    # No z gives less than the limit, and the z of the largest eigenvalue at some dt ever closer
+    # ones: Newton's iteration from above.
+    dt = min(root(z), root(_largest(D, M)[1]))
+    for _ in range(20):
+        if math.isinf(dt):
+            break
+        last, dt = dt, min(dt, root(_largest(_sum(dt**2 * K, dt * D), M)[1]))
+        if dt >= last * (1 - 1e-9):
+            break
+    return dt
+
+
+def _forward_euler(K, D, M) -> float:
+    """The least over the modes of 2 |Re λ|/|λ|²; for many directions what is at most that."""
+    most = 0.0 if D is None else _largest(D, M)[0]
+    if most <= 0:
+        return 0.0 if _largest(K, M)[0] > 0 else math.inf
+    if K.shape[0] <= DENSE:
+        return _over_all_modes(K, D, M)
+    # largest k/d, from (K, D + tiny M): a direction without damping has a huge one
+    tiny = NOTHING * most
+    B = (D + tiny * M).tocsc()
+    inverse = LinearOperator(B.shape, splu(B).solve, dtype=float)
+    start = np.random.default_rng(0).standard_normal(K.shape[0])
+    values, vectors = eigsh(K, k=1, M=B, Minv=inverse, which="LA", v0=start, tol=1e-8)
+    z = vectors[:, 0]
+    if values[0] <= 0:
+        return 2 / most
+    k, d, m = (float(np.vdot(z, A @ z)) for A in (K, D, M))
+    return 0.0 if d <= tiny * m else min(d / k, 2 / most)
+
+
+def _over_all_modes(K, D, M) -> float:
+    """The same from all eigenvalues λ of (λ² M + λ D + K) z = 0, as dense matrices."""
+    one = np.eye(K.shape[0])
+    k, d = (np.linalg.solve(M.toarray(), A @ one) for A in (K, D))
+    omega = math.sqrt(max(np.linalg.norm(k, 2), np.finfo(float).tiny))
+    rates = eigvals(np.block([[0 * one, omega * one], [-k / omega, -d]]))
+    size = abs(rates).max()
+    rates = rates[abs(rates) > 1e-6 * size]  # the others drift, as a free cloth does
+    growing = (rates.real > 0) & (abs(rates.imag) < NOTHING * size)  # negative stiffness
+    rates = rates[~growing]
+    decay = np.where(-rates.real > 0.1 * NOTHING * size, -rates.real, 0.0)
+    return float(np.min(2 * decay / abs(rates) ** 2, initial=math.inf))
 
 
 def _free_operators(system: System, state: State):
@@ -129,8 +232,13 @@ def _free_operators(system: System, state: State):
     for c, u in system.dense(state):
         w = math.sqrt(c) * (Z.T @ u.ravel())
         part = LinearOperator(K.shape, lambda y, w=w: w * np.vdot(w, y), dtype=float)
-        K, D = aslinearoperator(K) + part, D if D is None else aslinearoperator(D)
+        K = aslinearoperator(K) + part
     return K, D, free(system.mass)
+
+
+def _sum(K, D):
+    """K + D, where K may have dense parts."""
+    return K + D if issparse(K) else K + aslinearoperator(D)
 
 
 def _largest(A, M) -> tuple[float, np.ndarray]:
