@@ -192,8 +192,7 @@ class Constraints:
     def hold(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
         """P y + (I − P) target, a copy: exactly the target where all is held."""
         result = y.copy()
-        free = np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
-        result[self.nodes] = free + self.held(target)
+        _hold(self.nodes, self.projectors, target, result)
         return result
 
     def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -247,6 +246,16 @@ def _free_name(name: str, taken) -> str:
         number += 1
         free = f"{name}.{number}"
     return free
+
+
+@kernel
+def _hold(nodes, projectors, target, y):
+    """y ← target + P (y − target) at the nodes."""
+    for n in range(len(nodes)):
+        P, i = projectors[n], nodes[n]
+        d1, d2, d3 = y[i, 0] - target[i, 0], y[i, 1] - target[i, 1], y[i, 2] - target[i, 2]
+        for k in range(3):
+            y[i, k] = target[i, k] + (P[k, 0] * d1 + P[k, 1] * d2 + P[k, 2] * d3)
 
 
 @dataclass(frozen=True, eq=False)
