@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .compiled import kernel
 from .errors import InputError
-from .integrators import Step, arrival, held
+from .integrators import Step, arrival
 from .newton import Counts
 from .record import column_forces, conservative
 from .system import State, System
@@ -125,10 +126,9 @@ class SymplecticEuler(Explicit):
 def _euler(method, system, state, dt, new_velocity):
     method.check(system)
     begin = time.perf_counter()
-    dv = dt * acceleration(system, state)
-    x = state.x + dt * (state.v + new_velocity * dv)
-    new = State(state.t + dt, x, state.v + dv)
-    new = held(system, new, arrival(system, state, dt))
+    x, v = np.empty((2, *state.x.shape))
+    move(state.x, state.v, acceleration(system, state), dt, new_velocity, x, v)
+    new = put(system, State(state.t + dt, x, v), arrival(system, state, dt))
     return Step(new, state, None, Counts(seconds={"force": time.perf_counter() - begin}))
 
 
@@ -175,20 +175,56 @@ class CentralDifference(Explicit):
         begin = time.perf_counter()
         last = guess or LastForce(acceleration(system, state), state)
         end = arrival(system, state, dt)
-        half = state.v + 0.5 * dt * last.a
-        at = State(state.t + dt, state.x + dt * half, state.v + dt * last.a)
-        at = held(system, at, end)
+        x, ahead, v = np.empty((3, *state.x.shape))
+        move(state.x, state.v, last.a, dt, 0.5, x, ahead)
+        at = put(system, State(state.t + dt, x, ahead), end)
         a = acceleration(system, at)
-        new = held(system, State(at.t, at.x, half + 0.5 * dt * a), end)
+        kick(state.v, last.a, a, dt, v)
+        system.constraints.put(v, end.v)
+        new = State(at.t, x, v)
         counts = Counts(seconds={"force": time.perf_counter() - begin})
         return TwoForceStep(new, at, LastForce(a, at), counts, last.at)
 
 
 def acceleration(system: System, state: State) -> np.ndarray:
-    """M⁻¹ f (n, 3) [m/s²]; what it has along held directions, `held` takes out of x and v."""
+    """M⁻¹ f (n, 3) [m/s²]; what it has along held directions, `put` takes out of x and v."""
     a = system.force(state)
-    a /= system.nodal_mass[:, None]
+    divide(system.nodal_mass, a)
     return a
+
+
+def put(system: System, state: State, end: State) -> State:
+    """The state, its own arrays changed so that its held directions are at `end`, exactly."""
+    system.constraints.put(state.x, end.x)
+    system.constraints.put(state.v, end.v)
+    return state
+
+
+@kernel
+def move(x, v, a, dt, share, x_new, v_new):
+    """v_new = v + dt a, x_new = x + dt (v + share dt a)."""
+    for i in range(len(x)):
+        for k in range(3):
+            dv = dt * a[i, k]
+            x_new[i, k] = x[i, k] + dt * (v[i, k] + share * dv)
+            v_new[i, k] = v[i, k] + dv
+
+
+@kernel
+def kick(v, a, b, dt, v_new):
+    """v_new = v + dt (a + b)/2."""
+    for i in range(len(v)):
+        for k in range(3):
+            v_new[i, k] = v[i, k] + 0.5 * dt * (a[i, k] + b[i, k])
+
+
+@kernel
+def divide(mass, f):
+    """f_i ← f_i / m_i."""
+    for i in range(len(f)):
+        inverse = 1.0 / mass[i]
+        for k in range(3):
+            f[i, k] *= inverse
 
 
 EXPLICIT = {

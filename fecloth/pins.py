@@ -191,20 +191,25 @@ class Constraints:
 
     def hold(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
         """P y + (I − P) target, a copy: exactly the target where all is held."""
-        result = y.copy()
-        _hold(self.nodes, self.projectors, target, result)
-        return result
+        return self.put(y.copy(), target)
+
+    def put(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """P y + (I − P) target, in place."""
+        _put(self.nodes, self.projectors, target, y)
+        return y
 
     def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Position and velocity (n, 3) prescribed at t + dt to nodes that are at x at time t.
 
         Only the held directions of constrained nodes mean anything; free nodes stay as they are.
+        Where no pin moves, the position is x itself and no copy.
         """
-        x, v = x.copy(), np.zeros_like(x)
-        for pin, nodes in self.groups.values():
-            if pin.motion is not None:
-                x[nodes] += pin.displacement(t + dt) - pin.displacement(t)
-                v[nodes] = pin.speed(t + dt)
+        v, moved = np.zeros_like(x), [at for at in self.groups.values() if at[0].motion is not None]
+        if moved:
+            x = x.copy()
+        for pin, nodes in moved:
+            x[nodes] += pin.displacement(t + dt) - pin.displacement(t)
+            v[nodes] = pin.speed(t + dt)
         return x, v
 
     def free(self, n: int) -> np.ndarray:
@@ -249,7 +254,7 @@ def _free_name(name: str, taken) -> str:
 
 
 @kernel
-def _hold(nodes, projectors, target, y):
+def _put(nodes, projectors, target, y):
     """y ← target + P (y − target) at the nodes."""
     for n in range(len(nodes)):
         P, i = projectors[n], nodes[n]
