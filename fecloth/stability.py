@@ -18,16 +18,16 @@ from scipy.linalg import eigh, eigvals
 from scipy.sparse import issparse
 from scipy.sparse.linalg import LinearOperator, aslinearoperator, eigsh, splu
 
+from .amplification import amplification, the
 from .errors import InputError
 from .estimate import estimate
-from .explicit import EXPLICIT, ForwardEuler
-from .integrators import METHODS
+from .explicit import ForwardEuler
 from .system import State, System
 
 DENSE = 400  # free directions up to which forward Euler's limit comes from all modes
 NOTHING = 1e-9  # of the largest: less damping counts as none
 
-__all__ = ["critical_dt", "element_bound", "estimate", "the"]
+__all__ = ["amplification", "critical_dt", "element_bound", "estimate"]
 
 
 def critical_dt(system: System, state: State, method="symplectic_euler") -> float:
@@ -132,27 +132,6 @@ def element_bound(system: System, method="symplectic_euler") -> float:
         return 0.0 if stiffness > 0 else _root(0.0, 0.5 * damping)
     a, b = method.critical
     return _root(a * stiffness, max(b, 0.0) * damping) if a else math.inf
-
-
-def the(method):
-    """The method itself, from its name or its class.
-
-    Raises
-    ------
-    InputError
-        For what is none of them, and for a method that states no limit.
-    """
-    known = {**METHODS, **EXPLICIT}
-    if isinstance(method, str):
-        if method not in known:
-            allowed = f"must be one of {', '.join(known)}"
-            raise InputError(f"method = {method!r}", allowed, "stability")
-        method = known[method]
-    made = method() if isinstance(method, type) else method
-    if not hasattr(made, "critical"):
-        allowed = "must be a method with a `critical` = (a, b) for a dt² k + b dt d < 1"
-        raise InputError(f"method = {method!r}", allowed, "stability")
-    return made
 
 
 def _root(k: float, d: float) -> float:
