@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from .cheapest import Cheapest
 from .direct import Pardiso, SuperLU
 from .errors import InputError
 from .pcg import PCG, SolveInfo
@@ -20,6 +21,7 @@ NAMES = ("direct", "pardiso", "superlu", "pcg")
 __all__ = [
     "NAMES",
     "PCG",
+    "Cheapest",
     "Pardiso",
     "SolveInfo",
     "SuperLU",
@@ -38,13 +40,16 @@ def direct(symmetric: bool = True) -> Pardiso | SuperLU:
         return SuperLU(symmetric)
 
 
-def choose(condition: float, nodes: int, symmetric: bool) -> tuple[Pardiso | SuperLU | PCG, str]:
-    """The solver that is predicted to be cheapest in Newton's iteration, and why.
+def choose(
+    condition: float, nodes: int, symmetric: bool
+) -> tuple[Pardiso | SuperLU | Cheapest, str]:
+    """The solver of "auto", and why it starts as it does.
 
     Conjugate gradients reduce the residual to ε in at most about ½ √κ ln(2/ε) iterations (Saad
     2003, section 6.11.3). On M + dt² K of stretched sheets with 556 to 101,300 nodes and dt from
     1e-4 to 3e-2 s, ε = 0.01, they took 0.2 to 0.6 of that, 0.45 where both solvers cost alike:
-    `condition` bounds the worst triangle, and block Jacobi does better than M.
+    `condition` bounds the worst triangle, and block Jacobi does better than M. That chooses the
+    start only; `Cheapest` follows what the steps turn out to cost.
 
     Parameters
     ----------
@@ -58,16 +63,9 @@ def choose(condition: float, nodes: int, symmetric: bool) -> tuple[Pardiso | Sup
     if not symmetric:
         return direct(symmetric=False), "the matrix is not symmetric"
     iterations = 0.45 * 0.5 * math.sqrt(condition) * math.log(2 / 0.01)
-    # Newton takes more steps when each is solved to 0.01 only than with exact ones: allow for it.
-    wasted = 1.4
-    solver, price = PCG(), _price("pardiso", nodes)
-    if wasted * iterations > price:
-        best = direct()  # loads the MKL, or finds it missing, only now
-        price = _price(best.name, nodes)
-        if wasted * iterations > price:
-            solver = best
-    reason = f"about {iterations:.0f} iterations of pcg predicted"
-    return solver, f"{reason}, a factorisation costs about {price:.0f}"
+    solver = Cheapest(nodes, iterations, lambda name: _price(name, nodes), direct)
+    reason = f"to start with: about {iterations:.0f} iterations of pcg predicted"
+    return solver, f"{reason}, a factorisation costs about {solver.price:.0f}"
 
 
 def _price(name: str, nodes: int) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from . import linear
 from .blocks import BlockMatrix
+from .cheapest import Cheapest
 from .errors import FeclothError, IndefiniteMatrix, InputError, SolveFailed
 from .kept import Kept
 from .stage import Stage
@@ -117,13 +118,24 @@ class Counts:
 class Solver:
     """What a step needs to solve its equations: a linear solver, a matrix to fill, the options.
 
-    After ``kept.drop()`` the steps that follow do not depend on those before.
+    A factor and what "auto" has learned are kept from step to step.
     """
 
     linear: object
     matrix: BlockMatrix
     options: Newton
     kept: Kept = field(default_factory=Kept)
+
+    def begin(self, wx: float, wa: float) -> None:
+        """A step with these weights begins: "auto" may take another linear solver for it."""
+        if isinstance(self.linear, Cheapest):
+            self.linear.begin(wx, wa)
+
+    def drop(self) -> None:
+        """Forget the steps before: those that follow do not depend on them."""
+        self.kept.drop()
+        if isinstance(self.linear, Cheapest):
+            self.linear.drop()
 
 
 def solve(system: System, stage: Stage, solver: Solver, guess: np.ndarray | None = None):
@@ -143,6 +155,7 @@ def solve(system: System, stage: Stage, solver: Solver, guess: np.ndarray | None
         If the tolerance is not met.
     """
     work = _Work(system, stage, solver)
+    solver.begin(stage.wx, stage.wa)
     try:
         return _iterated(work, guess)
     except FeclothError:

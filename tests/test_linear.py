@@ -458,7 +458,8 @@ def test_choice_states_its_numbers():
     solver, reason = linear.choose(1e3, 26_000, True)
     assert solver.name == "pcg"
     # 0.45 · ½ · √1000 · ln 200 = 37.7; 45 + 0.37 · √26000 = 104.7
-    assert reason == "about 38 iterations of pcg predicted, a factorisation costs about 105"
+    counts = "about 38 iterations of pcg predicted, a factorisation costs about 105"
+    assert reason == f"to start with: {counts}"
     general, why = linear.choose(1.0, 26_000, False)
     assert general.name == linear.direct().name
     assert not general.symmetric
