@@ -9,7 +9,10 @@ from fecloth.energy_momentum import over_step
 from fecloth.scene import load
 
 EXACT = fc.Newton(tolerance=1e-12)
-TERMS = [fc.StVK(), fc.TensorCondition(200.0)]
+ORTHOTROPIC = fc.Fabric(0.2, (1000.0, 600.0), 0.3, 150.0, (2e-3, 1e-3))
+ISOTROPIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-3)
+SPRINGS = [fc.Springs(), fc.Springs("van_gelder"), fc.Springs("biquadratic")]
+TERMS = [fc.StVK(), fc.TensorCondition(200.0), fc.HingeBending(), *SPRINGS]
 LINEAR = [fc.Gravity(), fc.QuadraticBending(), fc.Tether([3, 4], (0, 0, 1), 30.0)]
 
 
@@ -18,20 +21,21 @@ def cloth():
     return fc.Cloth.rectangle(0.4, 0.3, h=0.1)
 
 
-@pytest.fixture(scope="module")
-def fabric():
-    return fc.Fabric(0.2, (1000.0, 600.0), 0.3, 150.0, (2e-3, 1e-3))
+def fabric_for(term):
+    return ISOTROPIC if isinstance(term, fc.Springs) else ORTHOTROPIC
 
 
-def one(cloth, fabric, term, rng):
-    """A system of one term, and the ends of a long step."""
-    start, end = rough(cloth, rng, 0.03), rough(cloth, rng, 0.03)
-    return fc.System(cloth, fabric, [term]), start, end
+def one(cloth, term, rng):
+    """A system of one term, and the ends of a long step: half a radian, and much strain."""
+    c, s = np.cos(0.5), np.sin(0.5)
+    start = rough(cloth, rng, 0.02)
+    end = start @ [[1, 0, 0], [0, c, s], [0, -s, c]] + 0.02 * rng.standard_normal(start.shape)
+    return fc.System(cloth, fabric_for(term), [term]), start, end
 
 
 @pytest.mark.parametrize("term", [*TERMS, *LINEAR], ids=repr)
-def test_work_between_two_states_is_the_change_of_the_energy(term, cloth, fabric, rng):
-    system, start, end = one(cloth, fabric, term, rng)
+def test_work_between_two_states_is_the_change_of_the_energy(term, cloth, rng):
+    system, start, end = one(cloth, term, rng)
     f = over_step(system, start).force(system.state((start + end) / 2))
     change = system.bound[0].energy(end, 0.0) - system.bound[0].energy(start, 0.0)
     assert abs(np.vdot(f, end - start) + change) < 1e-12 * np.abs(f * (end - start)).sum()
@@ -41,8 +45,8 @@ def test_work_between_two_states_is_the_change_of_the_energy(term, cloth, fabric
 
 
 @pytest.mark.parametrize("term", TERMS, ids=repr)
-def test_no_resultant_and_no_moment(term, cloth, fabric, rng):
-    system, start, end = one(cloth, fabric, term, rng)
+def test_no_resultant_and_no_moment(term, cloth, rng):
+    system, start, end = one(cloth, term, rng)
     mean = (start + end) / 2
     f = over_step(system, start).force(system.state(mean))
     size = np.abs(f).sum()
@@ -51,8 +55,8 @@ def test_no_resultant_and_no_moment(term, cloth, fabric, rng):
 
 
 @pytest.mark.parametrize("term", TERMS, ids=repr)
-def test_a_step_that_goes_nowhere_has_the_force_of_its_state(term, cloth, fabric, rng):
-    system, start, _ = one(cloth, fabric, term, rng)
+def test_a_step_that_goes_nowhere_has_the_force_of_its_state(term, cloth, rng):
+    system, start, _ = one(cloth, term, rng)
     over = over_step(system, start)
     at = system.state(start)
     np.testing.assert_allclose(over.force(at), system.force(at), rtol=0, atol=1e-10)
@@ -61,24 +65,24 @@ def test_a_step_that_goes_nowhere_has_the_force_of_its_state(term, cloth, fabric
 
 
 @pytest.mark.parametrize("term", TERMS, ids=repr)
-def test_tangent_is_the_derivative_of_the_force(term, cloth, fabric, rng):
+def test_tangent_is_the_derivative_of_the_force(term, cloth, rng):
     """Central differences: the error falls with the square of their step."""
-    system, start, end = one(cloth, fabric, term, rng)
+    system, start, end = one(cloth, term, rng)
     over, mean = over_step(system, start), (start + end) / 2
     direction = rng.standard_normal(mean.shape)
     exact = -(over.stiffness(system.state(mean)) @ direction.ravel()).reshape(mean.shape)
     errors = []
-    for h in 1e-3 / 2.0 ** np.arange(4):
+    for h in 1e-4 / 4.0 ** np.arange(4):
         ends = [over.force(system.state(mean + s * h * direction)) for s in (1, -1)]
         difference = (ends[0] - ends[1]) / (2 * h)
         errors.append(np.linalg.norm(difference - exact) / np.linalg.norm(exact))
-    assert errors[-1] < 1e-4
-    np.testing.assert_allclose(-np.diff(np.log2(errors)), 2, atol=0.05)
+    assert errors[-1] < 1e-5
+    np.testing.assert_allclose(-np.diff(np.log2(errors)) / 2, 2, atol=0.05)
 
 
 @pytest.mark.parametrize("term", TERMS, ids=repr)
-def test_definite_tangent_is_symmetric_and_has_no_negative_eigenvalue(term, cloth, fabric, rng):
-    system, start, end = one(cloth, fabric, term, rng)
+def test_definite_tangent_is_symmetric_and_has_no_negative_eigenvalue(term, cloth, rng):
+    system, start, end = one(cloth, term, rng)
     over, J = over_step(system, start), fc.blocks.BlockMatrix.zeros(system.pattern)
     K = over.assemble(J, system.state(0.6 * (start + end) / 2), wx=1.0, definite=True)
     K = K.to_scipy().toarray()
@@ -92,62 +96,72 @@ def momenta(system, state):
     return p.sum(axis=0), np.cross(state.x, p).sum(axis=0)
 
 
-def flight(cloth, fabric, terms, method, dt, t_end):
-    """A stretched cloth that turns fast, free: its run, its start and what it kept."""
-    system = fc.System(cloth, fabric, terms)
+def flight(cloth, terms, method, dt, t_end):
+    """A stretched and bent cloth that turns fast, free: its run, and its momenta at both ends."""
+    system = fc.System(cloth, fabric_for(terms[0]), terms)
     X = cloth.X
-    x = np.column_stack([1.2 * X[:, 0], 1.1 * X[:, 1], 0.3 * X[:, 0] * X[:, 1]])
+    x = np.column_stack([1.2 * X[:, 0], 1.1 * X[:, 1], 0.5 * X[:, 0] * (X[:, 1] + X[:, 0])])
     start = system.state(x, np.cross([1.0, 20.0, 30.0], x) + [0.5, -0.2, 0.1])
     result = fc.run(system, method, start, dt, t_end, solver="direct", newton=EXACT)
     return result, momenta(system, start), momenta(system, result.state)
 
 
-@pytest.mark.parametrize("terms", [[term] for term in TERMS], ids=repr)
-def test_a_free_flight_keeps_everything_at_a_coarse_step(terms, cloth, fabric):
-    result, (p0, L0), (p1, L1) = flight(cloth, fabric, terms, fc.EnergyMomentum(), 2e-3, 0.2)
+FLIGHTS = [[fc.StVK()], [fc.TensorCondition(200.0)], [fc.StVK(), fc.HingeBending()]]
+FLIGHTS += [[spring] for spring in SPRINGS]
+
+
+@pytest.mark.parametrize("terms", FLIGHTS, ids=repr)
+def test_a_free_flight_keeps_everything_at_a_coarse_step(terms, cloth):
+    result, (p0, L0), (p1, L1) = flight(cloth, terms, fc.EnergyMomentum(), 2e-3, 0.1)
     turnover = result.energies["kinetic"].max()
-    assert np.ptp(result.energies["kinetic"]) > 0.02 * turnover  # something has happened
+    for term in terms:  # something has happened
+        exchanged = np.ptp(result.energies[type(term).__name__])
+        assert exchanged > 1e-3 * turnover
     assert np.ptp(result.energies["total"]) < 1e-10 * turnover
     assert abs(result.energies["remainder"]).max() < 1e-10 * turnover
     assert np.linalg.norm(p1 - p0) < 1e-12 * np.linalg.norm(p0)
     assert np.linalg.norm(L1 - L0) < 1e-10 * np.linalg.norm(L0)
 
 
-def test_the_midpoint_rule_loses_the_energy_of_that_flight(cloth, fabric):
-    result, *_ = flight(cloth, fabric, [fc.StVK()], fc.ImplicitMidpoint(), 2e-3, 0.2)
-    assert np.ptp(result.energies["total"]) > 0.1 * result.energies["kinetic"].max()
+def test_the_midpoint_rule_does_not_keep_the_energy_of_that_flight(cloth):
+    result, *_ = flight(cloth, [fc.StVK()], fc.ImplicitMidpoint(), 2e-3, 0.02)
+    assert np.ptp(result.energies["total"]) > 1e-3 * result.energies["kinetic"].max()
 
 
 def swing(method):
-    """A sheet of 1,000 triangles let go from the horizontal, at steps that resolve no wave."""
+    """Energies of a sheet of 1,000 triangles let go from the horizontal, at 10 ms a step."""
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.05)
+    terms = [fc.StVK(), fc.HingeBending(), fc.Gravity()]
     fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
-    terms = [fc.StVK(), fc.QuadraticBending(), fc.Gravity()]
     system = fc.System(cloth, fabric, terms, pins=["left"])
-    return fc.run(system, method, system.rest(), 0.01, 0.6).energies
+    states = fc.march(system, method, system.rest(), 0.01, 0.6)
+    energies = [system.energies(state) for state, _ in states]
+    kinetic = np.array([energy["kinetic"] for energy in energies])
+    return kinetic, np.array([sum(energy.values()) for energy in energies])
 
 
 def test_a_stiff_swing_gains_no_energy():
-    energies, gains = swing(fc.EnergyMomentum()), swing(fc.ImplicitMidpoint())["total"]
-    fallen = energies["kinetic"].max()
-    assert np.ptp(energies["total"]) < 1e-5 * fallen
-    assert not energies["numerical"].any()
-    assert gains.max() - gains[0] > 10 * fallen
+    """No step resolves a wave in the plane, and the midpoint rule makes energy out of that."""
+    kinetic, total = swing(fc.EnergyMomentum())
+    assert kinetic.max() > 0.5  # J
+    assert np.abs(total).max() < 1e-5 * kinetic.max()  # of zero at the start
+    _, made = swing(fc.ImplicitMidpoint())
+    assert made.max() > 10 * kinetic.max()
 
 
-def test_the_ledger_closes_on_a_nonlinear_problem_with_damping_and_a_moved_pin(cloth, fabric):
+def test_the_ledger_closes_on_a_nonlinear_problem_with_damping_and_a_moved_pin(cloth):
     terms = [fc.StVK(), fc.StrainRateDamping(0.002), fc.MassDamping(1.0), fc.Gravity()]
     pin = fc.Pin("left", motion=lambda t: [0.0, 0.0, 0.05 * np.sin(20 * t)])
-    system = fc.System(cloth, fabric, terms, pins=[pin])
+    system = fc.System(cloth, ORTHOTROPIC, terms, pins=[pin])
     run = fc.run(system, fc.EnergyMomentum(), system.rest(), 5e-3, 0.2, newton=EXACT)
     energies = run.energies
     assert abs(energies["pins"]).max() > 1e-3
     assert abs(energies["remainder"]).max() < 1e-10 * abs(energies["pins"]).max()
 
 
-def test_reactions_balance_the_change_of_momentum(cloth, fabric):
+def test_reactions_balance_the_change_of_momentum(cloth):
     """The pins hold with dp/dt less the weight, whatever the membrane does."""
-    system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
+    system = fc.System(cloth, ORTHOTROPIC, [fc.StVK(), fc.Gravity()], pins=["left"])
     dt = 5e-3
     run = fc.run(system, fc.EnergyMomentum(), system.rest(), dt, dt, newton=EXACT)
     reaction = np.array([run.observed[f"reaction:left.{c}"][-1] for c in "xyz"])
@@ -156,15 +170,14 @@ def test_reactions_balance_the_change_of_momentum(cloth, fabric):
     np.testing.assert_allclose(reaction, change - weight, atol=1e-9 * np.linalg.norm(weight))
 
 
-def test_a_term_without_a_force_between_two_states_is_refused(cloth, fabric):
-    isotropic = fc.Fabric(0.2, 1000.0, 0.3)
-    system = fc.System(cloth, isotropic, [fc.StVK(), fc.NeoHookean()])
+def test_a_term_without_a_force_between_two_states_is_refused(cloth):
+    system = fc.System(cloth, ISOTROPIC, [fc.StVK(), fc.NeoHookean()])
     with pytest.raises(fc.InputError, match=r"NeoHookean.*Use ImplicitMidpoint"):
         fc.run(system, fc.EnergyMomentum(), system.rest(), 0.01, 0.02)
 
 
-def test_conjugate_gradients_are_refused(cloth, fabric):
-    system = fc.System(cloth, fabric, [fc.StVK()])
+def test_conjugate_gradients_are_refused(cloth):
+    system = fc.System(cloth, ORTHOTROPIC, [fc.StVK()])
     with pytest.raises(fc.InputError, match="symmetric matrices only"):
         fc.run(system, fc.EnergyMomentum(), system.rest(), 0.01, 0.02, solver="pcg")
 

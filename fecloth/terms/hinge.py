@@ -11,6 +11,7 @@ from ..compiled import kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
 from . import condition as loops
+from . import discrete
 from .dihedral import angles, condition
 
 CONVEX = (0,)  # one component, whose ∂²θ is indefinite
@@ -89,7 +90,7 @@ class HingeBending:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.hinges.nodes
 
-    def bind(self, panel: Panel, slots) -> loops.BoundCondition:
+    def bind(self, panel: Panel, slots) -> discrete.RigidCondition:
         hinges = panel.cloth.hinges
         rest = np.atleast_1d(0.0 if self.rest is None else self.rest)
         if rest.size not in (1, len(hinges.nodes)):
@@ -129,7 +130,7 @@ class BendingDamping:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.hinges.nodes
 
-    def bind(self, panel: Panel, slots) -> loops.BoundCondition:
+    def bind(self, panel: Panel, slots) -> discrete.RigidCondition:
         damping = self.time * hinge_stiffness(panel, "BendingDamping")
         return bind("BendingDamping", panel, slots, 0.0, 0.0, damping, self.tangent)
 
@@ -169,7 +170,8 @@ def bind(name, panel, slots, rest, stiffness, damping, tangent="symmetric"):
     """The angle as a condition with θ₀ (h,) or (1,), and k_s and k_d (h,)."""
     nodes = panel.cloth.hinges.nodes
     data = nodes, np.broadcast_to(rest, len(nodes))[:, None], stiffness, damping
-    return loops.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)
+    bound = loops.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)
+    return discrete.with_steps(bound, OVER_STEP)
 
 
 @kernel
@@ -192,4 +194,20 @@ def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
     loops.add_tangent(condition, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
 
 
+@kernel
+def force_over_step(K, R, nodes, c, ks, start, x, f):
+    discrete.add_force(condition, K, R, nodes, c, ks, start, x, f)
+
+
+@kernel
+def tangent_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
+    discrete.add_tangent(condition, K, R, nodes, slots, c, ks, start, x, scale, J)
+
+
+@kernel
+def definite_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
+    discrete.add_definite(condition, K, R, nodes, slots, c, ks, start, x, scale, J)
+
+
 KERNELS = loops.Kernels(energy, power, add_force, add_tangent)
+OVER_STEP = discrete.Discrete(force_over_step, tangent_over_step, definite_over_step)

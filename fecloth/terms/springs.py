@@ -11,7 +11,7 @@ from ..cloth import Cloth
 from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
-from . import condition
+from . import condition, discrete
 from .springnets import Net, edges, structural
 
 KINDS = ("structural", "van_gelder", "biquadratic")
@@ -108,7 +108,7 @@ class Springs:
             return edges(cloth)
         return structural(cloth, self.shear, self.bend)
 
-    def bind(self, panel: Panel, slots) -> condition.BoundCondition:
+    def bind(self, panel: Panel, slots) -> discrete.RigidCondition:
         bind = self._triangles if self.kind == "biquadratic" else self._pairs
         return bind(panel, slots)
 
@@ -118,7 +118,7 @@ class Springs:
         k = net.van_gelder(panel) if self.kind == "van_gelder" else net.stiffness(panel, given)
         length = np.linalg.norm(net.vectors, axis=1)
         damped = self.damping * k
-        return condition.bind(
+        bound = condition.bind(
             "Springs",
             LENGTH,
             (1,),
@@ -130,6 +130,7 @@ class Springs:
             damped,
             tangent=self.tangent,
         )
+        return discrete.with_steps(bound, LENGTH_OVER_STEP)
 
     def _triangles(self, panel, slots):
         cloth = panel.cloth
@@ -141,7 +142,7 @@ class Springs:
         lam, mu = panel.each(_lame).T[..., None, None]
         k = 2 * (lam + mu) * cot[:, :, None] * cot[:, None, :] + mu * (2 * np.eye(3) - 1)
         k = k / (32 * area[:, None, None])  # ½ Cᵀ k C with halves of Delingette's k_i and c_ij
-        return condition.bind(
+        bound = condition.bind(
             "Springs",
             SQUARES,
             (1, 1, 1),
@@ -153,6 +154,7 @@ class Springs:
             self.damping * k,
             tangent=self.tangent,
         )
+        return discrete.with_steps(bound, SQUARES_OVER_STEP)
 
 
 def _lame(fabric):
@@ -208,7 +210,23 @@ def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
     condition.add_tangent(length, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
 
 
+@kernel
+def force_over_step(K, R, nodes, c, ks, start, x, f):
+    discrete.add_force(length, K, R, nodes, c, ks, start, x, f)
+
+
+@kernel
+def tangent_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
+    discrete.add_tangent(length, K, R, nodes, slots, c, ks, start, x, scale, J)
+
+
+@kernel
+def definite_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
+    discrete.add_definite(length, K, R, nodes, slots, c, ks, start, x, scale, J)
+
+
 LENGTH = condition.Kernels(energy, power, add_force, add_tangent)
+LENGTH_OVER_STEP = discrete.Discrete(force_over_step, tangent_over_step, definite_over_step)
 
 
 # --- C_i = l_i² − L_i² of the three sides of a triangle, side i opposite node i -------------------
@@ -254,4 +272,20 @@ def add_tangent2(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
     condition.add_tangent(squares, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
 
 
+@kernel
+def force_over_step2(K, R, nodes, c, ks, start, x, f):
+    discrete.add_force(squares, K, R, nodes, c, ks, start, x, f)
+
+
+@kernel
+def tangent_over_step2(K, R, nodes, slots, c, ks, start, x, scale, J):
+    discrete.add_tangent(squares, K, R, nodes, slots, c, ks, start, x, scale, J)
+
+
+@kernel
+def definite_over_step2(K, R, nodes, slots, c, ks, start, x, scale, J):
+    discrete.add_definite(squares, K, R, nodes, slots, c, ks, start, x, scale, J)
+
+
 SQUARES = condition.Kernels(energy2, power2, add_force2, add_tangent2)
+SQUARES_OVER_STEP = discrete.Discrete(force_over_step2, tangent_over_step2, definite_over_step2)
