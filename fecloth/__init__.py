@@ -5,6 +5,7 @@ symbol table, and `System`, `march` and `run` for where to start.
 """
 
 from . import stability, verify
+from .adaptive import Adaptive
 from .bendingtensor import bending_tensor, strip_rigidity
 from .cloth import Cloth
 from .energy_momentum import EnergyMomentum
@@ -59,6 +60,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "BDF2",
+    "Adaptive",
     "BackwardEuler",
     "BaraffWitkin",
     "BendingDamping",

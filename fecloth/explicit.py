@@ -39,6 +39,7 @@ class Explicit:
     """What explicit methods share; `forces_at` is 0 for forces at the start, ½ at both ends."""
 
     order: int
+    error_constant: float  # as in `StageMethod`
     forces_at: float
     critical: tuple[float, float]  # (a, b): stable for a dt² k + b dt d < 1, k = ω², d = 2 ζ ω
     theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
@@ -93,11 +94,18 @@ class ForwardEuler(Explicit):
     transverse modes that strain-rate damping leaves undamped. Keeps linear momentum, not angular,
     and gains energy; here to show why others are used.
     Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, chapter I.
+
+    Parameters
+    ----------
+    beyond_limit
+        Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
     critical = None  # its limit is of another form: see `critical_dt`
     order = 1
+    error_constant = 1 / 2
     forces_at = 0.0
+    beyond_limit: bool = False
 
     def step(self, system: System, state: State, dt: float, solver=None, guess=None) -> Step:
         """One step from `state` over `dt` [s]."""
@@ -111,11 +119,18 @@ class SymplecticEuler(Explicit):
     First order, stable for ω dt ≤ 2 (√(1 + ζ²) − ζ). Symplectic without damping: the energy error
     stays bounded, of first order in dt. Keeps linear and angular momentum.
     Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, section I.1.
+
+    Parameters
+    ----------
+    beyond_limit
+        Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
     critical = 1 / 4, 1 / 2
     order = 1
+    error_constant = 1 / 2
     forces_at = 0.0
+    beyond_limit: bool = False
 
     def step(self, system: System, state: State, dt: float, solver=None, guess=None) -> Step:
         """One step from `state` over `dt` [s]."""
@@ -152,11 +167,18 @@ class CentralDifference(Explicit):
     energy less dt²/8 a·M a. Keeps linear and angular momentum.
     Source: Hairer, Lubich and Wanner (2003), Geometric numerical integration illustrated by the
     Störmer–Verlet method, Acta Numerica 12, section 1.
+
+    Parameters
+    ----------
+    beyond_limit
+        Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
     critical = 1 / 4, 1.0
     order = 2
+    error_constant = 1 / 6
     forces_at = 0.5
+    beyond_limit: bool = False
 
     @quiet
     def step(

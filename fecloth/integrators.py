@@ -16,6 +16,7 @@ from .energy_momentum import EnergyMomentum
 from .errors import IndefiniteMatrix
 from .memory import BDF2, GeneralizedAlpha, Newmark
 from .newton import Counts, Solver
+from .record import conservative
 from .stage import Stage, prescribed
 from .step import Step, arrival, held
 from .system import State, System
@@ -26,12 +27,14 @@ class StageMethod:
 
     `theta` says where between old and new state the forces are balanced: over a step with free
     nodes M Δv · v_θ = f · Δx with v_θ = v + θ Δv, so that for energies quadratic in x the method
-    dissipates (θ − ½)(Δv·M Δv + Δx·K Δx) by itself.
+    dissipates (θ − ½)(Δv·M Δv + Δx·K Δx) by itself. A step's error in x is `error_constant` times
+    dt^(p + 1) times the derivative of that order, p = `order`, up to the sign.
     """
 
     order: int
     theta: float
     critical = 0.0, 0.0  # A-stable; otherwise as in `fecloth.stability`
+    error_constant: float
 
     def stage(self, state: State, dt: float) -> Stage:
         raise NotImplementedError
@@ -51,6 +54,18 @@ class StageMethod:
         new = State(state.t + dt, stage.x_end + stage.w_end * q, state.v + dt * a)
         return Step(held(system, new, end), State(stage.t, x, v), q, counts)
 
+    def numerical(self, system: System, old: State, step: Step) -> float:
+        """Energy [J] that the method itself took in a step: (θ − ½)(Δv·M Δv + Δx·K Δx).
+
+        Δx·K Δx is the change of the conservative force along Δx: exact for energies quadratic
+        in x.
+        """
+        if self.theta == 0.5:
+            return 0.0
+        dx, dv = step.state.x - old.x, step.state.v - old.v
+        bend = np.vdot(conservative(system, old) - conservative(system, step.state), dx)
+        return (self.theta - 0.5) * float(np.vdot(dv, system.scalar_mass @ dv) + bend)
+
 
 @dataclass(frozen=True)
 class BackwardEuler(StageMethod):
@@ -64,6 +79,7 @@ class BackwardEuler(StageMethod):
 
     order = 1
     theta = 1.0
+    error_constant = 1 / 2
 
     def stage(self, state: State, dt: float) -> Stage:
         x, zero = state.x + dt * state.v, np.zeros_like(state.v)
@@ -82,6 +98,7 @@ class ImplicitMidpoint(StageMethod):
 
     order = 2
     theta = 0.5
+    error_constant = 1 / 12
 
     def stage(self, state: State, dt: float) -> Stage:
         x, zero = state.x + 0.5 * dt * state.v, np.zeros_like(state.v)
@@ -102,6 +119,7 @@ class LinearlyImplicitEuler:
     critical = 0.0, 0.0
     order = 1
     theta = 1.0
+    error_constant = 1 / 2
 
     def weights(self, dt: float) -> tuple[float, float, float]:
         """(wx, wv, wa), scaled as backward Euler's."""
@@ -125,6 +143,8 @@ class LinearlyImplicitEuler:
         new = held(system, State(state.t + dt, state.x + dt * v, v), end)
         at_stage = State(new.t, new.x, v)  # the velocity that moved x, also at the pins
         return Step(new, at_stage, dv, counts)
+
+    numerical = StageMethod.numerical
 
 
 def _velocity_change(system, state, dt, solver, end, definite, guess):
@@ -150,7 +170,14 @@ def _velocity_change(system, state, dt, solver, end, definite, guess):
     seconds["factor"] = infos[0].seconds_factor
     seconds["solve"] = sum(info.seconds_solve for info in infos)
     iterations = sum(info.iterations for info in infos)
-    return free + dv, Counts(1, iterations, int(definite), infos[0].residual, seconds)
+    return free + dv, Counts(
+        newton=1,
+        linear=iterations,
+        modified=int(definite),
+        factorisations=1,
+        residual=infos[0].residual,
+        seconds=seconds,
+    )
 
 
 def _times(dense, wx, v):

@@ -11,12 +11,15 @@ from numbers import Real
 import numpy as np
 
 from . import linear
+from .atlimit import AtLimit, refuse_unstable
 from .blocks import BlockMatrix
 from .errors import InputError, SolveFailed, StepFailed
-from .newton import Newton, NewtonFailed, Solver
+from .newton import Counts, Newton, NewtonFailed, Solver
 from .record import Ledger, Observer, Probe
 from .system import State, System
-from .terms.membrane import principal_stretches
+from .terms.membrane import largest_stretch, principal_stretches
+
+MOST_GROWTH = 4.0  # of the kinetic energy that there can be: no usable step has shown more
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +78,13 @@ def march(
     system: System,
     method,
     state: State,
-    dt: float,
-    t_end: float,
+    dt: float | None = None,
+    t_end: float | None = None,
     *,
+    stops: Sequence[float] = (),
     solver: str | Solver = "auto",
     newton: Newton | None = None,
+    most_stretch: float = 20.0,
 ) -> Iterator[tuple[State, StepInfo]]:
     """Step from `state` to `t_end` and yield each new state with its `StepInfo`.
 
@@ -87,67 +92,132 @@ def march(
     ----------
     system, method, state
         What moves, the integrator, and the start; the pins start from where `state` has them.
-    dt, t_end
-        Step and end time [s]. All steps are dt, except that the last one is shortened to end at
-        `t_end` if the interval is not a multiple of dt.
+    dt
+        Step [s]. All steps are dt, except that those before a stop or `t_end` are shortened to
+        end there. None for `Adaptive`, which chooses its steps, and for explicit methods, which
+        then take 0.9 of their largest stable step (`AtLimit`).
+    t_end, stops
+        End time, and times between at which a step must end [s].
     solver
         "auto", "direct", "pardiso", "superlu", "pcg", or a `Solver` made by `solver_for`.
     newton
         Options of the nonlinear solve.
+    most_stretch
+        A step that leaves a triangle stretched by more has failed, so that a blow-up ends before
+        its numbers overflow. Looked at after each implicit step and each eighth explicit one.
 
     Raises
     ------
     InputError
-        For a dt or t_end that makes no step.
+        For a dt or t_end that makes no step, or an explicit dt beyond the stability limit.
     StepFailed
-        If a step does not converge or makes a value that is not finite; its `state` is the last
-        good one.
+        If a step does not converge, makes a value that is not finite or stretches a triangle
+        beyond `most_stretch`; its `state` is the last one that was found good.
     """
-    times = step_times(state.t, dt, t_end)
+    method = with_steps(method, dt)
+    targets = _targets(method, state.t, dt, t_end, stops)
+    refuse_unstable(system, method, state, dt)
     if not isinstance(solver, Solver):
-        solver, _ = solver_for(system, method, dt, solver, newton)
-    guess = None
-    for number, t in enumerate(times, start=1):
-        size = t - state.t
-        try:
-            result = method.step(system, state, size, solver, guess)
-        except (NewtonFailed, SolveFailed) as failure:
-            raise _failed(system, state, number, size, failure) from failure
-        if not (np.isfinite(result.state.x).all() and np.isfinite(result.state.v).all()):
-            raise _failed(system, state, number, size, None)
-        result = replace(result, state=replace(result.state, t=t))
-        info = StepInfo(number, t, size, state, result)
-        state, guess = result.state, result.q
-        yield state, info
+        solver, _ = solver_for(system, method, dt or (t_end - state.t) / 1000, solver, newton)
+    look = 8 if getattr(method, "explicit", False) else 1
+    number, guess, good = 0, None, state
+    for target in targets:
+        while state.t < target:
+            number, size = number + 1, target - state.t
+            try:
+                result = method.step(system, state, size, solver, guess)
+            except (NewtonFailed, SolveFailed) as failure:
+                raise step_failed(system, state, number, size, failure) from failure
+            new = _arrived(result.state, target, size)
+            last = new.t == targets[-1]
+            if problem := _problem(system, new, most_stretch, number % look == 0 or last):
+                raise step_failed(system, good, number, new.t - state.t, problem)
+            good = new if number % look == 0 else good
+            info = StepInfo(number, new.t, new.t - state.t, state, replace(result, state=new))
+            state, guess = new, result.q
+            yield state, info
 
 
-def step_times(t: float, dt: float, t_end: float) -> np.ndarray:
-    """The end time of every step; t + i dt without accumulated round-off."""
-    for name, value in (("dt", dt), ("t_end", t_end)):
-        if not isinstance(value, Real):
-            raise InputError(f"{name} = {value!r}", "must be a number [s]", "march")
-    if not (math.isfinite(dt) and dt > 0):
-        raise InputError(f"dt = {dt!r}", "must be finite and > 0 [s]", "march")
+def with_steps(method, dt: float | None):
+    """The method; an explicit one that is given no dt, with steps near its limit."""
+    explicit = getattr(method, "explicit", False) and not getattr(method, "chooses_dt", False)
+    return AtLimit(method) if dt is None and explicit else method
+
+
+def _targets(method, t, dt, t_end, stops):
+    """When a step must end."""
+    if not getattr(method, "chooses_dt", False):
+        return step_times(t, dt, t_end, stops)
+    if dt is not None:
+        allowed = f"must be left out: {type(method).__name__} chooses its steps"
+        raise InputError(f"dt = {dt!r}", allowed, "march")
+    return end_times(t, t_end, stops)
+
+
+def _arrived(state, target, size):
+    """The state at exactly the target, if it is there but for round-off."""
+    return replace(state, t=target) if abs(target - state.t) <= 1e-9 * size else state
+
+
+def _problem(system, state, most_stretch, look):
+    """What is wrong with a new state, or None."""
+    if not (np.isfinite(state.x).all() and np.isfinite(state.v).all()):
+        return _Problem("a position or velocity is not finite")
+    stretch = largest_stretch(system.cloth, state.x) if look else 0.0
+    if stretch <= most_stretch:
+        return None
+    return _Problem(f"a triangle is stretched to {stretch:.3g} times, beyond {most_stretch:g}")
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Why a step has failed, as `NewtonFailed` says it."""
+
+    reason: str
+    residual: float = math.nan
+    remedy: str = "Take a smaller dt."
+
+
+def end_times(t: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray:
+    """The stops after t and before t_end, in order, and t_end."""
+    if not isinstance(t_end, Real):
+        raise InputError(f"t_end = {t_end!r}", "must be a number [s]", "march")
     if not (math.isfinite(t_end) and t_end > t):
         raise InputError(f"t_end = {t_end!r}", f"must be finite and > {t} [s]", "march")
-    steps = max(1, math.ceil((t_end - t) / dt - 1e-9))
-    times = t + dt * np.arange(1, steps + 1)
-    times[-1] = t_end
-    return times
+    stops = np.unique(np.asarray(stops, dtype=float))
+    if not np.isfinite(stops).all():
+        raise InputError(f"stops = {stops.tolist()}", "must be finite [s]", "march")
+    return np.append(stops[(stops > t) & (stops < t_end)], t_end)
 
 
-def _failed(system, state, number, dt, cause):
+def step_times(t: float, dt: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray:
+    """The end time of every step; t + i dt without accumulated round-off."""
+    if not isinstance(dt, Real):
+        remedy = "Or let Adaptive choose the steps." if dt is None else ""
+        raise InputError(f"dt = {dt!r}", "must be a number [s]", "march", remedy)
+    if not (math.isfinite(dt) and dt > 0):
+        raise InputError(f"dt = {dt!r}", "must be finite and > 0 [s]", "march")
+    pieces = []
+    for target in end_times(t, t_end, stops):
+        steps = max(1, math.ceil((target - t) / dt - 1e-9))
+        pieces.append(t + dt * np.arange(1, steps + 1))
+        pieces[-1][-1] = t = target
+    return np.concatenate(pieces)
+
+
+def step_failed(system: System, state: State, number: int, dt: float, cause) -> StepFailed:
+    """The error, with the worst triangle of the last good state."""
     stretches = principal_stretches(system.cloth, state.x)
-    worst = int(np.argmax(np.abs(np.log(np.maximum(stretches, 1e-300))).max(axis=1)))
-    stretch = stretches[worst, np.argmax(np.abs(np.log(np.maximum(stretches[worst], 1e-300))))]
+    strains = np.abs(np.log(np.maximum(stretches, 1e-300)))
+    triangle, which = np.unravel_index(np.argmax(strains), strains.shape)
     return StepFailed(
-        getattr(cause, "reason", "a position or velocity is not finite"),
+        getattr(cause, "reason", str(cause)),
         step=number,
         t=state.t,
         dt=dt,
         residual=getattr(cause, "residual", math.nan),
-        stretch=float(stretch),
-        triangle=worst,
+        stretch=float(stretches[triangle, which]),
+        triangle=int(triangle),
         state=state,
         remedy=getattr(cause, "remedy", "Take a smaller dt."),
     )
@@ -189,17 +259,21 @@ def run(
     system: System,
     method,
     state: State,
-    dt: float,
-    t_end: float,
+    dt: float | None = None,
+    t_end: float | None = None,
     *,
+    stops: Sequence[float] = (),
     probes: Sequence[Probe] = (),
     solver: str = "auto",
     newton: Newton | None = None,
+    most_growth: float = MOST_GROWTH,
     report: Callable[[StepInfo], None] = lambda info: None,
 ) -> Result:
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
 
-    `report` is called after every step.
+    Arguments as for `march`; `report` is called after every step. A step after which the cloth
+    has more kinetic energy than `most_growth` times what its start, its loads and its pins can
+    have given (`Ledger.available`) has failed too.
 
     Examples
     --------
@@ -211,24 +285,32 @@ def run(
     >>> len(result.times), bool(abs(result.energies["remainder"][-1]) < 1e-3)
     (11, True)
     """
-    step_times(state.t, dt, t_end)  # refuse them before anything else
-    chosen, why = solver_for(system, method, dt, solver, newton)
+    method = with_steps(method, dt)
+    _targets(method, state.t, dt, t_end, stops)  # refuse them before anything else
+    chosen, why = solver_for(system, method, dt or (t_end - state.t) / 1000, solver, newton)
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
     energies, observed = [ledger.row()], [observer.row(None, None)]
-    seconds: dict[str, float] = {}
-    counts = np.zeros(2, int)
-    begin = time.perf_counter()
-    for new, info in march(system, method, state, dt, t_end, solver=chosen):
-        state = new
-        ledger = ledger.after(system, method, info.old, info.result)
+    counts, begin = Counts(), time.perf_counter()
+    for new, info in march(system, method, state, dt, t_end, stops=stops, solver=chosen):
+        state, ledger = new, balanced(system, method, ledger, info, most_growth)
         energies.append(ledger.row())
         observed.append(observer.row(info.old, info.result))
-        counts += (info.counts.newton, info.counts.linear)
-        seconds = add_seconds(seconds, info.counts.seconds)
+        counts = counts.plus(info.counts)
         report(info)
-    seconds["total"] = time.perf_counter() - begin
+    seconds = counts.seconds | {"total": time.perf_counter() - begin}
     times = np.array([row["t"] for row in energies])
-    return Result(state, times, columns(energies), columns(observed), seconds, *counts, why)
+    columns_ = columns(energies), columns(observed)
+    return Result(state, times, *columns_, seconds, counts.newton, counts.linear, why)
+
+
+def balanced(
+    system: System, method, ledger: Ledger, info: StepInfo, most: float = MOST_GROWTH
+) -> Ledger:
+    """The ledger after a step; a `StepFailed` where that made energy from nothing."""
+    after = ledger.after(system, method, info.old, info.result)
+    if problem := after.growth(most):
+        raise step_failed(system, info.old, info.step, info.dt, _Problem(problem))
+    return after
 
 
 def add_seconds(a: dict[str, float], b: dict[str, float]) -> dict[str, float]:

@@ -31,9 +31,10 @@ class RememberedStep(Step):
 
 
 class WithMemory:
-    """What these methods share: their energy balance."""
+    """What these methods share: their energy balance; `error_constant` as in `StageMethod`."""
 
     order: int
+    error_constant: float
     critical = 0.0, 0.0  # A-stable; otherwise as in `fecloth.stability`
     theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
 
@@ -193,6 +194,14 @@ class Newmark(AccelerationMethod):
         return max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma
 
     @property
+    def error_constant(self) -> float:
+        """|β − 1/6|, but no less than the 1/12 that the trapezoidal rule errs in v; γ = ½ only."""
+        if self.gamma != 0.5:
+            allowed = "has no estimate of its error in v, which is of first order"
+            raise InputError(f"gamma = {self.gamma!r}", allowed, "Newmark", "Take gamma = 0.5.")
+        return max(abs(self.beta - 1 / 6), 1 / 12)
+
+    @property
     def parameters(self) -> tuple[float, float, float, float]:
         return 0.0, 0.0, self.beta, self.gamma
 
@@ -234,6 +243,12 @@ class GeneralizedAlpha(AccelerationMethod):
         lag = alpha_f - alpha_m
         return alpha_m, alpha_f, 0.25 * (1 + lag) ** 2, 0.5 + lag
 
+    @property
+    def error_constant(self) -> float:
+        """β − ½ (α_f − α_m) − 1/6, as the acceleration is that of a time (α_f − α_m) dt before."""
+        alpha_m, alpha_f, beta, _ = self.parameters
+        return beta - 0.5 * (alpha_f - alpha_m) - 1 / 6
+
 
 # --- the one that remembers the last change -------------------------------------------------------
 
@@ -261,6 +276,7 @@ class BDF2(WithMemory):
     """
 
     order = 2
+    error_constant = 2 / 9  # at constant steps
 
     def stage(self, state: State, dt: float, last: Change) -> Stage:
         """The stage of a step from `state`, after the change that led there."""

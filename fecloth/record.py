@@ -31,12 +31,12 @@ class Ledger:
         Work that the pins did on the cloth: change of the pinned nodes' kinetic energy less the
         work of the other forces on them.
     numerical
-        What the method itself takes, by its own formula: (θ − ½)(Δv·M Δv + Δx·K Δx) a step, where
-        Δx·K Δx is the change of the conservative force along Δx (exact for energies quadratic
-        in x); ½ (…) for backward Euler, nothing for the midpoint rule; for explicit methods see
-        `Explicit.numerical`, for those with a memory `WithMemory.numerical`.
-    start
-        kinetic + Σ potential at the start.
+        What the method itself takes, by its own formula, its `numerical`: nothing for the midpoint
+        rule; exact for energies quadratic in x.
+    opening
+        The energies at the start, with "kinetic".
+    first
+        Kinetic energy after the first step.
     """
 
     t: float
@@ -46,27 +46,27 @@ class Ledger:
     work: Mapping[str, float]
     pins: float
     numerical: float
-    start: float
+    opening: Mapping[str, float]
+    first: float | None = None
 
     @classmethod
     def open(cls, system: System, state: State) -> Ledger:
         """The ledger before the first step."""
-        energies = system.energies(state)
+        opening = system.energies(state)
+        energies = dict(opening)
         kinetic = energies.pop("kinetic")
         named = list(zip(system.names, system.bound, strict=True))
         dissipated = {name: 0.0 for name, term in named if term.dissipative}
         work = {name: 0.0 for name, term in named if hasattr(term, "supply")}
-        total = kinetic + sum(energies.values())
-        return cls(state.t, kinetic, energies, dissipated, work, 0.0, 0.0, total)
+        return cls(state.t, kinetic, energies, dissipated, work, 0.0, 0.0, opening)
 
     def after(self, system: System, method, old: State, step) -> Ledger:
         """The ledger after `step`, taken by `method` from the state `old`."""
         new = step.state
-        dt, dx, dv = new.t - old.t, new.x - old.x, new.v - old.v
-        stages = stages_of(step)
+        dt, stages = new.t - old.t, stages_of(step)
         energies = system.energies(new)
         kinetic = energies.pop("kinetic")
-        inertia = system.scalar_mass @ dv
+        inertia = system.scalar_mass @ (new.v - old.v)
         dissipated = {
             name: self.dissipated[name] + dt * _mean(term.power, stages)
             for name, term in zip(system.names, system.bound, strict=True)
@@ -77,12 +77,6 @@ class Ledger:
             for name, term in zip(system.names, system.bound, strict=True)
             if name in self.work
         }
-        numerical = self.numerical
-        if hasattr(method, "numerical"):
-            numerical += method.numerical(system, old, step)
-        elif method.theta != 0.5:
-            bend = np.vdot(conservative(system, old) - conservative(system, new), dx)
-            numerical += (method.theta - 0.5) * float(np.vdot(dv, inertia) + bend)
         return replace(
             self,
             t=new.t,
@@ -91,7 +85,33 @@ class Ledger:
             dissipated=dissipated,
             work=work,
             pins=self.pins + _pin_work(system, method.theta, old, step, inertia),
-            numerical=numerical,
+            numerical=self.numerical + method.numerical(system, old, step),
+            first=kinetic if self.first is None else self.first,
+        )
+
+    @property
+    def start(self) -> float:
+        """kinetic + Σ potential at the start [J]."""
+        return sum(self.opening.values())
+
+    @property
+    def available(self) -> float:
+        """What the cloth can have got as kinetic energy [J].
+
+        What it had, what the terms' energies have fallen by since the start, and what loads and
+        pins have worked. A first step may be ahead of that by what it gave: forward Euler's is.
+        """
+        fallen = (self.opening[name] - energy for name, energy in self.potential.items())
+        got = (*fallen, *self.work.values(), self.pins)
+        return self.opening["kinetic"] + (self.first or 0.0) + sum(max(0.0, g) for g in got)
+
+    def growth(self, most: float) -> str:
+        """In words that there is more kinetic energy than so many times the `available`, or ""."""
+        if self.kinetic <= most * self.available:
+            return ""
+        return (
+            f"the cloth moves with {self.kinetic:.3g} J, where its loads and its start can have "
+            f"given it {self.available:.3g} J at most: the method has made the rest"
         )
 
     @property

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from .cloth import Cloth
 from .errors import FeclothError, InputError, StepFailed
-from .march import StepInfo, add_seconds, march, run, solver_for
+from .march import StepInfo, add_seconds, balanced, march, run, solver_for
 from .output import Frames, fields
 from .record import Ledger, Observer
 from .runfolder import RunFolder, peak_memory, versions
@@ -152,10 +152,10 @@ class _Recorder:
         built = self.built
         steps = march(built.system, built.method, built.state, built.dt, built.t_end, solver=solver)
         for state, info in steps:
-            self.state = state
             self._count(info)
             with self.watch.phase("record"):
-                self.ledger = self.ledger.after(built.system, built.method, info.old, info.result)
+                self.ledger = balanced(built.system, built.method, self.ledger, info)
+                self.state = state
                 observed = self.observer.row(info.old, info.result)
                 self.turnover = max(self.turnover, self.ledger.turnover)
             with self.watch.phase("output"):

@@ -270,10 +270,16 @@ def test_a_balance_that_does_not_close_is_told(scene, capsys):
     assert main(["run", str(scene), "-o", "good", *make, "--set", "time.dt=0.001"]) == 0
     assert "warning" not in capsys.readouterr().err
     assert json.loads(Path("good/summary.json").read_text())["warning"] is None
-    long = ["--set", "time.dt=0.02", "--set", "time.t_end=2", "--set", "output.every=1"]
+    long = ["--set", "time.dt=0.02", "--set", "time.t_end=0.5", "--set", "output.every=0.1"]
     assert main(["run", str(scene), "-o", "bad", *make, *long]) == 0
     assert "warning: the energy balance is off by" in capsys.readouterr().err
     assert "smaller dt" in json.loads(Path("bad/summary.json").read_text())["warning"]
+    longer = [*long[:2], "--set", "time.t_end=1", *long[4:]]
+    assert main(["run", str(scene), "-o", "worse", *make, *longer]) == 3
+    assert "the method has made the rest" in capsys.readouterr().err
+    summary = json.loads(Path("worse/summary.json").read_text())
+    assert summary["status"] == "failed"
+    assert 0.5 < summary["t"] < 1
 
 
 def test_a_run_goes_on_from_a_frame_at_its_time(scene):

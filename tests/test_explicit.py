@@ -11,8 +11,8 @@ from fecloth.explicit import EXPLICIT
 from fecloth.scene import load
 from fecloth.verify import check_integrator
 
-ALL = [method() for method in EXPLICIT.values()]
-EULER, SYMPLECTIC, CENTRAL = fc.ForwardEuler(), fc.SymplecticEuler(), fc.CentralDifference()
+ALL = [method(beyond_limit=True) for method in EXPLICIT.values()]
+EULER, SYMPLECTIC, CENTRAL = ALL
 
 
 def named(method):
@@ -62,7 +62,7 @@ def growth(method, omega_dt, zeta, steps=400):
     weight = system.nodal_mass[:, None] * shape
     sizes = [
         np.hypot(np.vdot(weight, s.x - system.rest().x), np.vdot(weight, s.v) / omega)
-        for s, _ in fc.march(system, method, start, dt, steps * dt)
+        for s, _ in fc.march(system, method, start, dt, steps * dt, most_stretch=np.inf)
     ]
     return max(sizes[steps // 2 :]) / max(sizes[: steps // 2])
 
@@ -145,7 +145,7 @@ def test_ledger_closes_on_a_linear_problem(method, isotropic):
     pins = [shake, fc.Slide("right", direction=(1, 2, 0))]
     system = fc.System(cloth, isotropic, terms, pins)
     start = system.state(affine(cloth, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]]))
-    energies = fc.run(system, method, start, 2e-4, 0.05).energies
+    energies = fc.run(system, method, start, 2e-4, 0.02, most_growth=np.inf).energies
     assert min(abs(energies[c]).max() for c in ("pins", "dissipated:LinearDamping")) > 1e-4
     assert abs(energies["numerical"]).max() > 1e-6
     assert abs(energies["remainder"]).max() < 1e-10 * abs(energies["total"]).max()

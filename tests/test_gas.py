@@ -91,7 +91,7 @@ def inflated(gas, elements, dt=1e5):
     cloth = fc.Cloth.disk(RADIUS, RADIUS / elements)
     fabric = fc.Fabric(0.2, STIFFNESS, NU)
     system = fc.System(cloth, fabric, [fc.StVK(), gas], pins=["boundary"])
-    start, newton = system.state(dome(cloth, 0.15)), fc.Newton(tolerance=1e-9)
+    start, newton = system.state(dome(cloth, 0.15)), fc.Newton(tolerance=1e-9, reuse=False)
     method = fc.BackwardEuler()
     return system, fc.run(system, method, start, dt, dt, solver="direct", newton=newton)
 

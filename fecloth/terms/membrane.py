@@ -45,7 +45,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..cloth import Cloth
-from ..compiled import inner, loop
+from ..compiled import inner, kernel, loop
 from ..panel import Panel
 
 
@@ -350,3 +350,23 @@ def principal_stretches(cloth: Cloth, x: np.ndarray) -> np.ndarray:
     share = cloth.weights / cloth.weights.sum(axis=1, keepdims=True)
     right = np.einsum("eq,eqij,eqik->ejk", share, F, F)
     return np.sqrt(np.maximum(np.linalg.eigvalsh(right), 0.0))
+
+
+def largest_stretch(cloth: Cloth, x: np.ndarray) -> float:
+    """The largest principal stretch of all triangles; not a number if any is not."""
+    return float(_largest_stretch(*cloth.shape, cloth.stencil, cloth.gradients, x))
+
+
+@kernel
+def _largest_stretch(K, Q, nodes, G, x):
+    """√ of the largest eigenvalue of FᵀF = 2E + I."""
+    largest = 0.0
+    for e in range(len(nodes)):
+        for q in range(len(Q)):
+            E11, E22, E12 = green_strain(gradient(K, nodes, G, e, q, x))
+            half = 0.5 * (E11 - E22)
+            square = 1.0 + (E11 + E22) + 2.0 * math.sqrt(half * half + E12 * E12)
+            if square != square:
+                return square
+            largest = max(largest, square)
+    return math.sqrt(largest)

@@ -1,0 +1,235 @@
+"""Steps chosen by their error: a controller around any method that knows its error's constant."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .atlimit import AtLimit
+from .errors import InputError, SolveFailed, is_number
+from .newton import Counts, NewtonFailed, Solver
+from .step import Step
+from .system import State, System
+
+SAFETY = 0.9
+SHORTEST, LONGEST = 0.2, 2.0  # of a step to the one before; BDF2 is stable below 1 + √2
+STAY = 1.2  # a step that might grow by less keeps its size, and with it what was factorised
+RETRIES = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Control:
+    """What is handed from step to step.
+
+    Attributes
+    ----------
+    dt
+        The step to try next [s].
+    error
+        That of the last step relative to what it was allowed, at most 1.
+    a, t
+        (n, 3) mean acceleration [m/s²] of the last step, and the time of its middle [s].
+    q
+        The method's own.
+    """
+
+    dt: float
+    error: float
+    a: np.ndarray
+    t: float
+    q: object = None
+
+
+@dataclass(frozen=True)
+class Adaptive:
+    """A method whose steps are as long as a tolerance on their error allows.
+
+    A step of the method, of order p, errs in x by c dt^(p + 1) x^(p + 1). The derivative is taken
+    from the mean accelerations Δv/dt: the last one itself (p = 1), or the difference of the last
+    two over the time between their middles (p = 2). The error is a length, the mass-weighted root
+    mean square over the nodes, and may be
+
+        dt (atol + rtol R)
+
+    where R is the same mean of the distance from the cloth's centre: so the error is bounded for
+    each second of motion, and that at the end is proportional to the tolerance (bounded for each
+    step, it would go with tol^(p/(p + 1))). The next step is, with the error e relative to the
+    allowed one and e₋ that of the step before,
+
+        0.9 e^(−0.7/p) e₋^(0.4/p) dt
+
+    and between 0.2 and 2 times the last one: a PI controller (Gustafsson 1991, Control Theoretic
+    Techniques for Stepsize Selection in Explicit Runge–Kutta Methods; the exponents are those of
+    Hairer and Wanner 1996, Solving Ordinary Differential Equations II, eq. IV.2.43). A step
+    beyond its tolerance, or one that Newton cannot solve, is rejected and tried shorter.
+
+    Explicit methods stay below their stability limit, see `AtLimit`. The estimate sees all that
+    moves, also the fast waves in the plane of the cloth, if they are excited. The first step is
+    chosen by the acceleration and its change at the start.
+
+    Parameters
+    ----------
+    method
+        Of first or second order.
+    rtol
+        Error for each second of motion, relative to the cloth's size R [1/s].
+    atol
+        The same as a velocity [m/s], added.
+
+    Raises
+    ------
+    InputError
+        For tolerances below 0 or both 0, and for a method without an estimate.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    >>> system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
+    >>> method = fc.Adaptive(fc.ImplicitMidpoint(), rtol=1e-2)
+    >>> result = fc.run(system, method, system.rest(), t_end=0.2)
+    >>> float(result.times[-1]), bool(np.ptp(np.diff(result.times)) > 0)
+    (0.2, True)
+    """
+
+    method: object
+    rtol: float = 1e-3
+    atol: float = 0.0
+
+    chooses_dt = True
+
+    def __post_init__(self):
+        for name in ("rtol", "atol"):
+            value = getattr(self, name)
+            if not (is_number(value) and value >= 0):
+                raise InputError(f"{name} = {value!r}", "must be >= 0", "Adaptive")
+        if self.rtol == self.atol == 0:
+            raise InputError("rtol = atol = 0", "one of them must be > 0", "Adaptive")
+        if not hasattr(self.method, "error_constant"):
+            allowed = "has no error estimate"
+            raise InputError(f"method {self.method!r}", allowed, "Adaptive")
+
+    @property
+    def order(self) -> int:
+        return self.method.order
+
+    @property
+    def theta(self) -> float:
+        return self.method.theta
+
+    @property
+    def explicit(self) -> bool:
+        return getattr(self.method, "explicit", False)
+
+    @property
+    def symmetric(self) -> bool:
+        return getattr(self.method, "symmetric", True)
+
+    def check(self, system: System) -> None:
+        """Refuse what the method refuses."""
+        self.method.check(system)
+
+    def numerical(self, system: System, old: State, step: Step) -> float:
+        """Energy [J] that the method itself took in a step, by its own formula."""
+        return self.method.numerical(system, old, step)
+
+    def weights(self, dt: float) -> tuple[float, float, float]:
+        """Those of the method."""
+        return self.method.weights(dt)
+
+    def start(self, system: System, state: State, longest: float) -> Control:
+        """The first step: that whose error, by differences at the start, is the one allowed.
+
+        After Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, II.4.
+        """
+        a, rate, c = acceleration(system, state), self.allowed(system, state), self._constant
+        size = rms(system, a)
+        dt = min(longest, rate / (c * size)) if size > 0 else longest
+        if self.order == 2:
+            ahead = State(state.t + dt, state.x + dt * state.v, state.v + dt * a)
+            jerk = rms(system, acceleration(system, ahead) - a) / dt
+            dt = min(longest, math.sqrt(rate / (c * jerk))) if jerk > 0 else longest
+        return Control(SAFETY * dt, 1.0, a, state.t)
+
+    def step(
+        self,
+        system: System,
+        state: State,
+        horizon: float,
+        solver: Solver,
+        guess: Control | None = None,
+    ) -> Step:
+        """One step from `state` over at most `horizon` [s], and to its end if that is near."""
+        control, tried = guess or self.start(system, state, horizon), Counts()
+        dt = _fitted(control.dt, horizon)
+        for rejected in range(RETRIES):
+            try:
+                step = self._rule.step(system, state, dt, solver, control.q)
+                a, t, error = self.error(system, state, step, control)
+                dt = step.state.t - state.t  # which may be less
+            except (NewtonFailed, SolveFailed) as failure:
+                reason, error = failure, math.inf
+            else:
+                reason = f"the error is {error:.3g} times the allowed one"
+                tried = tried.plus(step.counts)
+                if error <= 1:
+                    memory = Control(self._next(dt, control, error), error, a, t, step.q)
+                    return replace(step, q=memory, counts=replace(tried, rejected=rejected))
+            shorter = SAFETY * error ** (-1 / self.order) if error > 0 else SHORTEST
+            dt *= min(SAFETY, max(SHORTEST, shorter)) if math.isfinite(error) else SHORTEST
+        raise NewtonFailed(
+            f"no step is short enough: at {dt:.2g} s {reason}",
+            getattr(reason, "residual", math.nan),
+            "Is a load or a motion of the pins discontinuous? Loosen the tolerance there.",
+        )
+
+    def _next(self, dt, control, error):
+        p, least = self.order, 1e-4
+        before = max(control.error, least)
+        factor = SAFETY * max(error, least) ** (-0.7 / p) * before ** (0.4 / p)
+        return dt * (1.0 if 1 <= factor < STAY else min(LONGEST, max(SHORTEST, factor)))
+
+    @property
+    def _rule(self):
+        """The method; an explicit one never beyond its limit."""
+        return AtLimit(self.method) if self.explicit else self.method
+
+    @property
+    def _constant(self) -> float:
+        return self.method.error_constant
+
+    def allowed(self, system: System, state: State) -> float:
+        """Error for each second [m/s]."""
+        mass = system.nodal_mass
+        centre = mass @ state.x / mass.sum()
+        return self.atol + self.rtol * rms(system, state.x - centre)
+
+    def error(self, system: System, old: State, step: Step, control: Control):
+        """Mean acceleration, its time, and the error relative to the allowed one; inf if lost."""
+        new = step.state
+        dt = new.t - old.t
+        a, t = system.constraints.project((new.v - old.v) / dt), old.t + 0.5 * dt
+        change = a if self.order == 1 else (a - control.a) / (t - control.t)
+        error = self._constant * dt**self.order * rms(system, change)
+        error /= self.allowed(system, new)
+        return a, t, error if math.isfinite(error) else math.inf
+
+
+def _fitted(dt, horizon):
+    """The step as it fits: the horizon in as many equal parts as it takes if those are few."""
+    parts = math.ceil(horizon / dt - 1e-9)
+    return horizon / parts if parts <= 2 else dt
+
+
+def rms(system: System, y: np.ndarray) -> float:
+    """Mass-weighted root mean square over the nodes of (n, 3)."""
+    mass = system.nodal_mass
+    return math.sqrt(mass @ np.einsum("ij,ij->i", y, y) / mass.sum())
+
+
+def acceleration(system: System, state: State) -> np.ndarray:
+    """f / m (n, 3) [m/s²] of the free directions, with the lumped mass."""
+    return system.constraints.project(system.force(state) / system.nodal_mass[:, None])

@@ -1,0 +1,111 @@
+"""Explicit steps as long as stability allows, and the refusal of those that are longer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from .errors import InputError
+from .stability import critical_dt, estimate
+from .step import Step
+from .system import State, System
+
+FRACTION = 0.9  # of the limit
+LASTS = 300  # steps, after which the limit is asked for again: at most a tenth of their cost
+
+
+@dataclass(frozen=True, eq=False)
+class Limited:
+    """The step taken [s], for how many more it holds, and the method's own memory."""
+
+    dt: float
+    left: int
+    q: object = None
+
+
+@dataclass(frozen=True)
+class AtLimit:
+    """An explicit method at 0.9 of its largest stable step, asked for anew every 300 steps.
+
+    So a cloth that stiffens as it is stretched stays stable, unless its limit falls by a tenth
+    within those. The limit is that of `stability.estimate`.
+
+    Parameters
+    ----------
+    method
+        `CentralDifference()` or `SymplecticEuler()`.
+
+    Raises
+    ------
+    InputError
+        For a method without such a limit.
+    """
+
+    method: object
+
+    chooses_dt = True
+    explicit = True
+
+    def __post_init__(self):
+        if not getattr(self.method, "critical", None):
+            allowed = "has no stable step to choose, or needs none"
+            remedy = "Give dt, or take CentralDifference()."
+            raise InputError(f"method {self.method!r} without a dt", allowed, "march", remedy)
+
+    @property
+    def order(self) -> int:
+        return self.method.order
+
+    @property
+    def error_constant(self) -> float:
+        return self.method.error_constant
+
+    @property
+    def theta(self) -> float:
+        return self.method.theta
+
+    def check(self, system: System) -> None:
+        """Refuse what the method refuses."""
+        self.method.check(system)
+
+    def numerical(self, system: System, old: State, step: Step) -> float:
+        """Energy [J] that the method itself took in a step, by its own formula."""
+        return self.method.numerical(system, old, step)
+
+    def step(
+        self,
+        system: System,
+        state: State,
+        horizon: float,
+        solver=None,
+        guess: Limited | None = None,
+    ) -> Step:
+        """One step from `state` over at most `horizon` [s]."""
+        limited = guess or Limited(0.0, 0)
+        if not limited.left:
+            dt = FRACTION * estimate(system, state, self.method)
+            limited = replace(limited, dt=dt, left=LASTS)
+        parts = max(1, math.ceil(horizon / limited.dt - 1e-9))
+        dt = horizon / parts if parts <= 2 else limited.dt
+        step = self.method.step(system, state, dt, solver, limited.q)
+        return replace(step, q=Limited(limited.dt, limited.left - 1, step.q))
+
+
+def refuse_unstable(system: System, method, state: State, dt: float) -> None:
+    """Raise `InputError` for an explicit step beyond the limit at the start."""
+    if not getattr(method, "explicit", False) or getattr(method, "beyond_limit", True):
+        return
+    method.check(system)
+    quick = getattr(method, "critical", None) is not None
+    if quick and dt <= estimate(system, state, method):
+        return
+    limit = critical_dt(system, state, method)
+    if dt <= limit:
+        return
+    name = type(method).__name__
+    raise InputError(
+        f"dt = {dt:g} s",
+        f"must be at most {limit:.4g} s: beyond it {name} is unstable",
+        "march",
+        f"Leave dt out, take an implicit method, or insist with {name}(beyond_limit=True).",
+    )
