@@ -49,7 +49,8 @@ def centred(K, y, p):
 def inverse_inertia(K, p, total):
     """Θ⁻¹ = (11, 22, 33, 12, 13, 23), of two nodes without p pᵀ, for ω is across their line."""
     if len(K) == 2:
-        return 1.0 / total, 1.0 / total, 1.0 / total, 0.0, 0.0, 0.0
+        inverse = 1.0 / total if total > 0.0 else 0.0  # a spring of no length turns nothing
+        return inverse, inverse, inverse, 0.0, 0.0, 0.0
     a11, a22, a33, a12, a13, a23 = total, total, total, 0.0, 0.0, 0.0
     for a in range(len(K)):
         a11 -= p[a, 0] * p[a, 0]
