@@ -96,27 +96,6 @@ def test_forward_euler_without_damping_grows_at_any_dt():
     assert growth(EULER, 0.05, 0.0) == pytest.approx((1 + 0.05**2) ** 100, rel=0.02)
 
 
-@pytest.mark.parametrize(("method", "power"), [(SYMPLECTIC, 1), (CENTRAL, 2)], ids=["SE", "CD"])
-def test_energy_stays_bounded_over_many_steps(method, power, isotropic):
-    """10⁴ steps of a nonlinear swing: no drift, and a band that shrinks as dt^order."""
-    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.2, pattern="right")
-    system = fc.System(cloth, isotropic, [fc.StVK()], pins=["left", "right"])
-    start = taut_start(system, 1.2)
-    bands = []
-    for dt in (4e-4, 2e-4):
-        total = []
-        for state, info in fc.march(system, method, start, dt, 10_000 * dt):
-            if info.step % 3 == 0:
-                total.append(sum(system.energies(state).values()))
-        total = np.array(total)
-        half = len(total) // 2
-        band = np.ptp(total)
-        assert abs(total[:half].mean() - total[half:].mean()) < 0.05 * band
-        bands.append(band)
-    assert bands[1] < 0.2 * abs(total.mean())
-    assert np.log2(bands[0] / bands[1]) == pytest.approx(power, abs=0.3)
-
-
 @pytest.mark.parametrize("method", ALL, ids=named)
 def test_momentum_of_a_free_cloth(method, small, isotropic, rng):
     system = fc.System(small, isotropic, [fc.StVK(), fc.StrainRateDamping(2e-4)])
