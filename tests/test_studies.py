@@ -17,6 +17,7 @@ STUDIES = Path(__file__).parents[1] / "studies"
         ("costs.py", "StVK"),
         ("bending_bias.py", "derived"),
         ("materials.py", "power of"),
+        ("peers.py", "figures met"),
     ],
 )
 def test_quick(study, says):
