@@ -1,8 +1,13 @@
 """The solver that "auto" is: conjugate gradients or a factorisation, whichever turns out cheaper.
 
-It starts with the one that is predicted to be cheaper, keeps an account of the work of every step,
-and tries the other one now and then. All is decided by counts, never by the clock, so that a run
-repeats bit for bit; the unit of work is an iteration of `PCG`.
+It starts with conjugate gradients, keeps an account of the work of every step, and tries the other
+one now and then; at once where the conjugate gradients need more than two factorisations are worth.
+All is decided by counts, never by the clock, so that a run repeats bit for bit; the unit of work is
+an iteration of `PCG`.
+
+Why not with a factorisation where that is predicted to be cheaper: the prediction is good to a
+factor 3 in a step of time and worthless in a static one, a trial of conjugate gradients costs
+little, and the first factorisation costs five later ones, and loading the MKL besides.
 """
 
 from __future__ import annotations
@@ -15,7 +20,7 @@ import numpy as np
 from .blocks import BlockMatrix
 from .direct import Pardiso, SuperLU
 from .errors import IndefiniteMatrix, SolveFailed
-from .pcg import PCG, SolveInfo
+from .pcg import PCG, SolveInfo, checked
 
 ASSEMBLY, OVERHEAD = 5.0, 3.0  # of a tangent; of a residual and what else belongs to an iteration
 SOLVES = {"pardiso": 8.0, "superlu": 30.0}  # that cost as much as a factorisation and one of them
@@ -57,7 +62,7 @@ class Cheapest:
         self.drop()
 
     def drop(self) -> None:
-        """Forget the accounts and choose anew by the prediction."""
+        """Forget the accounts: start as at first."""
         self._A, self._size, self._spent = None, None, 0
         self._iterations = self.predicted
         self._settle()
@@ -89,6 +94,7 @@ class Cheapest:
 
         A matrix that PCG finds to be indefinite is indefinite for both.
         """
+        checked(self._A, b, rtol)
         if self._mode == "direct":
             x, info = self._solver.solve(b, rtol, guess)
             self._work += OVERHEAD + (1 + info.iterations) * self.price / SOLVES[self.name]
@@ -127,8 +133,8 @@ class Cheapest:
     def begin(self, wx: float, wa: float) -> None:
         """A step with these weights begins: account for the last one, and choose for this one.
 
-        Where dt has changed by more than a factor 2 since they were opened, the accounts are
-        closed and the prediction counts: iterations go with √κ, and κ with wx/wa, that is dt².
+        Where dt has changed by more than a factor 2 since the accounts were opened, it starts
+        anew, with a prediction in proportion: iterations go with √κ, and κ with wx/wa, or dt².
         """
         size = wx / wa
         self._size = size if self._size is None else self._size
@@ -155,8 +161,8 @@ class Cheapest:
             self._patience = self._longer()
             self._use(self._home)
         elif self._steps >= count:
-            self._home, self._patience = self._mode, FIRST
-            self._steps, self._work = 0, 0.0
+            unknown = math.isinf(self._home_work)  # what the prediction had for the cheaper
+            self._home, self._patience = self._mode, count if unknown else FIRST
 
     def _worth_trying(self, mode: str) -> bool:
         """A factorisation only if PCG takes more than two solves, also than loading the MKL."""
@@ -168,14 +174,11 @@ class Cheapest:
         return self._home_work > 2 * self.price / SOLVES[self._get("direct").name]
 
     def _settle(self) -> None:
-        """Take the one that is predicted to be cheaper, and open new accounts."""
+        """Start with PCG: on trial, if a factorisation is predicted to be cheaper."""
         iterates = WASTED * self._iterations <= self.price
-        if not iterates and "direct" not in self._solvers:
-            self._get("direct")  # loads the MKL, or finds it missing, only now
-            iterates = WASTED * self._iterations <= self.price
         self._home = "pcg" if iterates else "direct"
         self._home_work, self._patience, self._mode = math.inf, FIRST, None
-        self._use(self._home)
+        self._use("pcg")
 
     def _use(self, mode: str) -> None:
         """Begin to count the steps of a mode; a change of it gives up what was prepared."""

@@ -43,13 +43,13 @@ def direct(symmetric: bool = True) -> Pardiso | SuperLU:
 def choose(
     condition: float, nodes: int, symmetric: bool
 ) -> tuple[Pardiso | SuperLU | Cheapest, str]:
-    """The solver of "auto", and why it starts as it does.
+    """The solver of "auto", and what is known of it before the first step.
 
     Conjugate gradients reduce the residual to ε in at most about ½ √κ ln(2/ε) iterations (Saad
     2003, section 6.11.3). On M + dt² K of stretched sheets with 556 to 101,300 nodes and dt from
     1e-4 to 3e-2 s, ε = 0.01, they took 0.2 to 0.6 of that, 0.45 where both solvers cost alike:
-    `condition` bounds the worst triangle, and block Jacobi does better than M. That chooses the
-    start only; `Cheapest` follows what the steps turn out to cost.
+    `condition` bounds the worst triangle, and block Jacobi does better than M. That decides how
+    soon a factorisation is tried; `Cheapest` follows what the steps turn out to cost.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def choose(
         return direct(symmetric=False), "the matrix is not symmetric"
     iterations = 0.45 * 0.5 * math.sqrt(condition) * math.log(2 / 0.01)
     solver = Cheapest(nodes, iterations, lambda name: _price(name, nodes), direct)
-    reason = f"to start with: about {iterations:.0f} iterations of pcg predicted"
+    reason = f"to start with; about {iterations:.0f} iterations of it predicted"
     return solver, f"{reason}, a factorisation costs about {solver.price:.0f}"
 
 

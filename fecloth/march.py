@@ -53,8 +53,8 @@ def solver_for(
 ) -> tuple[Solver, str]:
     """The solver of a run, and in words why it was chosen.
 
-    `choice` is "auto", "direct", "pardiso", "superlu" or "pcg". "auto" takes conjugate gradients
-    where dt times the fastest frequency predicts few iterations, else a factorisation.
+    `choice` is "auto", "direct", "pardiso", "superlu" or "pcg". "auto" starts with conjugate
+    gradients and goes over to a factorisation, and back, by the work it counts; see `cheapest`.
     """
     if isinstance(method, type) or not hasattr(method, "step"):
         allowed = "must be a method such as BackwardEuler()"
