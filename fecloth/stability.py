@@ -121,8 +121,8 @@ def element_bound(system: System, method="symplectic_euler") -> float:
     Where strain-rate damping governs the step, the price is the square of these. It is higher too
     where the stiffest triangles are pinned: 2.2 for the rows of equilateral ones, cut in half
     along two edges, with a pinned boundary. In a stretched state the cloth is stiffer than at
-    rest, and the bound may fail: `critical_dt` knows the state. Pressure and gas have no bound at
-    rest and count as nothing.
+    rest, and the bound may fail: `critical_dt` knows the state. A gas has no bound at rest and
+    counts as nothing.
 
     No triangle bounds how little damping there is: for forward Euler it is 0 if anything is stiff.
     """

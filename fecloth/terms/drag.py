@@ -13,6 +13,7 @@ from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
 from .pressure import cross, edge
+from .stencilbound import stencil_bound
 
 STILL = air.field((0.0, 0.0, 0.0), "Drag")
 
@@ -201,8 +202,8 @@ class BoundDrag:
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest at t = 0.
 
-        Of a triangle's own: k A/9 Σ 1/m_a with its share m_a of the nodes' masses; the quadratic
-        law has 2 k |u| for k.
+        D of a triangle's own: k A/9 Σ 1/m_a with its share m_a of the nodes' masses; the quadratic
+        law has 2 k |u| for k. K, of either sign, counts where it is asked for, tangent = "exact".
         """
         cloth, (normal, tangential, quadratic) = self.panel.cloth, self.law
         area = cloth.weights.sum(axis=1)
@@ -210,10 +211,19 @@ class BoundDrag:
         around = np.bincount(cloth.stencil.ravel(), np.repeat(own, 3), len(mass))
         share = own[:, None] * (mass / around)[cloth.stencil]
         k = max(normal, tangential)
+        x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
         if quadratic:
-            x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
             k = 2 * k * np.linalg.norm(self._air(x, 0.0), axis=1)
-        return 0.0, float((k * area / 9 * (1 / share).sum(axis=1)).max())
+        damping = float((k * area / 9 * (1 / share).sum(axis=1)).max())
+        return 0.0 if self.symmetric else self._stiffness_bound(x, mass), damping
+
+    def _stiffness_bound(self, x, mass) -> float:
+        m, k = self.nodes.shape
+        slots = np.arange(m * k * k, dtype=np.int32).reshape(m, k, k)
+        u, change = self._air(x, 0.0), self.wind.gradient(self._centroids(x), 0.0)
+        K = np.zeros((m * k * k, 3, 3))
+        add_tangent(self.nodes, slots, self.law, u, change, x, np.zeros_like(x), 1.0, 0.0, K)
+        return stencil_bound(self.nodes, K.reshape(m, k, k, 3, 3), mass)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from ..compiled import inner, kernel
 from ..errors import InputError
 from ..given import OfTime, Timed, scalar
 from ..panel import Panel
+from .stencilbound import stencil_bound
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,8 @@ class Pressure:
         p = scalar(self.p, "p", "Pressure")
         turns = orientation(cloth)
         blocks = slots(cloth.stencil)
-        return BoundPressure(p, cloth.stencil, turns, blocks, self.tangent == "symmetric")
+        rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+        return BoundPressure(p, cloth.stencil, turns, blocks, self.tangent == "symmetric", rest)
 
 
 def orientation(cloth: Cloth) -> np.ndarray:
@@ -85,13 +87,17 @@ def orientation(cloth: Cloth) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class BoundPressure:
-    """`Pressure` on a cloth; `turns` (m,) is the orientation of each triangle's stencil."""
+    """`Pressure` on a cloth; `turns` (m,) is the orientation of each triangle's stencil.
+
+    `rest` are the positions (n, 3) of the flat cloth.
+    """
 
     p: Timed
     nodes: np.ndarray
     turns: np.ndarray
     slots: np.ndarray
     symmetric: bool
+    rest: np.ndarray
 
     name = "Pressure"
     load = True
@@ -117,8 +123,15 @@ class BoundPressure:
         add_tangent(self.nodes, self.turns, self.slots, scale, self.symmetric, x, J.values)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """None: bounds are for the cloth at rest, where K of a pressure is no stiffness."""
-        return 0.0, 0.0
+        """Upper bounds of the eigenvalues of M⁻¹K [1/s²], of either sign, and of M⁻¹D, at rest.
+
+        With the pressure at t = 0.
+        """
+        m, k = self.nodes.shape
+        slots = np.arange(m * k * k, dtype=np.int32).reshape(m, k, k)
+        K, p = np.zeros((m * k * k, 3, 3)), float(self.p(0.0))
+        add_tangent(self.nodes, self.turns, slots, p, self.symmetric, self.rest, K)
+        return stencil_bound(self.nodes, K.reshape(m, k, k, 3, 3), mass), 0.0
 
 
 @inner
