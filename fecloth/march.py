@@ -62,7 +62,9 @@ def solver_for(
     if getattr(method, "explicit", False):
         method.check(system)
         return Solver(None, None, options or Newton()), "no linear solver: explicit"
+    options = options or Newton()
     symmetric = system.symmetric and getattr(method, "symmetric", True)
+    symmetric |= options.definiteness == "clamp"  # clamped tangents all are
     if choice == "auto":
         stiffness, damping = system.rate_bounds()
         wx, wv, wa = method.weights(dt)
@@ -71,7 +73,7 @@ def solver_for(
     else:
         chosen, why = linear.named(choice, symmetric), "asked for"
     matrix = BlockMatrix.zeros(system.pattern)
-    return Solver(chosen, matrix, options or Newton()), f"{chosen.name} ({why})"
+    return Solver(chosen, matrix, options), f"{chosen.name} ({why})"
 
 
 def march(

@@ -35,7 +35,8 @@ class Newton:
     forcing
         Relative residual that an iterative linear solver is asked for in each iteration.
     definiteness
-        "none": the exact tangent; "clamp": every term's tangent made positive semi-definite;
+        "none": the exact tangent; "clamp": every term's tangent made positive semi-definite,
+        and symmetric, so that conjugate gradients serve where exact tangents are not symmetric;
         "on_failure": exact, and where that is not positive definite or its direction leads
         nowhere, with a multiple of the mass added: 1/4, 1, 4, … times, and less again in the next
         iterations (after Nocedal and Wright 2006, algorithm 3.3). A cloth in compression is
