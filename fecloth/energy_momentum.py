@@ -26,16 +26,35 @@ class BalancedStep(Step):
 class EnergyMomentum:
     """M (v₁ − v₀)/dt = f̄(x₀, x₁), x₁ = x₀ + dt (v₀ + v₁)/2; unknown q = v₁ − v₀.
 
-    f̄ is a discrete gradient, −f̄ · (x₁ − x₀) = U(x₁) − U(x₀): for membranes quadratic in E the
-    stress of the averaged Green strain at the mean position (`terms.averaged`). Loads and damping
-    act at the mean position, velocity and time.
+    f̄ is a discrete gradient, −f̄ · (x₁ − x₀) = U(x₁) − U(x₀), term by term: for membranes quadratic
+    in E the stress of the averaged Green strain at the mean position (`terms.averaged`), for other
+    laws in E and for springs and hinges with the correction of Gonzalez (`terms.quotient`,
+    `terms.discrete`). Gravity, quadratic bending, tethers, loads and damping act at the mean
+    position, velocity and time. `Gas` and a user's `Condition` are refused.
 
     Second order, A-stable, no damping of linear modes of any frequency. Keeps the energy, and
     linear and angular momentum, to the Newton tolerance, at any step and on nonlinear problems:
     where the midpoint rule gains energy this method cannot. What a step does not resolve is
     wrong nevertheless, in phase and shape, and is not damped away; Newton can fail to converge.
-    Its matrix is not symmetric: a general factorisation, no conjugate gradients.
+    Its matrix is not symmetric: a general factorisation. Newton's clamped one is, and where the
+    cloth is taut it costs few iterations more: on the trampoline with conjugate gradients half
+    the time, ``Newton(definiteness="clamp")`` and ``solver="pcg"``.
     Source: Simo and Tarnow (1992), The Discrete Energy–Momentum Method, ZAMP 43.
+
+    Examples
+    --------
+    A free sheet that turns and swings, at four times the largest explicit step; the midpoint rule
+    changes its energy by a fifth:
+
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    >>> system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()])
+    >>> x = 1.1 * system.rest().x
+    >>> start = system.state(x, np.cross([0, 0, 5.0], x))
+    >>> exact = fc.Newton(tolerance=1e-10)
+    >>> result = fc.run(system, fc.EnergyMomentum(), start, dt=0.01, t_end=0.5, newton=exact)
+    >>> bool(np.ptp(result.energies["total"]) < 1e-8 * result.energies["total"][0])
+    True
     """
 
     order = 2

@@ -12,7 +12,15 @@ EXACT = fc.Newton(tolerance=1e-12)
 ORTHOTROPIC = fc.Fabric(0.2, (1000.0, 600.0), 0.3, 150.0, (2e-3, 1e-3))
 ISOTROPIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-3)
 SPRINGS = [fc.Springs(), fc.Springs("van_gelder"), fc.Springs("biquadratic")]
-TERMS = [fc.StVK(), fc.TensorCondition(200.0), fc.HingeBending(), *SPRINGS]
+GENERAL = [fc.NeoHookean(), fc.NeoHookean("compressible"), fc.TensionField()]
+TERMS = [
+    fc.StVK(),
+    fc.TensorCondition(200.0),
+    fc.HingeBending(),
+    fc.BaraffWitkin(),
+    *SPRINGS,
+    *GENERAL,
+]
 LINEAR = [fc.Gravity(), fc.QuadraticBending(), fc.Tether([3, 4], (0, 0, 1), 30.0)]
 
 
@@ -22,7 +30,7 @@ def cloth():
 
 
 def fabric_for(term):
-    return ISOTROPIC if isinstance(term, fc.Springs) else ORTHOTROPIC
+    return ISOTROPIC if term in [*SPRINGS, *GENERAL] else ORTHOTROPIC
 
 
 def one(cloth, term, rng):
@@ -41,7 +49,7 @@ def test_work_between_two_states_is_the_change_of_the_energy(term, cloth, rng):
     assert abs(np.vdot(f, end - start) + change) < 1e-12 * np.abs(f * (end - start)).sum()
     at_mean = system.force(system.state((start + end) / 2))
     if term in TERMS:  # the force of the mean state does another work
-        assert abs(np.vdot(at_mean, end - start) + change) > 1e-3 * abs(change)
+        assert abs(np.vdot(at_mean, end - start) + change) > 1e-4 * abs(change)
 
 
 @pytest.mark.parametrize("term", TERMS, ids=repr)
@@ -72,7 +80,7 @@ def test_tangent_is_the_derivative_of_the_force(term, cloth, rng):
     direction = rng.standard_normal(mean.shape)
     exact = -(over.stiffness(system.state(mean)) @ direction.ravel()).reshape(mean.shape)
     errors = []
-    for h in 1e-4 / 4.0 ** np.arange(4):
+    for h in 2.5e-5 / 4.0 ** np.arange(3):
         ends = [over.force(system.state(mean + s * h * direction)) for s in (1, -1)]
         difference = (ends[0] - ends[1]) / (2 * h)
         errors.append(np.linalg.norm(difference - exact) / np.linalg.norm(exact))
@@ -106,8 +114,8 @@ def flight(cloth, terms, method, dt, t_end):
     return result, momenta(system, start), momenta(system, result.state)
 
 
-FLIGHTS = [[fc.StVK()], [fc.TensorCondition(200.0)], [fc.StVK(), fc.HingeBending()]]
-FLIGHTS += [[spring] for spring in SPRINGS]
+FLIGHTS = [[fc.StVK()], [fc.BaraffWitkin()], [fc.StVK(), fc.HingeBending()]]
+FLIGHTS += [[term] for term in [*SPRINGS, *GENERAL]]
 
 
 @pytest.mark.parametrize("terms", FLIGHTS, ids=repr)
@@ -171,8 +179,8 @@ def test_reactions_balance_the_change_of_momentum(cloth):
 
 
 def test_a_term_without_a_force_between_two_states_is_refused(cloth):
-    system = fc.System(cloth, ISOTROPIC, [fc.StVK(), fc.NeoHookean()])
-    with pytest.raises(fc.InputError, match=r"NeoHookean.*Use ImplicitMidpoint"):
+    system = fc.System(cloth, ISOTROPIC, [fc.StVK(), fc.Gas(1e5, 0.1)])
+    with pytest.raises(fc.InputError, match=r"Gas.*Use ImplicitMidpoint"):
         fc.run(system, fc.EnergyMomentum(), system.rest(), 0.01, 0.02)
 
 

@@ -106,8 +106,8 @@ class Averaged(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class QuadraticMembrane(BoundMembrane):
-    """A bound law that is quadratic in E, with its entry points over a step."""
+class SteppedMembrane(BoundMembrane):
+    """A bound law with its entry points over a step."""
 
     averaged: Averaged
 
@@ -120,7 +120,7 @@ class QuadraticMembrane(BoundMembrane):
 class OverStep:
     """The membrane as it acts over a step from `start` to 2x − start."""
 
-    membrane: QuadraticMembrane
+    membrane: SteppedMembrane
     start: np.ndarray
 
     symmetric = False
@@ -152,7 +152,7 @@ def bind(
     moduli: np.ndarray,
     panel: Panel,
     slots: Callable,
-) -> QuadraticMembrane:
+) -> SteppedMembrane:
     """Bind a law with its constants (m, p) and moduli (m, 6) to a panel."""
     blocks = slots(panel.cloth.stencil)
-    return QuadraticMembrane(name, kernels, panel, blocks, constants, moduli, averaged)
+    return SteppedMembrane(name, kernels, panel, blocks, constants, moduli, averaged)

@@ -12,7 +12,7 @@ from ..compiled import inner, kernel
 from ..errors import InputError
 from ..fabric import Fabric
 from ..panel import Panel
-from . import condition
+from . import condition, discrete
 
 
 @dataclass(frozen=True)
@@ -131,11 +131,11 @@ class BaraffWitkin:
             self.damping * stiffness,
             tangent=self.tangent,
         )
-        return BoundBaraffWitkin(**vars(bound))
+        return BoundBaraffWitkin(**vars(bound), discrete=OVER_STEP)
 
 
 @dataclass(frozen=True, eq=False)
-class BoundBaraffWitkin(condition.BoundCondition):
+class BoundBaraffWitkin(discrete.RigidCondition):
     """`BaraffWitkin` on a cloth; constants aᵖ, b_u, b_v, and the gradients (3, 2) row by row."""
 
     def add_stress(self, x, out) -> None:
@@ -219,3 +219,21 @@ def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
 
 
 KERNELS = condition.Kernels(energy, power, add_force, add_tangent)
+
+
+@kernel
+def force_over_step(K, R, nodes, c, ks, start, x, f):
+    discrete.add_force(conditions, K, R, nodes, c, ks, start, x, f)
+
+
+@kernel
+def tangent_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
+    discrete.add_tangent(conditions, K, R, nodes, slots, c, ks, start, x, scale, J)
+
+
+@kernel
+def definite_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
+    discrete.add_definite(conditions, K, R, nodes, slots, c, ks, start, x, scale, J)
+
+
+OVER_STEP = discrete.Discrete(force_over_step, tangent_over_step, definite_over_step)

@@ -12,7 +12,7 @@ from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..fabric import Fabric
 from ..panel import Panel
-from . import membrane
+from . import averaged, membrane, quotient
 
 KINDS = ("incompressible", "compressible")
 
@@ -107,10 +107,12 @@ class NeoHookean:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
-        kernels = INCOMPRESSIBLE if self.kind == "incompressible" else COMPRESSIBLE
+    def bind(self, panel: Panel, slots) -> averaged.SteppedMembrane:
+        kernels = (INCOMPRESSIBLE, INCOMPRESSIBLE_OVER_STEP)
+        if self.kind == "compressible":
+            kernels = (COMPRESSIBLE, COMPRESSIBLE_OVER_STEP)
         constants, moduli = panel.each(self.constants), panel.each(self.moduli)
-        return membrane.bind("NeoHookean", kernels, constants, moduli, panel, slots)
+        return averaged.bind("NeoHookean", *kernels, constants, moduli, panel, slots)
 
 
 @inner
@@ -233,4 +235,44 @@ INCOMPRESSIBLE = membrane.Kernels(
 )
 COMPRESSIBLE = membrane.Kernels(
     compressible_energy, add_compressible_force, add_compressible_tangent, add_compressible_stress
+)
+
+
+@kernel
+def incompressible_force_over_step(K, Q, nodes, G, w, c, start, x, f):
+    quotient.add_force(incompressible, K, Q, nodes, G, w, c, start, x, f)
+
+
+@kernel
+def incompressible_tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    quotient.add_tangent(incompressible, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+@kernel
+def incompressible_definite_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    averaged.add_definite(incompressible, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+@kernel
+def compressible_force_over_step(K, Q, nodes, G, w, c, start, x, f):
+    quotient.add_force(compressible, K, Q, nodes, G, w, c, start, x, f)
+
+
+@kernel
+def compressible_tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    quotient.add_tangent(compressible, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+@kernel
+def compressible_definite_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    averaged.add_definite(convex, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+INCOMPRESSIBLE_OVER_STEP = averaged.Averaged(
+    incompressible_force_over_step,
+    incompressible_tangent_over_step,
+    incompressible_definite_over_step,
+)
+COMPRESSIBLE_OVER_STEP = averaged.Averaged(
+    compressible_force_over_step, compressible_tangent_over_step, compressible_definite_over_step
 )

@@ -36,7 +36,7 @@ class StVK:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> averaged.QuadraticMembrane:
+    def bind(self, panel: Panel, slots) -> averaged.SteppedMembrane:
         C = panel.each(self.moduli)
         return averaged.bind("StVK", KERNELS, AVERAGED, C, C, panel, slots)
 

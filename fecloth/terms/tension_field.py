@@ -11,7 +11,7 @@ from ..cloth import Cloth
 from ..compiled import inner, kernel
 from ..fabric import Fabric
 from ..panel import Panel
-from . import membrane
+from . import averaged, membrane, quotient
 from .membrane import contract
 
 
@@ -55,9 +55,9 @@ class TensionField:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
+    def bind(self, panel: Panel, slots) -> averaged.SteppedMembrane:
         constants, moduli = panel.each(self.constants), panel.each(self.moduli)
-        return membrane.bind("TensionField", KERNELS, constants, moduli, panel, slots)
+        return averaged.bind("TensionField", KERNELS, OVER_STEP, constants, moduli, panel, slots)
 
 
 @inner
@@ -125,3 +125,21 @@ def add_stress(K, Q, nodes, G, w, c, x, out):
 
 
 KERNELS = membrane.Kernels(energy, add_force, add_tangent, add_stress)
+
+
+@kernel
+def force_over_step(K, Q, nodes, G, w, c, start, x, f):
+    quotient.add_force(law, K, Q, nodes, G, w, c, start, x, f)
+
+
+@kernel
+def tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    quotient.add_tangent(law, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+@kernel
+def definite_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    averaged.add_definite(law, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+OVER_STEP = averaged.Averaged(force_over_step, tangent_over_step, definite_over_step)

@@ -45,7 +45,7 @@ class TensorCondition:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> averaged.QuadraticMembrane:
+    def bind(self, panel: Panel, slots) -> averaged.SteppedMembrane:
         k, moduli = panel.each(lambda fabric: self.k), panel.each(self.moduli)
         return averaged.bind("TensorCondition", KERNELS, AVERAGED, k, moduli, panel, slots)
 
