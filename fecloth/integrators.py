@@ -162,6 +162,7 @@ def _velocity_change(system, state, dt, solver, end, definite, guess):
     system.add_tangents(J, state, wa=1.0 / dt)
     system.project(J)
     seconds = {"assemble": time.perf_counter() - begin}
+    solver.begin(dt, 1.0 / dt)
     solver.linear.prepare(J)
     project, rtol = system.constraints.project, solver.options.tolerance
     start = None if guess is None else project(guess.copy())

@@ -342,3 +342,17 @@ def test_a_step_dearer_than_the_average_since_the_factor_ends_it():
         kept.step_ends(steps, Linear)
         steps += 1
     assert steps == 4
+
+
+def test_auto_follows_the_steps_of_a_march(monkeypatch):
+    """Every implicit method tells it where a step begins."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1)
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [fc.StVK(), fc.Gravity()], ["left"])
+    for method in (fc.BackwardEuler(), fc.LinearlyImplicitEuler(), fc.GeneralizedAlpha(0.8)):
+        sizes = []
+        monkeypatch.setattr(
+            fc.linear.Cheapest, "begin", lambda _, wx, wa, s=sizes: s.append(wx / wa)
+        )
+        fc.run(system, method, system.rest(), 1e-3, 3e-3)
+        wx, _, wa = method.weights(1e-3)
+        assert sizes == pytest.approx([wx / wa] * 3)

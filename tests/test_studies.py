@@ -17,6 +17,7 @@ STUDIES = Path(__file__).parents[1] / "studies"
         ("costs.py", "StVK"),
         ("bending_bias.py", "derived"),
         ("materials.py", "power of"),
+        ("solvers.py", "auto over the best"),
         ("peers.py", "figures met"),
     ],
 )
