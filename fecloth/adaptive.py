@@ -108,9 +108,11 @@ class Adaptive:
                 raise InputError(f"{name} = {value!r}", "must be >= 0", "Adaptive")
         if self.rtol == self.atol == 0:
             raise InputError("rtol = atol = 0", "one of them must be > 0", "Adaptive")
-        if not hasattr(self.method, "error_constant"):
-            allowed = "has no error estimate"
-            raise InputError(f"method {self.method!r}", allowed, "Adaptive")
+        method = self.method
+        if isinstance(method, type | Adaptive) or not hasattr(method, "step"):
+            allowed = "must be a method such as BDF2()"
+            raise InputError(f"method {method!r}", allowed, "Adaptive")
+        _ = self._rule, self._constant  # which refuse methods without a step or an estimate
 
     @property
     def order(self) -> int:

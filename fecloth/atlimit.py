@@ -9,26 +9,42 @@ from .errors import InputError
 from .stability import critical_dt, estimate
 from .step import Step
 from .system import State, System
+from .terms.membrane import largest_stretch
 
 FRACTION = 0.9  # of the limit
-LASTS = 300  # steps, after which the limit is asked for again: at most a tenth of their cost
+LASTS = 500  # steps, after which the limit is asked for again: less than a tenth of their cost
+LOOK = 16  # steps, after which the largest stretch is looked at
+STRETCHED = 1.02  # of the stretch at which the limit was found: the stiffness goes with its square
 
 
 @dataclass(frozen=True, eq=False)
 class Limited:
-    """The step taken [s], for how many more it holds, and the method's own memory."""
+    """What is handed from step to step.
+
+    Attributes
+    ----------
+    dt
+        The step [s].
+    steps
+        Since the limit was asked for.
+    stretch
+        The largest of all triangles then.
+    q
+        The method's own memory.
+    """
 
     dt: float
-    left: int
+    steps: int
+    stretch: float
     q: object = None
 
 
 @dataclass(frozen=True)
 class AtLimit:
-    """An explicit method at 0.9 of its largest stable step, asked for anew every 300 steps.
+    """An explicit method at 0.9 of its largest stable step, by `stability.estimate`.
 
-    So a cloth that stiffens as it is stretched stays stable, unless its limit falls by a tenth
-    within those. The limit is that of `stability.estimate`.
+    A cloth that is stretched becomes stiffer, and the limit falls: it is asked for anew where the
+    largest stretch has grown by 2 %, looked at every 16 steps, and in any case after 500.
 
     Parameters
     ----------
@@ -81,14 +97,21 @@ class AtLimit:
         guess: Limited | None = None,
     ) -> Step:
         """One step from `state` over at most `horizon` [s]."""
-        limited = guess or Limited(0.0, 0)
-        if not limited.left:
-            dt = FRACTION * estimate(system, state, self.method)
-            limited = replace(limited, dt=dt, left=LASTS)
+        limited = guess or self._asked(system, state, None)
+        if limited.steps and limited.steps % LOOK == 0:
+            limited = self._asked(system, state, limited)
         parts = max(1, math.ceil(horizon / limited.dt - 1e-9))
         dt = horizon / parts if parts <= 2 else limited.dt
         step = self.method.step(system, state, dt, solver, limited.q)
-        return replace(step, q=Limited(limited.dt, limited.left - 1, step.q))
+        return replace(step, q=replace(limited, steps=limited.steps + 1, q=step.q))
+
+    def _asked(self, system: System, state: State, last: Limited | None) -> Limited:
+        """The last step, or another one where it may not hold any longer."""
+        stretch = largest_stretch(system.cloth, state.x)
+        if last and last.steps < LASTS and stretch <= STRETCHED * last.stretch:
+            return last
+        dt = FRACTION * estimate(system, state, self.method)
+        return Limited(dt, 0, stretch, last and last.q)
 
 
 def refuse_unstable(system: System, method, state: State, dt: float) -> None:

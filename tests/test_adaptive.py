@@ -1,0 +1,184 @@
+"""Steps by their error: the tolerance is what comes out, and what is too long is tried shorter."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import fecloth as fc
+from fecloth.explicit import EXPLICIT
+from fecloth.integrators import METHODS
+from fecloth.newton import NewtonFailed
+
+T_END = 0.2
+TIGHT = fc.Newton(tolerance=1e-11)
+SECOND = 10.0 ** -np.arange(0.5, 5.0)  # four decades
+FIRST = 10.0 ** -np.arange(0.5, 3.0)  # two
+
+
+@pytest.fixture(scope="module")
+def swing():
+    """A soft damped flag that falls, and where it is at the end by an independent method."""
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.15, pattern="cross")
+    fabric = fc.Fabric(0.2, tensile_stiffness=20.0, poisson_ratio=0.3, bending_rigidity=1e-4)
+    terms = [fc.StVK(), fc.HingeBending(), fc.StrainRateDamping(time=0.01), fc.Gravity()]
+    system = fc.System(cloth, fabric, terms, pins=["left"])
+    x, y = cloth.X.T
+    start = system.state(np.column_stack([1.02 * x, y, 0.02 * x]))
+    return system, start, independent(system, start)
+
+
+def independent(system, start):
+    """x at T_END by an explicit Runge-Kutta method of order 8 on the free degrees of freedom."""
+    free, mass = system.free, np.repeat(system.nodal_mass, 3)[system.free]
+
+    def full(values, rest):
+        whole = rest.ravel().copy()
+        whole[free] = values
+        return whole.reshape(-1, 3)
+
+    def rate(t, y):
+        x, v = np.split(y, 2)
+        f = system.force(fc.State(t, full(x, start.x), full(v, start.v)))
+        return np.concatenate([v, f.ravel()[free] / mass])
+
+    y0 = np.concatenate([start.x.ravel()[free], start.v.ravel()[free]])
+    found = solve_ivp(rate, (0, T_END), y0, method="DOP853", rtol=1e-11, atol=1e-13)
+    return full(found.y[: len(free), -1], start.x)
+
+
+def rms(system, y):
+    return np.sqrt(system.nodal_mass @ (y**2).sum(axis=1) / system.nodal_mass.sum())
+
+
+CASES = {name: method() for name, method in {**METHODS, **EXPLICIT}.items()}
+del CASES["forward_euler"]  # no stable step
+SHIFT = {"symplectic_euler": 0.1, "central_difference": 1e-3}  # steps are shorter than the limit
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_error_is_proportional_to_the_tolerance(swing, name, record_property):
+    system, start, exact = swing
+    method = CASES[name]
+    tolerances, errors = SHIFT.get(name, 1.0) * (SECOND if method.order == 2 else FIRST), []
+    for rtol in tolerances:
+        adaptive = fc.Adaptive(method, rtol)
+        *_, (end, _) = fc.march(system, adaptive, start, t_end=T_END, newton=TIGHT)
+        errors.append(rms(system, end.x - exact))
+    slope, level = np.polyfit(np.log(tolerances), np.log(errors), 1)
+    off = np.exp(np.abs(np.log(errors) - level - slope * np.log(tolerances)).max())
+    record_property("slope", float(slope))
+    print(
+        f"{name}: slope {slope:.3f}, off by {off:.2f}, {errors[-1] / tolerances[-1]:.2g} m of rtol"
+    )
+    assert slope == pytest.approx(1.0, abs=0.15)
+    assert off < 2.0
+
+
+@dataclass(frozen=True)
+class Fails(fc.ImplicitMidpoint):
+    """A method whose Newton fails for steps beyond 1 ms."""
+
+    def step(self, system, state, dt, solver, guess=None):
+        if dt > 1e-3:
+            raise NewtonFailed("too long", 1.0, "")
+        return super().step(system, state, dt, solver, guess)
+
+
+def test_a_step_that_newton_cannot_solve_is_tried_shorter(swing):
+    system, start, _ = swing
+    steps = [info for _, info in fc.march(system, fc.Adaptive(Fails(), 1.0), start, t_end=0.02)]
+    assert max(info.dt for info in steps) <= 1e-3
+    assert sum(info.counts.rejected for info in steps) > 0
+    assert steps[-1].t == 0.02
+
+
+def test_a_step_with_too_large_an_error_is_rejected(swing):
+    """A push out of a smooth swing: the step that meets it was chosen without it."""
+    system, start, _ = swing
+
+    def push(x, v, t):
+        return np.full_like(x, 1.0 if t > 0.1 else 0.0)
+
+    pushed = fc.System(system.cloth, system.fabric, [*system.terms, fc.UserForce(push)], ["left"])
+    adaptive = fc.Adaptive(fc.ImplicitMidpoint(), 1e-2)
+    infos = [info for _, info in fc.march(pushed, adaptive, start, t_end=T_END)]
+    rejected = [info for info in infos if info.counts.rejected]
+    assert abs(rejected[0].old.t - 0.1) < rejected[0].old.t - infos[rejected[0].step - 3].old.t
+    assert rejected[0].dt < 0.7 * infos[rejected[0].step - 2].dt
+
+
+def test_what_no_step_resolves_is_an_error(swing):
+    system, start, _ = swing
+
+    @dataclass(frozen=True)
+    class Never(fc.ImplicitMidpoint):
+        def step(self, *args):
+            raise NewtonFailed("never", 1.0, "")
+
+    with pytest.raises(fc.StepFailed, match=r"no step is short enough: .*never.*discontinuous"):
+        list(fc.march(system, fc.Adaptive(Never()), start, t_end=T_END))
+
+
+@pytest.mark.parametrize("method", [fc.BDF2(), fc.CentralDifference()], ids=repr)
+def test_it_lands_on_the_stops_exactly(swing, method):
+    system, start, _ = swing
+    stops = [0.05, 0.0333, 0.1, 0.7]
+    adaptive = fc.Adaptive(method, 1e-2)
+    times = [s.t for s, _ in fc.march(system, adaptive, start, t_end=T_END, stops=stops)]
+    assert {0.0333, 0.05, 0.1, T_END} <= set(times)
+    sizes = np.diff([0.0, *times])
+    assert sizes.min() > 0.2 * np.median(sizes)  # no slivers before the stops
+
+
+def test_fixed_steps_land_on_them_too(swing):
+    system, start, _ = swing
+    march = fc.march(system, fc.ImplicitMidpoint(), start, 0.04, 0.1, stops=[0.05])
+    assert [s.t for s, _ in march] == pytest.approx([0.04, 0.05, 0.09, 0.1], abs=1e-15)
+
+
+def test_a_stop_changes_the_steps_after_it_little(swing):
+    """The memory of BDF2 goes through a stop: the error stays the tolerance's."""
+    system, start, exact = swing
+    stops = np.linspace(0.01, 0.19, 10)
+    *_, (end, _) = fc.march(
+        system, fc.Adaptive(fc.BDF2(), 1e-3), start, t_end=T_END, stops=stops, newton=TIGHT
+    )
+    *_, (free, _) = fc.march(system, fc.Adaptive(fc.BDF2(), 1e-3), start, t_end=T_END, newton=TIGHT)
+    assert rms(system, end.x - exact) < 2 * rms(system, free.x - exact)
+
+
+def test_the_balance_of_adaptive_steps_closes(swing):
+    """Newton's tolerance is what remains; the method's own dissipation is in its column."""
+    system, start, _ = swing
+    adaptive = fc.Adaptive(fc.EnergyMomentum(), 1e-2)
+    result = fc.run(system, adaptive, start, t_end=T_END, newton=TIGHT)
+    energies = result.energies
+    turnover = energies["kinetic"][-1] + energies["dissipated:StrainRateDamping"][-1]
+    assert abs(energies["remainder"][-1]) < 1e-8 * turnover
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: fc.Adaptive(fc.BDF2(), rtol=-1.0), "rtol = -1.0: must be >= 0"),
+        (lambda: fc.Adaptive(fc.BDF2(), rtol=0.0), "rtol = atol = 0: one of them must be > 0"),
+        (lambda: fc.Adaptive(fc.BDF2(), atol="1"), "atol = '1': must be >= 0"),
+        (lambda: fc.Adaptive(fc.BDF2), "must be a method such as BDF2"),
+        (lambda: fc.Adaptive(fc.Adaptive(fc.BDF2())), "must be a method such as BDF2"),
+        (lambda: fc.Adaptive(fc.Newmark(0.3, 0.6)), "gamma = 0.6: has no estimate"),
+        (lambda: fc.Adaptive(fc.ForwardEuler()), "has no stable step to choose"),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(fc.InputError, match=message):
+        make()
+
+
+def test_a_dt_beside_it_is_refused(swing):
+    system, start, _ = swing
+    with pytest.raises(fc.InputError, match="dt = 0.01: must be left out: Adaptive chooses"):
+        next(fc.march(system, fc.Adaptive(fc.BDF2()), start, 0.01, T_END))
+    with pytest.raises(fc.InputError, match="dt = None: must be a number.*Adaptive"):
+        next(fc.march(system, fc.BDF2(), start, t_end=T_END))
