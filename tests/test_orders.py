@@ -81,7 +81,7 @@ def pendulum() -> Problem:
     start = system.state(np.array([[0, 0, 0], [0, 0, 0], x]), np.array([[0, 0, 0], [0, 0, 0], v]))
     end = np.zeros((2, 3, 3))
     end[:, 2] = solved(acceleration, x, v, t_end)
-    return Problem(system, start, t_end, (150, 300), *end)
+    return Problem(system, start, t_end, (100, 200), *end)
 
 
 @cache
@@ -109,7 +109,7 @@ def wave() -> Problem:
     start = system.state(of_cloth(x0, y), of_cloth(v0, still))
     end_x = of_cloth(np.concatenate([[0], chain[0], [stretch]]), y)
     end_v = of_cloth(np.concatenate([[0], chain[1], [0]]), still)
-    return Problem(system, start, t_end, (150, 300), end_x, end_v)
+    return Problem(system, start, t_end, (100, 200), end_x, end_v)
 
 
 @cache
@@ -139,7 +139,7 @@ def swing() -> Problem:
         return system.force(state).ravel()[free] / mass
 
     end = solved(acceleration, start.x.ravel()[free], start.v.ravel()[free], t_end)
-    return Problem(system, start, t_end, (150, 300), full(end[0], start.x), full(end[1], 0 * bent))
+    return Problem(system, start, t_end, (125, 250), full(end[0], start.x), full(end[1], 0 * bent))
 
 
 @pytest.mark.parametrize("name", CASES)
