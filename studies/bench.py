@@ -144,7 +144,8 @@ def newton_iteration(triangles: int) -> list[Figure]:
     system = fc.System(square(triangles), FABRIC, [fc.StVK(), fc.Gravity()], pins=["left"])
     method, dt = fc.BackwardEuler(), 0.01
     start = stretched(system)
-    solver, _ = fc.solver_for(system, method, dt, "direct", fc.Newton(tolerance=1e-10))
+    options = fc.Newton(tolerance=1e-10, reuse=False)
+    solver, _ = fc.solver_for(system, method, dt, "direct", options)
     stage = method.stage(start, dt)
     whole, bare = [], []
     for _ in range(4):

@@ -96,6 +96,7 @@ def test_a_run_leaves_its_files(scene, capsys):
     assert summary["status"] == "done"
     assert summary["steps"] == 20
     assert summary["newton"] == sum(int(row["newton"]) for row in steps)
+    assert 0 < summary["factorisations"] <= summary["newton"]
     phases = {"mesh", "compile", "assemble", "factor", "solve", "output", "total"}
     assert phases <= set(summary["seconds"])
     assert "done at t = 0.1 s" in (out / "run.log").read_text()
