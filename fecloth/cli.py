@@ -22,6 +22,7 @@ from .record import Ledger
 from .runfolder import versions, writing
 from .runner import DONE, FAILED, run_scene
 from .scene import Built, Scene, Verdict, check, load
+from .stability import element_bound
 
 STATUS = """exit status:
   0  done
@@ -262,7 +263,6 @@ def _info(options) -> int:
 def _plan(built: Built, why: str) -> list[str]:
     """What a run is about to do."""
     system = built.system
-    stiffness, _ = system.rate_bounds()
     lines = [
         f"{len(system.cloth.X)} nodes, {len(system.cloth.triangles)} triangles, "
         f"{system.admissible.shape[1]} free dofs",
@@ -272,7 +272,7 @@ def _plan(built: Built, why: str) -> list[str]:
     ]
     if built.note:
         lines.append(built.note)
-    if stiffness:
-        limit = 2 / np.sqrt(stiffness)
+    limit = element_bound(system, "central_difference")
+    if np.isfinite(limit):
         lines.append(f"an explicit method would need dt <= {limit:.3g} s (bound at rest)")
     return lines
