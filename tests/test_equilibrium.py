@@ -235,12 +235,12 @@ def test_load_steps_end_at_the_limit_load():
     shear, radius = 1000.0 / 3, 0.5
     cloth = fc.Cloth.disk(radius, 0.05)
     fabric = fc.Fabric(0.2, 3 * shear, 0.5)
-    terms = [fc.NeoHookean(), fc.Pressure(2.5 * shear / radius)]
+    terms = [fc.NeoHookean(), fc.Pressure(2.2 * shear / radius)]
     system = fc.System(cloth, fabric, terms, pins=["boundary"])
     with pytest.raises(fc.EquilibriumFailed, match=r"ended at 0\.\d+ of the loads: ") as failure:
-        fc.equilibrium(system, system.rest(), load_steps=5)
+        fc.equilibrium(system, system.rest(), load_steps=5, max_iterations=25)
     reached = failure.value.load
-    assert 2.5 * reached == pytest.approx(limit_pressure(), rel=0.01)
+    assert 2.2 * reached == pytest.approx(limit_pressure(), rel=0.01)
     pull, load = loads(system, failure.value.state)
     assert np.linalg.norm(pull + reached * load) < 1e-8 * np.linalg.norm(load)
 

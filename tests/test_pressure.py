@@ -210,6 +210,7 @@ def hencky(p):
     return height, volume
 
 
+@functools.cache
 def shooting(p):
     """Height and volume of the exact axisymmetric StVK membrane, from the centre stretch.
 
