@@ -28,6 +28,13 @@ class TwoForceStep(Step):
     """A step over the mean of two forces: at `begin`, and at `stage`, the end of the step."""
 
     begin: State
+    accelerations: tuple[np.ndarray, np.ndarray]
+    mass: np.ndarray
+
+    @property
+    def force(self) -> np.ndarray:
+        """(n, 3) the mean of the two [N], M (a₀ + a₁)/2: they need not be evaluated again."""
+        return 0.5 * self.mass[:, None] * sum(self.accelerations)
 
     @property
     def stages(self) -> tuple[State, State]:
@@ -205,7 +212,8 @@ class CentralDifference(Explicit):
         system.constraints.put(v, end.v)
         new = State(at.t, x, v)
         counts = Counts(seconds={"force": time.perf_counter() - begin})
-        return TwoForceStep(new, at, LastForce(a, at), counts, last.at)
+        forces = last.at, (last.a, a), system.nodal_mass
+        return TwoForceStep(new, at, LastForce(a, at), counts, *forces)
 
 
 def acceleration(system: System, state: State) -> np.ndarray:

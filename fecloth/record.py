@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .cloth import Cloth, Where
+from .compiled import kernel
 from .errors import InputError
 from .system import State, System
-from .terms.membrane import deformation_gradient
+from .terms.membrane import gradient
 
 
 @dataclass(frozen=True)
@@ -291,9 +293,19 @@ def _distinct(probes) -> tuple[Probe, ...]:
 
 def area(cloth: Cloth, x: np.ndarray) -> float:
     """Deformed area Σ w √det(FᵀF) [m²]."""
-    F = deformation_gradient(cloth, x)
-    normal = np.cross(F[..., 0], F[..., 1])
-    return float(np.sum(cloth.weights * np.linalg.norm(normal, axis=-1)))
+    return _area(*cloth.shape, cloth.stencil, cloth.gradients, cloth.weights, x)
+
+
+@kernel
+def _area(K, Q, nodes, G, w, x):
+    """Σ w |F₁ × F₂|."""
+    total = 0.0
+    for e in range(len(nodes)):
+        for q in range(len(Q)):
+            F11, F21, F31, F12, F22, F32 = gradient(K, nodes, G, e, q, x)
+            n1, n2, n3 = F21 * F32 - F31 * F22, F31 * F12 - F11 * F32, F11 * F22 - F21 * F12
+            total += w[e, q] * math.sqrt(n1 * n1 + n2 * n2 + n3 * n3)
+    return total
 
 
 def _components(name, vector):
