@@ -123,8 +123,9 @@ class ForwardEuler(Explicit):
 class SymplecticEuler(Explicit):
     """v₁ = v₀ + dt M⁻¹ f(x₀, v₀), x₁ = x₀ + dt v₁.
 
-    First order, stable for ω dt ≤ 2 (√(1 + ζ²) − ζ). Symplectic without damping: the energy error
-    stays bounded, of first order in dt. Keeps linear and angular momentum.
+    First order, stable for ω dt < 2 (√(1 + ζ²) − ζ), without damping of its own at any frequency
+    below. Symplectic where nothing damps: the energy error stays bounded, of first order in dt.
+    Keeps linear and angular momentum.
     Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, section I.1.
 
     Parameters
@@ -169,9 +170,10 @@ class CentralDifference(Explicit):
     Velocity Verlet: the leapfrog, started with the half-step velocity. Second order, also with
     damping, as that sees the predicted velocity v₀ + dt a₀; a force at v½ would be of first order.
     One force a step, kept for the next one; `many_steps` takes them in one call. Stable for
-    ω dt < 2 (√(1 + 4ζ²) − 2ζ): 2, 1.64, 0.83, 0.47 at ζ = 0, 0.1, 0.5, 1. Without damping
-    symplectic: the energy error stays bounded, of second order in dt; linear modes conserve the
-    energy less dt²/8 a·M a. Keeps linear and angular momentum.
+    ω dt < 2 (√(1 + 4ζ²) − 2ζ): 2, 1.64, 0.83, 0.47 at ζ = 0, 0.1, 0.5, 1. No damping of its
+    own at any frequency below. Where nothing damps it is symplectic: the energy error stays
+    bounded, of second order in dt; linear modes conserve the energy less dt²/8 a·M a.
+    Keeps linear and angular momentum.
     Source: Hairer, Lubich and Wanner (2003), Geometric numerical integration illustrated by the
     Störmer–Verlet method, Acta Numerica 12, section 1.
 

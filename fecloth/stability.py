@@ -61,8 +61,8 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
 
         min(least of d/k, 2/largest d)   over all directions, k, d their Rayleigh quotients,
 
-    which is the limit itself where modes are shared and underdamped, and no less than half of
-    it where they are shared and overdamped. Either way damping below 1e-9 of the largest counts
+    which is the limit itself where modes are shared and ζ ≤ 0.7 for all, and no less than half of
+    it where they are shared at all. Either way damping below 1e-9 of the largest counts
     as none.
 
     That holds for small motions about `state`. A cloth that stretches in the run becomes stiffer,
