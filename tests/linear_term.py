@@ -88,7 +88,7 @@ class BoundLinear:
         for s, (i, j) in enumerate(zip(rows, J.pattern.indices, strict=True)):
             J.values[s] += factor * dense[i, j]
 
-    def between(self, start):
+    def between(self, start, symmetric):
         return self
 
     def rate_bounds(self, mass):

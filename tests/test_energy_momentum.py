@@ -89,6 +89,17 @@ def test_tangent_is_the_derivative_of_the_force(term, cloth, rng):
 
 
 @pytest.mark.parametrize("term", TERMS, ids=repr)
+def test_symmetric_tangent_is_the_exact_one_of_a_step_that_goes_nowhere(term, cloth, rng):
+    system, start, end = one(cloth, term, rng)
+    over = over_step(system, start, symmetric=True)
+    K, at_rest = (over.stiffness(system.state(x)).toarray() for x in ((start + end) / 2, start))
+    exact = system.stiffness(system.state(start)).toarray()
+    assert abs(K - K.T).max() < 1e-12 * abs(K).max()
+    assert abs(at_rest - exact).max() < 1e-12 * abs(exact).max()
+    assert over.symmetric
+
+
+@pytest.mark.parametrize("term", TERMS, ids=repr)
 def test_definite_tangent_is_symmetric_and_has_no_negative_eigenvalue(term, cloth, rng):
     system, start, end = one(cloth, term, rng)
     over, J = over_step(system, start), fc.blocks.BlockMatrix.zeros(system.pattern)
@@ -184,6 +195,24 @@ def test_a_term_without_a_force_between_two_states_is_refused(cloth):
         fc.run(system, fc.EnergyMomentum(), system.rest(), 0.01, 0.02)
 
 
+def test_the_symmetric_tangent_finds_the_same_solution_with_conjugate_gradients(cloth):
+    terms = [fc.StVK(), fc.HingeBending(), fc.Springs(damping=1e-3), fc.Gravity()]
+    system = fc.System(cloth, ISOTROPIC, terms, pins=["left"])
+    ends = [
+        fc.run(system, method, system.rest(), 5e-3, 0.05, solver=solver, newton=EXACT).state.x
+        for method, solver in (
+            (fc.EnergyMomentum(), "direct"),
+            (fc.EnergyMomentum("symmetric"), "pcg"),
+        )
+    ]
+    np.testing.assert_allclose(*ends, atol=1e-9)
+
+
+def test_a_wrong_tangent_is_refused():
+    with pytest.raises(fc.InputError, match='must be "symmetric" or "exact"'):
+        fc.EnergyMomentum("central")
+
+
 def test_conjugate_gradients_are_refused(cloth):
     system = fc.System(cloth, ORTHOTROPIC, [fc.StVK()])
     with pytest.raises(fc.InputError, match="symmetric matrices only"):
@@ -196,6 +225,7 @@ def test_a_scene_names_it(tmp_path):
         '[cloth]\nshape = "rectangle"\nwidth = 1\nheight = 1\nh = 0.5\n'
         "[fabric]\nareal_density = 0.2\ntensile_stiffness = 1000\n"
         '[[terms]]\ntype = "StVK"\n'
-        '[time]\nmethod = "energy_momentum"\ndt = 0.01\nt_end = 0.1\n'
+        '[time]\nmethod = {type = "energy_momentum", tangent = "symmetric"}\n'
+        "dt = 0.01\nt_end = 0.1\n"
     )
-    assert load(path).time.method.make() == fc.EnergyMomentum()
+    assert load(path).time.method.make() == fc.EnergyMomentum("symmetric")

@@ -14,9 +14,10 @@ and the bound term offers, in place and without knowledge of dt, solver or other
     add_tangent(x, v, t, wx, wv, J, definite) J += wx K + wv D, K = −∂f/∂x, D = −∂f/∂v
     dense(x, t)                               c and u of a part c u uᵀ of K outside J, if any
     rate_bounds(mass)                         bounds of the eigenvalues of M⁻¹K and M⁻¹D at rest
-    between(start)                            the term over a step from positions `start` to
+    between(start, symmetric)                 the term over a step from positions `start` to
                                               2x − start, for `EnergyMomentum`: a bound term whose
-                                              force at x does the work of the energy
+                                              force at x does the work of the energy, and whose
+                                              tangent may be asked to be symmetric
 
 with the attributes name, symmetric (of its tangent), has_energy, dissipative and
 velocity_dependent, and `load = True` if it acts from outside: equilibrium's load steps scale it.

@@ -12,6 +12,7 @@ Energy–Momentum Method, ZAMP 43). K is not symmetric, as B is taken at two pla
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -64,13 +65,13 @@ def add_force(law, K, Q, nodes, G, w, c, start, x, f):
 
 
 @loop
-def add_definite(law, K, Q, nodes, slots, G, w, c, start, x, scale, J):
-    """J += scale · Σ w (B_a(F)ᵀ ℂ B_b(F) + (G_a · S̄ G_b) I₃), S̄ clamped from below at zero."""
+def add_symmetric(law, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
+    """J += scale · Σ w (B_a(F)ᵀ ℂ B_b(F) + (G_a · S̄ G_b) I₃), S̄ clamped from below at `floor`."""
     for e in range(len(nodes)):
         for q in range(len(Q)):
             F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
             _, S, C = law(mean_strain(F0, extrapolated(F, F0)), c[e])
-            scatter_symmetric(K, slots, G, e, q, scale * w[e, q], F, clamped(S, 0.0), C, J)
+            scatter_symmetric(K, slots, G, e, q, scale * w[e, q], F, clamped(S, floor), C, J)
 
 
 @loop
@@ -102,7 +103,7 @@ class Averaged(NamedTuple):
 
     add_force: Callable
     add_tangent: Callable
-    add_definite: Callable
+    add_symmetric: Callable
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +112,9 @@ class SteppedMembrane(BoundMembrane):
 
     averaged: Averaged
 
-    def between(self, start: np.ndarray) -> OverStep:
+    def between(self, start: np.ndarray, symmetric: bool) -> OverStep:
         """The membrane over a step from positions `start` (n, 3)."""
-        return OverStep(self, start)
+        return OverStep(self, start, symmetric)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +123,8 @@ class OverStep:
 
     membrane: SteppedMembrane
     start: np.ndarray
+    symmetric: bool
 
-    symmetric = False
     has_energy = False  # at x alone
     dissipative = False
     velocity_dependent = False
@@ -137,11 +138,13 @@ class OverStep:
         self.membrane.averaged.add_force(*self.membrane._data, self.start, x, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx K; `definite` takes both B at x and clamps S̄ at zero."""
+        """J += wx K; the symmetric one has both B at x, the definite one S̄ clamped at zero."""
         K, Q, nodes, *data = self.membrane._data
-        kernels = self.membrane.averaged
-        add = kernels.add_definite if definite else kernels.add_tangent
-        add(K, Q, nodes, self.membrane.slots, *data, self.start, x, float(wx), J.values)
+        kernels, weights = self.membrane.averaged, (float(wx),)
+        add = kernels.add_tangent
+        if self.symmetric or definite:
+            add, weights = kernels.add_symmetric, (float(wx), 0.0 if definite else -math.inf)
+        add(K, Q, nodes, self.membrane.slots, *data, self.start, x, *weights, J.values)
 
 
 def bind(

@@ -232,8 +232,8 @@ def tangent_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
 
 
 @kernel
-def definite_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
-    discrete.add_definite(conditions, K, R, nodes, slots, c, ks, start, x, scale, J)
+def symmetric_over_step(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
+    discrete.add_symmetric(conditions, K, R, nodes, slots, c, ks, start, x, scale, definite, J)
 
 
-OVER_STEP = discrete.Discrete(force_over_step, tangent_over_step, definite_over_step)
+OVER_STEP = discrete.Discrete(force_over_step, tangent_over_step, symmetric_over_step)

@@ -13,8 +13,8 @@ kept from turning the stencil). For a spring ḡ is ± 2 (y₂ − y₁)/(l₀ +
 
     −∂f_a/∂y_b = ḡ_a k_s ∂C(y₁)_bᵀ + Σ_r (k_s C̄)_r ∂ḡ_r,a/∂y_b         not symmetric
 
-`definite` takes ∂C(y) on both sides and ∂²C(y) as in `condition`. Where u is shorter than 1e-5
-of the stencil, N is of the order of round-off and left out.
+The symmetric tangent takes ∂C(y) on both sides and ∂²C(y), if `definite` as in `condition`. Where
+u is shorter than 1e-5 of the stencil, N is of the order of round-off and left out.
 """
 
 from __future__ import annotations
@@ -221,8 +221,8 @@ def add_tangent(condition, K, R, nodes, slots, c, ks, start, x, scale, J):
 
 
 @loop
-def add_definite(condition, K, R, nodes, slots, c, ks, start, x, scale, J):
-    """J_ab += scale (∂C_a k_s ∂C_bᵀ + Σ_r (k_s C̄)_r ∂²C_r,ab) at y, where the last is positive."""
+def add_symmetric(condition, K, R, nodes, slots, c, ks, start, x, scale, definite, J):
+    """J_ab += scale (∂C_a k_s ∂C_bᵀ + Σ_r (k_s C̄)_r ∂²C_r,ab) at y; `definite`: what is of it."""
     k, n = len(K), len(R)
     y0, y, y1, d = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
     g, H = np.empty((n, k, 3)), np.empty((n, k, 3, k, 3))
@@ -236,7 +236,8 @@ def add_definite(condition, K, R, nodes, slots, c, ks, start, x, scale, J):
             tension = 0.0
             for q in range(n):
                 tension += 0.5 * scale * ks[e, r, q] * (C0[q] + C1[q])
-            tension = max(tension, 0.0) if R[r] == 1 else 0.0
+            if definite and (R[r] == 0 or tension < 0.0):
+                tension = 0.0
             for b in range(k):
                 for j in range(3):
                     T = 0.0
@@ -253,7 +254,7 @@ class Discrete(NamedTuple):
 
     add_force: Callable
     add_tangent: Callable
-    add_definite: Callable
+    add_symmetric: Callable
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,9 +263,9 @@ class RigidCondition(BoundCondition):
 
     discrete: Discrete = None
 
-    def between(self, start: np.ndarray) -> OverStep | RigidCondition:
+    def between(self, start: np.ndarray, symmetric: bool) -> OverStep | RigidCondition:
         """The conditions over a step from positions `start` (n, 3)."""
-        return OverStep(self, start) if self.has_energy else self
+        return OverStep(self, start, symmetric) if self.has_energy else self
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,13 +274,17 @@ class OverStep:
 
     given: RigidCondition
     start: np.ndarray
+    symmetric_elastic: bool
 
-    symmetric = False
     has_energy = False  # at x alone
 
     @property
     def name(self) -> str:
         return self.given.name
+
+    @property
+    def symmetric(self) -> bool:
+        return self.symmetric_elastic and self.given.symmetric
 
     @property
     def dissipative(self) -> bool:
@@ -304,9 +309,11 @@ class OverStep:
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D."""
         given = self.given
-        add = given.discrete.add_definite if definite else given.discrete.add_tangent
+        add, weights = given.discrete.add_tangent, (float(wx),)
+        if self.symmetric_elastic or definite:
+            add, weights = given.discrete.add_symmetric, (float(wx), bool(definite))
         data = given.nodes, given.slots, given.constants, given.stiffness, self.start
-        add(*given.shape, *data, x, float(wx), J.values)
+        add(*given.shape, *data, x, *weights, J.values)
         if self.dissipative:
             self._damping.add_tangent(x, v, t, wx, wv, J, definite)
 

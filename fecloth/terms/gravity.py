@@ -62,7 +62,7 @@ class BoundGravity:
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """Gravity has none."""
 
-    def between(self, start: np.ndarray) -> BoundGravity:
+    def between(self, start: np.ndarray, symmetric: bool) -> BoundGravity:
         """Itself: over a step its force at the mean does the work of its energy."""
         return self
 

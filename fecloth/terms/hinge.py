@@ -205,9 +205,9 @@ def tangent_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
 
 
 @kernel
-def definite_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
-    discrete.add_definite(condition, K, R, nodes, slots, c, ks, start, x, scale, J)
+def symmetric_over_step(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
+    discrete.add_symmetric(condition, K, R, nodes, slots, c, ks, start, x, scale, definite, J)
 
 
 KERNELS = loops.Kernels(energy, power, add_force, add_tangent)
-OVER_STEP = discrete.Discrete(force_over_step, tangent_over_step, definite_over_step)
+OVER_STEP = discrete.Discrete(force_over_step, tangent_over_step, symmetric_over_step)

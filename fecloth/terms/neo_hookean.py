@@ -249,8 +249,8 @@ def incompressible_tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scal
 
 
 @kernel
-def incompressible_definite_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
-    averaged.add_definite(incompressible, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+def incompressible_symmetric_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
+    averaged.add_symmetric(incompressible, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J)
 
 
 @kernel
@@ -264,15 +264,18 @@ def compressible_tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale,
 
 
 @kernel
-def compressible_definite_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
-    averaged.add_definite(convex, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+def compressible_symmetric_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
+    if floor > -math.inf:
+        averaged.add_symmetric(convex, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J)
+    else:
+        averaged.add_symmetric(compressible, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J)
 
 
 INCOMPRESSIBLE_OVER_STEP = averaged.Averaged(
     incompressible_force_over_step,
     incompressible_tangent_over_step,
-    incompressible_definite_over_step,
+    incompressible_symmetric_over_step,
 )
 COMPRESSIBLE_OVER_STEP = averaged.Averaged(
-    compressible_force_over_step, compressible_tangent_over_step, compressible_definite_over_step
+    compressible_force_over_step, compressible_tangent_over_step, compressible_symmetric_over_step
 )

@@ -94,7 +94,7 @@ class BoundQuadratic:
         """J += wx Q ⊗ I₃."""
         add_mass(self.blocks, self.values, wx, J.values)
 
-    def between(self, start: np.ndarray) -> BoundQuadratic:
+    def between(self, start: np.ndarray, symmetric: bool) -> BoundQuadratic:
         """Itself: over a step its force at the mean does the work of its energy."""
         return self
 

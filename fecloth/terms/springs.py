@@ -221,12 +221,12 @@ def tangent_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
 
 
 @kernel
-def definite_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
-    discrete.add_definite(length, K, R, nodes, slots, c, ks, start, x, scale, J)
+def symmetric_over_step(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
+    discrete.add_symmetric(length, K, R, nodes, slots, c, ks, start, x, scale, definite, J)
 
 
 LENGTH = condition.Kernels(energy, power, add_force, add_tangent)
-LENGTH_OVER_STEP = discrete.Discrete(force_over_step, tangent_over_step, definite_over_step)
+LENGTH_OVER_STEP = discrete.Discrete(force_over_step, tangent_over_step, symmetric_over_step)
 
 
 # --- C_i = l_i² − L_i² of the three sides of a triangle, side i opposite node i -------------------
@@ -283,9 +283,9 @@ def tangent_over_step2(K, R, nodes, slots, c, ks, start, x, scale, J):
 
 
 @kernel
-def definite_over_step2(K, R, nodes, slots, c, ks, start, x, scale, J):
-    discrete.add_definite(squares, K, R, nodes, slots, c, ks, start, x, scale, J)
+def symmetric_over_step2(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
+    discrete.add_symmetric(squares, K, R, nodes, slots, c, ks, start, x, scale, definite, J)
 
 
 SQUARES = condition.Kernels(energy2, power2, add_force2, add_tangent2)
-SQUARES_OVER_STEP = discrete.Discrete(force_over_step2, tangent_over_step2, definite_over_step2)
+SQUARES_OVER_STEP = discrete.Discrete(force_over_step2, tangent_over_step2, symmetric_over_step2)

@@ -84,8 +84,8 @@ def tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
 
 
 @kernel
-def definite_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
-    averaged.add_definite(law, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+def symmetric_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
+    averaged.add_symmetric(law, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J)
 
 
-AVERAGED = averaged.Averaged(force_over_step, tangent_over_step, definite_over_step)
+AVERAGED = averaged.Averaged(force_over_step, tangent_over_step, symmetric_over_step)

@@ -90,7 +90,7 @@ class BoundTether(condition.BoundCondition):
     def table(self, x, t, order) -> np.ndarray:
         return np.tile(self.point(t), (len(self.nodes), 1))
 
-    def between(self, start: np.ndarray) -> BoundTether:
+    def between(self, start: np.ndarray, symmetric: bool) -> BoundTether:
         """Itself: over a step its force at the mean does the work of its energy."""
         return self
 
