@@ -6,6 +6,7 @@ symbol table, and `System`, `march` and `run` for where to start.
 
 from . import stability, verify
 from .adaptive import Adaptive
+from .auto import Auto
 from .bendingtensor import bending_tensor, strip_rigidity
 from .cloth import Cloth
 from .energy_momentum import EnergyMomentum
@@ -61,6 +62,7 @@ __version__ = "0.1.0"
 __all__ = [
     "BDF2",
     "Adaptive",
+    "Auto",
     "BackwardEuler",
     "BaraffWitkin",
     "BendingDamping",

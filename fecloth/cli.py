@@ -17,10 +17,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from . import linear
 from .cloth import Cloth
 from .errors import FeclothError, InputError
-from .march import StepInfo, run, solver_for
+from .march import StepInfo, run
 from .record import Ledger
 from .runfolder import versions, writing
-from .runner import DONE, FAILED, run_scene
+from .runner import DONE, FAILED, run_scene, settled_scene
 from .scene import Built, Scene, Verdict, check, load
 from .stability import element_bound
 
@@ -188,6 +188,7 @@ def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]
     built = scene.build()
     arguments = built.system, built.method, built.state, built.dt, built.t_end
     options = {"probes": built.probes, "solver": built.linear, "newton": built.newton}
+    options["stops"] = built.stops
     result = run(*arguments, **options, report=report)
     return check(scene, result.times, result.observed, result.energies)
 
@@ -250,8 +251,8 @@ def _info(options) -> int:
     if options.scene:
         scene = load(options.scene, options.set)
         built = scene.build()
-        arguments = built.system, built.method, built.dt, built.linear, built.newton
-        print("\n".join([*_described(built.cloth), *_plan(built, solver_for(*arguments)[1])]))
+        built, _, why = settled_scene(built)
+        print("\n".join([*_described(built.cloth), *_plan(built, why)]))
         return 0
     for name, found in versions().items():
         print(f"{name}: {found}")
@@ -267,7 +268,7 @@ def _plan(built: Built, why: str) -> list[str]:
         f"{len(system.cloth.X)} nodes, {len(system.cloth.triangles)} triangles, "
         f"{system.admissible.shape[1]} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
-        f"{built.method}, dt = {built.dt:g} s to t = {built.t_end:g} s",
+        f"{built.method}{f', dt = {built.dt:g} s' if built.dt else ''} to t = {built.t_end:g} s",
         f"linear solver: {why}",
     ]
     if built.note:

@@ -12,6 +12,7 @@ import numpy as np
 
 from . import linear
 from .atlimit import AtLimit, refuse_unstable
+from .auto import Auto
 from .blocks import BlockMatrix
 from .errors import InputError, SolveFailed, StepFailed
 from .newton import Counts, Newton, NewtonFailed, Solver
@@ -116,11 +117,9 @@ def march(
         If a step does not converge, makes a value that is not finite or stretches a triangle
         beyond `most_stretch`; its `state` is the last one that was found good.
     """
-    method = with_steps(method, dt)
     targets = _targets(method, state.t, dt, t_end, stops)
+    method, solver, _ = settled(system, method, state, dt, t_end, solver, newton)
     refuse_unstable(system, method, state, dt)
-    if not isinstance(solver, Solver):
-        solver, _ = solver_for(system, method, dt or (t_end - state.t) / 1000, solver, newton)
     look = 8 if getattr(method, "explicit", False) else 1
     number, guess, good = 0, None, state
     for target in targets:
@@ -140,7 +139,34 @@ def march(
             yield state, info
 
 
-def with_steps(method, dt: float | None):
+def settled(
+    system: System,
+    method,
+    state: State,
+    dt: float | None,
+    t_end: float,
+    solver: str | Solver = "auto",
+    newton: Newton | None = None,
+) -> tuple[object, Solver, str]:
+    """The method that takes the steps, its solver, and in words why those.
+
+    `Auto` is replaced by its choice, and an explicit method that is given no dt by `AtLimit`.
+    """
+    if isinstance(solver, Solver):
+        return _stepping(method, dt), solver, "given"
+
+    def solver_of(one):
+        return solver_for(system, one, dt or (t_end - state.t) / 1000, solver, newton)
+
+    if not isinstance(method, Auto):
+        method = _stepping(method, dt)
+        return method, *solver_of(method)
+    method, why = method.settled(system, state, t_end, lambda one: solver_of(one)[0])
+    solver, reason = solver_of(method)
+    return method, solver, f"{reason}; {type(method.method).__name__} ({why})"
+
+
+def _stepping(method, dt):
     """The method; an explicit one that is given no dt, with steps near its limit."""
     explicit = getattr(method, "explicit", False) and not getattr(method, "chooses_dt", False)
     return AtLimit(method) if dt is None and explicit else method
@@ -148,6 +174,8 @@ def with_steps(method, dt: float | None):
 
 def _targets(method, t, dt, t_end, stops):
     """When a step must end."""
+    if dt is None and getattr(method, "explicit", False):
+        return end_times(t, t_end, stops)
     if not getattr(method, "chooses_dt", False):
         return step_times(t, dt, t_end, stops)
     if dt is not None:
@@ -245,6 +273,8 @@ class Result:
         Iterations in all.
     solver
         The linear solver and why it was chosen.
+    method
+        What took the steps; `Auto`'s choice, and an explicit method's steps without dt.
     """
 
     state: State
@@ -255,6 +285,7 @@ class Result:
     newton: int
     linear: int
     solver: str
+    method: object
 
 
 def run(
@@ -287,9 +318,8 @@ def run(
     >>> len(result.times), bool(abs(result.energies["remainder"][-1]) < 1e-3)
     (11, True)
     """
-    method = with_steps(method, dt)
     _targets(method, state.t, dt, t_end, stops)  # refuse them before anything else
-    chosen, why = solver_for(system, method, dt or (t_end - state.t) / 1000, solver, newton)
+    method, chosen, why = settled(system, method, state, dt, t_end, solver, newton)
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
     energies, observed = [ledger.row()], [observer.row(None, None)]
     counts, begin = Counts(), time.perf_counter()
@@ -302,7 +332,7 @@ def run(
     seconds = counts.seconds | {"total": time.perf_counter() - begin}
     times = np.array([row["t"] for row in energies])
     columns_ = columns(energies), columns(observed)
-    return Result(state, times, *columns_, seconds, counts.newton, counts.linear, why)
+    return Result(state, times, *columns_, seconds, counts.newton, counts.linear, why, method)
 
 
 def balanced(

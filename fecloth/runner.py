@@ -16,12 +16,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from .atlimit import refuse_unstable
 from .cloth import Cloth
 from .errors import FeclothError, InputError, StepFailed
-from .march import StepInfo, add_seconds, balanced, march, run, solver_for
+from .march import StepInfo, add_seconds, balanced, march, run, settled
+from .newton import Solver
 from .output import Frames, fields
 from .record import Ledger, Observer
 from .runfolder import RunFolder, peak_memory, versions
@@ -110,9 +112,10 @@ def run_scene(
         cloth = scene.mesh()
     with watch.phase("bind"):
         built = scene.build(cloth)
-        solver, why = solver_for(built.system, built.method, built.dt, built.linear, built.newton)
     with watch.phase("compile"):
-        compile_kernels(built, getattr(solver.linear, "name", "auto"))
+        compile_kernels(built)
+    with watch.phase("choose"):
+        built, solver, why = settled_scene(built)
     announce(built, why)
     folder = RunFolder.create(path, overwrite)
     folder.text("scene.resolved.toml", scene.to_toml())
@@ -150,7 +153,8 @@ class _Recorder:
     def to_end(self, solver, report, interrupted: threading.Event) -> None:
         """March until the end or until interrupted."""
         built = self.built
-        steps = march(built.system, built.method, built.state, built.dt, built.t_end, solver=solver)
+        run_ = built.system, built.method, built.state, built.dt, built.t_end
+        steps = march(*run_, stops=built.stops, solver=solver)
         for state, info in steps:
             self._count(info)
             with self.watch.phase("record"):
@@ -160,11 +164,21 @@ class _Recorder:
                 self.turnover = max(self.turnover, self.ledger.turnover)
             with self.watch.phase("output"):
                 self._rows(observed, info)
-                if info.step % built.frame_steps == 0 or info.t >= built.t_end:
+                if self._due(info):
                     self.frames.add(state)
             report(info)
             if interrupted.is_set():
                 return
+
+    def _due(self, info: StepInfo) -> bool:
+        """Whether the step ends at a frame."""
+        built = self.built
+        due = (
+            info.t in built.stops
+            if built.frame_steps is None
+            else not info.step % built.frame_steps
+        )
+        return due or info.t >= built.t_end
 
     def _count(self, info: StepInfo) -> None:
         counts = info.counts
@@ -180,7 +194,7 @@ class _Recorder:
         if info:
             counts = info.counts
             row = {"step": info.step, "t": info.t, "dt": info.dt, "newton": counts.newton}
-            row |= {"linear": counts.linear, "modified": counts.modified}
+            row |= {key: getattr(counts, key) for key in _COUNTED[1:]}
             self.tables["steps"].add(row | {"residual": counts.residual})
 
     def doubt(self) -> str:
@@ -225,10 +239,19 @@ class _Recorder:
 
 
 _TABLES = ("steps", "energies", "observed")
-_COUNTED = ("newton", "linear", "modified", "factorisations")
+_COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
 
 
-def compile_kernels(built: Built, linear: str) -> None:
+def settled_scene(built: Built) -> tuple[Built, Solver, str]:
+    """What was built with the method that takes the steps, its solver, and why those."""
+    if built.dt:
+        refuse_unstable(built.system, built.method, built.state, built.dt)
+    run_ = built.system, built.method, built.state, built.dt, built.t_end
+    method, solver, why = settled(*run_, built.linear, built.newton)
+    return replace(built, method=method), solver, why
+
+
+def compile_kernels(built: Built) -> None:
     """Compile what the run will call, on two triangles, so that no step pays for it.
 
     Compiled code is kept on disk: a second run only loads it.
@@ -238,11 +261,12 @@ def compile_kernels(built: Built, linear: str) -> None:
     cloth = Cloth.from_arrays(corners, triangles, {"left": [0, 3]}, regions=halves)
     fabric, *others = whole.panel.fabrics  # constants by triangle are an array of another layout
     fabric = {"lower": fabric, "upper": others[0]} if others else fabric
-    with suppress(FeclothError):  # what fails there says nothing about the scene
-        system = System(cloth, fabric, whole.terms, ["left"], whole.mass_kind)
-        start = system.state(1.01 * system.rest().x)
-        fields(system, start)
-        run(system, built.method, start, built.dt, built.dt, solver=linear)
+    for linear in ("pcg", "direct") if built.linear == "auto" else (built.linear,):
+        with suppress(FeclothError):  # what fails there says nothing about the scene
+            system = System(cloth, fabric, whole.terms, ["left"], whole.mass_kind)
+            start = system.state(1.01 * system.rest().x)
+            fields(system, start)
+            run(system, built.method, start, built.dt, built.dt or 1e-4, solver=linear)
 
 
 def _sizes_of(system: System) -> dict:

@@ -45,8 +45,8 @@ class Built:
         Options of the nonlinear solve, and the choice of the linear solver.
     probes
         For `run`.
-    frame_steps
-        Steps between two frames of the output.
+    frame_steps, stops
+        Steps between two frames of the output; or, where that is None, their times.
     note
         A line to say before the run, or "".
     """
@@ -55,12 +55,13 @@ class Built:
     system: System
     state: State
     method: object
-    dt: float
+    dt: float | None
     t_end: float
     newton: Newton
     linear: str
     probes: tuple[Probe, ...]
-    frame_steps: int
+    frame_steps: int | None
+    stops: tuple[float, ...]
     note: str = ""
 
 
@@ -106,7 +107,8 @@ class Scene(Table):
         for i, name in enumerate(names):
             if name in names[:i]:
                 raise InputError(f"probes.{i}.name = {name!r}", "two probes need two names")
-        if self.output.every and self.output.every < self.time.dt:
+        fixed = self.time.dt != "auto"
+        if fixed and self.output.every and self.output.every < self.time.dt:
             allowed = f"must be at least time.dt = {self.time.dt} [s]"
             raise InputError(f"output.every = {self.output.every}", allowed)
         return self
@@ -167,17 +169,19 @@ class Scene(Table):
         self._check_start(system, state)
         probes = self._probes(cloth)
         self._check_expected(system, state, probes)
+        method, dt = self.time.stepping()
         return Built(
             cloth=cloth,
             system=system,
             state=state,
-            method=self.time.method.make(),
-            dt=self.time.dt,
+            method=method,
+            dt=dt,
             t_end=self.time.t_end,
             newton=self.solver.make(),
             linear=self.solver.linear,
             probes=probes,
             frame_steps=self.output.steps(self.time),
+            stops=self.output.stops(self.time),
             note=self._note(),
         )
 
@@ -210,8 +214,9 @@ class Scene(Table):
 
     def _motion_times(self) -> np.ndarray:
         """All times at which a motion is asked for, also by the difference for its velocity."""
-        start = self.time.t_start
-        times = np.append(start, step_times(start, self.time.dt, self.time.t_end))
+        start, end, dt = self.time.t_start, self.time.t_end, self.time.dt
+        dt = (end - start) / 1000 if dt == "auto" else dt
+        times = np.append(start, step_times(start, dt, end))
         step = DERIVATIVE_STEP
         return np.concatenate([times, times[1:] - step, times[1:] + step])
 

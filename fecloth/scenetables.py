@@ -11,6 +11,9 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from . import scenefile, terms
+from .adaptive import Adaptive
+from .atlimit import AtLimit
+from .auto import Auto
 from .cloth import Cloth
 from .errors import InputError
 from .explicit import EXPLICIT
@@ -197,15 +200,31 @@ def _at(texts: tuple[str, ...], X: np.ndarray) -> np.ndarray:
     return np.stack([formula(X=X[:, 0], Y=X[:, 1]) for formula in formulas], axis=1)
 
 
-class Time(Table):
-    """The method and its step dt, from t_start to t_end [s]."""
+class AutoMethod(Table):
+    """``method = "auto"``: explicit or implicit, whichever is foretold to be faster."""
 
-    method: one_of("type", {name: table_of(cls, name) for name, cls in _METHODS.items()}) = Field(
-        description=", ".join(_METHODS)
-    )
-    dt: float = Field(gt=0, description="s")
+    type: Literal["auto"]
+
+
+_MethodTable = one_of(
+    "type", {name: table_of(cls, name) for name, cls in _METHODS.items()} | {"auto": AutoMethod}
+)
+
+
+class Time(Table):
+    """The method and its step dt, from t_start to t_end [s].
+
+    With ``dt = "auto"`` the steps are chosen: by their error where `rtol` [1/s] or `atol` [m/s]
+    are given, as for `Adaptive`, and for implicit methods in any case; else, for explicit ones,
+    0.9 of the largest stable one.
+    """
+
+    method: _MethodTable = Field(description=", ".join([*_METHODS, "auto"]))
+    dt: Annotated[float, Field(gt=0)] | Literal["auto"] = Field("auto", description="s")
     t_end: float = Field(description="s")
     t_start: float = Field(0.0, description="s")
+    rtol: float | None = Field(None, ge=0, description="1/s")
+    atol: float | None = Field(None, ge=0, description="m/s")
 
     @model_validator(mode="before")
     @classmethod
@@ -219,11 +238,31 @@ class Time(Table):
         if not self.t_end > self.t_start:
             allowed = f"must be greater than {self.t_start:g} [s]"
             raise InputError(f"t_end = {self.t_end!r}", allowed)
+        if self.dt == "auto":
+            self.stepping()
+            return self
+        for key in ("rtol", "atol"):
+            if getattr(self, key) is not None:
+                raise InputError(f"{key} = {getattr(self, key)!r}", 'needs dt = "auto"')
+        if self.method.type == "auto":
+            raise InputError(f"dt = {self.dt!r}", 'must be "auto" with method = "auto"')
         steps = (self.t_end - self.t_start) / self.dt
         if steps > MOST_STEPS:
             what = f"dt = {self.dt!r} makes {steps:.2g} steps"
             raise InputError(what, f"must be at most {MOST_STEPS:.0e}", "", "Is it in seconds?")
         return self
+
+    def stepping(self) -> tuple[object, float | None]:
+        """The method and dt, as `march` takes them."""
+        given = {k: getattr(self, k) for k in ("rtol", "atol") if getattr(self, k) is not None}
+        if self.method.type == "auto":
+            return Auto(**given), None
+        method = self.method.make()
+        if self.dt != "auto":
+            return method, self.dt
+        if getattr(method, "explicit", False) and not given:
+            return AtLimit(method), None
+        return Adaptive(method, **given), None
 
 
 class Output(Table):
@@ -244,10 +283,22 @@ class Output(Table):
         exactly_one(self, "frames", "every", "every_steps")
         return self
 
-    def steps(self, time: Time) -> int:
-        """Steps between two frames, rounded to the nearest."""
-        seconds = self.every or (time.t_end - time.t_start) / (self.frames or 1)
-        return self.every_steps or max(1, round(seconds / time.dt))
+    def steps(self, time: Time) -> int | None:
+        """Steps between two frames, rounded to the nearest; None for frames at the `stops`."""
+        if self.every_steps or time.dt == "auto":
+            return self.every_steps
+        return max(1, round(self._seconds(time) / time.dt))
+
+    def stops(self, time: Time) -> tuple[float, ...]:
+        """Times of the frames at which a step must end, where the steps are chosen."""
+        if self.every_steps or time.dt != "auto":
+            return ()
+        seconds = self._seconds(time)
+        count = math.ceil((time.t_end - time.t_start) / seconds - 1e-9)
+        return tuple(time.t_start + seconds * i for i in range(1, count))
+
+    def _seconds(self, time: Time) -> float:
+        return self.every or (time.t_end - time.t_start) / (self.frames or 1)
 
 
 class ProbeTable(Table):

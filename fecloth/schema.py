@@ -151,20 +151,25 @@ _LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 def _phrase(field) -> str:
     """What the values of a field are, e.g. "a finite number > 0"."""
+    words = _words(field.annotation) + _limits(field.metadata)
+    return f"{words} [{field.description}]" if field.description else words
+
+
+def _limits(metadata) -> str:
+    flat = [one for item in metadata for one in getattr(item, "metadata", [item])]
     limits = [
         f" {sign} {getattr(item, name)}"
-        for item in field.metadata
+        for item in flat
         for name, sign in _LIMITS
         if hasattr(item, name)
     ]
-    words = _words(field.annotation) + " and".join(limits)
-    return f"{words} [{field.description}]" if field.description else words
+    return " and".join(limits)
 
 
 def _words(hint) -> str:
     origin, args = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        return _words(args[0])
+        return _words(args[0]) + _limits(args[1:])
     if origin is Literal:
         return f"one of {', '.join(map(str, args))}" if len(args) > 1 else repr(args[0])
     if origin in (Union, types.UnionType):

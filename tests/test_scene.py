@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.sparse import csr_matrix
 
 import fecloth as fc
+from fecloth.atlimit import AtLimit
 from fecloth import output, terms
 from fecloth.integrators import METHODS
 from fecloth.scene import Scene, check, load
@@ -244,9 +245,9 @@ MISTAKES = [
     ("pins.0={}", "pins.0.where is missing: give exactly one of where, inside", ""),
     ("expect.sag={value=1}", "expect.sag.relative is missing: give exactly one of", ""),
     # types
-    ("time.dt='x'", "time.dt = 'x': must be a finite number > 0 [s]", ""),
-    ("time.dt=true", "time.dt = True: must be a finite number > 0 [s]", ""),
-    ("time.dt=nan", "time.dt = nan: must be a finite number > 0 [s]", ""),
+    ("time.dt='x'", "time.dt = 'x': must be a finite number > 0 or 'auto' [s]", ""),
+    ("time.dt=true", "time.dt = True: must be a finite number > 0 or 'auto' [s]", ""),
+    ("time.dt=nan", "time.dt = nan: must be a finite number > 0 or 'auto' [s]", ""),
     ("start.shift=[0, 0, inf]", "start.shift = [0, 0, inf]: must be a list of 3 finite", ""),
     ("expect.sag.value=nan", "expect.sag.value = nan: must be a finite number", ""),
     ("fabric.areal_density=1" + "0" * 400, "must be a finite number", ""),
@@ -262,7 +263,7 @@ MISTAKES = [
     ("expect.sag=3", "expect.sag = 3: must be a table { value = ... }, or a list", ""),
     ("expect.sag=[]", "expect.sag = []: must be a table", ""),
     # ranges, by the tables and by the objects
-    ("time.dt=0", "time.dt = 0: must be a finite number > 0 [s]", ""),
+    ("time.dt=0", "time.dt = 0: must be a finite number > 0 or 'auto' [s]", ""),
     ("time.dt=1e-12", "time.dt = 1e-12 makes 1e+11 steps: must be at most 1e+07", ""),
     ("terms.1.time=-1", "terms.1.time = -1.0: must be finite and > 0 [s]", ""),
     ("terms.1.law.k=-1", "terms.1.law.k = -1.0: must be finite and > 0 [N/m]", ""),
@@ -688,3 +689,59 @@ def test_swing_expects_the_motion_of_a_chain():
     assert [e.value for e in expected] == pytest.approx(reference, rel=1e-3)
     free_fall = scene.expect["tip.z"][0]
     assert free_fall.value == pytest.approx(-9.81 * free_fall.at**2 / 2, rel=1e-6)
+
+
+# --- steps that are chosen ------------------------------------------------------------------------
+
+
+def stepping(file, *overrides):
+    built = load(file, overrides).build()
+    return built.method, built.dt
+
+
+def test_steps_by_a_number_or_chosen(file):
+    bdf2, auto = "time.method='bdf2'", "time.dt='auto'"
+    central = "time.method='central_difference'"
+    assert stepping(file, bdf2, "time.dt=0.01") == (fc.BDF2(), 0.01)
+    assert stepping(file, bdf2, auto) == (fc.Adaptive(fc.BDF2()), None)
+    tolerances = "time.rtol=1e-2", "time.atol=1e-4"
+    assert stepping(file, bdf2, auto, *tolerances) == (fc.Adaptive(fc.BDF2(), 1e-2, 1e-4), None)
+    assert stepping(file, central, auto) == (AtLimit(fc.CentralDifference()), None)
+    adaptive = fc.Adaptive(fc.CentralDifference(), 1e-2)
+    assert stepping(file, central, auto, tolerances[0]) == (adaptive, None)
+    assert stepping(file, "time.method='auto'", auto) == (fc.Auto(), None)
+    assert stepping(file, "time.method='auto'", auto, *tolerances) == (fc.Auto(1e-2, 1e-4), None)
+    for overrides in ([bdf2, auto], ["time.method='auto'", auto, tolerances[0]]):
+        scene = load(file, overrides)
+        text = file.with_name("again.toml")
+        text.write_text(scene.to_toml())
+        assert load(text) == scene
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["time.rtol=1e-3"], r'time.rtol = 0.001: needs dt = "auto"'),
+        (["time.dt='auto'", "time.rtol=-1.0"], r"time.rtol = -1.0: must be .*>= 0"),
+        (["time.dt='often'"], r"time.dt = 'often': must be a finite number > 0 or 'auto'"),
+        (["time.dt=0.0"], r"time.dt = 0.0: must be a finite number > 0 or"),
+        (["time.method='auto'"], r'time.dt = .*: must be "auto" with method = "auto"'),
+        (["time.dt='auto'", "time.rtol=0.0"], r"rtol = atol = 0: one of them must be > 0"),
+        (
+            ["time.dt='auto'", "time.method={type='newmark',gamma=0.6}"],
+            r"gamma = 0.6: has no estimate",
+        ),
+        (["time.dt='auto'", "time.method='forward_euler'"], "has no stable step to choose"),
+    ],
+)
+def test_chosen_steps_are_refused(file, overrides, message):
+    with pytest.raises(fc.SceneError, match=message):
+        load(file, overrides).build()
+
+
+def test_frames_of_chosen_steps_are_at_their_times(file):
+    built = load(file, ["time.dt='auto'", "time.t_end=1.0", "output={every=0.3}"]).build()
+    assert built.frame_steps is None
+    assert built.stops == pytest.approx((0.3, 0.6, 0.9))
+    built = load(file, ["time.dt='auto'", "output={every_steps=7}"]).build()
+    assert (built.frame_steps, built.stops) == (7, ())

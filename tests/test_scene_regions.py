@@ -150,7 +150,7 @@ def test_kernels_are_compiled_for_the_arrays_of_the_run(fabric, file, monkeypatc
     compiled = []
     monkeypatch.setattr(runner, "run", lambda system, *args, **kwargs: compiled.append(system))
     built = load(file(fabric=fabric)).build()
-    runner.compile_kernels(built, "direct")
+    runner.compile_kernels(built)
     ours, theirs = (system.bound[:2] for system in (compiled[0], built.system))
     assert numba.typeof(ours[0].constants) == numba.typeof(theirs[0].constants)
     assert numba.typeof(ours[1].viscosity) == numba.typeof(theirs[1].viscosity)

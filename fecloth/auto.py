@@ -1,0 +1,115 @@
+"""The method chosen by what it is predicted to cost at the tolerance asked for."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from .adaptive import Adaptive
+from .errors import InputError, SolveFailed
+from .explicit import CentralDifference
+from .memory import GeneralizedAlpha
+from .newton import NewtonFailed
+from .system import State, System
+
+EXPLICIT_STEPS, IMPLICIT_STEPS = 40, 12  # of a trial, at most
+SHARE = 0.1  # of what the explicit run costs: what the implicit trial may cost
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The cost of a method over a whole run, foretold from its first steps.
+
+    Attributes
+    ----------
+    method
+        Ready for `march`.
+    dt
+        The step that it came to [s].
+    seconds
+        Wall seconds for the run, less compilation; infinite if it failed.
+    """
+
+    method: Adaptive
+    dt: float
+    seconds: float
+
+    def __str__(self) -> str:
+        name = type(self.method.method).__name__
+        if math.isinf(self.seconds):
+            return f"{name} failed"
+        return f"{name} {self.seconds:.2g} s at dt = {self.dt:.2g} s"
+
+
+@dataclass(frozen=True)
+class Auto:
+    """`Adaptive` around central differences or generalised-α, whichever is foretold to be faster.
+
+    Both take their first steps at the tolerance; the cost of the run is that of a step over its
+    length. An explicit step is never longer than stability allows, an implicit one costs as much
+    as some tens of explicit ones; so the stiff, the finely meshed, the damped and the slow go to
+    the implicit method, and what moves with its own waves to the explicit one. What a run
+    does later, the first steps do not tell. The choice is by the clock, and may fall either way
+    where both cost the same.
+
+    Parameters
+    ----------
+    rtol, atol
+        As for `Adaptive`.
+    """
+
+    rtol: float = 1e-3
+    atol: float = 0.0
+
+    chooses_dt = True
+
+    def __post_init__(self):
+        self._candidate(GeneralizedAlpha())  # refuses the tolerances
+
+    def _candidate(self, method) -> Adaptive:
+        return Adaptive(method, self.rtol, self.atol)
+
+    def step(self, *_):
+        """Refused: `march` settles on a method before the first step."""
+        raise InputError("Auto()", "is for march and run, which choose the method", "step")
+
+    def settled(
+        self, system: System, state: State, t_end: float, solver_of
+    ) -> tuple[Adaptive, str]:
+        """The method, and in words why; `solver_of` makes the `Solver` for a method."""
+        implicit = self._candidate(GeneralizedAlpha())
+        if system.mass_kind != "lumped":
+            return implicit, "a consistent mass leaves no explicit method"
+        explicit = self._candidate(CentralDifference())
+        first = _trial(system, state, t_end, explicit, None, EXPLICIT_STEPS, math.inf)
+        patience = SHARE * first.seconds
+        second = _trial(
+            system, state, t_end, implicit, solver_of(implicit), IMPLICIT_STEPS, patience
+        )
+        best, other = sorted((first, second), key=lambda trial: trial.seconds)
+        return best.method, f"foretold: {best}, {other}"
+
+
+def _trial(system, state, t_end, method, solver, most: int, patience: float) -> Trial:
+    """So many first steps, or as many as patience [s] allows, but three."""
+    start, guess, seconds, sizes = state.t, None, [], []
+    begin = time.perf_counter()
+    while len(sizes) < most and state.t < t_end:
+        tic = time.perf_counter()
+        try:
+            step = method.step(system, state, t_end - state.t, solver, guess)
+        except (NewtonFailed, SolveFailed):
+            return Trial(method, 0.0, math.inf)
+        seconds.append(time.perf_counter() - tic)
+        sizes.append(step.state.t - state.t)
+        state, guess = step.state, step.q
+        if len(sizes) >= 3 and time.perf_counter() - begin > patience:
+            break
+    if not np.isfinite(state.x).all():
+        return Trial(method, 0.0, math.inf)
+    last = slice(len(sizes) // 2, None)
+    dt, each = float(np.mean(sizes[last])), float(np.median(seconds[last]))
+    return Trial(method, dt, each * (t_end - start) / dt)
