@@ -150,6 +150,9 @@ def solve(system: System, stage: Stage, solver: Solver, guess: np.ndarray | None
     cloth that turns stretches in proportion to the angle squared, and as it is so much stiffer in
     its plane than across, good steps increase the residual.
 
+    Where there is a kept factor for the same weights, its direction is tried first; it is taken in
+    full if the residual falls, else a new factor is made.
+
     Raises
     ------
     NewtonFailed
