@@ -129,6 +129,7 @@ def run_scene(
             recorder.to_end(solver, report, interrupted)
         except (StepFailed, InputError) as failure:  # a user's function, a full disk
             error = failure
+            recorder.state = getattr(failure, "state", None) or recorder.state
     stopped = INTERRUPTED if recorder.state.t < built.t_end else DONE
     status = FAILED if error else stopped
     return recorder.close(status, why, error)
