@@ -14,7 +14,7 @@ kept from turning the stencil). For a spring ḡ is ± 2 (y₂ − y₁)/(l₀ +
     −∂f_a/∂y_b = ḡ_a k_s ∂C(y₁)_bᵀ + Σ_r (k_s C̄)_r ∂ḡ_r,a/∂y_b         not symmetric
 
 The symmetric tangent takes ∂C(y) on both sides and ∂²C(y), if `definite` as in `condition`. Where
-u is shorter than 1e-5 of the stencil, N is of the order of round-off and left out.
+u is shorter than 1e-8 of the stencil N is left out: of the order of φ²|u| if the step turns by φ.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ import numpy as np
 from ..compiled import inner, loop
 from .condition import BoundCondition, gather
 
-SHORT = 1e-10  # of s, relative to Σ |p|²
+SHORT = 1e-16  # of s, relative to Σ |p|²
 
 
 @inner
