@@ -30,7 +30,7 @@ def tick(*_: object) -> None:
 
     Examples
     --------
-    >>> from lab.failures import attempt
+    >>> from harness.failures import attempt
     >>> attempt(lambda: tick() or {}, {}, time_limit=-1.0)
     {'status': 'time limit', 'cause': 'more than -1 s'}
     """

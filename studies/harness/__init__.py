@@ -3,7 +3,7 @@
 A study is a list of settings, a function of them that returns numbers, and a conclusion in
 numbers that sets the exit code:
 
-    import lab
+    import harness
 
     import fecloth as fc
 
@@ -11,26 +11,26 @@ numbers that sets the exit code:
     def swing(method: str, dt: float) -> dict:
         cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1)
         system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity()], ["left"])
-        run = fc.run(system, getattr(fc, method)(), system.rest(), dt, 0.5, report=lab.tick)
+        run = fc.run(system, getattr(fc, method)(), system.rest(), dt, 0.5, report=harness.tick)
         return {"sag": -run.state.x[:, 2].min()}
 
 
     def main() -> int:
-        options = lab.arguments(__doc__)
+        options = harness.arguments(__doc__)
         sizes = (0.02, 0.01) if options.quick else (0.02, 0.01, 0.005, 0.0025)
         cases = [{"method": m, "dt": dt} for m in ("BackwardEuler", "BDF2") for dt in sizes]
-        rows = lab.run_cases(cases, swing, options.out, **lab.running(options), time_limit=60)
-        with lab.figure(options.out, "sag", "time step [s]", "sag [m]") as (figure, ax):
-            lab.lines(ax, rows, x="dt", y="sag", by="method")
+        rows = harness.run_cases(cases, swing, options.out, **harness.running(options), time_limit=60)
+        with harness.figure(options.out, "sag", "time step [s]", "sag [m]") as (figure, ax):
+            harness.lines(ax, rows, x="dt", y="sag", by="method")
         sags = [row["sag"] for row in rows if row["status"] == "ok"]
-        findings = [lab.Finding("sag spread [m]", max(sags) - min(sags), high=0.05)]
-        return lab.report(options, "Swing", rows, figures=["sag"], findings=findings)
+        findings = [harness.Finding("sag spread [m]", max(sags) - min(sags), high=0.05)]
+        return harness.report(options, "Swing", rows, figures=["sag"], findings=findings)
 
 
     if __name__ == "__main__":
         raise SystemExit(main())
 
-`import lab` stands before NumPy's import: it pins every library to one thread.
+`import harness` stands before NumPy's import: it pins every library to one thread.
 """
 
 from . import threads  # noqa: F401  before NumPy
