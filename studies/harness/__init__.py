@@ -19,7 +19,7 @@ numbers that sets the exit code:
         options = harness.arguments(__doc__)
         sizes = (0.02, 0.01) if options.quick else (0.02, 0.01, 0.005, 0.0025)
         cases = [{"method": m, "dt": dt} for m in ("BackwardEuler", "BDF2") for dt in sizes]
-        rows = harness.run_cases(cases, swing, options.out, **harness.running(options), time_limit=60)
+        rows = harness.run_cases(cases, swing, **harness.running(options), time_limit=60)
         with harness.figure(options.out, "sag", "time step [s]", "sag [m]") as (figure, ax):
             harness.lines(ax, rows, x="dt", y="sag", by="method")
         sags = [row["sag"] for row in rows if row["status"] == "ok"]

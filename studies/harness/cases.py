@@ -137,7 +137,8 @@ def _keep(case: Case, result: dict, out: Path, time_limit: float | None) -> None
     """Put a finished case on disk, unless it may go otherwise another time."""
     clash = sorted(set(case.settings) & set(result))
     if clash:
-        raise InputError(f"{case.name} returned {', '.join(clash)}", "are settings already")
+        what = f"{case.name} returned {', '.join(clash)}"
+        raise InputError(what, "a setting has that name already", case.file)
     if result["status"] in failures.KEPT:
         kept = {"settings": case.settings, "time_limit": time_limit, "result": result}
         replace_file(_path(case, out), (json.dumps(kept, default=_plain) + "\n").encode())

@@ -42,4 +42,4 @@ def arguments(description: str, argv: list[str] | None = None, **more: dict) -> 
 
 def running(options: argparse.Namespace) -> dict[str, object]:
     """Those of the options that `run_cases` takes."""
-    return {name: getattr(options, name) for name in ("jobs", "scheduler", "fresh")}
+    return {name: getattr(options, name) for name in ("out", "jobs", "scheduler", "fresh")}
