@@ -205,7 +205,7 @@ class Adaptive:
 
     def allowed(self, system: System, state: State) -> float:
         """Error for each second [m/s]."""
-        mass = system.nodal_mass
+        mass = system.diagonal_mass
         centre = mass @ state.x / mass.sum()
         return self.atol + self.rtol * rms(system, state.x - centre)
 
@@ -228,10 +228,10 @@ def _fitted(dt, horizon):
 
 def rms(system: System, y: np.ndarray) -> float:
     """Mass-weighted root mean square over the nodes of (n, 3)."""
-    mass = system.nodal_mass
+    mass = system.diagonal_mass
     return math.sqrt(mass @ np.einsum("ij,ij->i", y, y) / mass.sum())
 
 
 def acceleration(system: System, state: State) -> np.ndarray:
-    """f / m (n, 3) [m/s²] of the free directions, with the lumped mass."""
-    return system.constraints.project(system.force(state) / system.nodal_mass[:, None])
+    """f / m (n, 3) [m/s²] of the free directions, with the diagonal mass."""
+    return system.constraints.project(system.force(state) / system.diagonal_mass[:, None])

@@ -12,18 +12,11 @@ import numpy as np
 import scipy.sparse as sparse
 import skfem
 
-from . import meshing
+from . import elements, fields, meshing
 from .errors import InputError
 from .hinges import Hinges
-from .locate import locate
 
 Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
-
-CENTROID = (np.array([[1 / 3], [1 / 3]]), np.array([0.5]))
-
-# element and the quadrature rule of its energy: F is constant on a P1 triangle, so one point is
-# exact there (scikit-fem's own rules have three at least)
-ELEMENTS = {"P1": (skfem.ElementTriP1(), CENTROID)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +27,24 @@ class Cloth:
     so that neighbours lie close together in memory; `source_nodes` and `source_triangles` lead
     back to the numbering of the mesh that came in.
 
+    Its `element` is "P1", linear triangles, or "P2", quadratic ones, whose nodes are the corners
+    and, behind them, the middles of the edges (`fecloth.elements`). P2 has a consistent mass only,
+    and so no explicit methods; each term says which elements it knows.
+
     Attributes
     ----------
     X
-        (n, 2) reference coordinates along warp and weft [m].
+        (n, 2) reference coordinates of the nodes along warp and weft [m].
     triangles
-        (m, 3) int32, counter-clockwise; ``triangles`` and not scikit-fem's ``mesh.t`` holds the
-        orientation.
+        (m, 3) int32 corners, counter-clockwise; ``triangles`` and not scikit-fem's ``mesh.t``
+        holds the orientation.
     node_sets, edge_sets, triangle_sets
-        Named node indices, (k, 2) node pairs, and triangles (regions).
+        Named node indices, (k, 2) pairs of corners, and triangles (regions).
     source_nodes, source_triangles
-        ``X[i]`` came in as node ``source_nodes[i]``; likewise for triangles.
+        ``X[i]`` came in as node ``source_nodes[i]``, −1 for the middle of an edge; likewise for
+        triangles.
+    element
+        "P1" or "P2".
 
     Examples
     --------
@@ -53,6 +53,9 @@ class Cloth:
     (9, 8, 3)
     >>> round(cloth.area, 12)
     1.0
+    >>> cloth = Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right", element="P2")
+    >>> len(cloth.X), cloth.stencil.shape, cloth.nodes("left").size
+    (25, (8, 6), 5)
     """
 
     X: np.ndarray
@@ -67,28 +70,35 @@ class Cloth:
     # --- where a cloth comes from -------------------------------------------------------------
 
     @classmethod
-    def rectangle(cls, width: float, height: float, h: float, pattern: str = "unstructured"):
+    def rectangle(
+        cls,
+        width: float,
+        height: float,
+        h: float,
+        pattern: str = "unstructured",
+        element: str = "P1",
+    ):
         """Rectangle [0, width] × [0, height] of edge length `h` [m].
 
         `pattern` is "unstructured" (Gmsh), "right" (every cell cut along the same diagonal),
         "cross" (every cell cut along both) or "equilateral". Sets: left, right, bottom, top,
         corners, boundary.
         """
-        return cls._of(meshing.rectangle(width, height, h, pattern))
+        return cls._of(meshing.rectangle(width, height, h, pattern), element, points=["corners"])
 
     @classmethod
-    def disk(cls, radius: float, h: float):
+    def disk(cls, radius: float, h: float, element: str = "P1"):
         """Disk around the origin, meshed by Gmsh with edge length `h` [m]. Set: boundary."""
-        return cls._of(meshing.disk(radius, h))
+        return cls._of(meshing.disk(radius, h), element)
 
     @classmethod
-    def read(cls, path: str | Path, h: float | None = None):
+    def read(cls, path: str | Path, h: float | None = None, element: str = "P1"):
         """A .geo file meshed by Gmsh at size `h` [m], or any triangle mesh that meshio reads.
 
         Physical groups become node and edge sets. A mesh in space is accepted if it lies in a
         plane.
         """
-        return cls._of(meshing.read(path, h))
+        return cls._of(meshing.read(path, h), element)
 
     @classmethod
     def from_arrays(
@@ -98,17 +108,26 @@ class Cloth:
         sets: dict | None = None,
         renumber: bool = True,
         regions: dict | None = None,
+        element: str = "P1",
     ):
-        """A cloth from coordinates (n, 2) [m], triangles (m, 3), named nodes, named triangles."""
+        """A cloth from coordinates (n, 2) [m], triangles (m, 3), named nodes, named triangles.
+
+        For P2 too these are the corners. A named set grows by the middles of the edges that have
+        both ends in it; one with the name of a region by those of the region's triangles.
+        """
         where = "from_arrays"
         mesh = meshing.checked(X, triangles, sets, where=where, triangle_sets=regions)
-        return cls._of(mesh, renumber)
+        return cls._of(mesh, element, renumber)
 
     @classmethod
-    def _of(cls, mesh: meshing.FlatMesh, renumber: bool = True):
+    def _of(cls, mesh: meshing.FlatMesh, element: str, renumber: bool = True, points=()):
+        elements.named(element, "Cloth")
         nodes, triangles = np.arange(len(mesh.X)), np.arange(len(mesh.triangles))
         if renumber:
             mesh, nodes, triangles = meshing.renumbered(mesh)
+        if element == "P2":
+            mesh = elements.quadratic(mesh, points)
+            nodes = np.append(nodes, np.full(len(mesh.X) - len(nodes), -1))
         return cls(
             mesh.X,
             mesh.triangles,
@@ -116,7 +135,8 @@ class Cloth:
             mesh.edge_sets,
             nodes,
             triangles,
-            triangle_sets=mesh.triangle_sets,
+            element,
+            mesh.triangle_sets,
         )
 
     # --- what it is ---------------------------------------------------------------------------
@@ -199,31 +219,38 @@ class Cloth:
 
     # --- scikit-fem ---------------------------------------------------------------------------
 
+    @property
+    def _element(self) -> elements.Element:
+        return elements.named(self.element, "Cloth")
+
     @cached_property
     def mesh(self) -> skfem.MeshTri:
-        """The scikit-fem mesh; it sorts the vertices inside each triangle."""
-        return skfem.MeshTri(
-            np.ascontiguousarray(self.X.T), np.ascontiguousarray(self.triangles.T, dtype=np.int64)
-        )
+        """The scikit-fem mesh of the corners; it sorts the vertices inside each triangle."""
+        corners = len(self.X) if self.element == "P1" else int(self.triangles.max()) + 1
+        return elements.skfem_mesh(self.X[:corners], self.triangles)
+
+    @cached_property
+    def cells(self) -> np.ndarray:
+        """(m, k) int32 as VTK numbers a cell: `triangles`, for P2 the middles of 01, 12, 20 too."""
+        if self.element == "P1":
+            return self.triangles
+        return elements.oriented_cells(self.mesh, self.triangles)
 
     def basis(self, order: int) -> skfem.CellBasis:
         """A scalar scikit-fem basis whose quadrature is exact to polynomial degree `order`."""
-        return skfem.Basis(self.mesh, ELEMENTS[self.element][0], intorder=order)
+        return self._element.basis(self.mesh, order)
 
     @cached_property
     def _kernel_arrays(self):
-        element, rule = ELEMENTS[self.element]
-        basis = skfem.Basis(self.mesh, element, quadrature=rule)
-        gradients = np.stack([phi[0].grad for phi in basis.basis])  # (k, 2, m, q)
-        return (
-            np.ascontiguousarray(basis.element_dofs.T, dtype=np.int32),
-            np.ascontiguousarray(gradients.transpose(2, 3, 0, 1)),
-            np.ascontiguousarray(basis.dx),
-        )
+        return self._element.arrays(self.mesh)
 
     @property
     def stencil(self) -> np.ndarray:
-        """(m, k) int32, the nodes of each triangle in scikit-fem's order."""
+        """(m, k) int32, the nodes of each triangle in scikit-fem's order.
+
+        Corners by ascending number (whatever the orientation), then the middles of their edges
+        01, 12 and 02.
+        """
         return self._kernel_arrays[0]
 
     @property
@@ -242,28 +269,82 @@ class Cloth:
         _, q, k, _ = self.gradients.shape
         return (0,) * k, (0,) * q
 
-    @cached_property
-    def load(self) -> np.ndarray:
-        """(n,) ∫ N_a dA [m²], the load vector of a unit load."""
-        return self.weighted_load(np.ones(len(self.triangles)))
+    def load(self, density=1.0, order: int = 6) -> np.ndarray:
+        """∫ ρ N_a dA: the forces (n,) or (n, d) on the nodes that do the work of a load ρ.
+
+        Parameters
+        ----------
+        density
+            ρ: a number, or a function that takes material points (p, 2) to (p,) or (p, d).
+        order
+            Polynomial degree to which ρ N_a is integrated exactly.
+
+        Examples
+        --------
+        >>> cloth = Cloth.rectangle(2.0, 1.0, h=1.0, pattern="right", element="P2")
+        >>> float(cloth.load(lambda X: X[:, 0] ** 3).sum().round(12))  # ∫ X³ dA, X < 2, Y < 1
+        4.0
+        """
+        if not callable(density):
+            return density * self.weighted_load(np.ones(len(self.triangles)))
+        return fields.load(self, density, order)
 
     def weighted_load(self, density: np.ndarray) -> np.ndarray:
-        """(n,) ∫ ρ N_a dA, with one ρ for each triangle (m,)."""
+        """(n,) ∫ ρ N_a dA, with one ρ for each triangle (m,); zero at a P2 triangle's corners."""
         basis = self.basis(2)
         rho = np.broadcast_to(density[:, None], basis.dx.shape)
         return skfem.LinearForm(lambda v, w: w["rho"] * v).assemble(basis, rho=rho)
 
-    def mass(self, kind: str = "lumped", density: np.ndarray | None = None) -> sparse.csr_matrix:
-        """(n, n) ∫ ρ N_a N_b dA, consistent or lumped by row sums; ρ (m,) is 1 if left out."""
+    def mass(self, kind: str | None = None, density: np.ndarray | None = None) -> sparse.csr_matrix:
+        """(n, n) ∫ ρ N_a N_b dA, consistent or lumped by row sums; ρ (m,) is 1 if left out.
+
+        Left out, `kind` is "lumped" for P1 and "consistent" for P2.
+
+        Raises
+        ------
+        InputError
+            For another kind, and for P2 lumped: its row sums give the corners no mass.
+        """
+        kind = self.usual_mass if kind is None else kind
         density = np.ones(len(self.triangles)) if density is None else density
+        if kind not in ("lumped", "consistent"):
+            raise InputError(f"mass = {kind!r}", 'must be "lumped" or "consistent"', "Cloth.mass")
         if kind == "lumped":
+            self._check_lumps()
             return sparse.diags(self.weighted_load(density), format="csr")
-        if kind == "consistent":
-            basis = self.basis(2)
-            rho = np.broadcast_to(density[:, None], basis.dx.shape)
-            form = skfem.BilinearForm(lambda u, v, w: w["rho"] * u * v)
-            return form.assemble(basis, rho=rho).tocsr()
-        raise InputError(f"mass = {kind!r}", 'must be "lumped" or "consistent"', "Cloth.mass")
+        basis = self.basis(2 * self._element.degree)
+        rho = np.broadcast_to(density[:, None], basis.dx.shape)
+        form = skfem.BilinearForm(lambda u, v, w: w["rho"] * u * v)
+        return form.assemble(basis, rho=rho).tocsr()
+
+    @property
+    def usual_mass(self) -> str:
+        """The kind of mass where none is asked for: "lumped" for P1, "consistent" for P2."""
+        return "lumped" if self.element == "P1" else "consistent"
+
+    def _check_lumps(self):
+        if self.element == "P2":
+            raise InputError(
+                'mass = "lumped"',
+                'must be "consistent" for element P2: row sums give its corners no mass',
+                "Cloth.mass",
+                'Take mass = "consistent" with an implicit method, or element = "P1".',
+            )
+
+    def diagonal_mass(self, density: np.ndarray) -> np.ndarray:
+        """(n,) the consistent mass's diagonal, each triangle's scaled to its own mass [kg].
+
+        Positive for either element, and P1's row sums. For norms, estimates and bounds: steps
+        with it in place of the mass would not keep P2's order.
+        """
+        amount = self.weights.sum(axis=1) * density
+        parts = amount[:, None] * self._element.scaled_diagonal
+        return np.bincount(self.stencil.ravel(), parts.ravel(), len(self.X))
+
+    @property
+    def least_mass(self) -> float:
+        """c with the consistent mass ≥ c `diagonal_mass`, whatever the shape of the triangles."""
+        return self._element.least_mass
 
     # --- fields on the cloth ------------------------------------------------------------------
 
@@ -278,35 +359,16 @@ class Cloth:
         MeshError
             If a point lies farther outside.
         """
-        points = np.asarray(points, dtype=float).reshape(-1, 2)
-        cells = locate(self.X, self.triangles, points)
-        basis = self.basis(1)
-        local = basis.mapping.invF(points.T[:, :, None], tind=cells)
-        values = [
-            basis.elem.gbasis(basis.mapping, local, a, tind=cells)[0].ravel()
-            for a in range(basis.Nbfun)
-        ]
-        columns = basis.element_dofs[:, cells]
-        rows = np.broadcast_to(np.arange(len(points)), columns.shape)
-        shape = (len(points), basis.N)
-        return sparse.csr_matrix((np.ravel(values), (rows.ravel(), columns.ravel())), shape=shape)
+        return fields.interpolator(self, points)
 
     def interpolate(self, values: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Values at material points (p, 2) of a nodal field (n,) or (n, d)."""
-        return self.interpolator(points) @ self._field(values)
+        return self.interpolator(points) @ fields.nodal(self, values)
 
     def l2_norm(self, values: np.ndarray) -> float:
         """√∫ |u|² dA of a nodal field (n,) or (n, d)."""
-        values = self._field(values)
+        values = fields.nodal(self, values)
         return float(np.sqrt(np.sum(values * (self.mass("consistent") @ values))))
-
-    def _field(self, values) -> np.ndarray:
-        """A nodal field as an array; raises `InputError` if it is not one."""
-        values = np.asarray(values, dtype=float)
-        if values.ndim not in (1, 2) or len(values) != len(self.X):
-            allowed = f"must be ({len(self.X)},) or ({len(self.X)}, d)"
-            raise InputError(f"a nodal field of shape {values.shape}", allowed, "Cloth")
-        return values
 
     def l2_difference(self, other: Cloth, a: np.ndarray, b: np.ndarray) -> float:
         """√∫ |a − b|² dA for nodal fields a on this cloth and b on `other`.
@@ -314,49 +376,32 @@ class Cloth:
         The integral runs over the cloth with more triangles, by a rule exact to degree 4 on
         each of them (exact altogether where the coarser mesh's edges are also edges of the finer).
         """
-        weights, (value_a, *_), (value_b, *_) = _on_common_points(self, a, other, b)
-        return float(np.sqrt(np.sum(weights[:, None] * (value_a - value_b) ** 2)))
+        return fields.l2_difference(self, other, a, b)
 
     def h1_difference(self, other: Cloth, a: np.ndarray, b: np.ndarray) -> float:
         """√∫ |∇a − ∇b|² dA (the H1 seminorm) for a on this cloth and b on `other`."""
-        weights, (_, *grad_a), (_, *grad_b) = _on_common_points(self, a, other, b)
-        squares = sum(np.sum((p - q) ** 2, axis=1) for p, q in zip(grad_a, grad_b, strict=True))
-        return float(np.sqrt(np.sum(weights * squares)))
+        return fields.h1_difference(self, other, a, b)
 
+    def l2_error(self, values: np.ndarray, exact: Callable, order: int = 8) -> float:
+        """√∫ |u − exact|² dA of a nodal field (n,) or (n, d).
 
-def _on_common_points(cloth, a, other, b):
-    """Weights, and value, ∂/∂X₁, ∂/∂X₂ of both fields, at the finer cloth's quadrature points."""
-    a, b = cloth._field(a), other._field(b)
-    if a.shape[1:] != b.shape[1:]:
-        what = f"fields of shapes {a.shape} and {b.shape}"
-        raise InputError(what, "must have as many components", "Cloth.l2_difference")
-    finer = cloth if len(cloth.triangles) >= len(other.triangles) else other
-    basis = finer.basis(4)
-    points = basis.global_coordinates()  # (2, m, q)
-    return (
-        basis.dx.ravel(),
-        _value_and_gradient(cloth, a, points, finer is cloth),
-        _value_and_gradient(other, b, points, finer is other),
-    )
+        ``exact`` takes material points (p, 2) to (p,) or (p, d); `order` is the polynomial degree
+        to which the square is integrated exactly.
+        """
+        return fields.l2_error(self, values, exact, order)
 
+    def h1_error(self, values: np.ndarray, exact_gradient: Callable, order: int = 8) -> float:
+        """√∫ |∂u/∂X − exact_gradient|² dA (the H1 seminorm) of a nodal field (n,) or (n, d).
 
-def _value_and_gradient(cloth, values, points, own):
-    values = values.reshape(len(cloth.X), -1)
-    flat = points.reshape(2, -1)
-    if own:
-        cells = np.repeat(np.arange(points.shape[1]), points.shape[2])
-    else:
-        cells = locate(cloth.X, cloth.triangles, flat.T)
-    basis = cloth.basis(1)
-    local = basis.mapping.invF(flat[:, :, None], tind=cells)
-    value, d1, d2 = np.zeros((3, flat.shape[1], values.shape[1]))
-    for a in range(basis.Nbfun):
-        phi = basis.elem.gbasis(basis.mapping, local, a, tind=cells)[0]
-        nodal = values[basis.element_dofs[a, cells]]
-        value += phi.reshape(-1, 1) * nodal
-        d1 += phi.grad[0].reshape(-1, 1) * nodal
-        d2 += phi.grad[1].reshape(-1, 1) * nodal
-    return value, d1, d2
+        ``exact_gradient`` takes material points (p, 2) to (p, 2) or (p, d, 2).
+
+        Examples
+        --------
+        >>> cloth = Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right", element="P2")
+        >>> cloth.h1_error(cloth.X[:, 0] ** 2, lambda X: 2 * X * (1, 0)) < 1e-14
+        True
+        """
+        return fields.h1_error(self, values, exact_gradient, order)
 
 
 def _nearest(name: str, names) -> str:

@@ -65,7 +65,9 @@ class Explicit:
                 f"mass = {system.mass_kind!r}",
                 "must be 'lumped': an explicit step divides by the mass, and solves nothing",
                 type(self).__name__,
-                "Lump the mass, or take an implicit method.",
+                "Take an implicit method: a lumped P2 triangle has no mass at its corners."
+                if system.cloth.element == "P2"
+                else "Lump the mass, or take an implicit method.",
             )
 
     def numerical(self, system: System, old: State, step: Step) -> float:

@@ -259,7 +259,8 @@ def compile_kernels(built: Built) -> None:
     """
     whole, halves = built.system, {"lower": [0], "upper": [1]}
     corners, triangles = [(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)]
-    cloth = Cloth.from_arrays(corners, triangles, {"left": [0, 3]}, regions=halves)
+    sets, element = {"left": [0, 3]}, whole.cloth.element
+    cloth = Cloth.from_arrays(corners, triangles, sets, regions=halves, element=element)
     fabric, *others = whole.panel.fabrics  # constants by triangle are an array of another layout
     fabric = {"lower": fabric, "upper": others[0]} if others else fabric
     for linear in ("pcg", "direct") if built.linear == "auto" else (built.linear,):

@@ -39,14 +39,16 @@ class System:
     pins
         `Pin` and `Slide` objects, or names of node sets to hold fixed.
     mass
-        "lumped" (row sums) or "consistent".
+        "lumped" (row sums) or "consistent"; left out, lumped for P1 and consistent for P2, whose
+        row sums give the corners of the triangles no mass.
     grain
         Angle of the warp from the X axis [rad], for all or by region.
 
     Raises
     ------
     InputError
-        For a term that cannot be bound, or a pin that names no node.
+        For a term that cannot be bound or does not know the cloth's element, a pin that names no
+        node, or a lumped mass for P2.
 
     Examples
     --------
@@ -65,9 +67,11 @@ class System:
     mass_kind: str = "lumped"
     grain: float | Mapping[str, float] = 0.0
 
-    def __init__(self, cloth, fabric, terms, pins=(), mass="lumped", grain=0.0):
+    def __init__(self, cloth, fabric, terms, pins=(), mass=None, grain=0.0):
         terms = _several(terms, "terms", "StVK()", lambda term: hasattr(term, "bind"))
         pins = _several(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
+        mass = cloth.usual_mass if mass is None else mass
+        _check_elements(terms, cloth.element)
         for name, value in (
             ("cloth", cloth),
             ("fabric", fabric),
@@ -93,8 +97,13 @@ class System:
 
     @cached_property
     def nodal_mass(self) -> np.ndarray:
-        """(n,) row sums of the mass [kg]."""
+        """(n,) row sums of the mass [kg]; zero at the corners of P2 triangles."""
         return self.cloth.weighted_load(self.panel.density)
+
+    @cached_property
+    def diagonal_mass(self) -> np.ndarray:
+        """(n,) masses > 0 [kg] for norms and estimates: P1's row sums, `Cloth.diagonal_mass`."""
+        return self.cloth.diagonal_mass(self.panel.density)
 
     @cached_property
     def _stencils(self) -> list:
@@ -111,12 +120,12 @@ class System:
     @cached_property
     def bound(self) -> tuple:
         """The terms, bound to the cloth; terms with one stencil share one array of slots."""
-        shared: dict[int, np.ndarray] = {}
+        shared: dict[int, tuple] = {}  # with the stencil, so that no other one gets its id
 
         def slots(stencil):
             if id(stencil) not in shared:
-                shared[id(stencil)] = self.pattern.slots(stencil)
-            return shared[id(stencil)]
+                shared[id(stencil)] = stencil, self.pattern.slots(stencil)
+            return shared[id(stencil)][1]
 
         return tuple(term.bind(self.panel, slots) for term in self.terms)
 
@@ -253,12 +262,23 @@ class System:
     def rate_bounds(self) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest.
 
-        For a consistent mass of P1 triangles the lumped bound is taken four times: the smallest
-        eigenvalue of an element's consistent mass is a quarter of its lumped one.
+        A consistent mass is at least a part of its scaled diagonal, a quarter for P1, and that
+        part counts in its place.
         """
-        factor = 4.0 if self.mass_kind == "consistent" else 1.0
-        bounds = [term.rate_bounds(self.nodal_mass) for term in self.bound]
-        return factor * sum(b[0] for b in bounds), factor * sum(b[1] for b in bounds)
+        part = self.cloth.least_mass if self.mass_kind == "consistent" else 1.0
+        bounds = [term.rate_bounds(part * self.diagonal_mass) for term in self.bound]
+        return sum(b[0] for b in bounds), sum(b[1] for b in bounds)
+
+
+def _check_elements(terms, element: str) -> None:
+    """Refuse the first term that does not know the cloth's element."""
+    for term in terms:
+        known = getattr(term, "elements", ("P1",))
+        if element not in known:
+            name = type(term).__name__
+            what, allowed = f"{name} on element {element}", f"must be on {' or '.join(known)}"
+            remedy = f"Leave {name} out, or make the cloth with element = {known[0]!r}."
+            raise InputError(what, allowed, "System", remedy)
 
 
 def _several(values, name: str, example: str, is_one: Callable[[object], bool]) -> tuple:

@@ -8,7 +8,10 @@ from skfem.helpers import ddot, grad, transpose
 
 
 def _space(cloth):
-    return skfem.Basis(cloth.mesh, skfem.ElementVector(skfem.ElementTriP1(), dim=3), intorder=1)
+    shapes, order = {"P1": (skfem.ElementTriP1(), 1), "P2": (skfem.ElementTriP2(), 4)}[
+        cloth.element
+    ]
+    return skfem.Basis(cloth.mesh, skfem.ElementVector(shapes, dim=3), intorder=order)
 
 
 def _fourth_order(moduli):

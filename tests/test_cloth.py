@@ -68,7 +68,7 @@ def test_masses_and_load_from_the_areas(cloth):
         expected[np.ix_(nodes, nodes)] += area / 12 * (1 + np.eye(3))
         load[nodes] += area / 3
     np.testing.assert_allclose(cloth.mass("consistent").toarray(), expected, atol=1e-15)
-    np.testing.assert_allclose(cloth.load, load, rtol=1e-12)
+    np.testing.assert_allclose(cloth.load(), load, rtol=1e-12)
     np.testing.assert_allclose(cloth.mass().toarray(), np.diag(load), rtol=1e-12)
     with pytest.raises(fc.InputError, match="Cloth.mass: mass = 'diagonal': must be \"lumped\""):
         cloth.mass("diagonal")
@@ -78,7 +78,12 @@ def test_area_and_total_masses(cloth, disk):
     """The polygon of k equal chords has the area k/2 r² sin(2π/k)."""
     k = len(disk.nodes("boundary"))
     expected = k / 8 * np.sin(2 * np.pi / k) if cloth is disk else 0.6
-    for total in (cloth.area, cloth.load.sum(), cloth.mass().sum(), cloth.mass("consistent").sum()):
+    for total in (
+        cloth.area,
+        cloth.load().sum(),
+        cloth.mass().sum(),
+        cloth.mass("consistent").sum(),
+    ):
         assert total == pytest.approx(expected, rel=1e-12)
 
 

@@ -190,7 +190,7 @@ WRITTEN = (
 @pytest.mark.parametrize("per", ["area", "mass", "node"])
 def test_a_force_of_ones_own(per, arguments, sheet, isotropic, rng):
     system = fc.System(sheet, isotropic, [fc.UserForce(**arguments, per=per, tangent="exact")])
-    amount = {"area": sheet.load, "mass": 0.2 * sheet.load, "node": np.ones(len(sheet.X))}[per]
+    amount = {"area": sheet.load(), "mass": 0.2 * sheet.load(), "node": np.ones(len(sheet.X))}[per]
     state = system.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)), t=0.7)
     expected = amount[:, None] * spring(state.x, state.v, 0.7)
     force = system.force(state)

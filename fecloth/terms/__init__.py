@@ -2,6 +2,7 @@
 
 What a user writes is a frozen description with its own parameters only. It offers
 
+    elements                    those it supports, as ("P1", "P2"); left out, P1 alone
     stencil(cloth)              (m, k) nodes that it couples, or None
     bind(panel, slots)          the bound term; ``slots(stencil)`` gives its blocks in the matrix
 

@@ -48,6 +48,8 @@ class PointForce:
     def __post_init__(self):
         vector(self.force, "force", "PointForce")
 
+    elements = ("P1", "P2")
+
     def stencil(self, cloth: Cloth) -> None:
         return None
 
@@ -144,13 +146,15 @@ class UserForce:
         if not callable(self.force):
             _formulas(self.force)
 
+    elements = ("P1", "P2")
+
     def stencil(self, cloth: Cloth) -> None:
         return None
 
     def bind(self, panel: Panel, slots) -> BoundUserForce:
         cloth = panel.cloth
         amount = {
-            "area": lambda: cloth.load,
+            "area": cloth.load,
             "mass": lambda: cloth.weighted_load(panel.density),
             "node": lambda: np.ones(len(cloth.X)),
         }[self.per]()

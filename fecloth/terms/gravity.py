@@ -31,6 +31,8 @@ class Gravity:
             allowed = "must be three finite numbers [m/s²]"
             raise InputError(f"acceleration = {self.acceleration!r}", allowed, "Gravity")
 
+    elements = ("P1", "P2")
+
     def stencil(self, cloth: Cloth) -> None:
         return None
 

@@ -36,6 +36,8 @@ class MassDamping:
         if not (is_number(self.rate) and self.rate > 0):
             raise InputError(f"rate = {self.rate!r}", "must be finite and > 0 [1/s]", "MassDamping")
 
+    elements = ("P1", "P2")
+
     def stencil(self, cloth: Cloth) -> None:
         return None
 

@@ -320,9 +320,9 @@ def eigenvalue_bound(panel: Panel, moduli: np.ndarray, mass: np.ndarray) -> floa
     """Upper bound of the largest eigenvalue of M⁻¹K at F = I, for lumped masses (n,) [kg].
 
     The largest eigenvalue of a sum of element matrices is at most the largest of the elements'
-    own (Irons and Treharne 1971); each node's mass is shared among its triangles by theirs. The
-    nonzero eigenvalues of M_e⁻¹ K_e are those of the 3×3 matrix Lᵀ (Σ_a w B_a B_aᵀ / m_a) L with
-    ℂ = L Lᵀ.
+    own (Irons and Treharne 1971); each node's mass is shared among its triangles by theirs. With
+    ℂ = L Lᵀ the nonzero eigenvalues of M_e⁻¹ K_e are those of the matrix of 3×3 blocks, one for
+    each pair of quadrature points, Lᵀ (Σ_a √(w_p w_q) B_ap B_aqᵀ / m_a) L.
     """
     cloth = panel.cloth
     area = cloth.weights.sum(axis=1) * panel.density
@@ -332,8 +332,10 @@ def eigenvalue_bound(panel: Panel, moduli: np.ndarray, mass: np.ndarray) -> floa
     G1, G2 = np.moveaxis(panel.gradients, -1, 0)  # (m, q, k)
     zero = np.zeros_like(G1)
     B = np.stack([np.stack([G1, zero], -1), np.stack([zero, G2], -1), np.stack([G2, G1], -1)], -2)
-    inner_ = np.einsum("eq,eqaij,eqakj,ea->eik", cloth.weights, B, B, 1 / share, optimize=True)
-    return float(np.linalg.eigvalsh(L.transpose(0, 2, 1) @ inner_ @ L)[:, -1].max())
+    m, q, k = G1.shape
+    scale = np.sqrt(cloth.weights[:, :, None] / share[:, None, :])  # (m, q, k)
+    rows = np.einsum("eli,eqalj,eqa->eqiaj", L, B, scale, optimize=True).reshape(m, 3 * q, 2 * k)
+    return float(np.linalg.eigvalsh(rows @ rows.transpose(0, 2, 1))[:, -1].max())
 
 
 def deformation_gradient(

@@ -104,6 +104,8 @@ class NeoHookean:
         lam = 2 * mu if self.kind == "incompressible" else lam
         return np.array([lam + 2 * mu, lam + 2 * mu, mu, lam, 0.0, 0.0])
 
+    elements = ("P1", "P2")
+
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 

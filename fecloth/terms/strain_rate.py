@@ -65,6 +65,8 @@ class StrainRateDamping:
         if self.law is not None and not hasattr(self.law, "moduli"):
             raise InputError(f"law = {self.law!r}", "must be a membrane such as StVK()", where)
 
+    elements = ("P1", "P2")
+
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 

@@ -33,6 +33,8 @@ class StVK:
         """(6,) ℂ = (C11, C22, C66, C12, C16, C26) [N/m]."""
         return fabric.moduli()
 
+    elements = ("P1", "P2")
+
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 

@@ -52,6 +52,8 @@ class TensionField:
         fabric.isotropic("TensionField")
         return fabric.moduli()
 
+    elements = ("P1", "P2")
+
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 

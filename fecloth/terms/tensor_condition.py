@@ -42,6 +42,8 @@ class TensorCondition:
         """(6,) ℂ = (C11, C22, C66, C12, C16, C26) [N/m]; the fabric's own are not used."""
         return np.array([4 * self.k, 4 * self.k, 2 * self.k, 0.0, 0.0, 0.0])
 
+    elements = ("P1", "P2")
+
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 

@@ -61,6 +61,8 @@ class Tether:
             raise InputError(f"damping = {self.damping!r}", "must be >= 0 [N s/m]", "Tether")
         vector(self.point, "point", "Tether")
 
+    elements = ("P1", "P2")
+
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return np.asarray(cloth.nodes(self.where), dtype=np.int32)[:, None]
 

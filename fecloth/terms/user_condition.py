@@ -113,6 +113,8 @@ class Condition:
             raise InputError(what, "must be whole numbers (m, k)", self.name, remedy)
         object.__setattr__(self, "nodes", np.ascontiguousarray(stencil, dtype=np.int32))
 
+    elements = ("P1", "P2")
+
     def stencil(self, cloth: Cloth) -> np.ndarray:
         low, high = self.nodes.min(), self.nodes.max()
         if low < 0 or high >= len(cloth.X):

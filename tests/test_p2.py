@@ -1,0 +1,278 @@
+"""Quadratic triangles: the same kernels on six nodes and six points, and the orders they buy."""
+
+import numpy as np
+import oracle
+import pytest
+import skfem
+
+import fecloth as fc
+from fecloth.stability import critical_dt, element_bound
+from fecloth.verify import check_term, observed_order, trial_states
+
+FABRIC = fc.Fabric(0.2, (1000.0, 600.0), 0.3, 150.0)
+STATES = ["random", "compressed", "nearly degenerate"]
+
+
+@pytest.fixture(scope="module")
+def cloth():
+    return fc.Cloth.rectangle(0.3, 0.2, h=0.1, element="P2")
+
+
+def system_on(cloth, terms=None, **options):
+    return fc.System(cloth, FABRIC, [fc.StVK()] if terms is None else terms, **options)
+
+
+def close(a, b, tolerance=1e-12):
+    assert np.abs(a - b).max() <= tolerance * np.abs(b).max()
+
+
+# --- nodes and sets -------------------------------------------------------------------------------
+
+
+def test_nodes_are_the_corners_and_the_middles_of_the_edges(cloth):
+    linear = fc.Cloth.rectangle(0.3, 0.2, h=0.1)
+    corners = len(linear.X)
+    assert np.array_equal(cloth.X[:corners], linear.X)
+    assert np.array_equal(cloth.triangles, linear.triangles)
+    edges = {
+        frozenset(pair) for t in linear.triangles for pair in zip(t, np.roll(t, 1), strict=True)
+    }
+    assert len(cloth.X) == corners + len(edges)
+    middles = {tuple(np.round(linear.X[list(edge)].mean(axis=0), 12)) for edge in edges}
+    assert {tuple(x) for x in np.round(cloth.X[corners:], 12)} == middles
+    assert (cloth.source_nodes[corners:] == -1).all()
+    assert np.array_equal(cloth.source_nodes[:corners], linear.source_nodes)
+
+
+def test_the_orders_of_a_triangles_nodes(cloth):
+    """Both lists: three corners, and the middles of 01, 12, 20; `cells` counter-clockwise."""
+    for nodes in (cloth.stencil, cloth.cells):
+        assert nodes.shape == (len(cloth.triangles), 6)
+        x = cloth.X[nodes]
+        for a, b, middle in ((0, 1, 3), (1, 2, 4), (2, 0, 5)):
+            np.testing.assert_allclose(x[:, middle], (x[:, a] + x[:, b]) / 2, atol=1e-15)
+    assert np.array_equal(cloth.cells[:, :3], cloth.triangles)
+    assert (np.sort(cloth.cells, axis=1) == np.sort(cloth.stencil, axis=1)).all()
+
+
+@pytest.mark.parametrize("h", [0.1, 0.2])
+@pytest.mark.parametrize("pattern", ["unstructured", "right"])
+def test_sets_hold_their_middles(pattern, h):
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h, pattern, element="P2")
+    x, y = cloth.X.T
+    on = {"left": x < 1e-9, "right": x > 0.3 - 1e-9, "bottom": y < 1e-9, "top": y > 0.2 - 1e-9}
+    for name, inside in on.items():
+        assert cloth.nodes(name).tolist() == np.flatnonzero(inside).tolist()
+    border = np.flatnonzero(np.any(list(on.values()), axis=0))
+    assert cloth.nodes("boundary").tolist() == border.tolist()
+    assert len(cloth.nodes("corners")) == 4
+    assert cloth.nodes(lambda X: X[:, 0] < 1e-9).tolist() == cloth.nodes("left").tolist()
+
+
+def test_sets_of_a_mesh_that_comes_in():
+    """A curve's set takes its own middles; a bare set's those between two of its nodes."""
+    X = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)]
+    triangles = [(0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4)]
+    cloth = fc.Cloth.from_arrays(
+        X, triangles, {"foot": [0, 1, 2], "two": [0, 5]}, regions={"west": [0, 1]}, element="P2"
+    )
+    at = {name: sorted(map(tuple, cloth.X[cloth.nodes(name)])) for name in ("foot", "two")}
+    assert at["foot"] == [(0, 0), (0.5, 0), (1, 0), (1.5, 0), (2, 0)]
+    assert at["two"] == [(0, 0), (2, 1)]
+    assert len(cloth.nodes("boundary")) == 12
+    assert len(cloth.region("west")) == 2
+
+
+def test_a_pin_holds_the_middles(cloth):
+    system = system_on(cloth, [fc.StVK(), fc.Gravity()], pins=["left"])
+    start = system.state(system.rest().x * [1.05, 1.02, 1.0])
+    end = fc.run(system, fc.BackwardEuler(), start, dt=0.01, t_end=0.03).state
+    assert np.array_equal(end.x[cloth.nodes("left")], start.x[cloth.nodes("left")])
+    assert (end.x[cloth.nodes("right"), 2] < -1e-4).all()
+
+
+# --- kernels, mass and load -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", range(3), ids=STATES)
+def test_kernels_equal_the_form(cloth, number):
+    system, C = system_on(cloth), FABRIC.moduli()
+    _, x, v = trial_states(cloth)[number]
+    state = system.state(x, v)
+    assert system.energies(state)["StVK"] == pytest.approx(oracle.energy(cloth, C, x), rel=1e-12)
+    close(system.force(state), oracle.force(cloth, C, x))
+    close(system.stiffness(state).toarray(), oracle.stiffness(cloth, C, x).toarray())
+    damped = system_on(cloth, [fc.StrainRateDamping(0.01)])
+    close(damped.force(state), oracle.viscous_force(cloth, 0.01 * C, x, v))
+
+
+@pytest.mark.parametrize(
+    "term",
+    [
+        fc.StVK(),
+        fc.TensorCondition(250.0),
+        fc.StrainRateDamping(0.01, tangent="exact"),
+        fc.MassDamping(3.0),
+        fc.UserForce(("-50 * x", "sin(9 * y)", "-3 * vz"), tangent="exact"),
+    ],
+    ids=lambda term: type(term).__name__,
+)
+def test_terms_have_the_right_derivatives(cloth, term):
+    fabric = fc.Fabric(0.2, 1000.0, 0.3)
+    tangents = (
+        "v" if isinstance(term, fc.MassDamping) else ("x", "v") if hasattr(term, "tangent") else "x"
+    )
+    assert check_term(term, cloth, fabric, scales=[1.0], tangents=tangents)
+
+
+def test_an_affine_motion_is_exact(cloth):
+    """F, area and energy in closed form, and no force on a node that is not on the border."""
+    F = np.array([[1.1, 0.2], [-0.1, 0.9], [0.3, 0.1]])
+    x = cloth.X @ F.T
+    system = system_on(cloth)
+    E = (F.T @ F - np.eye(2)) / 2
+    C11, C22, C66, C12, _, _ = FABRIC.moduli()
+    W = (C11 * E[0, 0] ** 2 + C22 * E[1, 1] ** 2) / 2 + C12 * E[0, 0] * E[1, 1]
+    W += 2 * C66 * E[0, 1] ** 2
+    state = system.state(x)
+    assert system.energies(state)["StVK"] == pytest.approx(0.06 * W, rel=1e-12)
+    f = system.force(state)
+    inside = np.setdiff1d(np.arange(len(cloth.X)), cloth.nodes("boundary"))
+    assert np.abs(f[inside]).max() < 1e-12 * np.abs(f).max()
+    stretches = np.sqrt(np.linalg.eigvalsh(F.T @ F))
+    found = fc.terms.membrane.principal_stretches(cloth, x)
+    np.testing.assert_allclose(found, np.tile(stretches, (len(found), 1)), rtol=1e-12)
+
+
+def test_the_patch_test():
+    """With the border held at an affine map, equilibrium is that map at every node inside."""
+    cloth = fc.Cloth.rectangle(1.0, 0.7, h=0.25, element="P2")
+    F = np.array([[1.2, 0.1], [0.05, 1.1], [0.2, 0.0]])
+    x = cloth.X @ F.T
+    noise = 0.02 * np.random.default_rng(3).standard_normal(x.shape)
+    noise[cloth.nodes("boundary")] = 0
+    system = system_on(cloth, pins=["boundary"])
+    end = fc.equilibrium(system, system.state(x + noise))
+    assert np.abs(end.x - x).max() < 1e-8
+
+
+def test_mass_and_load(cloth):
+    """∫ N_a N_b of a triangle of area 1: 6, −1, −4, 32 and 16 over 180; ∫ N_a: 0 and 1/3."""
+    one = fc.Cloth.from_arrays([(0, 0), (2, 0), (0, 1)], [(0, 1, 2)], renumber=False, element="P2")
+    M = np.full((6, 6), 16.0)
+    M[:3, :3], M[:3, 3:], M[3:, :3] = -1, 0, 0
+    M[range(6), range(6)] = [6, 6, 6, 32, 32, 32]
+    for corner, opposite in ((0, 4), (1, 5), (2, 3)):
+        M[corner, opposite] = M[opposite, corner] = -4
+    nodes = one.stencil[0]
+    np.testing.assert_allclose(one.mass().toarray()[np.ix_(nodes, nodes)], M / 180, atol=1e-12)
+    np.testing.assert_allclose(one.load()[nodes], [0, 0, 0, 1 / 3, 1 / 3, 1 / 3], atol=1e-12)
+    basis = skfem.Basis(cloth.mesh, skfem.ElementTriP2(), intorder=8)
+    form = skfem.BilinearForm(lambda u, v, w: 0.2 * u * v).assemble(basis).toarray()
+    close(system_on(cloth).scalar_mass.toarray(), form)
+    assert system_on(cloth).mass_kind == "consistent"
+    assert system_on(cloth).diagonal_mass.min() > 0
+    assert system_on(cloth).diagonal_mass.sum() == pytest.approx(0.2 * 0.06, rel=1e-12)
+    f = cloth.load(lambda X: np.column_stack([X[:, 0] ** 3, X[:, 1], 0 * X[:, 0]]))
+    np.testing.assert_allclose(f.sum(axis=0), [0.3**4 / 4 * 0.2, 0.3 * 0.02, 0], atol=1e-15)
+    moment = cloth.X[:, 0] @ f  # X is in the space: Σ X_a f_a = ∫ X f dA
+    np.testing.assert_allclose(moment, [0.3**5 / 5 * 0.2, 0.045 * 0.02, 0], atol=1e-15)
+
+
+def test_free_fall_is_free(cloth):
+    system = system_on(cloth, [fc.StVK(), fc.Gravity(), fc.StrainRateDamping(0.01)])
+    start = system.rest()
+    end = fc.run(system, fc.ImplicitMidpoint(), start, dt=0.01, t_end=0.1).state
+    np.testing.assert_allclose(
+        end.x - start.x, np.tile([0, 0, -0.5 * 9.81 * 0.01], (len(end.x), 1)), atol=1e-9
+    )
+
+
+def test_the_element_bound_is_safe_and_worth_something(cloth):
+    for terms in (
+        [fc.StVK()],
+        [fc.StVK(), fc.StrainRateDamping(0.01)],
+        [fc.MassDamping(3.0)],
+        [fc.StVK(), fc.Tether([0, 20], (0, 0, 1), 200.0, 0.5)],
+    ):
+        for pins in ([], ["left"]):
+            system = system_on(cloth, terms, pins=pins)
+            limit = critical_dt(system, system.rest())
+            bound = element_bound(system)
+            assert 0.2 * limit < bound <= limit * (1 + 1e-9)
+
+
+# --- orders ---------------------------------------------------------------------------------------
+
+STRETCH, WAVE = np.array([1.2, 1.1]), 0.08
+
+
+def motion(X):
+    """(p, 3) a sheet pulled along both axes, with waves in and out of its plane."""
+    s, t = np.pi * X[:, 0], np.pi * X[:, 1]
+    return np.column_stack(
+        [
+            STRETCH[0] * X[:, 0] + WAVE * np.sin(s) * np.cos(t) / np.pi,
+            STRETCH[1] * X[:, 1] + WAVE * np.cos(s) * np.sin(t) / np.pi,
+            2 * WAVE * np.sin(s) * np.sin(t) / np.pi,
+        ]
+    )
+
+
+def motion_gradient(X):
+    """(p, 3, 2) F."""
+    s, t = np.pi * X[:, 0], np.pi * X[:, 1]
+    cc, ss, sc, cs = (
+        a * b
+        for a, b in (
+            (np.cos(s), np.cos(t)),
+            (np.sin(s), np.sin(t)),
+            (np.sin(s), np.cos(t)),
+            (np.cos(s), np.sin(t)),
+        )
+    )
+    F = np.stack(
+        [
+            np.stack([WAVE * cc + STRETCH[0], -WAVE * ss], -1),
+            np.stack([-WAVE * ss, WAVE * cc + STRETCH[1]], -1),
+            np.stack([2 * WAVE * cs, 2 * WAVE * sc], -1),
+        ],
+        axis=1,
+    )
+    return F
+
+
+def stress(X):
+    """(p, 3, 2) P = F S of the isotropic StVK sheet, also for complex X."""
+    F, Y, nu = motion_gradient(X), 1000.0, 0.3
+    E = (np.einsum("pji,pjk->pik", F, F) - np.eye(2)) / 2
+    trace = np.trace(E, axis1=1, axis2=2)[:, None, None]
+    S = Y / (1 - nu**2) * ((1 - nu) * E + nu * trace * np.eye(2))
+    return np.einsum("pij,pjk->pik", F, S), S
+
+
+def body_force(X):
+    """(p, 3) −Div P [N/m²], by complex steps."""
+    h = 1e-30
+    shifts = 1j * h * np.eye(2)
+    return -sum(stress(X + shifts[j])[0][:, :, j].imag / h for j in range(2))
+
+
+def static_errors(element, n):
+    """L2 and H1 error of the equilibrium under the force that makes `motion` exact."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, 1 / n, element=element)
+    load = cloth.load(body_force, order=8)
+    force = fc.UserForce(lambda x, v, t: load, per="node")
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [fc.StVK(), force], pins=["boundary"])
+    x = fc.equilibrium(system, system.state(motion(cloth.X))).x
+    return cloth.l2_error(x, motion, 10), cloth.h1_error(x, motion_gradient, 10)
+
+
+@pytest.mark.parametrize(("element", "l2", "h1"), [("P1", 2, 1), ("P2", 3, 2)])
+def test_orders_in_space(element, l2, h1):
+    points = np.random.default_rng(0).uniform(size=(500, 2))
+    assert np.linalg.eigvalsh(stress(points)[1]).min() > 0  # taut: the problem is well posed
+    n = (8, 16, 32)
+    errors = np.array([static_errors(element, k) for k in n])
+    orders = [observed_order(1 / np.array(n), e)[-1] for e in errors.T]
+    assert orders == pytest.approx([l2, h1], abs=0.15)
