@@ -18,6 +18,7 @@ STUDIES = Path(__file__).parents[1] / "studies"
         ("bending_bias.py", "derived"),
         ("materials.py", "power of"),
         ("solvers.py", "auto over the best"),
+        ("auto.py", "auto over the best"),
         ("peers.py", "figures met"),
     ],
 )
