@@ -18,6 +18,7 @@ from . import linear
 from .cloth import Cloth
 from .errors import FeclothError, InputError
 from .march import StepInfo, run
+from .output import MESHIO
 from .record import Ledger
 from .runfolder import versions, writing
 from .runner import DONE, FAILED, run_scene, settled_scene
@@ -212,13 +213,17 @@ def _described(cloth: Cloth) -> list[str]:
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     (x0, y0), (x1, y1) = cloth.X.min(axis=0), cloth.X.max(axis=0)
     return [
-        f"{len(cloth.X)} nodes, {len(cloth.triangles)} triangles, area {cloth.area:.6g} m²",
+        f"{len(cloth.X)} nodes, {_triangles(cloth)}, area {cloth.area:.6g} m²",
         f"X {x0:g} to {x1:g} m, Y {y0:g} to {y1:g} m",
         f"edges {edges.min():.4g} to {edges.max():.4g} m, mean {edges.mean():.4g} m",
         f"quality {cloth.quality.min():.3f} to {cloth.quality.max():.3f}, "
         f"mean {cloth.quality.mean():.3f} (1 is equilateral)",
         *(f"set {name}: {len(nodes)} nodes" for name, nodes in sorted(cloth.node_sets.items())),
     ]
+
+
+def _triangles(cloth: Cloth) -> str:
+    return f"{len(cloth.triangles)} {'quadratic ' * (cloth.element == 'P2')}triangles"
 
 
 def _write_mesh(cloth: Cloth, path: Path) -> None:
@@ -231,7 +236,7 @@ def _write_mesh(cloth: Cloth, path: Path) -> None:
         inside[f"set {name}"][nodes] = 1.0
     mesh = meshio.Mesh(
         points,
-        {"triangle": cloth.triangles},
+        {MESHIO[cloth.element]: cloth.cells},
         point_data=inside,
         cell_data={"quality": [cloth.quality]},
     )
@@ -265,7 +270,7 @@ def _plan(built: Built, why: str) -> list[str]:
     """What a run is about to do."""
     system = built.system
     lines = [
-        f"{len(system.cloth.X)} nodes, {len(system.cloth.triangles)} triangles, "
+        f"{len(system.cloth.X)} nodes, {_triangles(system.cloth)}, "
         f"{system.admissible.shape[1]} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
         f"{built.method}{f', dt = {built.dt:g} s' if built.dt else ''} to t = {built.t_end:g} s",

@@ -12,8 +12,10 @@ A frame's points are the current positions, so that it shows without a filter. I
 
 1 is the warp and 2 the weft, wherever the grain of the system lays them (without a system, X and
 Y); ParaView shows the components by these names. Cell values are means over the reference
-triangle. The time stands in the field data as TimeValue, where VTK looks for it. Numbers are
-float64, compressed without loss, so that a frame read back is the state itself.
+triangle. Triangles of the element P2 are VTK's quadratic ones, `Cloth.cells`; ParaView draws them
+curved from a "Nonlinear Subdivision Level" of 1 on. The time stands in the field data as
+TimeValue, where VTK looks for it. Numbers are float64, compressed without loss, so that a frame
+read back is the state itself.
 """
 
 from __future__ import annotations
@@ -42,7 +44,8 @@ COMPONENTS = {
 }
 COMPRESSION = 1  # zlib level: 6 takes longer and saves a few per cent of a float64
 BLOCK = 1 << 18  # bytes that are compressed at a time
-TRIANGLE = 5  # VTK's number for the cell
+CELLS = {3: 5, 6: 22}  # nodes of a triangle → VTK's number for the cell, linear and quadratic
+MESHIO = {"P1": "triangle", "P2": "triangle6"}
 VTK_TYPES = {"f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 
 Arrays = dict[str, np.ndarray]
@@ -132,7 +135,7 @@ class Frames:
         points, cells = self._fields(state)
         name = f"{self.stem}_{len(self.times):06d}.vtu"
         file = self.path.parent / name
-        frame = encode_vtu(state.x, self.cloth.triangles, state.t, points, cells)
+        frame = encode_vtu(state.x, self.cloth.cells, state.t, points, cells)
         replace_file(file, frame)
         self.times.append(float(state.t))
         self._list()
@@ -215,15 +218,15 @@ def read_frame(path: str | Path, cloth: Cloth) -> State:
     except Exception as error:  # meshio lets pass whatever a broken file provokes
         remedy = "Give a frame written by fecloth."
         raise InputError(f"cannot be read ({error})", where=where, remedy=remedy) from error
-    triangles = mesh.cells_dict.get("triangle", np.empty((0, 3), int))
+    cells = mesh.cells_dict.get(MESHIO[cloth.element], np.empty((0, cloth.cells.shape[1]), int))
     for what, found, known in (
         ("nodes", len(mesh.points), len(cloth.X)),
-        ("triangles", len(triangles), len(cloth.triangles)),
+        (f"{cloth.element} triangles", len(cells), len(cloth.cells)),
     ):
         if found != known:
             remedy = "Read it onto the cloth that it was written for."
             raise InputError(f"{found} {what}", f"the cloth has {known}", where, remedy)
-    if not np.array_equal(triangles, cloth.triangles):
+    if not np.array_equal(cells, cloth.cells):
         remedy = "Make the cloth from the same mesh."
         raise InputError("its triangles join other nodes than the cloth's", "", where, remedy)
     for name, data in (("velocity", mesh.point_data), ("TimeValue", mesh.field_data)):
@@ -237,16 +240,16 @@ def read_frame(path: str | Path, cloth: Cloth) -> State:
 # --- bytes ----------------------------------------------------------------------------------------
 
 
-def encode_vtu(x, triangles, t: float, point_data: Arrays, cell_data: Arrays) -> bytes:
-    """The VTK XML unstructured grid of one frame.
+def encode_vtu(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> bytes:
+    """The VTK XML unstructured grid of one frame, its triangles being `Cloth.cells` (m, 3 or 6).
 
     meshio writes no field data and no component names, and so neither the time nor "E11".
     """
-    m = len(triangles)
-    cells = {
-        "connectivity": triangles.ravel(),
-        "offsets": np.arange(3, 3 * m + 1, 3, dtype=np.int32),
-        "types": np.full(m, TRIANGLE, np.uint8),
+    m, k = cells.shape
+    topology = {
+        "connectivity": cells.ravel(),
+        "offsets": np.arange(k, k * m + 1, k, dtype=np.int32),
+        "types": np.full(m, CELLS[k], np.uint8),
     }
     time = _data_array("TimeValue", np.array([t], float), ' NumberOfTuples="1"')
     order = f"{sys.byteorder.capitalize()}Endian"
@@ -258,7 +261,7 @@ def encode_vtu(x, triangles, t: float, point_data: Arrays, cell_data: Arrays) ->
     ]
     for tag, arrays in (
         ("Points", {"Points": x}),
-        ("Cells", cells),
+        ("Cells", topology),
         ("PointData", point_data),
         ("CellData", cell_data),
     ):

@@ -69,12 +69,13 @@ class Scene(Table):
     """A scene file, checked; its tables hold what the file says and the defaults.
 
     `fabric` is that of the whole cloth, or `fabrics` has one for each region, as in
-    [fabrics.body]; `grain_degrees` is the angle of the warp from X, one or by region.
+    [fabrics.body]; `grain_degrees` is the angle of the warp from X, one or by region. `mass` left
+    out is "lumped", on a cloth of element "P2" "consistent".
     Two scenes are equal if they say the same, whatever file they come from.
     """
 
     title: str | None = None
-    mass: Literal["lumped", "consistent"] = "lumped"
+    mass: Literal["lumped", "consistent"] = "lumped"  # for P2 cloths consistent, see below
     cloth: tables.Shape
     fabric: tables.FabricTable | None = None
     fabrics: dict[str, tables.FabricTable] | None = None
@@ -96,11 +97,18 @@ class Scene(Table):
     @model_validator(mode="before")
     @classmethod
     def _lists_as_tuples(cls, data: Any) -> Any:
-        return as_tuples(data)
+        data = as_tuples(data)
+        if isinstance(data, dict) and isinstance(cloth := data.get("cloth"), dict):
+            usual = "consistent" if cloth.get("element") == "P2" else "lumped"
+            data.setdefault("mass", usual)
+        return data
 
     @model_validator(mode="after")
     def _consistent(self):
         exactly_one(self, "fabric", "fabrics")
+        if self.mass == "lumped" and self.cloth.element == "P2":
+            allowed = 'must be "consistent" for element P2: row sums give its corners no mass'
+            raise InputError('mass = "lumped"', allowed, "", "Leave it out.")
         if self.fabrics == {}:
             raise InputError("fabrics = {}", "must name a region, as in [fabrics.body]")
         names = [probe.name for probe in self.probes]

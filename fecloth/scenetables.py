@@ -62,6 +62,7 @@ OfTime = _formula("t")
 OfPlace = _formula("X", "Y")
 Where = _formula("X", "Y", condition=True)
 Vector = tuple[float, float, float]
+Element = Literal["P1", "P2"]
 
 
 class Rectangle(Table):
@@ -72,9 +73,10 @@ class Rectangle(Table):
     height: float
     h: float
     pattern: str = "unstructured"
+    element: Element = "P1"
 
     def cloth(self) -> Cloth:
-        return Cloth.rectangle(self.width, self.height, self.h, self.pattern)
+        return Cloth.rectangle(self.width, self.height, self.h, self.pattern, self.element)
 
 
 class Disk(Table):
@@ -83,9 +85,10 @@ class Disk(Table):
     shape: Literal["disk"]
     radius: float
     h: float
+    element: Element = "P1"
 
     def cloth(self) -> Cloth:
-        return Cloth.disk(self.radius, self.h)
+        return Cloth.disk(self.radius, self.h, self.element)
 
 
 class MeshFile(Table):
@@ -94,9 +97,10 @@ class MeshFile(Table):
     shape: Literal["file"]
     path: File
     h: float | None = None
+    element: Element = "P1"
 
     def cloth(self) -> Cloth:
-        return Cloth.read(self.path, self.h)
+        return Cloth.read(self.path, self.h, self.element)
 
 
 Shape = one_of("shape", {"rectangle": Rectangle, "disk": Disk, "file": MeshFile})

@@ -1,11 +1,16 @@
 """Quadratic triangles: the same kernels on six nodes and six points, and the orders they buy."""
 
+import meshio
 import numpy as np
 import oracle
 import pytest
 import skfem
 
 import fecloth as fc
+from fecloth.cli import main
+from fecloth.output import read_frame
+from fecloth.runner import run_scene
+from fecloth.scene import load
 from fecloth.stability import critical_dt, element_bound
 from fecloth.verify import check_term, observed_order, trial_states
 
@@ -200,6 +205,131 @@ def test_the_element_bound_is_safe_and_worth_something(cloth):
             limit = critical_dt(system, system.rest())
             bound = element_bound(system)
             assert 0.2 * limit < bound <= limit * (1 + 1e-9)
+
+
+# --- what is refused ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "term",
+    [
+        fc.HingeBending(),
+        fc.QuadraticBending(),
+        fc.BendingDamping(0.1),
+        fc.BaraffWitkin(),
+        fc.Springs(),
+        fc.Drag(2.0),
+        fc.Wind((1, 0, 0), 2.0),
+        fc.Pressure(3.0),
+        fc.Gas(3.0, volume=1.0),
+    ],
+    ids=lambda term: type(term).__name__,
+)
+def test_terms_of_three_nodes_are_refused_by_name(cloth, term):
+    said = f"System: {type(term).__name__} on element P2: must be on P1. Leave .* element = 'P1'"
+    with pytest.raises(fc.InputError, match=said):
+        system_on(cloth, [fc.StVK(), term])
+
+
+def test_lumped_mass_and_explicit_methods_are_refused(cloth):
+    said = 'mass = "lumped": must be "consistent" for element P2: row sums .* implicit method'
+    with pytest.raises(fc.InputError, match=said):
+        system_on(cloth, mass="lumped")
+    system = system_on(cloth)
+    for method in (fc.SymplecticEuler(), fc.CentralDifference()):
+        with pytest.raises(fc.InputError, match="a lumped P2 triangle has no mass at its corners"):
+            fc.run(system, method, system.rest(), dt=1e-5, t_end=1e-4)
+    with pytest.raises(fc.InputError, match="element = 'P3': must be one of P1, P2"):
+        fc.Cloth.disk(1.0, 0.5, element="P3")
+
+
+# --- files and scenes -----------------------------------------------------------------------------
+
+
+def test_frames_are_quadratic_triangles(cloth, tmp_path):
+    system = system_on(cloth)
+    state = system.state(trial_states(cloth)[0][1])
+    state = fc.State(0.25, state.x, trial_states(cloth)[0][2])
+    fc.write_vtk(tmp_path / "a", cloth, state, system)
+    file = tmp_path / "a_000000.vtu"
+    mesh = meshio.read(file)
+    assert np.array_equal(mesh.cells_dict["triangle6"], cloth.cells)
+    assert np.array_equal(mesh.points, state.x)
+    assert mesh.cell_data["energy_density"][0].shape == (len(cloth.triangles),)
+    energy = mesh.cell_data["energy_density"][0] @ cloth.weights.sum(axis=1)
+    assert energy == pytest.approx(system.energies(state)["StVK"], rel=1e-12)
+    again = read_frame(file, cloth)
+    assert again.t == 0.25
+    assert np.array_equal(again.x, state.x)
+    assert np.array_equal(again.v, state.v)
+    with pytest.raises(fc.InputError, match="nodes: the cloth has"):
+        read_frame(file, fc.Cloth.rectangle(0.3, 0.2, h=0.1))
+
+
+@pytest.mark.filterwarnings("ignore:The default value of `algorithm`")
+def test_vtk_finds_the_curved_area(tmp_path):
+    """VTK integrates over the cells by its own shape functions: a wrong order would show."""
+    pyvista = pytest.importorskip("pyvista")
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="cross", element="P2")
+    x = np.column_stack([cloth.X, 0.2 * cloth.X[:, 0] ** 2])
+    fc.write_vtk(tmp_path / "b", cloth, fc.State(0.0, x, 0 * x))
+    grid = pyvista.read(tmp_path / "b_000000.vtu")
+    assert set(grid.celltypes) == {22}
+    surface = grid.extract_surface(nonlinear_subdivision=4)
+    np.testing.assert_allclose(surface.points[:, 2], 0.2 * surface.points[:, 0] ** 2, atol=1e-6)
+    arc = 0.5 * np.sqrt(1.16) + np.arcsinh(0.4) / 0.8  # ∫ √(1 + (0.4 x)²) dx
+    assert surface.area == pytest.approx(arc, rel=1e-4)
+
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 0.3
+height = 0.2
+h = 0.1
+element = "P2"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 100.0
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Gravity"
+[[pins]]
+where = "left"
+[time]
+method = "bdf2"
+dt = 0.01
+t_end = 0.05
+[output]
+frames = 2
+"""
+
+
+def test_a_scene_with_quadratic_triangles(tmp_path, capsys):
+    file = tmp_path / "s.toml"
+    file.write_text(SCENE)
+    scene = load(file)
+    assert (scene.mass, scene.cloth.element) == ("consistent", "P2")
+    assert main(["run", str(file), "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    cloth = scene.mesh()
+    frames = sorted((tmp_path / "out").rglob("*.vtu"))
+    last = read_frame(frames[-1], cloth)
+    assert last.t == pytest.approx(0.05)
+    assert last.x[cloth.nodes("right"), 2].max() < -1e-3
+    assert main(["mesh", str(file), "-o", str(tmp_path / "flat.vtu")]) == 0
+    assert f"{len(cloth.X)} nodes, {len(cloth.triangles)} quadratic tri" in capsys.readouterr().out
+    flat = meshio.read(tmp_path / "flat.vtu")
+    assert np.array_equal(flat.cells_dict["triangle6"], cloth.cells)
+    for change, said in (
+        (("[cloth]", 'mass = "lumped"\n[cloth]'), 'mass = "lumped": must be "consistent"'),
+        (('"StVK"', '"HingeBending"'), "HingeBending on element P2"),
+        (('"bdf2"', '"central_difference"'), "a lumped P2 triangle has no mass"),
+        (('"P2"', '"P3"'), "P1"),
+    ):
+        file.write_text(SCENE.replace(*change))
+        with pytest.raises(fc.InputError, match=said):
+            run_scene(load(file), tmp_path / "refused")
 
 
 # --- orders ---------------------------------------------------------------------------------------
