@@ -11,6 +11,7 @@ from .atlimit import AtLimit
 from .errors import InputError, SolveFailed, is_number
 from .newton import Counts, NewtonFailed, Solver
 from .step import Step
+from .sums import mean, rms
 from .system import State, System
 
 SAFETY = 0.9
@@ -148,11 +149,11 @@ class Adaptive:
         After Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, II.4.
         """
         a, rate, c = acceleration(system, state), self.allowed(system, state), self._constant
-        size = rms(system, a)
+        size = rms(system.diagonal_mass, a)
         dt = min(longest, rate / (c * size)) if size > 0 else longest
         if self.order == 2:
             ahead = State(state.t + dt, state.x + dt * state.v, state.v + dt * a)
-            jerk = rms(system, acceleration(system, ahead) - a) / dt
+            jerk = rms(system.diagonal_mass, acceleration(system, ahead) - a) / dt
             dt = min(longest, math.sqrt(rate / (c * jerk))) if jerk > 0 else longest
         return Control(SAFETY * dt, 1.0, a, state.t)
 
@@ -206,8 +207,7 @@ class Adaptive:
     def allowed(self, system: System, state: State) -> float:
         """Error for each second [m/s]."""
         mass = system.diagonal_mass
-        centre = mass @ state.x / mass.sum()
-        return self.atol + self.rtol * rms(system, state.x - centre)
+        return self.atol + self.rtol * rms(mass, state.x - mean(mass, state.x))
 
     def error(self, system: System, old: State, step: Step, control: Control):
         """Mean acceleration, its time, and the error relative to the allowed one; inf if lost."""
@@ -215,7 +215,7 @@ class Adaptive:
         dt = new.t - old.t
         a, t = system.constraints.project((new.v - old.v) / dt), old.t + 0.5 * dt
         change = a if self.order == 1 else (a - control.a) / (t - control.t)
-        error = self._constant * dt**self.order * rms(system, change)
+        error = self._constant * dt**self.order * rms(system.diagonal_mass, change)
         error /= self.allowed(system, new)
         return a, t, error if math.isfinite(error) else math.inf
 
@@ -224,12 +224,6 @@ def _fitted(dt, horizon):
     """The step as it fits: the horizon in as many equal parts as it takes if those are few."""
     parts = math.ceil(horizon / dt - 1e-9)
     return horizon / parts if parts <= 2 else dt
-
-
-def rms(system: System, y: np.ndarray) -> float:
-    """Mass-weighted root mean square over the nodes of (n, 3)."""
-    mass = system.diagonal_mass
-    return math.sqrt(mass @ np.einsum("ij,ij->i", y, y) / mass.sum())
 
 
 def acceleration(system: System, state: State) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 from . import linear
 from .blocks import BlockMatrix
 from .errors import FeclothError, SolveFailed
+from .sums import dot, size
 from .system import State, System
 from .terms.membrane import principal_stretches
 
@@ -68,12 +69,12 @@ class Search:
             term.add_force(x, still, self.start.t, f)
             f *= factor
             total += project(f)
-            scale += np.linalg.norm(f)
+            scale += size(f)
         return total, float(scale)
 
     def relative(self, x, f) -> float:
         _, scale = self.forces(x)
-        return float(np.linalg.norm(f) / scale) if scale else 0.0
+        return float(size(f) / scale) if scale else 0.0
 
     def potential(self, x) -> float:
         t = self.start.t
@@ -111,16 +112,16 @@ class Search:
 
     def search(self, x, f, step, goal):
         """The new x, its f and Σ ‖f_term‖, the part of the step; None if none is better."""
-        slope = float(np.vdot(f, step))  # work of the forces along the step
+        slope = dot(f, step)  # work of the forces along the step
         if not slope > 0:
             return None
         longest = np.linalg.norm(step, axis=1).max()
         first = min(1.0, self.extent / longest)
-        norm, potential = np.linalg.norm(f), None
+        norm, potential = size(f), None
         for length in first * 0.5 ** np.arange(HALVINGS):
             trial = x + length * step
             f_trial, scale = self.forces(trial)
-            norm_trial = np.linalg.norm(f_trial)
+            norm_trial = size(f_trial)
             if not np.isfinite(norm_trial):
                 continue
             if norm_trial <= max(goal, (1 - 1e-4 * length) * norm):
@@ -129,7 +130,7 @@ class Search:
                 potential = self.potential(x) if potential is None else potential
                 if self.potential(trial) <= potential - 1e-4 * length * slope:
                     return trial, f_trial, scale, float(length)
-            elif np.vdot(f_trial, step) >= -0.8 * slope:
+            elif dot(f_trial, step) >= -0.8 * slope:
                 return trial, f_trial, scale, float(length)
         return None
 

@@ -12,6 +12,7 @@ from . import linear
 from .balance import EquilibriumFailed, Search
 from .errors import InputError
 from .newton import round_off
+from .sums import size
 from .system import State, System
 
 QUICK = 8  # iterations after which a load increment may grow again
@@ -156,13 +157,13 @@ def _newton(search: Search, tolerance, max_iterations, report, x) -> tuple[np.nd
     search.choose_first_shift(f)
     goal = max(tolerance * scale, round_off(search.system, search.J, x, 0.0))
     for number in range(1, max_iterations + 1):
-        if np.linalg.norm(f) <= goal:
+        if size(f) <= goal:
             return x, number - 1
         x, f, scale, shift, length = search.iterate(x, f, goal)
         goal = max(tolerance * scale, round_off(search.system, search.J, x, shift))
-        relative = float(np.linalg.norm(f) / scale) if scale else 0.0
+        relative = size(f) / scale if scale else 0.0
         report(Iteration(number, relative, shift, length, search.load))
         search.refuse_to_travel(x, f)
-    if np.linalg.norm(f) <= goal:
+    if size(f) <= goal:
         return x, max_iterations
     raise search.failed(f"no convergence in {max_iterations} iterations", x, f)

@@ -14,9 +14,10 @@ import numpy as np
 
 from .compiled import kernel
 from .errors import InputError
-from .integrators import Step, arrival
 from .newton import Counts
 from .record import column_forces, conservative
+from .step import Step, arrival
+from .sums import dot, weighted
 from .system import State, System
 
 # a step that overflows is reported by the loop over time, which finds it not finite
@@ -84,13 +85,13 @@ class Explicit:
         """
         dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
         lead = system.constraints.project(dx / dt - old.v - 0.5 * dv)
-        taken = float(np.vdot(system.nodal_mass[:, None] * dv, lead))
+        taken = weighted(system.nodal_mass, dv, lead)
         if self.forces_at != 0.5:
-            bend = np.vdot(conservative(system, old) - conservative(system, step.state), dx)
-            taken += (self.forces_at - 0.5) * float(bend)
+            bend = dot(conservative(system, old) - conservative(system, step.state), dx)
+            taken += (self.forces_at - 0.5) * bend
         stages = getattr(step, "stages", (step.stage,))
         for at in stages:
-            taken -= float(np.vdot(column_forces(system, at), dx - dt * at.v)) / len(stages)
+            taken -= dot(column_forces(system, at), dx - dt * at.v) / len(stages)
         return taken
 
 

@@ -19,6 +19,7 @@ from .newton import Counts, Solver
 from .record import conservative
 from .stage import Stage, prescribed
 from .step import Step, arrival, held
+from .sums import dot
 from .system import State, System
 
 
@@ -63,8 +64,8 @@ class StageMethod:
         if self.theta == 0.5:
             return 0.0
         dx, dv = step.state.x - old.x, step.state.v - old.v
-        bend = np.vdot(conservative(system, old) - conservative(system, step.state), dx)
-        return (self.theta - 0.5) * float(np.vdot(dv, system.scalar_mass @ dv) + bend)
+        bend = dot(conservative(system, old) - conservative(system, step.state), dx)
+        return (self.theta - 0.5) * (dot(dv, system.scalar_mass @ dv) + bend)
 
 
 @dataclass(frozen=True)
@@ -184,7 +185,7 @@ def _velocity_change(system, state, dt, solver, end, definite, guess):
 
 def _times(dense, wx, v):
     """wx Σ c u (u · v)."""
-    return sum((wx * c * float(np.vdot(u, v)) * u for c, u in dense), np.zeros_like(v))
+    return sum((wx * c * dot(u, v) * u for c, u in dense), np.zeros_like(v))
 
 
 METHODS = {

@@ -16,6 +16,7 @@ from .newton import Solver
 from .record import column_forces, conservative
 from .stage import Stage
 from .step import Step, arrival, held
+from .sums import dot
 from .system import State, System
 
 
@@ -52,12 +53,12 @@ class WithMemory:
         """
         dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
         mass, free = system.scalar_mass, system.constraints.project
-        taken = np.vdot(mass @ dv, free(dx / dt - old.v - 0.5 * dv))
-        taken -= np.vdot(mass @ (dv / dt - step.a), free(dx.copy()))
+        taken = dot(mass @ dv, free(dx / dt - old.v - 0.5 * dv))
+        taken -= dot(mass @ (dv / dt - step.a), free(dx.copy()))
         if step.theta != 0.5:
-            bend = np.vdot(conservative(system, old) - conservative(system, step.state), dx)
+            bend = dot(conservative(system, old) - conservative(system, step.state), dx)
             taken += (step.theta - 0.5) * bend
-        return float(taken - np.vdot(column_forces(system, step.stage), dx - dt * step.stage.v))
+        return taken - dot(column_forces(system, step.stage), dx - dt * step.stage.v)
 
 
 def blend(old: State, new: State, theta: float) -> State:

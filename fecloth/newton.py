@@ -13,6 +13,7 @@ from .cheapest import Cheapest
 from .errors import FeclothError, IndefiniteMatrix, InputError, SolveFailed
 from .kept import Kept
 from .stage import Stage
+from .sums import dot, size
 from .system import State, System
 
 DEFINITENESS = ("none", "clamp", "on_failure")
@@ -172,12 +173,12 @@ def _iterated(work: _Work, guess: np.ndarray | None):
     system, stage, options = work.system, work.stage, work.options
     q = np.zeros_like(stage.x) if guess is None else system.constraints.project(guess.copy())
     R = work.first_residual(q)
-    norm, goal, shift = np.linalg.norm(R), options.tolerance * work.scale, 0.0
+    norm, goal, shift = size(R), options.tolerance * work.scale, 0.0
     for iteration in range(1, options.max_iterations + 1):
         q, R, shift = work.iterate(q, R, goal, shift)
         x, inertia = stage.at(q)[0], (1 + shift) * stage.wa
         floor = round_off(system, work.J, x, inertia) / stage.wx
-        norm, goal = np.linalg.norm(R), max(options.tolerance * work.scale, floor)
+        norm, goal = size(R), max(options.tolerance * work.scale, floor)
         if norm <= goal:
             work.kept.step_ends(work.again, work.linear_solver)
             return q, work.counts(iteration, norm)
@@ -189,7 +190,7 @@ def round_off(system: System, J: BlockMatrix, x: np.ndarray, wa: float) -> float
     """8 ε ‖J_ii x_i‖ without J's wa M: what the rounding of positions does to wx times forces."""
     diagonal = np.einsum("sii->s", J.values[J.pattern.diagonal]) / 3
     stiffness = np.abs(diagonal - wa * system.scalar_mass.diagonal())
-    return float(8 * np.finfo(float).eps * np.linalg.norm(stiffness[:, None] * x))
+    return 8 * float(np.finfo(float).eps) * size(stiffness[:, None] * x)
 
 
 class _Work:
@@ -214,12 +215,12 @@ class _Work:
         """R at the first iterate; `scale` becomes the sum of the forces there."""
         x, v, a = self.stage.at(q)
         inertia = self.system.scalar_mass @ a
-        R, self.scale = inertia.copy(), np.linalg.norm(inertia)
+        R, self.scale = inertia.copy(), size(inertia)
         for term in self.system.bound:
             f = np.zeros_like(x)
             term.add_force(x, v, self.stage.t, f)
             R -= f
-            self.scale += np.linalg.norm(f)
+            self.scale += size(f)
         return self.system.constraints.project(R)
 
     def residual(self, q):
@@ -241,12 +242,12 @@ class _Work:
                 remedy = "Take a smaller dt."
                 if self.options.definiteness == "none":
                     remedy = 'Use definiteness = "on_failure", or a smaller dt.'
-                raise NewtonFailed(reason, self.relative(np.linalg.norm(R)), remedy)
+                raise NewtonFailed(reason, self.relative(size(R)), remedy)
             shift = max(FIRST_SHIFT, GROWTH * shift)
 
     def with_kept(self, q, R, goal, shift):
         """q and R after one iteration with the kept factor; None without one, or if R grows."""
-        key, norm = self.key(shift), np.linalg.norm(R)
+        key, norm = self.key(shift), size(R)
         if not (self.options.reuse and norm > 0 and self.kept.fits(key, self.linear_solver)):
             return None
         try:
@@ -256,7 +257,7 @@ class _Work:
             return None
         self.again += 1
         R_trial = self.residual(trial)
-        norm_trial = np.linalg.norm(R_trial)
+        norm_trial = size(R_trial)
         to_go = goal / norm_trial if norm_trial else 1.0
         self.kept.served(norm_trial / norm, to_go, self.linear_solver)
         return (trial, R_trial) if norm_trial < norm else None
@@ -289,7 +290,7 @@ class _Work:
         self.system.project(self.J)
         self.modified += definite or shift > 0
         self.seconds["assemble"] += time.perf_counter() - begin
-        norm = np.linalg.norm(R)
+        norm = size(R)
         if not np.isfinite(norm):
             raise NewtonFailed("the forces are not finite", float(norm), "Take a smaller dt.")
         self.factorisations += 1
@@ -300,7 +301,7 @@ class _Work:
 
     def solved(self, at, R, goal, new=False):
         """−J⁻¹ R for the J that was prepared."""
-        forcing = min(0.5, max(self.options.forcing, 0.5 * goal / np.linalg.norm(R)))
+        forcing = min(0.5, max(self.options.forcing, 0.5 * goal / size(R)))
         project = self.system.constraints.project
         dense = [(self.stage.wx * c, project(u)) for c, u in self.system.dense(at)]
         step, infos = linear.updated(self.linear_solver, dense, -R, forcing)
@@ -311,14 +312,14 @@ class _Work:
 
     def search(self, q, R, step, goal, halvings=12):
         """The new q and its residual; None if no step along the direction is an improvement."""
-        norm, slope = np.linalg.norm(R), float(np.vdot(R, step))
+        norm, slope = size(R), dot(R, step)
         if slope > 0:  # uphill: J is not positive definite
             return None
         potential = None
         for alpha in 0.5 ** np.arange(halvings):
             trial = q + alpha * step
             R_trial = self.residual(trial)
-            norm_trial = np.linalg.norm(R_trial)
+            norm_trial = size(R_trial)
             if norm_trial <= max(goal, (1 - 1e-4 * alpha) * norm):
                 return trial, R_trial
             if not np.isfinite(norm_trial):
@@ -327,7 +328,7 @@ class _Work:
                 potential = self.potential(q) if potential is None else potential
                 if self.potential(trial) <= potential + 1e-4 * alpha * slope:
                     return trial, R_trial
-            elif np.vdot(R_trial, step) <= -0.8 * slope:
+            elif dot(R_trial, step) <= -0.8 * slope:
                 return trial, R_trial
         return None
 
@@ -337,4 +338,4 @@ class _Work:
         x, _, _ = stage.at(q)
         inertia = self.system.scalar_mass @ (0.5 * stage.wa * q + stage.a)
         energy = sum(term.energy(x, stage.t) for term in self.system.bound)
-        return float(np.vdot(q, inertia)) + energy / stage.wx
+        return dot(q, inertia) + energy / stage.wx

@@ -14,6 +14,7 @@ import numpy as np
 from .blocks import BlockMatrix
 from .compiled import inner, kernel
 from .errors import IndefiniteMatrix, InputError, SolveFailed
+from .sums import squared
 
 CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
 
@@ -286,12 +287,3 @@ def residual(indptr, indices, values, b, x, r):
         r[i, 0], r[i, 1], r[i, 2] = r1, r2, r3
         rr += r1 * r1 + r2 * r2 + r3 * r3
     return rr
-
-
-@kernel
-def squared(b):
-    """‖b‖² of (n, 3), on the calling thread (BLAS would wake its own for a sum this short)."""
-    total = 0.0
-    for i in range(len(b)):
-        total += b[i, 0] * b[i, 0] + b[i, 1] * b[i, 1] + b[i, 2] * b[i, 2]
-    return total

@@ -11,6 +11,7 @@ import numpy as np
 from .cloth import Cloth, Where
 from .compiled import kernel
 from .errors import InputError
+from .sums import dot, mean
 from .system import State, System
 from .terms.membrane import gradient
 
@@ -197,7 +198,7 @@ def _pin_work(system, theta, old, step, inertia):
     v = old.v + theta * (step.state.v - old.v)
     held_v, held_x = constraints.held(v), constraints.held(step.state.x - old.x)
     f = mean_force(system, step)[at]
-    return float(np.vdot(inertia[at], held_v) - np.vdot(f, held_x))
+    return dot(inertia[at], held_v) - dot(f, held_x)
 
 
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
@@ -269,7 +270,7 @@ class Observer:
         row = {"t": state.t}
         for name, weights in self.probes.items():
             row |= _components(name, np.ravel(weights @ state.x))
-        row |= _components("mean_displacement", mass @ moved / mass.sum())
+        row |= _components("mean_displacement", mean(mass, moved))
         row["sag"] = float(-moved[:, 2].min())
         row["area"] = area(self.system.cloth, state.x)
         held = reactions(self.system, old, step) if step is not None else {}

@@ -15,6 +15,7 @@ from .errors import InputError
 from .fabric import Fabric
 from .panel import Panel
 from .pins import Constraints, MatrixProjection, Pin
+from .sums import dot
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +191,7 @@ class System:
 
     def energies(self, state: State) -> dict[str, float]:
         """{"kinetic": J, term name: J, …} of the terms that have an energy."""
-        kinetic = 0.5 * float(np.vdot(state.v, self.scalar_mass @ state.v))
+        kinetic = 0.5 * dot(state.v, self.scalar_mass @ state.v)
         potentials = {
             name: term.energy(state.x, state.t)
             for name, term in zip(self.names, self.bound, strict=True)

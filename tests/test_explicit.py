@@ -206,14 +206,14 @@ type = "Gravity"
 [[pins]]
 where = "left"
 [time]
-method = "{name}"
+method = {{ type = "{name}", beyond_limit = true }}
 dt = 1e-4
 t_end = 2e-3
 """
     path = tmp_path / "scene.toml"
     path.write_text(text)
     scene = load(path)
-    assert scene.time.method.make() == EXPLICIT[name]()
+    assert scene.time.method.make() == EXPLICIT[name](beyond_limit=True)
     outcome = run_scene(scene, tmp_path / "out")
     assert "explicit" in (tmp_path / "out" / "summary.json").read_text()
     assert outcome

@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..formula import Formula
 from ..given import Timed, VectorOfTime, vector
 from ..panel import Panel
+from ..sums import dot
 
 STEP = 1e-5  # m and m/s: a central difference is then good to about 1e-10 of f'''/f'
 VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
@@ -225,7 +226,7 @@ class BoundUserForce:
 
     def supply(self, x, v, t) -> float:
         """Power f · v [W]."""
-        return float(np.vdot(self.amount[:, None] * self._value(x, v, t), v))
+        return dot(self.amount[:, None] * self._value(x, v, t), v)
 
     def add_force(self, x, v, t, f) -> None:
         """f_a += A_a g_a [N]."""

@@ -9,6 +9,7 @@ import numpy as np
 from ..cloth import Cloth
 from ..errors import InputError
 from ..panel import Panel
+from ..sums import dot
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class BoundGravity:
 
     def energy(self, x, t) -> float:
         """−Σ f_a · x_a [J]."""
-        return -float(np.vdot(self.weight, x))
+        return -dot(self.weight, x)
 
     def add_force(self, x, v, t, f) -> None:
         f += self.weight

@@ -10,6 +10,7 @@ from ..cloth import Cloth
 from ..compiled import kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
+from ..sums import dot
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class BoundMassDamping:
 
     def power(self, x, v, t) -> float:
         """α Σ m_a |v_a|² [W]."""
-        return float(np.vdot(self.coefficient * v, v))
+        return dot(self.coefficient * v, v)
 
     def add_force(self, x, v, t, f) -> None:
         """f −= α m_a v_a [N]."""

@@ -11,6 +11,7 @@ from ..compiled import inner, kernel
 from ..errors import InputError
 from ..given import OfTime, Timed, scalar
 from ..panel import Panel
+from ..sums import dot
 from .stencilbound import stencil_bound
 
 
@@ -109,7 +110,7 @@ class BoundPressure:
         """Power f · v of the pressure on the cloth [W]."""
         f = np.zeros_like(x)
         self.add_force(x, v, t, f)
-        return float(np.vdot(f, v))
+        return dot(f, v)
 
     def add_force(self, x, v, t, f) -> None:
         """f += (p/6) n at each corner [N]."""

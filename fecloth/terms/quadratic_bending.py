@@ -10,6 +10,7 @@ import scipy.sparse as sparse
 from ..blocks import add_mass
 from ..cloth import Cloth
 from ..panel import Panel
+from ..sums import dot
 from .hinge import hinge_stiffness
 
 
@@ -84,7 +85,7 @@ class BoundQuadratic:
 
     def energy(self, x, t) -> float:
         """½ x·Q x [J]."""
-        return 0.5 * float(np.vdot(x, self.matrix @ x))
+        return 0.5 * dot(x, self.matrix @ x)
 
     def add_force(self, x, v, t, f) -> None:
         """f −= Q x [N]."""
