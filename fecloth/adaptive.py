@@ -10,7 +10,7 @@ import numpy as np
 from .atlimit import AtLimit
 from .errors import InputError, SolveFailed, is_number
 from .newton import Counts, NewtonFailed, Solver
-from .step import Step
+from .step import Step, arrival, held
 from .sums import mean, rms
 from .system import State, System
 
@@ -18,6 +18,7 @@ SAFETY = 0.9
 SHORTEST, LONGEST = 0.2, 2.0  # of a step to the one before; BDF2 is stable below 1 + √2
 STAY = 1.2  # a step that might grow by less keeps its size, and with it what was factorised
 RETRIES = 40
+FAR = 10.0  # times the distance ahead at which the first step's error was looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,15 +147,19 @@ class Adaptive:
     def start(self, system: System, state: State, longest: float) -> Control:
         """The first step: that whose error, by differences at the start, is the one allowed.
 
-        After Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, II.4.
+        The change is that over a short flight with the pins in motion; the step may be FAR times
+        that. After Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I,
+        II.4.
         """
         a, rate, c = acceleration(system, state), self.allowed(system, state), self._constant
         size = rms(system.diagonal_mass, a)
         dt = min(longest, rate / (c * size)) if size > 0 else longest
         if self.order == 2:
-            ahead = State(state.t + dt, state.x + dt * state.v, state.v + dt * a)
+            x = state.x + dt * state.v + 0.5 * dt**2 * a  # as the cloth falls past its pins
+            ahead = State(state.t + dt, x, state.v + dt * a)
+            ahead = held(system, ahead, arrival(system, state, dt))
             jerk = rms(system.diagonal_mass, acceleration(system, ahead) - a) / dt
-            dt = min(longest, math.sqrt(rate / (c * jerk))) if jerk > 0 else longest
+            dt = min(longest, FAR * dt, math.sqrt(rate / (c * jerk)) if jerk > 0 else longest)
         return Control(SAFETY * dt, 1.0, a, state.t)
 
     def step(

@@ -109,6 +109,19 @@ def test_a_step_with_too_large_an_error_is_rejected(swing):
     assert rejected[0].dt < 0.7 * infos[rejected[0].step - 2].dt
 
 
+@pytest.mark.parametrize("moved", [False, True], ids=["falls", "is pulled"])
+def test_the_first_step_sees_what_the_pins_do(moved):
+    """At rest nothing pulls yet: the step is found by a short flight, not by trial and error."""
+    cloth = fc.Cloth.disk(0.5, h=0.1)
+    pin = fc.Pin("boundary", (lambda t: [0.0, 0.0, 0.1 * np.sin(9 * t)]) if moved else None)
+    terms = [fc.StVK()] if moved else [fc.StVK(), fc.Gravity()]
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), terms, [pin])
+    adaptive = fc.Adaptive(fc.GeneralizedAlpha(), 1e-2)
+    _, first = next(iter(fc.march(system, adaptive, system.rest(), t_end=1.0)))
+    assert first.counts.rejected == 0
+    assert first.dt > 1e-4
+
+
 def test_what_no_step_resolves_is_an_error(swing):
     system, start, _ = swing
 
