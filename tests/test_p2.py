@@ -1,9 +1,15 @@
 """Quadratic triangles: the same kernels on six nodes and six points, and the orders they buy."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import meshio
 import numpy as np
 import oracle
 import pytest
+import scipy.linalg
 import skfem
 
 import fecloth as fc
@@ -191,6 +197,112 @@ def test_free_fall_is_free(cloth):
     np.testing.assert_allclose(
         end.x - start.x, np.tile([0, 0, -0.5 * 9.81 * 0.01], (len(end.x), 1)), atol=1e-9
     )
+
+
+def test_mass_damping_is_consistent(cloth, rng):
+    """d = −α M v, at the corners too."""
+    rate = 3.0
+    damping = fc.MassDamping(rate)
+    system = system_on(cloth, [damping])
+    v = rng.standard_normal((len(cloth.X), 3))
+    state = system.state(system.rest().x, v)
+    M = system.mass.toarray()
+    close(system.force(state).ravel(), -rate * M @ v.ravel())
+    close(system.damping(state).toarray(), rate * M)
+    power = rate * v.ravel() @ M @ v.ravel()
+    assert system.bound[0].power(state.x, v, 0.0) == pytest.approx(power, rel=1e-12)
+    assert system.rate_bounds() == (0.0, rate)
+
+
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.EnergyMomentum(), fc.GeneralizedAlpha()])
+def test_methods_conserve_what_they_conserve(cloth, method):
+    """Momentum; and energy–momentum the energy and spin of a free cloth that swings."""
+    system = system_on(cloth)
+    x = 1.05 * system.rest().x
+    spin = np.array([1.0, -2.0, 3.0])
+    start = system.state(x, np.cross(spin, x) + [1.0, 0.5, 2.0])
+    newton = fc.Newton(tolerance=1e-12)
+    result = fc.run(system, method, start, 2e-4, 4e-3, solver="direct", newton=newton)
+    end, M = result.state, system.scalar_mass
+    before, after = (M @ s.v for s in (start, end))
+    np.testing.assert_allclose(after.sum(axis=0), before.sum(axis=0), rtol=1e-9)
+    if isinstance(method, fc.EnergyMomentum):
+        total = result.energies["kinetic"] + result.energies["StVK"]
+        np.testing.assert_allclose(total, total[0], rtol=1e-9)
+        turning = [np.cross(s.x, M @ s.v).sum(axis=0) for s in (start, end)]
+        np.testing.assert_allclose(turning[1], turning[0], rtol=1e-8, atol=1e-12)
+
+
+def test_the_frequency_of_a_taut_sheet():
+    """ω² = (S/ρ)(π/a)² 2 of a square under the second Piola–Kirchhoff stress S: fourth order."""
+    stretch, errors = 1.1, []
+    S = 1000.0 / 0.7 * (stretch**2 - 1) / 2
+    exact = 2 * np.pi**2 * S / 0.2
+    for h in (1 / 4, 1 / 8):
+        cloth = fc.Cloth.rectangle(1.0, 1.0, h, "right", element="P2")
+        fabric = fc.Fabric(0.2, 1000.0, 0.3)
+        system = fc.System(cloth, fabric, [fc.StVK()], pins=["boundary"])
+        K = system.stiffness(system.state(stretch * system.rest().x)).tocsr()[2::3, 2::3]
+        inside = np.setdiff1d(np.arange(len(cloth.X)), cloth.nodes("boundary"))
+        K, M = (A.tocsr()[inside][:, inside].toarray() for A in (K, system.scalar_mass))
+        errors.append(scipy.linalg.eigh(K, M, eigvals_only=True)[0] / exact - 1)
+    assert 0 < errors[1] < 1e-3
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.15)
+
+
+def test_adaptive_steps_and_the_interpolated_point(cloth):
+    """The error's norm knows all nodes; a probe between nodes is on the quadratic surface."""
+    system = system_on(cloth, [fc.StVK(), fc.Gravity()], pins=["left"])
+    start = system.state(system.rest().x * [1.02, 1.0, 1.0])
+    method = fc.Adaptive(fc.GeneralizedAlpha(), rtol=1e-2)
+    probe = fc.Probe("at", point=(0.21, 0.13))
+    result = fc.run(system, method, start, t_end=0.05, probes=[probe])
+    basis = skfem.Basis(cloth.mesh, skfem.ElementTriP2())
+    z = basis.interpolator(result.state.x[:, 2])(np.array([[0.21], [0.13]]))
+    assert result.observed["at.z"][-1] == pytest.approx(z[0], rel=1e-10)
+    mean = cloth.load() @ (result.state.x - start.x) / 0.06
+    found = [result.observed[f"mean_displacement.{c}"][-1] for c in "xyz"]
+    np.testing.assert_allclose(found, mean, rtol=1e-9, atol=1e-14)
+
+
+def test_fields_between_cloths_of_two_elements():
+    """A quadratic polynomial is P2's own; P1's distance from it by two ways to integrate."""
+    coarse = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right", element="P2")
+    linear = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right")
+    square = lambda X: X[:, 0] ** 2 - X[:, 0] * X[:, 1]  # noqa: E731
+    slope = lambda X: np.column_stack([2 * X[:, 0] - X[:, 1], -X[:, 0]])  # noqa: E731
+    u, w = square(coarse.X), square(linear.X)
+    assert coarse.l2_error(u, square) < 1e-14
+    assert coarse.h1_error(u, slope) < 1e-13
+    known = linear.l2_error(w, square), linear.h1_error(w, slope)
+    assert min(known) > 0.01
+    found = coarse.l2_difference(linear, u, w), coarse.h1_difference(linear, u, w)
+    assert found == pytest.approx(known, rel=1e-12)
+    points = np.random.default_rng(5).uniform(size=(50, 2))
+    np.testing.assert_allclose(coarse.interpolate(u, points), square(points), atol=1e-14)
+    assert coarse.l2_norm(u) ** 2 == pytest.approx(1 / 5 - 2 / 8 + 1 / 9, rel=1e-12)
+    with pytest.raises(fc.InputError, match="Cloth.l2_error: the function's values of shape"):
+        coarse.l2_error(u, lambda X: X)
+
+
+def test_a_second_process_compiles_nothing(tmp_path):
+    program = """
+import fecloth as fc
+from fecloth.terms import stvk
+cloth = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right", element="P2")
+system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()])
+system.force(system.rest())
+print(sum(stvk.add_force.stats.cache_misses.values()))
+"""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    environment["PYTHONPATH"] = str(Path(fc.__file__).parents[1])
+    misses = [
+        subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True
+        ).stdout
+        for _ in range(2)
+    ]
+    assert misses == ["1\n", "0\n"]
 
 
 def test_the_element_bound_is_safe_and_worth_something(cloth):

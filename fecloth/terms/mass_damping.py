@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sparse
 
+from ..blocks import add_mass
 from ..cloth import Cloth
 from ..compiled import kernel
 from ..errors import InputError, is_number
@@ -16,6 +18,8 @@ from ..sums import dot
 @dataclass(frozen=True)
 class MassDamping:
     """d_a = −α m_a v_a with the lumped masses m_a; dissipated power α Σ m_a |v_a|².
+
+    On P2 triangles, which have no lumped masses, d = −α M v with the consistent M.
 
     The part of Rayleigh's damping that goes with the mass: a mode of angular frequency ω has the
     damping ratio ζ = α / (2 ω), and the cloth as a whole loses its momentum as e^(−α t). It acts on
@@ -39,10 +43,15 @@ class MassDamping:
 
     elements = ("P1", "P2")
 
-    def stencil(self, cloth: Cloth) -> None:
-        return None
+    def stencil(self, cloth: Cloth) -> np.ndarray | None:
+        return None if cloth.element == "P1" else cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> BoundMassDamping:
+    def bind(self, panel: Panel, slots) -> BoundMassDamping | BoundConsistent:
+        if panel.cloth.element != "P1":
+            matrix = self.rate * panel.cloth.mass("consistent", panel.density)
+            rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+            pairs = np.column_stack([rows, matrix.indices]).astype(np.int32)
+            return BoundConsistent(self.rate, matrix, slots(pairs)[:, 0, 1].copy())
         mass = panel.cloth.weighted_load(panel.density)
         diagonal = slots(np.arange(len(mass), dtype=np.int32)[:, None]).ravel()
         return BoundMassDamping(self.rate * mass[:, None], diagonal)
@@ -76,6 +85,37 @@ class BoundMassDamping:
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s]."""
         return 0.0, float((self.coefficient[:, 0] / mass).max())
+
+
+@dataclass(frozen=True, eq=False)
+class BoundConsistent:
+    """`MassDamping` by α M (n, n), `matrix` [N s/m]; `blocks` are its entries' in the system's."""
+
+    rate: float
+    matrix: sparse.csr_matrix
+    blocks: np.ndarray
+
+    name = "MassDamping"
+    symmetric = True
+    has_energy = False
+    dissipative = True
+    velocity_dependent = True
+
+    def power(self, x, v, t) -> float:
+        """α v · M v [W]."""
+        return dot(v, self.matrix @ v)
+
+    def add_force(self, x, v, t, f) -> None:
+        """f −= α M v [N]."""
+        f -= self.matrix @ v
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """J += wv α M ⊗ I₃."""
+        add_mass(self.blocks, self.matrix.data, wv, J.values)
+
+    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
+        """The eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s]."""
+        return 0.0, self.rate
 
 
 @kernel
