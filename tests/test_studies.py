@@ -28,3 +28,16 @@ def test_quick(study, says):
     assert done.returncode == 0, done.stderr
     print(done.stdout)
     assert says in done.stdout
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("study", ["models.py"])
+def test_quick_report(study, tmp_path):
+    """Studies on the harness: the exit code is 1 if a finding is missed."""
+    command = [sys.executable, str(STUDIES / study), "--quick", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180)
+    print(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
+    report = (tmp_path / "report.md").read_text()
+    assert ": met" in report
+    assert ",error," not in (tmp_path / "results.csv").read_text()

@@ -36,7 +36,7 @@ numbers that sets the exit code:
 from . import threads  # noqa: F401  before NumPy
 from .cases import Case, run_cases
 from .failures import TimeLimit, tick
-from .figures import COLOURS, MARKERS, figure, lines, mark_failures, slope_triangle
+from .figures import COLOURS, MARKERS, figure, lines, mark_failures, slope_triangle, style
 from .options import arguments, running
 from .reports import Finding, hardware, report, write_csv
 from .timing import Seconds, timed
@@ -57,6 +57,7 @@ __all__ = [
     "run_cases",
     "running",
     "slope_triangle",
+    "style",
     "tick",
     "timed",
     "write_csv",

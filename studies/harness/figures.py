@@ -80,10 +80,26 @@ def figure(
             if log:
                 ax.set(xscale="log", yscale="log")
         yield drawing, axes
+        for ax in np.ravel(axes):
+            plain_ticks(ax)
         Path(out).mkdir(parents=True, exist_ok=True)
         for kind in ("png", "svg"):
             drawing.savefig(Path(out) / f"{name}.{kind}")
         plt.close(drawing)
+
+
+def plain_ticks(ax) -> None:
+    """Label a logarithmic axis of less than two decades with plain numbers, so that they fit."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for axis in (ax.xaxis, ax.yaxis):
+        low, high = axis.get_view_interval()
+        if axis.get_scale() != "log" or high / low >= 100:
+            continue
+        subs = (1, 2, 5) if high / low > 6 else (1, 1.5, 2, 3, 4, 5, 7)
+        axis.set_major_locator(LogLocator(subs=subs))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
 
 
 def style(i: int) -> dict[str, object]:
