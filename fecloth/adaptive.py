@@ -107,12 +107,13 @@ class Adaptive:
         for name in ("rtol", "atol"):
             value = getattr(self, name)
             if not (is_number(value) and value >= 0):
-                raise InputError(f"{name} = {value!r}", "must be >= 0", "Adaptive")
+                raise InputError(f"{name} = {value!r}", "must be a number >= 0", "Adaptive")
         if self.rtol == self.atol == 0:
             raise InputError("rtol = atol = 0", "one of them must be > 0", "Adaptive")
         method = self.method
-        if isinstance(method, type | Adaptive) or not hasattr(method, "step"):
-            allowed = "must be a method such as BDF2()"
+        chooses = getattr(method, "chooses_dt", False)
+        if isinstance(method, type) or chooses or not hasattr(method, "step"):
+            allowed = "must be a method such as BDF2(), and none that chooses its own steps"
             raise InputError(f"method {method!r}", allowed, "Adaptive")
         _ = self._rule, self._constant  # which refuse methods without a step or an estimate
 

@@ -63,7 +63,9 @@ class AtLimit:
     explicit = True
 
     def __post_init__(self):
-        if not getattr(self.method, "critical", None):
+        method = self.method
+        explicit = getattr(method, "explicit", False) and not isinstance(method, type)
+        if not (explicit and getattr(method, "critical", None)):
             allowed = "has no stable step to choose, or needs none"
             remedy = "Give dt, or take CentralDifference()."
             raise InputError(f"method {self.method!r} without a dt", allowed, "march", remedy)

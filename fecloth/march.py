@@ -20,6 +20,7 @@ from .record import Ledger, Observer, Probe
 from .system import State, System
 from .terms.membrane import largest_stretch, principal_stretches
 
+MOST_STEPS = 10**8  # whose end times alone take 0.8 GB
 MOST_GROWTH = 4.0  # of the kinetic energy that there can be: no usable step has shown more
 
 
@@ -57,9 +58,7 @@ def solver_for(
     `choice` is "auto", "direct", "pardiso", "superlu" or "pcg". "auto" starts with conjugate
     gradients and goes over to a factorisation, and back, by the work it counts; see `cheapest`.
     """
-    if isinstance(method, type) or not hasattr(method, "step"):
-        allowed = "must be a method such as BackwardEuler()"
-        raise InputError(f"method {method!r}", allowed, "march")
+    _refuse_no_method(method)
     if getattr(method, "explicit", False):
         method.check(system)
         return Solver(None, None, options or Newton()), "no linear solver: explicit"
@@ -153,6 +152,9 @@ def settled(
     `Auto` is replaced by its choice, and an explicit method that is given no dt by `AtLimit`.
     """
     if isinstance(solver, Solver):
+        if isinstance(method, Auto):
+            allowed = 'must be a name such as "auto" with Auto(), whose methods need one each'
+            raise InputError("solver = a Solver", allowed, "march")
         return _stepping(method, dt), solver, "given"
 
     def solver_of(one):
@@ -172,8 +174,15 @@ def _stepping(method, dt):
     return AtLimit(method) if dt is None and explicit else method
 
 
+def _refuse_no_method(method):
+    if isinstance(method, type) or not hasattr(method, "step"):
+        allowed = "must be a method such as BackwardEuler() or Auto()"
+        raise InputError(f"method {method!r}", allowed, "march")
+
+
 def _targets(method, t, dt, t_end, stops):
-    """When a step must end."""
+    """When a step must end; refuses what is no method, and steps that none can take."""
+    _refuse_no_method(method)
     if dt is None and getattr(method, "explicit", False):
         return end_times(t, t_end, stops)
     if not getattr(method, "chooses_dt", False):
@@ -223,13 +232,16 @@ def end_times(t: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray
 def step_times(t: float, dt: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray:
     """The end time of every step; t + i dt without accumulated round-off."""
     if not isinstance(dt, Real):
-        remedy = "Or let Adaptive choose the steps." if dt is None else ""
+        remedy = "Or leave it out and let Adaptive(method) or Auto() choose the steps."
         raise InputError(f"dt = {dt!r}", "must be a number [s]", "march", remedy)
     if not (math.isfinite(dt) and dt > 0):
         raise InputError(f"dt = {dt!r}", "must be finite and > 0 [s]", "march")
     pieces = []
     for target in end_times(t, t_end, stops):
         steps = max(1, math.ceil((target - t) / dt - 1e-9))
+        if steps > MOST_STEPS:
+            allowed = f"makes {steps:.2g} steps, and must make at most {MOST_STEPS:.0e}"
+            raise InputError(f"dt = {dt:g} s", allowed, "march", "Is it in seconds?")
         pieces.append(t + dt * np.arange(1, steps + 1))
         pieces[-1][-1] = t = target
     return np.concatenate(pieces)

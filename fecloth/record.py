@@ -40,6 +40,8 @@ class Ledger:
         The energies at the start, with "kinetic".
     first
         Kinetic energy after the first step.
+    silent
+        Whether a term tells neither an energy nor what it dissipates or works.
     """
 
     t: float
@@ -51,6 +53,7 @@ class Ledger:
     numerical: float
     opening: Mapping[str, float]
     first: float | None = None
+    silent: bool = False
 
     @classmethod
     def open(cls, system: System, state: State) -> Ledger:
@@ -61,7 +64,9 @@ class Ledger:
         named = list(zip(system.names, system.bound, strict=True))
         dissipated = {name: 0.0 for name, term in named if term.dissipative}
         work = {name: 0.0 for name, term in named if hasattr(term, "supply")}
-        return cls(state.t, kinetic, energies, dissipated, work, 0.0, 0.0, opening)
+        told = {*energies, *dissipated, *work}
+        silent = any(name not in told for name in system.names)
+        return cls(state.t, kinetic, energies, dissipated, work, 0.0, 0.0, opening, silent=silent)
 
     def after(self, system: System, method, old: State, step) -> Ledger:
         """The ledger after `step`, taken by `method` from the state `old`."""
@@ -103,7 +108,10 @@ class Ledger:
 
         What it had, what the terms' energies have fallen by since the start, and what loads and
         pins have worked. A first step may be ahead of that by what it gave: forward Euler's is.
+        Unlimited with a term that tells neither an energy nor its work.
         """
+        if self.silent:
+            return math.inf
         fallen = (self.opening[name] - energy for name, energy in self.potential.items())
         got = (*fallen, *self.work.values(), self.pins)
         return self.opening["kinetic"] + (self.first or 0.0) + sum(max(0.0, g) for g in got)

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import fecloth as fc
+from fecloth.atlimit import AtLimit
 from fecloth.explicit import EXPLICIT
 from fecloth.integrators import METHODS
 from fecloth.newton import NewtonFailed
@@ -175,11 +176,13 @@ def test_the_balance_of_adaptive_steps_closes(swing):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: fc.Adaptive(fc.BDF2(), rtol=-1.0), "rtol = -1.0: must be >= 0"),
+        (lambda: fc.Adaptive(fc.BDF2(), rtol=-1.0), "rtol = -1.0: must be a number >= 0"),
         (lambda: fc.Adaptive(fc.BDF2(), rtol=0.0), "rtol = atol = 0: one of them must be > 0"),
-        (lambda: fc.Adaptive(fc.BDF2(), atol="1"), "atol = '1': must be >= 0"),
+        (lambda: fc.Adaptive(fc.BDF2(), atol="1"), "atol = '1': must be a number >= 0"),
         (lambda: fc.Adaptive(fc.BDF2), "must be a method such as BDF2"),
         (lambda: fc.Adaptive(fc.Adaptive(fc.BDF2())), "must be a method such as BDF2"),
+        (lambda: fc.Adaptive(fc.Auto()), "none that chooses its own steps"),
+        (lambda: fc.Adaptive(AtLimit(fc.CentralDifference())), "none that chooses its own steps"),
         (lambda: fc.Adaptive(fc.Newmark(0.3, 0.6)), "gamma = 0.6: has no estimate"),
         (lambda: fc.Adaptive(fc.ForwardEuler()), "has no stable step to choose"),
     ],

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.atlimit import FRACTION, LASTS
+from fecloth.atlimit import FRACTION, LASTS, AtLimit
 from fecloth.march import MOST_GROWTH
 from fecloth.record import Ledger
 from fecloth.terms.membrane import largest_stretch, principal_stretches
@@ -71,6 +71,12 @@ def test_forward_euler_has_no_step_on_a_sheet_without_damping(sheet):
         next(fc.march(system, fc.ForwardEuler(), system.rest(), t_end=1.0))
 
 
+@pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.CentralDifference, "no method"])
+def test_only_explicit_methods_have_such_a_step(method):
+    with pytest.raises(fc.InputError, match="has no stable step to choose"):
+        AtLimit(method)
+
+
 def test_a_stretch_beyond_the_bound_ends_the_run(sheet):
     system = pulled(sheet, 3.0, 0.2)
     march = fc.march(system, fc.BackwardEuler(), system.rest(), 0.01, 0.3, most_stretch=2.0)
@@ -121,3 +127,32 @@ def test_available_energy_bounds_the_kinetic_one(sheet, name):
         ledger = ledger.after(system, method, info.old, info.result)
         shares.append(ledger.kinetic / ledger.available)
     assert 0.2 < max(shares) < 1.01
+
+
+class Push:
+    """A user's load that tells neither an energy nor its work."""
+
+    name = "Push"
+    symmetric, has_energy, dissipative, velocity_dependent = True, False, False, False
+
+    def stencil(self, cloth):
+        return None
+
+    def bind(self, panel, slots):
+        return self
+
+    def add_force(self, x, v, t, f):
+        f[:, 2] += t
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite):
+        pass
+
+    def rate_bounds(self, mass):
+        return 0.0, 0.0
+
+
+def test_a_load_that_tells_nothing_is_no_blow_up(sheet):
+    """The energy that it gives is not known, so no motion is too fast."""
+    system = fc.System(*sheet, [Push()])
+    result = fc.run(system, fc.BackwardEuler(), system.rest(), 0.01, 0.1)
+    assert result.energies["kinetic"][-1] > 100 * result.energies["kinetic"][1] > 0

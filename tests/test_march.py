@@ -152,6 +152,9 @@ def test_a_scene_evaluates_only_what_it_names(isotropic, monkeypatch):
         (fc.BackwardEuler, 0.1, "must be a method such as BackwardEuler"),
         ("midpoint", 0.1, "method 'midpoint'"),
         (fc.BackwardEuler(), "0.1", r"dt = '0.1': must be a number \[s\]"),
+        (fc.BackwardEuler(), None, r"dt = None: must .* leave it out and let Adaptive\(method\)"),
+        (fc.BackwardEuler(), 1e-9, r"dt = 1e-09 s: makes 1e\+09 steps, .* at most 1e\+08"),
+        ("auto", None, r"method 'auto': must be a method such as BackwardEuler\(\) or Auto\(\)"),
     ],
 )
 def test_what_cannot_be_marched_is_refused(method, dt, message, isotropic):
@@ -160,3 +163,10 @@ def test_what_cannot_be_marched_is_refused(method, dt, message, isotropic):
     for function in (fc.run, lambda *a: next(fc.march(*a))):
         with pytest.raises(fc.InputError, match=message):
             function(system, method, system.rest(), dt, 1.0)
+
+
+def test_auto_takes_no_solver_of_one_method(isotropic):
+    system = fc.System(fc.Cloth.rectangle(1.0, 1.0, h=0.5), isotropic, [fc.StVK()])
+    solver, _ = fc.solver_for(system, fc.BackwardEuler(), 0.01)
+    with pytest.raises(fc.InputError, match=r"must be a name such as \"auto\" with Auto\(\)"):
+        next(fc.march(system, fc.Auto(), system.rest(), t_end=1.0, solver=solver))
