@@ -100,7 +100,9 @@ class BoundPointForce:
 class UserForce:
     """f_a = A_a g(x_a, v_a, t): a force of one's own at each node, from where it is and moves.
 
-    A_a is the node's share of the reference area, of the mass, or 1. For forces between nodes see
+    A_a is the node's share of the reference area, of the mass, or 1. On P2 triangles the middles
+    of the edges have all of it: a rule that is exact for g of degree 0 and keeps the third order
+    of the displacement in L2 (`Cloth.load` integrates to any degree). For forces between nodes see
     the conditions, for their derivatives `fecloth.verify.check_term`.
 
     Its power stands in the ledger as ``work:UserForce``, whatever it may be. Tangents: the
