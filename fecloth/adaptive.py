@@ -68,8 +68,11 @@ class Adaptive:
     beyond its tolerance, or one that Newton cannot solve, is rejected and tried shorter.
 
     Explicit methods stay below their stability limit, see `AtLimit`. The estimate sees all that
-    moves, also the fast waves in the plane of the cloth, if they are excited. The first step is
-    chosen by the acceleration and its change at the start.
+    moves, also the fast waves in the plane of the cloth, if they are excited. A method that lets
+    them ring creeps after them: on the undamped trampoline, 2,500 nodes, 0.2 s, rtol 1e-2, the
+    midpoint rule took 1,631 steps where generalised-α took 93, BDF2 103 and energy–momentum 97.
+    Take one of these, or damp the cloth: with damping the midpoint rule takes no more steps than
+    they do. The first step is chosen by the acceleration and its change over a short flight.
 
     Parameters
     ----------

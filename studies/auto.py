@@ -202,7 +202,7 @@ def report(name: str, case: Case, runs: dict[str, Run]) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="shorter runs on coarser meshes")
+    parser.add_argument("--quick", action="store_true", help="shorter: the choice weighs more")
     parser.add_argument("--only", help="the one scene of this name")
     given = parser.parse_args()
     ratios = {}

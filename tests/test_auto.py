@@ -117,7 +117,7 @@ def test_a_trial_takes_no_more_steps_than_it_needs(monkeypatch, rival, steps):
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"rtol": -1.0}, r"rtol = -1.0: must be >= 0"),
+        ({"rtol": -1.0}, r"rtol = -1.0: must be a number >= 0"),
         ({"rtol": 0.0}, r"rtol = atol = 0: one of them must be > 0"),
     ],
 )
