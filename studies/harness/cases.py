@@ -165,7 +165,8 @@ def _plain(value):
 
 
 def _words(case: Case) -> str:
-    return " ".join(f"{key}={value}" for key, value in case.settings.items())
+    """The settings on one line; a text of many lines by its first characters."""
+    return " ".join(f"{k}={' '.join(str(v).split())[:40]}" for k, v in case.settings.items())
 
 
 def _short(result: dict) -> str:

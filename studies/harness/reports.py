@@ -14,6 +14,7 @@ from pathlib import Path
 
 from fecloth.runfolder import replace_file, versions
 
+LONGEST = 300  # characters of a cell
 Row = Mapping[str, object]
 
 
@@ -136,8 +137,8 @@ def markdown(rows: Sequence[Row]) -> str:
 def _cell(value: object) -> str:
     if value is None:
         return ""
-    text = f"{value:.4g}" if isinstance(value, float) else str(value)
-    return text.replace("|", "\\|").replace("\n", " ")
+    text = f"{value:.4g}" if isinstance(value, float) else " ".join(str(value).split())
+    return (text if len(text) <= LONGEST else text[:LONGEST] + " …").replace("|", "\\|")
 
 
 def hardware() -> dict[str, object]:
