@@ -28,9 +28,10 @@ from .lattice import plane_moduli
 from .march import Result, march, run, solver_for
 from .memory import BDF2, GeneralizedAlpha, Newmark
 from .newton import Newton
+from .observe import Probe
 from .output import Frames, fields, read_frame, write_vtk
 from .pins import Pin, Slide
-from .record import Ledger, Probe
+from .record import Ledger
 from .stability import critical_dt
 from .system import State, System
 from .terms import (

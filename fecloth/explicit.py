@@ -14,10 +14,9 @@ import numpy as np
 
 from .compiled import kernel
 from .errors import InputError
+from .losses import taken
 from .newton import Counts
-from .record import column_forces, conservative
 from .step import Step, arrival
-from .sums import dot, weighted
 from .system import State, System
 
 # a step that overflows is reported by the loop over time, which finds it not finite
@@ -72,27 +71,8 @@ class Explicit:
             )
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the method itself took in a step; negative where it gave some.
-
-        With v̄ the mean of the old and new velocity, over the free directions, and the mean over
-        the step's forces,
-
-            M Δv · (Δx/dt − v̄) + (θ − ½) Δx·K Δx − mean of d·(Δx − dt v)
-
-        where θ = `forces_at`, Δx·K Δx is the change of the conservative force along Δx, and d the
-        forces whose power at (x, v) the ledger takes as dissipated or as work. Exact for energies
-        quadratic in x and any damping; on others the ledger's remainder shows the rest.
-        """
-        dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
-        lead = system.constraints.project(dx / dt - old.v - 0.5 * dv)
-        taken = weighted(system.nodal_mass, dv, lead)
-        if self.forces_at != 0.5:
-            bend = dot(conservative(system, old) - conservative(system, step.state), dx)
-            taken += (self.forces_at - 0.5) * bend
-        stages = getattr(step, "stages", (step.stage,))
-        for at in stages:
-            taken -= dot(column_forces(system, at), dx - dt * at.v) / len(stages)
-        return taken
+        """Energy [J] that the method itself took in a step, by `losses.taken`."""
+        return taken(system, old, step, self.forces_at)
 
 
 @dataclass(frozen=True)

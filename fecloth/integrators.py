@@ -14,9 +14,9 @@ import numpy as np
 from . import linear, newton
 from .energy_momentum import EnergyMomentum
 from .errors import IndefiniteMatrix
+from .losses import bend
 from .memory import BDF2, GeneralizedAlpha, Newmark
 from .newton import Counts, Solver
-from .record import conservative
 from .stage import Stage, prescribed
 from .step import Step, arrival, held
 from .sums import dot
@@ -63,9 +63,9 @@ class StageMethod:
         """
         if self.theta == 0.5:
             return 0.0
-        dx, dv = step.state.x - old.x, step.state.v - old.v
-        bend = dot(conservative(system, old) - conservative(system, step.state), dx)
-        return (self.theta - 0.5) * (dot(dv, system.scalar_mass @ dv) + bend)
+        dv = step.state.v - old.v
+        kinetic = dot(dv, system.scalar_mass @ dv)
+        return (self.theta - 0.5) * (kinetic + bend(system, old, step.state))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from .auto import Auto
 from .blocks import BlockMatrix
 from .errors import InputError, SolveFailed, StepFailed
 from .newton import Counts, Newton, NewtonFailed, Solver
-from .record import Ledger, Observer, Probe
+from .observe import Observer, Probe
+from .record import Ledger
 from .system import State, System
 from .terms.membrane import largest_stretch, principal_stretches
 

@@ -12,11 +12,10 @@ import numpy as np
 
 from . import newton
 from .errors import InputError, is_number
+from .losses import taken
 from .newton import Solver
-from .record import column_forces, conservative
 from .stage import Stage
 from .step import Step, arrival, held
-from .sums import dot
 from .system import State, System
 
 
@@ -40,25 +39,8 @@ class WithMemory:
     theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
 
     def numerical(self, system: System, old: State, step: RememberedStep) -> float:
-        """Energy [J] that the method itself took in a step; negative where it gave some.
-
-        With v̄ the mean of the old and new velocity, and over the free directions where marked °,
-
-            M Δv · (Δx/dt − v̄)° − M (Δv/dt − a) · Δx° + (θ − ½) Δx·K Δx − d·(Δx − dt v)
-
-        Δx·K Δx is the change of the conservative force along Δx, and d the forces whose power at
-        the stage's (x, v) the ledger takes as dissipated or as work. Exact for energies quadratic
-        in x and linear damping; on others the ledger's remainder shows the rest. It need not grow
-        in every step. Where pins are moved it holds what the damping does between dt v and Δx.
-        """
-        dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
-        mass, free = system.scalar_mass, system.constraints.project
-        taken = dot(mass @ dv, free(dx / dt - old.v - 0.5 * dv))
-        taken -= dot(mass @ (dv / dt - step.a), free(dx.copy()))
-        if step.theta != 0.5:
-            bend = dot(conservative(system, old) - conservative(system, step.state), dx)
-            taken += (step.theta - 0.5) * bend
-        return taken - dot(column_forces(system, step.stage), dx - dt * step.stage.v)
+        """Energy [J] that the method itself took in a step, by `losses.taken`."""
+        return taken(system, old, step, step.theta, step.a)
 
 
 def blend(old: State, new: State, theta: float) -> State:

@@ -24,8 +24,9 @@ from .cloth import Cloth
 from .errors import FeclothError, InputError, StepFailed
 from .march import StepInfo, add_seconds, balanced, march, run, settled
 from .newton import Solver
+from .observe import Observer
 from .output import Frames, fields
-from .record import Ledger, Observer
+from .record import Ledger
 from .runfolder import RunFolder, peak_memory, versions
 from .scene import Built, Scene
 from .system import System

@@ -25,10 +25,11 @@ from .errors import InputError, MeshError, SceneError
 from .formula import nearest
 from .march import step_times
 from .newton import Newton
+from .observe import Observer, Probe
 from .output import read_frame
 from .panel import Panel
 from .pins import DERIVATIVE_STEP, Constraints, Pin
-from .record import Ledger, Observer, Probe
+from .record import Ledger
 from .schema import Table, as_tuples, exactly_one, placed, scene_error
 from .system import State, System
 

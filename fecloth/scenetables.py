@@ -21,8 +21,8 @@ from .fabric import Fabric
 from .formula import Formula, Motion, Region
 from .integrators import METHODS
 from .newton import Newton
+from .observe import Probe
 from .pins import Pin, Slide
-from .record import Probe
 from .schema import Table, exactly_one, one_of, table_of
 
 MOST_STEPS = 10_000_000

@@ -9,7 +9,7 @@ from test_orders import CASES
 
 import fecloth as fc
 from fecloth.integrators import METHODS
-from fecloth.record import area
+from fecloth.observe import area
 
 ALL = [method() for method in METHODS.values()]
 TIGHT = fc.Newton(tolerance=1e-12)

@@ -604,7 +604,7 @@ def test_check_compares_at_the_end_and_between_steps(file):
 def test_every_column_of_a_run_may_be_expected(file):
     scene = load(file, ["expect={}"])
     built = scene.build()
-    observer = fc.record.Observer.bind(built.system, built.state, built.probes)
+    observer = fc.observe.Observer.bind(built.system, built.state, built.probes)
     names = [*observer.row(None, None), *fc.Ledger.open(built.system, built.state).row()]
     table = ", ".join(f"'{n}' = {{value = 1, relative = 1}}" for n in set(names) - {"t"})
     assert len(load(file, [f"expect={{{table}}}"]).build().probes) == 2
