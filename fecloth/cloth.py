@@ -259,6 +259,11 @@ class Cloth:
         return self._kernel_arrays[1]
 
     @property
+    def values(self) -> np.ndarray:
+        """(q, k), N_a at each quadrature point."""
+        return self._element.values
+
+    @property
     def weights(self) -> np.ndarray:
         """(m, q) quadrature weights, summing to the area [m²]."""
         return self._kernel_arrays[2]

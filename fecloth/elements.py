@@ -74,6 +74,12 @@ class Element:
         root = np.sqrt(self.scaled_diagonal)
         return float(np.linalg.eigvalsh(self.reference_mass / np.outer(root, root))[0])
 
+    @cached_property
+    def values(self) -> np.ndarray:
+        """(q, k) N_a at the points of the rule, the same in every triangle."""
+        k = len(self.reference_mass)
+        return np.stack([self.shapes.lbasis(self.rule[0], a)[0] for a in range(k)], axis=-1)
+
     def basis(self, mesh: skfem.MeshTri, order: int) -> skfem.CellBasis:
         """Scalar, with a quadrature that is exact to polynomial degree `order`."""
         return skfem.Basis(mesh, self.shapes, intorder=order)

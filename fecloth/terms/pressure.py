@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..given import OfTime, Timed, scalar
 from ..panel import Panel
 from ..sums import dot
+from .membrane import gradient
 from .stencilbound import stencil_bound
 
 
@@ -35,8 +36,13 @@ class Pressure:
     pinned, or slides in one plane. With a free edge it is not: "exact" then takes a general
     linear solver, "symmetric" Newton's quadratic convergence.
 
+    On P2 triangles the normal is n = F₁ × F₂ (F₁, F₂ the columns of F), and with
+    d_b = G_b1 F₂ − G_b2 F₁, integrated exactly by the 6 points,
+
+        f_a = p ∫ N_a n dA,   K_ab = p ∫ N_a [d_b]× dA   or   (p/2) ∫ [N_a d_b − N_b d_a]× dA
+
     Work that the pressure does stands in the ledger's column ``work:Pressure``; it has no
-    potential in general. P1 triangles only. Cost: a third of `StVK`'s, force and tangent.
+    potential in general. Cost on P1: a third of `StVK`'s, force and tangent.
 
     Parameters
     ----------
@@ -65,18 +71,18 @@ class Pressure:
             allowed = 'must be "symmetric" or "exact"'
             raise InputError(f"tangent = {self.tangent!r}", allowed, "Pressure")
 
+    elements = ("P1", "P2")
+
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
     def bind(self, panel: Panel, slots) -> BoundPressure:
         cloth = panel.cloth
-        if cloth.stencil.shape[1] != 3:
-            raise InputError(f"element {cloth.element}", "must be P1", "Pressure")
         p = scalar(self.p, "p", "Pressure")
-        turns = orientation(cloth)
-        blocks = slots(cloth.stencil)
+        blocks, symmetric = slots(cloth.stencil), self.tangent == "symmetric"
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-        return BoundPressure(p, cloth.stencil, turns, blocks, self.tangent == "symmetric", rest)
+        data = p, cloth.stencil, orientation(cloth), blocks, symmetric, rest
+        return BoundPressure(*data) if cloth.element == "P1" else BoundCurved(*data, cloth)
 
 
 def orientation(cloth: Cloth) -> np.ndarray:
@@ -114,14 +120,13 @@ class BoundPressure:
 
     def add_force(self, x, v, t, f) -> None:
         """f += (p/6) n at each corner [N]."""
-        add_force(self.nodes, self.turns, float(self.p(t)), x, f)
+        self._add_force(float(self.p(t)), x, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; nothing where it must be `definite`: K has as much of either sign."""
         if definite:
             return
-        scale = wx * float(self.p(t))
-        add_tangent(self.nodes, self.turns, self.slots, scale, self.symmetric, x, J.values)
+        self._add_tangent(self.slots, wx * float(self.p(t)), x, J.values)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²], of either sign, and of M⁻¹D, at rest.
@@ -131,8 +136,31 @@ class BoundPressure:
         m, k = self.nodes.shape
         slots = np.arange(m * k * k, dtype=np.int32).reshape(m, k, k)
         K, p = np.zeros((m * k * k, 3, 3)), float(self.p(0.0))
-        add_tangent(self.nodes, self.turns, slots, p, self.symmetric, self.rest, K)
+        self._add_tangent(slots, p, self.rest, K)
         return stencil_bound(self.nodes, K.reshape(m, k, k, 3, 3), mass), 0.0
+
+    def _add_force(self, p, x, f):
+        add_force(self.nodes, self.turns, p, x, f)
+
+    def _add_tangent(self, slots, p, x, J):
+        add_tangent(self.nodes, self.turns, slots, p, self.symmetric, x, J)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundCurved(BoundPressure):
+    """`Pressure` on P2 triangles."""
+
+    cloth: Cloth
+
+    def _add_force(self, p, x, f):
+        cloth = self.cloth
+        arrays = self.nodes, cloth.gradients, cloth.weights, cloth.values
+        add_curved_force(*cloth.shape, *arrays, p, x, f)
+
+    def _add_tangent(self, slots, p, x, J):
+        cloth = self.cloth
+        arrays = self.nodes, slots, cloth.gradients, cloth.weights, cloth.values
+        add_curved_tangent(*cloth.shape, *arrays, p, self.symmetric, x, J)
 
 
 @inner
@@ -185,3 +213,33 @@ def add_tangent(nodes, turns, slots, p, symmetric, x, J):
                 g = edges[b]
                 change = (g[0] - own * d[0], g[1] - own * d[1], g[2] - own * d[2])
                 add_skew(slots[e, a, b], part, change, J)
+
+
+@kernel
+def add_curved_force(K, Q, nodes, G, w, N, p, x, f):
+    """f_a += p Σ w N_a F₁ × F₂."""
+    for e in range(len(nodes)):
+        for q in range(len(Q)):
+            F11, F21, F31, F12, F22, F32 = gradient(K, nodes, G, e, q, x)
+            n = cross((F11, F21, F31), (F12, F22, F32))
+            for a in range(len(K)):
+                node, scale = nodes[e, a], p * w[e, q] * N[q, a]
+                f[node, 0] += scale * n[0]
+                f[node, 1] += scale * n[1]
+                f[node, 2] += scale * n[2]
+
+
+@kernel
+def add_curved_tangent(K, Q, nodes, slots, G, w, N, p, symmetric, x, J):
+    """J_ab += p Σ w N_a [d_b]×, or (p/2) Σ w [N_a d_b − N_b d_a]×, d_b = G_b1 F₂ − G_b2 F₁."""
+    own = 0.5 if symmetric else 0.0
+    for e in range(len(nodes)):
+        for q in range(len(Q)):
+            F11, F21, F31, F12, F22, F32 = gradient(K, nodes, G, e, q, x)
+            for a in range(len(K)):
+                for b in range(len(K)):
+                    s, t = (1.0 - own) * N[q, a], own * N[q, b]
+                    g1 = s * G[e, q, b, 0] - t * G[e, q, a, 0]
+                    g2 = s * G[e, q, b, 1] - t * G[e, q, a, 1]
+                    d = (g1 * F12 - g2 * F11, g1 * F22 - g2 * F21, g1 * F32 - g2 * F31)
+                    add_skew(slots[e, a, b], p * w[e, q], d, J)
