@@ -82,7 +82,7 @@ class Cloth:
 
         `pattern` is "unstructured" (Gmsh), "right" (every cell cut along the same diagonal),
         "cross" (every cell cut along both) or "equilateral". Sets: left, right, bottom, top,
-        corners, boundary.
+        corners, boundary. `element`: "P1" or "P2".
         """
         return cls._of(meshing.rectangle(width, height, h, pattern), element, points=["corners"])
 
@@ -144,7 +144,8 @@ class Cloth:
     def nodes(self, where: Where) -> np.ndarray:
         """Node indices of a named set, of a predicate on X, or the given indices themselves.
 
-        They are distinct; given indices keep their order, others ascend.
+        They are distinct; given indices keep their order, others ascend. A named curve or region
+        of P2 triangles has the middles of its edges too.
 
         Raises
         ------

@@ -14,6 +14,8 @@ import skfem
 
 import fecloth as fc
 from fecloth.cli import main
+from fecloth.elements import quadratic
+from fecloth.meshcheck import checked
 from fecloth.output import read_frame
 from fecloth.runner import run_scene
 from fecloth.scene import load
@@ -92,6 +94,31 @@ def test_sets_of_a_mesh_that_comes_in():
     assert at["two"] == [(0, 0), (2, 1)]
     assert len(cloth.nodes("boundary")) == 12
     assert len(cloth.region("west")) == 2
+
+
+def test_sets_of_a_mesh_file():
+    """An open curve of k nodes has k − 1 middles, a closed one k, a region all of its edges'."""
+    file = Path(__file__).parents[1] / "meshes" / "panel.geo"
+    linear, cloth = (fc.Cloth.read(file, 0.1, element=name) for name in ("P1", "P2"))
+    count = {name: len(linear.nodes(name)) for name in linear.node_sets}
+    assert len(cloth.nodes("hem")) == 2 * count["hem"] - 1
+    assert len(cloth.nodes("neck")) == 2 * count["neck"]
+    assert len(cloth.nodes("boundary")) == 2 * count["boundary"]
+    assert cloth.nodes("sheet").tolist() == list(range(len(cloth.X)))
+    west = [
+        [0, 1, 4],
+        [0, 4, 3],
+    ]  # next to an edge of "west" nodes that is not one of its triangles
+    X = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1), (0.5, -1)]
+    mesh = checked(
+        X,
+        [*west, [1, 2, 5], [1, 5, 4], [6, 2, 1], [0, 6, 1]],
+        {"west": [0, 1, 3, 4, 6]},
+        triangle_sets={"west": [0, 1]},
+        where="test",
+    )
+    middles = {tuple(x) for x in quadratic(mesh).X[quadratic(mesh).node_sets["west"]]} - set(X)
+    assert middles == {(0.5, 0), (1, 0.5), (0.5, 0.5), (0.5, 1), (0, 0.5)}
 
 
 def test_a_pin_holds_the_middles(cloth):
