@@ -82,7 +82,7 @@ def spread(rows: Rows, scene: str, model: str) -> float:
 
 def power(rows: Rows, scene: str, model: str, pattern: str) -> float:
     """The p of value ∝ h^p over the last halving."""
-    coarse, fine = path(rows, scene, model, pattern)[-2:]
+    *_, coarse, fine = [{"value": np.nan, "h": 1.0}] * 2 + path(rows, scene, model, pattern)
     return float(np.log(coarse["value"] / fine["value"]) / np.log(coarse["h"] / fine["h"]))
 
 
@@ -187,16 +187,22 @@ def conclude_roses(rows: Rows) -> list[harness.Finding]:
     for model, limits in least.items():
         value = finest(rows, "rose", model, "right")
         found.append(F(f"{model} on right: highest over lowest stiffness", value, *limits))
-    own = [path(rows, "rose", model, p)[-1] for model in NAMES for p in ("right", "cross")]
-    off = max(np.abs(np.array(row["measured"]) / row["derived"] - 1).max() for row in own)
+    own = [row for m in NAMES for p in ("right", "cross") for row in path(rows, "rose", m, p)[-1:]]
+    off = max((farthest(row["measured"], row["derived"]) for row in own), default=np.nan)
     found.append(F("roses from the derived ones on right and cross, relative", off, high=0.02))
     return found
 
 
+def farthest(measured: list[float], derived: list[float]) -> float:
+    """The largest relative difference."""
+    return float(np.abs(np.array(measured) / derived - 1).max())
+
+
 def conclude_hinges(hinges: Rows) -> list[harness.Finding]:
     """Every pattern carries another B, as derived, and refinement does not cure it."""
-    fine = {row["pattern"]: row for row in sorted(hinges, key=lambda row: row["along"])}
-    values = [row["value"] for row in fine.values()]
+    good = [row for row in hinges if row["status"] == "ok"]
+    fine = {row["pattern"]: row for row in sorted(good, key=lambda row: row["along"])}
+    values = [row["value"] for row in fine.values()] or [np.nan]
     off = [
         max(row["narrow"] - row["value"], row["value"] - row["wide"], 0.0)
         for row in fine.values()
@@ -205,8 +211,12 @@ def conclude_hinges(hinges: Rows) -> list[harness.Finding]:
     F, differ = harness.Finding, max(values) - min(values)
     return [
         F("hinges: B_eff/B of the stiffest pattern less the softest", differ, 0.15),
-        F("hinges: B_eff/B on right", fine["right"]["value"], 0.75, 0.85),
-        F("hinges: B_eff/B outside the derived of narrow and wide strips", max(off), high=0.05),
+        F("hinges: B_eff/B on right", fine.get("right", {}).get("value", np.nan), 0.75, 0.85),
+        F(
+            "hinges: B_eff/B outside the derived of narrow and wide strips",
+            max(off, default=np.nan),
+            high=0.05,
+        ),
     ]
 
 

@@ -1,5 +1,7 @@
 """The studies' common part: cases are kept, failures are rows, reports say all."""
 
+import doctest
+import importlib
 import json
 import os
 import signal
@@ -334,3 +336,10 @@ def test_kept_cases_tell_their_settings(tmp_path):
     harness.run_cases([{"how": "no"}], troubled, tmp_path)
     (file,) = (tmp_path / "cache").iterdir()
     assert json.loads(file.read_text())["settings"] == {"how": "no"}
+
+
+@pytest.mark.parametrize("name", ["failures", "options", "reports", "timing"])
+def test_examples(name):
+    failed, tried = doctest.testmod(importlib.import_module(f"harness.{name}"))
+    assert tried > 0
+    assert failed == 0

@@ -5,11 +5,12 @@ from __future__ import annotations
 import importlib
 import multiprocessing
 import os
+import signal
 import sys
 import time
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -33,19 +34,20 @@ def remote(file: str, name: str, settings: dict, time_limit: float | None) -> di
 
 
 def serve(pipe: Connection, file: str, name: str) -> None:
-    """The life of a process: load the function, then answer settings with results."""
+    """The life of a process: load the function, then answer settings with results.
+
+    Ctrl-C is for whoever started it, and ends it.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         function = load(file, name)
     except BaseException as error:
         pipe.send(error)
         raise
     pipe.send(None)
-    while True:
-        try:
-            settings = pipe.recv()
-        except (EOFError, KeyboardInterrupt):
-            return  # whoever asked is gone
-        pipe.send(failures.attempt(function, settings))
+    with suppress(EOFError, BrokenPipeError):  # whoever asks is gone
+        while True:
+            pipe.send(failures.attempt(function, pipe.recv()))
 
 
 @dataclass
