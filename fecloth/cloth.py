@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,8 +11,7 @@ import numpy as np
 import scipy.sparse as sparse
 import skfem
 
-from . import elements, fields, meshing
-from .errors import InputError
+from . import choice, elements, fields, mass, meshing
 from .hinges import Hinges
 
 Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
@@ -152,36 +150,7 @@ class Cloth:
         InputError
             If the set is unknown, an index is out of range, or no node is chosen.
         """
-        if isinstance(where, str):
-            if where not in self.node_sets:
-                raise InputError(
-                    f"node set {where!r}",
-                    f"must be one of {', '.join(sorted(self.node_sets)) or '(none)'}",
-                    "Cloth.nodes",
-                    _nearest(where, self.node_sets),
-                )
-            return self.node_sets[where]
-        chosen = np.atleast_1d(where(self.X) if callable(where) else where)
-        if not chosen.size:
-            raise InputError("the choice of nodes is empty", "needs a node", "Cloth.nodes")
-        if chosen.dtype == bool and chosen.shape == (len(self.X),):
-            chosen = np.flatnonzero(chosen)
-        if chosen.ndim != 1 or not np.issubdtype(chosen.dtype, np.integer):
-            raise InputError(
-                f"nodes of type {chosen.dtype} and shape {chosen.shape}",
-                f"must be a set's name, indices, or {len(self.X)} booleans",
-                "Cloth.nodes",
-            )
-        if not chosen.size:
-            raise InputError("the choice of nodes is empty", "needs a node", "Cloth.nodes")
-        if chosen.min() < 0 or chosen.max() >= len(self.X):
-            raise InputError(
-                f"node indices {chosen.min()} … {chosen.max()}",
-                f"must lie in 0 … {len(self.X) - 1}",
-                "Cloth.nodes",
-            )
-        _, first = np.unique(chosen, return_index=True)
-        return chosen[np.sort(first)]
+        return choice.nodes(self, where)
 
     def region(self, where: Where) -> np.ndarray:
         """Triangle indices of a named region, or of a predicate on the centroids (m, 2).
@@ -191,17 +160,7 @@ class Cloth:
         InputError
             If the region is unknown or holds no triangle.
         """
-        if callable(where):
-            chosen = np.flatnonzero(where(self.X[self.triangles].mean(axis=1)))
-        elif where in self.triangle_sets:
-            chosen = self.triangle_sets[where]
-        else:
-            allowed = f"must be one of {', '.join(sorted(self.triangle_sets)) or '(none)'}"
-            close = _nearest(where, self.triangle_sets)
-            raise InputError(f"region {where!r}", allowed, "Cloth.region", close)
-        if not len(chosen):
-            raise InputError("the choice of triangles is empty", "needs one", "Cloth.region")
-        return chosen
+        return choice.triangles(self, where)
 
     @property
     def area(self) -> float:
@@ -221,7 +180,8 @@ class Cloth:
     # --- scikit-fem ---------------------------------------------------------------------------
 
     @property
-    def _element(self) -> elements.Element:
+    def kind(self) -> elements.Element:
+        """What there is to know of its element."""
         return elements.named(self.element, "Cloth")
 
     @cached_property
@@ -239,11 +199,11 @@ class Cloth:
 
     def basis(self, order: int) -> skfem.CellBasis:
         """A scalar scikit-fem basis whose quadrature is exact to polynomial degree `order`."""
-        return self._element.basis(self.mesh, order)
+        return self.kind.basis(self.mesh, order)
 
     @cached_property
     def _kernel_arrays(self):
-        return self._element.arrays(self.mesh)
+        return self.kind.arrays(self.mesh)
 
     @property
     def stencil(self) -> np.ndarray:
@@ -262,7 +222,7 @@ class Cloth:
     @property
     def values(self) -> np.ndarray:
         """(q, k), N_a at each quadrature point."""
-        return self._element.values
+        return self.kind.values
 
     @property
     def weights(self) -> np.ndarray:
@@ -297,9 +257,7 @@ class Cloth:
 
     def weighted_load(self, density: np.ndarray) -> np.ndarray:
         """(n,) ∫ ρ N_a dA, with one ρ for each triangle (m,); zero at a P2 triangle's corners."""
-        basis = self.basis(2)
-        rho = np.broadcast_to(density[:, None], basis.dx.shape)
-        return skfem.LinearForm(lambda v, w: w["rho"] * v).assemble(basis, rho=rho)
+        return mass.weighted_load(self, density)
 
     def mass(self, kind: str | None = None, density: np.ndarray | None = None) -> sparse.csr_matrix:
         """(n, n) ∫ ρ N_a N_b dA, consistent or lumped by row sums; ρ (m,) is 1 if left out.
@@ -311,31 +269,13 @@ class Cloth:
         InputError
             For another kind, and for P2 lumped: its row sums give the corners no mass.
         """
-        kind = self.usual_mass if kind is None else kind
         density = np.ones(len(self.triangles)) if density is None else density
-        if kind not in ("lumped", "consistent"):
-            raise InputError(f"mass = {kind!r}", 'must be "lumped" or "consistent"', "Cloth.mass")
-        if kind == "lumped":
-            self._check_lumps()
-            return sparse.diags(self.weighted_load(density), format="csr")
-        basis = self.basis(2 * self._element.degree)
-        rho = np.broadcast_to(density[:, None], basis.dx.shape)
-        form = skfem.BilinearForm(lambda u, v, w: w["rho"] * u * v)
-        return form.assemble(basis, rho=rho).tocsr()
+        return mass.matrix(self, self.usual_mass if kind is None else kind, density)
 
     @property
     def usual_mass(self) -> str:
         """The kind of mass where none is asked for: "lumped" for P1, "consistent" for P2."""
         return "lumped" if self.element == "P1" else "consistent"
-
-    def _check_lumps(self):
-        if self.element == "P2":
-            raise InputError(
-                'mass = "lumped"',
-                'must be "consistent" for element P2: row sums give its corners no mass',
-                "Cloth.mass",
-                'Take mass = "consistent" with an implicit method, or element = "P1".',
-            )
 
     def diagonal_mass(self, density: np.ndarray) -> np.ndarray:
         """(n,) the consistent mass's diagonal, each triangle's scaled to its own mass [kg].
@@ -343,14 +283,12 @@ class Cloth:
         Positive for either element, and P1's row sums. For norms, estimates and bounds: steps
         with it in place of the mass would not keep P2's order.
         """
-        amount = self.weights.sum(axis=1) * density
-        parts = amount[:, None] * self._element.scaled_diagonal
-        return np.bincount(self.stencil.ravel(), parts.ravel(), len(self.X))
+        return mass.diagonal(self, density)
 
     @property
     def least_mass(self) -> float:
         """c with the consistent mass ≥ c `diagonal_mass`, whatever the shape of the triangles."""
-        return self._element.least_mass
+        return self.kind.least_mass
 
     # --- fields on the cloth ------------------------------------------------------------------
 
@@ -408,8 +346,3 @@ class Cloth:
         True
         """
         return fields.h1_error(self, values, exact_gradient, order)
-
-
-def _nearest(name: str, names) -> str:
-    close = difflib.get_close_matches(name, list(names), n=1)
-    return f"Did you mean {close[0]!r}?" if close else ""
