@@ -13,11 +13,11 @@ import scipy.linalg
 import skfem
 
 import fecloth as fc
+from fecloth import runner
 from fecloth.cli import main
 from fecloth.elements import quadratic
 from fecloth.meshcheck import checked
 from fecloth.output import read_frame
-from fecloth.runner import run_scene
 from fecloth.scene import load
 from fecloth.stability import critical_dt, element_bound
 from fecloth.verify import check_term, observed_order, trial_states
@@ -497,7 +497,15 @@ def test_a_scene_with_quadratic_triangles(tmp_path, capsys):
     ):
         file.write_text(SCENE.replace(*change))
         with pytest.raises(fc.InputError, match=said):
-            run_scene(load(file), tmp_path / "refused")
+            runner.run_scene(load(file), tmp_path / "refused")
+
+
+def test_what_a_run_will_call_is_compiled_before_it(tmp_path, monkeypatch):
+    file, seen = tmp_path / "s.toml", []
+    file.write_text(SCENE)
+    monkeypatch.setattr(runner, "run", lambda system, *_, **__: seen.append(system.cloth.element))
+    runner.compile_kernels(load(file).build())
+    assert set(seen) == {"P2"}
 
 
 # --- orders ---------------------------------------------------------------------------------------
