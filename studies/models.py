@@ -12,12 +12,8 @@ from __future__ import annotations
 
 import harness
 import numpy as np
-from model_cases import ANGLES, FABRIC, PATTERNS, hinge, models, own, run
-
-SCENES = {"stretch": "force [N]", "shear": "shear stiffness [N/m]", "drape": "sag [m]"}
-SCENES |= {"swing": "mean depth [m]"}
-NAMES = tuple(models("right"))
-Rows = list[dict]
+from model_cases import ANGLES, FABRIC, PATTERNS, hinge, own, run
+from model_findings import NAMES, SCENES, Rows, conclude, finest, path, sentence
 
 
 def asked_of(options) -> Rows:
@@ -57,33 +53,6 @@ def asked(quick: bool) -> Rows:
         for h in steps.get(scene, sizes)
         for bending in ((False, True) if scene in ("drape", "swing") else (False,))
     ]
-
-
-def path(rows: Rows, scene: str, model: str, pattern: str, bending: bool = False) -> Rows:
-    """The rows of one model on one pattern, coarse to fine."""
-    key = (scene, model, pattern, bending)
-    names = ("scene", "model", "pattern", "bending")
-    own = [r for r in rows if tuple(r[n] for n in names) == key and r["status"] == "ok"]
-    return sorted(own, key=lambda row: -row["h"])
-
-
-def finest(rows: Rows, *key) -> float:
-    """The answer on the finest mesh; NaN where there is none."""
-    own = path(rows, *key)
-    return own[-1]["value"] if own else float("nan")
-
-
-def spread(rows: Rows, scene: str, model: str) -> float:
-    """By how much the answers of the patterns differ on the finest meshes, of their mean."""
-    patterns = {r["pattern"] for r in rows if r["scene"] == scene}
-    values = [finest(rows, scene, model, pattern) for pattern in patterns]
-    return float((max(values) - min(values)) / np.mean(values))
-
-
-def power(rows: Rows, scene: str, model: str, pattern: str) -> float:
-    """The p of value ∝ h^p over the last halving."""
-    *_, coarse, fine = [{"value": np.nan, "h": 1.0}] * 2 + path(rows, scene, model, pattern)
-    return float(np.log(coarse["value"] / fine["value"]) / np.log(coarse["h"] / fine["h"]))
 
 
 def settling(rows: Rows, scene: str) -> Rows:
@@ -141,83 +110,6 @@ def roses(rows: Rows) -> Rows:
                     line["derived highest / lowest"] = exact.max() / exact.min()
                 table.append(line)
     return table
-
-
-def conclude(rows: Rows, hinges: Rows) -> list[harness.Finding]:
-    """The statements, each a number and its range."""
-    F, found = harness.Finding, []
-    twins = [
-        abs(finest(rows, scene, "Springs biquadratic", p) / finest(rows, scene, "StVK", p) - 1)
-        for scene in SCENES
-        for p in ("right", "unstructured")
-    ]
-    found.append(F("biquadratic springs from StVK, all scenes, relative", max(twins), high=1e-6))
-    for scene, most in (("stretch", 0.02), ("shear", 1e-6)):
-        found.append(
-            F(f"StVK, {scene}: spread over patterns", spread(rows, scene, "StVK"), high=most)
-        )
-    found += conclude_springs(rows)
-    soft = power(rows, "shear", "BaraffWitkin p = 1", "right")
-    found.append(F("BaraffWitkin as published, shear: goes with h to the power", soft, 1.99, 2.01))
-    firm = abs(power(rows, "shear", "BaraffWitkin p = 1/2", "right"))
-    found.append(F("BaraffWitkin p = 1/2, shear: goes with h to the power", firm, high=0.05))
-    G = finest(rows, "shear", "TensorCondition", "unstructured") / FABRIC.shear
-    asked_for = 1 + FABRIC.poisson_ratio  # nu = 0: G = Y/2 for Y/(2 (1 + nu))
-    found.append(F("TensorCondition: G over that asked", G, asked_for - 1e-6, asked_for + 1e-6))
-    found += [*conclude_roses(rows), *conclude_hinges(hinges)]
-    return found
-
-
-def conclude_springs(rows: Rows) -> list[harness.Finding]:
-    """Springs settle under refinement, on another material for each pattern."""
-    F, found = harness.Finding, []
-    for model, scene in (("Springs structural", "stretch"), ("Springs van_gelder", "shear")):
-        off = abs(finest(rows, scene, model, "right") / finest(rows, scene, "StVK", "right") - 1)
-        found.append(F(f"{model}, {scene}, right: away from StVK, relative", off, 0.1))
-        drift = abs(power(rows, scene, model, "right"))
-        found.append(F(f"{model}, {scene}, right: goes with h to the power", drift, high=0.02))
-        found.append(F(f"{model}, {scene}: spread over patterns", spread(rows, scene, model), 0.1))
-    return found
-
-
-def conclude_roses(rows: Rows) -> list[harness.Finding]:
-    """Elements know no direction, springs have that of their pattern, as the derived moduli say."""
-    F, found = harness.Finding, []
-    least = {"StVK": (1.0, 1 + 1e-9), "Springs structural": (1.15,), "Springs van_gelder": (3.0,)}
-    for model, limits in least.items():
-        value = finest(rows, "rose", model, "right")
-        found.append(F(f"{model} on right: highest over lowest stiffness", value, *limits))
-    own = [row for m in NAMES for p in ("right", "cross") for row in path(rows, "rose", m, p)[-1:]]
-    off = max((farthest(row["measured"], row["derived"]) for row in own), default=np.nan)
-    found.append(F("roses from the derived ones on right and cross, relative", off, high=0.02))
-    return found
-
-
-def farthest(measured: list[float], derived: list[float]) -> float:
-    """The largest relative difference."""
-    return float(np.abs(np.array(measured) / derived - 1).max())
-
-
-def conclude_hinges(hinges: Rows) -> list[harness.Finding]:
-    """Every pattern carries another B, as derived, and refinement does not cure it."""
-    good = [row for row in hinges if row["status"] == "ok"]
-    fine = {row["pattern"]: row for row in sorted(good, key=lambda row: row["along"])}
-    values = [row["value"] for row in fine.values()] or [np.nan]
-    off = [
-        max(row["narrow"] - row["value"], row["value"] - row["wide"], 0.0)
-        for row in fine.values()
-        if "narrow" in row
-    ]
-    F, differ = harness.Finding, max(values) - min(values)
-    return [
-        F("hinges: B_eff/B of the stiffest pattern less the softest", differ, 0.15),
-        F("hinges: B_eff/B on right", fine.get("right", {}).get("value", np.nan), 0.75, 0.85),
-        F(
-            "hinges: B_eff/B outside the derived of narrow and wide strips",
-            max(off, default=np.nan),
-            high=0.05,
-        ),
-    ]
 
 
 def draw_refinement(out, rows: Rows) -> None:
@@ -301,6 +193,7 @@ def main() -> int:
         tables=tables,
         figures=("refinement", "roses", "hinges"),
         findings=conclude(rows, hinges),
+        conclusion=sentence(rows),
         settings={"fabric": FABRIC},
     )
 
