@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from . import linear
+from . import linear, linesearch
 from .blocks import BlockMatrix
 from .errors import FeclothError, SolveFailed
-from .sums import dot, size
+from .sums import size
 from .system import State, System
 from .terms.membrane import principal_stretches
 
 GROWTH = 4.0  # of the shift, from one attempt to the next
-ATTEMPTS, HALVINGS = 30, 12
+ATTEMPTS = 30
 FAR = 10.0  # extents of the cloth: whoever moves farther is held by nothing
 
 
@@ -112,27 +112,15 @@ class Search:
 
     def search(self, x, f, step, goal):
         """The new x, its f and Σ ‖f_term‖, the part of the step; None if none is better."""
-        slope = dot(f, step)  # work of the forces along the step
-        if not slope > 0:
-            return None
-        longest = np.linalg.norm(step, axis=1).max()
-        first = min(1.0, self.extent / longest)
-        norm, potential = size(f), None
-        for length in first * 0.5 ** np.arange(HALVINGS):
-            trial = x + length * step
-            f_trial, scale = self.forces(trial)
-            norm_trial = size(f_trial)
-            if not np.isfinite(norm_trial):
-                continue
-            if norm_trial <= max(goal, (1 - 1e-4 * length) * norm):
-                return trial, f_trial, scale, float(length)
-            if self.has_potential:
-                potential = self.potential(x) if potential is None else potential
-                if self.potential(trial) <= potential - 1e-4 * length * slope:
-                    return trial, f_trial, scale, float(length)
-            elif dot(f_trial, step) >= -0.8 * slope:
-                return trial, f_trial, scale, float(length)
-        return None
+
+        def at(x):
+            f, scale = self.forces(x)
+            return -f, f, scale
+
+        first = min(1.0, self.extent / np.linalg.norm(step, axis=1).max())
+        potential = self.potential if self.has_potential else None
+        found = linesearch.longest(at, x, -f, step, goal, potential, first)
+        return found and (found[1], *found[2][1:], found[0])
 
     def refuse_to_travel(self, x, f):
         way = (x - self.start.x).mean(axis=0)

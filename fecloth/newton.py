@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from . import linear
+from . import linear, linesearch
 from .blocks import BlockMatrix
 from .cheapest import Cheapest
 from .errors import FeclothError, IndefiniteMatrix, InputError, SolveFailed
@@ -310,27 +310,11 @@ class _Work:
         self.seconds["solve"] += sum(info.seconds_solve for info in infos)
         return step
 
-    def search(self, q, R, step, goal, halvings=12):
+    def search(self, q, R, step, goal):
         """The new q and its residual; None if no step along the direction is an improvement."""
-        norm, slope = size(R), dot(R, step)
-        if slope > 0:  # uphill: J is not positive definite
-            return None
-        potential = None
-        for alpha in 0.5 ** np.arange(halvings):
-            trial = q + alpha * step
-            R_trial = self.residual(trial)
-            norm_trial = size(R_trial)
-            if norm_trial <= max(goal, (1 - 1e-4 * alpha) * norm):
-                return trial, R_trial
-            if not np.isfinite(norm_trial):
-                continue
-            if self.has_potential:
-                potential = self.potential(q) if potential is None else potential
-                if self.potential(trial) <= potential + 1e-4 * alpha * slope:
-                    return trial, R_trial
-            elif dot(R_trial, step) <= -0.8 * slope:
-                return trial, R_trial
-        return None
+        potential = self.potential if self.has_potential else None
+        found = linesearch.longest(lambda q: (self.residual(q),), q, R, step, goal, potential)
+        return found and (found[1], *found[2])
 
     def potential(self, q):
         """Φ(q) = ½ wa q·M q + q·M ã + U(x(q)) / wx."""
