@@ -72,6 +72,24 @@ def hanging_strip(
     return position / quotient * product
 
 
+def hanging_strip_strain(
+    X: ArrayLike,
+    length: float,
+    tensile_stiffness: float,
+    areal_density: float,
+    gravity: float = 9.81,
+) -> Array:
+    """∂u/∂X = e of `hanging_strip`, whose parameters it takes."""
+    _positive(
+        length=length,
+        tensile_stiffness=tensile_stiffness,
+        areal_density=areal_density,
+        gravity=gravity,
+    )
+    scale = tensile_stiffness / (2 * areal_density * gravity)
+    return _hanging_strain((length - _inside(X, length)) / scale)
+
+
 def hanging_strip_tip(
     length: float, tensile_stiffness: float, areal_density: float, gravity: float = 9.81
 ) -> float:
