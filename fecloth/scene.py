@@ -89,6 +89,7 @@ class Scene(Table):
     output: tables.Output = tables.Output(frames=50)
     probes: tuple[tables.ProbeTable, ...] = ()
     expect: dict[str, tables.Expectations] = Field({})
+    interest: tables.Interest | None = None
 
     _source: str = PrivateAttr("scene")
 
@@ -259,7 +260,7 @@ class Scene(Table):
         return probes
 
     def _check_expected(self, system: System, state: State, probes: tuple[Probe, ...]) -> None:
-        if not self.expect:
+        if not (self.expect or self.interest):
             return
         rows = (
             Observer.bind(system, state, probes).row(None, None),
@@ -270,6 +271,12 @@ class Scene(Table):
             if name not in names:
                 allowed = f"unknown quantity; this run has {', '.join(names)}"
                 raise SceneError(f"expect.{name}", allowed, self._source, nearest(name, names))
+        names += [name[:-2] for name in names if name.endswith(".x")]  # probes, by all components
+        for key, asked in self.interest or ():
+            for name in set(asked) - set(names) - ({"displacement"} if key == "end" else set()):
+                allowed = f"unknown quantity; this run has {', '.join(names)}"
+                what = f"interest.{key}: {name}"
+                raise SceneError(what, allowed, self._source, nearest(name, names))
 
     @contextlib.contextmanager
     def _at(self, key: str) -> Iterator[None]:

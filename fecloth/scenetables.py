@@ -353,6 +353,25 @@ class Expectation(Table):
         return self.absolute or self.relative * abs(self.value)
 
 
+class Interest(Table):
+    """What a scene is run for; `studies/needs.py` holds simpler scenes against it.
+
+    Names of probes and of columns, such as ``"tip"`` and ``"sag"``: their values at the `end`,
+    where also ``"displacement"``, the field, may stand, their course over the run as a `path`, and
+    the `period` of their swing. With nothing but `end` the way there does not matter.
+    """
+
+    end: tuple[str, ...] = ()
+    path: tuple[str, ...] = ()
+    period: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _something(self):
+        if not (self.end or self.path or self.period):
+            raise InputError("interest is empty", "must name a quantity under end, path or period")
+        return self
+
+
 def _listed(value: Any) -> Any:
     if isinstance(value, dict):
         return (value,)

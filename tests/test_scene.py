@@ -295,6 +295,10 @@ MISTAKES = [
     ("probes.1.name='mean_displacement'", "probes.1.name = 'mean_displacement'", ""),
     ("expect.sg={value=1, relative=1}", "expect.sg: unknown quantity", "mean 'sag'?"),
     ("expect.'tip.q'={value=1, relative=1}", "expect.tip.q: unknown quantity", "tip.z"),
+    ("interest={}", "interest is empty: must name a quantity under end, path or period", ""),
+    ("interest={end=['sg']}", "interest.end: sg: unknown quantity; this run has", "mean 'sag'?"),
+    ("interest={path=['displacement']}", "interest.path: displacement: unknown", ""),
+    ("interest={period=['tip.q']}", "interest.period: tip.q: unknown quantity", "tip.z"),
     # one of two
     ("pins.0.inside='X < 1'", "pins.0: where and inside are given: give exactly one", ""),
     ("output={every=0.1, every_steps=4}", "output: every and every_steps are given", ""),
@@ -551,6 +555,7 @@ VALID = st.fixed_dictionaries(
         "solver": st.fixed_dictionaries({}, optional={"tolerance": st.floats(1e-12, 0.5)}),
         "output": st.sampled_from([{}, {"frames": 7}, {"every": 1.5}, {"every_steps": 2}]),
         "probes": st.sampled_from([[], [{"name": "p", "where": "top"}]]),
+        "interest": st.just({"end": ["displacement", "sag"], "path": ["p"]}),
         "expect": st.dictionaries(
             TEXTS,
             st.one_of(EXPECTATIONS, st.lists(EXPECTATIONS, min_size=1, max_size=2)),
@@ -599,6 +604,12 @@ def test_check_compares_at_the_end_and_between_steps(file):
         scene, times, _columns(sag=[0.0, 1.0, 2.21]), _columns(total=[0.0, 4.0, 8.0])
     )
     assert not missed.passed
+
+
+def test_interest_names_columns_probes_and_the_field(file):
+    scene = load(file, ["interest={end=['displacement', 'sag'], path=['tip'], period=['tip.z']}"])
+    assert scene.build().probes
+    assert scene.interest.path == ("tip",)
 
 
 def test_every_column_of_a_run_may_be_expected(file):
