@@ -173,7 +173,7 @@ def test_key_depends_on_all(tmp_path):
     assert len({key, *(case.key for case in others)}) == 5
 
 
-def test_source_is_that_of_the_imports_too(tmp_path):
+def test_source_is_that_of_imports_and_scenes_too(tmp_path):
     from harness.cases import source_of
 
     study, beside = tmp_path / "study.py", tmp_path / "beside.py"
@@ -183,7 +183,10 @@ def test_source_is_that_of_the_imports_too(tmp_path):
         beside.write_text(text)
         source_of.cache_clear()
         hashes.append(source_of(study))
-    assert hashes[0] != hashes[1]
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "scenes" / "swing.toml").write_text("dt = 0.1")
+    source_of.cache_clear()
+    assert len({*hashes, source_of(study)}) == 3
 
 
 def test_settings_and_functions_that_do_not_work(tmp_path):

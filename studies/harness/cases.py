@@ -86,7 +86,8 @@ def run_cases(
     A row holds the settings, what the function returned (numbers and strings; lists of numbers
     for a figure are left out of results.csv), `status` and `cause`. A case that fails is a row
     without numbers. A finished case is on disk at once, in OUT/cache, and is not run again
-    unless its settings, fecloth, the study's file or what that imports beside it has changed.
+    unless its settings, fecloth, the study's file, what that imports beside it or the scenes
+    there have changed; the text of any other file that a case reads belongs in its settings.
 
     Parameters
     ----------
@@ -179,10 +180,12 @@ def _tell(line: str) -> None:
 
 @cache
 def source_of(file: str | Path) -> str:
-    """Hash of fecloth's sources, the clock's, the file's and its imports' from its folder."""
+    """Hash of fecloth's sources, the clock's, the file's, its imports' and the scenes beside it."""
     package, clock = Path(fecloth.__file__).parent, Path(__file__).with_name("timing.py")
+    scenes = sorted(Path(file).with_name("scenes").rglob("*.toml"))
+    own = (*sorted(_with_imports(Path(file))), *scenes, clock)
     digest = hashlib.sha256()
-    for source in (*sorted(package.rglob("*.py")), clock, *sorted(_with_imports(Path(file)))):
+    for source in (*sorted(package.rglob("*.py")), *own):
         digest.update(source.read_bytes())
     return digest.hexdigest()
 
