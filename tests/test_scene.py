@@ -16,8 +16,8 @@ from scipy.integrate import solve_ivp
 from scipy.sparse import csr_matrix
 
 import fecloth as fc
-from fecloth.atlimit import AtLimit
 from fecloth import output, terms
+from fecloth.atlimit import AtLimit
 from fecloth.integrators import METHODS
 from fecloth.scene import Scene, check, load
 from fecloth.scenefile import overridden, read, written
