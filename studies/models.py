@@ -149,19 +149,18 @@ def draw_roses(out, rows: Rows) -> None:
 
 
 def draw_hinges(out, hinges: Rows) -> None:
-    """B_eff/B of a cantilever strip against its resolution, the derived values at the border."""
+    """B_eff/B of a cantilever strip against its resolution, the derived values as lines."""
     labels = ("edges along the strip [-]", "bending rigidity carried / asked [-]")
-    with harness.figure(out, "hinges", *labels, log=False) as (_, ax):
-        harness.lines(ax, hinges, x="along", y="value", by="pattern")
+    with harness.figure(out, "hinges", *labels, log=False) as (figure, ax):
+        harness.lines(ax, hinges, x="along", y="value", by="pattern", legend=False)
         for i, pattern in enumerate(PATTERNS):
             for row in [r for r in hinges if r["pattern"] == pattern and "narrow" in r][:1]:
                 for limit, dashes in ((row["narrow"], ":"), (row["wide"], "--")):
                     ax.axhline(limit, color=harness.COLOURS[i], lw=1, ls=dashes)
         ax.axhline(1.0, color="black", lw=1)
-        ax.set(
-            xscale="log",
-            title="derived for endless patterns: narrow strips dotted, wide ones dashed",
-        )
+        title = "derived for endless patterns: narrow strips dotted, wide ones dashed"
+        ax.set(xscale="log", title=title)
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
 
 def main() -> int:

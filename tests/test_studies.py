@@ -31,11 +31,11 @@ def test_quick(study, says):
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("study", ["convergence.py", "models.py"])
+@pytest.mark.parametrize("study", ["convergence.py", "models.py", "speed_accuracy.py"])
 def test_quick_report(study, tmp_path):
     """Studies on the harness: the exit code is 1 if a finding is missed."""
     command = [sys.executable, str(STUDIES / study), "--quick", "--out", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=180)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr
     report = (tmp_path / "report.md").read_text()
