@@ -113,7 +113,7 @@ def roses(rows: Rows) -> Rows:
 
 
 def draw_refinement(out, rows: Rows) -> None:
-    """Every model's answers over StVK's limit against h, a panel for each scene and pattern."""
+    """Answers over StVK's limit against h by scene and pattern; what softens leaves the panel."""
     shown = ("right", "unstructured")
     size = {"panels": (2, 2), "size": (9.0, 7.6), "log": False, "sharex": True}
     with harness.figure(out, "refinement", "edge length h [m]", **size) as (figure, axes):
@@ -125,10 +125,10 @@ def draw_refinement(out, rows: Rows) -> None:
                     for r in rows
                     if r["scene"] == scene and r["pattern"] == pattern
                 ]
-                harness.lines(ax, own, x="h", y="ratio", by="model", legend=False)
-                ax.set(xscale="log", yscale="log", title=f"{scene}, {pattern}")
+                harness.lines(ax, own, x="h", y="ratio", by="model", legend=False, names=NAMES)
+                ax.set(xscale="log", yscale="log", ylim=(0.35, 1.5), title=f"{scene}, {pattern}")
                 ax.set_ylabel("answer / StVK's limit")
-                harness.slope_triangle(ax, 2)
+                harness.slope_triangle(ax, 2, at=(0.6, 0.12))
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 

@@ -108,9 +108,20 @@ def style(i: int) -> dict[str, object]:
     return {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "ls": dash}
 
 
-def lines(ax, rows: Sequence[Mapping], x: str, y: str, by: str, legend: bool = True) -> None:
-    """A line for each value of the column `by`; crosses at the upper border for what failed."""
-    names = list(dict.fromkeys(row[by] for row in rows))
+def lines(
+    ax,
+    rows: Sequence[Mapping],
+    x: str,
+    y: str,
+    by: str,
+    legend: bool = True,
+    names: Sequence = (),
+) -> None:
+    """A line for each value of the column `by`; crosses at the upper border for what failed.
+
+    `names` are all those values, in the order of their colours, where several panels share them.
+    """
+    names = names or list(dict.fromkeys(row[by] for row in rows))
     for i, name in enumerate(names):
         own = [row for row in rows if row[by] == name]
         good = sorted((row[x], row[y]) for row in own if row["status"] == "ok")
