@@ -99,15 +99,26 @@ def implicit(system: fc.System, method, dt: float, **options) -> Callable:
     return run
 
 
-def flex(system: fc.System, dt: float, integrator: str):
-    """The trampoline as a MuJoCo model: each vertex a body on three slides, no contact."""
+def flex(
+    system: fc.System,
+    dt: float,
+    integrator: str,
+    pins: str = "boundary",
+    thickness: float = THICKNESS,
+    elastic: str = "stretch",
+):
+    """A sheet as a MuJoCo model: each vertex a body on three slides, no contact.
+
+    With `elastic` "both" it bends as a plate of that thickness, B = Y thickness²/(12 (1 − ν²)).
+    """
     cloth = system.cloth
     points = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
 
     def text(values):
         return " ".join(repr(value) for value in np.ravel(values).tolist())
 
-    young = FABRIC.tensile_stiffness / THICKNESS
+    fabric = system.fabric
+    young = fabric.tensile[0] / thickness
     xml = f"""<mujoco>
       <option timestep="{dt!r}" gravity="0 0 -9.81" integrator="{integrator}">
         <flag contact="disable"/>
@@ -116,10 +127,10 @@ def flex(system: fc.System, dt: float, integrator: str):
         <flexcomp name="disk" type="direct" dim="2" dof="full" mass="1" radius="0.001"
                   point="{text(points)}" element="{text(cloth.triangles)}">
           <edge equality="false" damping="0"/>
-          <elasticity young="{young!r}" poisson="{FABRIC.poisson_ratio!r}" damping="0"
-                      thickness="{THICKNESS!r}" elastic2d="stretch"/>
+          <elasticity young="{young!r}" poisson="{fabric.poisson_ratio!r}" damping="0"
+                      thickness="{thickness!r}" elastic2d="{elastic}"/>
           <contact selfcollide="none" contype="0" conaffinity="0"/>
-          <pin id="{text(cloth.nodes("boundary"))}"/>
+          <pin id="{text(cloth.nodes(pins))}"/>
         </flexcomp>
       </worldbody>
     </mujoco>"""

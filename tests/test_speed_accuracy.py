@@ -137,3 +137,14 @@ def test_the_error_is_split_and_the_cheapest_found():
     assert cheapest(rows, "wave", 0.02) is rows[1]
     assert cheapest(rows, "wave", 0.001) is None
     assert front(rows) == [rows[2], rows[0], rows[1]]
+
+
+def test_mujocos_sheet_falls_as_ours():
+    """Its plate has the thickness that bends as the hinges do."""
+    pytest.importorskip("mujoco")
+    from speed_peers import beside
+
+    settings = {"scene": "swing", "model": "StVK + hinges", "element": "P1", "h": 0.03}
+    ours = run(**settings, method="CentralDifference", step=4e-5, repeats=1)
+    other = beside(**settings, method="MuJoCo Euler", step=4e-5, linear="auto")
+    assert distance(other["mean"], ours["mean"]) < 1e-3
