@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import harness  # noqa: F401  one thread
+import harness
 import manufactured as made
 import numpy as np
 import references
@@ -11,6 +11,7 @@ from scipy.sparse.linalg import eigsh
 from scipy.special import jn_zeros
 
 import fecloth as fc
+from fecloth.scene import load
 
 TIGHT = fc.Newton(tolerance=1e-10)
 STRIP = {"length": 1.0, "tensile_stiffness": 20.0, "areal_density": 0.2}
@@ -153,3 +154,45 @@ def in_time(problem: str, method: str, refined: int) -> dict:
     steps = round(task.steps[0] * 2.0**refined)
     error = task.error(time_problems.CASES[method], steps)
     return {"steps": steps, "dt": task.t_end / steps, "error": error}
+
+
+# --- nothing exact --------------------------------------------------------------------------------
+
+
+def swing(bending: str, pattern: str, n: int) -> dict:
+    """A sheet 1 m × 0.5 m, held at one side, swings for 0.3 s with bending, or without: its end.
+
+    All meshes take the same steps, so that what differs between them is the error in space.
+    """
+    cloth = fc.Cloth.rectangle(1.0, 0.5, 1 / n, pattern)
+    fabric = fc.Fabric(0.2, 200.0, 0.3, bending_rigidity=1e-2)
+    bent = {"HingeBending": [fc.HingeBending()], "QuadraticBending": [fc.QuadraticBending()]}
+    terms = [fc.StVK(), *bent.get(bending, []), fc.StrainRateDamping(2e-3), fc.Gravity()]
+    system = fc.System(cloth, fabric, terms, ["left"])
+    method, newton = fc.ImplicitMidpoint(), fc.Newton(tolerance=1e-9)
+    *_, (end, _) = fc.march(system, method, system.rest(), 0.003, 0.3, newton=newton)
+    depth = -float(cloth.load() @ end.x[:, 2]) / cloth.area
+    return {"h": 1 / n, "nodes": len(cloth.X), "depth": depth, "x": end.x.tolist()}
+
+
+def own(path: str, digest: str, finer_mesh: int, finer_step: int) -> dict:
+    """The end of a scene whose h is halved so often, and whose dt.
+
+    `digest` is of the file, so that a change of it is another case.
+    """
+    given = load(path)
+    halved = [f"cloth.h={given.cloth.h / 2**finer_mesh!r}"]
+    if finer_step:
+        halved.append(f"time.dt={given.time.dt / 2**finer_step!r}")
+    built = load(path, halved).build()
+    end = fc.run(
+        built.system,
+        built.method,
+        built.state,
+        built.dt,
+        built.t_end,
+        solver=built.linear,
+        newton=built.newton,
+        report=harness.tick,
+    )
+    return {"nodes": len(built.cloth.X), "x": end.state.x.tolist()}
