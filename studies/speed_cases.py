@@ -272,10 +272,10 @@ def hermite(t, q, rate, at: np.ndarray) -> np.ndarray:
     return ends + d * s * (1 - s) * ((1 - s) * rate[i] - s * rate[i + 1])
 
 
-def own(path: str, text: str, method: str, step: float | None) -> dict:
+def own(path: str, digest: str, method: str, step: float | None) -> dict:
     """A scene file by another method: where it ends, and the seconds of one run.
 
-    `text` is the file's, so that a change of it is another case; `method` "own" is the scene's.
+    `digest` is the file's, so that a change of it is another case; `method` "own" is the scene's.
     """
     built = load(path).build()
     chosen = built.method if method == "own" else named(method, step)

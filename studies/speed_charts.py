@@ -10,13 +10,13 @@ NAMES = {"many_steps": "CentralDifference, fused"}
 BORDER = 0.985  # of the axes: where the crosses stand
 
 
-def draw_all(out, rows: Rows) -> None:
+def draw_all(out, rows: Rows, label: str = "error of the mean [%]") -> None:
     """A panel for each scene: all runs as points, the Pareto front, each method's as a line."""
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
     looks = {name: harness.style(i) for i, name in enumerate(dict.fromkeys(map(group, rows)))}
     grid = (2, 2) if len(scenes) > 2 else (1, len(scenes))
     size = (8.0, 8.2 if len(scenes) > 2 else 5.2)
-    labels = ("CPU time [s]", "error of the mean [%]")
+    labels = ("CPU time [s]", label)
     with harness.figure(out, "speed_accuracy", *labels, panels=grid, size=size) as (figure, axes):
         for ax, scene in zip(np.ravel(axes), scenes, strict=False):
             panel(ax, [row for row in rows if row["scene"] == scene], looks)
