@@ -170,3 +170,11 @@ def test_auto_takes_no_solver_of_one_method(isotropic):
     solver, _ = fc.solver_for(system, fc.BackwardEuler(), 0.01)
     with pytest.raises(fc.InputError, match=r"must be a name such as \"auto\" with Auto\(\)"):
         next(fc.march(system, fc.Auto(), system.rest(), t_end=1.0, solver=solver))
+
+
+def test_a_cloth_without_loads_stays_and_its_round_off_is_no_blow_up():
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="cross")
+    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.HingeBending()], ["boundary"])
+    result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt=0.002, t_end=0.1)
+    assert 0 < result.energies["kinetic"].max() < 1e-24

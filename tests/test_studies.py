@@ -32,7 +32,7 @@ def test_quick(study, says):
 
 @pytest.mark.study
 @pytest.mark.parametrize(
-    "study", ["convergence.py", "models.py", "speed_accuracy.py", "stability.py"]
+    "study", ["convergence.py", "models.py", "needs.py", "speed_accuracy.py", "stability.py"]
 )
 def test_quick_report(study, tmp_path):
     """Studies on the harness: the exit code is 1 if a finding is missed."""
