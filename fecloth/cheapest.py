@@ -57,12 +57,12 @@ class Cheapest:
     ):
         self.nodes, self._price, self._make = nodes, price, direct
         self.predicted = iterations
-        self._solvers: dict[str, PCG | Pardiso | SuperLU] = {"pcg": PCG()}
         self.prepared = 0
         self.drop()
 
     def drop(self) -> None:
-        """Forget the accounts: start as at first."""
+        """Forget the accounts, and which direct solver there is: start as at first."""
+        self._solvers: dict[str, PCG | Pardiso | SuperLU] = {"pcg": PCG()}
         self._A, self._size, self._spent = None, None, 0
         self._iterations = self.predicted
         self._settle()

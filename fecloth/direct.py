@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import time
 import weakref
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from .errors import IndefiniteMatrix, SolveFailed
 from .pcg import SolveInfo
 
 EPS = np.finfo(float).eps
+CBWR_AUTO = 2  # MKL_CBWR_AUTO of mkl_service.h: the best instructions, always the same ones
 
 
 class Pardiso:
@@ -138,7 +140,29 @@ def _mkl_pardiso() -> Callable:
     import pypardiso
 
     # Taken from its module-wide solver: every further PyPardisoSolver() searches the disk anew.
+    _make_reproducible(pypardiso.ps.libmkl)
     return pypardiso.ps._mkl_pardiso
+
+
+def _make_reproducible(library) -> None:
+    """The MKL's mode in which equal calls on equally many threads give equal bits.
+
+    Otherwise sums depend on where arrays happen to lie, and the number of threads on how busy the
+    machine is (oneMKL Developer Guide, Obtaining Numerically Reproducible Results). Refused, the
+    MKL stays as the user, by MKL_CBWR, or another package has set it.
+    """
+    if "MKL_CBWR" not in os.environ:
+        library.MKL_CBWR_Set(ctypes.c_int(CBWR_AUTO))
+    library.MKL_Set_Dynamic(ctypes.c_int(0))
+
+
+def threads() -> int | None:
+    """Threads that PARDISO takes; None where the MKL is not loaded."""
+    if not _mkl_pardiso.cache_info().currsize:
+        return None
+    import pypardiso
+
+    return pypardiso.ps.libmkl.MKL_Get_Max_Threads()
 
 
 class SuperLU:

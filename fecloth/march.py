@@ -26,6 +26,23 @@ MOST_GROWTH = 4.0  # of the kinetic energy that there can be: no usable step has
 
 
 @dataclass(frozen=True, eq=False)
+class Memory:
+    """What `march` needs, beside the state, to go on as if it had never stopped.
+
+    Attributes
+    ----------
+    step, start
+        Steps so far, and the time at which the first of them began [s].
+    q
+        The method's own: `Step.q` of the last one.
+    """
+
+    step: int
+    start: float
+    q: object
+
+
+@dataclass(frozen=True, eq=False)
 class StepInfo:
     """What one step was and took.
 
@@ -37,6 +54,8 @@ class StepInfo:
         The method's `Step`: new state, the stage, the unknown, the counts.
     old
         The state before it.
+    memory
+        With which `march` goes on from here.
     """
 
     step: int
@@ -44,6 +63,7 @@ class StepInfo:
     dt: float
     old: State
     result: object
+    memory: Memory
 
     @property
     def counts(self):
@@ -88,6 +108,7 @@ def march(
     solver: str | Solver = "auto",
     newton: Newton | None = None,
     most_stretch: float = 20.0,
+    memory: Memory | None = None,
 ) -> Iterator[tuple[State, StepInfo]]:
     """Step from `state` to `t_end` and yield each new state with its `StepInfo`.
 
@@ -108,6 +129,9 @@ def march(
     most_stretch
         A step that leaves a triangle stretched by more has failed, so that a blow-up ends before
         its numbers overflow. Looked at after each implicit step and each eighth explicit one.
+    memory
+        `StepInfo.memory` of an earlier march with the same arguments, which goes on from its
+        state: bit for bit, if that had dropped what its solver kept at this step (`Solver.drop`).
 
     Raises
     ------
@@ -117,11 +141,16 @@ def march(
         If a step does not converge, makes a value that is not finite or stretches a triangle
         beyond `most_stretch`; its `state` is the last one that was found good.
     """
-    targets = _targets(method, state.t, dt, t_end, stops)
-    method, solver, _ = settled(system, method, state, dt, t_end, solver, newton)
-    refuse_unstable(system, method, state, dt)
+    begin, resumed = memory or Memory(0, state.t, None), memory is not None
+    targets = _left(_targets(method, begin.start, dt, t_end, stops), state.t)
+    if resumed and isinstance(method, Auto):
+        raise InputError("memory with Auto()", "needs the method that Auto chose", "march")
+    opening = replace(state, t=begin.start)
+    method, solver, _ = settled(system, method, opening, dt, t_end, solver, newton)
+    if not resumed:  # the limit is asked for at the start only
+        refuse_unstable(system, method, state, dt)
     look = 8 if getattr(method, "explicit", False) else 1
-    number, guess, good = 0, None, state
+    number, guess, good = begin.step, begin.q, state
     for target in targets:
         while state.t < target:
             number, size = number + 1, target - state.t
@@ -134,7 +163,9 @@ def march(
             if problem := _problem(system, new, most_stretch, number % look == 0 or last):
                 raise step_failed(system, good, number, new.t - state.t, problem)
             good = new if number % look == 0 else good
-            info = StepInfo(number, new.t, new.t - state.t, state, replace(result, state=new))
+            after = Memory(number, begin.start, result.q)
+            result = replace(result, state=new)
+            info = StepInfo(number, new.t, new.t - state.t, state, result, after)
             state, guess = new, result.q
             yield state, info
 
@@ -192,6 +223,13 @@ def _targets(method, t, dt, t_end, stops):
         allowed = f"must be left out: {type(method).__name__} chooses its steps"
         raise InputError(f"dt = {dt!r}", allowed, "march")
     return end_times(t, t_end, stops)
+
+
+def _left(targets, t):
+    """The targets after t."""
+    if not targets[-1] > t:
+        raise InputError(f"t_end = {targets[-1]!r}", f"must be > {t} [s]", "march")
+    return targets[targets > t]
 
 
 def _arrived(state, target, size):
@@ -313,6 +351,7 @@ def run(
     solver: str = "auto",
     newton: Newton | None = None,
     most_growth: float = MOST_GROWTH,
+    memory: Memory | None = None,
     report: Callable[[StepInfo], None] = lambda info: None,
 ) -> Result:
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
@@ -331,12 +370,14 @@ def run(
     >>> len(result.times), bool(abs(result.energies["remainder"][-1]) < 1e-3)
     (11, True)
     """
-    _targets(method, state.t, dt, t_end, stops)  # refuse them before anything else
-    method, chosen, why = settled(system, method, state, dt, t_end, solver, newton)
+    opening = replace(state, t=memory.start) if memory else state
+    _targets(method, opening.t, dt, t_end, stops)  # refuse them before anything else
+    method, chosen, why = settled(system, method, opening, dt, t_end, solver, newton)
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
     energies, observed = [ledger.row()], [observer.row(None, None)]
     counts, begin = Counts(), time.perf_counter()
-    for new, info in march(system, method, state, dt, t_end, stops=stops, solver=chosen):
+    steps = march(system, method, state, dt, t_end, stops=stops, solver=chosen, memory=memory)
+    for new, info in steps:
         state, ledger = new, balanced(system, method, ledger, info, most_growth)
         energies.append(ledger.row())
         observed.append(observer.row(info.old, info.result))
