@@ -142,6 +142,19 @@ def parts(fine: Rows) -> Rows:
     ]
 
 
+def solvers(rows: Rows) -> Rows:
+    """Seconds by each linear solver of the same runs."""
+    named = [r for r in rows if r.get("linear", "auto") != "auto" and r["status"] == "ok"]
+    same = ("scene", "h", "method", "step", "element", "model")
+    lines = {}
+    for row in rows:
+        at = tuple(row[name] for name in same)
+        if row["status"] == "ok" and any(at == tuple(r[name] for name in same) for r in named):
+            line = lines.setdefault(at, dict(zip(same[:3], at, strict=False)))
+            line |= {"dt [ms]": 1e3 * row["step"], row["linear"] + " [s]": row["seconds"]}
+    return list(lines.values())
+
+
 def conclude(rows: Rows, fine: Rows, quick: bool) -> list[harness.Finding]:
     """Who wins, and how near the finest run comes."""
     found = []
@@ -246,6 +259,8 @@ def main() -> int:
     scenes = dict.fromkeys(row["scene"] for row in rows)
     tables = {f"Cheapest: {scene}": table(rows, scene) for scene in scenes}
     tables["Space and model, at fine steps"] = parts(fine)
+    if not options.quick:
+        tables["Linear solvers, CPU seconds"] = solvers(rows)
     return harness.report(
         options,
         "Speed and accuracy",

@@ -8,12 +8,25 @@ import numpy as np
 Rows = list[dict]
 NAMES = {"many_steps": "CentralDifference, fused"}
 BORDER = 0.985  # of the axes: where the crosses stand
+FAMILIES = {  # dashes to the lines that have them; all others are dotted
+    "-": (
+        "BackwardEuler",
+        "LinearlyImplicitEuler",
+        "BDF2",
+        "ImplicitMidpoint",
+        "GeneralizedAlpha",
+        "Newmark",
+        "EnergyMomentum",
+    ),
+    "--": ("SymplecticEuler", "CentralDifference", "CentralDifference, fused"),
+    "-.": ("Auto", "Adaptive CentralDifference", "Adaptive GeneralizedAlpha"),
+}
 
 
 def draw_all(out, rows: Rows, label: str = "error of the mean [%]") -> None:
     """A panel for each scene: all runs as points, the Pareto front, each method's as a line."""
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
-    looks = {name: harness.style(i) for i, name in enumerate(dict.fromkeys(map(group, rows)))}
+    looks = looks_of(rows)
     grid = (2, 2) if len(scenes) > 2 else (1, len(scenes))
     size = (8.0, 8.2 if len(scenes) > 2 else 5.2)
     labels = ("CPU time [s]", label)
@@ -28,6 +41,19 @@ def draw_all(out, rows: Rows, label: str = "error of the mean [%]") -> None:
         figure.legend(handles.values(), handles, loc="outside lower center", ncols=3, fontsize=9)
 
 
+def looks_of(rows: Rows) -> dict[str, dict]:
+    """Line to colour, marker and dashes: the same for a method in all figures."""
+    known = [name for names in FAMILIES.values() for name in names]
+    given = list(dict.fromkeys(map(group, rows)))
+    families = FAMILIES | {":": tuple(name for name in given if name not in known)}
+    looks = {}
+    for dash, names in families.items():
+        for i, name in enumerate(names):
+            marker = harness.MARKERS[len(looks) % len(harness.MARKERS)]
+            looks[name] = {"color": harness.COLOURS[i % 7], "marker": marker, "ls": dash}
+    return {name: look for name, look in looks.items() if name in given}
+
+
 def panel(ax, rows: Rows, looks: dict[str, dict]) -> None:
     """One scene."""
     good = [row for row in rows if row["status"] == "ok" and "error" in row]
@@ -35,9 +61,9 @@ def panel(ax, rows: Rows, looks: dict[str, dict]) -> None:
         own = [row for row in good if group(row) == name]
         if not own:
             continue
-        faint = {"color": look["color"], "marker": look["marker"], "ls": "", "ms": 2.5}
-        ax.plot(*points(own), **faint, alpha=0.45)
-        ax.plot(*points(front(own)), **{**look, "ms": 4.5, "lw": 1.1}, label=name)
+        faint = {"color": look["color"], "marker": look["marker"], "ls": "", "ms": 2}
+        ax.plot(*points(own), **faint, alpha=0.3, mew=0)
+        ax.plot(*points(front(own)), **{**look, "ms": 4, "lw": 1.0}, label=name)
     ax.plot(*points(front(good)), color="0.25", lw=6, alpha=0.25, zorder=0, label="Pareto front")
     crosses(ax, [row for row in rows if row["status"] != "ok"], looks)
 
@@ -62,14 +88,13 @@ def cause(row: dict) -> str:
 
 
 def group(row: dict) -> str:
-    """The name of a line: method, and what is not the usual."""
+    """The name of a line: the method, whatever its linear solver; or what is not the usual."""
     name = NAMES.get(row["method"], row["method"])
     if row.get("element") == "P2":
         return "P2, implicit" if row["method"] != "equilibrium" else "P2, equilibrium"
     if row["model"] not in ("StVK", "StVK + hinges"):
         return "other models"
-    linear = row.get("linear", "auto")
-    return name if linear == "auto" else f"{name}, {linear}"
+    return name
 
 
 def front(rows: Rows) -> Rows:
@@ -96,10 +121,10 @@ def points(rows: Rows) -> tuple[list, list]:
 def draw_time(out, rows: Rows) -> None:
     """Error in time against the step, on one mesh of each scene."""
     good = [r for r in rows if r["status"] == "ok" and r.get("time_error") and r["step"]]
-    good = [r for r in good if r["element"] == "P1" and r["linear"] == "auto"]
+    good = [r for r in good if r["element"] == "P1" and group(r) != "other models"]
     good = [r for r in good if not r["method"].startswith(("Adaptive", "Auto"))]
     good = [r | {"milliseconds": 1e3 * r["step"]} for r in good]
-    looks = {name: harness.style(i) for i, name in enumerate(dict.fromkeys(map(group, good)))}
+    looks = looks_of(good)
     each(out, "time_error", good, "milliseconds", "time_error", group, looks, "time step [ms]", 2)
 
 
