@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from . import linear
 from .cloth import Cloth
 from .errors import FeclothError, InputError
+from .fabric import Fabric
 from .march import StepInfo, run
 from .output import MESHIO
 from .record import Ledger
@@ -82,6 +83,7 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "info", _info, "versions; with a scene, what it would do")
     sub.add_argument("scene", nargs="?", help="a .toml file")
     sub.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    sub.add_argument("--fabrics", action="store_true", help="the published fabrics, with sources")
     return parser
 
 
@@ -131,7 +133,7 @@ def _closing(outcome) -> str:
     counts, seconds = outcome.summary, outcome.summary["seconds"]
     return (
         f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
-        f"{seconds['total']:.1f} s; open {outcome.folder / 'run.pvd'} in ParaView"
+        f"{seconds['total']:.1f} s; open {outcome.folder / counts['open']} in ParaView"
     )
 
 
@@ -253,6 +255,9 @@ def _write_mesh(cloth: Cloth, path: Path) -> None:
 
 
 def _info(options) -> int:
+    if options.fabrics:
+        print("\n".join(_fabrics()))
+        return 0
     if options.scene:
         scene = load(options.scene, options.set)
         built = scene.build()
@@ -264,6 +269,21 @@ def _info(options) -> int:
     print(f"processors: {os.cpu_count()}")
     print(f"direct solver: {linear.direct().name}")
     return 0
+
+
+def _fabrics() -> list[str]:
+    """The presets: constants of warp and weft, shear, Poisson's ratio, and where they are from."""
+    head = f"{'preset':<21}{'g/m²':>5}{'Y [N/m]':>15}{'G [N/m]':>9}{'ν':>6}{'B [µN m]':>12}"
+    lines = [f"{head}  (warp / weft; zero strain)"]
+    for name in Fabric.presets():
+        fabric = Fabric.preset(name)
+        tensile = " / ".join(f"{value:.0f}" for value in fabric.tensile)
+        bending = " / ".join(f"{1e6 * value:.1f}" for value in fabric.bending or ()) or "unknown"
+        lines.append(
+            f"{name:<21}{1000 * fabric.areal_density:>5.0f}{tensile:>15}{fabric.shear:>9.0f}"
+            f"{fabric.poisson_ratio:>6.2f}{bending:>12}"
+        )
+    return [*lines, "", *(f"{name}: {Fabric.preset(name).source}" for name in Fabric.presets())]
 
 
 def _plan(built: Built, why: str) -> list[str]:

@@ -33,7 +33,7 @@ import numpy as np
 
 from .cloth import Cloth
 from .errors import InputError
-from .runfolder import replace_file
+from .runfolder import replace_file, writing
 from .system import State, System
 from .terms.membrane import deformation_gradient, principal_stretches
 
@@ -124,6 +124,11 @@ class Frames:
     stem: str = "frames/frame"
     times: list[float] = field(default_factory=list)
 
+    @property
+    def opens(self) -> Path:
+        """The file to open in ParaView."""
+        return self.path.with_name(self.path.name + ".pvd")
+
     def add(self, state: State) -> Path:
         """Write the next frame and the lists; returns the frame's file.
 
@@ -133,13 +138,37 @@ class Frames:
             If the state is not one of this cloth, or a file cannot be written.
         """
         points, cells = self._fields(state)
-        name = f"{self.stem}_{len(self.times):06d}.vtu"
-        file = self.path.parent / name
+        file = self.path.parent / self._name(len(self.times))
         frame = encode_vtu(state.x, self.cloth.cells, state.t, points, cells)
         replace_file(file, frame)
         self.times.append(float(state.t))
         self._list()
         return file
+
+    def keep(self, count: int) -> None:
+        """Go on after the first `count` frames of an earlier run; the others are removed.
+
+        Raises
+        ------
+        InputError
+            If the list of the frames cannot be read, or has fewer.
+        """
+        where = self.path.with_name(self.path.name + ".vtu.series")
+        try:
+            listed = json.loads(where.read_bytes())["files"]
+            self.times = [float(entry["time"]) for entry in listed[:count]]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"cannot be read ({error})", where=str(where)) from error
+        if len(self.times) < count:
+            raise InputError(f"{len(self.times)} frames", f"must be {count}", str(where))
+        self._list()
+        for file in where.parent.glob(f"{self.stem}_*.vtu"):
+            if file.name >= Path(self._name(count)).name:
+                with writing(file):
+                    file.unlink()
+
+    def _name(self, number: int) -> str:
+        return f"{self.stem}_{number:06d}.vtu"
 
     def _fields(self, state):
         shape = (len(self.cloth.X), 3)
@@ -152,7 +181,7 @@ class Frames:
         return kinematics(self.cloth, state) if self.system is None else fields(self.system, state)
 
     def _list(self):
-        files = [(f"{self.stem}_{i:06d}.vtu", t) for i, t in enumerate(self.times)]
+        files = [(self._name(i), t) for i, t in enumerate(self.times)]
         for suffix, encode in ((".pvd", encode_pvd), (".vtu.series", encode_series)):
             replace_file(self.path.with_name(self.path.name + suffix), encode(files))
 

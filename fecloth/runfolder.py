@@ -11,7 +11,7 @@ import platform
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from importlib import metadata
 from pathlib import Path
@@ -21,7 +21,7 @@ import numpy as np
 from .errors import InputError
 
 TABLES = ("steps.csv", "energies.csv", "observed.csv")
-TEXTS = ("summary.json", "scene.resolved.toml", "run.log")
+TEXTS = ("summary.json", "scene.resolved.toml", "run.log", "run.vtkhdf")
 LISTS = ("*.pvd", "*.vtu.series")  # only those that name frames/frame_…
 PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "numba", "pypardiso", "mkl")
 
@@ -48,6 +48,7 @@ class RunFolder:
     """
 
     path: Path
+    kept: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def create(cls, path: str | Path, overwrite: bool = False) -> RunFolder:
@@ -70,10 +71,28 @@ class RunFolder:
             path.mkdir(parents=True, exist_ok=True)
             for file in _written(path):
                 file.unlink()
-            frames = path / "frames"
-            if frames.is_dir() and not frames.is_symlink() and not any(frames.iterdir()):
-                frames.rmdir()
+            for inner in (path / "frames", path / "restart"):
+                if inner.is_dir() and not inner.is_symlink() and not any(inner.iterdir()):
+                    inner.rmdir()
         return cls(path)
+
+    @classmethod
+    def opened(cls, path: str | Path, tables: Mapping[str, int]) -> RunFolder:
+        """The folder of a run that goes on; its tables keep so many bytes, see `table`.
+
+        Raises
+        ------
+        InputError
+            If a table is missing or shorter; nothing is changed then.
+        """
+        folder = cls(Path(path), dict(tables))
+        for name, size in tables.items():
+            file = folder.path / f"{name}.csv"
+            with writing(file):
+                if file.stat().st_size < size:
+                    what = f"{file} has lost rows"
+                    raise InputError(what, remedy="Run the scene anew with --overwrite.")
+        return folder
 
     @staticmethod
     def refuse(path: str | Path, overwrite: bool = False) -> None:
@@ -91,8 +110,11 @@ class RunFolder:
                 raise InputError(what, "holds other things than a run", remedy=remedy)
 
     def table(self, name: str) -> Table:
-        """A new table, e.g. "steps.csv"; the first row's keys are its header."""
-        return Table(self.path / name)
+        """A table, e.g. "steps.csv"; the first row's keys are its header.
+
+        A new one; in a run that goes on, the rows that it keeps.
+        """
+        return Table(self.path / name, self.kept.get(Path(name).stem))
 
     def summary(self, values: Mapping) -> None:
         """Replace summary.json; arrays become lists and numbers that are not finite null."""
@@ -120,6 +142,8 @@ def _written(path):
                 yield file
     for pattern in ("frame_*.vtu", "frame_*.vtu.part"):
         yield from (path / "frames").glob(pattern)
+    for pattern in ("restart_*.npz", "restart_*.npz.part"):
+        yield from (path / "restart").glob(pattern)
 
 
 class Table:
@@ -128,11 +152,15 @@ class Table:
     Numbers are written so that they read back as the same float64.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, kept: int | None = None):
         self.path = path
         self._header: tuple[str, ...] = ()
         with writing(path):
-            self._stream = path.open("w", newline="", encoding="utf-8")
+            if kept:
+                os.truncate(path, kept)
+                with path.open(newline="", encoding="utf-8") as stream:
+                    self._header = tuple(next(csv.reader(stream)))
+            self._stream = path.open("a" if kept else "w", newline="", encoding="utf-8")
         self._rows = csv.writer(self._stream, lineterminator="\n")
 
     def add(self, row: Mapping[str, object]) -> None:
@@ -152,6 +180,11 @@ class Table:
                 raise InputError(f"keys {odd}", "must be those of the first row", str(self.path))
             self._rows.writerow([row[key] for key in self._header])
             self._stream.flush()
+
+    @property
+    def size(self) -> int:
+        """Bytes on disk."""
+        return self.path.stat().st_size
 
     def close(self) -> None:
         with writing(self.path):

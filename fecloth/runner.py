@@ -1,10 +1,11 @@
 """One run of a scene into a folder, which can be read at any moment and however the run ends.
 
 scene.resolved.toml   the scene with all defaults and overrides
-run.pvd, run.vtu.series, frames/*.vtu   for ParaView
+run.pvd, run.vtu.series, frames/*.vtu   for ParaView; or all in one, run.vtkhdf
 steps.csv      number, time, size, iterations and residual of every step
 energies.csv   the ledger at every step
 observed.csv   probes, mean displacement, sag, area and reactions at every step
+restart/*.npz  from which the run goes on, as `restart` describes
 summary.json   sizes, counts, seconds by phase, memory, versions, how it ended
 run.log        the same in words, with the time of day
 """
@@ -19,17 +20,21 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from . import restart as restarts
 from .atlimit import refuse_unstable
+from .auto import Auto
 from .cloth import Cloth
 from .errors import FeclothError, InputError, StepFailed
-from .march import StepInfo, add_seconds, balanced, march, run, settled
+from .march import Memory, StepInfo, add_seconds, balanced, march, run, settled
 from .newton import Solver
 from .observe import Observer
 from .output import Frames, fields
 from .record import Ledger
+from .restart import Restart
 from .runfolder import RunFolder, peak_memory, versions
 from .scene import Built, Scene
 from .system import System
+from .vtkhdf import HdfFrames
 
 DONE, FAILED, INTERRUPTED = "done", "failed", "interrupted"
 TRUSTED = 0.05  # of the energy that moved: a larger remainder is told
@@ -90,6 +95,7 @@ def run_scene(
     overwrite: bool = False,
     announce: Callable[[Built, str], None] = lambda built, why: None,
     report: Callable[[StepInfo], None] = lambda info: None,
+    resume: bool = False,
 ) -> Outcome:
     """Mesh, compile, march and write.
 
@@ -101,6 +107,9 @@ def run_scene(
         Called with what was built and the choice of the solver, before the first step.
     report
         Called after every step.
+    resume
+        Go on with the run in that folder from its last restart file; what it wrote after that is
+        taken away.
 
     Raises
     ------
@@ -108,28 +117,35 @@ def run_scene(
         Before anything is written. Afterwards a failure is an `Outcome`.
     """
     watch = Watch()
-    RunFolder.refuse(path, overwrite)
+    if not resume:
+        RunFolder.refuse(path, overwrite)
+    found = restarts.find(Path(path)) if resume else None
     with watch.phase("mesh"):
         cloth = scene.mesh()
     with watch.phase("bind"):
         built = scene.build(cloth)
+        start = restarts.digest(cloth, built.state)
+    if found:
+        restarts.refuse_another(found, scene.to_toml(), start, Path(path))
     with watch.phase("compile"):
         compile_kernels(built)
     with watch.phase("choose"):
-        built, solver, why = settled_scene(built)
+        built, solver, why = settled_scene(_chosen(built, found))
     announce(built, why)
-    folder = RunFolder.create(path, overwrite)
+    folder = RunFolder.opened(path, found.tables) if found else RunFolder.create(path, overwrite)
     folder.text("scene.resolved.toml", scene.to_toml())
     folder.log(f"{_sizes(built)}; solver {why}")
     if built.note:
         folder.log(built.note)
-    recorder = _Recorder(folder, built, watch)
+    recorder = _Recorder(folder, built, watch, solver, scene.to_toml(), start, found)
     error = None
     with _interruptible() as interrupted:
         try:
-            recorder.to_end(solver, report, interrupted)
+            recorder.to_end(report, interrupted)
         except (StepFailed, InputError) as failure:  # a user's function, a full disk
             error = failure
+            with suppress(InputError):  # a full disk
+                recorder.restart()
             recorder.state = getattr(failure, "state", None) or recorder.state
     stopped = INTERRUPTED if recorder.state.t < built.t_end else DONE
     status = FAILED if error else stopped
@@ -139,38 +155,102 @@ def run_scene(
 class _Recorder:
     """The open files of a run and what it has counted."""
 
-    def __init__(self, folder: RunFolder, built: Built, watch: Watch):
-        self.folder, self.built, self.watch = folder, built, watch
-        self.state = built.state
-        self.frames = Frames(folder.path / "run", built.cloth, built.system)
+    def __init__(
+        self,
+        folder: RunFolder,
+        built: Built,
+        watch: Watch,
+        solver: Solver,
+        scene: str,
+        start: str,
+        found: Restart | None = None,
+    ):
+        self.folder, self.built, self.watch, self.solver = folder, built, watch, solver
+        self.scene, self.start = scene, start
+        self.state, self.memory = built.state, Memory(0, built.state.t, None)
+        frames, name = FRAMES[built.frame_format]
+        self.frames = frames(folder.path / name, built.cloth, built.system)
         self.ledger = Ledger.open(built.system, built.state)
         self.observer = Observer.bind(built.system, built.state, built.probes)
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
         self.turnover = 0.0
         self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
         with watch.phase("output"):
-            self.frames.add(self.state)
-            self._rows(self.observer.row(None, None))
+            if found:
+                self._go_on(found)
+            else:
+                self.frames.add(self.state)
+                self._rows(self.observer.row(None, None))
+                if built.restarts:
+                    self.restart(regular=True)
 
-    def to_end(self, solver, report, interrupted: threading.Event) -> None:
+    def _go_on(self, found: Restart) -> None:
+        """Where that run was, and no file of what it did later."""
+        self.state, self.memory, self.ledger = found.state, found.memory, found.ledger
+        self.turnover, self.counts = found.turnover, dict(found.counts)
+        self.frames.keep(found.frames)
+        restarts.drop_later(self.folder.path, found)
+        exactly = "" if found.exact else ", to the solver's tolerance: it had kept a factor"
+        self.folder.log(f"goes on from step {found.memory.step} at {found.state.t:g} s{exactly}")
+        if changed := restarts.differences(found):
+            self.folder.log(f"the last bits may differ: {changed}")
+
+    def restart(self, regular: bool = False) -> None:
+        """Write a restart file; a regular one drops what the solver has kept."""
+        if regular:
+            self.solver.drop()
+        restart = Restart(
+            scene=self.scene,
+            start=self.start,
+            method=str(self.built.method),
+            state=self.state,
+            memory=self.memory,
+            ledger=self.ledger,
+            turnover=self.turnover,
+            counts=self.counts,
+            frames=len(self.frames.times),
+            tables={name: table.size for name, table in self.tables.items()},
+            exact=regular or not self.solver.keeps,
+            made_on=restarts.machine(),
+        )
+        restarts.write(self.folder.path, restart)
+
+    def to_end(self, report, interrupted: threading.Event) -> None:
         """March until the end or until interrupted."""
         built = self.built
-        run_ = built.system, built.method, built.state, built.dt, built.t_end
-        steps = march(*run_, stops=built.stops, solver=solver)
+        run_ = built.system, built.method, self.state, built.dt, built.t_end
+        options = {"stops": built.stops, "solver": self.solver}
+        memory = self.memory if self.memory.step else None
+        steps = march(*run_, **options, memory=memory)
         for state, info in steps:
             self._count(info)
             with self.watch.phase("record"):
                 self.ledger = balanced(built.system, built.method, self.ledger, info)
-                self.state = state
+                self.state, self.memory = state, info.memory
                 observed = self.observer.row(info.old, info.result)
                 self.turnover = max(self.turnover, self.ledger.turnover)
             with self.watch.phase("output"):
                 self._rows(observed, info)
                 if self._due(info):
                     self.frames.add(state)
+                if regular := self._restarts(info):
+                    self.restart(regular)
             report(info)
             if interrupted.is_set():
+                if not regular:
+                    self.restart()
                 return
+
+    def _restarts(self, info: StepInfo) -> bool:
+        """Whether a restart file is due after the step."""
+        if not (every := self.built.restarts):
+            return False
+        if isinstance(every, int):
+            due = info.step % every == 0
+        else:
+            before, now = (int((t - info.memory.start) / every + 1e-9) for t in (info.old.t, info.t))
+            due = now > before
+        return due or info.t >= self.built.t_end
 
     def _due(self, info: StepInfo) -> bool:
         """Whether the step ends at a frame."""
@@ -226,6 +306,7 @@ class _Recorder:
             **_sizes_of(self.built.system),
             **self.counts,
             "frames": len(self.frames.times),
+            "open": self.frames.opens.name,
             "solver": why,
             "seconds": seconds,
             "ledger": self.ledger.row(),
@@ -240,6 +321,7 @@ class _Recorder:
         return Outcome(status, self.folder.path, summary, self.ledger, error, warning)
 
 
+FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
 _TABLES = ("steps", "energies", "observed")
 _COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
 
@@ -251,6 +333,16 @@ def settled_scene(built: Built) -> tuple[Built, Solver, str]:
     run_ = built.system, built.method, built.state, built.dt, built.t_end
     method, solver, why = settled(*run_, built.linear, built.newton)
     return replace(built, method=method), solver, why
+
+
+def _chosen(built: Built, found: Restart | None) -> Built:
+    """With the method that an earlier part of the run has settled on."""
+    if not found or not isinstance(built.method, Auto):
+        return built
+    for method in built.method.candidates:
+        if str(method) == found.method:
+            return replace(built, method=method)
+    raise InputError(f"the run went by {found.method}", "is none of Auto's methods")
 
 
 def compile_kernels(built: Built) -> None:

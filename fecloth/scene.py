@@ -48,8 +48,12 @@ class Built:
         For `run`.
     frame_steps, stops
         Steps between two frames of the output; or, where that is None, their times.
+    frame_format
+        "vtu" or "vtkhdf".
     note
         A line to say before the run, or "".
+    restarts
+        Steps (an int) or seconds between two restart files; None for none.
     """
 
     cloth: Cloth
@@ -63,7 +67,9 @@ class Built:
     probes: tuple[Probe, ...]
     frame_steps: int | None
     stops: tuple[float, ...]
+    frame_format: str = "vtu"
     note: str = ""
+    restarts: int | float | None = None
 
 
 class Scene(Table):
@@ -192,7 +198,9 @@ class Scene(Table):
             probes=probes,
             frame_steps=self.output.steps(self.time),
             stops=self.output.stops(self.time),
+            frame_format=self.output.format,
             note=self._note(),
+            restarts=self.output.restart_steps or self.output.restart_every,
         )
 
     def _note(self) -> str:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
-from . import scenefile, terms
+from . import presets, scenefile, terms
 from .adaptive import Adaptive
 from .atlimit import AtLimit
 from .auto import Auto
@@ -24,6 +24,8 @@ from .newton import Newton
 from .observe import Probe
 from .pins import Pin, Slide
 from .schema import Table, exactly_one, one_of, table_of
+from .units import OF_FABRIC, quantity
+from .vtkhdf import h5py
 
 MOST_STEPS = 10_000_000
 _PLANES = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}  # the axes of warp and weft
@@ -275,16 +277,19 @@ class Output(Table):
     frames: int | None = Field(None, ge=1)
     every: float | None = Field(None, gt=0, description="s")
     every_steps: int | None = Field(None, ge=1)
+    format: Literal["vtu", "vtkhdf"] = Field("vtu", description="a file a frame, or one for all")
 
     @model_validator(mode="before")
     @classmethod
     def _default(cls, data: Any) -> Any:
-        given = not isinstance(data, dict) or data
-        return data if given else {"frames": 50}
+        given = not isinstance(data, dict) or data.keys() - {"format"}
+        return data if given else {"frames": 50} | data
 
     @model_validator(mode="after")
     def _one_spacing(self):
         exactly_one(self, "frames", "every", "every_steps")
+        if self.format == "vtkhdf":
+            h5py()
         return self
 
     def steps(self, time: Time) -> int | None:
@@ -385,7 +390,28 @@ Expectations = Annotated[tuple[Expectation, ...], BeforeValidator(_listed)]
 
 # --- the tables of dataclasses: their fields are the keys -----------------------------------------
 
-FabricTable = table_of(Fabric)
+
+class FabricTable(table_of(Fabric)):
+    """A fabric's constants; ``preset`` gives those that are left out, text may carry a unit."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _presets_and_units(cls, data: Any) -> Any:
+        if isinstance(data, str):  # fabric = "cotton"
+            data = {"preset": data}
+        if not isinstance(data, dict):
+            return data
+        rest = {key: _in_si(key, value) for key, value in data.items() if key != "preset"}
+        return {**presets.constants(data["preset"]), **rest} if "preset" in data else rest
+
+
+def _in_si(key: str, value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_in_si(key, item) for item in value)
+    units = OF_FABRIC.get(key)
+    return quantity(key, value, units) if units and isinstance(value, str) else value
+
+
 _LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg"]
 SolverTable = table_of(Newton, linear=(_LINEAR, "auto"))
 _TERMS = {

@@ -1,0 +1,179 @@
+"""A whole run in one file, run.vtkhdf: VTK's transient unstructured grid in HDF5.
+
+ParaView opens it as one data set with times. The triangles are written once; each frame appends
+its points and the arrays of `output.fields`, and the group Steps says where they begin:
+
+    Points, PointData/*, CellData/*     rows of all frames, one after the other
+    Steps/Values                        the times [s]
+    Steps/PointOffsets                  first row of a frame in Points
+    Steps/PointDataOffsets/*, CellDataOffsets/*    the same for the arrays
+    Steps/PartOffsets, CellOffsets, ConnectivityIdOffsets    0: all frames share one topology
+
+PartOffsets must be 0 too: where it counts up, VTK's reader finds no part for the later frames and
+keeps the first one's values without a word. Components have no names in this format; their order
+is that of output.py. Layout: VTK file formats, "VTKHDF", version 2.2 (Kitware).
+
+The file is opened, extended and closed for each frame, and the count of frames is raised last: it
+can be read between two frames, and ParaView's *Reload Files* shows what has come. HDF5 has no
+journal: a process killed while it writes a frame (milliseconds) may leave a file that cannot be
+opened, which single .vtu frames never do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .cloth import Cloth
+from .errors import InputError
+from .output import CELLS, Arrays, fields, kinematics
+from .runfolder import writing
+from .system import State, System
+
+CHUNK = 1 << 18  # bytes of a dataset that are compressed and read at a time
+STATIC = ("quality",)  # cell arrays of the reference, written once
+COUNTS = ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
+SHARED = ("PartOffsets", "CellOffsets", "ConnectivityIdOffsets")
+
+
+@dataclass(eq=False)
+class HdfFrames:
+    """Appends states to one file; the same use as `output.Frames`.
+
+    Attributes
+    ----------
+    path
+        The file, replaced by the first frame.
+    cloth, system
+        What is shown; without a system, no stress and no energy.
+    times
+        Times of the frames written so far [s].
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+    >>> system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity()], pins=["left"])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     frames = HdfFrames(Path(folder) / "run.vtkhdf", cloth, system)
+    ...     for state, info in fc.march(system, fc.BackwardEuler(), system.rest(), 0.01, 0.03):
+    ...         file = frames.add(state)
+    ...     with h5py().File(file) as read:
+    ...         print(read["VTKHDF/Steps"].attrs["NSteps"], read["VTKHDF/Points"].shape)
+    3 (27, 3)
+    """
+
+    path: Path
+    cloth: Cloth
+    system: System | None = None
+    times: list[float] = field(default_factory=list)
+
+    def __post_init__(self):
+        h5py()  # a missing package is told before the first step
+
+    @property
+    def opens(self) -> Path:
+        """The file to open in ParaView."""
+        return self.path
+
+    def add(self, state: State) -> Path:
+        """Append a frame; returns the file.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        shown = self.system and fields(self.system, state)
+        points, cells = shown or kinematics(self.cloth, state)
+        with _opened(self.path, "r+" if self.times else "w") as file:
+            if not self.times:
+                _begin(file, self.cloth, points, cells)
+            _append(file["VTKHDF"], state, points, cells)
+        self.times.append(float(state.t))
+        return self.path
+
+
+def h5py():
+    """The package, or an `InputError` that says how to get it."""
+    try:
+        import h5py
+    except ImportError as error:
+        remedy = 'Install it: pip install "fecloth[hdf]", or write format = "vtu".'
+        raise InputError("a .vtkhdf file needs the package h5py", remedy=remedy) from error
+    return h5py
+
+
+@contextmanager
+def _opened(path: Path, mode: str) -> Iterator:
+    """The file without HDF5's lock, so that a ParaView that looks at it does not stop the run."""
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with h5py().File(path, mode, locking=False) as file:
+            yield file
+
+
+# --- layout ---------------------------------------------------------------------------------------
+
+
+def _begin(file, cloth: Cloth, points: Arrays, cells: Arrays) -> None:
+    """The topology, and empty datasets for everything that grows."""
+    m, k = cloth.cells.shape
+    root = file.create_group("VTKHDF")
+    root.attrs["Version"] = (2, 2)
+    root.attrs["Type"] = np.bytes_("UnstructuredGrid")
+    for name, count in zip(COUNTS, (len(cloth.X), m, m * k), strict=True):
+        root[name] = np.array([count])
+    root["Connectivity"] = cloth.cells.ravel().astype(np.int64)
+    root["Offsets"] = np.arange(0, k * m + 1, k)
+    root["Types"] = np.full(m, CELLS[k], np.uint8)
+    steps = root.create_group("Steps")
+    steps.attrs["NSteps"] = 0
+    _growing(root, "Points", (3,), float)
+    _growing(steps, "Values", (), float)
+    for name in ("NumberOfParts", "PointOffsets", *SHARED):
+        _growing(steps, name, (1,) * (name in SHARED[1:]), np.int64)
+    for kind, arrays in (("PointData", points), ("CellData", cells)):
+        for name, data in arrays.items():
+            if name in STATIC:
+                root[f"{kind}/{name}"] = data
+            else:
+                _growing(root, f"{kind}/{name}", data.shape[1:], data.dtype)
+            _growing(steps, f"{kind}Offsets/{name}", (), np.int64)
+
+
+def _growing(group, name: str, row: tuple[int, ...], dtype) -> None:
+    """An empty dataset of rows, compressed without loss like the .vtu frames."""
+    rows = max(1, CHUNK // (8 * int(np.prod(row, dtype=int)))) if row or "Data/" in name else 1024
+    layout = {"maxshape": (None, *row), "chunks": (rows, *row)}
+    packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+    group.create_dataset(name, (0, *row), dtype, **layout, **packing)
+
+
+def _append(root, state: State, points: Arrays, cells: Arrays) -> None:
+    """The rows of one frame, then where they begin, and last that it is there."""
+    steps = root["Steps"]
+    _extend(steps["PointOffsets"], [_extend(root["Points"], state.x)])
+    for kind, arrays in (("PointData", points), ("CellData", cells)):
+        for name, data in arrays.items():
+            begin = 0 if name in STATIC else _extend(root[f"{kind}/{name}"], data)
+            _extend(steps[f"{kind}Offsets/{name}"], [begin])
+    for name in SHARED:
+        _extend(steps[name], np.zeros((1, *steps[name].shape[1:]), np.int64))
+    _extend(steps["NumberOfParts"], [1])
+    _extend(steps["Values"], [state.t])
+    root.file.flush()
+    steps.attrs["NSteps"] = len(steps["Values"])
+
+
+def _extend(dataset, rows) -> int:
+    """Append rows; returns the first one's number."""
+    begin = len(dataset)
+    dataset.resize(begin + len(rows), axis=0)
+    dataset[begin:] = rows
+    return begin
