@@ -38,7 +38,7 @@ KNOWN = {  # scene: what it needs, what not
     "cantilever": ("without HingeBending", "without Drag"),
     "wind": ("without Wind", "without QuadraticBending"),
 }
-PATIENCE = 30.0  # s, for compiling and meshing
+PATIENCE = 10  # times the seconds of the full scene: more than that saves nothing
 LOST = 0.05  # of the seconds: less is not told from noise
 
 
@@ -84,13 +84,13 @@ class Study:
         settings = {"scene": self.name, "variant": name, "text": written(data)}
         return settings | {"static": static, "repeats": self.repeats}
 
-    def answers(self, cases: list[dict], limit: float | None = None) -> list[dict]:
-        return harness.run_cases(cases, answer, time_limit=limit, **self.running)
+    def answers(self, cases: list[dict]) -> list[dict]:
+        return harness.run_cases(cases, answer, **self.running)
 
-    @property
-    def patience(self) -> float:
-        """Seconds for a simpler scene, which should not take longer than the full one."""
-        return PATIENCE + 10 * self.full.row["cpu_seconds"]
+    def simpler(self, name: str, data: dict, static: bool = False) -> dict:
+        """A case that may take so many times the seconds of the full scene, at most."""
+        most = math.ceil(1 + PATIENCE * self.full.row["cpu_seconds"])
+        return self.case(name, data, static) | {"most": most}
 
     def held(self, row: dict) -> dict:
         """A row with its change and what it saves; or its cause."""
@@ -110,10 +110,10 @@ class Study:
 def one_by_one(study: Study) -> list[tuple[Variant, dict]]:
     """Each variant alone, with its prediction."""
     tried = variants(study.data, study.interest)
-    cases = [study.case(one.name, one.apply(study.data), one.static) for one in tried]
+    cases = [study.simpler(one.name, one.apply(study.data), one.static) for one in tried]
     numbers = Numbers.of(study.scene)
     found = []
-    for variant, row in zip(tried, study.answers(cases, study.patience), strict=True):
+    for variant, row in zip(tried, study.answers(cases), strict=True):
         line = study.held(row)
         found.append((variant, {"predicted": predicted(variant, numbers)} | line))
     return found
@@ -156,7 +156,7 @@ def combined(study: Study, found: list[tuple[Variant, dict]]) -> tuple[dict, lis
         for one in trial.values():
             simpler = one.apply(simpler)
         names = " + ".join(one.name for one in trial.values())
-        line = study.held(study.answers([study.case(names, simpler)], study.patience)[0])
+        line = study.held(study.answers([study.simpler(names, simpler)])[0])
         fits = line["status"] == "ok" and line["change"] <= study.tolerance
         out = 1 + LOST if variant.kind == "without" or not before else 1 - LOST
         fits = fits and line["cpu_seconds"] <= out * seconds
@@ -200,7 +200,9 @@ def chart(study: Study, found: list[tuple[Variant, dict]], final: dict) -> str:
     with harness.figure(
         study.running["out"], name, log=False, panels=(1, 2), size=size, sharey=True
     ) as (figure, (left, right)):
-        figure.suptitle(f"{study.scene.title or study.name}: what goes at {study.tolerance:.3g}")
+        figure.suptitle(
+            f"{study.scene.title or study.name}: blue can go at {percent(study.tolerance)}"
+        )
         shown = [min(max(100 * line["change"], 1e-5), 1e4) for line in lines]
         left.barh(at, shown, left=1e-5, color=colour)
         told = [
@@ -218,7 +220,7 @@ def chart(study: Study, found: list[tuple[Variant, dict]], final: dict) -> str:
         right.axvline(0, color="k", lw=0.8)
         for i, line in enumerate(lines):
             if line["saved"] < -1:
-                right.text(-97, i, f"{1 - line['saved']:.0f} times the seconds", va="center")
+                right.text(-96, i, f"{1 - line['saved']:.2g} × as many", va="center", color="w")
     return name
 
 
@@ -269,22 +271,25 @@ def told(study: Study, found: list, final: dict) -> list[harness.Finding]:
 def sentence(study: Study, gone: str, final: dict) -> str:
     """The conclusion in words."""
     if not gone:
-        return f"{study.name} needs all that it has at {study.tolerance:.3g}."
+        return f"At {percent(study.tolerance)} {study.name} needs all that it has."
+    change, saved = (percent(final.get(key, math.nan)) for key in ("change", "saved"))
     return (
-        f"{study.name} does at {study.tolerance:.3g}: {gone}. That changes what is asked for by "
-        f"{final.get('change', math.nan):.2g} and saves {100 * final.get('saved', math.nan):.0f} % "
-        "of the CPU seconds."
+        f"At {percent(study.tolerance)} {study.name} does so: {gone}. That changes what is asked "
+        f"for by {change} and saves {saved} of the CPU seconds."
     )
+
+
+def percent(value: float) -> str:
+    return f"{100 * value:.2g} %" if abs(value) < 1 else f"{100 * value:.0f} %"
 
 
 def words(line: dict) -> str:
     """A row of the ranking for the terminal."""
     numbers = [
-        "-" if line[key] is None else f"{100 * line[key]:.2g} %"
-        for key in ("predicted", "change", "saved")
+        "-" if line[key] is None else percent(line[key]) for key in ("predicted", "change", "saved")
     ]
     said = "foretold {:>9}  measured {:>9}  saves {:>7}".format(*numbers)
-    return f"  {line['variant']:<26} {said}  {line['verdict']}"
+    return f"  {line['variant']:<28} {said}  {line['verdict']}"
 
 
 def share(text: str) -> float:

@@ -21,13 +21,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from needs_cases import data_of, scene_of
 from needs_variants import Variant
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
 import fecloth as fc
 from fecloth.adaptive import Adaptive
-from fecloth.errors import InputError
+from fecloth.errors import FeclothError
 from fecloth.scene import Built, Scene
+from fecloth.scenefile import written
 
 FIRST_ORDER = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler", "ForwardEuler")
 BENDING = ("HingeBending", "QuadraticBending")
@@ -240,7 +242,7 @@ def predicted(variant: Variant, of: Numbers) -> float | None:
     """The change of the motion that a variant should make, at most 1; None: not foretold."""
     try:
         found = _predicted(variant, of) if of.w else None
-    except InputError:  # a network of springs that this fabric cannot have
+    except FeclothError:  # a coarser mesh, a network of springs that there cannot be
         found = None
     return None if found is None else min(1.0, found)
 
@@ -256,7 +258,7 @@ def _predicted(variant: Variant, of: Numbers) -> float | None:
             bend = of.h / of.L * (1.0 if of.case == "across" else of.N ** (1 / 3))
             return bend**2 / 12 * min(1.0, of.without_bending())
         case "mesh":
-            return (factor**2 - 1) * of.mesh_error()
+            return (factor**2 - 1) * of.mesh_error() + _reach(variant, of)
         case "P1":
             return of.mesh_error()
         case "dt":
@@ -269,6 +271,15 @@ def _predicted(variant: Variant, of: Numbers) -> float | None:
         case "static":
             return of.rest
     return None
+
+
+def _reach(variant: Variant, of: Numbers) -> float:
+    """How the motion changes as the pins take hold of other nodes, and the cloth reaches farther.
+
+    On a coarser mesh ``inside = "X < 0.02"`` is another clamp.
+    """
+    other = Numbers.of(scene_of(written(variant.apply(data_of(of.scene)))))
+    return abs(other.moved * other.L / (of.moved * of.L) - 1)
 
 
 def _without(name: str, of: Numbers) -> float | None:

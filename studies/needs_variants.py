@@ -61,7 +61,7 @@ def of_term(term: Data) -> Iterator[Variant]:
         yield Variant(f"Springs for {name}", "springs", name, slot, springs)
     if name == "HingeBending":
         quadratic = swap(term, {"type": "QuadraticBending"})
-        yield Variant("QuadraticBending for it", "quadratic", name, slot, quadratic)
+        yield Variant("QuadraticBending for hinges", "quadratic", name, slot, quadratic)
 
 
 def swap(term: Data, other: Data | None) -> Callable[[Data], Data]:
