@@ -24,7 +24,7 @@ def draw_map(out, name: str, rows: list[dict], y: str, ylabel: str) -> None:
     size = {"panels": (4, 3), "size": (9.0, 9.6), "sharex": True, "sharey": True}
     with harness.figure(out, name, **size) as (figure, axes):
         for ax, method in zip(axes.flat, ALL, strict=False):
-            own = [row for row in rows if row["method"] == method and "dt" in row]
+            own = [row for row in rows if row.get("method") == method and "dt" in row]
             ax.set_title(method.replace("_", " "), fontsize=11)
             for outcome, look in LOOKS.items():
                 at = [(row["dt"], row[y]) for row in own if row["outcome"] == outcome]

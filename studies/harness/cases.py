@@ -68,7 +68,7 @@ class Case:
     @property
     def key(self) -> str:
         """Hash of all that the outcome depends on."""
-        parts = (self.text, Path(self.file).name, self.name, versions()["fecloth"], self.source)
+        parts = (self.text, Path(self.file).name, self.name, version(), self.source)
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
 
 
@@ -176,6 +176,12 @@ def _short(result: dict) -> str:
 
 def _tell(line: str) -> None:
     print(line.rstrip(), file=sys.stderr, flush=True)
+
+
+@cache
+def version() -> str:
+    """fecloth's version; asking for it takes 4 ms, which thousands of cases would feel."""
+    return versions()["fecloth"]
 
 
 @cache
