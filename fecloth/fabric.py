@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from . import measured, presets
 from .errors import InputError, is_number
 
 Pair = float | tuple[float, float]
@@ -31,6 +33,11 @@ class Fabric:
     bending_rigidity
         B, moment per width and curvature [N m]; one number, (warp, weft), or None: not known,
         and a term that needs it says so.
+    bending_hysteresis
+        2HB, what the moment per width differs between bending and unbending [N]. It is kept with
+        the fabric; no term models it.
+    source
+        Who measured it and how.
 
     Raises
     ------
@@ -49,6 +56,8 @@ class Fabric:
     poisson_ratio: float = 0.0
     shear_stiffness: float | None = None
     bending_rigidity: Pair | None = None
+    bending_hysteresis: Pair | None = None
+    source: str = ""
 
     def __post_init__(self):
         _positive("areal_density", self.areal_density, "kg/m²")
@@ -77,6 +86,116 @@ class Fabric:
         _positive("shear_stiffness", self.shear, "N/m")
         for value in self.bending or ():
             _positive("bending_rigidity", value, "N m")
+        for value in _pair("bending_hysteresis", self.bending_hysteresis) or ():
+            _positive("bending_hysteresis", value, "N")
+
+    @classmethod
+    def preset(cls, name: str) -> Fabric:
+        """A published fabric; `presets` has their names, and where each number comes from.
+
+        Raises
+        ------
+        InputError
+            For an unknown name.
+
+        Examples
+        --------
+        >>> Fabric.preset("silk").areal_density
+        0.083
+        """
+        return cls(**presets.constants(name))
+
+    @staticmethod
+    def presets() -> tuple[str, ...]:
+        """Names of the published fabrics, from the lightest to the heaviest."""
+        return presets.names()
+
+    @classmethod
+    def from_kes(
+        cls,
+        fields: Mapping[str, float | tuple[float, float]],
+        poisson_ratio: float = 0.0,
+        load: float = 500.0,
+        tensile: str = "secant",
+        source: str = "KES-F",
+    ) -> Fabric:
+        """Fabric from what Kawabata's instruments print, in their units.
+
+        Parameters
+        ----------
+        fields
+            W [mg/cm²], EMT [%], G [gf/(cm deg)], B [gf cm²/cm] and, if given, LT [-],
+            WT [gf cm/cm²] and 2HB [gf cm/cm]; one number or (warp, weft). Others of KES-F are
+            accepted and not read. Of G in two directions the mean is taken.
+        poisson_ratio
+            ν₁₂, which KES-F does not measure.
+        load
+            The greatest tensile load Fm [gf/cm]; 500 unless the instrument was set otherwise.
+        tensile
+            ``"secant"``: Y bears Fm at EMT, Y = Fm / ((1 + ε)(ε + ε²/2)); ``"energy"``: Y stores
+            WT = LT Fm EMT / 2 at EMT, Y = 2 WT / (ε + ε²/2)². In the test the clamps hinder the
+            contraction across; that is neglected, as with ν = 0.
+        source
+            Kept with the fabric.
+
+        Raises
+        ------
+        InputError
+            For a field that is missing, unknown or not positive, or LT and WT that disagree.
+
+        Notes
+        -----
+        S. Kawabata, The Standardization and Analysis of Hand Evaluation, 2nd ed. (1980).
+
+        Examples
+        --------
+        >>> fabric = Fabric.from_kes({"W": 20.0, "EMT": (4.0, 6.0), "G": 0.8, "B": (0.1, 0.05)})
+        >>> fabric.bending[0]  # 1 gf cm²/cm = 98.07 µN m
+        9.80665e-06
+        """
+        return cls(
+            **measured.kes(fields, load, tensile), poisson_ratio=poisson_ratio, source=source
+        )
+
+    @classmethod
+    def from_fast(
+        cls,
+        fields: Mapping[str, float | tuple[float, float]],
+        poisson_ratio: float = 0.0,
+        load: int = 100,
+        source: str = "FAST",
+    ) -> Fabric:
+        """Fabric from what the FAST instruments print, in their units.
+
+        Parameters
+        ----------
+        fields
+            W [g/m²], E5, E20 or E100 [%] (that of `load`), EB5 [%] and the bending length C [mm];
+            one number or (warp, weft). Others of FAST are accepted and not read.
+        poisson_ratio
+            ν₁₂, which FAST does not measure.
+        load
+            5, 20 or 100 [gf/cm]: Y bears it at the extension of that name, as in `from_kes`.
+        source
+            Kept with the fabric.
+
+        Raises
+        ------
+        InputError
+            For a field that is missing, unknown or not positive.
+
+        Notes
+        -----
+        B = 9.81e-6 W C³ µN m and G = 123 / EB5 N/m in these units: A. De Boos and D. Tester,
+        SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994).
+
+        Examples
+        --------
+        >>> fabric = Fabric.from_fast({"W": 168, "E100": (2.0, 4.0), "EB5": 3.0, "C": (15, 14.5)})
+        >>> fabric.shear
+        41.0
+        """
+        return cls(**measured.fast(fields, load), poisson_ratio=poisson_ratio, source=source)
 
     @classmethod
     def sheet(cls, E: float, nu: float, thickness: float, rho: float) -> Fabric:
@@ -122,8 +241,6 @@ class Fabric:
     @property
     def bending(self) -> tuple[float, float] | None:
         """(B₁, B₂), warp and weft [N m], or None."""
-        if self.bending_rigidity is None:
-            return None
         return _pair("bending_rigidity", self.bending_rigidity)
 
     def isotropic(self, where: str) -> tuple[float, float]:
@@ -159,7 +276,9 @@ class Fabric:
         return np.array([warp / determinant, c22, self.shear, nu * c22, 0.0, 0.0])
 
 
-def _pair(name: str, value: Pair) -> tuple[float, float]:
+def _pair(name: str, value: Pair | None) -> tuple[float, float] | None:
+    if value is None:
+        return None
     if np.ndim(value) == 0:
         return (value, value)
     if len(value) != 2:
