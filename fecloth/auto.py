@@ -76,6 +76,11 @@ class Auto:
     def __post_init__(self):
         self._candidate(GeneralizedAlpha())  # refuses the tolerances
 
+    @property
+    def candidates(self) -> tuple[Adaptive, Adaptive]:
+        """The methods between which it chooses."""
+        return self._candidate(GeneralizedAlpha()), self._candidate(CentralDifference())
+
     def _candidate(self, method) -> Adaptive:
         return Adaptive(method, self.rtol, self.atol)
 

@@ -31,7 +31,7 @@ STATUS = """exit status:
   1  check: a value lies outside its tolerance
   2  bad input: nothing was run
   3  the simulation failed; what it wrote up to then is readable
-  4  interrupted; what it wrote up to then is readable
+  4  interrupted; --resume goes on from there
 """
 MISSED, BAD_INPUT, SIMULATION_FAILED, STOPPED = 1, 2, 3, 4
 
@@ -70,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     _scene_options(sub)
     sub.add_argument("-o", "--output", metavar="DIR", help="folder to write (default: out/SCENE)")
     sub.add_argument("--overwrite", action="store_true", help="replace the run in that folder")
+    sub.add_argument("--resume", metavar="DIR", help="go on with the run in that folder")
 
     sub = _command(commands, "check", _check, "run scenes and verify their [expect] tables")
     sub.add_argument("scenes", nargs="+", metavar="scene", help="a .toml file")
@@ -110,14 +111,17 @@ def _scene_options(parser: argparse.ArgumentParser) -> None:
 
 def _run(options) -> int:
     scene = load(options.scene, options.set)
-    path = Path(options.output or Path("out") / Path(options.scene).stem)
+    if options.resume and (options.output or options.overwrite):
+        raise InputError("--resume", "needs neither -o nor --overwrite: it names the folder")
+    path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
     console = Console(stderr=True, quiet=options.quiet)
 
     def announce(built: Built, why: str) -> None:
         console.print("\n".join(_plan(built, why)), highlight=False, soft_wrap=True)
 
     with _progress(console, scene.time.t_end) as report:
-        outcome = run_scene(scene, path, options.overwrite, announce, report)
+        resume = bool(options.resume)
+        outcome = run_scene(scene, path, options.overwrite, announce, report, resume)
     if not options.quiet:
         print(_ledger_text(outcome.ledger))
         print(_closing(outcome))
@@ -139,7 +143,9 @@ def _closing(outcome) -> str:
 
 def _trouble(outcome) -> str:
     readable = f"{outcome.folder} is readable up to t = {outcome.summary['t']:g} s"
-    return f"failed: {outcome.error}\n{readable}" if outcome.error else f"interrupted; {readable}"
+    if outcome.error:
+        return f"failed: {outcome.error}\n{readable}"
+    return f"interrupted; {readable}; --resume {outcome.folder} goes on from there"
 
 
 def _ledger_text(ledger: Ledger) -> str:

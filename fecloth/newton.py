@@ -133,6 +133,13 @@ class Solver:
         if isinstance(self.linear, Cheapest):
             self.linear.begin(wx, wa)
 
+    @property
+    def keeps(self) -> bool:
+        """Whether a step may depend on what the steps before have left in the solver."""
+        if isinstance(self.linear, Cheapest):
+            return True
+        return getattr(self.linear, "name", "pcg") != "pcg" and self.options.reuse
+
     def drop(self) -> None:
         """Forget the steps before: those that follow do not depend on them."""
         self.kept.drop()

@@ -20,6 +20,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from . import restart as restarts
 from .atlimit import refuse_unstable
 from .auto import Auto
@@ -248,7 +250,8 @@ class _Recorder:
         if isinstance(every, int):
             due = info.step % every == 0
         else:
-            before, now = (int((t - info.memory.start) / every + 1e-9) for t in (info.old.t, info.t))
+            times = np.array([info.old.t, info.t]) - info.memory.start
+            before, now = np.floor(times / every + 1e-9)
             due = now > before
         return due or info.t >= self.built.t_end
 

@@ -272,22 +272,30 @@ class Time(Table):
 
 
 class Output(Table):
-    """Frames: their number (about), or the seconds or steps between two of them."""
+    """Frames: their number (about), or the seconds or steps between two of them.
+
+    With `restart_steps` or `restart_every` a restart file at the start, after every so many steps
+    or seconds of the motion, and at the end.
+    """
 
     frames: int | None = Field(None, ge=1)
     every: float | None = Field(None, gt=0, description="s")
     every_steps: int | None = Field(None, ge=1)
     format: Literal["vtu", "vtkhdf"] = Field("vtu", description="a file a frame, or one for all")
+    restart_steps: int | None = Field(None, ge=1)
+    restart_every: float | None = Field(None, gt=0, description="s")
 
     @model_validator(mode="before")
     @classmethod
     def _default(cls, data: Any) -> Any:
-        given = not isinstance(data, dict) or data.keys() - {"format"}
+        given = not isinstance(data, dict) or data.keys() & {"frames", "every", "every_steps"}
         return data if given else {"frames": 50} | data
 
     @model_validator(mode="after")
     def _one_spacing(self):
         exactly_one(self, "frames", "every", "every_steps")
+        if self.restart_steps and self.restart_every:
+            exactly_one(self, "restart_steps", "restart_every")
         if self.format == "vtkhdf":
             h5py()
         return self
