@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -292,6 +292,12 @@ def _fabrics() -> list[str]:
     return [*lines, "", *(f"{name}: {Fabric.preset(name).source}" for name in Fabric.presets())]
 
 
+def _sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
+    """Who measured each fabric, as far as it says so."""
+    regions = fabric if isinstance(fabric, Mapping) else {"fabric": fabric}
+    return [f"{name}: {one.source}" for name, one in regions.items() if one.source]
+
+
 def _plan(built: Built, why: str) -> list[str]:
     """What a run is about to do."""
     system = built.system
@@ -299,6 +305,7 @@ def _plan(built: Built, why: str) -> list[str]:
         f"{len(system.cloth.X)} nodes, {_triangles(system.cloth)}, "
         f"{system.admissible.shape[1]} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
+        *_sources(system.fabric),
         f"{built.method}{f', dt = {built.dt:g} s' if built.dt else ''} to t = {built.t_end:g} s",
         f"linear solver: {why}",
     ]

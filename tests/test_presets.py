@@ -2,7 +2,9 @@
 
 import dataclasses
 import math
+import re
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -336,3 +338,25 @@ def test_the_command_line_lists_them(capsys):
     out = capsys.readouterr().out
     assert all(f"\n{name} " in out and f"\n{name}: " in out for name in fc.Fabric.presets())
     assert "doi.org/10.1145/2010324.1964966" in out
+
+
+def test_a_run_says_who_measured_its_fabric(tmp_path, capsys):
+    scene(tmp_path, 'fabric = "silk"')
+    assert cli.main(["info", str(tmp_path / "scene.toml")]) == 0
+    assert "fabric: silk, woven. Clyde, Teran and Tamstorf" in capsys.readouterr().out
+    regions = {"body": fc.Fabric.preset("cotton"), "hem": fc.Fabric(0.2, 1000.0)}
+    assert [line[:20] for line in cli._sources(regions)] == ["body: cotton, woven."]
+
+
+def test_what_the_readme_writes_is_read(tmp_path):
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    text = readme.partition("**Fabrics with published numbers.**")[2].partition("\n\n**")[0]
+    made = [
+        eval(call, {"Fabric": fc.Fabric}) for call in re.findall(r"`(Fabric\.from.*?\))`", text)
+    ]
+    assert [fabric.source for fabric in made] == ["KES-F", "FAST"]
+    assert eval(re.search(r"`(fc.Fabric.preset.*?)`", text)[1], {"fc": fc})
+    constants = re.findall(r"`(\w+ = [\[\"].*?)`", text)
+    assert len(constants) == 6  # two of them name a preset, the others carry units
+    table = "[fabric]\n" + "\n".join(constants[2:]) + "\n"
+    assert scene(tmp_path, REST, table).build().system.fabric.tensile == (2000.0, 900.0)
