@@ -98,6 +98,14 @@ class HdfFrames:
         self.times.append(float(state.t))
         return self.path
 
+    def keep(self, count: int) -> None:
+        """Go on after the first `count` frames of the file; those after them are taken away."""
+        with _opened(self.path, "r+") as file:
+            root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
+            self.times = steps["Values"][:count].tolist()
+            if count < len(steps["Values"]):
+                _cut(root, steps, count)
+
 
 def h5py():
     """The package, or an `InputError` that says how to get it."""
@@ -169,6 +177,19 @@ def _append(root, state: State, points: Arrays, cells: Arrays) -> None:
     _extend(steps["Values"], [state.t])
     root.file.flush()
     steps.attrs["NSteps"] = len(steps["Values"])
+
+
+def _cut(root, steps, count: int) -> None:
+    """End every dataset where frame `count` (from 0) begins."""
+    steps.attrs["NSteps"] = count
+    root["Points"].resize(int(steps["PointOffsets"][count]), axis=0)
+    for kind in ("PointData", "CellData"):
+        for name in root[kind].keys() - set(STATIC):
+            root[kind][name].resize(int(steps[f"{kind}Offsets/{name}"][count]), axis=0)
+        for offsets in steps[f"{kind}Offsets"].values():
+            offsets.resize(count, axis=0)
+    for name in ("Values", "NumberOfParts", "PointOffsets", *SHARED):
+        steps[name].resize(count, axis=0)
 
 
 def _extend(dataset, rows) -> int:

@@ -96,6 +96,27 @@ def test_the_topology_is_shared(tmp_path):
             assert not np.any(root["Steps"][name])
 
 
+def test_a_run_goes_on_after_the_frames_it_keeps(tmp_path):
+    system, states = swinging("P1")
+    first = HdfFrames(tmp_path / "run.vtkhdf", system.cloth, system)
+    for state in states[:5]:
+        first.add(state)
+    again = HdfFrames(first.path, system.cloth, system)
+    again.keep(2)
+    for state in states[2:]:
+        again.add(state)
+    read = Reader(first.path)
+    assert read.times == [state.t for state in states] == again.times
+    for state in states:
+        points, _, _, cell_data, _ = read.at(state.t)
+        assert np.array_equal(points, state.x)
+        assert np.array_equal(
+            cell_data["energy_density"], fields(system, state)[1]["energy_density"]
+        )
+    with h5py.File(first.path) as file:
+        assert len(file["VTKHDF/Points"]) == 6 * len(system.cloth.X)
+
+
 SCENE = """
 [cloth]
 shape = "rectangle"
