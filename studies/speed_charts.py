@@ -56,7 +56,7 @@ def looks_of(rows: Rows) -> dict[str, dict]:
 
 def panel(ax, rows: Rows, looks: dict[str, dict]) -> None:
     """One scene."""
-    good = [row for row in rows if row["status"] == "ok" and "error" in row]
+    good = [row for row in rows if row["status"] == "ok" and "total_error" in row]
     for name, look in looks.items():
         own = [row for row in good if group(row) == name]
         if not own:
@@ -102,20 +102,20 @@ def front(rows: Rows) -> Rows:
 
     Examples
     --------
-    >>> rows = [{"seconds": s, "error": e} for s, e in ((1, 3), (2, 1), (3, 2))]
+    >>> rows = [{"seconds": s, "total_error": e} for s, e in ((1, 3), (2, 1), (3, 2))]
     >>> [row["seconds"] for row in front(rows)]
     [1, 2]
     """
     kept = []
-    for row in sorted(rows, key=lambda r: (r["seconds"], r["error"])):
-        if not kept or row["error"] < kept[-1]["error"]:
+    for row in sorted(rows, key=lambda r: (r["seconds"], r["total_error"])):
+        if not kept or row["total_error"] < kept[-1]["total_error"]:
             kept.append(row)
     return kept
 
 
 def points(rows: Rows) -> tuple[list, list]:
     """Seconds, and error in percent."""
-    return [row["seconds"] for row in rows], [100 * row["error"] for row in rows]
+    return [row["seconds"] for row in rows], [100 * row["total_error"] for row in rows]
 
 
 def draw_time(out, rows: Rows) -> None:

@@ -129,7 +129,7 @@ def test_the_error_is_split_and_the_cheapest_found():
     rows = [row(0.2, 1.06, 0.5), row(0.1, 1.012, 3.0), row(0.1, 1.5, 0.1)]
     split(rows, fine, coarse=True)
     first = rows[0]
-    assert first["error"] == pytest.approx(0.06)
+    assert first["total_error"] == pytest.approx(0.06)
     assert first["time_error"] == pytest.approx(0.02 / 1.04)
     assert first["space_error"] == pytest.approx(0.03 / 1.01)
     assert first["model_error"] == pytest.approx(0.01)
