@@ -224,8 +224,8 @@ def chart(study: Study, found: list[tuple[Variant, dict]], final: dict) -> str:
     return name
 
 
-def asked(study: Study, options: argparse.Namespace) -> tuple[list[harness.Finding], str]:
-    """One scene from the numbers to its report: the findings, and the conclusion."""
+def asked(study: Study, options: argparse.Namespace) -> tuple[list, str, list[dict]]:
+    """One scene from the numbers to its report: the findings, the conclusion, and the rows."""
     found = one_by_one(study)
     data, attempts = combined(study, found)
     final = reduced(study, data) | {"variant": "reduced.toml"}
@@ -233,11 +233,11 @@ def asked(study: Study, options: argparse.Namespace) -> tuple[list[harness.Findi
     names = [line["variant"] for line in attempts if line["taken"] == "yes"]
     conclusion = sentence(study, names[-1] if names else "", final)
     print("\n".join([conclusion, *map(words, table)]))
-    findings = told(study, found, final)
+    findings, rows = told(study, found, final), [line for _, line in found]
     harness.report(
         argparse.Namespace(**vars(options) | {"out": study.running["out"]}),
         f"What {study.name} does not need",
-        [line for _, line in found],
+        rows,
         tables={
             "Numbers": numbers_of(Numbers.of(study.scene)),
             "One thing simpler": table,
@@ -248,7 +248,7 @@ def asked(study: Study, options: argparse.Namespace) -> tuple[list[harness.Findi
         conclusion=conclusion,
         settings={"interest": study.interest.model_dump()},
     )
-    return findings, conclusion
+    return findings, conclusion, rows
 
 
 def told(study: Study, found: list, final: dict) -> list[harness.Finding]:
@@ -304,13 +304,17 @@ def main() -> int:
     options = harness.arguments(__doc__, tolerance={"type": share, "default": "1%"})
     known = [] if options.scene else [SCENES / f"{name}.toml" for name in KNOWN]
     done = [asked(Study.of(path, options), options) for path in known or [options.scene]]
-    findings = [finding for found, _ in done for finding in found]
+    findings = [finding for found, _, _ in done for finding in found]
     if known:
-        said = "\n\n".join(
-            f"[{p.stem}]({p.stem}/report.md): {d[1]}" for p, d in zip(known, done, strict=True)
-        )
+        names = [path.stem for path in known]
+        said = [f"[{n}]({n}/report.md): {d[1]}" for n, d in zip(names, done, strict=True)]
         harness.report(
-            options, "What a scene does not need", [], findings=findings, conclusion=said
+            options,
+            "What a scene does not need",
+            [row for _, _, rows in done for row in rows],
+            figures=[f"{name}/needs" for name in names],
+            findings=findings,
+            conclusion="\n\n".join(said),
         )
     return 0 if all(finding.met for finding in findings) else 1
 
