@@ -4,6 +4,9 @@ S. Kawabata, The Standardization and Analysis of Hand Evaluation, 2nd ed., The T
 Society of Japan (1980): extension up to 500 gf/cm, its energy, pure bending, shear.
 A. De Boos and D. Tester, SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994):
 extension under 5, 20 and 100 gf/cm, bending length, bias extension.
+Both instruments' fields and units are tabulated in S. Kuijpers, C. Luible-Bär and H. Gong, The
+Measurement of Fabric Properties for Virtual Simulation, IEEE SA Industry Connections (2020), which
+is free to read, and warns that no two instruments' numbers agree.
 """
 
 from __future__ import annotations

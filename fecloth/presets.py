@@ -4,8 +4,8 @@ Two families of measurements, named apart where they have the same fabric (denim
 moduli, of a cloth that is hardly strained: under load real cloth stiffens, which `StVK` does not.
 
 **Clyde, Teran and Tamstorf (2017)**, Modeling and Data-Driven Parameter Estimation for Woven
-Fabrics, Symposium on Computer Animation: tensile tests of strips along warp, weft and bias, fitted
-with a hyperelastic law. Quoted are the moduli at zero strain, as transcribed in
+Fabrics, Symposium on Computer Animation: commercially available tests of each fabric, to which an
+orthotropic hyperelastic law was fitted. Quoted are its moduli at zero strain, as transcribed in
 github.com/ipc-sim/Codim-IPC, Python/Drivers/FEMDiscreteShellBase.py (`cloth_weftWarpMult`: weft,
 coupling, warp, shear [MPa]; `cloth_density` [g/m²]; `cloth_thickness`). Those of cotton, canvas
 and silk agree with a second transcription, github.com/navamikairanda/neuralclothsim,
@@ -34,8 +34,8 @@ from .errors import InputError
 from .formula import nearest
 
 _CLYDE_WORDS = (
-    "Clyde, Teran and Tamstorf, SCA 2017, moduli at zero strain of a law fitted to tensile tests "
-    "along warp, weft and bias; as transcribed in github.com/ipc-sim/Codim-IPC; bending not given"
+    "Clyde, Teran and Tamstorf, SCA 2017, moduli at zero strain of an orthotropic law fitted to "
+    "tests of the fabric; as transcribed in github.com/ipc-sim/Codim-IPC; bending not given"
 )
 _WANG_WORDS = (
     "Wang, O'Brien and Ramamoorthi, ACM TOG 30(4):71, 2011, doi.org/10.1145/2010324.1964966, "
