@@ -153,7 +153,7 @@ def in_time(problem: str, method: str, refined: int) -> dict:
     task = getattr(time_problems, problem)()
     steps = round(task.steps[0] * 2.0**refined)
     error = task.error(time_problems.CASES[method], steps)
-    return {"steps": steps, "dt": task.t_end / steps, "error": error}
+    return {"steps": steps, "dt": task.t_end / steps, "end_error": error}
 
 
 # --- nothing exact --------------------------------------------------------------------------------
