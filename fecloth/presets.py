@@ -100,6 +100,7 @@ def constants(name: str) -> dict:
     InputError
         For an unknown name.
     """
+    name = name if isinstance(name, str) else repr(name)  # as a scene may have anything here
     if name in CLYDE:
         words, density, *moduli = CLYDE[name]
         return clyde(density, *moduli) | {"source": f"{words}. {_CLYDE_WORDS}"}
@@ -107,7 +108,7 @@ def constants(name: str) -> dict:
         words, theirs, *moduli = WANG[name]
         return wang(*moduli) | {"source": f"{words}. {_WANG_WORDS.format(name=theirs)}"}
     allowed = f"must be one of {', '.join(names())}"
-    raise InputError(f"preset = {name!r}", allowed, "", nearest(str(name), names()))
+    raise InputError(f"preset = {name!r}", allowed, "", nearest(name, names()))
 
 
 def names() -> tuple[str, ...]:

@@ -322,6 +322,14 @@ SCENE_MISTAKES = [
         "",
     ),
     ("fabric = 3", "fabric = 3: must be a table", ""),
+    ("fabric = { preset = 3 }", "fabric.preset = '3': must be one of silk", ""),
+    ("fabric = { preset = { name = 1 } }", "must be one of silk", ""),
+    ('fabric = { preset = ["silk"] }', "must be one of silk", "Did you mean 'silk'?"),
+    (
+        'fabric = { preset = "silk", areal_density = ["1 g/m^2", "2 g/m^2"] }',
+        "fabric.areal_density = [0.001, 0.002]: must be a finite number",
+        "",
+    ),
 ]
 
 
