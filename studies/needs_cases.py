@@ -150,18 +150,17 @@ def at_end(full: Answer, other: Answer, name: str) -> float:
 
 
 def along(full: Answer, other: Answer, name: str) -> float:
-    """√∫|b − a|² dt / √∫|a|² dt, at the times of the run with fewer steps, from the second on."""
-    t = min(full.times, other.times, key=len)[1:]
+    """√∫|b − a|² dt / √∫|a|² dt, each step of the run with fewer by its end.
+
+    Not by the trapezoidal rule: reactions have no value at the start.
+    """
+    t = min(full.times, other.times, key=len)
     a, b = (
-        np.stack([np.interp(t, one.times, column) for column in one.column(name).T])
+        np.stack([np.interp(t[1:], one.times, column) for column in one.column(name).T])
         for one in (full, other)
     )
-    return ratio(mean_square(t, b - a), mean_square(t, a))
-
-
-def mean_square(t: np.ndarray, values: np.ndarray) -> float:
-    """√ of the time mean of |values|² by the trapezoidal rule."""
-    return float(np.sqrt(np.trapezoid((values**2).sum(axis=0), t)))
+    apart, size = (np.sqrt(np.sum(np.diff(t) * values**2)) for values in (b - a, a))
+    return ratio(apart, size)
 
 
 def period(one: Answer, name: str) -> float:

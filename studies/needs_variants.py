@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -98,9 +99,16 @@ def of_time(data: Data) -> Iterator[Variant]:
     time, key = data["time"], "rtol" if data["time"]["dt"] == "auto" else "dt"
     at_limit = key == "rtol" and method_of(data) in EXPLICIT and not {"rtol", "atol"} & set(time)
     for factor in () if at_limit else LARGER:
+        if key == "dt" and steps(time, factor) == steps(time, 1):
+            continue
         yield Variant(f"{key} × {factor}", key, factor, "time", longer(key, factor))
     if method_of(data) not in (*EXPLICIT, "auto") and data["cloth"].get("element") != "P2":
         yield Variant("explicit", "explicit", None, "time", explicit)
+
+
+def steps(time: Data, factor: float) -> int:
+    """How many steps there are with dt times a factor."""
+    return math.ceil((time["t_end"] - time.get("t_start", 0.0)) / (factor * time["dt"]) - 1e-9)
 
 
 def longer(key: str, factor: float) -> Callable[[Data], Data]:
