@@ -228,7 +228,7 @@ def _targets(method, t, dt, t_end, stops):
 def _left(targets, t):
     """The targets after t."""
     if not targets[-1] > t:
-        raise InputError(f"t_end = {targets[-1]!r}", f"must be > {t} [s]", "march")
+        raise InputError(f"t_end = {targets[-1]}", f"must be > {t} [s]", "march")
     return targets[targets > t]
 
 
@@ -265,7 +265,9 @@ def end_times(t: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray
     stops = np.unique(np.asarray(stops, dtype=float))
     if not np.isfinite(stops).all():
         raise InputError(f"stops = {stops.tolist()}", "must be finite [s]", "march")
-    return np.append(stops[(stops > t) & (stops < t_end)], t_end)
+    times = np.concatenate([[t], stops[(stops > t) & (stops < t_end)], [t_end]])
+    apart = np.diff(times) > 1e-9 * (t_end - t)  # what is closer to the next one is the same
+    return np.append(times[1:-1][apart[:-1] & apart[1:]], t_end)
 
 
 def step_times(t: float, dt: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray:

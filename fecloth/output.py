@@ -24,6 +24,7 @@ import base64
 import json
 import sys
 import zlib
+from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,7 +34,7 @@ import numpy as np
 
 from .cloth import Cloth
 from .errors import InputError
-from .runfolder import replace_file, writing
+from .runfolder import lengthen, replace_file, writing
 from .system import State, System
 from .terms.membrane import deformation_gradient, principal_stretches
 
@@ -104,7 +105,7 @@ class Frames:
     """Writes states as frames, one by one; after each the series on disk is whole.
 
     Every file is replaced in one go, frames before the lists that name them, so that a run killed
-    at any moment leaves lists that open. In memory stay the times only.
+    at any moment leaves lists that open. In memory stay the times only, 8 bytes a frame.
 
     Attributes
     ----------
@@ -122,12 +123,12 @@ class Frames:
     cloth: Cloth
     system: System | None = None
     stem: str = "frames/frame"
-    times: list[float] = field(default_factory=list)
+    times: array = field(default_factory=lambda: array("d"))
 
     @property
     def opens(self) -> Path:
         """The file to open in ParaView."""
-        return self.path.with_name(self.path.name + ".pvd")
+        return self._list(".pvd")
 
     def add(self, state: State) -> Path:
         """Write the next frame and the lists; returns the frame's file.
@@ -141,8 +142,8 @@ class Frames:
         file = self.path.parent / self._name(len(self.times))
         frame = encode_vtu(state.x, self.cloth.cells, state.t, points, cells)
         replace_file(file, frame)
-        self.times.append(float(state.t))
-        self._list()
+        self.times.append(state.t)
+        self._list_last()
         return file
 
     def keep(self, count: int) -> None:
@@ -153,15 +154,17 @@ class Frames:
         InputError
             If the list of the frames cannot be read, or has fewer.
         """
-        where = self.path.with_name(self.path.name + ".vtu.series")
+        where = self._list(".vtu.series")
         try:
             listed = json.loads(where.read_bytes())["files"]
-            self.times = [float(entry["time"]) for entry in listed[:count]]
+            self.times = array("d", [float(entry["time"]) for entry in listed[:count]])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"cannot be read ({error})", where=str(where)) from error
         if len(self.times) < count:
             raise InputError(f"{len(self.times)} frames", f"must be {count}", str(where))
-        self._list()
+        files = [(self._name(i), t) for i, t in enumerate(self.times)]
+        for suffix, encode, _ in LISTS:
+            replace_file(self._list(suffix), encode(files))
         for file in where.parent.glob(f"{self.stem}_*.vtu"):
             if file.name >= Path(self._name(count)).name:
                 with writing(file):
@@ -180,10 +183,19 @@ class Frames:
             raise InputError(given, f"must be of shape {shape} on this cloth", str(self.path))
         return kinematics(self.cloth, state) if self.system is None else fields(self.system, state)
 
-    def _list(self):
-        files = [(self._name(i), t) for i, t in enumerate(self.times)]
-        for suffix, encode in ((".pvd", encode_pvd), (".vtu.series", encode_series)):
-            replace_file(self.path.with_name(self.path.name + suffix), encode(files))
+    def _list(self, suffix: str) -> Path:
+        return self.path.with_name(self.path.name + suffix)
+
+    def _list_last(self) -> None:
+        """Name the last frame in the lists; the first one begins them."""
+        last = self._name(len(self.times) - 1), self.times[-1]
+        for suffix, encode, tail in LISTS:
+            if len(self.times) == 1:
+                replace_file(self._list(suffix), encode([last]))
+            else:
+                entry = encode([last]).removeprefix(encode([]).removesuffix(tail))
+                between = b", " if suffix == ".vtu.series" else b""
+                lengthen(self._list(suffix), between + entry, len(tail))
 
 
 def write_vtk(
@@ -330,3 +342,9 @@ def encode_series(files: Iterable[tuple[str, float]]) -> bytes:
     """The same as a VTK file series."""
     entries = [{"name": name, "time": t} for name, t in files]
     return json.dumps({"file-series-version": "1.0", "files": entries}).encode()
+
+
+LISTS = (
+    (".pvd", encode_pvd, b"</Collection>\n</VTKFile>\n"),
+    (".vtu.series", encode_series, b"]}"),
+)  # how they end, whatever stands in them

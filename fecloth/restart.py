@@ -122,7 +122,7 @@ def read(path: Path) -> Restart:
         If it cannot be read, or is not whole.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             members = {name: file[name] for name in file.files}
         header = json.loads(members.pop("header").tobytes())
         arrays = [members.pop(f"array_{i}") for i in range(len(members))]

@@ -8,6 +8,7 @@ import json
 import math
 import os
 import platform
+import shutil
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -20,8 +21,8 @@ import numpy as np
 
 from .errors import InputError
 
-TABLES = ("steps.csv", "energies.csv", "observed.csv")
-TEXTS = ("summary.json", "scene.resolved.toml", "run.log", "run.vtkhdf")
+TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
+TEXTS = ("summary.json", "scene.resolved.toml", "run.log", "run.vtkhdf", "report.html", "view.html")
 LISTS = ("*.pvd", "*.vtu.series")  # only those that name frames/frame_…
 PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "numba", "pypardiso", "mkl")
 
@@ -244,11 +245,27 @@ def replace_file(path: Path, data: bytes) -> None:
     InputError
         If the system refuses; the old file is then untouched.
     """
+    with _in_one_go(path) as part:
+        part.write_bytes(data)
+
+
+def lengthen(path: Path, data: bytes, tail: int) -> None:
+    """The same with the old file's bytes, less the last `tail` of them, and the new ones."""
+    with _in_one_go(path) as part:
+        shutil.copyfile(path, part)
+        with part.open("r+b") as stream:
+            stream.seek(-tail, os.SEEK_END)
+            stream.write(data)
+
+
+@contextmanager
+def _in_one_go(path: Path) -> Iterator[Path]:
+    """A file to write, which then takes the place of the path."""
     part = path.with_name(path.name + ".part")
     with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            part.write_bytes(data)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield part
             os.replace(part, path)
         except BaseException:
             with suppress(OSError):

@@ -1,15 +1,23 @@
 """A run that is broken off and goes on: bit for bit the unbroken one, or refused."""
 
+import json
 import multiprocessing
 import os
 import random
 import signal
 import time
+import tracemalloc
 
+import numpy as np
 import pytest
 
+import fecloth as fc
+from fecloth import restart
+from fecloth.cli import main
+from fecloth.output import Frames, read_frame
 from fecloth.runner import run_scene
 from fecloth.scene import load
+from fecloth.system import State
 
 TEXT = """
 [cloth]
@@ -144,3 +152,167 @@ def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     expected, found = written(whole), written(broken)
     assert found.keys() == expected.keys()
     assert [file for file in expected if found[file] != expected[file]] == []
+
+
+# --- what goes on, and what does not --------------------------------------------------------------
+
+
+def interrupted(scene, folder, after, resume=False):
+    """A run that is asked to stop after a step, as by Ctrl-C."""
+
+    def report(info):
+        if info.step == after:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    return run_scene(load(scene), folder, report=report, resume=resume)
+
+
+EXPLICIT = TEXT + RUNS["AtLimit"].replace("restart_steps = 50\n", "")
+
+
+def test_an_interrupted_run_goes_on_without_restart_steps(scene, tmp_path):
+    scene.write_text(EXPLICIT)
+    run_scene(load(scene), tmp_path / "whole")
+    outcome = interrupted(scene, tmp_path / "broken", 37)
+    assert outcome.status == "interrupted"
+    assert [f.name for f in restart.files(tmp_path / "broken")] == ["restart_000000037.npz"]
+    assert main(["run", str(scene), "--resume", str(tmp_path / "broken"), "--quiet"]) == 0
+    whole, broken = written(tmp_path / "whole"), written(tmp_path / "broken")
+    assert {name: whole[name] == broken.get(name) for name in whole} == dict.fromkeys(whole, True)
+
+
+def test_an_interruption_between_two_restarts_costs_no_bit(scene, tmp_path):
+    """With a kept factor the run goes back to the last regular restart."""
+    run_scene(load(scene), tmp_path / "whole")
+    interrupted(scene, tmp_path / "broken", 33)
+    assert [restart.read(f).exact for f in restart.files(tmp_path / "broken")] == [False, True]
+    go(scene, tmp_path / "broken", resume=True)
+    assert written(tmp_path / "broken") == written(tmp_path / "whole")
+    summary = json.loads((tmp_path / "broken" / "summary.json").read_text())
+    expected = json.loads((tmp_path / "whole" / "summary.json").read_text())
+    for key in ("steps", "newton", "linear", "factorisations", "frames", "ledger", "status"):
+        assert summary[key] == expected[key]
+
+
+def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys):
+    scene.write_text(EXPLICIT)
+    folder = tmp_path / "out"
+    interrupted(scene, folder, 20)
+    before = written(folder)
+    resume = ["run", str(scene), "--quiet", "--resume", str(folder)]
+    changed = ["--set", "fabric.areal_density=0.3", "--set", "terms.1.type=QuadraticBending"]
+    assert main(resume + changed) == 2
+    told = capsys.readouterr().err
+    assert "fabric.areal_density = 0.2 there, 0.3 here" in told
+    assert "terms.1.type = HingeBending there, QuadraticBending here" in told
+    assert main([*resume, "--set", "time.t_end=0.001"]) == 2
+    assert "has come to" in capsys.readouterr().err
+    assert main([*resume, "--overwrite"]) == 2
+    assert main(["run", str(scene), "--resume", str(tmp_path / "nothing")]) == 2
+    assert "holds no restart file" in capsys.readouterr().err
+    assert written(folder) == before
+    assert main([*resume, "--set", "time.t_end=0.08"]) == 0
+    assert read_frame(max((folder / "frames").iterdir()), load(scene).mesh()).t == 0.08
+
+
+def test_a_broken_restart_file_is_passed_over_or_refused(scene, tmp_path):
+    scene.write_text(TEXT + RUNS["AtLimit"])
+    run_scene(load(scene), tmp_path / "whole")
+    run_scene(load(scene), tmp_path / "out")
+    newest = restart.files(tmp_path / "out")[0]
+    data = newest.read_bytes()
+    for place in (len(data) // 2, 200):
+        newest.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+        with pytest.raises(fc.InputError, match="cannot be read"):
+            restart.read(newest)
+    newest.write_bytes(data[:-100])
+    go(tmp_path / "sheet.toml", tmp_path / "out", resume=True)
+    assert written(tmp_path / "out") == written(tmp_path / "whole")
+    for file in restart.files(tmp_path / "out"):
+        file.write_bytes(b"")
+    with pytest.raises(fc.InputError, match="cannot be read"):
+        restart.find(tmp_path / "out")
+
+
+def test_a_table_that_has_lost_rows_is_refused(scene, tmp_path):
+    scene.write_text(EXPLICIT)
+    interrupted(scene, tmp_path / "out", 20)
+    (tmp_path / "out" / "steps.csv").write_text("step,t\n1,0.1\n")
+    with pytest.raises(fc.InputError, match="steps.csv has lost rows"):
+        go(scene, tmp_path / "out", resume=True)
+
+
+def test_what_a_failed_run_had_reached_is_kept(scene, tmp_path):
+    scene.write_text(TEXT + RUNS["midpoint"].replace("0.002", "0.02"))
+    overrides = ["solver.max_iterations=2", "output.restart_steps=1"]
+    outcome = run_scene(load(scene, overrides), tmp_path / "out")
+    assert outcome.status == "failed"
+    found = restart.find(tmp_path / "out")
+    assert found.state.t == pytest.approx(outcome.summary["t"])
+    assert found.memory.step == outcome.summary["steps"]
+
+
+METHODS = [
+    (fc.ImplicitMidpoint(), 0.01),
+    (fc.EnergyMomentum(), 0.01),
+    (fc.LinearlyImplicitEuler(), 0.01),
+    (fc.GeneralizedAlpha(), 0.01),
+    (fc.BDF2(), 0.01),
+    (fc.SymplecticEuler(), 0.001),
+    (fc.Adaptive(fc.Newmark(), rtol=1e-4), None),
+    (fc.CentralDifference(), None),
+]
+
+
+@pytest.mark.parametrize(("method", "dt"), METHODS, ids=lambda m: type(m).__name__)
+def test_march_goes_on_from_a_memory_that_was_written(method, dt, isotropic, tmp_path):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
+    start, run = system.state(system.rest().x, t=0.1), (dt, 0.153)
+    solver = "pcg" if system.symmetric and getattr(method, "symmetric", True) else "direct"
+    options = {"solver": solver, "newton": fc.Newton(reuse=False)}
+    whole = list(fc.march(system, method, start, *run, **options))
+    state, info = whole[len(whole) // 2]
+    arrays = []
+    packed = json.dumps(restart._packed(info.memory, arrays))
+    memory = restart._unpacked(json.loads(packed), arrays)
+    rest = list(fc.march(system, method, state, *run, **options, memory=memory))
+    assert [i.step for _, i in rest] == [i.step for _, i in whole[len(whole) // 2 + 1 :]]
+    for one, other in zip(rest, whole[len(whole) // 2 + 1 :], strict=True):
+        assert one[0].t == other[0].t
+        np.testing.assert_array_equal(one[0].x, other[0].x)
+        np.testing.assert_array_equal(one[0].v, other[0].v)
+
+
+def test_a_memory_is_refused_where_it_does_not_fit(isotropic):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
+    state, info = next(fc.march(system, fc.BackwardEuler(), system.rest(), 0.01, 0.05))
+    with pytest.raises(fc.InputError, match=r"must be > 0.01"):
+        next(fc.march(system, fc.BackwardEuler(), state, 0.01, 0.01, memory=info.memory))
+    with pytest.raises(fc.InputError, match="the method that Auto chose"):
+        next(fc.march(system, fc.Auto(), state, t_end=0.05, memory=info.memory))
+
+
+def test_frames_take_no_memory(tmp_path):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=1.0, pattern="right")
+    x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    frames = Frames(tmp_path / "run", cloth)
+
+    def grown(first, last):
+        before = tracemalloc.take_snapshot()
+        for t in range(first, last):
+            frames.add(State(float(t), x, x))
+        after = tracemalloc.take_snapshot()
+        mine = [tracemalloc.Filter(True, "*fecloth*")]
+        change = after.filter_traces(mine).compare_to(before.filter_traces(mine), "filename")
+        return sum(one.size_diff for one in change)
+
+    tracemalloc.start()
+    try:
+        grown(0, 20)
+        assert grown(20, 420) < 400 * 16
+    finally:
+        tracemalloc.stop()
+    listed = json.loads((tmp_path / "run.vtu.series").read_text())["files"]
+    assert [entry["time"] for entry in listed] == list(range(420))
