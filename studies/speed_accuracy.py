@@ -168,7 +168,8 @@ def conclude(rows: Rows, fine: Rows, quick: bool) -> list[harness.Finding]:
         return row["method"] in EXPLICIT
 
     def implicit(row):
-        return not explicit(row) and row["method"] not in ("Auto", "equilibrium")
+        others = ("Auto", "equilibrium", "MuJoCo")
+        return not explicit(row) and not row["method"].startswith(others)
 
     def first(row):
         return row["method"] in FIRST[:2]

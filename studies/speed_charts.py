@@ -75,13 +75,19 @@ def crosses(ax, failed: Rows, looks: dict[str, dict]) -> None:
         x, colour = row.get("seconds") or low, looks[group(row)]["color"]
         at = {"transform": ax.get_xaxis_transform(), "clip_on": False}
         ax.plot([x], [BORDER], "x", color=colour, ms=7, mew=2, **at)
-    for i, text in enumerate(dict.fromkeys(cause(row) for row in failed)):
-        ax.text(0.03, 0.03 + 0.05 * i, f"× {text}", transform=ax.transAxes, fontsize=8)
+    causes = dict.fromkeys(cause(row) for row in failed)
+    if causes:
+        ax.set_ylim(top=4 * ax.get_ylim()[1])  # room for them
+        text = "\n".join(f"× {text}" for text in causes)
+        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1}
+        place = {"ha": "right", "va": "top", "fontsize": 8, "bbox": box}
+        ax.text(0.995, 0.94, text, transform=ax.transAxes, **place)
 
 
 def cause(row: dict) -> str:
     """A failure in a few words."""
-    kinds = {"stretched": "blew up", "finite": "blew up", "kinetic": "blew up", "more than": "late"}
+    kinds = {"definite": "indefinite", "finite": "blew up", "stretched": "blew up"}
+    kinds |= {"kinetic": "blew up", "more than": "late"}
     text = str(row["cause"])
     kind = next((word for part, word in kinds.items() if part in text), row["status"])
     return f"{kind}: {group(row)}"

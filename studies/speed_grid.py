@@ -88,7 +88,8 @@ def fine(scene: str, h: float, model: str, element: str) -> dict:
     if scene == "stretch":
         return case(scene, h, "equilibrium", None, model, element)
     if element == "P2":
-        return case(scene, h, "ImplicitMidpoint", STEPS[scene][-1] / 2, model, element)
+        part = 16 if scene == "wave" else 2
+        return case(scene, h, "ImplicitMidpoint", STEPS[scene][-1] / part, model, element)
     part = 0.8 if scene == "swing" else 0.4  # whose steps resolve waves far faster than its fall
     return case(scene, h, explicit_of(scene, model), part * STABLE[scene] * h, model, element)
 
