@@ -2,10 +2,12 @@
 
 scene.resolved.toml   the scene with all defaults and overrides
 run.pvd, run.vtu.series, frames/*.vtu   for ParaView; or all in one, run.vtkhdf
-steps.csv      number, time, size, iterations and residual of every step
+steps.csv      number, time, size, iterations, residual and energy drift of every step
 energies.csv   the ledger at every step
 observed.csv   probes, mean displacement, sag, area and reactions at every step
 restart/*.npz  from which the run goes on, as `restart` describes
+strains.csv    extremes of the principal stretches at every frame
+report.html    what the run did, on a page for a browser
 summary.json   sizes, counts, seconds by phase, memory, versions, how it ended
 run.log        the same in words, with the time of day
 """
@@ -27,6 +29,7 @@ from .atlimit import refuse_unstable
 from .auto import Auto
 from .cloth import Cloth
 from .errors import FeclothError, InputError, StepFailed
+from .htmlreport import stretch_row, write_report
 from .march import Memory, StepInfo, add_seconds, balanced, march, run, settled
 from .newton import Solver
 from .observe import Observer
@@ -35,7 +38,9 @@ from .record import Ledger
 from .restart import Restart
 from .runfolder import RunFolder, peak_memory, versions
 from .scene import Built, Scene
+from .series import Frame
 from .system import System
+from .terms.membrane import principal_stretches
 from .vtkhdf import HdfFrames
 
 DONE, FAILED, INTERRUPTED = "done", "failed", "interrupted"
@@ -181,7 +186,7 @@ class _Recorder:
             if found:
                 self._go_on(found)
             else:
-                self.frames.add(self.state)
+                self._frame()
                 self._rows(self.observer.row(None, None))
                 if built.restarts:
                     self.restart(regular=True)
@@ -234,7 +239,7 @@ class _Recorder:
             with self.watch.phase("output"):
                 self._rows(observed, info)
                 if self._due(info):
-                    self.frames.add(state)
+                    self._frame()
                 if regular := self._restarts(info):
                     self.restart(regular)
             report(info)
@@ -280,7 +285,28 @@ class _Recorder:
             counts = info.counts
             row = {"step": info.step, "t": info.t, "dt": info.dt, "newton": counts.newton}
             row |= {key: getattr(counts, key) for key in _COUNTED[1:]}
-            self.tables["steps"].add(row | {"residual": counts.residual})
+            row |= {"residual": counts.residual, "drift": self.drift}
+            self.tables["steps"].add(row)
+
+    @property
+    def drift(self) -> float:
+        """What the energy balance is off by, relative to what has moved so far."""
+        return self.ledger.remainder / self.turnover if self.turnover else 0.0
+
+    def _frame(self) -> None:
+        """The state as a frame, and the extremes of its strain."""
+        self.frames.add(self.state)
+        stretches = principal_stretches(self.built.cloth, self.state.x)
+        self.tables["strains"].add(stretch_row(self.state.t, stretches))
+
+    def _report(self, summary: dict) -> None:
+        """report.html; a run is none the worse for a page that cannot be written."""
+        system, state = self.built.system, self.state
+        try:
+            frame = Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
+            write_report(self.folder.path, summary, frame)
+        except (FeclothError, OSError) as failure:
+            self.folder.log(f"warning: no report: {failure}")
 
     def doubt(self) -> str:
         """A sentence if the energy balance does not close."""
@@ -296,7 +322,7 @@ class _Recorder:
         """The last good state as a frame, the summary, the last line of the log."""
         with self.watch.phase("output"):
             if self.state.t > self.frames.times[-1]:
-                self.frames.add(self.state)
+                self._frame()
             for table in self.tables.values():
                 table.close()
         seconds = self.watch.seconds | {"total": self.watch.total}
@@ -307,6 +333,7 @@ class _Recorder:
             "t": self.state.t,
             "t_end": self.built.t_end,
             **_sizes_of(self.built.system),
+            "method": str(self.built.method),
             **self.counts,
             "frames": len(self.frames.times),
             "open": self.frames.opens.name,
@@ -317,6 +344,7 @@ class _Recorder:
             "versions": versions(),
         }
         self.folder.summary(summary)
+        self._report(summary)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         self.folder.log(f"{words}: {error}" if error else words)
         if warning:
@@ -325,7 +353,7 @@ class _Recorder:
 
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
-_TABLES = ("steps", "energies", "observed")
+_TABLES = ("steps", "energies", "observed", "strains")
 _COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
 
 

@@ -1,0 +1,357 @@
+// A cloth in motion on a WebGL 2 canvas: showCloth(element, data), data as viewer.py packs it.
+"use strict";
+
+// viridis (Smith and van der Walt 2015, CC0) at eleven equal steps
+const COLOURS = VIRIDIS;
+const LIGHT = normalize([0.35, -0.5, 0.9]);
+const HALF_ANGLE = (15 * Math.PI) / 180;
+
+const VERTEX = `#version 300 es
+in vec3 position; in vec3 normal; in float value;
+uniform mat4 camera; uniform vec3 light; uniform float ground; uniform int part;
+out vec3 at; out vec3 across; out float shade;
+void main() {
+  at = position;
+  if (part == 1) at -= light * (position.z - ground) / light.z;  // its shadow
+  across = normal; shade = value;
+  gl_Position = camera * vec4(at, 1.0);
+}`;
+
+// part 0: the cloth, 1: its shadow, 2: the ground, 3: its rim
+const FRAGMENT = `#version 300 es
+precision highp float; precision highp int;
+in vec3 at; in vec3 across; in float shade;
+uniform vec3 light, eye, middle, colours[11]; uniform float size; uniform int part;
+out vec4 colour;
+const vec3 PAPER = vec3(0.965, 0.97, 0.975);
+float lines(vec2 p, float spacing) {
+  vec2 q = p / spacing, w = fwidth(q), d = abs(fract(q - 0.5) - 0.5) / max(w, vec2(1e-6));
+  return (1.0 - min(min(d.x, d.y), 1.0)) * clamp(1.0 - 2.0 * max(w.x, w.y), 0.0, 1.0);
+}
+void main() {
+  float fade = smoothstep(1.0, 0.3, length(at.xy - middle.xy) / (4.0 * size));
+  if (part == 1) { colour = vec4(mix(PAPER, vec3(0.80, 0.82, 0.84), fade), 1.0); return; }
+  if (part == 3) { colour = vec4(0.1, 0.12, 0.15, 1.0); return; }
+  if (part == 2) {
+    float spacing = pow(10.0, floor(log(size) / log(10.0)));
+    vec3 floor_ = mix(vec3(0.915, 0.925, 0.93), vec3(0.82), 0.8 * lines(at.xy, spacing));
+    colour = vec4(mix(PAPER, floor_, fade), 1.0); return;
+  }
+  vec3 n = normalize(across), to = normalize(eye - at);
+  if (dot(n, to) < 0.0) n = -n;
+  float s = clamp(shade, 0.0, 1.0) * 10.0;
+  int i = int(min(s, 9.0));
+  vec3 base = mix(colours[i], colours[i + 1], s - float(i));
+  if (!gl_FrontFacing) base *= 0.86;
+  float lit = 0.6 + 0.32 * max(dot(n, light), 0.0) + 0.22 * max(dot(n, to), 0.0);
+  float gleam = 0.12 * pow(max(dot(n, normalize(light + to)), 0.0), 24.0);
+  colour = vec4(base * lit + gleam, 1.0);
+}`;
+
+function normalize(a) { const l = Math.hypot(...a) || 1; return a.map((x) => x / l); }
+function cross(a, b) {
+  return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+}
+function dot(a, b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+function unpack(text, Kind) {
+  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  return new Kind(bytes.buffer);
+}
+
+// --- what is drawn ------------------------------------------------------------------------------
+
+class Cloth {
+  constructor(data) {
+    this.data = data;
+    this.points = unpack(data.points, Uint16Array);
+    this.triangles = unpack(data.triangles, Uint32Array);
+    this.rim = unpack(data.rim, Uint32Array);
+    this.fields = data.fields.map((f) => ({ ...f, values: unpack(f.values, Uint16Array) }));
+    this.vertices = new Float32Array(7 * this.triangles.length);
+    this.edge = new Float32Array(7 * this.rim.length);
+  }
+
+  positions(frame) {
+    const { nodes, low, high } = this.data, x = new Float32Array(3 * nodes);
+    const from = 3 * nodes * frame, step = high.map((h, c) => (h - low[c]) / 65535);
+    for (let i = 0; i < x.length; i++) x[i] = low[i % 3] + step[i % 3] * this.points[from + i];
+    return x;
+  }
+
+  // About so many positions out of the whole motion.
+  sample(count) {
+    const { low, high } = this.data, step = high.map((h, c) => (h - low[c]) / 65535);
+    const stride = 3 * Math.ceil(this.points.length / 3 / count), found = [];
+    for (let i = 0; i < this.points.length; i += stride) {
+      found.push(low.map((l, c) => l + step[c] * this.points[i + c]));
+    }
+    return found;
+  }
+
+  normals(x) {
+    const n = new Float32Array(x.length), t = this.triangles;
+    for (let i = 0; i < t.length; i += 3) {
+      const [a, b, c] = [3 * t[i], 3 * t[i + 1], 3 * t[i + 2]];
+      const u = [x[b] - x[a], x[b + 1] - x[a + 1], x[b + 2] - x[a + 2]];
+      const v = [x[c] - x[a], x[c + 1] - x[a + 1], x[c + 2] - x[a + 2]];
+      const w = cross(u, v);
+      for (const k of [a, b, c]) { n[k] += w[0]; n[k + 1] += w[1]; n[k + 2] += w[2]; }
+    }
+    return n;
+  }
+
+  // Position, normal and value (0 to 1 on the colour bar) of three corners for each triangle.
+  fill(frame, field) {
+    const x = this.positions(frame), n = this.normals(x), t = this.triangles, out = this.vertices;
+    const f = this.fields[field], from = frame * f.count, scale = (f.high - f.low) / 65535;
+    const span = f.shown[1] - f.shown[0] || 1, parts = t.length / 3 / this.data.cells;
+    for (let i = 0; i < t.length; i++) {
+      const node = t[i], k = f.per === "node" ? node : Math.floor(i / 3 / parts);
+      const value = f.low + scale * f.values[from + k];
+      for (let c = 0; c < 3; c++) {
+        out[7 * i + c] = x[3 * node + c];
+        out[7 * i + 3 + c] = n[3 * node + c];
+      }
+      out[7 * i + 6] = (value - f.shown[0]) / span;
+    }
+    this.rim.forEach((node, i) => this.edge.set(x.subarray(3 * node, 3 * node + 3), 7 * i));
+  }
+}
+
+// --- camera -------------------------------------------------------------------------------------
+
+class Camera {
+  constructor(cloth) {
+    this.data = cloth.data;
+    this.reset();
+    this.sample = cloth.sample(3000);
+    this.first = this.axes();
+  }
+
+  reset() {
+    const { low, high, azimuth, elevation } = this.data;
+    Object.assign(this, { azimuth, elevation, zoom: 1 });
+    this.target = low.map((l, c) => (l + high[c]) / 2);
+  }
+
+  axes() {
+    const [a, e] = [this.azimuth, this.elevation];
+    const back = [Math.cos(e) * Math.cos(a), Math.cos(e) * Math.sin(a), Math.sin(e)];
+    const right = [-Math.sin(a), Math.cos(a), 0];
+    return { back, right, up: cross(back, right) };
+  }
+
+  // The distance from which the whole motion just fits, as first looked at.
+  fitted(aspect) {
+    const { low, high } = this.data, { back, right, up } = this.first;
+    const tan = Math.tan(HALF_ANGLE), middle = low.map((l, c) => (l + high[c]) / 2);
+    let far = 1e-9;
+    for (const x of this.sample) {
+      const p = x.map((value, c) => value - middle[c]);
+      const wide = Math.max(Math.abs(dot(p, right)) / (tan * aspect), Math.abs(dot(p, up)) / tan);
+      far = Math.max(far, 1.08 * wide + dot(p, back));
+    }
+    return far;
+  }
+
+  matrix(aspect) {
+    const { back, right, up } = this.axes(), far = this.fitted(aspect) * this.zoom;
+    this.distance = far;
+    const eye = this.target.map((t, c) => t + far * back[c]);
+    const f = 1 / Math.tan(HALF_ANGLE), [near, end] = [0.02 * far, 30 * far];
+    const rows = [right.map((r) => (r * f) / aspect), up.map((u) => u * f)];
+    const at = rows.map((r) => -dot(r, eye)), depth = -dot(back, eye);
+    const [A, B] = [(end + near) / (near - end), (2 * end * near) / (near - end)];
+    const m = new Float32Array(16);
+    for (let c = 0; c < 3; c++) {
+      m.set([rows[0][c], rows[1][c], A * back[c], -back[c]], 4 * c);
+    }
+    m.set([at[0], at[1], A * depth + B, -depth], 12);
+    return { m, eye };
+  }
+}
+
+// --- drawing ------------------------------------------------------------------------------------
+
+class Scene {
+  constructor(canvas, cloth, camera) {
+    Object.assign(this, { canvas, cloth, camera });
+    const gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+    if (!gl) throw new Error("This browser shows no WebGL 2.");
+    this.gl = gl;
+    this.program = this.compiled();
+    const { low, high } = cloth.data;
+    this.size = Math.hypot(...low.map((l, c) => high[c] - l)) || 1;
+    this.middle = low.map((l, c) => (l + high[c]) / 2);
+    this.ground = low[2] - 0.03 * this.size;
+    this.buffers = [0, 1, 2].map(() => gl.createBuffer());
+    const r = 5 * this.size, corners = [[-r, -r], [r, -r], [-r, r], [r, r]];
+    const floor = corners.flatMap(([x, y]) => [
+      this.middle[0] + x, this.middle[1] + y, this.ground, 0, 0, 1, 0]);
+    this.send(2, new Float32Array(floor));
+  }
+
+  compiled() {
+    const gl = this.gl, program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+      const log = gl.getShaderInfoLog(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(log);
+    }
+    ["position", "normal", "value"].forEach((name, i) => gl.bindAttribLocation(program, i, name));
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
+      throw new Error(gl.getProgramInfoLog(program));
+    }
+    gl.useProgram(program);
+    return program;
+  }
+
+  send(i, values) {
+    const gl = this.gl;
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers[i]);
+    gl.bufferData(gl.ARRAY_BUFFER, values, gl.DYNAMIC_DRAW);
+  }
+
+  show(frame, field) {
+    this.cloth.fill(frame, field);
+    this.send(0, this.cloth.vertices);
+    this.send(1, this.cloth.edge);
+    this.draw();
+  }
+
+  at(name) { return this.gl.getUniformLocation(this.program, name); }
+
+  part(number, buffer, mode, count) {
+    const gl = this.gl;
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers[buffer]);
+    [[0, 3, 0], [1, 3, 12], [2, 1, 24]].forEach(([i, size, offset]) => {
+      gl.enableVertexAttribArray(i);
+      gl.vertexAttribPointer(i, size, gl.FLOAT, false, 28, offset);
+    });
+    gl.uniform1i(this.at("part"), number);
+    gl.drawArrays(mode, 0, count);
+  }
+
+  draw() {
+    const gl = this.gl, canvas = this.canvas, ratio = window.devicePixelRatio || 1;
+    canvas.width = Math.max(1, Math.round(canvas.clientWidth * ratio));
+    canvas.height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    const { m, eye } = this.camera.matrix(canvas.width / canvas.height);
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    gl.clearColor(0.965, 0.97, 0.975, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.uniformMatrix4fv(this.at("camera"), false, m);
+    gl.uniform3fv(this.at("light"), LIGHT);
+    gl.uniform3fv(this.at("eye"), eye);
+    gl.uniform3fv(this.at("middle"), this.middle);
+    gl.uniform3fv(this.at("colours"), COLOURS.flat().map((x) => x / 255));
+    gl.uniform1f(this.at("size"), this.size);
+    gl.uniform1f(this.at("ground"), this.ground);
+    const corners = this.cloth.triangles.length;
+    gl.disable(gl.DEPTH_TEST);
+    if (eye[2] > this.ground) {  // from below there is no ground to look through
+      this.part(2, 2, gl.TRIANGLE_STRIP, 4);
+      this.part(1, 0, gl.TRIANGLES, corners);
+    }
+    gl.enable(gl.DEPTH_TEST);
+    gl.enable(gl.POLYGON_OFFSET_FILL);
+    gl.polygonOffset(1, 1);
+    this.part(0, 0, gl.TRIANGLES, corners);
+    this.part(3, 1, gl.LINES, this.cloth.rim.length);
+  }
+}
+
+// --- the hand -----------------------------------------------------------------------------------
+
+// One finger or the left button turns, two fingers or the wheel zoom, shift or the right one moves.
+function steer(canvas, camera, draw) {
+  const held = new Map();
+  const spread = () => {
+    const [a, b] = [...held.values()];
+    return Math.hypot(a.x - b.x, a.y - b.y);
+  };
+  canvas.addEventListener("pointerdown", (e) => {
+    canvas.setPointerCapture(e.pointerId);
+    held.set(e.pointerId, { x: e.clientX, y: e.clientY });
+  });
+  canvas.addEventListener("pointermove", (e) => {
+    const last = held.get(e.pointerId);
+    if (!last) return;
+    const before = held.size === 2 ? spread() : 0, dx = e.clientX - last.x, dy = e.clientY - last.y;
+    held.set(e.pointerId, { x: e.clientX, y: e.clientY });
+    if (held.size === 2) camera.zoom *= before / Math.max(spread(), 1);
+    else if (e.shiftKey || e.buttons === 2) {
+      const { right, up } = camera.axes();
+      const unit = (2 * camera.distance * Math.tan(HALF_ANGLE)) / canvas.clientHeight;
+      camera.target = camera.target.map((t, c) => t + unit * (dy * up[c] - dx * right[c]));
+    } else {
+      camera.azimuth -= 0.008 * dx;
+      camera.elevation = Math.min(1.56, Math.max(-1.56, camera.elevation + 0.008 * dy));
+    }
+    draw();
+  });
+  for (const end of ["pointerup", "pointercancel"]) {
+    canvas.addEventListener(end, (e) => held.delete(e.pointerId));
+  }
+  canvas.addEventListener("wheel", (e) => {
+    e.preventDefault();
+    camera.zoom *= Math.exp(0.001 * e.deltaY);
+    draw();
+  }, { passive: false });
+  canvas.addEventListener("contextmenu", (e) => e.preventDefault());
+  canvas.addEventListener("dblclick", () => { camera.reset(); draw(); });
+}
+
+function figures(value) { return Number(value.toPrecision(4)).toString(); }
+
+function legend(element, field) {
+  const stops = COLOURS.map((c) => `rgb(${c})`).join(",");
+  element.querySelector(".ramp").style.background = `linear-gradient(to right, ${stops})`;
+  const [low, high] = element.querySelectorAll(".end");
+  low.textContent = figures(field.shown[0]);
+  high.textContent = `${figures(field.shown[1])} ${field.unit}`;
+}
+
+function showCloth(element, data) {
+  const find = (name) => element.querySelector(name);
+  const [canvas, slider, chooser, play] = ["canvas", ".time", ".field", ".play"].map(find);
+  const cloth = new Cloth(data), camera = new Camera(cloth);
+  let scene;
+  try { scene = new Scene(canvas, cloth, camera); } catch (error) {
+    canvas.replaceWith(Object.assign(document.createElement("p"), { textContent: error.message }));
+    return;
+  }
+  const show = () => {
+    const frame = Number(slider.value), field = Number(chooser.value);
+    find(".now").textContent = `t = ${figures(data.times[frame])} s`;
+    legend(find(".legend"), cloth.fields[field]);
+    scene.show(frame, field);
+  };
+  slider.max = data.times.length - 1;
+  slider.value = data.start;
+  cloth.fields.forEach((f, i) => chooser.add(new Option(f.title, i)));
+  for (const input of [slider, chooser]) input.addEventListener("input", show);
+  let timer = 0;
+  const stop = () => { clearInterval(timer); timer = 0; play.textContent = "▶"; };
+  const next = () => {
+    slider.value = (Number(slider.value) + 1) % data.times.length;
+    show();
+  };
+  const length = data.times[data.times.length - 1] - data.times[0];
+  const pace = Math.min(200, Math.max(33, (1000 * length) / Math.max(data.times.length - 1, 1)));
+  play.addEventListener("click", () => {
+    if (timer) { stop(); return; }
+    timer = setInterval(next, pace);
+    play.textContent = "❚❚";
+  });
+  slider.addEventListener("pointerdown", stop);
+  if (data.times.length < 2) for (const part of [slider, play]) part.hidden = true;
+  steer(canvas, camera, () => scene.draw());
+  new ResizeObserver(() => scene.draw()).observe(canvas);
+  show();
+}
