@@ -1,5 +1,6 @@
 """Self-convergence, on answers that are known and on a scene of one's own."""
 
+import convergence
 import harness
 import numpy as np
 import pytest
@@ -80,3 +81,16 @@ def test_a_scene_without_h_is_refused(tmp_path):
     options = harness.arguments("Mine.", ["--scene", str(tmp_path / "a.toml")])
     with pytest.raises(fc.SceneError, match=r"needs cloth.h"):
         richardson.of_scene(options)
+
+
+def test_what_failed_is_an_order_missed():
+    """Also where no mesh of a family came through."""
+    failed = {"status": "failed", "cause": "x"}
+    rows, steps, swings = (
+        [case | failed for case in cases(True)]
+        for cases in (convergence.asked, convergence.timed, convergence.swung)
+    )
+    found = convergence.conclude(rows) + convergence.conclude_time(steps)
+    found += convergence.conclude_swing(convergence.compare(swings))
+    assert len(found) == 80
+    assert not any(finding.met for finding in found)
