@@ -5,8 +5,8 @@
 A run's error is the largest distance of a path (a mean over the cloth; the centre or free edge
 beside it) from that of the converged continuum, over the path's peak, at 40 times; between the
 steps Hermite's cubic. It has three parts: in time, against a run of fine steps on the same mesh;
-in space, of that against the same on the finest mesh; of the model, of that against the continuum, what the
-finest mesh leaves included.
+in space, of that against the same on the finest mesh; of the model, of that against the
+continuum, what the finest mesh leaves included.
 
 Seconds are the processor's, on one thread, of the march alone, after a warm-up of a fiftieth of
 the run, which also compiles: the least of three runs, or of the one run where that takes over 1 s.
