@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from . import linear
+from . import foresight, linear
 from .cloth import Cloth
 from .errors import FeclothError, InputError
 from .fabric import Fabric
@@ -24,7 +24,6 @@ from .record import Ledger
 from .runfolder import versions, writing
 from .runner import DONE, FAILED, run_scene, settled_scene
 from .scene import Built, Scene, Verdict, check, load
-from .stability import element_bound
 
 STATUS = """exit status:
   0  done
@@ -117,7 +116,9 @@ def _run(options) -> int:
     console = Console(stderr=True, quiet=options.quiet)
 
     def announce(built: Built, why: str) -> None:
-        console.print("\n".join(_plan(built, why)), highlight=False, soft_wrap=True)
+        lines = [*_sources(built.system.fabric), *foresight.plan(built, why)]
+        lines += [f"warning: {doubt}" for doubt in foresight.doubts(built)]
+        console.print("\n".join(lines), highlight=False, soft_wrap=True)
 
     with _progress(console, scene.time.t_end) as report:
         resume = bool(options.resume)
@@ -268,7 +269,9 @@ def _info(options) -> int:
         scene = load(options.scene, options.set)
         built = scene.build()
         built, _, why = settled_scene(built)
-        print("\n".join([*_described(built.cloth), *_plan(built, why)]))
+        lines = [*_described(built.cloth), *_sources(built.system.fabric)]
+        lines += [*foresight.plan(built, why), *foresight.doubts(built)]
+        print("\n".join(lines))
         return 0
     for name, found in versions().items():
         print(f"{name}: {found}")
@@ -296,22 +299,3 @@ def _sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
     """Who measured each fabric, as far as it says so."""
     regions = fabric if isinstance(fabric, Mapping) else {"fabric": fabric}
     return [f"{name}: {one.source}" for name, one in regions.items() if one.source]
-
-
-def _plan(built: Built, why: str) -> list[str]:
-    """What a run is about to do."""
-    system = built.system
-    lines = [
-        f"{len(system.cloth.X)} nodes, {_triangles(system.cloth)}, "
-        f"{system.admissible.shape[1]} free dofs",
-        f"terms: {', '.join(system.names) or 'none'}",
-        *_sources(system.fabric),
-        f"{built.method}{f', dt = {built.dt:g} s' if built.dt else ''} to t = {built.t_end:g} s",
-        f"linear solver: {why}",
-    ]
-    if built.note:
-        lines.append(built.note)
-    limit = element_bound(system, "central_difference")
-    if np.isfinite(limit):
-        lines.append(f"an explicit method would need dt <= {limit:.3g} s (bound at rest)")
-    return lines

@@ -29,6 +29,7 @@ from .atlimit import refuse_unstable
 from .auto import Auto
 from .cloth import Cloth
 from .errors import FeclothError, InputError, StepFailed
+from .foresight import doubts
 from .htmlreport import stretch_row, write_report
 from .march import Memory, StepInfo, add_seconds, balanced, march, run, settled
 from .newton import Solver
@@ -142,8 +143,9 @@ def run_scene(
     folder = RunFolder.opened(path, found.tables) if found else RunFolder.create(path, overwrite)
     folder.text("scene.resolved.toml", scene.to_toml())
     folder.log(f"{_sizes(built)}; solver {why}")
-    if built.note:
-        folder.log(built.note)
+    for line in (built.note, *(f"warning: {doubt}" for doubt in doubts(built))):
+        if line:
+            folder.log(line)
     recorder = _Recorder(folder, built, watch, solver, scene.to_toml(), start, found)
     error = None
     with _interruptible() as interrupted:
