@@ -38,7 +38,7 @@ KNOWN = {  # scene: what it needs, what not
     "cantilever": ("without HingeBending", "without Drag"),
     "wind": ("without Wind", "without QuadraticBending"),
 }
-PATIENCE = 10  # times the seconds of the full scene: more than that saves nothing
+PATIENCE = 3  # times the seconds of the full scene: more than that saves nothing
 LOST = 0.05  # of the seconds: less is not told from noise
 
 
