@@ -142,8 +142,10 @@ def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     assert child.exitcode == 0
     steps = (whole / "steps.csv").read_bytes().count(b"\n") - 1
     assert steps > 40
-    kills = 0
-    for share in (random.uniform(0.1, 0.4), random.uniform(0.5, 0.9)):
+    kills, shares = 0, [random.uniform(0.1, 0.8)]
+    if name == "Adaptive(BDF2)":  # it breaks off twice
+        shares = random.uniform(0.1, 0.4), random.uniform(0.5, 0.9)
+    for share in shares:
         kills += killed(started(scene, broken, kills > 0), broken, share * steps)
     assert kills > 0
     last = started(scene, broken, resume=True)
@@ -311,8 +313,8 @@ def test_frames_take_no_memory(tmp_path):
     tracemalloc.start()
     try:
         grown(0, 20)
-        assert grown(20, 420) < 400 * 16
+        assert grown(20, 220) < 200 * 16
     finally:
         tracemalloc.stop()
     listed = json.loads((tmp_path / "run.vtu.series").read_text())["files"]
-    assert [entry["time"] for entry in listed] == list(range(420))
+    assert [entry["time"] for entry in listed] == list(range(220))
