@@ -9,31 +9,53 @@ from .sums import dot
 from .system import State, System
 
 
-def taken(system: System, old: State, step: Step, theta: float, a: np.ndarray | None = None):
-    """Energy [J] that a method itself took in a step; negative where it gave some.
+def taken(system: System, old: State, step: Step, theta: float) -> float:
+    """Energy [J] that an explicit method itself took in a step; negative where it gave some.
 
-    With v̄ the mean of the old and new velocity, over the free directions where marked °, and the
-    mean over the stages of the step,
+    With v̄ the mean of the old and new velocity, ° the free directions, and the mean over the
+    stages of the step,
 
-        M Δv · (Δx/dt − v̄)° − M (Δv/dt − a) · Δx° + (θ − ½) Δx·K Δx − mean of d·(Δx − dt v)
+        M Δv · (Δx/dt − v̄)° + (θ − ½) Δx·K Δx − mean of d·(Δx − dt v)
 
-    where M a = f(stage), a = Δv/dt if it is left out, the stage lies at old + θ (new − old), and d
-    are the forces whose power at the stage's (x, v) the ledger takes as dissipated or as work.
-    Exact for energies quadratic in x and linear damping; on others the ledger's remainder shows
-    the rest. It need not grow in every step. Where pins are moved it holds what the damping does
-    between dt v and Δx.
+    where M Δv/dt is the mean force of the stages, of which the elastic part is that at
+    old + θ (new − old), and d are the forces whose power at the stages' (x, v) the ledger takes
+    as dissipated or as work. Exact for energies quadratic in x and linear damping; on others the
+    ledger's remainder shows the rest. It need not grow in every step. Where pins are moved it
+    holds what the damping does between dt v and Δx.
     """
-    dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
-    mass, free = system.scalar_mass, system.constraints.project
-    energy = dot(mass @ dv, free(dx / dt - old.v - 0.5 * dv))
-    if a is not None:
-        energy -= dot(mass @ (dv / dt - a), free(dx.copy()))
+    energy = _between_velocities(system, old, step)
     if theta != 0.5:
         energy += (theta - 0.5) * bend(system, old, step.state)
-    stages = stages_of(step)
-    for at in stages:
-        energy -= dot(column_forces(system, at), dx - dt * at.v) / len(stages)
-    return energy
+    return energy - _columns_miss(system, old, step)
+
+
+def taken_beyond(system: System, old: State, step) -> float:
+    """Energy [J] that a method itself took which solved M a = f(stage), not for the mean force.
+
+    With f̄ the mean of the old and new force, and d, v̄ and ° as in `taken`,
+
+        M Δv · (Δx/dt − v̄)° + (M a − M Δv/dt + f̄ − f(stage)) · Δx° − mean of d·(Δx − dt v)
+
+    The forces' work over the step is f̄ · Δx where they are linear, and all of M a − f(stage) that
+    is left unsolved stays in the ledger's remainder.
+    """
+    dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
+    beyond = system.scalar_mass @ (step.a - dv / dt) + step.force - step.solved
+    energy = _between_velocities(system, old, step) + dot(beyond, system.constraints.project(dx))
+    return energy - _columns_miss(system, old, step)
+
+
+def _between_velocities(system, old, step):
+    """M Δv · (Δx/dt − v̄) of the free directions."""
+    dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
+    free = system.constraints.project(dx / dt - old.v - 0.5 * dv)
+    return dot(system.scalar_mass @ dv, free)
+
+
+def _columns_miss(system, old, step):
+    """What the ledger's columns miss of the work of their forces: mean of d·(Δx − dt v)."""
+    dt, dx, stages = step.state.t - old.t, step.state.x - old.x, stages_of(step)
+    return sum(dot(column_forces(system, at), dx - dt * at.v) for at in stages) / len(stages)
 
 
 def bend(system: System, old: State, new: State) -> float:
@@ -42,7 +64,7 @@ def bend(system: System, old: State, new: State) -> float:
 
 
 def stages_of(step) -> tuple[State, ...]:
-    """Where the forces of a step were taken, equal in weight."""
+    """Where the ledger takes the forces of a step, equal in weight."""
     return getattr(step, "stages", (step.stage,))
 
 

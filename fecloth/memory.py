@@ -7,12 +7,13 @@ it a method starts anew.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from . import newton
 from .errors import InputError, is_number
-from .losses import taken
+from .losses import taken_beyond
 from .newton import Solver
 from .stage import Stage
 from .step import Step, arrival, held
@@ -21,13 +22,41 @@ from .system import State, System
 
 @dataclass(frozen=True, eq=False)
 class RememberedStep(Step):
-    """A step with what its energy balance needs.
+    """A step with what its energy balance needs; its forces are evaluated once, if asked for.
 
-    M a = f(stage) along the free directions, and the stage lies at old + θ (new − old).
+    M a = f(stage) along the free directions is what the method solved, at the stage's time. What
+    the forces did over the step is of second order by their mean over both ends, and what
+    damping and loads did by their power in the middle: at the stage it is of first order.
+
+    Where `share` is given, M a is the mean of the forces at both ends with that weight of the new.
     """
 
     a: np.ndarray
-    theta: float
+    old: State
+    system: System
+    share: float | None = None
+
+    @cached_property
+    def stages(self) -> tuple[State]:
+        """The mean of old and new state."""
+        return (blend(self.old, self.state, 0.5),)
+
+    @cached_property
+    def forces(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 3) forces [N] at both ends."""
+        return self.system.force(self.old), self.system.force(self.state)
+
+    @property
+    def force(self) -> np.ndarray:
+        """(n, 3) their mean [N]."""
+        return 0.5 * (self.forces[0] + self.forces[1])
+
+    @cached_property
+    def solved(self) -> np.ndarray:
+        """(n, 3) the force [N] that M a is along the free directions."""
+        if self.share is None:
+            return self.system.force(self.stage)
+        return (1 - self.share) * self.forces[0] + self.share * self.forces[1]
 
 
 class WithMemory:
@@ -39,8 +68,8 @@ class WithMemory:
     theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
 
     def numerical(self, system: System, old: State, step: RememberedStep) -> float:
-        """Energy [J] that the method itself took in a step, by `losses.taken`."""
-        return taken(system, old, step, step.theta, step.a)
+        """Energy [J] that the method itself took in a step, by `losses.taken_beyond`."""
+        return taken_beyond(system, old, step)
 
 
 def blend(old: State, new: State, theta: float) -> State:
@@ -85,6 +114,8 @@ class AccelerationMethod(WithMemory):
     x₁ = x₀ + dt v₀ + dt² ((½ − β) a₀ + β a₁),  v₁ = v₀ + dt ((1 − γ) a₀ + γ a₁);  unknown q = a₁.
     """
 
+    share: float | None = None  # as in `RememberedStep`
+
     @property
     def parameters(self) -> tuple[float, float, float, float]:
         """(α_m, α_f, β, γ)."""
@@ -124,13 +155,10 @@ class AccelerationMethod(WithMemory):
         new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * ((1 - gamma) * a))
         new = held(system, replace(new, v=new.v + dt * gamma * q), end)
         a_new = system.constraints.hold(q, moved)
-        balance = self.balance(state, new, stage, q, dt)
-        return RememberedStep(new, balance[0], Acceleration(a_new), counts, *balance[1:])
-
-    def balance(self, old, new, stage, q, dt) -> tuple[State, np.ndarray, float]:
-        """State, a and θ with M a = f(state) for the energy balance: here those of the stage."""
-        x, v, a = stage.at(q)
-        return State(stage.t, x, v), a, 1 - self.parameters[1]
+        x, v, a_stage = stage.at(q)
+        a_solved = a_stage if self.share is None else (new.v - state.v) / dt
+        solved = a_solved, state, system, self.share
+        return RememberedStep(new, State(stage.t, x, v), Acceleration(a_new), counts, *solved)
 
 
 @dataclass(frozen=True)
@@ -144,9 +172,6 @@ class Newmark(AccelerationMethod):
     (γ − ½)(ω dt)²/2 of a slow mode's amplitude a step; with β = (γ + ½)²/4 the fastest ones keep
     |γ − 3/2|/(γ + ½). Keeps linear momentum, not angular.
 
-    The energy balance is that of the state γ of the way from old to new, whose force is the mean
-    (1 − γ) f₀ + γ f₁ that moved the cloth on linear problems; on nonlinear ones the remainder,
-    and the reactions of pins, show the difference, of second order.
     Source: Newmark (1959), A Method of Computation for Structural Dynamics, J. Eng. Mech. Div. 85.
 
     Parameters
@@ -188,8 +213,10 @@ class Newmark(AccelerationMethod):
     def parameters(self) -> tuple[float, float, float, float]:
         return 0.0, 0.0, self.beta, self.gamma
 
-    def balance(self, old, new, stage, q, dt) -> tuple[State, np.ndarray, float]:
-        return blend(old, new, self.gamma), (new.v - old.v) / dt, self.gamma
+    @property
+    def share(self) -> float:
+        """γ: M Δv/dt = (1 − γ) f₀ + γ f₁."""
+        return self.gamma
 
 
 @dataclass(frozen=True)
@@ -284,9 +311,9 @@ class BDF2(WithMemory):
         end, stage = arrival(system, state, dt), self.stage(state, dt, guess)
         stage = holding(system, stage, end, stage.a + stage.wa * (end.v - state.v))
         q, counts = newton.solve(system, stage, solver, guess.dv)
-        x, v, a = stage.at(q)
+        _, v, a = stage.at(q)
         new = held(system, State(end.t, stage.x_end + stage.w_end * q, v), end)
-        return RememberedStep(new, State(stage.t, x, v), _change(state, new), counts, a, 1.0)
+        return RememberedStep(new, new, _change(state, new), counts, a, state, system, 1.0)
 
 
 def _change(old, new):

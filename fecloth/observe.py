@@ -21,7 +21,8 @@ from .terms.membrane import gradient
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
     """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed.
 
-    A step with an acceleration `a` of its own, at which it balanced the forces, is taken by that.
+    f is the mean force over the step. A step with an acceleration `a` of its own, and the force
+    that it `solved` for, is taken by these: BDF2's reactions are those at the end of the step.
     Only the held directions count: a slide has no reaction along its line or plane.
     """
     if not system.constraints.groups:
@@ -29,7 +30,8 @@ def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
     dt = step.state.t - old.t
     constraints = system.constraints
     a = getattr(step, "a", (step.state.v - old.v) / dt)
-    residual = system.scalar_mass @ a - mean_force(system, step)
+    f = step.solved if hasattr(step, "solved") else mean_force(system, step)
+    residual = system.scalar_mass @ a - f
     residual[constraints.nodes] = constraints.held(residual)
     return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}
 
