@@ -103,7 +103,10 @@ class RunFolder:
             if not path.exists() or not any(path.iterdir()):
                 return
             if not overwrite:
-                remedy = "Choose another folder with -o, or pass --overwrite to replace its run."
+                remedy = (
+                    "Choose another folder with -o, or pass --overwrite to replace its run, or "
+                    f"--resume {path} to go on with it."
+                )
                 raise InputError(f"output folder {path}", "is not empty", remedy=remedy)
             if not any((path / name).is_file() for name in ("scene.resolved.toml", *TABLES)):
                 remedy = "Choose another folder with -o."

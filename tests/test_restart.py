@@ -14,6 +14,8 @@ import pytest
 import fecloth as fc
 from fecloth import restart
 from fecloth.cli import main
+from fecloth.explicit import EXPLICIT
+from fecloth.integrators import METHODS
 from fecloth.output import Frames, read_frame
 from fecloth.runner import run_scene
 from fecloth.scene import load
@@ -169,11 +171,11 @@ def interrupted(scene, folder, after, resume=False):
     return run_scene(load(scene), folder, report=report, resume=resume)
 
 
-EXPLICIT = TEXT + RUNS["AtLimit"].replace("restart_steps = 50\n", "")
+UNASKED = TEXT + RUNS["AtLimit"].replace("restart_steps = 50\n", "")
 
 
 def test_an_interrupted_run_goes_on_without_restart_steps(scene, tmp_path):
-    scene.write_text(EXPLICIT)
+    scene.write_text(UNASKED)
     run_scene(load(scene), tmp_path / "whole")
     outcome = interrupted(scene, tmp_path / "broken", 37)
     assert outcome.status == "interrupted"
@@ -197,7 +199,7 @@ def test_an_interruption_between_two_restarts_costs_no_bit(scene, tmp_path):
 
 
 def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys):
-    scene.write_text(EXPLICIT)
+    scene.write_text(UNASKED)
     folder = tmp_path / "out"
     interrupted(scene, folder, 20)
     before = written(folder)
@@ -237,7 +239,7 @@ def test_a_broken_restart_file_is_passed_over_or_refused(scene, tmp_path):
 
 
 def test_a_table_that_has_lost_rows_is_refused(scene, tmp_path):
-    scene.write_text(EXPLICIT)
+    scene.write_text(UNASKED)
     interrupted(scene, tmp_path / "out", 20)
     (tmp_path / "out" / "steps.csv").write_text("step,t\n1,0.1\n")
     with pytest.raises(fc.InputError, match="steps.csv has lost rows"):
@@ -254,19 +256,15 @@ def test_what_a_failed_run_had_reached_is_kept(scene, tmp_path):
     assert found.memory.step == outcome.summary["steps"]
 
 
-METHODS = [
-    (fc.ImplicitMidpoint(), 0.01),
-    (fc.EnergyMomentum(), 0.01),
-    (fc.LinearlyImplicitEuler(), 0.01),
-    (fc.GeneralizedAlpha(), 0.01),
-    (fc.BDF2(), 0.01),
-    (fc.SymplecticEuler(), 0.001),
+EVERY = [
+    *((cls(), 0.01) for cls in METHODS.values()),
+    *((cls(beyond_limit=True), 0.001) for cls in EXPLICIT.values()),
     (fc.Adaptive(fc.Newmark(), rtol=1e-4), None),
     (fc.CentralDifference(), None),
 ]
 
 
-@pytest.mark.parametrize(("method", "dt"), METHODS, ids=lambda m: type(m).__name__)
+@pytest.mark.parametrize(("method", "dt"), EVERY, ids=lambda m: type(m).__name__)
 def test_march_goes_on_from_a_memory_that_was_written(method, dt, isotropic, tmp_path):
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
     system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
