@@ -1,10 +1,11 @@
-"""The command line: fecloth run | check | mesh | info."""
+"""The command line: fecloth run | view | render | check | mesh | info."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
+import webbrowser
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -21,9 +22,12 @@ from .fabric import Fabric
 from .march import StepInfo, run
 from .output import MESHIO
 from .record import Ledger
+from .render import render
 from .runfolder import versions, writing
 from .runner import DONE, FAILED, run_scene, settled_scene
 from .scene import Built, Scene, Verdict, check, load
+from .series import FIELDS
+from .viewer import write_view
 
 STATUS = """exit status:
   0  done
@@ -62,7 +66,9 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"fecloth {version('fecloth')}")
-    commands = parser.add_subparsers(required=True, metavar="run | check | mesh | info")
+    commands = parser.add_subparsers(
+        required=True, metavar="run | view | render | check | mesh | info"
+    )
 
     sub = _command(commands, "run", _run, "run a scene and leave files for ParaView")
     sub.add_argument("scene", help="a .toml file")
@@ -70,6 +76,18 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("-o", "--output", metavar="DIR", help="folder to write (default: out/SCENE)")
     sub.add_argument("--overwrite", action="store_true", help="replace the run in that folder")
     sub.add_argument("--resume", metavar="DIR", help="go on with the run in that folder")
+
+    sub = _command(commands, "view", _view, "make view.html of a run and open it in the browser")
+    sub.add_argument("folder", metavar="DIR", help="folder of a run")
+    sub.add_argument("--no-open", action="store_true", help="only write the page")
+
+    sub = _command(commands, "render", _render, "draw a run as a movie or a picture")
+    sub.add_argument("folder", metavar="DIR", help="folder of a run")
+    sub.add_argument("-o", "--output", metavar="FILE", required=True, help=".mp4, .gif or .png")
+    sub.add_argument("--field", default="larger_stretch", help=f"one of {', '.join(FIELDS)}")
+    sub.add_argument("--size", metavar="WxH", default="1280x720", help="pixels (1280x720)")
+    sub.add_argument("--fps", type=float, help="frames a second (default: as the cloth moved)")
+    sub.add_argument("--time", type=float, metavar="T", help="of a .png [s] (default: the last)")
 
     sub = _command(commands, "check", _check, "run scenes and verify their [expect] tables")
     sub.add_argument("scenes", nargs="+", metavar="scene", help="a .toml file")
@@ -175,6 +193,27 @@ def _progress(console: Console, t_end: float) -> Iterator[Callable[[StepInfo], N
     finally:
         if progress.live.is_started:
             progress.stop()
+
+
+# --- view, render ---------------------------------------------------------------------------------
+
+
+def _view(options) -> int:
+    file = write_view(options.folder)
+    print(f"wrote {file}")
+    if not options.no_open:
+        webbrowser.open(file.resolve().as_uri())
+    return 0
+
+
+def _render(options) -> int:
+    try:
+        width, height = map(int, options.size.split("x"))
+    except ValueError as error:
+        raise InputError(f"--size {options.size}", "must be like 1280x720") from error
+    chosen = options.field, (width, height), options.fps, options.time
+    print(f"wrote {render(options.folder, options.output, *chosen)}")
+    return 0
 
 
 # --- check ----------------------------------------------------------------------------------------

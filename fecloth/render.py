@@ -1,0 +1,271 @@
+"""fecloth render DIR -o FILE: a movie (.mp4, .gif) or a picture (.png) of a run, without a display.
+
+The cloth is coloured by a field of series.py, lit from above, over a ground that bears its shadow,
+and seen from where the whole motion just fits. Needs the extra [view]: PyVista, and imageio with
+its ffmpeg for .mp4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .errors import InputError
+from .runfolder import writing
+from .series import FIELDS, Frame, Series, field_values, rim, straight
+from .viewer import PERCENT, View, view_of
+
+SUFFIXES = (".mp4", ".gif", ".png")
+FPS = 5.0, 30.0  # between these a movie runs as fast as the cloth did
+HALF_ANGLE = math.radians(15.0)
+LIGHT = np.array([0.35, -0.5, 0.9]) / np.linalg.norm([0.35, -0.5, 0.9])
+PAPER, FLOOR, SHADOW = (246, 247, 249), (226, 230, 234), "#c3c8cd"
+PER_FRAME = 4000  # values and positions of a frame that the colours and the camera are fitted to
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """What stays the same in all frames of a movie.
+
+    Attributes
+    ----------
+    view, distance
+        From where [m].
+    colours
+        Ends of the colour bar.
+    ground
+        Its height [m].
+    """
+
+    field: str
+    view: View
+    distance: float
+    colours: tuple[float, float]
+    ground: float
+    size: tuple[int, int]
+
+
+def render(
+    folder: str | Path,
+    target: str | Path,
+    field: str = "larger_stretch",
+    size: tuple[int, int] = (1280, 720),
+    fps: float | None = None,
+    time: float | None = None,
+) -> Path:
+    """Draw a run; returns the file.
+
+    Parameters
+    ----------
+    target
+        A .mp4 or .gif of all frames, or a .png of one.
+    field
+        A name of `series.FIELDS`.
+    size
+        Width and height in pixels; of a .mp4 both even.
+    fps
+        Frames a second; left out, as fast as the cloth moved, within `FPS`.
+    time
+        Of the .png [s]: the frame next to it; left out, the last.
+
+    Raises
+    ------
+    InputError
+        If there are no frames, no such field, or another suffix.
+    """
+    target = Path(target)
+    _refuse(target, size, fps, time)
+    series = Series.open(folder)
+    shot = _shot(series, field, size)
+    frames = range(len(series.times))
+    if target.suffix == ".png":
+        wanted = series.times[-1] if time is None else time
+        frames = [int(np.argmin(np.abs(np.array(series.times) - wanted)))]
+    if fps is None:
+        length = series.times[-1] - series.times[0]
+        fps = float(np.clip((len(frames) - 1) / length if length else FPS[0], *FPS))
+    quiet = _package("pyvista").vtk_verbosity("error")  # no word that there is no display
+    with quiet, writing(target), _written(target, fps) as add:
+        for image in _images(series, frames, shot):
+            add(image)
+    return target
+
+
+def _refuse(target: Path, size, fps, time) -> None:
+    if target.suffix not in SUFFIXES:
+        raise InputError(f"-o {target}", f"must end in {', '.join(SUFFIXES)}")
+    if min(size) < 16 or max(size) > 8192 or (target.suffix == ".mp4" and any(s % 2 for s in size)):
+        allowed = "must be 16 to 8192 pixels, even for .mp4"
+        raise InputError(f"size {size[0]}x{size[1]}", allowed)
+    if fps is not None and not 0 < fps <= 240:
+        raise InputError(f"fps = {fps:g}", "must be > 0 and at most 240")
+    if time is not None and target.suffix != ".png":
+        raise InputError("a time", "is for a .png", str(target), "Leave it out for a movie.")
+
+
+def _package(name: str):
+    import importlib
+
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        remedy = 'Install it: pip install "fecloth[view]".'
+        raise InputError(f"a picture needs the package {name}", remedy=remedy) from error
+
+
+@contextmanager
+def _written(target: Path, fps: float) -> Iterator:
+    """Gives a function that takes the images (h, w, 3) one by one."""
+    imageio = _package("imageio.v2")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if target.suffix == ".png":
+        yield lambda image: imageio.imwrite(target, image)
+        return
+    if target.suffix == ".mp4":
+        _package("imageio_ffmpeg")
+        options = {"fps": fps, "macro_block_size": 2, "quality": 8}
+    else:
+        options = {"duration": 1000 / fps, "loop": 0}
+    with imageio.get_writer(target, **options) as writer:
+        yield writer.append_data
+
+
+# --- what fits ------------------------------------------------------------------------------------
+
+
+def _shot(series: Series, field: str, size: tuple[int, int]) -> Shot:
+    """Fit colours and camera to the whole motion."""
+    values, points, lows, highs = [], [], [], []
+    for i in range(len(series.times)):
+        frame = series.read(i)
+        shown = field_values(frame, field)
+        values.append(shown[:: 1 + len(shown) // PER_FRAME])
+        points.append(frame.points[:: 1 + len(frame.points) // PER_FRAME])
+        lows.append(frame.points.min(axis=0))
+        highs.append(frame.points.max(axis=0))
+    low, high = np.min(lows, axis=0), np.max(highs, axis=0)
+    view = view_of(low, high)
+    colours = np.percentile(np.concatenate(values), PERCENT)
+    distance = _fitted(view, np.concatenate(points), size[0] / size[1])
+    ground = low[2] - 0.03 * np.linalg.norm(high - low)
+    return Shot(field, view, distance, tuple(colours), float(ground), size)
+
+
+def _axes(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors to the eye, to the right and up, as the picture shows them."""
+    a, e = view.azimuth, view.elevation
+    back = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
+    right = np.array([-math.sin(a), math.cos(a), 0.0])
+    return back, right, np.cross(back, right)
+
+
+def _fitted(view: View, points: np.ndarray, aspect: float) -> float:
+    """The distance from which all points lie in the picture, with a margin for the colour bar."""
+    back, right, up = _axes(view)
+    p, tan = points - view.box.mean(axis=0), math.tan(HALF_ANGLE)
+    wide = np.maximum(np.abs(p @ right) / (tan * aspect), np.abs(p @ up) / tan)
+    return float(np.max(1.15 * wide + p @ back))
+
+
+# --- drawing --------------------------------------------------------------------------------------
+
+
+def _images(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
+    """One image (h, w, 3) a frame."""
+    pyvista = _package("pyvista")
+    first = series.read(frames[0])
+    triangles, parts = straight(first.cells), len(straight(first.cells)) // len(first.cells)
+    cloth = pyvista.PolyData.from_regular_faces(first.points.astype(float), triangles)
+    shadow = cloth.copy()
+    edges = rim(triangles)
+    border = pyvista.PolyData(first.points.astype(float), lines=np.insert(edges, 0, 2, axis=1))
+    _dress(cloth, first, shot, parts)
+    plotter = _stage(pyvista, shot)
+    plotter.add_mesh(shadow, color=SHADOW, lighting=False)
+    _add_cloth(plotter, cloth, shot)
+    plotter.add_mesh(border, color="#1b2027", line_width=1.5, lighting=False)
+    text = max(6, round(shot.size[1] / 75))
+    try:
+        for i in frames:
+            frame = series.read(i)
+            _dress(cloth, frame, shot, parts)
+            border.points = cloth.points
+            drop = (cloth.points[:, 2:] - shot.ground) / LIGHT[2]
+            shadow.points = cloth.points - drop * LIGHT + [0, 0, 1e-3 * np.ptp(shot.view.box)]
+            label = {
+                "position": (0.02, 0.93),
+                "viewport": True,
+                "font_size": text,
+                "color": "#1b2027",
+                "name": "time",
+            }
+            plotter.add_text(f"t = {frame.t:.3f} s", **label)
+            yield plotter.screenshot(return_img=True)
+    finally:
+        plotter.close()
+
+
+def _dress(cloth, frame: Frame, shot: Shot, parts: int) -> None:
+    """Move the mesh to a frame and give it the field's values."""
+    values = field_values(frame, shot.field)
+    cloth.points = frame.points.astype(float)
+    if len(values) == len(frame.points):
+        cloth.point_data["shown"] = values
+    else:
+        cloth.cell_data["shown"] = np.repeat(values, parts)
+    corners = cloth.points[cloth.regular_faces]
+    normals = np.zeros_like(cloth.points)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    for corner in cloth.regular_faces.T:
+        np.add.at(normals, corner, across)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    cloth.point_data.active_normals = normals / np.where(lengths > 0, lengths, 1.0)
+
+
+def _stage(pyvista, shot: Shot):
+    """Camera, lights and ground."""
+    plotter = pyvista.Plotter(off_screen=True, window_size=shot.size, lighting="none")
+    plotter.set_background(tuple(c / 255 for c in PAPER))
+    middle, size = shot.view.box.mean(axis=0), float(np.linalg.norm(np.diff(shot.view.box, axis=0)))
+    eye = middle + shot.distance * _axes(shot.view)[0]
+    plotter.camera_position = [tuple(eye), tuple(middle), (0.0, 0.0, 1.0)]
+    plotter.camera.view_angle = math.degrees(2 * HALF_ANGLE)
+    for position, intensity in ((middle + 10 * size * LIGHT, 0.55), (eye, 0.5)):
+        light = pyvista.Light(position=tuple(position), focal_point=tuple(middle))
+        light.intensity = intensity
+        plotter.add_light(light)
+    centre = (*middle[:2], shot.ground)
+    floor = pyvista.Disc(center=centre, inner=0.0, outer=4 * size, r_res=40, c_res=72)
+    far = np.linalg.norm(floor.points[:, :2] - middle[:2], axis=1) / (4 * size)
+    share = np.clip((1 - far) / 0.7, 0, 1)[:, None]
+    floor["rgb"] = (share * FLOOR + (1 - share) * PAPER).astype(np.uint8)
+    plotter.add_mesh(floor, scalars="rgb", rgb=True, lighting=False)
+    plotter.camera.clipping_range = 0.05 * shot.distance, shot.distance + 12 * size
+    return plotter
+
+
+def _add_cloth(plotter, cloth, shot: Shot) -> None:
+    field = FIELDS[shot.field]
+    title = f"{field.title} [{field.unit}]" if field.unit else field.title
+    bar = {"title": title, "color": "#1b2027", "n_labels": 2, "fmt": "%.4g"}
+    scale = shot.size[1] / 720
+    bar |= {"title_font_size": round(16 * scale), "label_font_size": round(13 * scale)}
+    bar |= {"width": 0.34, "height": 0.1, "position_x": 0.63, "position_y": 0.02}
+    actor = plotter.add_mesh(
+        cloth,
+        scalars="shown",
+        cmap="viridis",
+        clim=shot.colours,
+        interpolate_before_map=True,
+        ambient=0.3,
+        diffuse=0.85,
+        specular=0.15,
+        specular_power=20,
+        scalar_bar_args=bar,
+    )
+    actor.prop.interpolation = "phong"  # with the normals of _dress; smooth_shading draws a copy

@@ -1,0 +1,89 @@
+"""fecloth render: pictures and movies without a display."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.cli import main
+from fecloth.output import Frames
+
+pytest.importorskip("pyvista")
+imageio = pytest.importorskip("imageio.v2")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Five frames of a sheet that swings down from its left edge."""
+    folder = tmp_path_factory.mktemp("run")
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.15)
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK(), fc.Gravity()], pins=["left"])
+    frames = Frames(folder / "run", cloth, system)
+    frames.add(system.rest())
+    for state, _ in fc.march(system, fc.BackwardEuler(), system.rest(), dt=0.1, t_end=0.4):
+        frames.add(state)
+    return folder
+
+
+@pytest.fixture
+def draw(run, tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+
+    def draw(name, *more):
+        target = tmp_path / name
+        assert main(["render", str(run), "-o", str(target), "--size", "320x240", *more]) == 0
+        return target
+
+    return draw
+
+
+def cloth_of(image):
+    """Where the picture is coloured, above the colour bar."""
+    return np.ptp(image[:200, :, :3].astype(int), axis=2) > 40
+
+
+def test_pictures_show_the_cloth_at_their_times(draw):
+    first, last = (imageio.imread(draw(f"{t}.png", "--time", t)) for t in ("0", "0.4"))
+    assert first.shape[:2] == (240, 320)
+    shown = [cloth_of(image) for image in (first, last)]
+    assert all(0.03 < mask.mean() < 0.8 for mask in shown)
+    rows = [np.mean(np.nonzero(mask)[0]) for mask in shown]
+    assert rows[1] > rows[0] + 15  # it has fallen
+    assert np.array_equal(imageio.imread(draw("end.png")), last)
+    for mask in shown:  # all of it is in the picture
+        assert not mask[0].any()
+        assert not mask[:, [0, -1]].any()
+
+
+def test_the_colours_are_the_field(draw):
+    """At rest nothing is fast; the free edge is the fastest later: dark, and dark to bright."""
+    rest, moving = (
+        imageio.imread(draw(f"{t}.png", "--time", t, "--field", "speed")).astype(int)
+        for t in ("0", "0.1")
+    )
+    at_rest = rest[:200][cloth_of(rest)]
+    assert at_rest[:, 2].mean() > 1.5 * at_rest[:, 1].mean()  # the dark end of viridis is purple
+    green = moving[:200][cloth_of(moving)]
+    assert green[:, 1].max() > at_rest[:, 1].max() + 40
+
+
+def test_a_gif_has_all_frames_and_they_differ(draw):
+    frames = imageio.mimread(draw("run.gif"))
+    assert len(frames) == 5
+    assert all((a != b).any() for a, b in pairwise(frames))
+
+
+def test_a_movie_has_all_frames(draw):
+    pytest.importorskip("imageio_ffmpeg")
+    with imageio.get_reader(draw("run.mp4", "--fps", "10")) as movie:
+        assert movie.count_frames() == 5
+        assert movie.get_meta_data()["fps"] == 10
+        assert movie.get_meta_data()["size"] == (320, 240)
+
+
+def test_an_unknown_field_is_a_mistake(run, tmp_path, capsys):
+    target = tmp_path / "a.png"
+    assert main(["render", str(run), "-o", str(target), "--field", "strain"]) == 2
+    assert "must be one of larger_stretch" in capsys.readouterr().err
+    assert not target.exists()
