@@ -10,9 +10,10 @@ import numpy as np
 from .blocks import BlockMatrix
 from .cloth import Cloth
 from .direct import SuperLU
-from .errors import InputError
+from .errors import InputError, floats
 from .explicit import EXPLICIT
 from .fabric import Fabric
+from .formula import nearest
 from .integrators import METHODS
 from .newton import Newton, Solver
 from .system import State, System
@@ -49,9 +50,12 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
     array([1.   , 1.877])
     """
     method = the(method)
-    omega_dt, zeta = np.broadcast_arrays(_numbers("omega_dt", omega_dt), _numbers("zeta", zeta))
-    if not ((omega_dt > 0).all() and (zeta >= 0).all()):
-        raise InputError("omega_dt or zeta", "must be > 0 and >= 0, and finite", "amplification")
+    omega_dt, zeta = _numbers("omega_dt", omega_dt, 0.0), _numbers("zeta", zeta)
+    try:
+        omega_dt, zeta = np.broadcast_arrays(omega_dt, zeta)
+    except ValueError:
+        what = f"omega_dt of shape {omega_dt.shape}, zeta of shape {zeta.shape}"
+        raise InputError(what, "must go together (broadcast)", "amplification") from None
     found = np.empty(omega_dt.shape)
     for at in np.ndindex(found.shape):
         found[at] = abs(np.linalg.eigvals(step_matrix(method, omega_dt[at], zeta[at]))).max()
@@ -92,19 +96,23 @@ def the(method):
     if isinstance(method, str):
         if method not in known:
             allowed = f"must be one of {', '.join(known)}"
-            raise InputError(f"method = {method!r}", allowed, "stability")
+            remedy = nearest(method, known)
+            raise InputError(f"method = {method!r}", allowed, "stability", remedy)
         method = known[method]
     made = method() if isinstance(method, type) else method
     if not hasattr(made, "critical"):
-        allowed = "must be a method with a `critical` = (a, b) for a dt² k + b dt d < 1"
+        allowed = "must be a method of one step size such as BDF2(), its class or its name"
         raise InputError(f"method = {method!r}", allowed, "stability")
     return made
 
 
-def _numbers(name: str, value) -> np.ndarray:
-    value = np.asarray(value, dtype=float)
-    if not np.isfinite(value).all():
-        raise InputError(f"{name} = {value}", "must be finite", "amplification")
+def _numbers(name: str, value, above: float | None = None) -> np.ndarray:
+    """An array, all > `above`, or >= 0 without one."""
+    value = floats(name, value, "amplification")
+    good = np.isfinite(value) & (value >= 0 if above is None else value > above)
+    if not good.all():
+        allowed = f"must be finite and {'>= 0' if above is None else f'> {above:g}'}"
+        raise InputError(f"{name} = {value[~good].flat[0]:g}", allowed, "amplification")
     return value
 
 

@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from . import linear
+from . import asked, linear
 from .balance import EquilibriumFailed, Search
-from .errors import InputError
+from .errors import InputError, is_number
 from .newton import round_off
 from .sums import size
 from .system import State, System
@@ -115,7 +115,9 @@ def equilibrium(
     >>> print(f"{1000 * sag:.0f} mm")
     38 mm
     """
-    if not 0 < tolerance < 1:
+    asked.of(system, state, "equilibrium")
+    asked.function("report", report, "lambda iteration: print(iteration.residual)", "equilibrium")
+    if not (is_number(tolerance) and 0 < tolerance < 1):
         raise InputError(f"tolerance = {tolerance!r}", "must lie in (0, 1)", "equilibrium")
     for name, value in (("max_iterations", max_iterations), ("load_steps", load_steps)):
         if not (isinstance(value, int) and value >= 1):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from numbers import Real
 
+import numpy as np
+
 
 class FeclothError(Exception):
     """Base of every error that fecloth raises on purpose."""
@@ -107,3 +109,20 @@ class StepFailed(FeclothError):
 def is_number(value: object) -> bool:
     """Whether it is a finite real number, and no text or boolean."""
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def floats(name: str, value: object, where: str) -> np.ndarray:
+    """The value as an array of floating-point numbers; refused if it holds anything else."""
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {brief(value)}", "must be numbers", where) from None
+
+
+def brief(value: object) -> str:
+    """The value in at most a line: large ones by their type, functions and classes by name."""
+    if callable(value) and hasattr(value, "__qualname__"):
+        kind = "the class" if isinstance(value, type) else "the function"
+        return f"{kind} {value.__qualname__}, which is not called"
+    text = repr(value)
+    return text if len(text) <= 60 and "\n" not in text else f"a {type(value).__name__}"

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
+from . import asked
 from .errors import InputError
 from .system import State, System
 
@@ -54,6 +55,8 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     >>> bool(0.96 * exact < found < 1.01 * exact)
     True
     """
+    asked.of(system, state, "estimate")
+    asked.number("tol", tol, 0.0, "estimate")
     a, b = getattr(method, "critical", None) or (0.0, 0.0)
     if system.mass_kind != "lumped" or not a > 0 or b < 0:
         allowed = "must be an explicit one with a limit, on a lumped mass"

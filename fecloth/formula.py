@@ -266,5 +266,11 @@ def _value(node: ast.AST, values: Mapping[str, np.ndarray]):
 
 def nearest(name: str, names) -> str:
     """A remedy that names the closest of `names`; empty if none is close."""
-    close = difflib.get_close_matches(str(name), list(names), n=1)
-    return f"Did you mean {close[0]!r}?" if close else ""
+    plain = {_plain(one): one for one in names}
+    close = difflib.get_close_matches(_plain(name), list(plain), n=1)
+    return f"Did you mean {plain[close[0]]!r}?" if close else ""
+
+
+def _plain(name: str) -> str:
+    """Without capitals and underscores: ``CentralDifference`` is ``central_difference``."""
+    return str(name).lower().replace("_", "")

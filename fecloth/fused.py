@@ -15,6 +15,7 @@ import numba
 import numpy as np
 from numba import prange
 
+from . import asked
 from .cloth import Cloth
 from .compiled import inner, kernel, threaded_kernel
 from .errors import InputError, StepFailed
@@ -68,6 +69,7 @@ def many_steps(system: System, state: State, dt: float, steps: int, threads: int
     >>> bool(abs(end.x - slow.x).max() < 1e-14)
     True
     """
+    asked.of(system, state, "many_steps")
     _check(system, dt, steps, threads)
     elastic = _membrane(system)
     constraints, cloth = system.constraints, system.cloth
@@ -106,8 +108,7 @@ def _check(system, dt, steps, threads):
         raise _refused(f"pin {moved[0]!r} is moved", "pins and slides must be fixed")
     if not (isinstance(steps, int) and steps >= 1):
         raise InputError(f"steps = {steps!r}", "must be a whole number >= 1", "many_steps")
-    if not (np.isfinite(dt) and dt > 0):
-        raise InputError(f"dt = {dt!r}", "must be finite and > 0 [s]", "many_steps")
+    asked.number("dt", dt, 0.0, "many_steps")
     most = numba.config.NUMBA_NUM_THREADS
     if not (isinstance(threads, int) and not isinstance(threads, bool) and 1 <= threads <= most):
         raise InputError(

@@ -10,11 +10,11 @@ from numbers import Real
 
 import numpy as np
 
-from . import linear
+from . import asked, linear
 from .atlimit import AtLimit, refuse_unstable
 from .auto import Auto
 from .blocks import BlockMatrix
-from .errors import InputError, SolveFailed, StepFailed
+from .errors import InputError, SolveFailed, StepFailed, brief, floats
 from .newton import Counts, Newton, NewtonFailed, Solver
 from .observe import Observer, Probe
 from .record import Ledger
@@ -80,6 +80,7 @@ def solver_for(
     gradients and goes over to a factorisation, and back, by the work it counts; see `cheapest`.
     """
     _refuse_no_method(method)
+    asked.number("dt", dt, 0.0, "solver_for")
     if getattr(method, "explicit", False):
         method.check(system)
         return Solver(None, None, options or Newton()), "no linear solver: explicit"
@@ -141,6 +142,7 @@ def march(
         If a step does not converge, makes a value that is not finite or stretches a triangle
         beyond `most_stretch`; its `state` is the last one that was found good.
     """
+    _refuse_arguments(system, method, state, newton, most_stretch)
     begin, resumed = memory or Memory(0, state.t, None), memory is not None
     targets = _left(_targets(method, begin.start, dt, t_end, stops), state.t)
     if resumed and isinstance(method, Auto):
@@ -206,10 +208,20 @@ def _stepping(method, dt):
     return AtLimit(method) if dt is None and explicit else method
 
 
+def _refuse_arguments(system, method, state, newton, most_stretch):
+    """Refuse what is swapped, of another type or of another cloth."""
+    _refuse_no_method(method)
+    asked.of(system, state, "march")
+    if newton is not None:
+        asked.instance("newton", newton, Newton, "Newton(tolerance=1e-8)", "march")
+    asked.number("most_stretch", most_stretch, 1.0, "march")
+
+
 def _refuse_no_method(method):
     if isinstance(method, type) or not hasattr(method, "step"):
         allowed = "must be a method such as BackwardEuler() or Auto()"
-        raise InputError(f"method {method!r}", allowed, "march")
+        remedy = "The method comes before the state." if isinstance(method, State) else ""
+        raise InputError(f"method {brief(method)}", allowed, "march", remedy)
 
 
 def _targets(method, t, dt, t_end, stops):
@@ -258,13 +270,17 @@ class _Problem:
 
 def end_times(t: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray:
     """The stops after t and before t_end, in order, and t_end."""
-    if not isinstance(t_end, Real):
+    if not isinstance(t_end, Real) or isinstance(t_end, bool):
         raise InputError(f"t_end = {t_end!r}", "must be a number [s]", "march")
     if not (math.isfinite(t_end) and t_end > t):
         raise InputError(f"t_end = {t_end!r}", f"must be finite and > {t} [s]", "march")
-    stops = np.unique(np.asarray(stops, dtype=float))
+    stops = np.unique(floats("stops", stops, "march"))
     if not np.isfinite(stops).all():
         raise InputError(f"stops = {stops.tolist()}", "must be finite [s]", "march")
+    outside = stops[(stops < t) | (stops > t_end * (1 + 1e-12))]
+    if len(outside):
+        allowed = f"must lie in the run, from {t:g} to {t_end:g} s"
+        raise InputError(f"stops: {outside[0]:g}", allowed, "march")
     times = np.concatenate([[t], stops[(stops > t) & (stops < t_end)], [t_end]])
     apart = np.diff(times) > 1e-9 * (t_end - t)  # what is closer to the next one is the same
     return np.append(times[1:-1][apart[:-1] & apart[1:]], t_end)
@@ -272,7 +288,7 @@ def end_times(t: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray
 
 def step_times(t: float, dt: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray:
     """The end time of every step; t + i dt without accumulated round-off."""
-    if not isinstance(dt, Real):
+    if not isinstance(dt, Real) or isinstance(dt, bool):
         remedy = "Or leave it out and let Adaptive(method) or Auto() choose the steps."
         raise InputError(f"dt = {dt!r}", "must be a number [s]", "march", remedy)
     if not (math.isfinite(dt) and dt > 0):
@@ -352,6 +368,7 @@ def run(
     probes: Sequence[Probe] = (),
     solver: str = "auto",
     newton: Newton | None = None,
+    most_stretch: float = 20.0,
     most_growth: float = MOST_GROWTH,
     memory: Memory | None = None,
     report: Callable[[StepInfo], None] = lambda info: None,
@@ -372,14 +389,17 @@ def run(
     >>> len(result.times), bool(abs(result.energies["remainder"][-1]) < 1e-3)
     (11, True)
     """
+    _refuse_arguments(system, method, state, newton, most_stretch)
+    asked.number("most_growth", most_growth, 0.0, "run")
+    asked.function("report", report, "lambda info: print(info.t)", "run")
     opening = replace(state, t=memory.start) if memory else state
     _targets(method, opening.t, dt, t_end, stops)  # refuse them before anything else
-    method, chosen, why = settled(system, method, opening, dt, t_end, solver, newton)
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
+    method, chosen, why = settled(system, method, opening, dt, t_end, solver, newton)
     energies, observed = [ledger.row()], [observer.row(None, None)]
     counts, begin = Counts(), time.perf_counter()
-    steps = march(system, method, state, dt, t_end, stops=stops, solver=chosen, memory=memory)
-    for new, info in steps:
+    options = {"stops": stops, "most_stretch": most_stretch, "memory": memory}
+    for new, info in march(system, method, state, dt, t_end, solver=chosen, **options):
         state, ledger = new, balanced(system, method, ledger, info, most_growth)
         energies.append(ledger.row())
         observed.append(observer.row(info.old, info.result))

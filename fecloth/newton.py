@@ -10,7 +10,7 @@ import numpy as np
 from . import linear, linesearch
 from .blocks import BlockMatrix
 from .cheapest import Cheapest
-from .errors import FeclothError, IndefiniteMatrix, InputError, SolveFailed
+from .errors import FeclothError, IndefiniteMatrix, InputError, SolveFailed, is_number
 from .kept import Kept
 from .stage import Stage
 from .sums import dot, size
@@ -55,12 +55,13 @@ class Newton:
     reuse: bool = True
 
     def __post_init__(self):
-        if not 1e-13 <= self.tolerance < 1:
+        if not (is_number(self.tolerance) and 1e-13 <= self.tolerance < 1):
             raise InputError(f"tolerance = {self.tolerance!r}", "must lie in [1e-13, 1)", "Newton")
-        if not 0 < self.forcing < 1:
+        if not (is_number(self.forcing) and 0 < self.forcing < 1):
             raise InputError(f"forcing = {self.forcing!r}", "must lie in (0, 1)", "Newton")
-        if self.max_iterations < 1:
-            raise InputError(f"max_iterations = {self.max_iterations!r}", "must be >= 1", "Newton")
+        most = self.max_iterations
+        if not (isinstance(most, int) and not isinstance(most, bool) and most >= 1):
+            raise InputError(f"max_iterations = {most!r}", "must be an integer >= 1", "Newton")
         if self.definiteness not in DEFINITENESS:
             allowed = f"must be one of {', '.join(DEFINITENESS)}"
             raise InputError(f"definiteness = {self.definiteness!r}", allowed, "Newton")

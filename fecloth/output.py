@@ -32,6 +32,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from . import asked
 from .cloth import Cloth
 from .errors import InputError
 from .runfolder import lengthen, replace_file, writing
@@ -232,6 +233,7 @@ def write_vtk(
     ...     print(pvd.name, len(list(pvd.parent.glob("*.vtu"))))
     swing.pvd 3
     """
+    asked.instance("cloth", cloth, Cloth, "system.cloth", "write_vtk")
     path = Path(path)
     if path.suffix in (".pvd", ".vtu"):
         path = path.with_suffix("")
@@ -253,6 +255,7 @@ def read_frame(path: str | Path, cloth: Cloth) -> State:
     """
     from meshio import vtu
 
+    asked.instance("cloth", cloth, Cloth, "system.cloth", "read_frame")
     where = str(path)
     try:
         mesh = vtu.read(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ import scipy.sparse as sparse
 from .blocks import BlockMatrix, BlockPattern
 from .cloth import Cloth, Where
 from .compiled import kernel
-from .errors import InputError
+from .errors import FeclothError, InputError
 
 DERIVATIVE_STEP = 1e-5  # s; a central difference of a motion is then good to about 1e-10
 
@@ -29,7 +30,8 @@ class Pin:
         the order of ``cloth.nodes(where)`` [m]; only its changes count:
         x(t) = x(t₀) + motion(t) − motion(t₀). None: fixed.
     velocity
-        Its time derivative ``velocity(t)`` [m/s]; left out, a central difference over 2e-5 s.
+        Its time derivative ``velocity(t)`` [m/s]; left out, a central difference over 2e-5 s,
+        one-sided where it would reach back beyond the start of the step.
     name
         Name of the group in reactions; left out, the set's name.
     """
@@ -50,14 +52,19 @@ class Pin:
             return np.zeros(3)
         return self._checked(self.motion, t, "motion")
 
-    def speed(self, t: float) -> np.ndarray:
-        """(3,) or (k, 3) [m/s]."""
+    def speed(self, t: float, since: float = -math.inf) -> np.ndarray:
+        """(3,) or (k, 3) [m/s]; a difference asks for no motion before `since`.
+
+        There it is (−3 u(t) + 4 u(t + h) − u(t + 2h))/(2h), of second order too.
+        """
         if self.motion is None:
             return np.zeros(3)
         if self.velocity is not None:
             return self._checked(self.velocity, t, "velocity")
-        step = DERIVATIVE_STEP
-        return (self.displacement(t + step) - self.displacement(t - step)) / (2 * step)
+        u, h = self.displacement, DERIVATIVE_STEP
+        if t - h < since:
+            return (4 * u(t + h) - 3 * u(t) - u(t + 2 * h)) / (2 * h)
+        return (u(t + h) - u(t - h)) / (2 * h)
 
     def __post_init__(self):
         for name in ("motion", "velocity"):
@@ -75,7 +82,14 @@ class Pin:
             raise InputError(f"a motion of shape {value.shape}", allowed, f"Pin({self.where!r})")
 
     def _checked(self, function, t, name):
-        value = np.asarray(function(t), dtype=float)
+        where, allowed = f"Pin({self.where!r})", "must be three finite numbers for a time t [s]"
+        try:
+            given = function(t)
+            value = np.asarray(given, dtype=float)
+        except FeclothError:  # a formula's own words
+            raise
+        except Exception as error:  # whatever a user's function may raise
+            raise InputError(f"{name}({t:g}): {error}", allowed, where) from error
         if value.shape[-1:] != (3,) or value.ndim > 2 or not np.isfinite(value).all():
             raise InputError(
                 f"{name}({t:g}) = {value!r}",
@@ -164,8 +178,8 @@ class Constraints:
             default = pin.where if isinstance(pin.where, str) else f"pin{number}"
             name = _free_name(pin.name or default, groups)
             groups[name] = (pin, nodes := cloth.nodes(pin.where))
-            for function in (pin.displacement, pin.speed):
-                pin.fits(function(0.0), len(nodes))
+            for value in (pin.displacement(0.0), pin.speed(0.0, since=0.0)):
+                pin.fits(value, len(nodes))
         everything = [nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)]
         nodes, first, times = np.unique(
             np.concatenate(everything), return_index=True, return_counts=True
@@ -209,7 +223,7 @@ class Constraints:
             x = x.copy()
         for pin, nodes in moved:
             x[nodes] += pin.displacement(t + dt) - pin.displacement(t)
-            v[nodes] = pin.speed(t + dt)
+            v[nodes] = pin.speed(t + dt, since=t)
         return x, v
 
     def free(self, n: int) -> np.ndarray:

@@ -236,7 +236,8 @@ class Scene(Table):
         dt = (end - start) / 1000 if dt == "auto" else dt
         times = np.append(start, step_times(start, dt, end))
         step = DERIVATIVE_STEP
-        return np.concatenate([times, times[1:] - step, times[1:] + step])
+        before = np.maximum(times[1:] - step, start)
+        return np.concatenate([times, before, times[1:] + step])
 
     def _start(self, system: System) -> State:
         cloth, start = system.cloth, self.start

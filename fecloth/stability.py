@@ -18,6 +18,7 @@ from scipy.linalg import eigh, eigvals
 from scipy.sparse import issparse
 from scipy.sparse.linalg import LinearOperator, aslinearoperator, eigsh, splu
 
+from . import asked
 from .amplification import amplification, the
 from .errors import InputError
 from .estimate import estimate
@@ -94,6 +95,7 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
     >>> fc.critical_dt(system, system.rest(), fc.BackwardEuler)
     inf
     """
+    asked.of(system, state, "critical_dt")
     method = the(method)
     if isinstance(method, ForwardEuler):
         return _forward_euler(*_free_operators(system, state))

@@ -11,7 +11,7 @@ import scipy.sparse as sparse
 
 from .blocks import BlockMatrix, BlockPattern, add_mass
 from .cloth import Cloth
-from .errors import InputError
+from .errors import InputError, floats, is_number
 from .fabric import Fabric
 from .panel import Panel
 from .pins import Constraints, MatrixProjection, Pin
@@ -167,8 +167,8 @@ class System:
     def state(self, x, v=None, t: float = 0.0) -> State:
         """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero if left out."""
         shape = (len(self.cloth.X), 3)
-        x = np.array(x, dtype=float)
-        v = np.zeros(shape) if v is None else np.array(v, dtype=float)
+        x = floats("x", x, "System.state")
+        v = np.zeros(shape) if v is None else floats("v", v, "System.state")
         for name, value in (("x", x), ("v", v)):
             if value.shape != shape or not np.isfinite(value).all():
                 raise InputError(
@@ -176,7 +176,7 @@ class System:
                     f"must be finite and of shape {shape}",
                     "System.state",
                 )
-        if not np.isfinite(t):
+        if not is_number(t):
             raise InputError(f"t = {t!r}", "must be finite [s]", "System.state")
         return State(float(t), x, v)
 

@@ -211,3 +211,28 @@ def test_motions_that_cannot_be_bound(small):
         fc.InputError, match=r"motion of shape \(2, 3\): must be \(3,\) or \(3, 3\)"
     ):
         Constraints.bind([fc.Pin([1, 2, 3], motion=lambda t: np.zeros((2, 3)))], small)
+
+
+@pytest.mark.parametrize("method", [fc.CentralDifference(), fc.BDF2()], ids=repr)
+def test_a_motion_is_asked_for_from_the_start_on(method, small, isotropic):
+    """One that has no value before, as √t³; its difference does not reach back either."""
+    asked = []
+
+    def motion(t):
+        asked.append(t)
+        return [0.0, 0.0, (t - 0.5) ** 1.5]  # complex before t = 0.5
+
+    pins = [fc.Pin("left", lambda t: motion(0.5 + t))]
+    system = fc.System(small, isotropic, [fc.StVK()], pins)
+    end = fc.run(system, method, system.rest(), 1e-6, 5e-6).state  # less than the difference
+    assert min(asked) >= 0.5
+    left = small.nodes("left")
+    assert end.x[left, 2] == pytest.approx(5e-6**1.5)
+    far = fc.Pin("left", lambda t: [t**1.5, t**2, 0.0])
+    assert far.speed(1.0, since=1.0) == pytest.approx([1.5, 2.0, 0.0], abs=1e-9)
+
+
+def test_a_motion_that_is_no_motion_says_why():
+    for motion, words in ((lambda t: (0, 0, "a"), "could not convert"), (lambda: 0, "argument")):
+        with pytest.raises(fc.InputError, match=rf"Pin\('left'\): motion\(0.5\): .*{words}"):
+            fc.Pin("left", motion).displacement(0.5)
