@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from .errors import InputError, brief, is_number
@@ -49,10 +51,11 @@ def _array(name, value, nodes, where):
         raise InputError(f"{name}[{node}] = {value[node]}", "must be finite", where)
 
 
-def number(name: str, value: object, above: float, where: str) -> None:
-    """Refuse what is no finite number > `above`."""
-    if not (is_number(value) and value > above):
-        allowed = f"must be a finite number > {above:g}"
+def number(name: str, value: object, above: float, where: str, *, infinite=False) -> None:
+    """Refuse what is no finite number > `above`, nor `infinite` where that is allowed."""
+    endless = infinite and isinstance(value, float) and value == math.inf
+    if not (endless or (is_number(value) and value > above)):
+        allowed = f"must be a finite number > {above:g}{', or infinite' if infinite else ''}"
         raise InputError(f"{name} = {brief(value)}", allowed, where)
 
 

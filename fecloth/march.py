@@ -214,7 +214,7 @@ def _refuse_arguments(system, method, state, newton, most_stretch):
     asked.of(system, state, "march")
     if newton is not None:
         asked.instance("newton", newton, Newton, "Newton(tolerance=1e-8)", "march")
-    asked.number("most_stretch", most_stretch, 1.0, "march")
+    asked.number("most_stretch", most_stretch, 1.0, "march", infinite=True)
 
 
 def _refuse_no_method(method):
@@ -390,7 +390,7 @@ def run(
     (11, True)
     """
     _refuse_arguments(system, method, state, newton, most_stretch)
-    asked.number("most_growth", most_growth, 0.0, "run")
+    asked.number("most_growth", most_growth, 0.0, "run", infinite=True)
     asked.function("report", report, "lambda info: print(info.t)", "run")
     opening = replace(state, t=memory.start) if memory else state
     _targets(method, opening.t, dt, t_end, stops)  # refuse them before anything else

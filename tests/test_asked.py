@@ -73,6 +73,7 @@ MISTAKES = [
     (lambda: marched(most_growth="a"), "most_growth = 'a'"),
     (lambda: marched(most_stretch=0.9), "most_stretch = 0.9: must be a finite number > 1"),
     (lambda: marched(most_stretch="x"), "most_stretch = 'x'"),
+    (lambda: solver_for(SYSTEM, fc.BDF2(), math.inf), "dt = inf: must be a finite number > 0"),
     (lambda: marched(report=3), "report = 3: must be a function, as in lambda info"),
     (lambda: fc.equilibrium(SYSTEM, START, report="x"), "report = 'x': must be a function"),
     (lambda: marched(stops=["a"]), r"stops = \['a'\]: must be numbers"),
