@@ -8,6 +8,7 @@ import signal
 import time
 import tracemalloc
 
+import meshio
 import numpy as np
 import pytest
 
@@ -246,6 +247,27 @@ def test_a_table_that_has_lost_rows_is_refused(scene, tmp_path):
         go(scene, tmp_path / "out", resume=True)
 
 
+def test_another_mesh_behind_the_same_name_is_refused(scene, tmp_path):
+    meshio.write(tmp_path / "sheet.vtu", mesh_of(h=0.25))
+    shape = TEXT.index("[fabric]")
+    file = '[cloth]\nshape = "file"\npath = "sheet.vtu"\n'
+    scene.write_text(
+        file
+        + UNASKED[shape:].replace('"left"', '"boundary"', 1).split("[[probes]]")[0]
+        + RUNS["AtLimit"].replace("restart_steps = 50\n", "")
+    )
+    interrupted(scene, tmp_path / "out", 5)
+    meshio.write(tmp_path / "sheet.vtu", mesh_of(h=0.2))
+    with pytest.raises(fc.InputError, match="the mesh, or the frame"):
+        go(scene, tmp_path / "out", resume=True)
+
+
+def mesh_of(h):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=h, pattern="right")
+    points = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    return meshio.Mesh(points, {"triangle": cloth.triangles})
+
+
 def test_what_a_failed_run_had_reached_is_kept(scene, tmp_path):
     scene.write_text(TEXT + RUNS["midpoint"].replace("0.002", "0.02"))
     overrides = ["solver.max_iterations=2", "output.restart_steps=1"]
@@ -316,3 +338,21 @@ def test_frames_take_no_memory(tmp_path):
         tracemalloc.stop()
     listed = json.loads((tmp_path / "run.vtu.series").read_text())["files"]
     assert [entry["time"] for entry in listed] == list(range(220))
+
+
+def test_a_solver_that_has_dropped_is_a_new_one(isotropic):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.1, pattern="cross")
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
+    used, _ = fc.solver_for(system, fc.BDF2(), 0.2)
+    for _ in fc.march(system, fc.BDF2(), system.rest(), 0.2, 2.0, solver=used):
+        pass
+    assert set(used.linear._solvers) == {"pcg", "direct"}
+    used.drop()
+    new, _ = fc.solver_for(system, fc.BDF2(), 0.2)
+    assert used.kept == new.kept
+    told, expected = (dict(vars(one.linear)) for one in (used, new))
+    for each in (told, expected):
+        each["_solvers"] = sorted(each["_solvers"])
+        for key in ("_price", "_make", "_solver", "prepared"):
+            del each[key]
+    assert told == expected
