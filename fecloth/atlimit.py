@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from .errors import InputError
+from .errors import InputError, brief
 from .stability import critical_dt, estimate
 from .step import Step
 from .system import State, System
-from .terms.membrane import largest_stretch
+from .terms.membrane import extreme_stretches
 
 FRACTION = 0.9  # of the limit
 LASTS = 500  # steps, after which the limit is asked for again: less than a tenth of their cost
-LOOK = 16  # steps, after which the largest stretch is looked at
-STRETCHED = 1.02  # of the stretch at which the limit was found: the stiffness goes with its square
+LOOK = 4  # steps, after which the stretches are looked at
+BEYOND = 1.02  # times the stretches met so far: the stiffness goes with their square
+LONGER = 1.05  # of the last step, at most: what was stiff at one time may be so again
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,15 +28,16 @@ class Limited:
         The step [s].
     steps
         Since the limit was asked for.
-    stretch
-        The largest of all triangles then.
+    least, largest
+        Principal stretches of all triangles that were met so far.
     q
         The method's own memory.
     """
 
     dt: float
     steps: int
-    stretch: float
+    least: float
+    largest: float
     q: object = None
 
 
@@ -43,8 +45,10 @@ class Limited:
 class AtLimit:
     """An explicit method at 0.9 of its largest stable step, by `stability.estimate`.
 
-    A cloth that is stretched becomes stiffer, and the limit falls: it is asked for anew where the
-    largest stretch has grown by 2 %, looked at every 16 steps, and in any case after 500.
+    The limit is that at the start or that at rest, whichever is less. A cloth that is stretched
+    becomes stiffer, one of some materials also where it is compressed, and the limit falls: it is
+    asked for anew where a principal stretch is 2 % beyond those met before, looked at every 4
+    steps, and in any case after 500. It then may grow, by 5 % at most.
 
     Parameters
     ----------
@@ -66,9 +70,9 @@ class AtLimit:
         method = self.method
         explicit = getattr(method, "explicit", False) and not isinstance(method, type)
         if not (explicit and getattr(method, "critical", None)):
-            allowed = "has no stable step to choose, or needs none"
-            remedy = "Give dt, or take CentralDifference()."
-            raise InputError(f"method {self.method!r} without a dt", allowed, "march", remedy)
+            allowed = "has no stable step that could be chosen" if explicit else "must be explicit"
+            remedy = "Take CentralDifference() or SymplecticEuler()."
+            raise InputError(f"method {brief(self.method)} without a dt", allowed, "march", remedy)
 
     @property
     def order(self) -> int:
@@ -99,38 +103,55 @@ class AtLimit:
         guess: Limited | None = None,
     ) -> Step:
         """One step from `state` over at most `horizon` [s]."""
-        limited = guess or self._asked(system, state, None)
-        if limited.steps and limited.steps % LOOK == 0:
-            limited = self._asked(system, state, limited)
+        limited = guess or self._started(system, state)
+        if limited.steps % LOOK == 0:
+            limited = self._renewed(system, state, limited)
         parts = max(1, math.ceil(horizon / limited.dt - 1e-9))
         dt = horizon / parts if parts <= 2 else limited.dt
         step = self.method.step(system, state, dt, solver, limited.q)
         return replace(step, q=replace(limited, steps=limited.steps + 1, q=step.q))
 
-    def _asked(self, system: System, state: State, last: Limited | None) -> Limited:
-        """The last step, or another one where it may not hold any longer."""
-        stretch = largest_stretch(system.cloth, state.x)
-        if last and last.steps < LASTS and stretch <= STRETCHED * last.stretch:
+    def _limit(self, system: System, state: State) -> float:
+        return FRACTION * estimate(system, state, self.method)
+
+    def _started(self, system: System, state: State) -> Limited:
+        """The limit at the start, or that of the cloth at rest, which it may come to."""
+        rest = system.rest()
+        dt = min(self._limit(system, one) for one in (state, State(state.t, rest.x, state.v)))
+        return Limited(dt, 0, *extreme_stretches(system.cloth, state.x))
+
+    def _renewed(self, system: System, state: State, last: Limited) -> Limited:
+        """The same, or with the limit asked for again where the last one may not hold."""
+        least, largest = extreme_stretches(system.cloth, state.x)
+        beyond = largest > BEYOND * last.largest or least * BEYOND < last.least
+        if not beyond and last.steps < LASTS:
             return last
-        dt = FRACTION * estimate(system, state, self.method)
-        return Limited(dt, 0, stretch, last and last.q)
+        dt = min(self._limit(system, state), last.dt if beyond else LONGER * last.dt)
+        return Limited(dt, 0, min(least, last.least), max(largest, last.largest), last.q)
 
 
-def refuse_unstable(system: System, method, state: State, dt: float) -> None:
-    """Raise `InputError` for an explicit step beyond the limit at the start."""
-    if not getattr(method, "explicit", False) or getattr(method, "beyond_limit", True):
+def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:
+    """Raise `InputError` for a step beyond a method's limit at the start.
+
+    `insist` is how the user asks for it all the same, unless it is by `beyond_limit` in Python.
+    """
+    if getattr(method, "beyond_limit", True):
         return
-    method.check(system)
-    quick = getattr(method, "critical", None) is not None
-    if quick and dt <= estimate(system, state, method):
+    explicit = getattr(method, "explicit", False)
+    if explicit:
+        method.check(system)
+    if explicit and method.critical and dt <= estimate(system, state, method):
         return
     limit = critical_dt(system, state, method)
     if dt <= limit:
         return
     name = type(method).__name__
-    raise InputError(
-        f"dt = {dt:g} s",
-        f"must be at most {limit:.4g} s: beyond it {name} is unstable",
-        "march",
-        f"Leave dt out, take an implicit method, or insist with {name}(beyond_limit=True).",
-    )
+    insist = insist or f"{name}(beyond_limit=True)"
+    allowed, remedy = f"must be at most {limit:.4g} s: beyond it {name} is unstable", "Leave dt out"
+    if limit == 0:
+        allowed = f"no dt is stable: {name} needs damping in every mode"
+        remedy = "Take CentralDifference or SymplecticEuler"
+    elif not explicit:
+        remedy = "Take beta >= gamma/2"
+    remedy += f", take an implicit method, or insist with {insist}."
+    raise InputError(f"dt = {dt:g} s", allowed, "march", remedy)

@@ -89,21 +89,27 @@ class Auto:
         raise InputError("Auto()", "is for march and run, which choose the method", "step")
 
     def settled(
-        self, system: System, state: State, t_end: float, solver_of
+        self, system: System, state: State, t_end: float, solver_of, record=lambda *step: None
     ) -> tuple[Adaptive, str]:
-        """The method, and in words why; `solver_of` makes the `Solver` for a method."""
+        """The method, and in words why.
+
+        `solver_of` makes the `Solver` for a method; `record(method, old, step)` does what will be
+        done after each step, which costs time as well.
+        """
         implicit = self._candidate(GeneralizedAlpha())
         if system.mass_kind != "lumped":
             return implicit, "a consistent mass leaves no explicit method"
         explicit = self._candidate(CentralDifference())
-        first = _trial(system, state, t_end, explicit, None, EXPLICIT_STEPS, math.inf)
-        solver = solver_of(implicit)
-        second = _trial(system, state, t_end, implicit, solver, IMPLICIT_STEPS, first.seconds)
+        way, solver = (system, state, t_end), solver_of(implicit)
+        first = _trial(*way, explicit, None, EXPLICIT_STEPS, math.inf, record)
+        second = _trial(*way, implicit, solver, IMPLICIT_STEPS, first.seconds, record)
         best, other = sorted((first, second), key=lambda trial: trial.seconds)
         return best.method, f"foretold: {best}, {other}"
 
 
-def _trial(system, state, t_end, method, solver, most: int, rival: float) -> Trial:
+def _trial(
+    system, state, t_end, method, solver, most: int, rival: float, record=lambda *step: None
+) -> Trial:
     """So many first steps, or fewer if that is enough beside a rival of so many seconds."""
     start, guess, seconds, sizes = state.t, None, [], []
     trial = Trial(method, 0.0, math.inf)
@@ -113,6 +119,7 @@ def _trial(system, state, t_end, method, solver, most: int, rival: float) -> Tri
             step = method.step(system, state, t_end - state.t, solver, guess)
         except (NewtonFailed, SolveFailed):
             return Trial(method, 0.0, math.inf)
+        record(method, state, step)
         seconds.append(time.perf_counter() - begin)
         sizes.append(step.state.t - state.t)
         state, guess = step.state, step.q

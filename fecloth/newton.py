@@ -10,14 +10,20 @@ import numpy as np
 from . import linear, linesearch
 from .blocks import BlockMatrix
 from .cheapest import Cheapest
-from .errors import FeclothError, IndefiniteMatrix, InputError, SolveFailed, is_number
+from .errors import FeclothError, InputError, SolveFailed, is_number
 from .kept import Kept
 from .stage import Stage
 from .sums import dot, size
 from .system import State, System
 
 DEFINITENESS = ("none", "clamp", "on_failure")
-FIRST_SHIFT, GROWTH, LAST_SHIFT = 0.25, 4.0, 1e4  # of the mass in Newton's matrix
+# Of Newton's matrix: what is added to it of its mass, and whether its tangents are made definite.
+SHIFTS = (0.0, *(4.0**n for n in range(-1, 8)))
+REMEDIES = {
+    "none": [(0.0, False)],
+    "clamp": [(0.0, True)],
+    "on_failure": [(shift, definite) for definite in (False, True) for shift in SHIFTS],
+}
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,8 @@ class Newton:
         and symmetric, so that conjugate gradients serve where exact tangents are not symmetric;
         "on_failure": exact, and where that is not positive definite or its direction leads
         nowhere, with a multiple of the mass added: 1/4, 1, 4, … times, and less again in the next
-        iterations (after Nocedal and Wright 2006, algorithm 3.3). A cloth in compression is
+        iterations (after Nocedal and Wright 2006, algorithm 3.3); where no multiple will do, as
+        in steps so long that the mass hardly counts, clamped tangents. A cloth in compression is
         unstable for good; there clamping converges slowly, as it takes away what the solution
         has. On a flag at dt = 10 ms it took up to 129 iterations a step, the added mass 23.
     reuse
@@ -181,10 +188,10 @@ def _iterated(work: _Work, guess: np.ndarray | None):
     system, stage, options = work.system, work.stage, work.options
     q = np.zeros_like(stage.x) if guess is None else system.constraints.project(guess.copy())
     R = work.first_residual(q)
-    norm, goal, shift = size(R), options.tolerance * work.scale, 0.0
+    norm, goal, remedy = size(R), options.tolerance * work.scale, 0
     for iteration in range(1, options.max_iterations + 1):
-        q, R, shift = work.iterate(q, R, goal, shift)
-        x, inertia = stage.at(q)[0], (1 + shift) * stage.wa
+        q, R, remedy = work.iterate(q, R, goal, remedy)
+        x, inertia = stage.at(q)[0], (1 + work.remedies[remedy][0]) * stage.wa
         floor = round_off(system, work.J, x, inertia) / stage.wx
         norm, goal = size(R), max(options.tolerance * work.scale, floor)
         if norm <= goal:
@@ -208,6 +215,7 @@ class _Work:
         self.system, self.stage, self.linear_solver = system, stage, solver.linear
         self.J, self.options, self.kept = solver.matrix, solver.options, solver.kept
         self.scale = 0.0
+        self.remedies = REMEDIES[solver.options.definiteness]
         self.linear = self.modified = self.factorisations = self.again = 0
         self.seconds = {"assemble": 0.0, "factor": 0.0, "solve": 0.0}
         self.has_potential = all(term.has_energy and not term.dissipative for term in system.bound)
@@ -236,26 +244,33 @@ class _Work:
         f = self.system.force(State(self.stage.t, x, v))
         return self.system.constraints.project(self.system.scalar_mass @ a - f)
 
-    def iterate(self, q, R, goal, shift):
-        """q and R after one iteration, and the shift that it took, from that of the last one."""
-        shift = shift / GROWTH if shift > FIRST_SHIFT else 0.0
-        found = self.with_kept(q, R, goal, shift)
+    def iterate(self, q, R, goal, last):
+        """q and R after one iteration, and the number of its remedy, from that of the last one."""
+        found = self.with_kept(q, R, goal, self.remedies[max(last - 1, 0)])
         if found:
-            return *found, shift
-        while True:
-            found, reason = self.attempt(q, R, goal, shift)
+            return *found, max(last - 1, 0)
+        for number in self.numbers(last):
+            found, reason = self.attempt(q, R, goal, self.remedies[number])
             if found:
-                return *found, shift
-            if self.options.definiteness != "on_failure" or shift > LAST_SHIFT:
-                remedy = "Take a smaller dt."
-                if self.options.definiteness == "none":
-                    remedy = 'Use definiteness = "on_failure", or a smaller dt.'
-                raise NewtonFailed(reason, self.relative(size(R)), remedy)
-            shift = max(FIRST_SHIFT, GROWTH * shift)
+                return *found, number
+        remedy = "Take a smaller dt."
+        if self.options.definiteness == "none":
+            remedy = 'Use definiteness = "on_failure", or a smaller dt.'
+        raise NewtonFailed(reason, self.relative(size(R)), remedy)
 
-    def with_kept(self, q, R, goal, shift):
+    def numbers(self, last):
+        """Those of the remedies to try: from the one before the last, less being better.
+
+        Where only clamped tangents have served, the exact one is tried, then they.
+        """
+        clamped = [n for n, (_, definite) in enumerate(self.remedies) if definite]
+        if last and last in clamped:
+            return [0, *clamped]
+        return range(max(last - 1, 0), len(self.remedies))
+
+    def with_kept(self, q, R, goal, remedy):
         """q and R after one iteration with the kept factor; None without one, or if R grows."""
-        key, norm = self.key(shift), size(R)
+        key, norm = self.key(*remedy), size(R)
         if not (self.options.reuse and norm > 0 and self.kept.fits(key, self.linear_solver)):
             return None
         try:
@@ -270,29 +285,30 @@ class _Work:
         self.kept.served(norm_trial / norm, to_go, self.linear_solver)
         return (trial, R_trial) if norm_trial < norm else None
 
-    def key(self, shift):
+    def key(self, shift, definite=False):
         """What a factor is made for: with anything else it is another one."""
-        stage, definite = self.stage, self.options.definiteness == "clamp"
+        stage = self.stage
         return self.system, stage.wx, stage.wv, (1 + shift) * stage.wa, definite
 
     def state(self, q):
         x, v, _ = self.stage.at(q)
         return State(self.stage.t, x, v)
 
-    def attempt(self, q, R, goal, shift):
-        """q and R after one iteration with the given shift; or None, and why."""
+    def attempt(self, q, R, goal, remedy):
+        """q and R after one iteration with the given remedy; or None, and why."""
         try:
-            step = self.direction(q, R, goal, shift)
-        except IndefiniteMatrix as failure:
+            step = self.direction(q, R, goal, *remedy)
+        except SolveFailed as failure:  # IndefiniteMatrix, or singular within round-off
             return None, str(failure)
         return self.search(q, R, step, goal), "no step along Newton's direction is an improvement"
 
-    def direction(self, q, R, goal, shift):
-        """s = −J⁻¹ R with J = (1 + shift) wa M + wv D + wx K."""
+    def direction(self, q, R, goal, shift, definite=False):
+        """s = −J⁻¹ R with J = (1 + shift) wa M + wv D + wx K; K and D as they are, or definite."""
         begin = time.perf_counter()
         if not R.any():
             return np.zeros_like(R)
-        at, (_, *weights, definite) = self.state(q), self.key(shift)
+        key = self.key(shift, definite)
+        at, (_, *weights, _) = self.state(q), key
         self.kept.key = None  # whatever happens now, the matrix is another one
         self.system.assemble(self.J, at, *weights, definite)
         self.system.project(self.J)
@@ -304,7 +320,7 @@ class _Work:
         self.factorisations += 1
         self.linear_solver.prepare(self.J)
         step = self.solved(at, R, goal, new=True)
-        self.kept.made(self.key(shift), self.linear_solver)
+        self.kept.made(key, self.linear_solver)
         return step
 
     def solved(self, at, R, goal, new=False):

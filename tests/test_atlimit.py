@@ -156,3 +156,14 @@ def test_a_load_that_tells_nothing_is_no_blow_up(sheet):
     system = fc.System(*sheet, [Push()])
     result = fc.run(system, fc.BackwardEuler(), system.rest(), 0.01, 0.1)
     assert result.energies["kinetic"][-1] > 100 * result.energies["kinetic"][1] > 0
+
+
+@pytest.mark.parametrize("term", [fc.StVK(), fc.NeoHookean("compressible")], ids=repr)
+@pytest.mark.parametrize("method", [fc.CentralDifference(), fc.SymplecticEuler()], ids=repr)
+def test_a_cloth_let_go_from_a_stretch_stays_stable(sheet, term, method):
+    """It is stiffest at another time than at the start: at rest, or when it has sprung back."""
+    system = fc.System(*sheet, [term], ["left"])
+    start = system.state(1.1 * system.rest().x)
+    result = fc.run(system, method, start, t_end=0.3)
+    assert abs(result.energies["remainder"]).max() < 0.5 * result.energies["kinetic"].max()
+    assert np.diff(result.times).max() < 1.02 * fc.critical_dt(system, system.rest(), method)

@@ -356,19 +356,25 @@ def principal_stretches(cloth: Cloth, x: np.ndarray) -> np.ndarray:
 
 def largest_stretch(cloth: Cloth, x: np.ndarray) -> float:
     """The largest principal stretch of all triangles; not a number if any is not."""
-    return float(_largest_stretch(*cloth.shape, cloth.stencil, cloth.gradients, x))
+    return extreme_stretches(cloth, x)[1]
+
+
+def extreme_stretches(cloth: Cloth, x: np.ndarray) -> tuple[float, float]:
+    """The least and the largest principal stretch of all triangles; NaN if any is."""
+    return _extreme_stretches(*cloth.shape, cloth.stencil, cloth.gradients, x)
 
 
 @kernel
-def _largest_stretch(K, Q, nodes, G, x):
-    """√ of the largest eigenvalue of FᵀF = 2E + I."""
-    largest = 0.0
+def _extreme_stretches(K, Q, nodes, G, x):
+    """√ of the least and largest eigenvalue of FᵀF = 2E + I."""
+    least, largest = np.inf, 0.0
     for e in range(len(nodes)):
         for q in range(len(Q)):
             E11, E22, E12 = green_strain(gradient(K, nodes, G, e, q, x))
-            half = 0.5 * (E11 - E22)
-            square = 1.0 + (E11 + E22) + 2.0 * math.sqrt(half * half + E12 * E12)
-            if square != square:
-                return square
-            largest = max(largest, square)
-    return math.sqrt(largest)
+            mean, half = 1.0 + (E11 + E22), 0.5 * (E11 - E22)
+            radius = 2.0 * math.sqrt(half * half + E12 * E12)
+            if mean != mean or radius != radius:
+                return math.nan, math.nan
+            least = min(least, mean - radius)
+            largest = max(largest, mean + radius)
+    return math.sqrt(max(least, 0.0)), math.sqrt(largest)
