@@ -13,6 +13,7 @@ from .energy_momentum import EnergyMomentum
 from .equilibrium import EquilibriumFailed, equilibrium
 from .errors import (
     FeclothError,
+    FeclothWarning,
     IndefiniteMatrix,
     InputError,
     MeshError,
@@ -75,6 +76,7 @@ __all__ = [
     "EquilibriumFailed",
     "Fabric",
     "FeclothError",
+    "FeclothWarning",
     "ForwardEuler",
     "Frames",
     "Gas",

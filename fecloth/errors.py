@@ -12,6 +12,10 @@ class FeclothError(Exception):
     """Base of every error that fecloth raises on purpose."""
 
 
+class FeclothWarning(UserWarning):
+    """A result that is not to be trusted."""
+
+
 class InputError(FeclothError, ValueError):
     """A value that the user gave cannot be used.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
@@ -14,10 +15,11 @@ from . import asked, linear
 from .atlimit import AtLimit, refuse_unstable
 from .auto import Auto
 from .blocks import BlockMatrix
-from .errors import InputError, SolveFailed, StepFailed, brief, floats
+from .errors import FeclothWarning, InputError, SolveFailed, StepFailed, brief, floats
+from .jumps import jumping
 from .newton import Counts, Newton, NewtonFailed, Solver
 from .observe import Observer, Probe
-from .record import Ledger
+from .record import Ledger, doubt
 from .system import State, System
 from .terms.membrane import largest_stretch, principal_stretches
 
@@ -309,6 +311,9 @@ def step_failed(system: System, state: State, number: int, dt: float, cause) -> 
     stretches = principal_stretches(system.cloth, state.x)
     strains = np.abs(np.log(np.maximum(stretches, 1e-300)))
     triangle, which = np.unravel_index(np.argmax(strains), strains.shape)
+    remedy = getattr(cause, "remedy", "Take a smaller dt.")
+    if name := jumping(system, state.t, dt, number - 1):
+        remedy = f"The motion of the pin {name!r} jumps here: let it move without jumps."
     return StepFailed(
         getattr(cause, "reason", str(cause)),
         step=number,
@@ -318,7 +323,7 @@ def step_failed(system: System, state: State, number: int, dt: float, cause) -> 
         stretch=float(stretches[triangle, which]),
         triangle=int(triangle),
         state=state,
-        remedy=getattr(cause, "remedy", "Take a smaller dt."),
+        remedy=remedy,
     )
 
 
@@ -344,6 +349,8 @@ class Result:
         The linear solver and why it was chosen.
     method
         What took the steps; `Auto`'s choice, and an explicit method's steps without dt.
+    doubt
+        In words that the energy balance does not close, or "": see `record.doubt`.
     """
 
     state: State
@@ -355,6 +362,7 @@ class Result:
     linear: int
     solver: str
     method: object
+    doubt: str = ""
 
 
 def run(
@@ -377,7 +385,8 @@ def run(
 
     Arguments as for `march`; `report` is called after every step. A step after which the cloth
     has more kinetic energy than `most_growth` times what its start, its loads and its pins can
-    have given (`Ledger.available`) has failed too.
+    have given (`Ledger.available`) has failed too. Where the energy balance does not close, the
+    result says so in `doubt`, and a `FeclothWarning` does.
 
     Examples
     --------
@@ -397,18 +406,21 @@ def run(
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
     method, chosen, why = settled(system, method, opening, dt, t_end, solver, newton)
     energies, observed = [ledger.row()], [observer.row(None, None)]
-    counts, begin = Counts(), time.perf_counter()
+    counts, begin, start, turnover = Counts(), time.perf_counter(), state.t, 0.0
     options = {"stops": stops, "most_stretch": most_stretch, "memory": memory}
     for new, info in march(system, method, state, dt, t_end, solver=chosen, **options):
         state, ledger = new, balanced(system, method, ledger, info, most_growth)
+        turnover = max(turnover, ledger.turnover)
         energies.append(ledger.row())
         observed.append(observer.row(info.old, info.result))
         counts = counts.plus(info.counts)
         report(info)
     seconds = counts.seconds | {"total": time.perf_counter() - begin}
     times = np.array([row["t"] for row in energies])
-    columns_ = columns(energies), columns(observed)
-    return Result(state, times, *columns_, seconds, counts.newton, counts.linear, why, method)
+    if doubted := doubt(system, ledger, turnover, start):
+        warnings.warn(doubted, FeclothWarning, stacklevel=2)
+    kept = columns(energies), columns(observed), seconds, counts.newton, counts.linear
+    return Result(state, times, *kept, why, method, doubted)
 
 
 def balanced(

@@ -6,9 +6,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from .losses import mean_force, stages_of
 from .sums import dot
 from .system import State, System
+
+TRUSTED = 0.05  # of the energy that moved: a larger remainder is told
+ROUND_OFF = 64 * np.finfo(float).eps
 
 
 @dataclass(frozen=True)
@@ -116,8 +121,8 @@ class Ledger:
         if self.kinetic <= most * self.available:
             return ""
         return (
-            f"the cloth moves with {self.kinetic:.3g} J, where its loads and its start can have "
-            f"given it {self.available:.3g} J at most: the method has made the rest"
+            f"the cloth moves with {self.kinetic:.3g} J, where its start, its loads and its pins "
+            f"can have given it {self.available:.3g} J at most: the method has made the rest"
         )
 
     @property
@@ -150,6 +155,30 @@ class Ledger:
             "total": self.total,
             "remainder": self.remainder,
         }
+
+
+def doubt(system: System, ledger: Ledger, turnover: float, start: float) -> str:
+    """In words that the energy balance of a run since `start` does not close, or "".
+
+    Its remainder is beyond 5 % of the largest `turnover` [J] that there was, and beyond what
+    round-off makes of the amounts that the balance is the difference of: 64 ε times
+
+        Σ |potential|, then and now, + turnover + ½ m (L/T)²
+
+    with m, L and T the cloth's mass and largest extent, and the time since the start.
+    """
+    remainder, seconds = ledger.remainder, ledger.t - start
+    if not (seconds > 0 and abs(remainder) > TRUSTED * turnover):
+        return ""
+    pace = np.ptp(system.cloth.X, axis=0).max() / seconds
+    held = sum(map(abs, (*ledger.potential.values(), *ledger.opening.values())))
+    amounts = held + turnover + 0.5 * float(system.nodal_mass.sum()) * pace**2
+    if not abs(remainder) > ROUND_OFF * amounts:
+        return ""
+    return (
+        f"the energy balance is off by {remainder:.3g} J, where {turnover:.3g} J have "
+        "moved: do not trust this motion; take a smaller dt"
+    )
 
 
 def _mean(function, stages):
