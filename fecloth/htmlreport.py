@@ -54,7 +54,7 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
     data = packed([frame], shown_fields(frame), start=None)
     words = {"title": title_of(folder), "status": summary["status"], "note": _subtitle(summary)}
     parts = {
-        "warnings": _warnings(summary),
+        "warnings": _warnings(folder, summary),
         "body": _tiles(summary, tables) + _charts(summary, tables) + _details(folder, summary),
     }
     page = filled("report.html", data, parts, **words)
@@ -87,10 +87,14 @@ def _subtitle(summary):
     return f"{words}; {summary['method']}" if summary.get("method") else words
 
 
-def _warnings(summary):
+def _warnings(folder, summary):
+    """The failure, the doubt of the energy balance, and what the log has warned of."""
     kinds = (("error", "note failed"), ("warning", "note"))
     found = [(kind, item) for key, kind in kinds if (item := summary.get(key))]
-    found += [("note", item) for item in summary.get("warnings") or ()]
+    log = folder / "run.log"
+    lines = log.read_text(encoding="utf-8").splitlines() if log.is_file() else ()
+    told = (line.split(" warning: ", 1)[1] for line in lines if " warning: " in line)
+    found += [("note", text) for text in dict.fromkeys(told) if text != summary.get("warning")]
     return "".join(f'<p class="{kind}">{html.escape(str(text))}</p>' for kind, text in found)
 
 

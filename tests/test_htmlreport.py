@@ -71,7 +71,9 @@ def test_a_run_leaves_a_report_of_its_end(run, tmp_path):
     for title in ("Energy ledger", "Principal stretches", "Step size", "Iterations a step"):
         assert f"<figcaption>{title}" in page
     assert "tensile_stiffness = 1000" in page
-    assert 'class="note' not in page
+    assert 'class="note failed' not in page
+    log = (tmp_path / "run" / "run.log").read_text()
+    assert page.count('<p class="note">') == log.count(" warning: ")
     data = data_of(page)
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.2)
     last = fc.read_frame(tmp_path / "run/frames/frame_000002.vtu", cloth)
@@ -99,6 +101,20 @@ def test_a_failure_and_a_doubt_stand_above_everything(run):
     assert status == 3
     assert '<span class="status failed">failed</span>' in page
     assert page.index("did not converge") < page.index("<canvas")
+
+
+def test_what_the_log_warned_of_is_told_once(run, tmp_path):
+    run()
+    folder = tmp_path / "run"
+    with (folder / "run.log").open("a") as log:
+        log.writelines(["2026-01-01 warning: steep <mesh>\n", "2026-01-02 warning: steep <mesh>\n"])
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.2)
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()], pins=["left"])
+    state = system.rest()
+    frame = Frame(0.0, state.x, cloth.cells, *fields(system, state))
+    summary = json.loads((folder / "summary.json").read_text())
+    page = write_report(folder, summary, frame).read_text(encoding="utf-8")
+    assert page.count('<p class="note">steep &lt;mesh&gt;</p>') == 1
 
 
 def test_strains_are_those_of_the_frames(run, tmp_path):
