@@ -27,9 +27,10 @@ class Ledger:
     kinetic, potential
         ½ v·M v, and each term's energy, now.
     dissipated
-        Work done against each damping since the start, Σ dt · power at the method's stage.
+        Work done against each damping since the start, Σ dt · power at the method's stage, of
+        methods with a memory at the mean of both ends of the step.
     work
-        Work of each load that has no energy, Σ dt · supply at the method's stage.
+        Work of each load that has no energy, Σ dt · supply there.
     pins
         Work that the pins did on the cloth: change of the pinned nodes' kinetic energy less the
         work of the other forces on them.
