@@ -70,9 +70,9 @@ class AtLimit:
         method = self.method
         explicit = getattr(method, "explicit", False) and not isinstance(method, type)
         if not (explicit and getattr(method, "critical", None)):
-            allowed = "has no stable step that could be chosen" if explicit else "must be explicit"
-            remedy = "Take CentralDifference() or SymplecticEuler()."
-            raise InputError(f"method {brief(self.method)} without a dt", allowed, "march", remedy)
+            allowed = "has no stable step to choose"
+            remedy = "Take CentralDifference or SymplecticEuler."
+            raise InputError(f"method {brief(self.method)}", allowed, "", remedy)
 
     @property
     def order(self) -> int:
@@ -150,6 +150,7 @@ def refuse_unstable(system: System, method, state: State, dt: float, insist: str
     allowed, remedy = f"must be at most {limit:.4g} s: beyond it {name} is unstable", "Leave dt out"
     if limit == 0:
         allowed = f"no dt is stable: {name} needs damping in every mode"
+    if not method.critical:
         remedy = "Take CentralDifference or SymplecticEuler"
     elif not explicit:
         remedy = "Take beta >= gamma/2"

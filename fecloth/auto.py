@@ -74,7 +74,10 @@ class Auto:
     chooses_dt = True
 
     def __post_init__(self):
-        self._candidate(GeneralizedAlpha())  # refuses the tolerances
+        try:
+            self._candidate(GeneralizedAlpha())  # refuses the tolerances
+        except InputError as error:
+            raise InputError(error.what, error.allowed, "Auto", error.remedy) from None
 
     @property
     def candidates(self) -> tuple[Adaptive, Adaptive]:

@@ -123,6 +123,12 @@ def floats(name: str, value: object, where: str) -> np.ndarray:
         raise InputError(f"{name} = {brief(value)}", "must be numbers", where) from None
 
 
+def flag(name: str, value: object, where: str) -> None:
+    """Refuse what is neither True nor False."""
+    if not isinstance(value, bool):
+        raise InputError(f"{name} = {brief(value)}", "must be True or False", where)
+
+
 def brief(value: object) -> str:
     """The value in at most a line: large ones by their type, functions and classes by name."""
     if callable(value) and hasattr(value, "__qualname__"):

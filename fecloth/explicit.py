@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .compiled import kernel
-from .errors import InputError
+from .errors import InputError, flag
 from .losses import taken
 from .newton import Counts
 from .step import Step, arrival
@@ -51,6 +51,10 @@ class Explicit:
     critical: tuple[float, float]  # (a, b): stable for a dt² k + b dt d < 1, k = ω², d = 2 ζ ω
     theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
     explicit = True
+    beyond_limit: bool
+
+    def __post_init__(self):
+        flag("beyond_limit", self.beyond_limit, type(self).__name__)
 
     def check(self, system: System) -> None:
         """Refuse a mass that would need a linear solve.

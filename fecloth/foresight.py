@@ -36,7 +36,7 @@ def plan(built: Built, why: str) -> list[str]:
         f"{len(system.cloth.X)} nodes, {len(system.cloth.triangles)} {name}, "
         f"{system.admissible.shape[1]} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
-        f"{built.method}{f', dt = {built.dt:g} s' if built.dt else ''} to t = {built.t_end:g} s",
+        f"{built.method}, {_steps(built)} to t = {built.t_end:g} s",
         f"linear solver: {why}",
         _needs(built),
     ]
@@ -44,11 +44,20 @@ def plan(built: Built, why: str) -> list[str]:
         lines.append(built.note)
     limit = element_bound(system, "central_difference")
     if np.isfinite(limit):
-        lines.append(
-            f"fastest wave in the fabric {max(map(wave_speed, _fabrics(system))):.3g} m/s; an "
-            f"explicit method would need dt <= {limit:.3g} s (bound at rest)"
-        )
+        fastest = f"fastest wave in the fabric {max(map(wave_speed, _fabrics(system))):.3g} m/s"
+        needs = f"an explicit method would need dt <= {limit:.3g} s (bound at rest)"
+        if system.mass_kind != "lumped":
+            needs = "a consistent mass allows no explicit method"
+        lines.append(f"{fastest}; {needs}")
     return lines
+
+
+def _steps(built: Built) -> str:
+    """dt, or how the steps are chosen."""
+    if built.dt:
+        return f"dt = {built.dt:g} s"
+    by = f"rtol = {built.method.rtol:g}" if hasattr(built.method, "rtol") else "stability"
+    return f'steps chosen by {by}, as dt is left out or "auto",'
 
 
 def _needs(built: Built) -> str:

@@ -116,7 +116,7 @@ def named(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG:
         raise InputError(what, f"must be one of {', '.join(NAMES)}", where)
     if name == "pcg":
         if not symmetric:
-            remedy = 'Use "direct", or ask the terms for the symmetric part of their tangents.'
+            remedy = 'Use "auto" or "direct"; or EnergyMomentum with tangent = "symmetric".'
             raise InputError(what, "takes symmetric matrices only", where, remedy)
         return PCG()
     if name == "pardiso":

@@ -86,6 +86,9 @@ def solver_for(
     if getattr(method, "explicit", False):
         method.check(system)
         return Solver(None, None, options or Newton()), "no linear solver: explicit"
+    if choice not in ("auto", *linear.NAMES):
+        allowed = f"must be one of auto, {', '.join(linear.NAMES)}"
+        raise InputError(f"solver = {brief(choice)}", allowed, "march")
     options = options or Newton()
     symmetric = system.symmetric and getattr(method, "symmetric", True)
     symmetric |= options.definiteness == "clamp"  # clamped tangents all are
@@ -229,7 +232,10 @@ def _refuse_no_method(method):
 def _targets(method, t, dt, t_end, stops):
     """When a step must end; refuses what is no method, and steps that none can take."""
     _refuse_no_method(method)
-    if dt is None and getattr(method, "explicit", False):
+    if getattr(method, "explicit", False) and (dt is None or isinstance(dt, str)):
+        if dt is not None:
+            remedy = "Leave it out for the largest stable step."
+            raise InputError(f"dt = {dt!r}", "must be a number [s]", "march", remedy)
         return end_times(t, t_end, stops)
     if not getattr(method, "chooses_dt", False):
         return step_times(t, dt, t_end, stops)

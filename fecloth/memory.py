@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from . import newton
-from .errors import InputError, is_number
+from .errors import InputError, flag, is_number
 from .losses import taken_beyond
 from .newton import Solver
 from .stage import Stage
@@ -180,10 +180,13 @@ class Newmark(AccelerationMethod):
         > 0: at 0 the method is explicit.
     gamma
         At least ½: below, every mode grows.
+    beyond_limit
+        Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
     beta: float = 0.25
     gamma: float = 0.5
+    beyond_limit: bool = False
 
     def __post_init__(self):
         if not (is_number(self.beta) and self.beta > 0):
@@ -191,6 +194,7 @@ class Newmark(AccelerationMethod):
             raise InputError(f"beta = {self.beta!r}", "must be > 0", "Newmark", remedy)
         if not (is_number(self.gamma) and self.gamma >= 0.5):
             raise InputError(f"gamma = {self.gamma!r}", "must be >= 0.5", "Newmark")
+        flag("beyond_limit", self.beyond_limit, "Newmark")
 
     @property
     def order(self) -> int:

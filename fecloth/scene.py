@@ -19,6 +19,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from . import linear, scenefile
 from . import scenetables as tables
+from .atlimit import refuse_unstable
 from .bendingtensor import bending_note
 from .cloth import Cloth
 from .errors import InputError, MeshError, SceneError
@@ -178,14 +179,12 @@ class Scene(Table):
         with self._at("terms"):
             given = [term.make() for term in self.terms]
             system = System(cloth, fabric, given, pins, self.mass, grain)
-        if self.solver.linear != "auto":
-            with self._at("solver.linear"):
-                linear.named(self.solver.linear, system.symmetric)
         state = self._start(system)
         self._check_start(system, state)
+        method, dt = self.time.stepping()
+        self._check_method(system, state, method, dt)
         probes = self._probes(cloth)
         self._check_expected(system, state, probes)
-        method, dt = self.time.stepping()
         return Built(
             cloth=cloth,
             system=system,
@@ -260,6 +259,20 @@ class Scene(Table):
                 allowed = "has no finite force at the start"
                 remedy = "Is the start degenerate? A Gas needs a volume: give it a dome."
                 raise SceneError(f"terms: {name}", allowed, self._source, remedy)
+
+    def _check_method(self, system: System, state: State, method, dt: float | None) -> None:
+        """Refuse a mass, a step or a linear solver that the method cannot have."""
+        if getattr(method, "explicit", False):
+            with self._at(""):  # the mass
+                method.check(system)
+        elif self.solver.linear != "auto":
+            symmetric = system.symmetric and getattr(method, "symmetric", True)
+            with self._at("solver.linear"):
+                linear.named(self.solver.linear, symmetric or self.solver.definiteness == "clamp")
+        if dt:
+            insist = f'method = {{ type = "{self.time.method.type}", beyond_limit = true }}'
+            with self._at("time"):
+                refuse_unstable(system, method, state, dt, insist)
 
     def _probes(self, cloth: Cloth) -> tuple[Probe, ...]:
         probes = tuple(table.probe() for table in self.probes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -126,7 +127,11 @@ class PinTable(Table):
         exactly_one(self, "where", "inside")
         if self.direction and self.normal:
             exactly_one(self, "direction", "normal")
-        self.pin()
+        moves = self.pin().motion
+        if moves and not any(re.search(r"\bt\b", text) for text in self.motion) and moves(0).any():
+            allowed = "must depend on t: a pin is moved by the changes of its motion only"
+            remedy = 'Write "0.1 * t", or move the cloth by shift in [start].'
+            raise InputError(f"motion = {list(self.motion)}", allowed, "", remedy)
         return self
 
     def pin(self) -> Pin:
@@ -235,6 +240,8 @@ class Time(Table):
     @model_validator(mode="before")
     @classmethod
     def _method_by_name(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "method" not in data:
+            raise InputError("method is missing", f"must be one of {', '.join(_METHODS)}, auto")
         if isinstance(data, dict) and isinstance(data.get("method"), str):
             return data | {"method": {"type": data["method"]}}
         return data

@@ -239,7 +239,7 @@ MISTAKES = [
     ("expect.tip.x={value=1}", "expect.tip.x = {'value': 1}: unknown key", "needs quotes"),
     # missing keys
     ("cloth={shape='disk', h=1}", "cloth.radius is missing: must be a finite number", ""),
-    ("time={dt=1, t_end=1}", "time.method is missing: must be a table [backward_euler", ""),
+    ("time={dt=1, t_end=1}", "time.method is missing: must be one of backward_euler", ""),
     ("terms.1={type='StrainRateDamping'}", "terms.1.time is missing: must be a finite number", ""),
     ("terms.1.law={k=1}", "terms.1.law.type is missing: must be one of", ""),
     ("pins.0={}", "pins.0.where is missing: give exactly one of where, inside", ""),
@@ -307,6 +307,7 @@ MISTAKES = [
     ("expect.sag={value=0, relative=0.1}", "expect.sag.relative is given: nothing is", "absolute"),
     # formulas
     ("pins.0.motion.2='q'", "pins.0.motion.2: formula 'q', unknown name 'q'", "numbers, t, pi"),
+    ("pins.0.motion=[0, 0, 0.1]", "pins.0.motion = ['0', '0', '0.1']: must depend on t", "shift"),
     ("pins.0.motion.2='1/(t-0.05)'", "pins.0.motion: formula '1/(t-0.05)' is", "t = 0.05"),
     ("pins.0.motion.2='sqrt(0.1-t)'", "pins.0.motion: formula 'sqrt(0.1-t)' is nan", ""),
     ("pins.1.inside='X'", "pins.1.inside: formula 'X', a condition such as", ""),
@@ -756,3 +757,33 @@ def test_frames_of_chosen_steps_are_at_their_times(file):
     assert built.stops == pytest.approx((0.3, 0.6, 0.9))
     built = load(file, ["time.dt='auto'", "output={every_steps=7}"]).build()
     assert (built.frame_steps, built.stops) == (7, ())
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (
+            ["time.method='central_difference'"],
+            r"time.dt = 0.01 s: must be at most .*type = .cen",
+        ),
+        (["time.method='forward_euler'"], "time.dt = 0.01 s: .* unstable. Take CentralDifference"),
+        (["time.method={type='newmark',beta=0.01}"], "time.dt = 0.01 s: must be at most .*Newmark"),
+        (["time.method='central_difference'", "mass='consistent'"], "mass = 'consistent': must be"),
+        (
+            ["time.method='energy_momentum'", "solver.linear='pcg'"],
+            "solver.linear: .*tangent = .symmetric",
+        ),
+        (["time.method='BDF2'"], "time.method = 'BDF2': .*Did you mean 'bdf2'"),
+        (["time.method='CentralDifference'"], ".*Did you mean 'central_difference'"),
+    ],
+)
+def test_what_a_method_cannot_have_is_told_with_file_and_key(file, overrides, message):
+    with pytest.raises(fc.SceneError, match=rf"test.toml.*: {message}"):
+        load(file, overrides).build()
+
+
+def test_a_motion_may_begin_at_the_start(file):
+    """√t has no value before, and its difference must not ask for one."""
+    built = load(file, ["pins.0.motion.2='0.1*sqrt(t)**3'"]).build()
+    steps = fc.march(built.system, built.method, built.state, built.dt, built.t_end)
+    assert next(steps)[0].t == 0.01
