@@ -286,4 +286,4 @@ def writing(path: Path) -> Iterator[None]:
         reason = error.strerror or str(error)
         remedy = "Free space or choose" if full else "Choose"
         what = f"{path} cannot be written: {reason}"
-        raise InputError(what, remedy=f"{remedy} another folder with -o.") from error
+        raise InputError(what, remedy=f"{remedy} another folder.") from error

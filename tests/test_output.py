@@ -415,7 +415,7 @@ def test_a_full_disk_names_the_file_and_keeps_the_old_one(system, states, tmp_pa
         frames.add(states[1])
     assert str(failed.value) == (
         f"{tmp_path / 'frames' / 'frame_000001.vtu'} cannot be written: No space left on device. "
-        "Free space or choose another folder with -o."
+        "Free space or choose another folder."
     )
     monkeypatch.undo()
     assert not list(tmp_path.rglob("*.part"))
