@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -17,7 +18,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from . import foresight, linear
 from .cloth import Cloth
-from .errors import FeclothError, InputError
+from .errors import FeclothError, FeclothWarning, InputError
 from .fabric import Fabric
 from .march import StepInfo, run
 from .output import MESHIO
@@ -238,7 +239,10 @@ def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]
     arguments = built.system, built.method, built.state, built.dt, built.t_end
     options = {"probes": built.probes, "solver": built.linear, "newton": built.newton}
     options["stops"] = built.stops
-    result = run(*arguments, **options, report=report)
+    with warnings.catch_warnings(action="ignore", category=FeclothWarning):
+        result = run(*arguments, **options, report=report)
+    if result.doubt:
+        print(f"warning: {result.doubt}", file=sys.stderr)
     return check(scene, result.times, result.observed, result.energies)
 
 

@@ -19,7 +19,7 @@ from .errors import FeclothWarning, InputError, SolveFailed, StepFailed, brief, 
 from .jumps import jumping
 from .newton import Counts, Newton, NewtonFailed, Solver
 from .observe import Observer, Probe
-from .record import Ledger, doubt
+from .record import Ledger, doubt, slight
 from .system import State, System
 from .terms.membrane import largest_stretch, principal_stretches
 
@@ -441,9 +441,13 @@ def balanced(
 
 
 def _noise(system: System, info: StepInfo) -> float:
-    """½ m (64 ε |x|/dt)² [J], what the round-off of positions makes of a cloth that is at rest."""
+    """Kinetic energy [J] that tells nothing.
+
+    `record.slight`, or ½ m (64 ε |x|/dt)² if that is more, which the round-off of positions makes.
+    """
     speed = 64 * np.finfo(float).eps * np.abs(info.result.state.x).max() / info.dt
-    return 0.5 * float(system.nodal_mass.sum()) * speed**2
+    rounded = 0.5 * float(system.nodal_mass.sum()) * speed**2
+    return max(rounded, slight(system, info.t - info.memory.start))
 
 
 def add_seconds(a: dict[str, float], b: dict[str, float]) -> dict[str, float]:

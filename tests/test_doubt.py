@@ -95,3 +95,21 @@ def test_round_off_is_not_doubted(small):
         ledger = replace(opened, t=1.0, kinetic=off)
         assert bool(doubt(system, ledger, ledger.turnover, 0.0)) == told
     assert doubt(system, opened, 0.0, 0.0) == ""
+
+
+@pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.BDF2()], ids=str)
+def test_a_stiff_sheet_at_rest_is_neither_stopped_nor_doubted(method, small):
+    """Round-off rings in it, unlike anything that has been given."""
+    fabric = fc.Fabric(0.2, 5e4, 0.3, bending_rigidity=1e-5)
+    system = fc.System(small, fabric, [fc.StVK(), fc.HingeBending()], ["left"])
+    result = fc.run(system, method, system.rest(), 1e-3, 0.3)
+    assert result.energies["kinetic"].max() < 1e-20
+    assert result.doubt == ""
+
+
+def test_a_term_that_tells_nothing_is_not_doubted(small):
+    """A user's force without a potential, as the remainder is all that it does."""
+    system = moved(small, None, fc.StVK())
+    ledger = replace(fc.Ledger.open(system, system.rest()), t=1.0, kinetic=1.0)
+    assert doubt(system, ledger, 1.0, 0.0)
+    assert doubt(system, replace(ledger, silent=True), 1.0, 0.0) == ""
