@@ -185,10 +185,12 @@ def settled(
     t_end: float,
     solver: str | Solver = "auto",
     newton: Newton | None = None,
+    record: Callable = lambda *step: None,
 ) -> tuple[object, Solver, str]:
     """The method that takes the steps, its solver, and in words why those.
 
-    `Auto` is replaced by its choice, and an explicit method that is given no dt by `AtLimit`.
+    `Auto` is replaced by its choice, and an explicit method that is given no dt by `AtLimit`;
+    `record(method, old, step)` is what follows each step, and counts in Auto's choice.
     """
     if isinstance(solver, Solver):
         if isinstance(method, Auto):
@@ -202,7 +204,8 @@ def settled(
     if not isinstance(method, Auto):
         method = _stepping(method, dt)
         return method, *solver_of(method)
-    method, why = method.settled(system, state, t_end, lambda one: solver_of(one)[0])
+    way = system, state, t_end, lambda one: solver_of(one)[0], record
+    method, why = method.settled(*way)
     solver, reason = solver_of(method)
     return method, solver, f"{reason}; {type(method.method).__name__} ({why})"
 
@@ -410,7 +413,11 @@ def run(
     opening = replace(state, t=memory.start) if memory else state
     _targets(method, opening.t, dt, t_end, stops)  # refuse them before anything else
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
-    method, chosen, why = settled(system, method, opening, dt, t_end, solver, newton)
+
+    def record(one, old, step):
+        return ledger.after(system, one, old, step).row(), observer.row(old, step)
+
+    method, chosen, why = settled(system, method, opening, dt, t_end, solver, newton, record)
     energies, observed = [ledger.row()], [observer.row(None, None)]
     counts, begin, start, turnover = Counts(), time.perf_counter(), state.t, 0.0
     options = {"stops": stops, "most_stretch": most_stretch, "memory": memory}
@@ -432,11 +439,15 @@ def run(
 def balanced(
     system: System, method, ledger: Ledger, info: StepInfo, most: float = MOST_GROWTH
 ) -> Ledger:
-    """The ledger after a step; a `StepFailed` where that made energy from nothing."""
+    """The ledger after a step; a `StepFailed` where this and the last one had too much energy.
+
+    One alone may: a load that sets in has given momentum before it has worked.
+    """
     after = ledger.after(system, method, info.old, info.result)
-    problem = after.growth(most)
-    if problem and after.kinetic > _noise(system, info):
-        raise step_failed(system, info.old, info.step, info.dt, _Problem(problem))
+    noise = _noise(system, info)
+    grown = [one.kinetic > noise and one.growth(most) for one in (ledger, after)]
+    if all(grown):
+        raise step_failed(system, info.old, info.step, info.dt, _Problem(grown[1]))
     return after
 
 

@@ -357,8 +357,14 @@ def settled_scene(built: Built) -> tuple[Built, Solver, str]:
     """What was built with the method that takes the steps, its solver, and why those."""
     if built.dt:
         refuse_unstable(built.system, built.method, built.state, built.dt)
+    ledger = Ledger.open(built.system, built.state)
+    observer = Observer.bind(built.system, built.state, built.probes)
+
+    def record(one, old, step):
+        return ledger.after(built.system, one, old, step).row(), observer.row(old, step)
+
     run_ = built.system, built.method, built.state, built.dt, built.t_end
-    method, solver, why = settled(*run_, built.linear, built.newton)
+    method, solver, why = settled(*run_, built.linear, built.newton, record)
     return replace(built, method=method), solver, why
 
 

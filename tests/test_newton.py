@@ -359,7 +359,7 @@ def test_auto_follows_the_steps_of_a_march(monkeypatch):
 
 
 def test_a_step_so_long_that_the_mass_hardly_counts_is_solved():
-    """A cantilever's fall in one step of 100 s: no multiple of the mass makes up for its bending."""
+    """A cantilever in one step of 100 s: no multiple of the mass makes up for its bending."""
     strip = fc.Cloth.rectangle(0.5, 0.1, h=0.05, pattern="equilateral")
     fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-3)
     system = fc.System(strip, fabric, [fc.StVK(), fc.HingeBending(), fc.Gravity()], ["left"])
