@@ -9,6 +9,7 @@ from .adaptive import Adaptive
 from .auto import Auto
 from .bendingtensor import bending_tensor, strip_rigidity
 from .cloth import Cloth
+from .collect import Result, run
 from .energy_momentum import EnergyMomentum
 from .equilibrium import EquilibriumFailed, equilibrium
 from .errors import (
@@ -26,13 +27,14 @@ from .fabric import Fabric
 from .fused import many_steps
 from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
 from .lattice import plane_moduli
-from .march import Result, march, run, solver_for
+from .march import march
 from .memory import BDF2, GeneralizedAlpha, Newmark
 from .newton import Newton
 from .observe import Probe
 from .output import Frames, fields, read_frame, write_vtk
 from .pins import Pin, Slide
 from .record import Ledger
+from .settle import solver_for
 from .stability import critical_dt
 from .system import State, System
 from .terms import (

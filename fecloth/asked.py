@@ -70,3 +70,11 @@ def instance(name: str, value: object, cls: type | tuple, example: str, where: s
     """Refuse what is not an object of the class."""
     if not isinstance(value, cls):
         raise InputError(f"{name} = {brief(value)}", f"must be such as {example}", where)
+
+
+def method(method: object) -> None:
+    """Refuse what is no method."""
+    if isinstance(method, type) or not hasattr(method, "step"):
+        allowed = "must be a method such as BackwardEuler() or Auto()"
+        remedy = "The method comes before the state." if isinstance(method, State) else ""
+        raise InputError(f"method {brief(method)}", allowed, "march", remedy)

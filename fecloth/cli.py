@@ -18,9 +18,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from . import foresight, linear
 from .cloth import Cloth
+from .collect import run
 from .errors import FeclothError, FeclothWarning, InputError
 from .fabric import Fabric
-from .march import StepInfo, run
+from .march import StepInfo
 from .output import MESHIO
 from .record import Ledger
 from .render import render

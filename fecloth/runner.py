@@ -29,10 +29,11 @@ from . import restart as restarts
 from .atlimit import refuse_unstable
 from .auto import Auto
 from .cloth import Cloth
+from .collect import add_seconds, balanced, run
 from .errors import FeclothError, InputError, StepFailed
 from .foresight import doubts
 from .htmlreport import stretch_row, write_report
-from .march import Memory, StepInfo, add_seconds, balanced, march, run, settled
+from .march import Memory, StepInfo, march
 from .newton import Solver
 from .observe import Observer
 from .output import Frames, fields
@@ -41,6 +42,7 @@ from .restart import Restart
 from .runfolder import RunFolder, peak_memory, versions
 from .scene import Built, Scene
 from .series import Frame
+from .settle import settled
 from .system import System
 from .terms.membrane import principal_stretches
 from .vtkhdf import HdfFrames

@@ -24,7 +24,6 @@ from .bendingtensor import bending_note
 from .cloth import Cloth
 from .errors import InputError, MeshError, SceneError
 from .formula import nearest
-from .march import step_times
 from .newton import Newton
 from .observe import Observer, Probe
 from .output import read_frame
@@ -33,6 +32,7 @@ from .pins import DERIVATIVE_STEP, Constraints, Pin
 from .record import Ledger
 from .schema import Table, as_tuples, exactly_one, placed, scene_error
 from .system import State, System
+from .times import step_times
 
 
 @dataclass(frozen=True, eq=False)

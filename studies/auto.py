@@ -25,8 +25,8 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
-from fecloth.march import settled
 from fecloth.scene import load
+from fecloth.settle import settled
 
 SCENES = Path(__file__).parent / "scenes"
 RTOL = 1e-2  # 1/s

@@ -13,13 +13,14 @@ import harness
 import numpy as np
 
 import fecloth as fc
+from fecloth.collect import balanced, columns
 from fecloth.errors import InputError
-from fecloth.march import balanced, columns, settled
 from fecloth.newton import Counts
 from fecloth.observe import Observer
 from fecloth.runner import compile_kernels
 from fecloth.scene import Built, Scene, load
 from fecloth.scenetables import Interest
+from fecloth.settle import settled
 from fecloth.step import Step
 
 COUNTED = ("newton", "linear", "factorisations")

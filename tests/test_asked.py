@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.march import solver_for
+from fecloth.settle import solver_for
 from fecloth.stability import amplification, estimate
 
 CLOTH = fc.Cloth.rectangle(0.6, 0.3, h=0.15, pattern="right")

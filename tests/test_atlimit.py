@@ -5,7 +5,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.atlimit import FRACTION, LASTS, AtLimit
-from fecloth.march import MOST_GROWTH
+from fecloth.collect import MOST_GROWTH
 from fecloth.record import Ledger
 from fecloth.terms.membrane import largest_stretch, principal_stretches
 

@@ -8,8 +8,8 @@ import pytest
 
 import fecloth as fc
 from fecloth import auto
-from fecloth.march import settled
 from fecloth.newton import NewtonFailed
+from fecloth.settle import settled
 
 
 def sheet(h=0.1, stiffness=20.0, damping=None, **options):

@@ -8,7 +8,7 @@ import references
 from conftest import flat
 
 import fecloth as fc
-from fecloth.march import step_times
+from fecloth.times import step_times
 from fecloth.verify import observed_order
 
 

@@ -6,7 +6,7 @@ from conftest import affine, flat, rough
 
 import fecloth as fc
 from fecloth import newton
-from fecloth.march import solver_for
+from fecloth.settle import solver_for
 
 
 @pytest.fixture(scope="module")
