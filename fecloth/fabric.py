@@ -13,6 +13,8 @@ from .errors import InputError, is_number
 
 Pair = float | tuple[float, float]
 
+MEASURABLE = 1e12  # in SI units; what is beyond it, or less than its inverse, is no fabric's
+
 
 @dataclass(frozen=True)
 class Fabric:
@@ -289,3 +291,6 @@ def _pair(name: str, value: Pair | None) -> tuple[float, float] | None:
 def _positive(name: str, value: float, unit: str, where: str = "Fabric") -> None:
     if not (is_number(value) and value > 0):
         raise InputError(f"{name} = {value!r}", f"must be a finite number > 0 [{unit}]", where)
+    if not 1 / MEASURABLE <= value <= MEASURABLE:
+        allowed = f"must be between {1 / MEASURABLE:g} and {MEASURABLE:g} [{unit}]"
+        raise InputError(f"{name} = {value!r}", allowed, where, "Is it in SI units?")

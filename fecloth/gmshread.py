@@ -53,9 +53,10 @@ class RawMesh:
 def check_size(h, extent: float, area: float, where: str) -> None:
     """Refuse an edge length h [m] that a sheet of that extent [m] and area [m²] cannot have."""
     check_positive("h", h, where)
-    count = area / (np.sqrt(3.0) / 4 * float(h) ** 2)
     if h > extent:
         raise InputError(f"h = {h:g} m", f"must be at most {extent:g} m", where, "Refine it.")
+    with np.errstate(divide="ignore"):
+        count = np.float64(area) / (np.sqrt(3.0) / 4 * h * h)
     if count > _LARGEST:
         least = np.sqrt(4 / np.sqrt(3.0) * area / _LARGEST)
         what = f"h = {h:g} m would make about {count:.1e} triangles"
@@ -120,7 +121,11 @@ def from_msh(path: Path) -> RawMesh:
     with _gmsh_model() as gmsh:
         with _refusals("Gmsh cannot read it", str(path)):
             gmsh.merge(str(path))
-        return _from_gmsh(gmsh, str(path))
+        try:
+            return _from_gmsh(gmsh, str(path))
+        except UnicodeDecodeError as error:
+            byte = f"the byte 0x{error.object[error.start]:02x} in a name"
+            raise MeshError(byte, "must be UTF-8 text", str(path)) from None
 
 
 def _gmsh_arrays(gmsh, where: str):

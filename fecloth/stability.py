@@ -139,7 +139,7 @@ def element_bound(system: System, method="symplectic_euler") -> float:
 
 def _root(k: float, d: float) -> float:
     """The positive dt of dt² k + dt d = 1."""
-    total = d + math.sqrt(d**2 + 4 * k)
+    total = d + math.hypot(d, 2 * math.sqrt(k))
     return 2 / total if total > 0 else math.inf
 
 
