@@ -186,7 +186,7 @@ def conclude(rows: Rows, fine: Rows, quick: bool) -> list[harness.Finding]:
     ratio("cheapest explicit over implicit", "swing", 0.01, explicit, implicit, 1.5)
     marching = lambda row: row["method"] != "equilibrium"  # noqa: E731
     still = lambda row: row["method"] == "equilibrium"  # noqa: E731
-    ratio("marching over the equilibrium", "stretch", 0.01, marching, still, 1.5)
+    ratio("marching over the equilibrium", "stretch", 0.01, marching, still, 1.0)
     best = min(
         (r for r in rows if r["scene"] == "trampoline" and r["status"] == "ok"),
         key=lambda row: (row["h"], row["total_error"]),
