@@ -118,6 +118,11 @@ def _limit_size(gmsh, h: float, where: str, uniform: bool) -> None:
 
 def from_msh(path: Path) -> RawMesh:
     """Read a Gmsh mesh file."""
+    with path.open("rb") as file:
+        start = file.read(64).lstrip()
+    if not start.startswith((b"$MeshFormat", b"$Comments", b"$NOD")):
+        # Gmsh would take it for a .geo file, and stumble over the next one that is
+        raise MeshError(f"begins with {start[:20]!r}", "must begin with $MeshFormat", str(path))
     with _gmsh_model() as gmsh:
         with _refusals("Gmsh cannot read it", str(path)):
             gmsh.merge(str(path))
