@@ -26,7 +26,6 @@ from pathlib import Path
 import numpy as np
 
 from . import restart as restarts
-from .atlimit import refuse_unstable
 from .auto import Auto
 from .cloth import Cloth
 from .collect import add_seconds, balanced, run
@@ -357,8 +356,6 @@ _COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
 
 def settled_scene(built: Built) -> tuple[Built, Solver, str]:
     """What was built with the method that takes the steps, its solver, and why those."""
-    if built.dt:
-        refuse_unstable(built.system, built.method, built.state, built.dt)
     ledger = Ledger.open(built.system, built.state)
     observer = Observer.bind(built.system, built.state, built.probes)
 
@@ -391,7 +388,8 @@ def compile_kernels(built: Built) -> None:
     cloth = Cloth.from_arrays(corners, triangles, sets, regions=halves, element=element)
     fabric, *others = whole.panel.fabrics  # constants by triangle are an array of another layout
     fabric = {"lower": fabric, "upper": others[0]} if others else fabric
-    for linear in ("pcg", "direct") if built.linear == "auto" else (built.linear,):
+    # SuperLU compiles what PARDISO needs too, and does not load the MKL, which may not be needed
+    for linear in ("pcg", "superlu") if built.linear == "auto" else (built.linear,):
         with suppress(FeclothError), warnings.catch_warnings(action="ignore"):
             # what fails there, or is doubted, says nothing about the scene
             system = System(cloth, fabric, whole.terms, ["left"], whole.mass_kind)
