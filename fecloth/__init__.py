@@ -7,6 +7,7 @@ symbol table, and `System`, `march` and `run` for where to start.
 from . import stability, verify
 from .adaptive import Adaptive
 from .auto import Auto
+from .bdf2 import BDF2
 from .bendingtensor import bending_tensor, strip_rigidity
 from .cloth import Cloth
 from .collect import Result, run
@@ -28,7 +29,7 @@ from .fused import many_steps
 from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
 from .lattice import plane_moduli
 from .march import march
-from .memory import BDF2, GeneralizedAlpha, Newmark
+from .newmark import GeneralizedAlpha, Newmark
 from .newton import Newton
 from .observe import Probe
 from .output import Frames, fields, read_frame, write_vtk

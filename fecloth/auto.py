@@ -11,7 +11,7 @@ import numpy as np
 from .adaptive import Adaptive
 from .errors import InputError, SolveFailed
 from .explicit import CentralDifference
-from .memory import GeneralizedAlpha
+from .newmark import GeneralizedAlpha
 from .newton import NewtonFailed
 from .system import State, System
 

@@ -12,7 +12,7 @@ from . import linear
 from .direct import threads
 from .fabric import Fabric
 from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
-from .memory import GeneralizedAlpha, Newmark
+from .newmark import GeneralizedAlpha, Newmark
 from .scene import Built
 from .stability import element_bound
 from .system import System

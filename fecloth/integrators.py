@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import linear, newton
+from .bdf2 import BDF2
 from .energy_momentum import EnergyMomentum
 from .errors import IndefiniteMatrix
 from .losses import bend
-from .memory import BDF2, GeneralizedAlpha, Newmark
+from .newmark import GeneralizedAlpha, Newmark
 from .newton import Counts, Solver
 from .stage import Stage, prescribed
 from .step import Step, arrival, held

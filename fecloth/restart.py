@@ -20,11 +20,12 @@ import numpy as np
 
 from .adaptive import Control
 from .atlimit import Limited
+from .bdf2 import Change
 from .direct import threads
 from .errors import InputError
 from .explicit import LastForce
 from .march import Memory
-from .memory import Acceleration, Change
+from .newmark import Acceleration
 from .record import Ledger
 from .runfolder import replace_file, versions, writing
 from .system import State

@@ -10,7 +10,7 @@ from linear_term import LinearDamping, LinearMembrane
 from test_integrators import taut_start
 
 import fecloth as fc
-from fecloth.memory import Acceleration
+from fecloth.newmark import Acceleration
 from fecloth.verify import observed_order
 
 TIGHT = fc.Newton(tolerance=1e-12)
