@@ -19,7 +19,15 @@ DERIVATIVE_STEP = 1e-5  # s; a central difference of a motion is then good to ab
 
 @dataclass(frozen=True)
 class Pin:
-    """Nodes held where the run finds them, or moved along a trajectory.
+    """x(t) = x(t₀) + motion(t) − motion(t₀): nodes held where the run finds them, or moved.
+
+    Source: the filter of Baraff and Witkin (1998), Large Steps in Cloth Simulation, section 5, in
+    the form P A P + (I − P) with the projector P onto a node's free directions (Ascher and
+    Boxerman 2003, On the modified conjugate gradient method in cloth simulation).
+
+    Valid at any deformation, for a support that does not give way. One pinned node holds a
+    membrane the more softly the finer the mesh is, as `PointForce` says: hold edges. Steps must
+    sample a motion; what happens between two of them is not seen.
 
     Parameters
     ----------
@@ -108,6 +116,10 @@ class Slide(Pin):
 
         P = d dᵀ             along the line of direction d     (rank 1)
         P = I − n nᵀ         in the plane of normal n          (rank 2)
+
+    Source: as for `Pin`.
+
+    Valid where `Pin` is; the line or plane keeps its direction and has no friction.
 
     Parameters
     ----------

@@ -20,9 +20,7 @@ class BaraffWitkin:
     """C_u = aᵖ (|w_u| − b_u), C_v = aᵖ (|w_v| − b_v), C_s = aᵖ w_u·w_v, energy ½ k C² each.
 
     w_u = ∂x/∂u and w_v = ∂x/∂v, the columns of F along warp and weft; a is the triangle's
-    reference area [m²]. Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation,
-    section 4.2 with eq. 10 (stretch) and the shear condition after it; force and tangents as in
-    `fecloth.terms.condition`.
+    reference area [m²].
 
     Published is p = 1. The energy of a triangle grows with a², so that the cloth's tensile
     stiffness is k_u a [N/m]: refined from h to h/2 it is four times as soft. With p = ½ the energy
@@ -33,9 +31,15 @@ class BaraffWitkin:
     on every mesh: a material. For b = 1 it agrees at rest, to second order in the strain, with
     `StVK` of Y₁ = k_u, Y₂ = k_v, G = k_s and ν = 0. No choice of its constants gives it another ν.
 
-    Valid for any rotation; linear in the stretch, not in E. W is convex in E, but as there is no
-    resistance to a change of area a triangle can collapse with bounded energy. Cost of the force
-    relative to `StVK`: 3.6 times, of the tangent 4.9 times.
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, section 4.2 with eq. 10
+    (stretch) and the shear condition after it; force and tangents as in
+    `fecloth.terms.condition`.
+
+    Valid for any rotation and small strains, of a few per cent; linear in the stretch, not in E.
+    W is convex in E, but as there is no resistance to a change of area a triangle can collapse
+    with bounded energy.
+
+    Cost of the force relative to `StVK`: 3.6 times, of the tangent 4.9 times.
 
     Parameters
     ----------

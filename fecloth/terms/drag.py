@@ -24,9 +24,7 @@ class Drag:
 
     w = v̄ − u is the velocity of its centroid relative to the air, w_n = w · n and w_t = w − w_n n
     its parts, A and n its deformed area and normal; u = 0 for still air, see `Wind`. p is 1
-    (linear) or 2 (quadratic). The flow across and along are taken to act each on its own (the
-    independence principle, after Taylor 1952, Analysis of the swimming of long and narrow animals,
-    Proc. R. Soc. A 214, there for slender bodies). It dissipates −Σ F · w ≥ 0.
+    (linear) or 2 (quadratic). It dissipates −Σ F · w ≥ 0.
 
     With N = (x₂ − x₁) × (x₃ − x₁) = 2 A n and the edges e_b opposite to the corners, the tangents
     are
@@ -34,8 +32,15 @@ class Drag:
         D_ab = −(1/9) ∂F/∂w                                   symmetric, semi-definite
         K_ab = −(1/3) (∂F/∂N [e_b]× − ⅓ ∂F/∂w ∂u/∂x)          not symmetric
 
-    Valid where the air's own inertia (added mass), lift by circulation and shielding do not count.
-    P1 triangles only. Cost relative to `StVK`: force 1.3, tangent 1.4; with gusts 50 and 12.
+    Source: the flow across and the flow along are taken to act each on its own, the independence
+    principle after Taylor (1952), Analysis of the swimming of long and narrow animals, Proc. R.
+    Soc. A 214, there for slender bodies.
+
+    Valid where the air's own inertia (added mass), lift by circulation and shielding do not count:
+    cloth that falls or is blown on at a large angle, at a steady speed. "linear" is for creeping
+    flow only. P1 triangles only.
+
+    Cost relative to `StVK`: force 1.3, tangent 1.4; with gusts 50 and 12.
 
     Parameters
     ----------
@@ -65,11 +70,19 @@ class Drag:
 
 @dataclass(frozen=True)
 class Wind:
-    """`Drag` in moving air: the force of a `Drag` whose air has the velocity u(x, t) at centroids.
+    """`Drag` in moving air, F = −A (k_n |w_n|ᵖ⁻¹ w_n n + k_t |w_t|ᵖ⁻¹ w_t) with w = v̄ − u(x, t).
+
+    u is the velocity of the air at the centroids of the triangles.
 
     It takes the place of a `Drag` on the same cloth, which would count still air once more. Of
     its power Σ F · v̄ the part Σ F · w is dissipated and Σ F · u is work of the wind: the ledger
     has both, as ``dissipated:Wind`` and ``work:Wind``.
+
+    Source: `Drag` with w = v̄ − u(x, t); gusts after Kraichnan (1970), Diffusion by a random
+    velocity field, Physics of Fluids 13, 22–31 (`fecloth.air.Gusts`).
+
+    Valid where `Drag` is, for air that takes no notice of the cloth: there is no wake, no shelter
+    behind another part, and no flutter that the air's own motion would bring about.
 
     Parameters
     ----------

@@ -21,12 +21,18 @@ VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
 
 @dataclass(frozen=True)
 class PointForce:
-    """A force at a point of the cloth, or shared in equal parts among some nodes.
+    """f_a = N_a F(t) at a point of the cloth, or f_a = F(t)/k at each of k nodes.
 
-    f_a = N_a F(t) at a material point, f_a = F(t)/k at k nodes: the resultant is F(t) on any mesh.
-    A membrane under a force at one point has no limit under refinement (its displacement there
-    grows as the logarithm of 1/h, in the plane); measure it some way off, or load a set of nodes.
-    Its work stands in the ledger as ``work:PointForce``. No tangent. Cost: its nodes alone.
+    The resultant is F(t) on any mesh, and does not turn with the cloth. Its work stands in the
+    ledger as ``work:PointForce``. No tangent.
+
+    Source: virtual work F · δx of a force at a material point, N_a its shape functions there.
+
+    Valid at any deformation, some way off: a membrane under a force at one point has no limit
+    under refinement (its displacement there grows as the logarithm of 1/h, in the plane). Measure
+    it elsewhere, or load a set of nodes that does not shrink with h.
+
+    Cost: its nodes alone.
 
     Parameters
     ----------
@@ -107,7 +113,11 @@ class UserForce:
 
     Its power stands in the ledger as ``work:UserForce``, whatever it may be. Tangents: the
     derivatives that are given, else central differences of g over ± 1e-5 m and ± 1e-5 m/s, twelve
-    evaluations. Valid only if the force on a node depends on no other node.
+    evaluations.
+
+    Source: your own.
+
+    Valid only if the force on a node depends on no other node; its own range is yours to know.
 
     Parameters
     ----------

@@ -31,7 +31,12 @@ class Gas:
     uniform at every instant: waves in the gas are left out. A gas needs a volume: start from a
     dome, for a flat cloth has forces that are not finite.
 
-    Exact on P1 triangles. Cost: that of `Pressure`, and a second linear solve.
+    Source: the gas law p V^γ = const of an ideal gas, and the derivatives of V; exact on P1.
+
+    Valid while the volume is positive, the rim lies in one plane with o, and the gas is much
+    faster than the cloth.
+
+    Cost: that of `Pressure`, and a second linear solve.
 
     Parameters
     ----------

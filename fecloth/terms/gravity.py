@@ -16,7 +16,11 @@ from ..sums import dot
 class Gravity:
     """f_a = ρ g ∫ N_a dA, potential −Σ f_a · x_a [J] (zero at the origin).
 
-    Constant: costs a fiftieth of `StVK`'s force, and no tangent.
+    Source: virtual work of the weight ρ g of the reference area, exact on P1 and P2.
+
+    Valid at any deformation, in a uniform field: over the height of a cloth any is.
+
+    Cost: constant, a fiftieth of `StVK`'s force, and no tangent.
 
     Parameters
     ----------

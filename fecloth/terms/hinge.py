@@ -55,9 +55,13 @@ class HingeBending:
     `studies/bending_bias.py`). `right` also couples bending and twist: a strip of it turns out of
     its plane.
 
+    Source: the factor as derived above; the angle and its derivatives as in `dihedral`.
+
     Valid from flat to nearly folded: at θ = ±π the angle, and the energy, jump. Its tangent is
     exact; `definite` drops the part with ∂²θ, which is indefinite. Where a triangle has no height
-    the angle has no meaning: the membrane must keep triangles from collapsing. A triangle costs 4
+    the angle has no meaning: the membrane must keep triangles from collapsing.
+
+    Cost: a triangle costs 4
     times `StVK`'s force and 13 times its tangent.
 
     Parameters
@@ -105,8 +109,13 @@ class BendingDamping:
     """A moment −τ k θ̇ at every hinge, k = B l²/(A₁ + A₂) as in `HingeBending`.
 
     Force d = −τ k ∂θ/∂x θ̇ with θ̇ = ∂θ/∂x · v, dissipated power τ k θ̇²; zero in rigid motion, and
-    whatever the rest angle is. Its tangents are those of Baraff and Witkin (1998), Large Steps in
-    Cloth Simulation, eqs. 11–13, for the condition θ; they drop the non-symmetric part of ∂d/∂x.
+    whatever the rest angle is.
+
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, for the
+    condition θ; "symmetric" drops the non-symmetric part of ∂d/∂x, as they do.
+
+    Valid where `HingeBending` is, with the same factor between what is asked for and what the
+    pattern carries; the damping grows with frequency, a fabric's own hysteresis does not.
 
     Parameters
     ----------

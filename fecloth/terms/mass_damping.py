@@ -27,7 +27,12 @@ class MassDamping:
     fluid; see `StrainRateDamping` for damping that does not, and `Drag` for air.
 
     Source: Rayleigh (1877), The Theory of Sound, volume I, sections 81–82. Tangent in v exact and
-    symmetric, none in x. Valid at any deformation. Cost: a pass over the nodes.
+    symmetric, none in x.
+
+    Valid at any deformation, where the loss need not depend on direction or speed: as a means to
+    come to rest, not as a model of air or fabric.
+
+    Cost: a pass over the nodes.
 
     Parameters
     ----------

@@ -26,27 +26,32 @@ class NeoHookean:
 
         W = μ/2 (I₁ + 1/J² − 3),  S = μ (I − C⁻¹/J²),  ℂ = 2μ/J² (C⁻¹ ⊗ C⁻¹ + C⁻¹ ⊙ C⁻¹)
 
-    with (A ⊙ A)_ijkl = (A_ik A_jl + A_il A_jk)/2. Source: Treloar (1975), The Physics of Rubber
-    Elasticity, W = ½ G (λ₁² + λ₂² + λ₃² − 3), here with λ₃ = 1/(λ₁λ₂). W is convex in E
-    everywhere.
+    with (A ⊙ A)_ijkl = (A_ik A_jl + A_il A_jk)/2. W is convex in E everywhere.
 
     "compressible":
 
         W = μ/2 (I₁ − 2) − μ ln J + λ/2 (ln J)²,   S = μ (I − C⁻¹) + λ ln J C⁻¹
         ℂ = λ C⁻¹ ⊗ C⁻¹ + 2 (μ − λ ln J) C⁻¹ ⊙ C⁻¹
 
-    Source: Bonet and Wood (2008), Nonlinear Continuum Mechanics for Finite Element Analysis,
-    section 6.4.3 (S is its eq. 6.28), for two dimensions: their W with λ₃ = 1. So that it is a
-    membrane's all the same, λ and μ are those of plane stress: from the fabric μ = Y/(2 (1 + ν))
-    and λ = Yν/(1 − ν²), and at rest the law agrees with `StVK`. At finite strain it is a law of
-    its own for the sheet; the thickness is not asked for. In the metric of C the eigenvalues of ℂ
-    are 2 (μ − λ ln J), twice, and 2 (λ + μ − λ ln J): W is convex in E up to ln J = μ/λ =
-    (1 − ν)/(2ν), an area ratio of 3.2 at ν = 0.3, and everywhere if λ = 0. Beyond, a definite
-    tangent raises those eigenvalues to zero.
+    So that it is a membrane's, λ and μ are those of plane stress: from the fabric
+    μ = Y/(2 (1 + ν)) and λ = Yν/(1 − ν²), and at rest the law agrees with `StVK`. At finite strain
+    it is a law of its own for the sheet; the thickness is not asked for. In the metric of C the
+    eigenvalues of ℂ are 2 (μ − λ ln J), twice, and 2 (λ + μ − λ ln J): W is convex in E up to
+    ln J = μ/λ = (1 − ν)/(2ν), an area ratio of 3.2 at ν = 0.3, and everywhere if λ = 0. Beyond, a
+    definite tangent raises those eigenvalues to zero.
 
-    Valid for isotropic fabrics at any stretch. Where `StVK` softens in compression, here S grows
-    at least as 1/J² and W without bound, so that no equilibrium has a collapsed triangle; but J
-    is the area ratio without a sign, and a large step may turn a triangle over. Cost relative to
+    Source: "incompressible" is Treloar (1975), The Physics of Rubber Elasticity,
+    W = ½ G (λ₁² + λ₂² + λ₃² − 3), here with λ₃ = 1/(λ₁λ₂); "compressible" Bonet and Wood (2008),
+    Nonlinear Continuum Mechanics for Finite Element Analysis, section 6.4.3 (S is its eq. 6.28),
+    for two dimensions: their W with λ₃ = 1.
+
+    Valid for isotropic fabrics at any stretch, as a law; as a rubber to strains of some 20 %, for
+    it does not know the limit at which chains, or yarns, are straight. Where `StVK` softens in
+    compression, here S grows at least as 1/J² and W without bound, so that no equilibrium has a
+    collapsed triangle; but J is the area ratio without a sign, and a large step may turn a
+    triangle over.
+
+    Cost relative to
     `StVK`: force 1.2 (incompressible) and 1.9 (compressible), tangent 1.2 and 1.4.
 
     Parameters

@@ -42,7 +42,12 @@ class Pressure:
         f_a = p ∫ N_a n dA,   K_ab = p ∫ N_a [d_b]× dA   or   (p/2) ∫ [N_a d_b − N_b d_a]× dA
 
     Work that the pressure does stands in the ledger's column ``work:Pressure``; it has no
-    potential in general. Cost on P1: a third of `StVK`'s, force and tangent.
+    potential in general.
+
+    Valid at any deformation, for a pressure that is given: that of an enclosed gas, which falls as
+    the cloth gives way, is `Gas`; that of moving air `Wind`.
+
+    Cost on P1: a third of `StVK`'s, force and tangent.
 
     Parameters
     ----------

@@ -19,19 +19,24 @@ class QuadraticBending:
     """½ x·Q x with Q = Σ k g gᵀ over the interior edges, the isometric bending model.
 
     g_a are the four coefficients of θ ≈ Σ g_a z_a of a hinge about flat [1/m],
-    k = B l²/(A₁ + A₂) [N m] is `HingeBending`'s, and the three components of x do not couple. In
-    the notation of Bergou et al. (2006), A Quadratic Bending Model for Inextensible Surfaces,
-    section 2, l g = −K₀ (cotangents of the angles at the edge), and their Q = 3/(A₁ + A₂) K₀ᵀK₀
-    is the one here for B = 3 N m: their stiffness is not B (see `HingeBending`).
+    k = B l²/(A₁ + A₂) [N m] is `HingeBending`'s, and the three components of x do not couple.
 
     At flat, Q is the stiffness of `HingeBending` out of the plane, so its B_eff on each mesh is
     the same. While the triangles keep their shape, Σ g_a x_a is the sum of the two unit vectors in
     them that point from the edge: the energy is 2 k sin²(θ/2), softer than ½ k θ² when folded.
 
-    Valid for cloth that is flat at rest and hardly stretches. A stretch that differs between the
+    Source: Bergou et al. (2006), A Quadratic Bending Model for Inextensible Surfaces, section 2.
+    There l g = −K₀ (cotangents of the angles at the edge), and Q = 3/(A₁ + A₂) K₀ᵀK₀ is the one
+    here for B = 3 N m: their stiffness is not B (see `HingeBending`).
+
+    Valid for cloth that is flat at rest, hardly stretches and is folded by less than a right angle
+    between two triangles: there the moment is greatest, and it is none at a full fold. A stretch
+    that differs between the
     two triangles makes Σ g_a x_a as well: the form adds about B/h² [N/m] to the stiffness in the
     plane, for fabrics much less than Y. Its tangent is constant and positive semi-definite, there
-    is no angle that could jump. A triangle costs 0.7 of `StVK`'s force and 0.3 of its tangent.
+    is no angle that could jump.
+
+    Cost: a triangle costs 0.7 of `StVK`'s force and 0.3 of its tangent.
 
     Examples
     --------

@@ -21,8 +21,8 @@ KINDS = ("structural", "van_gelder", "biquadratic")
 class Springs:
     """A network of springs in place of a membrane.
 
-    ``kind = "structural"``, energy ½ k (l − l₀)² a spring (Provot 1995, Deformation Constraints
-    in a Mass-Spring Model, section 3.1). On a grid ("right" and "cross") its classes are
+    ``kind = "structural"``, energy ½ k (l − l₀)² a spring. On a grid ("right" and "cross") its
+    classes are
 
         stretch  along the sides of the cells: k = Y A_e / l², Y of the warp or the weft
         shear    both diagonals (their halves on "cross"): k = G A_e / (l² c² s²)
@@ -33,11 +33,10 @@ class Springs:
     and c, s the cosine and sine of their direction; the shear springs stiffen stretch as well. On
     all other meshes there are the edges only, all with k = √3/2 Y, as an equilateral lattice needs.
 
-    ``kind = "van_gelder"``, the edges with k = Y Σ A / l² over the triangles at the edge (Van
-    Gelder 1998, Approximate Simulation of Elastic Membranes by Triangulated Spring Meshes, the
-    formula in its simplest form). Its error: the network takes no notice of the fabric's ν. It
-    has the fabric's Y and ν = 1/3 on an equilateral mesh; on "right" C11 = C22 = 5/4 Y,
-    C12 = C33 = Y/4 with as much coupling of shear and stretch, C13 = C23 = Y/4.
+    ``kind = "van_gelder"``, the edges with k = Y Σ A / l² over the triangles at the edge. Its
+    error: the network takes no notice of the fabric's ν. It has the fabric's Y and ν = 1/3 on an
+    equilateral mesh; on "right" C11 = C22 = 5/4 Y, C12 = C33 = Y/4 with as much coupling of shear
+    and stretch, C13 = C23 = Y/4.
 
     ``kind = "biquadratic"``, in each triangle with the angles α and area A
 
@@ -45,13 +44,19 @@ class Springs:
         k_i  = (2 (λ + μ) cot² α_i + μ) / (16 A)
         c_ij = (2 (λ + μ) cot α_i cot α_j − μ) / (16 A)
 
-    with λ = Y ν / (1 − ν²) and μ = Y / (1 + ν), twice the shear modulus (Delingette 2008,
-    Triangular Springs for Modeling Nonlinear Membranes): the energy of `StVK`, identically, for
-    isotropic fabrics.
+    with λ = Y ν / (1 − ν²) and μ = Y / (1 + ν), twice the shear modulus: the energy of `StVK`,
+    identically, for isotropic fabrics.
 
-    `fecloth.plane_moduli` says which material a network is. None of the networks on edges
-    converges under refinement to the fabric, but for ν = 1/3 on equilateral triangles. A spring
-    in compression is unstable against rotation; `definite` drops that part of its tangent.
+    Source: Provot (1995), Deformation Constraints in a Mass-Spring Model, section 3.1
+    ("structural"); Van Gelder (1998), Approximate Simulation of Elastic Membranes by Triangulated
+    Spring Meshes, the formula in its simplest form ("van_gelder"); Delingette (2008), Triangular
+    Springs for Modeling Nonlinear Membranes ("biquadratic").
+
+    Valid, if on edges, for a cloth of which no more than the tensile stiffness at small strains
+    counts: none of these networks converges under refinement to the fabric, but for ν = 1/3 on
+    equilateral triangles, and `fecloth.plane_moduli` says which material one is. A spring in
+    compression is unstable against rotation, so that a net gives way like a truss; `definite`
+    drops that part of its tangent. "biquadratic" is valid where `StVK` is.
 
     Cost of force and tangent relative to `StVK`: 1.2 times for the edges, 2.5 and 3.6 for
     "biquadratic".

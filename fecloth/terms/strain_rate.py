@@ -37,7 +37,11 @@ class StrainRateDamping:
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, who drop the
     non-symmetric part of ∂d/∂x; here for the whole tensor C at once.
 
-    Valid at any strain; the viscosity does not change with it. Cost of force and tangent relative
+    Valid at any strain, as a law; the viscosity does not change with it. A motion in which the
+    cloth is not strained, as bending without stretch, it does not damp; a fabric's own damping is
+    friction between yarns and depends on frequency less than this.
+
+    Cost of force and tangent relative
     to `StVK`: 1.3 and 1.1 times; "exact" takes a solver for general matrices besides.
 
     Parameters

@@ -19,12 +19,22 @@ class StVK:
     """W = ½ E:ℂ:E, S = ℂ:E with the plane-stress moduli ℂ of the fabric, isotropic or orthotropic.
 
     Energy per reference area W [J/m²], stress resultant S [N/m], in the material axes warp and
-    weft. Isotropic: W = Y / (2 (1 − ν²)) (E11² + E22² + 2 ν E11 E22 + 2 (1 − ν) E12²).
+    weft:
+
+        isotropic    W = Y/(2 (1 − ν²)) (E11² + E22² + 2 ν E11 E22 + 2 (1 − ν) E12²)
+        orthotropic  W = (Y₁ E11² + Y₂ E22² + 2 ν₁₂ Y₂ E11 E22)/(2 (1 − ν₁₂ ν₂₁)) + 2 G E12²
+
+    with ν₂₁ = ν₁₂ Y₂/Y₁. Pulled to the stretch λ with its sides free, it bears the nominal stress
+    P = Y λ (λ² − 1)/2 [N/m].
+
     Source: Bonet and Wood (2008), Nonlinear Continuum Mechanics for Finite Element Analysis,
     chapter 6, with plane-stress moduli (`Fabric.moduli`).
 
-    Valid for any rotation and for strains at which the fabric is linear in E. W is convex in E,
-    but in compression the force softens beyond a stretch of 1/√3 and a triangle can collapse.
+    Valid for any rotation and for small strains, of a few per cent: at 10 % P is 16 % above
+    Y (λ − 1), and a woven fabric stiffens otherwise, as its crimp is pulled out. W is convex in E,
+    but compressed below a stretch of 1/√3 = 0.577 the resistance falls again: a triangle gives
+    way and can collapse.
+
     Cost: 15 ns a triangle for the force, 68 for the tangent (one thread); other terms state
     theirs relative to these, and ``python studies/costs.py`` measures them.
     """

@@ -39,8 +39,11 @@ class TensionField:
     Valid where wrinkles are finer than what is asked for: it gives the mean surface and the
     stress, not the wrinkles, and does not depend on the mesh where `StVK` would fold at the width
     of a triangle. A slack region has no stiffness, a wrinkled one none across its wrinkles: a
-    static solution needs a load or a mass there. Isotropic fabrics only: for an orthotropic one
-    the direction of tension is not that of E₁. Cost relative to `StVK`: force 1.8, tangent 1.2.
+    static solution needs a load or a mass there. In tension it holds for the small strains of
+    `StVK`. Isotropic fabrics only: for an orthotropic one the direction of tension is not that of
+    E₁.
+
+    Cost relative to `StVK`: force 1.8, tangent 1.2.
     """
 
     def constants(self, fabric: Fabric) -> np.ndarray:

@@ -20,11 +20,14 @@ class TensorCondition:
 
     With φ the map from parameters to the rest triangle (edges v, w) and ψ to the deformed one
     (edges a, b), F = ∂ψ ∂φ⁻¹ and FᵀF = ∂φ⁻ᵀ [[a·a, a·b], [a·b, b·b]] ∂φ⁻¹: the Gram matrix of the
-    deformed edges, transformed by a constant of the rest triangle. The condition as the energy
-    k/2 CᵀC follows Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 6.
+    deformed edges, transformed by a constant of the rest triangle. It is the same material as
+    `StVK` with ν = 0 and tensile stiffness 4k (so G = 2k), at the same cost.
 
-    The same material as `StVK` with ν = 0 and tensile stiffness 4k (so G = 2k), at the same cost,
-    valid where that is.
+    Source: the condition as the energy k/2 CᵀC follows Baraff and Witkin (1998), Large Steps in
+    Cloth Simulation, eq. 6.
+
+    Valid where `StVK` is, for a cloth that does not contract as it is stretched: small strains,
+    any rotation; it gives way below a stretch of 1/√3.
 
     Parameters
     ----------

@@ -20,11 +20,14 @@ DERIVATIVE_STEP = 1e-5  # s; the speed of the point is a central difference
 class Tether:
     """C = x − p(t), energy ½ k |x − p|² for each node: a spring of no length to the point p(t).
 
-    Force −k (x − p) − k_d (v − ṗ); K = k I and D = k_d I, exactly, for C is linear (the condition
-    loop with ∂C = I, Baraff and Witkin 1998, Large Steps in Cloth Simulation, eqs. 7, 8, 11, 13).
-    The ledger books the power of the hand, Σ f·ṗ, as the tether's work.
+    Force −k (x − p) − k_d (v − ṗ); K = k I and D = k_d I, exactly, for C is linear. The ledger
+    books the power of the hand, Σ f·ṗ, as the tether's work.
 
-    Unlike a `Pin` it gives way: by F/k under the force F. Valid for any distance.
+    Source: the condition loop with ∂C = I, Baraff and Witkin (1998), Large Steps in Cloth
+    Simulation, eqs. 7, 8, 11, 13.
+
+    Valid for any distance. Unlike a `Pin` it gives way, by F/k under the force F; many nodes drawn
+    to one point crumple the cloth there.
 
     Parameters
     ----------

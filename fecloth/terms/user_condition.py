@@ -26,9 +26,15 @@ Function = Callable[[np.ndarray], np.ndarray]
 class Condition:
     """Energy ½ k_s CᵀC and damping −k_d ∂C Ċ of a condition C(x) on stencils of k nodes.
 
-    Force, stiffness and damping Hessians follow from C, ∂C and ∂²C (Baraff and Witkin 1998, Large
-    Steps in Cloth Simulation, eqs. 7, 8, 11–13; see `fecloth.terms.condition`). C works on all
-    stencils at once, on arrays.
+    Force, stiffness and damping Hessians follow from C, ∂C and ∂²C. C works on all stencils at
+    once, on arrays.
+
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 6–8 and 11–13; see
+    `fecloth.terms.condition`.
+
+    Valid where C is twice differentiable, which it must be at every state that is met: a length
+    is not at zero, an angle not at a full turn. Momentum is kept only if C does not change in
+    rigid motion.
 
     A derivative that is not given comes from central differences of order 4 with a step of 1e-3
     of the stencil's size. Where C is smooth on the scale of the stencil, ∂C is then good to 1e-10
