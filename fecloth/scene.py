@@ -2,7 +2,7 @@
 
 The same thing as the Python calls: the keys of a term, the fabric or the solver are the fields of
 the classes in `fecloth.terms`, of `Fabric` and of `Newton`, with the same units. The tables are
-described in `scenetables`.
+described in `scenetables`, `scenestart` and `scenetime`.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ from .output import read_frame
 from .panel import Panel
 from .pins import DERIVATIVE_STEP, Constraints, Pin
 from .record import Ledger
+from .scenestart import Start
+from .scenetime import Output, Time
 from .schema import Table, as_tuples, exactly_one, placed, scene_error
 from .system import State, System
 from .times import step_times
@@ -90,10 +92,10 @@ class Scene(Table):
     grain_degrees: float | dict[str, float] = 0.0
     terms: tuple[tables.Term, ...] = ()
     pins: tuple[tables.PinTable, ...] = ()
-    start: tables.Start = tables.Start(plane="xy")
-    time: tables.Time
+    start: Start = Start(plane="xy")
+    time: Time
     solver: tables.SolverTable = tables.SolverTable()
-    output: tables.Output = tables.Output(frames=50)
+    output: Output = Output(frames=50)
     probes: tuple[tables.ProbeTable, ...] = ()
     expect: dict[str, tables.Expectations] = Field({})
     interest: tables.Interest | None = None

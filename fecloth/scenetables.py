@@ -1,36 +1,28 @@
-"""The tables of a scene file, one class for each; see `scene` for the file as a whole."""
+"""The tables of a scene file, one class for each; see `scene` for the file as a whole.
+
+[start] is in `scenestart`, [time] and [output] are in `scenetime`.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from . import presets, scenefile, terms
-from .adaptive import Adaptive
-from .atlimit import AtLimit
-from .auto import Auto
 from .cloth import Cloth
 from .errors import InputError
-from .explicit import EXPLICIT
 from .fabric import Fabric
 from .formula import Formula, Motion, Region
-from .integrators import METHODS
 from .newton import Newton
 from .observe import Probe
 from .pins import Pin, Slide
 from .schema import Table, exactly_one, one_of, table_of
 from .units import OF_FABRIC, quantity
-from .vtkhdf import h5py
 
-MOST_STEPS = 10_000_000
-_PLANES = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}  # the axes of warp and weft
-_METHODS = METHODS | EXPLICIT
 _TAKEN = ("mean_displacement", "reaction")  # columns that no probe may be called
 
 
@@ -142,187 +134,6 @@ class PinTable(Table):
             across = {"direction": self.direction, "normal": self.normal}
             return Slide(where, motion, name=self.name, **across)
         return Pin(where, motion, name=self.name)
-
-
-class Rotation(Table):
-    """A turn about an axis through the origin, right-handed."""
-
-    axis: Vector
-    degrees: float
-
-    @model_validator(mode="after")
-    def _axis_has_a_direction(self):
-        if not any(self.axis):
-            raise InputError(f"axis = {list(self.axis)}", "must not be zero")
-        return self
-
-    def applied(self, x: np.ndarray) -> np.ndarray:
-        """Rodrigues' formula for points (n, 3)."""
-        axis = np.array(self.axis) / math.hypot(*self.axis)
-        angle = math.radians(self.degrees)
-        along = np.outer(x @ axis, axis)
-        return along + math.cos(angle) * (x - along) + math.sin(angle) * np.cross(axis, x)
-
-
-class Start(Table):
-    """Where the cloth starts: flat in a plane, or at formulas of X and Y, or where a run stopped.
-
-    `rotate` is applied to it, then `shift`; `velocity` is not rotated.
-    """
-
-    plane: Literal["xy", "xz", "yz"] | None = None
-    position: tuple[OfPlace, OfPlace, OfPlace] | None = None
-    frame: File | None = None
-    rotate: Rotation | None = None
-    shift: Vector | None = None
-    velocity: tuple[OfPlace, OfPlace, OfPlace] | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _default(cls, data: Any) -> Any:
-        given = not isinstance(data, dict) or {"plane", "position", "frame"} & set(data)
-        return data if given else {"plane": "xy", **data}
-
-    @model_validator(mode="after")
-    def _one_place(self):
-        exactly_one(self, "plane", "position", "frame")
-        changed = [key for key in ("rotate", "shift", "velocity") if getattr(self, key)]
-        if self.frame and changed:
-            raise InputError(f"{changed[0]} is given", "a frame has its own x and v")
-        return self
-
-    def x(self, X: np.ndarray) -> np.ndarray:
-        """Positions (n, 3) [m] of material points (n, 2); not for a frame."""
-        x = np.zeros((len(X), 3))
-        if self.position:
-            x = _at(self.position, X)
-        else:
-            x[:, _PLANES[self.plane]] = X
-        x = self.rotate.applied(x) if self.rotate else x
-        return x + self.shift if self.shift else x
-
-    def v(self, X: np.ndarray) -> np.ndarray:
-        """Velocities (n, 3) [m/s]."""
-        return _at(self.velocity, X) if self.velocity else np.zeros((len(X), 3))
-
-
-def _at(texts: tuple[str, ...], X: np.ndarray) -> np.ndarray:
-    formulas = [Formula(text, ("X", "Y")) for text in texts]
-    return np.stack([formula(X=X[:, 0], Y=X[:, 1]) for formula in formulas], axis=1)
-
-
-class AutoMethod(Table):
-    """``method = "auto"``: explicit or implicit, whichever is foretold to be faster."""
-
-    type: Literal["auto"]
-
-
-_MethodTable = one_of(
-    "type", {name: table_of(cls, name) for name, cls in _METHODS.items()} | {"auto": AutoMethod}
-)
-
-
-class Time(Table):
-    """The method and its step dt, from t_start to t_end [s].
-
-    With ``dt = "auto"`` the steps are chosen: by their error where `rtol` [1/s] or `atol` [m/s]
-    are given, as for `Adaptive`, and for implicit methods in any case; else, for explicit ones,
-    0.9 of the largest stable one.
-    """
-
-    method: _MethodTable = Field(description=", ".join([*_METHODS, "auto"]))
-    dt: Annotated[float, Field(gt=0)] | Literal["auto"] = Field("auto", description="s")
-    t_end: float = Field(description="s")
-    t_start: float = Field(0.0, description="s")
-    rtol: float | None = Field(None, ge=0, description="1/s")
-    atol: float | None = Field(None, ge=0, description="m/s")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _method_by_name(cls, data: Any) -> Any:
-        if isinstance(data, dict) and "method" not in data:
-            raise InputError("method is missing", f"must be one of {', '.join(_METHODS)}, auto")
-        if isinstance(data, dict) and isinstance(data.get("method"), str):
-            return data | {"method": {"type": data["method"]}}
-        return data
-
-    @model_validator(mode="after")
-    def _finitely_many(self):
-        if not self.t_end > self.t_start:
-            allowed = f"must be greater than {self.t_start:g} [s]"
-            raise InputError(f"t_end = {self.t_end!r}", allowed)
-        if self.dt == "auto":
-            self.stepping()
-            return self
-        for key in ("rtol", "atol"):
-            if getattr(self, key) is not None:
-                raise InputError(f"{key} = {getattr(self, key)!r}", 'needs dt = "auto"')
-        if self.method.type == "auto":
-            raise InputError(f"dt = {self.dt!r}", 'must be "auto" with method = "auto"')
-        steps = (self.t_end - self.t_start) / self.dt
-        if steps > MOST_STEPS:
-            what = f"dt = {self.dt!r} makes {steps:.2g} steps"
-            raise InputError(what, f"must be at most {MOST_STEPS:.0e}", "", "Is it in seconds?")
-        return self
-
-    def stepping(self) -> tuple[object, float | None]:
-        """The method and dt, as `march` takes them."""
-        given = {k: getattr(self, k) for k in ("rtol", "atol") if getattr(self, k) is not None}
-        if self.method.type == "auto":
-            return Auto(**given), None
-        method = self.method.make()
-        if self.dt != "auto":
-            return method, self.dt
-        if getattr(method, "explicit", False) and not given:
-            return AtLimit(method), None
-        return Adaptive(method, **given), None
-
-
-class Output(Table):
-    """Frames: their number (about), or the seconds or steps between two of them.
-
-    With `restart_steps` or `restart_every` a restart file at the start, after every so many steps
-    or seconds of the motion, and at the end.
-    """
-
-    frames: int | None = Field(None, ge=1)
-    every: float | None = Field(None, gt=0, description="s")
-    every_steps: int | None = Field(None, ge=1)
-    format: Literal["vtu", "vtkhdf"] = Field("vtu", description="a file a frame, or one for all")
-    restart_steps: int | None = Field(None, ge=1)
-    restart_every: float | None = Field(None, gt=0, description="s")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _default(cls, data: Any) -> Any:
-        given = not isinstance(data, dict) or data.keys() & {"frames", "every", "every_steps"}
-        return data if given else {"frames": 50} | data
-
-    @model_validator(mode="after")
-    def _one_spacing(self):
-        exactly_one(self, "frames", "every", "every_steps")
-        if self.restart_steps and self.restart_every:
-            exactly_one(self, "restart_steps", "restart_every")
-        if self.format == "vtkhdf":
-            h5py()
-        return self
-
-    def steps(self, time: Time) -> int | None:
-        """Steps between two frames, rounded to the nearest; None for frames at the `stops`."""
-        if self.every_steps or time.dt == "auto":
-            return self.every_steps
-        return max(1, round(self._seconds(time) / time.dt))
-
-    def stops(self, time: Time) -> tuple[float, ...]:
-        """Times of the frames at which a step must end, where the steps are chosen."""
-        if self.every_steps or time.dt != "auto":
-            return ()
-        seconds = self._seconds(time)
-        count = math.ceil((time.t_end - time.t_start) / seconds - 1e-9)
-        return tuple(time.t_start + seconds * i for i in range(1, count))
-
-    def _seconds(self, time: Time) -> float:
-        return self.every or (time.t_end - time.t_start) / (self.frames or 1)
 
 
 class ProbeTable(Table):

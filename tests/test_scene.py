@@ -172,7 +172,7 @@ def test_start_from_formulas(file):
 
 
 def test_rotation_keeps_lengths_and_the_axis():
-    from fecloth.scenetables import Rotation
+    from fecloth.scenestart import Rotation
 
     x = np.random.default_rng(1).normal(size=(5, 3))
     turned = Rotation(axis=(1.0, 2.0, -1.0), degrees=40.0).applied(x)
