@@ -30,12 +30,12 @@ from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
 from .lattice import plane_moduli
 from .march import march
 from .newmark import GeneralizedAlpha, Newmark
-from .newton import Newton
 from .observe import Probe
 from .output import Frames, fields, read_frame, write_vtk
 from .pins import Pin, Slide
 from .record import Ledger
 from .settle import solver_for
+from .solver import Newton
 from .stability import critical_dt
 from .system import State, System
 from .terms import (

@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .atlimit import AtLimit
+from .counts import Counts
 from .errors import InputError, SolveFailed, is_number
-from .newton import Counts, NewtonFailed, Solver
+from .newton import NewtonFailed
+from .solver import Solver
 from .step import Step, arrival, held
 from .sums import mean, rms
 from .system import State, System

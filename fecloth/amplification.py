@@ -15,7 +15,7 @@ from .explicit import EXPLICIT
 from .fabric import Fabric
 from .formula import nearest
 from .integrators import METHODS
-from .newton import Newton, Solver
+from .solver import Newton, Solver
 from .system import State, System
 from .terms import Tether
 

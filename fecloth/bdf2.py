@@ -9,7 +9,7 @@ import numpy as np
 from . import newton
 from .memory import RememberedStep, WithMemory, holding
 from .newmark import Newmark
-from .newton import Solver
+from .solver import Solver
 from .stage import Stage
 from .step import Step, arrival, held
 from .system import State, System

@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import asked
+from .counts import Counts
 from .errors import FeclothWarning
 from .march import Memory, Problem, StepInfo, march, refuse_arguments, step_failed
-from .newton import Counts, Newton
 from .observe import Observer, Probe
 from .record import Ledger, doubt, slight
 from .settle import settled
+from .solver import Newton
 from .system import State, System
 from .times import targets_of
 

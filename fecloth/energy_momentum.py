@@ -9,7 +9,7 @@ import numpy as np
 
 from . import newton
 from .errors import InputError
-from .newton import Solver
+from .solver import Solver
 from .stage import Stage, prescribed
 from .step import Step, arrival, held
 from .system import State, System

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .compiled import kernel
+from .counts import Counts
 from .errors import InputError, flag
 from .losses import taken
-from .newton import Counts
 from .step import Step, arrival
 from .system import State, System
 

@@ -13,11 +13,12 @@ import numpy as np
 
 from . import linear, newton
 from .bdf2 import BDF2
+from .counts import Counts
 from .energy_momentum import EnergyMomentum
 from .errors import IndefiniteMatrix
 from .losses import bend
 from .newmark import GeneralizedAlpha, Newmark
-from .newton import Counts, Solver
+from .solver import Solver
 from .stage import Stage, prescribed
 from .step import Step, arrival, held
 from .sums import dot

@@ -13,8 +13,9 @@ from .atlimit import refuse_unstable
 from .auto import Auto
 from .errors import InputError, SolveFailed, StepFailed
 from .jumps import jumping
-from .newton import Newton, NewtonFailed, Solver
+from .newton import NewtonFailed
 from .settle import settled
+from .solver import Newton, Solver
 from .system import State, System
 from .terms.membrane import largest_stretch, principal_stretches
 from .times import left, targets_of

@@ -9,7 +9,7 @@ import numpy as np
 from . import newton
 from .errors import InputError, flag, is_number
 from .memory import RememberedStep, WithMemory, blend, holding
-from .newton import Solver
+from .solver import Solver
 from .stage import Stage
 from .step import Step, arrival, held
 from .system import State, System

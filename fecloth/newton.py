@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from . import linear, linesearch
 from .blocks import BlockMatrix
-from .cheapest import Cheapest
-from .errors import FeclothError, InputError, SolveFailed, is_number
-from .kept import Kept
+from .counts import Counts
+from .errors import FeclothError, SolveFailed
+from .solver import Newton, Solver
 from .stage import Stage
 from .sums import dot, size
 from .system import State, System
 
-DEFINITENESS = ("none", "clamp", "on_failure")
 # Of Newton's matrix: what is added to it of its mass, and whether its tangents are made definite.
 SHIFTS = (0.0, *(4.0**n for n in range(-1, 8)))
 REMEDIES = {
@@ -24,56 +22,6 @@ REMEDIES = {
     "clamp": [(0.0, True)],
     "on_failure": [(shift, definite) for definite in (False, True) for shift in SHIFTS],
 }
-
-
-@dataclass(frozen=True)
-class Newton:
-    """How the stage equation is solved.
-
-    Parameters
-    ----------
-    tolerance
-        On the residual ‖M a − f‖ of the free directions, relative to the forces of the step:
-        ‖M a‖ plus the sum over the terms of ‖f_term‖ at the first iterate. No less is asked for
-        than the round-off of the forces themselves, 8 ε ‖K_ii x_i‖: a cloth at rest without any
-        load has no other force.
-    max_iterations
-        Beyond it the step has failed.
-    forcing
-        Relative residual that an iterative linear solver is asked for in each iteration.
-    definiteness
-        "none": the exact tangent; "clamp": every term's tangent made positive semi-definite,
-        and symmetric, so that conjugate gradients serve where exact tangents are not symmetric;
-        "on_failure": exact, and where that is not positive definite or its direction leads
-        nowhere, with a multiple of the mass added: 1/4, 1, 4, … times, and less again in the next
-        iterations (after Nocedal and Wright 2006, algorithm 3.3); where no multiple will do, as
-        in steps so long that the mass hardly counts, clamped tangents. A cloth in compression is
-        unstable for good; there clamping converges slowly, as it takes away what the solution
-        has. On a flag at dt = 10 ms it took up to 129 iterations a step, the added mass 23.
-    reuse
-        Whether a direct solver's factor serves further iterations, and steps of the same size,
-        while that is cheaper than a new one; see `kept.Kept`.
-    """
-
-    tolerance: float = 1e-6
-    max_iterations: int = 200
-    forcing: float = 1e-2
-    definiteness: str = "on_failure"
-    reuse: bool = True
-
-    def __post_init__(self):
-        if not (is_number(self.tolerance) and 1e-13 <= self.tolerance < 1):
-            raise InputError(f"tolerance = {self.tolerance!r}", "must lie in [1e-13, 1)", "Newton")
-        if not (is_number(self.forcing) and 0 < self.forcing < 1):
-            raise InputError(f"forcing = {self.forcing!r}", "must lie in (0, 1)", "Newton")
-        most = self.max_iterations
-        if not (isinstance(most, int) and not isinstance(most, bool) and most >= 1):
-            raise InputError(f"max_iterations = {most!r}", "must be an integer >= 1", "Newton")
-        if self.definiteness not in DEFINITENESS:
-            allowed = f"must be one of {', '.join(DEFINITENESS)}"
-            raise InputError(f"definiteness = {self.definiteness!r}", allowed, "Newton")
-        if not isinstance(self.reuse, bool):
-            raise InputError(f"reuse = {self.reuse!r}", "must be True or False", "Newton")
 
 
 class NewtonFailed(FeclothError):
@@ -85,74 +33,6 @@ class NewtonFailed(FeclothError):
 
     def __str__(self) -> str:
         return f"{self.reason} (relative residual {self.residual:.2e}). {self.remedy}"
-
-
-@dataclass(frozen=True)
-class Counts:
-    """What one solve took.
-
-    Attributes
-    ----------
-    newton, linear
-        Iterations.
-    modified
-        Tangents that were clamped or had mass added.
-    residual
-        Relative to the forces of the step.
-    seconds
-        Of assembly, factorisation and solution.
-    factorisations
-        Or preconditioners: fewer than Newton iterations where a factor was kept.
-    rejected
-        Steps that were tried before, and too long.
-    """
-
-    newton: int = 0
-    linear: int = 0
-    modified: int = 0
-    residual: float = 0.0
-    seconds: dict = field(default_factory=dict)
-    factorisations: int = 0
-    rejected: int = 0
-
-    def plus(self, other: Counts) -> Counts:
-        """The sums, and the other's residual."""
-        names = ("newton", "linear", "modified", "factorisations", "rejected")
-        sums = {name: getattr(self, name) + getattr(other, name) for name in names}
-        keys = {**self.seconds, **other.seconds}
-        seconds = {k: self.seconds.get(k, 0.0) + other.seconds.get(k, 0.0) for k in keys}
-        return Counts(**sums, residual=other.residual, seconds=seconds)
-
-
-@dataclass(frozen=True, eq=False)
-class Solver:
-    """What a step needs to solve its equations: a linear solver, a matrix to fill, the options.
-
-    A factor and what "auto" has learned are kept from step to step.
-    """
-
-    linear: object
-    matrix: BlockMatrix
-    options: Newton
-    kept: Kept = field(default_factory=Kept)
-
-    def begin(self, wx: float, wa: float) -> None:
-        """A step with these weights begins: "auto" may take another linear solver for it."""
-        if isinstance(self.linear, Cheapest):
-            self.linear.begin(wx, wa)
-
-    @property
-    def keeps(self) -> bool:
-        """Whether a step may depend on what the steps before have left in the solver."""
-        if isinstance(self.linear, Cheapest):
-            return True
-        return getattr(self.linear, "name", "pcg") != "pcg" and self.options.reuse
-
-    def drop(self) -> None:
-        """Forget the steps before: those that follow do not depend on them."""
-        self.kept.drop()
-        if isinstance(self.linear, Cheapest):
-            self.linear.drop()
 
 
 def solve(system: System, stage: Stage, solver: Solver, guess: np.ndarray | None = None):
@@ -211,9 +91,10 @@ def round_off(system: System, J: BlockMatrix, x: np.ndarray, wa: float) -> float
 class _Work:
     """The arrays and counters of one solve."""
 
-    def __init__(self, system, stage, solver):
+    def __init__(self, system: System, stage: Stage, solver: Solver):
         self.system, self.stage, self.linear_solver = system, stage, solver.linear
-        self.J, self.options, self.kept = solver.matrix, solver.options, solver.kept
+        self.J, self.kept = solver.matrix, solver.kept
+        self.options: Newton = solver.options
         self.scale = 0.0
         self.remedies = REMEDIES[solver.options.definiteness]
         self.linear = self.modified = self.factorisations = self.again = 0

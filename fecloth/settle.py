@@ -9,7 +9,7 @@ from .atlimit import AtLimit
 from .auto import Auto
 from .blocks import BlockMatrix
 from .errors import InputError, brief
-from .newton import Newton, Solver
+from .solver import Newton, Solver
 from .system import State, System
 
 

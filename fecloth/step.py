@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .newton import Counts
+from .counts import Counts
 from .system import State, System
 
 

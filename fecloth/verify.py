@@ -12,7 +12,7 @@ from .cloth import Cloth
 from .errors import FeclothError
 from .fabric import Fabric
 from .march import march
-from .newton import Newton
+from .solver import Newton
 from .system import State, System
 
 FLOOR = 1e-8  # relative error below which a difference quotient counts as exact

@@ -14,8 +14,8 @@ import numpy as np
 
 import fecloth as fc
 from fecloth.collect import balanced, columns
+from fecloth.counts import Counts
 from fecloth.errors import InputError
-from fecloth.newton import Counts
 from fecloth.observe import Observer
 from fecloth.runner import compile_kernels
 from fecloth.scene import Built, Scene, load

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import fecloth as fc
-from fecloth.newton import Counts
+from fecloth.counts import Counts
 from fecloth.scene import load
 
 SCENES = Path(__file__).parent / "scenes"

@@ -12,8 +12,8 @@ import numpy as np
 from materials import NU, Y
 
 import fecloth as fc
+from fecloth.counts import Counts
 from fecloth.errors import SolveFailed, StepFailed
-from fecloth.newton import Counts
 from fecloth.scene import load
 
 SAMPLES = 40  # times at which the paths are compared

@@ -6,6 +6,7 @@ from conftest import affine, flat, rough
 
 import fecloth as fc
 from fecloth import newton
+from fecloth.kept import Kept
 from fecloth.settle import solver_for
 
 
@@ -312,14 +313,14 @@ def test_a_failure_drops_the_factor(drum):
     wrong = fc.State(state.t, np.where(state.x == state.x.max(), np.nan, state.x), state.v)
     with pytest.raises(newton.NewtonFailed, match="not finite"):
         fallen(drum, solver, [1e-3], wrong)
-    assert solver.kept == newton.Kept()
+    assert solver.kept == Kept()
 
 
 def test_a_factor_that_serves_badly_is_not_tried_for_longer_and_longer():
     class Linear:
         name, prepared = "pardiso", 0
 
-    kept, key, tried = newton.Kept(), ("system", 1.0), []
+    kept, key, tried = Kept(), ("system", 1.0), []
     for number in range(40):
         if kept.fits(key, Linear):
             tried.append(number)
@@ -334,7 +335,7 @@ def test_a_step_dearer_than_the_average_since_the_factor_ends_it():
     class Linear:
         name, prepared = "pardiso", 0
 
-    kept, steps = newton.Kept(), 0
+    kept, steps = Kept(), 0
     kept.made(("system",), Linear)
     while kept.key:  # 0, 1, 2, … iterations: 5 + 0 + 1 + 2 in 3 steps are 2.67, less than the next
         for _ in range(steps):

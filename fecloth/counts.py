@@ -1,0 +1,42 @@
+"""What it took to solve the equations of a step, or of many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What one solve took.
+
+    Attributes
+    ----------
+    newton, linear
+        Iterations.
+    modified
+        Tangents that were clamped or had mass added.
+    residual
+        Relative to the forces of the step.
+    seconds
+        Of assembly, factorisation and solution.
+    factorisations
+        Or preconditioners: fewer than Newton iterations where a factor was kept.
+    rejected
+        Steps that were tried before, and too long.
+    """
+
+    newton: int = 0
+    linear: int = 0
+    modified: int = 0
+    residual: float = 0.0
+    seconds: dict = field(default_factory=dict)
+    factorisations: int = 0
+    rejected: int = 0
+
+    def plus(self, other: Counts) -> Counts:
+        """The sums, and the other's residual."""
+        names = ("newton", "linear", "modified", "factorisations", "rejected")
+        sums = {name: getattr(self, name) + getattr(other, name) for name in names}
+        keys = {**self.seconds, **other.seconds}
+        seconds = {k: self.seconds.get(k, 0.0) + other.seconds.get(k, 0.0) for k in keys}
+        return Counts(**sums, residual=other.residual, seconds=seconds)
