@@ -22,13 +22,14 @@ from . import scenetables as tables
 from .atlimit import refuse_unstable
 from .bendingtensor import bending_note
 from .cloth import Cloth
+from .constraints import Constraints
 from .errors import InputError, MeshError, SceneError
 from .formula import nearest
 from .newton import Newton
 from .observe import Observer, Probe
 from .output import read_frame
 from .panel import Panel
-from .pins import DERIVATIVE_STEP, Constraints, Pin
+from .pins import DERIVATIVE_STEP, Pin
 from .record import Ledger
 from .scenestart import Start
 from .scenetime import Output, Time

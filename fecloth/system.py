@@ -11,10 +11,11 @@ import scipy.sparse as sparse
 
 from .blocks import BlockMatrix, BlockPattern, add_mass
 from .cloth import Cloth
+from .constraints import Constraints, MatrixProjection
 from .errors import InputError, floats, is_number
 from .fabric import Fabric
 from .panel import Panel
-from .pins import Constraints, MatrixProjection, Pin
+from .pins import Pin
 from .sums import dot
 
 

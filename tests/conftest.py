@@ -13,6 +13,12 @@ def sheet():
 
 
 @pytest.fixture(scope="session")
+def small():
+    """An unstructured sheet, 0.4 m × 0.3 m, of about 30 triangles."""
+    return fc.Cloth.rectangle(0.4, 0.3, h=0.1)
+
+
+@pytest.fixture(scope="session")
 def isotropic():
     return fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
 
@@ -41,3 +47,11 @@ def rough(cloth, rng, amount=0.02):
 def affine(cloth, F, shift=(0.0, 0.0, 0.0)):
     """(n, 3) positions F X + shift with F of shape (3, 2)."""
     return cloth.X @ np.asarray(F, dtype=float).T + np.asarray(shift)
+
+
+def taut_start(system, stretch=1.1):
+    """`small` stretched, with a smooth transverse and in-plane velocity."""
+    X = system.cloth.X
+    x = affine(system.cloth, [[stretch, 0.0], [0.0, stretch], [0.0, 0.0]])
+    wave = np.sin(np.pi * X[:, 0] / 0.4) * np.sin(np.pi * X[:, 1] / 0.3)
+    return system.state(x, np.column_stack([0.3 * wave, 0.2 * wave, 2.0 * wave]))

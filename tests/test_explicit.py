@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from conftest import affine, flat
+from conftest import affine, flat, taut_start
 from linear_term import LinearDamping, LinearMembrane
 
 import fecloth as fc
@@ -17,18 +17,6 @@ EULER, SYMPLECTIC, CENTRAL = ALL
 
 def named(method):
     return type(method).__name__
-
-
-@pytest.fixture(scope="module")
-def small():
-    return fc.Cloth.rectangle(0.4, 0.3, h=0.1)
-
-
-def taut_start(system, stretch=1.1):
-    X = system.cloth.X
-    x = affine(system.cloth, [[stretch, 0.0], [0.0, stretch], [0.0, 0.0]])
-    wave = np.sin(np.pi * X[:, 0] / 0.4) * np.sin(np.pi * X[:, 1] / 0.3)
-    return system.state(x, np.column_stack([0.3 * wave, 0.2 * wave, 2.0 * wave]))
 
 
 @pytest.mark.parametrize("method", ALL, ids=named)

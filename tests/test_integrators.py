@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import affine, flat
+from conftest import affine, flat, taut_start
 from linear_term import LinearDamping, LinearMembrane
 
 import fecloth as fc
@@ -15,20 +15,6 @@ TIGHT = fc.Newton(tolerance=1e-12)
 
 def named(method):
     return type(method).__name__
-
-
-@pytest.fixture(scope="module")
-def small():
-    return fc.Cloth.rectangle(0.4, 0.3, h=0.1)
-
-
-def taut_start(system, stretch=1.1):
-    """A stretched sheet with a smooth transverse and in-plane velocity."""
-    X = system.cloth.X
-    x = affine(system.cloth, [[stretch, 0.0], [0.0, stretch], [0.0, 0.0]])
-    wave = np.sin(np.pi * X[:, 0] / 0.4) * np.sin(np.pi * X[:, 1] / 0.3)
-    v = np.column_stack([0.3 * wave, 0.2 * wave, 2.0 * wave])
-    return system.state(x, v)
 
 
 @pytest.mark.parametrize("tangent", ["symmetric", "exact"])

@@ -5,20 +5,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import scipy.linalg
-from conftest import affine
+from conftest import affine, taut_start
 from linear_term import LinearDamping, LinearMembrane
-from test_integrators import taut_start
 
 import fecloth as fc
 from fecloth.newmark import Acceleration
 from fecloth.verify import observed_order
 
 TIGHT = fc.Newton(tolerance=1e-12)
-
-
-@pytest.fixture(scope="module")
-def small():
-    return fc.Cloth.rectangle(0.4, 0.3, h=0.1)
 
 
 @pytest.fixture(scope="module")

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import affine, flat
+from conftest import affine, flat, taut_start
 from linear_term import LinearDamping, LinearMembrane
-from test_integrators import taut_start
 from test_orders import CASES
 
 import fecloth as fc

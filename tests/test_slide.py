@@ -17,11 +17,6 @@ def named(method):
     return type(method).__name__
 
 
-@pytest.fixture(scope="module")
-def small():
-    return fc.Cloth.rectangle(0.4, 0.3, h=0.1)
-
-
 # --- the projector --------------------------------------------------------------------------------
 
 
