@@ -9,9 +9,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from . import linear
-from .direct import threads
 from .fabric import Fabric
 from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
+from .mkl import threads
 from .newmark import GeneralizedAlpha, Newmark
 from .scene import Built
 from .stability import element_bound

@@ -21,10 +21,10 @@ import numpy as np
 from .adaptive import Control
 from .atlimit import Limited
 from .bdf2 import Change
-from .direct import threads
 from .errors import InputError
 from .explicit import LastForce
 from .march import Memory
+from .mkl import threads
 from .newmark import Acceleration
 from .record import Ledger
 from .runfolder import replace_file, versions, writing
