@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
+import threading
 import warnings
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping
@@ -16,7 +18,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from . import foresight, linear
+from . import foresight, linear, restart
 from .cloth import Cloth
 from .collect import run
 from .errors import FeclothError, FeclothWarning, InputError
@@ -25,7 +27,7 @@ from .march import StepInfo
 from .output import MESHIO
 from .record import Ledger
 from .render import render
-from .runfolder import versions, writing
+from .runfolder import WriteError, versions, writing
 from .runner import DONE, FAILED, run_scene, settled_scene
 from .scene import Built, Scene, Verdict, check, load
 from .series import FIELDS
@@ -45,19 +47,40 @@ def main(arguments: list[str] | None = None) -> int:
     """Run a command and return its exit status (see `STATUS`)."""
     options = _parser().parse_args(arguments)
     try:
-        return options.command(options)
+        with _terminable():
+            return options.command(options)
     except InputError as mistake:
         print(f"error: {mistake}", file=sys.stderr)
         return BAD_INPUT
     except FeclothError as failure:
         print(f"failed: {failure}", file=sys.stderr)
         return SIMULATION_FAILED
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"interrupted{f' {stop}' if stop.args else '; run it again'}", file=sys.stderr)
         return STOPPED
     except BrokenPipeError:  # the reader of a pipe has gone, as in `fecloth info | head -1`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as refusal:  # of the system, as where Numba keeps machine code
+        remedy = "If a disk is full, free space; NUMBA_CACHE_DIR is where machine code is kept."
+        print(f"error: {refusal}. {remedy}", file=sys.stderr)
+        return BAD_INPUT
+    except MemoryError as full:
+        print(f"failed: memory is full ({full}). Take a coarser mesh.", file=sys.stderr)
+        return SIMULATION_FAILED
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM is Ctrl-C, also before a run listens to both."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -164,6 +187,10 @@ def _closing(outcome) -> str:
 
 def _trouble(outcome) -> str:
     readable = f"{outcome.folder} is readable up to t = {outcome.summary['t']:g} s"
+    if isinstance(outcome.error, WriteError):
+        again = f"--resume {outcome.folder} goes on from its last restart file"
+        none = "no restart file was written: restart_steps in [output] asks for them"
+        readable += f"; {again if restart.files(outcome.folder) else none}"
     if outcome.error:
         return f"failed: {outcome.error}\n{readable}"
     return f"interrupted; {readable}; --resume {outcome.folder} goes on from there"

@@ -25,7 +25,7 @@ import json
 import sys
 import zlib
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -147,29 +147,21 @@ class Frames:
         self._list_last()
         return file
 
-    def keep(self, count: int) -> None:
-        """Go on after the first `count` frames of an earlier run; the others are removed.
-
-        Raises
-        ------
-        InputError
-            If the list of the frames cannot be read, or has fewer.
-        """
-        where = self._list(".vtu.series")
-        try:
-            listed = json.loads(where.read_bytes())["files"]
-            self.times = array("d", [float(entry["time"]) for entry in listed[:count]])
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(f"cannot be read ({error})", where=str(where)) from error
-        if len(self.times) < count:
-            raise InputError(f"{len(self.times)} frames", f"must be {count}", str(where))
-        files = [(self._name(i), t) for i, t in enumerate(self.times)]
+    def keep(self, times: Sequence[float]) -> None:
+        """Go on after an earlier run's frames of these times; its later ones are removed."""
+        self.times = array("d", times)
+        listed = [(self._name(i), t) for i, t in enumerate(self.times)]
         for suffix, encode, _ in LISTS:
-            replace_file(self._list(suffix), encode(files))
-        for file in where.parent.glob(f"{self.stem}_*.vtu"):
-            if file.name >= Path(self._name(count)).name:
+            replace_file(self._list(suffix), encode(listed))
+        for file in self.path.parent.glob(f"{self.stem}_*.vtu"):
+            if file.name >= Path(self._name(len(self.times))).name:
                 with writing(file):
                     file.unlink()
+
+    def files(self, after: int) -> list[Path]:
+        """The frames from number `after` on, and the lists."""
+        frames = [self.path.parent / self._name(i) for i in range(after, len(self.times))]
+        return [*frames, *(self._list(suffix) for suffix, *_ in LISTS)]
 
     def _name(self, number: int) -> str:
         return f"{self.stem}_{number:06d}.vtu"

@@ -27,7 +27,7 @@ from .march import Memory
 from .mkl import threads
 from .newmark import Acceleration
 from .record import Ledger
-from .runfolder import replace_file, versions, writing
+from .runfolder import on_disk, replace_file, versions, writing
 from .system import State
 
 FORMAT = 1
@@ -95,7 +95,10 @@ RECORDS = {
 
 
 def write(folder: Path, restart: Restart) -> Path:
-    """Write the file in one go and remove those before the last two; returns it."""
+    """Write the file in one go and remove those before the last two; returns it.
+
+    No other is removed before it is on the disk, so that a power cut leaves one.
+    """
     path = folder / FOLDER / f"restart_{restart.memory.step:09d}.npz"
     arrays: list[np.ndarray] = []
     header = json.dumps({"format": FORMAT, "run": _packed(restart, arrays)})
@@ -103,6 +106,7 @@ def write(folder: Path, restart: Restart) -> Path:
     named = {f"array_{i}": array for i, array in enumerate(arrays)}
     np.savez(stream, header=np.frombuffer(header.encode(), np.uint8), **named)
     replace_file(path, stream.getvalue())
+    on_disk(path, path.parent, folder)
     with writing(path):
         for old in files(folder)[KEPT:]:
             old.unlink()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import errno
+import io
 import json
 import math
 import os
@@ -22,7 +23,8 @@ import numpy as np
 from .errors import InputError
 
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
-TEXTS = ("summary.json", "scene.resolved.toml", "run.log", "run.vtkhdf", "report.html", "view.html")
+TEXTS = ("summary.json", "scene.resolved.toml", "run.log", "report.html", "view.html")
+TEXTS += ("run.vtkhdf", "run.vtkhdf.redo")
 LISTS = ("*.pvd", "*.vtu.series")  # only those that name frames/frame_…
 PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "numba", "pypardiso", "mkl")
 
@@ -31,8 +33,9 @@ PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "numba", "pypardis
 class RunFolder:
     """Where one run writes; made by `create`.
 
-    Everything is on disk as soon as it is given: rows and log lines are flushed one by one, and
-    whole files are replaced in one go.
+    Everything is with the operating system as soon as it is given, row by row and line by line,
+    and whole files are replaced in one go: a killed process loses nothing. A power cut may, but for
+    what restart files need, see `on_disk`.
 
     Examples
     --------
@@ -151,21 +154,26 @@ def _written(path):
 
 
 class Table:
-    """A .csv file of rows with equal keys, each on disk once `add` returns.
+    """A .csv file of rows with equal keys, each handed to the system once `add` returns.
 
-    Numbers are written so that they read back as the same float64.
+    Numbers are written so that they read back as the same float64. A row for which there is no
+    room leaves nothing of itself.
+
+    Attributes
+    ----------
+    size
+        Bytes written.
     """
 
     def __init__(self, path: Path, kept: int | None = None):
-        self.path = path
+        self.path, self.size = path, kept or 0
         self._header: tuple[str, ...] = ()
         with writing(path):
             if kept:
                 os.truncate(path, kept)
                 with path.open(newline="", encoding="utf-8") as stream:
                     self._header = tuple(next(csv.reader(stream)))
-            self._stream = path.open("a" if kept else "w", newline="", encoding="utf-8")
-        self._rows = csv.writer(self._stream, lineterminator="\n")
+            self._stream = path.open("ab" if kept else "wb", buffering=0)
 
     def add(self, row: Mapping[str, object]) -> None:
         """Write one row.
@@ -175,20 +183,32 @@ class Table:
         InputError
             If its keys are not the first row's, or the file cannot be written.
         """
+        header = self._header or tuple(row)
+        if row.keys() != set(header):
+            odd = ", ".join(sorted(row.keys() ^ set(header)))
+            raise InputError(f"keys {odd}", "must be those of the first row", str(self.path))
+        line = [row[key] for key in header]
+        data = _csv([line] if self._header else [header, line])
         with writing(self.path):
-            if not self._header:
-                self._header = tuple(row)
-                self._rows.writerow(self._header)
-            if row.keys() != set(self._header):
-                odd = ", ".join(sorted(row.keys() ^ set(self._header)))
-                raise InputError(f"keys {odd}", "must be those of the first row", str(self.path))
-            self._rows.writerow([row[key] for key in self._header])
-            self._stream.flush()
+            try:
+                while data:  # a disk that is almost full takes a part
+                    data = data[self._stream.write(data) :]
+            except BaseException:
+                with suppress(OSError):  # that first one is told
+                    self.cut(self.size)
+                raise
+        self._header, self.size = header, self._stream.tell()
 
-    @property
-    def size(self) -> int:
-        """Bytes on disk."""
-        return self.path.stat().st_size
+    def cut(self, size: int) -> None:
+        """Take the bytes beyond the first `size` away."""
+        self._stream.truncate(size)
+        self._stream.seek(size)
+        self.size = size
+
+    def column(self, name: str) -> list[float]:
+        """The numbers of one column."""
+        with writing(self.path), self.path.open(newline="", encoding="utf-8") as stream:
+            return [float(row[name]) for row in csv.DictReader(stream)]
 
     def close(self) -> None:
         with writing(self.path):
@@ -199,6 +219,12 @@ class Table:
 
     def __exit__(self, *_) -> None:
         self.close()
+
+
+def _csv(rows) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()
 
 
 def _plain(value):
@@ -276,9 +302,68 @@ def _in_one_go(path: Path) -> Iterator[Path]:
             raise
 
 
+def on_disk(*paths: Path) -> None:
+    """Wait until files, and the names that folders hold, would survive a power cut."""
+    for path in paths:
+        if path.is_dir() and os.name == "nt":
+            continue  # Windows opens no folders
+        with writing(path):
+            file = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+            try:
+                os.fsync(file)
+            finally:
+                os.close(file)
+
+
+class WriteError(InputError):
+    """The system does not let a file be read or written."""
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Hold a run's folder, so that no other run writes into it meanwhile.
+
+    The operating system's lock on the folder itself, which ends with the process however that
+    ends; nothing where there is none (Windows, some network drives).
+
+    Raises
+    ------
+    InputError
+        If another run holds it.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with writing(path):
+        folder = os.open(path, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            remedy = "Wait for its end, or choose another folder with -o."
+            raise InputError(f"folder {path}", _holder(path), remedy=remedy) from error
+        except OSError:  # a drive without locks
+            pass
+        yield
+    finally:
+        os.close(folder)
+
+
+def _holder(path: Path) -> str:
+    """Who writes there, as its log says."""
+    with suppress(OSError):
+        lines = (path / "run.log").read_text(encoding="utf-8").splitlines()
+        if found := [line for line in lines if " process " in line]:
+            when, _, words = found[-1].partition(" ")
+            return f"another run writes there: {words.split(';')[0]}, since {when}"
+    return "another run writes there"
+
+
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turn an OSError inside into an `InputError` that names the file and the reason."""
+    """Turn an OSError inside into a `WriteError` that names the file and the reason."""
     try:
         yield
     except OSError as error:
@@ -286,4 +371,4 @@ def writing(path: Path) -> Iterator[None]:
         reason = error.strerror or str(error)
         remedy = "Free space or choose" if full else "Choose"
         what = f"{path} cannot be written: {reason}"
-        raise InputError(what, remedy=f"{remedy} another folder.") from error
+        raise WriteError(what, remedy=f"{remedy} another folder.") from error

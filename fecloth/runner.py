@@ -14,13 +14,16 @@ run.log        the same in words, with the time of day
 
 from __future__ import annotations
 
+import os
+import platform
 import signal
 import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +41,7 @@ from .observe import Observer
 from .output import Frames, fields
 from .record import Ledger, doubt
 from .restart import Restart
-from .runfolder import RunFolder, peak_memory, versions
+from .runfolder import RunFolder, WriteError, alone, on_disk, peak_memory, versions, writing
 from .scene import Built, Scene
 from .series import Frame
 from .settle import settled
@@ -125,41 +128,52 @@ def run_scene(
     SceneError, InputError
         Before anything is written. Afterwards a failure is an `Outcome`.
     """
-    watch = Watch()
+    path = Path(path)
+    with ExitStack() as held:
+        if path.is_dir():
+            held.enter_context(alone(path))
+        return _run_scene(scene, path, overwrite, announce, report, resume, held)
+
+
+def _run_scene(scene, path, overwrite, announce, report, resume, held: ExitStack) -> Outcome:
+    watch, held_before = Watch(), path.is_dir()
     if not resume:
         RunFolder.refuse(path, overwrite)
-    found = restarts.find(Path(path)) if resume else None
+    found = restarts.find(path) if resume else None
     with watch.phase("mesh"):
         cloth = scene.mesh()
     with watch.phase("bind"):
         built = scene.build(cloth)
         start = restarts.digest(cloth, built.state)
     if found:
-        restarts.refuse_another(found, scene.to_toml(), start, Path(path))
+        restarts.refuse_another(found, scene.to_toml(), start, path)
     with watch.phase("compile"):
         compile_kernels(built)
     with watch.phase("choose"):
         built, solver, why = settled_scene(_chosen(built, found))
     announce(built, why)
+    with _interruptible() as interrupted:
+        if not held_before:
+            with writing(path):
+                path.mkdir(parents=True, exist_ok=True)
+            held.enter_context(alone(path))
+        folder = _opened(path, overwrite, found, scene, built, why)
+        recorder = _Recorder(folder, built, watch, solver, scene.to_toml(), start, found)
+        error = recorder.marched(report, interrupted)
+        stopped = INTERRUPTED if recorder.state.t < built.t_end else DONE
+        return recorder.close(FAILED if error else stopped, why, error)
+
+
+def _opened(path, overwrite, found, scene, built, why) -> RunFolder:
+    """The run's folder with the scene in it, and the first lines of the log."""
     folder = RunFolder.opened(path, found.tables) if found else RunFolder.create(path, overwrite)
     folder.text("scene.resolved.toml", scene.to_toml())
+    folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
     folder.log(f"{_sizes(built)}; solver {why}")
     for line in (built.note, *(f"warning: {told}" for told in doubts(built))):
         if line:
             folder.log(line)
-    recorder = _Recorder(folder, built, watch, solver, scene.to_toml(), start, found)
-    error = None
-    with _interruptible() as interrupted:
-        try:
-            recorder.to_end(report, interrupted)
-        except (StepFailed, InputError) as failure:  # a user's function, a full disk
-            error = failure
-            with suppress(InputError):  # a full disk
-                recorder.restart()
-            recorder.state = getattr(failure, "state", None) or recorder.state
-    stopped = INTERRUPTED if recorder.state.t < built.t_end else DONE
-    status = FAILED if error else stopped
-    return recorder.close(status, why, error)
+    return folder
 
 
 class _Recorder:
@@ -185,6 +199,7 @@ class _Recorder:
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
         self.turnover = 0.0
         self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
+        self.safe = 0  # frames that a power cut would leave
         with watch.phase("output"):
             if found:
                 self._go_on(found)
@@ -198,7 +213,8 @@ class _Recorder:
         """Where that run was, and no file of what it did later."""
         self.state, self.memory, self.ledger = found.state, found.memory, found.ledger
         self.turnover, self.counts = found.turnover, dict(found.counts)
-        self.frames.keep(found.frames)
+        self.frames.keep(self.tables["strains"].column("t"))
+        self.safe = len(self.frames.times)
         restarts.drop_later(self.folder.path, found)
         exactly = "" if found.exact else ", to the solver's tolerance: it had kept a factor"
         self.folder.log(f"goes on from step {found.memory.step} at {found.state.t:g} s{exactly}")
@@ -223,7 +239,28 @@ class _Recorder:
             exact=regular or not self.solver.keeps,
             made_on=restarts.machine(),
         )
+        frames = self.frames.files(self.safe)
+        on_disk(*(table.path for table in self.tables.values()), *frames)
+        on_disk(*{file.parent for file in frames}, self.folder.path)
         restarts.write(self.folder.path, restart)
+        self.safe = len(self.frames.times)
+
+    def marched(self, report, interrupted: threading.Event) -> FeclothError | None:
+        """March, and return what ended it before its end; a restart file is left in any case."""
+        try:
+            self.to_end(report, interrupted)
+        except (StepFailed, InputError, MemoryError) as failure:  # a user's function, a full disk
+            with suppress(InputError, MemoryError):
+                self.restart()
+            self.state = getattr(failure, "state", None) or self.state
+            if isinstance(failure, MemoryError):
+                return FeclothError(f"memory is full ({failure}). Close other programs, or {_PCG}")
+            return failure
+        except BaseException:  # the second Ctrl-C; what report, or a user's term, raises
+            with suppress(InputError):
+                self.restart()
+            raise
+        return None
 
     def to_end(self, report, interrupted: threading.Event) -> None:
         """March until the end or until interrupted."""
@@ -233,16 +270,15 @@ class _Recorder:
         memory = self.memory if self.memory.step else None
         steps = march(*run_, **options, memory=memory)
         for state, info in steps:
-            self._count(info)
             with self.watch.phase("record"):
-                self.ledger = balanced(built.system, built.method, self.ledger, info)
-                self.state, self.memory = state, info.memory
+                ledger = balanced(built.system, built.method, self.ledger, info)
                 observed = self.observer.row(info.old, info.result)
-                self.turnover = max(self.turnover, self.ledger.turnover)
             with self.watch.phase("output"):
-                self._rows(observed, info)
-                if self._due(info):
-                    self._frame()
+                with self._whole_or_not():
+                    self._take(state, info, ledger)
+                    self._rows(observed, info)
+                    if self._due(info):
+                        self._frame()
                 if regular := self._restarts(info):
                     self.restart(regular)
             report(info)
@@ -250,6 +286,26 @@ class _Recorder:
                 if not regular:
                     self.restart()
                 return
+
+    def _take(self, state, info: StepInfo, ledger: Ledger) -> None:
+        self._count(info)
+        self.state, self.memory, self.ledger = state, info.memory, ledger
+        self.turnover = max(self.turnover, ledger.turnover)
+
+    @contextmanager
+    def _whole_or_not(self) -> Iterator[None]:
+        """A step that cannot be written, or is broken off there, is taken back from all tables."""
+        kept = {name: getattr(self, name) for name in ("state", "memory", "ledger", "turnover")}
+        counts, frames = dict(self.counts), len(self.frames.times)
+        sizes = {name: table.size for name, table in self.tables.items()}
+        try:
+            yield
+        except BaseException:
+            vars(self).update(kept, counts=counts)
+            del self.frames.times[frames:]
+            for name, size in sizes.items():
+                self.tables[name].cut(size)
+            raise
 
     def _restarts(self, info: StepInfo) -> bool:
         """Whether a restart file is due after the step."""
@@ -317,11 +373,14 @@ class _Recorder:
 
     def close(self, status: str, why: str, error: FeclothError | None) -> Outcome:
         """The last good state as a frame, the summary, the last line of the log."""
-        with self.watch.phase("output"):
-            if self.state.t > self.frames.times[-1]:
-                self._frame()
-            for table in self.tables.values():
-                table.close()
+        try:
+            with self.watch.phase("output"):
+                if self.state.t > self.frames.times[-1] and not isinstance(error, WriteError):
+                    self._frame()
+        except InputError as full:
+            status, error = FAILED, error or full
+        for table in self.tables.values():
+            table.close()
         seconds = self.watch.seconds | {"total": self.watch.total}
         summary = {
             "status": status,
@@ -340,16 +399,20 @@ class _Recorder:
             "peak_memory_MB": peak_memory(),
             "versions": versions(),
         }
-        self.folder.summary(summary)
-        self._report(summary)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
-        self.folder.log(f"{words}: {error}" if error else words)
-        if warning:
-            self.folder.log(f"warning: {warning}")
+        try:
+            self.folder.summary(summary)
+            self._report(summary)
+            self.folder.log(f"{words}: {error}" if error else words)
+            if warning:
+                self.folder.log(f"warning: {warning}")
+        except InputError as full:
+            status, error = FAILED, error or full
         return Outcome(status, self.folder.path, summary, self.ledger, error, warning)
 
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
+_PCG = 'take linear = "pcg" in [solver], or a coarser mesh.'
 _TABLES = ("steps", "energies", "observed", "strains")
 _COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
 
@@ -414,18 +477,25 @@ def _sizes(built: Built) -> str:
 
 @contextmanager
 def _interruptible() -> Iterator[threading.Event]:
-    """Ctrl-C (and SIGTERM) sets the event: a run stops between two steps; a second one at once."""
+    """Ctrl-C sets the event: a run stops between two steps; a second one at once.
+
+    So do SIGTERM and, where it is not ignored (nohup), the end of the terminal.
+    """
     asked = threading.Event()
 
     def ask(number, frame):
         if asked.is_set():
-            raise KeyboardInterrupt
+            raise KeyboardInterrupt("at once; --resume goes on from the last whole step")
         asked.set()
 
     if threading.current_thread() is not threading.main_thread():
         yield asked
         return
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    hangup = getattr(signal, "SIGHUP", None)
+    if hangup and signal.getsignal(hangup) != signal.SIG_IGN:
+        numbers.append(hangup)
+    before = {number: signal.signal(number, ask) for number in numbers}
     try:
         yield asked
     finally:

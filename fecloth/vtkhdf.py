@@ -15,13 +15,14 @@ is that of output.py. Layout: VTK file formats, "VTKHDF", version 2.2 (Kitware).
 
 The file is opened, extended and closed for each frame, and the count of frames is raised last: it
 can be read between two frames, and ParaView's *Reload Files* shows what has come. HDF5 has no
-journal: a process killed while it writes a frame (milliseconds) may leave a file that cannot be
-opened, which single .vtu frames never do.
+journal, `redo` is one: a process killed within the microseconds in which a frame's bytes go to
+their places leaves a file that may not open, but that the run, resumed, makes whole.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,7 +32,8 @@ import numpy as np
 from .cloth import Cloth
 from .errors import InputError
 from .output import CELLS, Arrays, fields, kinematics
-from .runfolder import writing
+from .redo import changed
+from .runfolder import WriteError, replace_file, writing
 from .system import State, System
 
 CHUNK = 1 << 18  # bytes of a dataset that are compressed and read at a time
@@ -91,20 +93,37 @@ class HdfFrames:
         """
         shown = self.system and fields(self.system, state)
         points, cells = shown or kinematics(self.cloth, state)
-        with _opened(self.path, "r+" if self.times else "w") as file:
+        with (_more if self.times else _new)(self.path) as file:
             if not self.times:
                 _begin(file, self.cloth, points, cells)
             _append(file["VTKHDF"], state, points, cells)
         self.times.append(float(state.t))
         return self.path
 
-    def keep(self, count: int) -> None:
-        """Go on after the first `count` frames of the file; those after them are taken away."""
-        with _opened(self.path, "r+") as file:
-            root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
-            self.times = steps["Values"][:count].tolist()
-            if count < len(steps["Values"]):
-                _cut(root, steps, count)
+    def keep(self, times: Sequence[float]) -> None:
+        """Go on after the frames of these times, the first of the file; later ones are taken away.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, or has other frames.
+        """
+        remedy = "Put it back as it was, or run the scene anew with --overwrite."
+        try:
+            with _more(self.path) as file:
+                root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
+                if steps["Values"][: len(times)].tolist() != list(times):
+                    raise InputError(f"{self.path} has other frames than the run", remedy=remedy)
+                if len(times) < len(steps["Values"]):
+                    _cut(root, steps, len(times))
+        except (WriteError, KeyError) as error:
+            reason = str(error.__cause__ or error)
+            raise InputError(f"{self.path} cannot be read: {reason}", remedy=remedy) from error
+        self.times = list(times)
+
+    def files(self, after: int) -> list[Path]:
+        """Those with the frames from number `after` on."""
+        return [self.path]
 
 
 def h5py():
@@ -118,12 +137,19 @@ def h5py():
 
 
 @contextmanager
-def _opened(path: Path, mode: str) -> Iterator:
-    """The file without HDF5's lock, so that a ParaView that looks at it does not stop the run."""
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with h5py().File(path, mode, locking=False) as file:
-            yield file
+def _new(path: Path) -> Iterator:
+    """A file that takes the place of the path when all is in it."""
+    stream = io.BytesIO()
+    with h5py().File(stream, "w") as file:
+        yield file
+    replace_file(path, stream.getvalue())
+
+
+@contextmanager
+def _more(path: Path) -> Iterator:
+    """The file to change, without HDF5's lock: a ParaView that looks at it stops no run."""
+    with writing(path), changed(path) as stream, h5py().File(stream, "r+") as file:
+        yield file
 
 
 # --- layout ---------------------------------------------------------------------------------------
