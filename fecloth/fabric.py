@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from . import measured, presets
 from .errors import InputError, is_number
+from .units import AREAL, HYSTERESIS, MOMENT, PER_ANGLE, PER_WIDTH
 
 Pair = float | tuple[float, float]
 
@@ -53,12 +55,12 @@ class Fabric:
     400.0
     """
 
-    areal_density: float
-    tensile_stiffness: Pair
+    areal_density: Annotated[float, AREAL]
+    tensile_stiffness: Annotated[Pair, PER_WIDTH]
     poisson_ratio: float = 0.0
-    shear_stiffness: float | None = None
-    bending_rigidity: Pair | None = None
-    bending_hysteresis: Pair | None = None
+    shear_stiffness: Annotated[float | None, PER_ANGLE] = None
+    bending_rigidity: Annotated[Pair | None, MOMENT] = None
+    bending_hysteresis: Annotated[Pair | None, HYSTERESIS] = None
     source: str = ""
 
     def __post_init__(self):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from .errors import SceneError
 from .formula import nearest
+from .units import is_quantity
 
 LARGEST = 1_000_000  # bytes; beyond it the file is some other kind of file
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -68,7 +69,8 @@ def overridden(data: dict, overrides: Iterable[str]) -> dict:
     """A copy of the tables with values replaced, as by ``["time.dt=0.005", "terms.0.time=0.02"]``.
 
     Keys are TOML's dotted keys, with numbers (from 0) for the items of lists. Values are TOML; a
-    plain word that is none, such as ``time.method=backward_euler``, is taken as a string.
+    plain word that is none, such as ``time.method=backward_euler``, is taken as a string, and so is
+    a number with a unit, such as ``time.dt=5 ms``.
 
     Raises
     ------
@@ -107,7 +109,7 @@ def _override(text: str) -> tuple[list[str], object]:
     try:
         (value,) = tomllib.loads(f"value = {value}").values()
     except (ValueError, RecursionError) as error:
-        if not _WORD.fullmatch(value):
+        if not (_WORD.fullmatch(value) or is_quantity(value)):
             raise SceneError(f"value {value!r} is not TOML ({error})", where=where) from None
     return keys, value
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -12,6 +12,7 @@ from .errors import InputError
 from .formula import Formula
 from .scenetables import File, OfPlace, Vector
 from .schema import Table, exactly_one
+from .units import LENGTH
 
 _PLANES = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}  # the axes of warp and weft
 
@@ -46,7 +47,7 @@ class Start(Table):
     position: tuple[OfPlace, OfPlace, OfPlace] | None = None
     frame: File | None = None
     rotate: Rotation | None = None
-    shift: Vector | None = None
+    shift: Annotated[Vector | None, LENGTH] = None
     velocity: tuple[OfPlace, OfPlace, OfPlace] | None = None
 
     @model_validator(mode="before")

@@ -21,7 +21,7 @@ from .newton import Newton
 from .observe import Probe
 from .pins import Pin, Slide
 from .schema import Table, exactly_one, one_of, table_of
-from .units import OF_FABRIC, quantity
+from .units import LENGTH, TIME
 
 _TAKEN = ("mean_displacement", "reaction")  # columns that no probe may be called
 
@@ -57,6 +57,7 @@ OfTime = _formula("t")
 OfPlace = _formula("X", "Y")
 Where = _formula("X", "Y", condition=True)
 Vector = tuple[float, float, float]
+Length = Annotated[float, LENGTH]
 Element = Literal["P1", "P2"]
 
 
@@ -64,9 +65,9 @@ class Rectangle(Table):
     """``shape = "rectangle"``: [0, width] × [0, height], meshed with edge length h [m]."""
 
     shape: Literal["rectangle"]
-    width: float
-    height: float
-    h: float
+    width: Length
+    height: Length
+    h: Length
     pattern: str = "unstructured"
     element: Element = "P1"
 
@@ -78,8 +79,8 @@ class Disk(Table):
     """``shape = "disk"``: around the origin, meshed with edge length h [m]."""
 
     shape: Literal["disk"]
-    radius: float
-    h: float
+    radius: Length
+    h: Length
     element: Element = "P1"
 
     def cloth(self) -> Cloth:
@@ -91,7 +92,7 @@ class MeshFile(Table):
 
     shape: Literal["file"]
     path: File
-    h: float | None = None
+    h: Annotated[float | None, LENGTH] = None
     element: Element = "P1"
 
     def cloth(self) -> Cloth:
@@ -141,7 +142,7 @@ class ProbeTable(Table):
 
     name: Name
     where: str | None = None
-    point: tuple[float, float] | None = None
+    point: Annotated[tuple[float, float] | None, LENGTH] = None
 
     @model_validator(mode="after")
     def _one_place(self):
@@ -160,7 +161,7 @@ class Expectation(Table):
     value: float
     relative: float | None = Field(None, gt=0)
     absolute: float | None = Field(None, gt=0)
-    at: float | None = Field(None, ge=0, description="s")
+    at: Annotated[float | None, TIME] = Field(None, ge=0)
 
     @model_validator(mode="before")
     @classmethod
@@ -218,24 +219,17 @@ Expectations = Annotated[tuple[Expectation, ...], BeforeValidator(_listed)]
 
 
 class FabricTable(table_of(Fabric)):
-    """A fabric's constants; ``preset`` gives those that are left out, text may carry a unit."""
+    """A fabric's constants; ``preset`` gives those that are left out."""
 
     @model_validator(mode="before")
     @classmethod
-    def _presets_and_units(cls, data: Any) -> Any:
+    def _preset(cls, data: Any) -> Any:
         if isinstance(data, str):  # fabric = "cotton"
             data = {"preset": data}
         if not isinstance(data, dict):
             return data
-        rest = {key: _in_si(key, value) for key, value in data.items() if key != "preset"}
+        rest = {key: value for key, value in data.items() if key != "preset"}
         return {**presets.constants(data["preset"]), **rest} if "preset" in data else rest
-
-
-def _in_si(key: str, value: Any) -> Any:
-    if isinstance(value, tuple):
-        return tuple(_in_si(key, item) for item in value)
-    units = OF_FABRIC.get(key)
-    return quantity(key, value, units) if units and isinstance(value, str) else value
 
 
 _LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg"]

@@ -14,6 +14,7 @@ from .errors import InputError
 from .explicit import EXPLICIT
 from .integrators import METHODS
 from .schema import Table, exactly_one, one_of, table_of
+from .units import RATE, SPEED, TIME
 from .vtkhdf import h5py
 
 MOST_STEPS = 10_000_000
@@ -40,11 +41,11 @@ class Time(Table):
     """
 
     method: _MethodTable = Field(description=", ".join([*_METHODS, "auto"]))
-    dt: Annotated[float, Field(gt=0)] | Literal["auto"] = Field("auto", description="s")
-    t_end: float = Field(description="s")
-    t_start: float = Field(0.0, description="s")
-    rtol: float | None = Field(None, ge=0, description="1/s")
-    atol: float | None = Field(None, ge=0, description="m/s")
+    dt: Annotated[Annotated[float, Field(gt=0)] | Literal["auto"], TIME] = "auto"
+    t_end: Annotated[float, TIME]
+    t_start: Annotated[float, TIME] = 0.0
+    rtol: Annotated[float | None, RATE] = Field(None, ge=0)
+    atol: Annotated[float | None, SPEED] = Field(None, ge=0)
 
     @model_validator(mode="before")
     @classmethod
@@ -95,11 +96,11 @@ class Output(Table):
     """
 
     frames: int | None = Field(None, ge=1)
-    every: float | None = Field(None, gt=0, description="s")
+    every: Annotated[float | None, TIME] = Field(None, gt=0)
     every_steps: int | None = Field(None, ge=1)
     format: Literal["vtu", "vtkhdf"] = Field("vtu", description="a file a frame, or one for all")
     restart_steps: int | None = Field(None, ge=1)
-    restart_every: float | None = Field(None, gt=0, description="s")
+    restart_every: Annotated[float | None, TIME] = Field(None, gt=0)
 
     @model_validator(mode="before")
     @classmethod

@@ -1,13 +1,16 @@
-"""What a table of a scene may hold: pydantic models whose every mistake becomes a `SceneError`."""
+"""What a table of a scene may hold: pydantic models whose every mistake becomes a `SceneError`.
+
+A number may be text with a unit where the type of its key names what it measures, as in
+``Annotated[float, LENGTH]``; see `units`. A table holds it in SI.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import reprlib
-import types
 import typing
-from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ClassVar, ForwardRef, Literal, Union, get_args, get_origin
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, ForwardRef, Literal, Union
 
 from pydantic import (
     BaseModel,
@@ -22,6 +25,7 @@ from pydantic import (
 
 from .errors import InputError, SceneError
 from .formula import nearest
+from .hints import holds_tables, in_si, options, phrase, writable
 
 
 class Table(BaseModel):
@@ -47,8 +51,8 @@ class Table(BaseModel):
                 raise InputError(f"{key} = {_short(value)}", allowed, "", nearest(key, fields))
         for key, field in fields.items():
             if field.is_required() and key not in data:
-                raise InputError(f"{key} is missing", f"must be {_phrase(field)}")
-        return data
+                raise InputError(f"{key} is missing", f"must be {phrase(field)}")
+        return in_si(data, fields)
 
     @field_validator("*", mode="wrap")
     @classmethod
@@ -58,11 +62,11 @@ class Table(BaseModel):
             return handler(value)
         except ValidationError as error:
             ours = any(e["type"] == "value_error" for e in error.errors())
-            if ours or _holds_tables(field.annotation):
+            if ours or holds_tables(field.annotation):
                 raise
-            options = _options(field.annotation)
-            remedy = nearest(value, options) if isinstance(value, str) else ""
-            raise InputError("", f"must be {_phrase(field)}", "", remedy) from None
+            words = options(field.annotation)
+            remedy = nearest(value, words) if isinstance(value, str) else ""
+            raise InputError("", f"must be {phrase(field)}", "", remedy) from None
 
 
 class Made(Table):
@@ -88,12 +92,12 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
     A field annotated ``object`` holds another term, as the law of a damping does. A field that
     also takes a function takes all but that.
     """
-    hints = typing.get_type_hints(cls)
+    hints = typing.get_type_hints(cls, include_extras=True)
     fields: dict[str, Any] = {"type": (Literal[name], ...)} if name else {}
     for field in dataclasses.fields(cls):
         if not field.init:
             continue
-        hint = _writable(hints[field.name])
+        hint = writable(hints[field.name])
         hint = Union[ForwardRef("Term"), None] if hint is object else hint  # noqa: UP007
         default = field.default
         if field.default_factory is not dataclasses.MISSING:
@@ -102,14 +106,6 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
     model = create_model(f"{cls.__name__}Table", __base__=Made, **(fields | more))
     model.makes = cls
     return model
-
-
-def _writable(hint: Any) -> Any:
-    """The part of a type that a file can hold: without functions."""
-    origin, args = get_origin(hint), get_args(hint)
-    if origin in (Union, types.UnionType):
-        return Union[tuple(_writable(a) for a in args if get_origin(a) is not Callable)]  # noqa: UP007
-    return tuple[tuple(map(_writable, args))] if origin is tuple else hint
 
 
 def one_of(key: str, tables: Mapping[str, type[Table]]) -> Any:
@@ -141,58 +137,6 @@ def exactly_one(table: Table, *keys: str) -> None:
     if len(given) != 1:
         what = f"{' and '.join(given)} are given" if given else f"{keys[0]} is missing"
         raise InputError(what, f"give exactly one of {', '.join(keys)}")
-
-
-# --- words for what a field takes ---------------------------------------------------------------
-
-_WORDS = {float: "a finite number", int: "a whole number", str: "a string", bool: "true or false"}
-_LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
-
-
-def _phrase(field) -> str:
-    """What the values of a field are, e.g. "a finite number > 0"."""
-    words = _words(field.annotation) + _limits(field.metadata)
-    return f"{words} [{field.description}]" if field.description else words
-
-
-def _limits(metadata) -> str:
-    flat = [one for item in metadata for one in getattr(item, "metadata", [item])]
-    limits = [
-        f" {sign} {getattr(item, name)}"
-        for item in flat
-        for name, sign in _LIMITS
-        if hasattr(item, name)
-    ]
-    return " and".join(limits)
-
-
-def _words(hint) -> str:
-    origin, args = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        return _words(args[0]) + _limits(args[1:])
-    if origin is Literal:
-        return f"one of {', '.join(map(str, args))}" if len(args) > 1 else repr(args[0])
-    if origin in (Union, types.UnionType):
-        return " or ".join(dict.fromkeys(_words(a) for a in args if a is not types.NoneType))
-    if origin is tuple:
-        tables = _holds_tables(args[0])
-        item = "tables" if tables else f"{_words(args[0]).split(' ', 1)[1]}s"
-        return f"a list of {item}" if args[-1] is Ellipsis else f"a list of {len(args)} {item}"
-    if origin is dict and not _holds_tables(hint):
-        return f"a table of {_words(args[1]).split(' ', 1)[1]}s"
-    return "a table" if _holds_tables(hint) else _WORDS.get(hint, "of another type")
-
-
-def _options(hint) -> tuple[str, ...]:
-    if get_origin(hint) is Literal:
-        return get_args(hint)
-    return tuple(option for arg in get_args(hint) for option in _options(arg))
-
-
-def _holds_tables(hint) -> bool:
-    if isinstance(hint, ForwardRef) or (isinstance(hint, type) and issubclass(hint, BaseModel)):
-        return True
-    return get_origin(hint) is not Literal and any(_holds_tables(a) for a in get_args(hint))
 
 
 # --- pydantic's errors in our words -------------------------------------------------------------

@@ -327,7 +327,7 @@ SCENE_MISTAKES = [
     ('fabric = { preset = ["silk"] }', "must be one of silk", "Did you mean 'silk'?"),
     (
         'fabric = { preset = "silk", areal_density = ["1 g/m^2", "2 g/m^2"] }',
-        "fabric.areal_density = [0.001, 0.002]: must be a finite number",
+        "fabric.areal_density = ['1 g/m^2', '2 g/m^2']: must be a finite number [kg/m^2]",
         "",
     ),
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ..compiled import inner, kernel
 from ..errors import InputError
 from ..fabric import Fabric
 from ..panel import Panel
+from ..units import PER_VOLUME, PER_WIDTH, TIME
 from . import condition, discrete
 
 
@@ -47,7 +49,7 @@ class BaraffWitkin:
         (k_u, k_v) [N/m for p = ½, N/m³ for p = 1; J/m⁴ᵖ]. Left out, for p = ½ only: Y of the
         fabric along warp and weft.
     shear
-        k_s, likewise; left out, the fabric's G.
+        k_s [N/m or N/m³], likewise; left out, the fabric's G.
     rest
         (b_u, b_v): the stretches at rest; other than 1 they shrink or widen the cloth.
     area_exponent
@@ -67,11 +69,17 @@ class BaraffWitkin:
     >>> published = fc.BaraffWitkin(stretch=(1e6, 1e6), shear=1e5, area_exponent=1.0)
     """
 
-    stretch: tuple[float, float] | None = None
-    shear: float | None = None
+    stretch: Annotated[
+        tuple[float, float] | None,
+        PER_WIDTH.where(area_exponent=0.5),
+        PER_VOLUME.where(area_exponent=1.0),
+    ] = None
+    shear: Annotated[
+        float | None, PER_WIDTH.where(area_exponent=0.5), PER_VOLUME.where(area_exponent=1.0)
+    ] = None
     rest: tuple[float, float] = (1.0, 1.0)
     area_exponent: float = 0.5
-    damping: float = 0.0
+    damping: Annotated[float, TIME] = 0.0
     tangent: str = "symmetric"
 
     def __post_init__(self):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -12,8 +13,11 @@ from ..cloth import Cloth
 from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
+from ..units import DENSITY, LENGTH, RESISTANCE, SPEED
 from .pressure import cross, edge
 from .stencilbound import stencil_bound
+
+Coefficient = Annotated[float, DENSITY.where(law="quadratic"), RESISTANCE.where(law="linear")]
 
 STILL = air.field((0.0, 0.0, 0.0), "Drag")
 
@@ -53,8 +57,8 @@ class Drag:
         "symmetric" (D only) or "exact" (with K).
     """
 
-    normal: float
-    tangential: float = 0.0
+    normal: Coefficient
+    tangential: Coefficient = 0.0
     law: str = "quadratic"
     tangent: str = "symmetric"
 
@@ -107,15 +111,16 @@ class Wind:
     >>> shear = fc.Wind(("2 * z", 0, 0), normal=0.7)
     """
 
-    velocity: (
-        tuple[float | str, float | str, float | str] | Callable[[np.ndarray, float], np.ndarray]
-    )
-    normal: float
-    tangential: float = 0.0
+    velocity: Annotated[
+        tuple[float | str, float | str, float | str] | Callable[[np.ndarray, float], np.ndarray],
+        SPEED,
+    ]
+    normal: Coefficient
+    tangential: Coefficient = 0.0
     law: str = "quadratic"
     tangent: str = "symmetric"
     gusts: float = 0.0
-    gust_length: float = 1.0
+    gust_length: Annotated[float, LENGTH] = 1.0
     seed: int = 0
 
     def __post_init__(self):

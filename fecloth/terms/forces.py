@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ..formula import Formula
 from ..given import Timed, VectorOfTime, vector
 from ..panel import Panel
 from ..sums import dot
+from ..units import ACCELERATION, FORCE, LENGTH, PRESSURE
 
 STEP = 1e-5  # m and m/s: a central difference is then good to about 1e-10 of f'''/f'
 VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
@@ -49,8 +51,10 @@ class PointForce:
     >>> middle = fc.PointForce((0.5, 0.5), lambda t: [0.0, 0.0, t**2])
     """
 
-    where: str | tuple[float, float] | list[int] | Callable[[np.ndarray], np.ndarray]
-    force: VectorOfTime
+    where: Annotated[
+        str | tuple[float, float] | list[int] | Callable[[np.ndarray], np.ndarray], LENGTH
+    ]
+    force: Annotated[VectorOfTime, FORCE]
 
     def __post_init__(self):
         vector(self.force, "force", "PointForce")
@@ -139,10 +143,13 @@ class UserForce:
     >>> magnet = fc.UserForce(lambda x, v, t: -3.0 * x, per="mass")
     """
 
-    force: (
+    force: Annotated[
         tuple[float | str, float | str, float | str]
-        | Callable[[np.ndarray, np.ndarray, float], np.ndarray]
-    )
+        | Callable[[np.ndarray, np.ndarray, float], np.ndarray],
+        PRESSURE.where(per="area"),
+        ACCELERATION.where(per="mass"),
+        FORCE.where(per="node"),
+    ]
     per: str = "area"
     derivatives: Callable[[np.ndarray, np.ndarray, float], tuple] | None = None
     tangent: str = "symmetric"

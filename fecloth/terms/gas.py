@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ..cloth import Cloth
 from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
+from ..units import LENGTH, PRESSURE, VOLUME
 from .pressure import add_skew, cross, orientation
 
 
@@ -50,11 +52,11 @@ class Gas:
         A point o in the plane of the rim [m].
     """
 
-    pressure: float
-    volume: float
-    ambient: float = 101325.0
+    pressure: Annotated[float, PRESSURE]
+    volume: Annotated[float, VOLUME]
+    ambient: Annotated[float, PRESSURE] = 101325.0
     exponent: float = 1.0
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    origin: Annotated[tuple[float, float, float], LENGTH] = (0.0, 0.0, 0.0)
 
     def __post_init__(self):
         for name, unit in (("pressure", "Pa"), ("volume", "m³"), ("exponent", "-")):

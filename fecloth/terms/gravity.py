@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from ..cloth import Cloth
 from ..errors import InputError
 from ..panel import Panel
 from ..sums import dot
+from ..units import ACCELERATION
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Gravity:
         g, three components [m/s²].
     """
 
-    acceleration: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    acceleration: Annotated[tuple[float, float, float], ACCELERATION] = (0.0, 0.0, -9.81)
 
     def __post_init__(self):
         g = np.asarray(self.acceleration)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from ..cloth import Cloth
 from ..compiled import kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
+from ..units import TIME
 from . import condition as loops
 from . import discrete
 from .dihedral import angles, condition
@@ -125,7 +127,7 @@ class BendingDamping:
         "symmetric" (the non-symmetric part dropped) or "exact".
     """
 
-    time: float
+    time: Annotated[float, TIME]
     tangent: str = "symmetric"
 
     def __post_init__(self):

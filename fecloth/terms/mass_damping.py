@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import scipy.sparse as sparse
@@ -13,6 +14,7 @@ from ..compiled import kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
 from ..sums import dot
+from ..units import RATE
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class MassDamping:
         α [1/s], > 0.
     """
 
-    rate: float
+    rate: Annotated[float, RATE]
 
     def __post_init__(self):
         if not (is_number(self.rate) and self.rate > 0):
@@ -96,7 +98,7 @@ class BoundMassDamping:
 class BoundConsistent:
     """`MassDamping` by α M (n, n), `matrix` [N s/m]; `blocks` are its entries' in the system's."""
 
-    rate: float
+    rate: Annotated[float, RATE]
     matrix: sparse.csr_matrix
     blocks: np.ndarray
 

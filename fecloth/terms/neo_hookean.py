@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..fabric import Fabric
 from ..panel import Panel
+from ..units import PER_WIDTH
 from . import averaged, membrane, quotient
 
 KINDS = ("incompressible", "compressible")
@@ -74,8 +76,8 @@ class NeoHookean:
     """
 
     kind: str = "incompressible"
-    mu: float | None = None
-    lam: float | None = None
+    mu: Annotated[float | None, PER_WIDTH] = None
+    lam: Annotated[float | None, PER_WIDTH] = None
 
     def __post_init__(self):
         where = "NeoHookean"

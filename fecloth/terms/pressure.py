@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ..errors import InputError
 from ..given import OfTime, Timed, scalar
 from ..panel import Panel
 from ..sums import dot
+from ..units import PRESSURE
 from .membrane import gradient
 from .stencilbound import stencil_bound
 
@@ -67,7 +69,7 @@ class Pressure:
     array([ 0.,  0., 60.])
     """
 
-    p: OfTime
+    p: Annotated[OfTime, PRESSURE]
     tangent: str = "symmetric"
 
     def __post_init__(self):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ..cloth import Cloth
 from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
+from ..units import PER_WIDTH, TIME
 from . import condition, discrete
 from .springnets import Net, edges, structural
 
@@ -82,10 +84,10 @@ class Springs:
     """
 
     kind: str = "structural"
-    stiffness: float | None = None
-    shear: float | None = None
-    bend: float | None = None
-    damping: float = 0.0
+    stiffness: Annotated[float | None, PER_WIDTH] = None
+    shear: Annotated[float | None, PER_WIDTH] = None
+    bend: Annotated[float | None, PER_WIDTH] = None
+    damping: Annotated[float, TIME] = 0.0
     tangent: str = "symmetric"
 
     def __post_init__(self):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from ..cloth import Cloth
 from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
+from ..units import TIME
 from .membrane import (
     block,
     clamped,
@@ -55,7 +57,7 @@ class StrainRateDamping:
         "symmetric" (the non-symmetric part dropped) or "exact".
     """
 
-    time: float
+    time: Annotated[float, TIME]
     law: object = None
     tangent: str = "symmetric"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..fabric import Fabric
 from ..panel import Panel
+from ..units import PER_WIDTH
 from . import averaged, membrane
 
 
@@ -35,7 +37,7 @@ class TensorCondition:
         Stiffness of the condition [N/m], > 0.
     """
 
-    k: float
+    k: Annotated[float, PER_WIDTH]
 
     def __post_init__(self):
         if not (is_number(self.k) and self.k > 0):

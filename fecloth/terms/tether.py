@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..given import Timed, VectorOfTime, vector
 from ..panel import Panel
+from ..units import DAMPER, LENGTH, PER_WIDTH
 from . import condition
 
 DERIVATIVE_STEP = 1e-5  # s; the speed of the point is a central difference
@@ -52,9 +54,9 @@ class Tether:
     """
 
     where: Where
-    point: VectorOfTime
-    stiffness: float
-    damping: float = 0.0
+    point: Annotated[VectorOfTime, LENGTH]
+    stiffness: Annotated[float, PER_WIDTH]
+    damping: Annotated[float, DAMPER] = 0.0
 
     def __post_init__(self):
         if not (is_number(self.stiffness) and self.stiffness > 0):
