@@ -3,10 +3,12 @@
 S. Kawabata, The Standardization and Analysis of Hand Evaluation, 2nd ed., The Textile Machinery
 Society of Japan (1980): extension up to 500 gf/cm, its energy, pure bending, shear.
 A. De Boos and D. Tester, SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994):
-extension under 5, 20 and 100 gf/cm, bending length, bias extension.
-Both instruments' fields and units are tabulated in S. Kuijpers, C. Luible-Bär and H. Gong, The
-Measurement of Fabric Properties for Virtual Simulation, IEEE SA Industry Connections (2020), which
-is free to read, and warns that no two instruments' numbers agree.
+extension under 5, 20 and 100 gf/cm, bending length as in British Standard 3356 (1961), bias
+extension under 5 gf/cm; read in the transcript at github.com/FabriceSalvaire/Patro,
+Patro/TextileTechnology/data/SiroFast.yaml, as the report is not free.
+Both instruments' fields and units, and G = 123/EB5, are tabulated in S. Kuijpers, C. Luible-Bär
+and H. Gong, The Measurement of Fabric Properties for Virtual Simulation, IEEE SA Industry
+Connections (2020), which is free to read, and warns that no two instruments' numbers agree.
 """
 
 from __future__ import annotations
@@ -73,7 +75,12 @@ def kes(fields: Mapping, load: float, tensile: str) -> dict:
 
 
 def fast(fields: Mapping, load: int) -> dict:
-    """Constants of `Fabric.from_fast`, by name; see there."""
+    """Constants of `Fabric.from_fast`, by name; see there.
+
+    A strip cut at 45° is drawn out by F/(4 G), threads being stiff: 4.903 N/m make G = 1.23/EB5.
+    One that overhangs by 2 C sinks to 41.5° if B = W g C³ (F. T. Peirce, The "Handle" of Cloth as
+    a Measurable Quantity, 1930).
+    """
     where = "Fabric.from_fast"
     if load not in (5, 20, 100):
         raise InputError(f"load = {load!r}", "must be 5, 20 or 100 [gf/cm]", where)

@@ -1,7 +1,7 @@
-"""Published fabrics: the numbers as they stand in their sources, and how they become a `Fabric`.
+"""Published fabrics: the numbers of fabrics.toml, as they stand in their sources, as a `Fabric`.
 
-Two families of measurements, named apart where they have the same fabric (denim). Both are initial
-moduli, of a cloth that is hardly strained: under load real cloth stiffens, which `StVK` does not.
+Three kinds of measurement, named apart where they have the same fabric (denim). All are of a cloth
+that is hardly strained: under load real cloth stiffens, which `StVK` does not.
 
 **Clyde, Teran and Tamstorf (2017)**, Modeling and Data-Driven Parameter Estimation for Woven
 Fabrics, Symposium on Computer Animation: commercially available tests of each fabric, to which an
@@ -11,7 +11,9 @@ coupling, warp, shear [MPa]; `cloth_density` [g/m²]; `cloth_thickness`). Those 
 and silk agree with a second transcription, github.com/navamikairanda/neuralclothsim,
 material/*.ini, but for the thickness, which there is 0.253, 0.37 and 0.239 mm: so far is the
 stiffness per width uncertain. The energy is a₁₁E₁₁²/2 + a₁₂E₁₁E₂₂ + a₂₂E₂₂²/2 + G₁₂E₁₂², so that
-G = G₁₂ h/2. Their bending was not transcribed, and is not given.
+G = G₁₂ h/2. Their bending is not given: it is no number of theirs but what a shell of the whole
+thickness has, B = a h³/12 (Kirchhoff and Love, as in Kairanda et al. 2024, NeuralClothSim, eq. 22
+and 29), 216 µN m for the warp of the denim, of which Wang et al. measured 16.
 
 **Wang, O'Brien and Ramamoorthi (2011)**, Data-Driven Elastic Models for Cloth: Modeling and
 Measurement, ACM Transactions on Graphics 30(4):71, doi.org/10.1145/2010324.1964966: stretched
@@ -26,70 +28,21 @@ so that B = k/4 (see `HingeBending`). The direction v is taken as warp or wale: 
 the stiffer one, and elastane lies in the weft. Of the ten fabrics navy-sparkle-sweat is left out:
 its moduli are not positive definite. The authors ask to be cited; whoever passes their data files
 on should ask for their terms.
+
+**FAST**, the instruments of the textile industry: one card that is printed whole, and reads as
+`Fabric.from_fast` reads it. It is a student's, and not refereed; that its bending rigidity, shear
+rigidity and formability follow from its readings is what the tests hold it to.
 """
 
 from __future__ import annotations
 
+import tomllib
+from functools import cache
+from importlib.resources import files
+
+from . import measured
 from .errors import InputError
 from .formula import nearest
-
-_CLYDE_WORDS = (
-    "Clyde, Teran and Tamstorf, SCA 2017, moduli at zero strain of an orthotropic law fitted to "
-    "tests of the fabric; as transcribed in github.com/ipc-sim/Codim-IPC; bending not given"
-)
-_WANG_WORDS = (
-    "Wang, O'Brien and Ramamoorthi, ACM TOG 30(4):71, 2011, doi.org/10.1145/2010324.1964966, "
-    "{name}: moduli at zero strain and bending, by the authors' apparatus; read as ARCSim does"
-)
-
-# name: (what it is, g/m², thickness [mm], weft a11, a12, warp a22, G12 [MPa])
-CLYDE = {
-    "silk": ("silk, woven", 83, 0.18, 4.3, 4.971, 9.942, 0.57),
-    "cotton": ("cotton, woven", 103.6, 0.18, 15.557, 7.779, 25.004, 1.076),
-    "canvas": ("canvas, woven", 294, 0.53, 5.366, 2.683, 19.804, 2.009),
-    "denim-clyde": ("denim, woven", 400, 0.66, 4.793, 4.515, 9.029, 2.448),
-    "wool-coating": ("wool coating, woven", 480.6, 1.28, 2.29, 1.145, 2.219, 0.371),
-}
-
-# name: (what it is, the authors' name, kg/m², c11, c12, c22, c33 [N/m], k along u and v [µN m])
-WANG = {
-    "polyester-jacket": (
-        ("polyester, for jackets", "tango-red-jet-set", 0.113)
-        + (43.067627, 54.373299, 171.424835, 14.314700, 14.293814, 20.345654)
-    ),
-    "polyester-tablecloth": (
-        ("polyester, for tablecloths", "white-dots-on-blk", 0.128)
-        + (2002.08618, 0.345588, 2027.48559, 19.189022, 51.713814, 31.282822)
-    ),
-    "interlock": (
-        ("60 % cotton 40 % polyester, interlock knit, for T-shirts", "gray-interlock", 0.187)
-        + (16.593832, -14.695990, 34.477123, 36.860302, 23.191698, 14.267624)
-    ),
-    "swimwear": (
-        ("87 % nylon 13 % spandex, for swimsuits", "white-swim-solid", 0.204)
-        + (47.971176, 6.834521, 104.615456, 60.773663, 60.237942, 51.018833)
-    ),
-    "trousers": (
-        ("65 % cotton 35 % polyester, for trousers", "royal-target", 0.220)
-        + (2016.55456, 9.170511, 2034.97644, 104.759674, 125.409805, 125.409805)
-    ),
-    "blanket": (
-        ("polyester, for blankets", "pink-ribbon-brown", 0.228)
-        + (151.503906, 106.028160, 244.830673, 30.250183, 117.070122, 59.774277)
-    ),
-    "rib-knit": (
-        ("95 % cotton 5 % spandex, rib knit, for underwear", "ivory-rib-knit", 0.276)
-        + (42.871021, -0.234556, 65.166023, 83.175644, 46.237591, 32.243889)
-    ),
-    "ponte-roma": (
-        ("60 % polyester 40 % rayon, ponte roma knit, for jackets", "camel-ponte-roma", 0.284)
-        + (31.146198, -12.802702, 44.028667, 31.896357, 36.348366, 37.157593)
-    ),
-    "denim-wang": (
-        ("99 % cotton 1 % spandex, denim", "11oz-black-denim", 0.324)
-        + (205.352005, 10.234077, 1013.88629, 53.387184, 64.196457, 96.951576)
-    ),
-}
 
 
 def constants(name: str) -> dict:
@@ -101,35 +54,32 @@ def constants(name: str) -> dict:
         For an unknown name.
     """
     name = name if isinstance(name, str) else repr(name)  # as a scene may have anything here
-    if name in CLYDE:
-        words, density, *moduli = CLYDE[name]
-        return clyde(density, *moduli) | {"source": f"{words}. {_CLYDE_WORDS}"}
-    if name in WANG:
-        words, theirs, *moduli = WANG[name]
-        return wang(*moduli) | {"source": f"{words}. {_WANG_WORDS.format(name=theirs)}"}
-    allowed = f"must be one of {', '.join(names())}"
-    raise InputError(f"preset = {name!r}", allowed, "", nearest(name, names()))
+    if name not in _fabrics():
+        allowed = f"must be one of {', '.join(names())}"
+        raise InputError(f"preset = {name!r}", allowed, "", nearest(name, names()))
+    return dict(_fabrics()[name])
 
 
 def names() -> tuple[str, ...]:
     """The presets, from the lightest to the heaviest."""
-    density = {name: row[1] / 1000 for name, row in CLYDE.items()}
-    density |= {name: row[2] for name, row in WANG.items()}
-    return tuple(sorted(density, key=density.get))
+    return tuple(sorted(_fabrics(), key=lambda name: _fabrics()[name]["areal_density"]))
 
 
-def clyde(density, thickness, weft, coupling, warp, shear) -> dict:
-    """Constants from g/m², mm and MPa."""
-    stiffness = 1e3 * thickness  # MPa times mm, in N/m
-    moduli = orthotropic(*(stiffness * a for a in (warp, coupling, weft)), stiffness * shear / 2)
-    return {"areal_density": density / 1000, **moduli}
+def clyde(density: float, thickness: float, moduli: list[float]) -> dict:
+    """Constants from g/m², mm and MPa (weft, coupling, warp, shear)."""
+    weft, coupling, warp, shear = (1e3 * thickness * a for a in moduli)  # MPa times mm, in N/m
+    return {"areal_density": density / 1000, **orthotropic(warp, coupling, weft, shear / 2)}
 
 
-def wang(density, c11, c12, c22, c33, k_u, k_v) -> dict:
+def wang(density: float, stretching: list[float], bending: list[float]) -> dict:
     """Constants from kg/m², N/m and µN m; an edge along u resists a curvature along v, the warp."""
+    c11, c12, c22, c33 = stretching
     moduli = orthotropic(2 * c22, 2 * max(c12, 0.0), 2 * c11, c33)
-    bending = (1e-6 * k_u / 4, 1e-6 * k_v / 4)
-    return {"areal_density": density, **moduli, "bending_rigidity": bending}
+    return {
+        "areal_density": density,
+        **moduli,
+        "bending_rigidity": tuple(1e-6 * k / 4 for k in bending),
+    }
 
 
 def orthotropic(C11: float, C12: float, C22: float, G: float) -> dict:
@@ -145,3 +95,18 @@ def orthotropic(C11: float, C12: float, C22: float, G: float) -> dict:
         "poisson_ratio": C12 / C22,
         "shear_stiffness": G,
     }
+
+
+_READ = {"clyde": clyde, "wang": wang, "fast": measured.fast}
+
+
+@cache
+def _fabrics() -> dict[str, dict]:
+    """The constants of every preset, by name."""
+    found = {}
+    tables = tomllib.loads((files("fecloth") / "fabrics.toml").read_text(encoding="utf-8"))
+    for family, table in tables.items():
+        for name, row in table["fabrics"].items():
+            source = f"{row.pop('what')}. {table['source']}"
+            found[name] = _READ[family](**row) | {"source": source}
+    return found
