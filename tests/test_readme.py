@@ -1,66 +1,214 @@
-"""What the README tells a reader to type works."""
+"""What the README tells a reader to type works: every block, command and code span of it.
 
+A command that `FILLED` and `SHORTER` do not know how to run fails by its name.
+"""
+
+import contextlib
+import io
+import os
 import re
+import runpy
+import shutil
 import tomllib
+import webbrowser
+from functools import lru_cache
 from pathlib import Path
+from unittest import mock
 
 import pytest
+from readme import COMMANDS, LINES, ROOT, SECTIONS, SPANS, TEXT, words
 
-import fecloth as fc
+from fecloth import cli
 from fecloth.scene import load
+from fecloth.scenefile import written
 
-ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+CI = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+STUDIES = sorted({words(c)[1] for c in COMMANDS if "python studies/" in c})
+OURS = [c for c in COMMANDS if re.match(r"(\.venv/bin/)?fecloth ", c)]
+SCENE = ["cloth", "fabric", "terms", "time"]  # what a block needs to be a scene; else a fragment
+# what stands for a name of the reader's own, by command and word; and what makes runs short
+FILLED = {"DIR": "out/SCENE", "my.toml": "SCENE.toml", "mesh FILE": "meshes/square.geo"}
+FILLED |= {"render FILE": "swing.gif"}
+SHORTER = {
+    "studies/scenes/flag.toml": ["cloth.h=0.1", "time.t_end=0.48"],
+    "SCENE.toml": ["cloth.h=0.2", "time.t_end=0.1", "output.restart_steps=10"],
+}
+MINIMAL = """
+cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25 }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0, bending_rigidity = 1e-5 }
+terms = [{ type = "StVK" }, { type = "Gravity" }]
+pins = [{ where = "left" }]
+time = { method = "backward_euler", dt = 0.01, t_end = 0.1 }
+"""
+
+
+def is_scene(text):
+    return set(SCENE) <= set(tomllib.loads(text))
 
 
 def blocks(language):
-    return re.findall(rf"^```{language}\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+    found = [(section.title, b) for section in SECTIONS for b in section.blocks]
+    return [pytest.param(b, id=title) for title, b in found if b.language == language]
 
 
-def test_the_python_example_runs(tmp_path, monkeypatch, capsys):
+# --- a clone, as far as a reader uses it ----------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """A clone with the README's own scene and the runs that it speaks of."""
+    folder = tmp_path_factory.mktemp("clone")
+    for name in ("studies", "meshes"):
+        (folder / name).symlink_to(ROOT / name)
+    for block in (b for section in SECTIONS for b in section.blocks):
+        if block.language == "toml" and is_scene(block.text) and not block.file:
+            (folder / "SCENE.toml").write_text(block.text, encoding="utf-8")
+        elif block.file:
+            (folder / block.file).write_text(block.text, encoding="utf-8")
+    with contextlib.chdir(folder):
+        for scene in SHORTER:
+            more = [word for value in SHORTER[scene] for word in ("--set", value)]
+            assert cli.main(["run", scene, "--quiet", *more]) == 0
+    return folder
+
+
+@pytest.fixture
+def clone(runs, tmp_path, monkeypatch):
+    """The working directory: a copy of `runs`."""
+    shutil.copytree(runs, tmp_path, symlinks=True, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    (example,) = blocks("python")
-    names = {}
-    exec(compile(example, "README.md", "exec"), names)
-    tip, remainder = map(float, capsys.readouterr().out.splitlines()[0].split())
-    assert -1.1 < tip < -0.5
-    assert abs(remainder) < 1e-2
-    assert (tmp_path / "out" / "swing.pvd").is_file()
-    assert names["K"].shape == names["M"].shape == (3 * len(names["cloth"].X),) * 2
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    monkeypatch.setattr(webbrowser, "open", lambda page: True)
+    return tmp_path
 
 
-def test_the_scene_of_the_readme_builds(tmp_path):
-    (text,) = blocks("toml")
-    path = tmp_path / "scene.toml"
-    path.write_text(text, encoding="utf-8")
-    scene = load(path)
-    scene.require_expectations()
-    built = scene.build()
-    assert built.system.names == ("StVK", "StrainRateDamping", "Gravity")
+# --- blocks ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "pattern", [r"`(studies/[\w./]+)`", r"`(meshes/[\w./]*)`", r"\((\S+png)\)"]
+    "section", [s for s in SECTIONS if "```python" in s.text], ids=lambda section: section.title
 )
-def test_files_that_it_names_exist(pattern):
-    named = re.findall(pattern, README)
-    assert named
-    for name in named:
-        assert (ROOT / name).exists(), name
+def test_python_blocks_run(section, clone, capsys):
+    """In order, in one namespace; and the files that they name are there."""
+    names = {"__name__": "readme"}
+    for block in section.blocks:
+        if block.language == "python":
+            exec(compile(block.text, f"README.md, {section.title}", "exec"), names)
+            for name in re.findall(r"\"(out/[\w/.]+)\"", block.text):
+                assert list(clone.glob(f"{name}*")), f"{name} is not there"
+    assert not re.search(r"\bnan\b", capsys.readouterr().out)
 
 
-def test_its_folder_table_names_every_mesh_and_only_those():
-    line = next(line for line in README.splitlines() if line.startswith("| `meshes/`"))
-    assert set(re.findall(r"`(\w+)`", line)) == {p.stem for p in (ROOT / "meshes").glob("*.geo")}
+@pytest.mark.parametrize("block", blocks("toml"))
+def test_toml_blocks_build(block, clone):
+    """Scenes as they are, fragments in the place of what a minimal scene has there."""
+    data = tomllib.loads(block.text)
+    if not is_scene(block.text):
+        data = merged(tomllib.loads(MINIMAL), data)
+    (clone / "block.toml").write_text(written(data), encoding="utf-8")
+    scene = load(clone / "block.toml")
+    if "expect" in data:
+        scene.require_expectations()
+    built = scene.build()
+    assert [name.split("#")[0] for name in built.system.names][: len(data["terms"])]
+    assert len(built.system.bound) == len(data["terms"])
 
 
-def test_ci_uses_its_test_command():
-    command = next(line.strip() for line in README.splitlines() if line.endswith("pytest -q"))
-    assert command.startswith("python3 -m venv .venv && ")
-    assert "pytest -q$' README.md" in (ROOT / ".ci" / "run").read_text()
+def merged(base, more):
+    """Tables key by key; a fabric or cloth that says what it is replaces the other."""
+    whole = {"preset", "areal_density", "shape"}
+    return base | {
+        key: merged(base[key], value)
+        if isinstance(value, dict) and key in base and not whole & set(value)
+        else value
+        for key, value in more.items()
+    }
 
 
-def test_the_version_is_the_same_everywhere():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert project["version"] == fc.__version__
-    assert f"- {fc.__version__}" in README.split("## Changelog")[1]
+def test_no_block_is_left_out():
+    languages = {block.language for section in SECTIONS for block in section.blocks}
+    assert languages <= {"python", "toml", "sh", "bash", "console", "text"}
+
+
+# --- commands -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", OURS)
+def test_commands_run(command, clone):
+    name, *given = words(command)[1:]
+    given = [FILLED.get(word, FILLED.get(f"{name} {word}", word)) for word in given]
+    for scene in (word for word in given if word.endswith(".toml") and name != "mesh"):
+        assert scene in SHORTER, f"{scene}: say in SHORTER how a test runs it"
+        given += [word for value in SHORTER[scene] for word in ("--set", value)]
+    if name == "run" and "--resume" not in given:
+        shutil.rmtree("out")
+    if "--resume" in given:  # a run that has come to its end goes on to a later one
+        given += ["--set", "time.t_end=0.12"]
+    assert cli.main([name, *given]) == 0
+    if "-o" in given:
+        assert (clone / given[given.index("-o") + 1]).exists()
+
+
+@pytest.mark.parametrize("line", [line for line in LINES if re.match(r"(\S*/)?fecloth ", line)])
+def test_options_said_of_a_command_are_its_own(line):
+    assert options_in(line) <= fecloth_options(line.split()[1])
+
+
+def options_in(text):
+    return set(re.findall(r"--[a-z][\w-]*", text))
+
+
+def answer(run, *words):
+    """What a program says to --help."""
+    said = io.StringIO()
+    argv, environment = mock.patch("sys.argv", [*words, "--help"]), mock.patch.dict(os.environ)
+    with argv, environment, contextlib.redirect_stdout(said), pytest.raises(SystemExit):
+        run()
+    return said.getvalue()
+
+
+@lru_cache
+def study_options(study):
+    """The options of a study that has some."""
+    if not re.search(r"\.(ArgumentP|arguments\()", (ROOT / study).read_text()):
+        return set()
+    return options_in(answer(lambda: runpy.run_path(str(ROOT / study), run_name="__main__"), study))
+
+
+def fecloth_options(name):
+    return options_in(answer(lambda: cli.main([name, "--help"])))
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if "python studies/" in c])
+def test_studies_are_run_by_ci_and_have_the_options(command):
+    assert "tests/test_studies.py" in CI
+    study = words(command)[1]
+    assert f'"{Path(study).name}"' in (ROOT / "tests" / "test_studies.py").read_text()
+    assert options_in(command) <= study_options(study)
+
+
+def test_options_named_alone_exist():
+    named = {option for span in SPANS if span.startswith("--") for option in options_in(span)}
+    known = [study_options(study) for study in STUDIES]
+    known += [fecloth_options(words(command)[1]) for command in OURS]
+    assert named <= set().union(*known)
+
+
+def test_ci_installs_as_the_readme_says():
+    """.ci/run takes these lines from here: it evaluates the first that matches its patterns."""
+    patterns = re.findall(r"grep -m1 '(.*)' README.md", CI)
+    lines = [next(line for line in TEXT.splitlines() if re.search(p, line)) for p in patterns]
+    run = [part.strip() for line in lines for part in line.split(" && ")]
+    known = {*OURS, *(c for c in COMMANDS if "python studies/" in c)}
+    for command in COMMANDS:
+        assert command in known or command in run, f"no test runs: {command}"
+
+
+def test_the_folder_of_a_run_holds_what_its_table_says(runs):
+    (table,) = re.findall(r"^\| file \| what \|\n(?:\|.*\n)+", TEXT, re.MULTILINE)
+    cells = [row.split("|")[1] for row in table.splitlines()[2:]]
+    told = {name for cell in cells for name in re.findall(r"`([^`]+)`", cell)}
+    folder = runs / "out" / "SCENE"
+    assert all(list(folder.glob(name)) for name in told)
+    there = {p.name for p in folder.iterdir()} - {"frames", "run.pvd", "run.vtu.series"}
+    assert {name.split("/")[0] for name in told} - {"frames", "run.pvd", "run.vtu.series"} == there

@@ -43,3 +43,11 @@ def test_quick_report(study, tmp_path):
     report = (tmp_path / "report.md").read_text()
     assert ": met" in report
     assert ",error," not in (tmp_path / "results.csv").read_text()
+
+
+@pytest.mark.study
+def test_the_picture(tmp_path):
+    pytest.importorskip("pyvista")
+    picture = tmp_path / "flag.png"
+    subprocess.run([sys.executable, str(STUDIES / "picture.py"), picture], check=True, timeout=120)
+    assert picture.stat().st_size > 20_000

@@ -1,0 +1,140 @@
+"""Names and numbers in the README are those of the package."""
+
+import ast
+import contextlib
+import importlib
+import inspect
+import re
+import tomllib
+
+import pytest
+from readme import ANCHORS, ROOT, SPANS, TEXT
+
+import fecloth as fc
+from fecloth import cli, formula, schema, series
+from fecloth.march import StepInfo
+
+# what a call or a name in a code span may begin with, beside fecloth's own
+ROOTS = {"system": fc.System, "cloth": fc.Cloth, "fabric": fc.Fabric, "state": fc.State}
+ROOTS |= {
+    "result": fc.Result,
+    "info": StepInfo,
+    "StepInfo": StepInfo,
+    "fc": fc,
+    "fecloth": fc,
+    "C": None,
+}
+FILE = re.compile(r"\.(py|toml|csv|json|log|html|npz|pvd|vtu|geo|msh)$")
+
+
+# --- names ----------------------------------------------------------------------------------------
+
+
+def found(dotted):
+    """The object of fecloth of that name; KeyError if it has none."""
+    first, *rest = dotted.split(".")
+    at = ROOTS[first] if first in ROOTS else getattr(fc, first, None)
+    for name in rest:
+        known = getattr(at, "__dataclass_fields__", {}) | getattr(at, "__annotations__", {})
+        if not hasattr(at, name) and name in known:
+            return None
+        try:
+            at = getattr(at, name)
+        except AttributeError:
+            try:
+                at = importlib.import_module(f"{at.__name__}.{name}")
+            except (ImportError, AttributeError):
+                raise KeyError(f"fecloth has no {dotted}") from None
+    if at is None and first not in ROOTS:
+        raise KeyError(f"fecloth has no {dotted}")
+    return at
+
+
+def calls_in(span):
+    """(name, call) of every call in a code span that is Python."""
+    with contextlib.suppress(SyntaxError):
+        tree = ast.parse(span, mode="eval")
+        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+        return [(ast.unparse(call.func), call) for call in calls]
+    return []
+
+
+@pytest.mark.parametrize("span", sorted({span for span in SPANS if calls_in(span)}))
+def test_calls_have_these_arguments(span):
+    for name, call in calls_in(span):
+        if name in formula.FUNCTIONS or name in schema_keys():
+            continue
+        if callable(target := found(name)):
+            given = [a for a in call.args if not isinstance(a, ast.Constant | ast.Starred)]
+            keywords = {k.arg: None for k in call.keywords}
+            inspect.signature(target).bind_partial(*given, **keywords)
+
+
+def test_names_of_the_package_exist():
+    for span in set(SPANS):
+        first = span.split(".")[0]
+        dotted = re.fullmatch(r"\w+(\.\w+)+", span) and not FILE.search(span)
+        of_ours = first in ROOTS or inspect.ismodule(getattr(fc, first, None))
+        if (dotted and of_ours) or re.fullmatch(r"[A-Z]+[a-z]\w*|[A-Z]{2,}\d", span):
+            found(span)
+
+
+def schema_keys():
+    """Every key that some table of a scene may have."""
+    classes, keys = [schema.Table], {"preset"}
+    while classes:
+        one = classes.pop()
+        classes += one.__subclasses__()
+        keys |= set(one.model_fields)
+    return keys
+
+
+def test_keys_of_scenes_exist():
+    for span in SPANS:
+        if key := re.match(r"([\w.]+) = ", span):
+            assert key[1].split(".")[-1] in schema_keys(), span
+
+
+# --- what it says ---------------------------------------------------------------------------------
+
+
+def test_files_that_it_names_exist():
+    named = {s for s in SPANS if re.fullmatch(r"(studies|meshes|tests|fecloth)/[\w./-]*", s)}
+    named |= set(re.findall(r"\]\(([^)#:]+)\)", TEXT))
+    assert named
+    for name in named:
+        assert (ROOT / name).exists(), name
+    assert set(re.findall(r"\]\(#([^)]+)\)", TEXT)) <= ANCHORS
+
+
+def test_exit_codes():
+    (line,) = re.findall(r"Exit status: ([^.]*)\.", TEXT)
+    told = dict(re.findall(r"(\d) ([\w ]+)", " ".join(line.split())))
+    known = dict(re.findall(r"^ +(\d)  (\w+)", cli.STATUS, re.MULTILINE))
+    assert told.keys() == known.keys()
+    assert told["0"] == "done"
+    assert told["2"] == "bad input"
+
+
+def test_the_number_of_fabrics():
+    numbers = ["ten", "eleven", "twelve", "thirteen", "fourteen", "fifteen", "sixteen", "seventeen"]
+    for told in re.findall(r"\b(\w+) (?:measured|published) (?:cloths|fabrics)", TEXT):
+        if told in numbers or told.isdigit():
+            count = int(told) if told.isdigit() else 10 + numbers.index(told)
+            assert count == len(fc.Fabric.presets())
+
+
+def test_its_folder_table_names_every_mesh_and_only_those():
+    line = next(line for line in TEXT.splitlines() if line.startswith("| `meshes/`"))
+    assert set(re.findall(r"`(\w+)`", line)) == {p.stem for p in (ROOT / "meshes").glob("*.geo")}
+
+
+def test_the_fields_to_draw_exist():
+    for name in re.findall(r"--field (\w+)", TEXT):
+        assert name in series.FIELDS
+
+
+def test_the_version_is_the_same_everywhere():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["version"] == fc.__version__
+    assert f"- {fc.__version__}" in TEXT.split("## Changelog")[1]
