@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from . import linear
 from .fabric import Fabric
 from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
+from .magnitudes import odd
 from .mkl import threads
 from .newmark import GeneralizedAlpha, Newmark
 from .scene import Built
@@ -99,8 +100,9 @@ def wave_speed(fabric: Fabric) -> float:
 
 def doubts(built: Built) -> list[str]:
     """A sentence for each thing that is likely to disappoint, with what to do."""
+    units = odd(built.system.fabric, built.cloth, built.dt)
     found = (_mesh(built), _weight(built), _wrinkles(built), _fast_waves(built), _damping(built))
-    return [sentence for each in found for sentence in each]
+    return [sentence for each in (units, *found) for sentence in each]
 
 
 def _mesh(built: Built) -> Iterator[str]:

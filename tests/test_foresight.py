@@ -10,6 +10,7 @@ import pytest
 import fecloth as fc
 from fecloth import foresight
 from fecloth.cli import main
+from fecloth.magnitudes import odd
 from fecloth.scene import load
 
 TEXT = """
@@ -50,8 +51,13 @@ def doubts(scene, *overrides):
     return foresight.doubts(load(scene, overrides).build())
 
 
+SOFT = ["fabric.tensile_stiffness=10", "fabric.areal_density=0.4"]
 DOUBTS = {
-    "stretch the cloth by about 39 %": ["fabric.tensile_stiffness=5"],
+    "stretch the cloth by about 39 %": SOFT,
+    "areal_density = 150 kg/m²": ["fabric.areal_density=150", "terms.2.acceleration=[0, 0, -0.01]"],
+    "tensile_stiffness = 2 N/m": ["fabric.tensile_stiffness=2", "terms.2.acceleration=[0, 0, -1]"],
+    "bending_rigidity = 9.6 N m": ["fabric.bending_rigidity=9.6"],
+    "if it was meant in ms, write 0.005": ["time.dt=5", "time.t_end=10"],
     "wrinkles under its own weight": ["fabric.bending_rigidity=1e-7"],
     "without bending stiffness": ["terms.1.type=StVK"],
     "may gain energy": ["time.method=implicit_midpoint"],
@@ -71,9 +77,24 @@ def test_no_doubt_where_the_reason_is_taken_away(scene):
     damped = 'terms.0={type="StrainRateDamping", time=0.001}'
     assert doubts(scene, "time.method=implicit_midpoint", damped) == []
     assert doubts(scene, "time.method=energy_momentum") == []
-    soft = "fabric.tensile_stiffness=5"
-    assert doubts(scene, soft, "pins=[]") == []
-    assert doubts(scene, soft, "terms.2.acceleration=[0, 0, -0.1]") == []
+    assert doubts(scene, *SOFT, "pins=[]") == []
+    assert doubts(scene, *SOFT, "terms.2.acceleration=[0, 0, -0.1]") == []
+
+
+def test_every_published_fabric_is_of_a_fabrics_magnitude(sheet):
+    for name in fc.Fabric.presets():
+        assert list(odd(fc.Fabric.preset(name), sheet, 0.01)) == []
+
+
+def test_a_roof_membrane_is_no_mistake_and_pascals_and_millimetres_are(sheet):
+    roof = fc.Fabric.sheet(E=1520e6, nu=0.3, thickness=0.82e-3, rho=1050 / 0.82)
+    assert list(odd(roof, sheet, 0.01)) == []
+    (told,) = odd(fc.Fabric(0.5, 1520e6), sheet, 0.01)
+    assert "Fabric.sheet" in told
+    (told,) = odd({"body": roof, "hem": fc.Fabric(1e-4, 1000.0)}, sheet, 0.01)
+    assert told.startswith("hem.areal_density = 0.0001 kg/m²")
+    (told,) = odd(roof, fc.Cloth.rectangle(1000.0, 500.0, h=250.0, pattern="right"), 0.01)
+    assert "1000 m long: if its mesh is in mm" in told
 
 
 def test_a_sliver_is_named(scene, tmp_path):
