@@ -63,8 +63,7 @@ class HingeBending:
     exact; `definite` drops the part with ∂²θ, which is indefinite. Where a triangle has no height
     the angle has no meaning: the membrane must keep triangles from collapsing.
 
-    Cost: a triangle costs 4
-    times `StVK`'s force and 13 times its tangent.
+    Cost: a triangle costs 4 times `StVK`'s force and 13 times its tangent.
 
     Parameters
     ----------

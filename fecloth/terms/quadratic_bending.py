@@ -31,10 +31,9 @@ class QuadraticBending:
 
     Valid for cloth that is flat at rest, hardly stretches and is folded by less than a right angle
     between two triangles: there the moment is greatest, and it is none at a full fold. A stretch
-    that differs between the
-    two triangles makes Σ g_a x_a as well: the form adds about B/h² [N/m] to the stiffness in the
-    plane, for fabrics much less than Y. Its tangent is constant and positive semi-definite, there
-    is no angle that could jump.
+    that differs between the two triangles makes Σ g_a x_a as well: the form adds about B/h² [N/m]
+    to the stiffness in the plane, for fabrics much less than Y. Its tangent is constant and
+    positive semi-definite, there is no angle that could jump.
 
     Cost: a triangle costs 0.7 of `StVK`'s force and 0.3 of its tangent.
 

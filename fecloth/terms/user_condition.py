@@ -26,8 +26,9 @@ Function = Callable[[np.ndarray], np.ndarray]
 class Condition:
     """Energy ½ k_s CᵀC and damping −k_d ∂C Ċ of a condition C(x) on stencils of k nodes.
 
-    Force, stiffness and damping Hessians follow from C, ∂C and ∂²C. C works on all stencils at
-    once, on arrays.
+        f_a = −∂C_a k_s C,   d_a = −∂C_a k_d Ċ,   Ċ = Σ_a ∂C_aᵀ v_a
+
+    These and their Hessians follow from C, ∂C and ∂²C. C works on all stencils at once, on arrays.
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 6–8 and 11–13; see
     `fecloth.terms.condition`.
