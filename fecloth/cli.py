@@ -31,6 +31,7 @@ from .runfolder import WriteError, versions, writing
 from .runner import DONE, FAILED, run_scene, settled_scene
 from .scene import Built, Scene, Verdict, check, load
 from .series import FIELDS
+from .swatches import listed
 from .viewer import write_view
 
 STATUS = """exit status:
@@ -334,7 +335,7 @@ def _write_mesh(cloth: Cloth, path: Path) -> None:
 
 def _info(options) -> int:
     if options.fabrics:
-        print("\n".join(_fabrics()))
+        print("\n".join(listed()))
         return 0
     if options.scene:
         scene = load(options.scene, options.set)
@@ -349,21 +350,6 @@ def _info(options) -> int:
     print(f"processors: {os.cpu_count()}")
     print(f"direct solver: {linear.direct().name}")
     return 0
-
-
-def _fabrics() -> list[str]:
-    """The presets: constants of warp and weft, shear, Poisson's ratio, and where they are from."""
-    head = f"{'preset':<21}{'g/m²':>5}{'Y [N/m]':>15}{'G [N/m]':>9}{'ν':>6}{'B [µN m]':>12}"
-    lines = [f"{head}  (warp / weft; zero strain)"]
-    for name in Fabric.presets():
-        fabric = Fabric.preset(name)
-        tensile = " / ".join(f"{value:.0f}" for value in fabric.tensile)
-        bending = " / ".join(f"{1e6 * value:.1f}" for value in fabric.bending or ()) or "unknown"
-        lines.append(
-            f"{name:<21}{1000 * fabric.areal_density:>5.0f}{tensile:>15}{fabric.shear:>9.0f}"
-            f"{fabric.poisson_ratio:>6.2f}{bending:>12}"
-        )
-    return [*lines, "", *(f"{name}: {Fabric.preset(name).source}" for name in Fabric.presets())]
 
 
 def _sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
