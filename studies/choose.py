@@ -3,7 +3,7 @@
 Every statement is some numbers of these tables and the ranges in which it holds. One whose number
 has left its range is told and not printed, and so is one whose table is not there, with the
 command that makes it. The exit code is 1 where a statement is no longer supported. With `--quick`
-the tables of quick forms will do, and no chart is drawn.
+the tables of quick forms will do, which are too small to deny one, and no chart is drawn.
 
     python studies/choose.py [--quick] [--tables out] [--out out/choose]
 """
@@ -39,7 +39,7 @@ RULES = choose_models.RULES + choose_methods.RULES
 TITLE = "## Which model, method and solver when"
 LEVELS = (0.01, 0.001)
 RAISED = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
-TITLES = {"trampoline": "trampoline: a disk falls", "wave": "wave: a small one on a taut strip"}
+TITLES = {"trampoline": "trampoline: a disk falls", "wave": "wave: a small one along a strip"}
 TITLES |= {"swing": "swing: a sheet of paper falls", "stretch": "stretch: a strip is drawn out"}
 FAMILIES: dict[str, Callable] = {  # bars of the chart
     "explicit": explicit,
@@ -96,13 +96,14 @@ def page(verdicts: list[Verdict]) -> str:
     return "\n\n".join([TITLE, HEAD, table, f"*{FOOT}*", OPEN]) + "\n"
 
 
-def left_out(rules: list[Rule], verdicts: list[Verdict]) -> list[str]:
+def left_out(rules: list[Rule], verdicts: list[Verdict], quick: bool = False) -> list[str]:
     """What is denied, by which number; and for each table that is not there what hangs on it."""
     lines, wanting = [], {}
+    words = "not shown by the quick forms of" if quick else "no longer supported by"
     for rule, verdict in zip(rules, verdicts, strict=True):
         what = re.sub("{.*?}", "…", f"“{rule.have}”: {rule.take}")
         if verdict.denied:
-            lines.append(f"no longer supported by {rule.studies}: {what}\n    {verdict.denied}")
+            lines.append(f"{words} {rule.studies}: {what}\n    {verdict.denied}")
         if verdict.missing:
             wanting.setdefault(verdict.missing, []).append(f"\n    {what}")
     return lines + [f"{cause}\n  Not told without it:{''.join(w)}" for cause, w in wanting.items()]
@@ -115,7 +116,7 @@ def draw(out: Path, tables: Tables) -> None:
     """CPU seconds of each family's cheapest run to 1 % and to 0.1 %, a panel for each scene."""
     size = {"panels": (2, 2), "size": (8.0, 5.6), "log": False, "sharey": True}
     with harness.figure(out, "choose", **size) as (figure, axes):
-        figure.suptitle("CPU seconds to 1 % of the mean, pale to 0.1 %", fontsize=12)
+        figure.suptitle("CPU time to an error of 1 % of the mean, pale of 0.1 %", fontsize=12)
         axes[0, 0].set_yticks(range(len(FAMILIES)), list(FAMILIES))
         axes[0, 0].invert_yaxis()
         for ax, scene in zip(axes.ravel(), MODEL, strict=True):
@@ -154,8 +155,9 @@ def main() -> int:
     replace_file(options.out / "choose.md", text.encode())
     if not options.quick and (options.tables / "speed_accuracy/results.csv").is_file():
         draw(options.out, tables)
-    print("\n".join([text, *left_out(RULES, verdicts), f"wrote {options.out / 'choose.md'}"]))
-    return int(any(verdict.denied for verdict in verdicts))
+    told = left_out(RULES, verdicts, options.quick)
+    print("\n".join([text, *told, f"wrote {options.out / 'choose.md'}"]))
+    return int(not options.quick and any(verdict.denied for verdict in verdicts))
 
 
 if __name__ == "__main__":
