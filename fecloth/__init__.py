@@ -60,6 +60,7 @@ from .terms import (
     Wind,
 )
 from .terms.hinge import hinge_angles
+from .terms.membrane_law import MembraneLaw
 from .terms.user_condition import Condition
 
 __version__ = "0.1.0"
@@ -92,6 +93,7 @@ __all__ = [
     "Ledger",
     "LinearlyImplicitEuler",
     "MassDamping",
+    "MembraneLaw",
     "MeshError",
     "NeoHookean",
     "Newmark",

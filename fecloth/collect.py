@@ -105,6 +105,7 @@ def run(
         return ledger.after(system, one, old, step).row(), observer.row(old, step)
 
     method, chosen, why = settled(system, method, opening, dt, t_end, solver, newton, record)
+    asked.offers(method, ("theta", "numerical"), "run")
     energies, observed = [ledger.row()], [observer.row(None, None)]
     counts, begin, start, turnover = Counts(), time.perf_counter(), state.t, 0.0
     options = {"stops": stops, "most_stretch": most_stretch, "memory": memory}

@@ -1,7 +1,9 @@
 """Time integrators: each is the rule that takes one step, a few lines on the stage equation.
 
 A method knows nothing of the terms. It offers ``step(system, state, dt, solver, guess)``, its
-``order``, and ``weights(dt)`` = (wx, wv, wa) of its system matrix.
+``order``, and ``weights(dt)`` = (wx, wv, wa) of its system matrix; for the ledger of `run` also
+`theta` and ``numerical(system, old, step)``. `StageMethod` and `memory.WithMemory` are bases for
+methods of one's own, as in studies/own.
 """
 
 from __future__ import annotations

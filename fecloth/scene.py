@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
 
 from . import linear, scenefile
 from . import scenetables as tables
@@ -324,7 +324,9 @@ def _each(given: Any, function: Callable) -> Any:
     return function(given)
 
 
-def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
+def load(
+    path: str | Path, overrides: Iterable[str] = (), terms: Mapping[str, type] | None = None
+) -> Scene:
     """Read and check a scene file.
 
     Parameters
@@ -333,6 +335,10 @@ def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
         A TOML file; the paths in it are relative to its folder.
     overrides
         Values that replace those of the file, as in ``["time.dt=0.005", "terms.0.time=0.02"]``.
+    terms
+        Types of terms of one's own, beside those of `fecloth.terms`: ``{"Winkler": Winkler}``, a
+        dataclass each, whose fields are the keys of its ``[[terms]]`` table. Only Python code can
+        give them: a scene names no code, so that a file from elsewhere runs none.
 
     Raises
     ------
@@ -344,11 +350,18 @@ def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
     data = scenefile.overridden(scenefile.read(path), overrides)
     source = f"{path} with {', '.join(overrides)}" if overrides else str(path)
     try:
-        scene = Scene.model_validate(data, context={"folder": path.parent})
+        scene = _scene(terms or {}).model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
         raise scene_error(error, data, source) from None
     scene._source = source
     return scene
+
+
+def _scene(terms: Mapping[str, type]) -> type[Scene]:
+    """The class of the scenes that know these terms too."""
+    if not terms:
+        return Scene
+    return create_model("Scene", __base__=Scene, terms=(tuple[tables.terms_with(terms), ...], ()))
 
 
 # --- after the run --------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,7 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, mod
 
 from . import presets, scenefile, terms
 from .cloth import Cloth
-from .errors import InputError
+from .errors import InputError, brief
 from .fabric import Fabric
 from .formula import Formula, Motion, Region
 from .newton import Newton
@@ -235,10 +236,31 @@ class FabricTable(table_of(Fabric)):
 _LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg"]
 SolverTable = table_of(Newton, linear=(_LINEAR, "auto"))
 _TERMS = {
-    name: table_of(cls, name)
+    name: cls
     for name, cls in ((name, getattr(terms, name)) for name in terms.__all__)
     if dataclasses.is_dataclass(cls) and hasattr(cls, "bind")
 }
-Term = one_of("type", _TERMS)
-for _table in _TERMS.values():  # now that Term is known, to those that hold another term
-    _table.model_rebuild(_types_namespace={"Term": Term})
+
+
+def terms_with(own: Mapping[str, type]) -> Any:
+    """The table of a term, of a type of the package's or of one's own.
+
+    Raises
+    ------
+    InputError
+        For an own type whose name is taken, or that is no dataclass with a `bind`.
+    """
+    for name, cls in own.items():
+        if name in _TERMS:
+            raise InputError(f"terms: {name!r}", "must not be a type of the package's", "load")
+        if not (isinstance(cls, type) and dataclasses.is_dataclass(cls) and hasattr(cls, "bind")):
+            allowed = "must be the class of a term: a dataclass with stencil and bind"
+            raise InputError(f"terms: {name!r} = {brief(cls)}", allowed, "load")
+    tables = {name: table_of(cls, name) for name, cls in (_TERMS | dict(own)).items()}
+    term = one_of("type", tables)
+    for table in tables.values():  # now that it is known, to those that hold another term
+        table.model_rebuild(_types_namespace={"Term": term})
+    return term
+
+
+Term = terms_with({})

@@ -34,6 +34,7 @@ def solver_for(
     symmetric |= options.definiteness == "clamp"  # clamped tangents all are
     if choice == "auto":
         stiffness, damping = system.rate_bounds()
+        asked.offers(method, ("weights",), 'march(solver="auto")')
         wx, wv, wa = method.weights(dt)
         condition = 1 + (wx * stiffness + wv * damping) / wa
         chosen, why = linear.choose(condition, len(system.cloth.X), symmetric)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .errors import InputError
 from .system import State, System
 
 
@@ -38,7 +39,16 @@ def prescribed(system: System, stage: Stage, state: State, dt: float, end: State
 
     There q̂ = (end.x − x_end)/w_end is known; it moves into x̃, ṽ and x_end. The held acceleration
     is the change of the prescribed velocity over the step.
+
+    Raises
+    ------
+    InputError
+        For a stage whose arrays are not of the state's shape, as a method of one's own may give.
     """
+    for name in ("x", "v", "a", "x_end"):
+        shape = np.shape(getattr(stage, name, None))
+        if shape != state.x.shape:
+            raise InputError(f"stage.{name} of shape {shape}", f"must be {state.x.shape}", "step")
     held, at = system.constraints.held, system.constraints.nodes
     if not len(at):
         return stage

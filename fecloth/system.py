@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sparse
 
+from . import offered
 from .blocks import BlockMatrix, BlockPattern, add_mass
 from .cloth import Cloth
 from .constraints import Constraints, MatrixProjection
@@ -83,7 +84,8 @@ class System:
             ("grain", grain),
         ):
             object.__setattr__(self, name, value)
-        _ = self.scalar_mass, self.bound, self.constraints  # now: errors should stand where made
+        # now: errors should stand where made
+        _ = self.scalar_mass, self._stencils, self.bound, self.constraints
 
     # --- what is bound, once ------------------------------------------------------------------
 
@@ -109,7 +111,7 @@ class System:
 
     @cached_property
     def _stencils(self) -> list:
-        stencils = [term.stencil(self.cloth) for term in self.terms]
+        stencils = [offered.stencil(term, self.cloth) for term in self.terms]
         if self.mass_kind == "consistent":
             stencils.append(self.cloth.stencil)
         return [stencil for stencil in stencils if stencil is not None]
@@ -129,7 +131,7 @@ class System:
                 shared[id(stencil)] = stencil, self.pattern.slots(stencil)
             return shared[id(stencil)][1]
 
-        return tuple(term.bind(self.panel, slots) for term in self.terms)
+        return tuple(offered.bound(term, self.panel, slots) for term in self.terms)
 
     @cached_property
     def names(self) -> tuple[str, ...]:

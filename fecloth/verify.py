@@ -49,7 +49,7 @@ class Sweep:
             raise VerificationFailed(
                 f"{self.name} of {context} is not the derivative: slope {self.slope:.2f} instead "
                 f"of 2, smallest relative error {self.errors.min():.1e}, "
-                f"errors {np.array2string(self.errors, precision=1)}"
+                f"errors {' '.join(f'{error:.1e}' for error in self.errors)}"
             )
 
 

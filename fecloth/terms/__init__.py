@@ -22,6 +22,9 @@ and the bound term offers, in place and without knowledge of dt, solver or other
 
 with the attributes name, symmetric (of its tangent), has_energy, dissipative and
 velocity_dependent, and `load = True` if it acts from outside: equilibrium's load steps scale it.
+
+Shorter than all this are `Condition`, for an energy ½ k C² of some nodes, `UserForce`, for a force
+on each node by itself, and `MembraneLaw`, for a membrane. studies/own has a term and a law.
 """
 
 from .baraff_witkin import BaraffWitkin
