@@ -25,6 +25,7 @@ def out(tmp_path_factory):
         ("materials.py", "power of"),
         ("solvers.py", "auto over the best"),
         ("auto.py", "auto over the best"),
+        ("laws.py", "9 pictures"),
         ("peers.py", "figures met"),
     ],
 )

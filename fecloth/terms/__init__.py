@@ -1,6 +1,8 @@
 """Contributions to the force balance, one file per family.
 
-What a user writes is a frozen description with its own parameters only. It offers
+What a user writes is a frozen description with its own parameters only. Its docstring gives the
+formula, then a paragraph that begins with "Source:" and one with "Valid", of which studies/laws.md
+is made. It offers
 
     elements                    those it supports, as ("P1", "P2"); left out, P1 alone
     stencil(cloth)              (m, k) nodes that it couples, or None
