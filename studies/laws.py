@@ -41,6 +41,8 @@ Left is the force per unstretched width along the warp at the stretch λ, with t
 width, and the slant, at which no stress is left across are solved for. Right is simple shear by γ,
 at constant width and length. Each is a patch of the term's own forces under one uniform
 deformation, without a border; that a sheet would rather buckle than be compressed is not in them.
+The orthotropic fabric has half of Y along the weft and G = {0.1 * Y:g} N/m. Bending is that of a
+cloth rolled up along X, whose triangles keep their shape: κh is the angle from cell to cell.
 
 ![All laws on two axes](laws.png)
 """

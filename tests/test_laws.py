@@ -38,13 +38,14 @@ def test_page_is_what_the_docstrings_give(curves, moments):
 
 @pytest.mark.parametrize("name", [*terms.__all__, "Condition", "Pin", "Slide"])
 def test_section_with_formula_source_and_validity(name):
-    text = re.search(rf"^### {name}\n(.*?)(?=^###? |\Z)", PAGE, re.M | re.S)[1]
-    formula, _, rest = text.partition("**Source:** ")
+    found = re.search(rf"^### {name}\n(.*?)(?=^###? |\Z)", PAGE, re.M | re.S)
+    assert found, f"{name} is missing in FAMILIES of studies/laws.py"
+    formula, _, rest = found[1].partition("**Source:** ")
     validity = rest.partition("\n\n**Valid**")[2]
     assert re.search(r"\S = \S", formula)
     assert len(rest) > 10
     assert len(validity.partition("\n\n")[0]) > 40
-    for picture in re.findall(r"\]\((laws/.*?)\)", text):
+    for picture in re.findall(r"\]\((laws/.*?)\)", found[1]):
         assert 2_000 < (STUDIES / picture).stat().st_size <= 40_000
 
 
