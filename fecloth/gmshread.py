@@ -54,7 +54,9 @@ def check_size(h, extent: float, area: float, where: str) -> None:
     """Refuse an edge length h [m] that a sheet of that extent [m] and area [m²] cannot have."""
     check_positive("h", h, where)
     if h > extent:
-        raise InputError(f"h = {h:g} m", f"must be at most {extent:g} m", where, "Refine it.")
+        meant = f"; if it was meant in mm, write {h / 1000:g}" if h / 1000 < extent / 2 else ""
+        allowed, remedy = f"must be at most {extent:g} m", f"Refine it{meant}."
+        raise InputError(f"h = {h:g} m", allowed, where, remedy)
     with np.errstate(divide="ignore"):
         count = np.float64(area) / (np.sqrt(3.0) / 4 * h * h)
     if count > _LARGEST:
@@ -124,7 +126,8 @@ def from_msh(path: Path) -> RawMesh:
         # Gmsh would take it for a .geo file, and stumble over the next one that is
         raise MeshError(f"begins with {start[:20]!r}", "must begin with $MeshFormat", str(path))
     with _gmsh_model() as gmsh:
-        with _refusals("Gmsh cannot read it", str(path)):
+        remedy = "Look for nan, inf or a number that is missing, or write it anew."
+        with _refusals("Gmsh cannot read it", str(path), remedy):
             gmsh.merge(str(path))
         try:
             return _from_gmsh(gmsh, str(path))
@@ -280,8 +283,8 @@ def _parser_values(gmsh):
 
 
 @contextlib.contextmanager
-def _refusals(what: str, where: str) -> Iterator[None]:
+def _refusals(what: str, where: str, remedy: str = "") -> Iterator[None]:
     try:
         yield
     except Exception as error:  # Gmsh raises nothing more specific
-        raise MeshError(f"{what} ({error})", where=where) from error
+        raise MeshError(f"{what} ({error})", where=where, remedy=remedy) from error

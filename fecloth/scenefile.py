@@ -60,7 +60,8 @@ def file_problem(path: Path) -> tuple[str, str] | None:
             return ("is a folder" if path.is_dir() else "is not a regular file"), ""
         if not path.parent.is_dir():
             return "no such file", f"There is no folder {path.parent}."
-        return "no such file", nearest(path.name, sorted(p.name for p in path.parent.iterdir()))
+        there = sorted(each.name for each in path.parent.iterdir())
+        return "no such file", nearest(path.name, there) or f"Look into {path.parent.resolve()}."
     except OSError as error:  # a name too long, a folder without access
         return f"cannot be opened ({error.strerror})", ""
 
