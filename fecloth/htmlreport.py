@@ -112,7 +112,7 @@ def _tiles(summary, tables):
     }
     if strains := tables["strains"]:
         extremes = strains["smallest"].min(), strains["largest"].max()
-        tiles["stretch, all frames"] = "{:.4g} to {:.4g}".format(*extremes)
+        tiles["stretch, all frames"] = "{:.4g} – {:.4g}".format(*extremes)
     if summary.get("peak_memory_MB"):
         tiles["memory"] = f"{summary['peak_memory_MB']:.0f} MB"
     cells = "".join(
@@ -127,7 +127,7 @@ def _details(folder, summary):
     scene = folder / "scene.resolved.toml"
     text = scene.read_text(encoding="utf-8") if scene.is_file() else ""
     rest = {
-        key: json.dumps(value, ensure_ascii=False, default=str)
+        key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
         for key, value in summary.items()
         if key not in ("error", "warning", "seconds", "versions", "ledger")
     }

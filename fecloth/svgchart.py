@@ -15,6 +15,7 @@ import numpy as np
 
 WIDTH, HEIGHT = 460, 230
 LEFT, RIGHT, TOP, BOTTOM = 58, 10, 12, 36
+NEAR = 0.05  # of a step, or of a span: so far a curve may leave its grid, or begin beside it
 SPANS = 250  # of a curve, each drawn by its least and largest value
 COLOURS = ("#1f5fa8", "#d1495b", "#2f8f6b", "#b7791f", "#6b4fa0", "#3a9db0", "#8a5a44", "#5c6773")
 
@@ -29,7 +30,7 @@ def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = F
     x, y
         What the axes show, with units.
     log
-        Powers of ten along y; values ≤ 0 are left out.
+        Powers of ten along y; where a value is ≤ 0 the curve has a gap.
 
     Examples
     --------
@@ -39,17 +40,17 @@ def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = F
     (True, 1, True)
     """
     curves = {name: _drawn(*curve, log) for name, curve in curves.items()}
-    curves = {name: curve for name, curve in curves.items() if len(curve[0])}
+    curves = {name: curve for name, curve in curves.items() if np.isfinite(curve[1]).any()}
     if not curves:
         return ""
     xs, ys = (np.concatenate([curve[i] for curve in curves.values()]) for i in (0, 1))
-    up, across = _axis(ys.min(), ys.max(), 5, log), _within(xs.min(), xs.max())
+    up, across = _axis(np.nanmin(ys), np.nanmax(ys), 5, log), _within(xs.min(), xs.max())
     body = [_grid(across, up, log), _words(x, y)]
     for colour, (name, curve) in zip(_colours(len(curves)), curves.items(), strict=True):
-        points = zip(_place(across, curve[0], 0), _place(up, curve[1], 1), strict=True)
-        path = "L".join(f"{px:.1f} {py:.1f}" for px, py in points)
+        path = _path(_place(across, curve[0], 0), _place(up, curve[1], 1))
         stroke = f'stroke="{colour}" stroke-width="1.8" fill="none" stroke-linejoin="round"'
-        body.append(f'<path d="M{path}" {stroke}><title>{html.escape(name)}</title></path>')
+        stroke += ' stroke-linecap="round"'
+        body.append(f'<path d="{path}" {stroke}><title>{html.escape(name)}</title></path>')
     return (
         f"<figure><figcaption>{html.escape(title)}</figcaption>{_key(list(curves))}"
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{html.escape(title)}">'
@@ -58,17 +59,28 @@ def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = F
 
 
 def _drawn(x, y, log):
-    """The curve's points to draw; y as its decimal logarithm where `log`."""
+    """The curve's points to draw; y as its decimal logarithm where `log`, NaN in gaps."""
     x, y = np.asarray(x, float), np.asarray(y, float)
-    kept = np.isfinite(x) & np.isfinite(y) & ((y > 0) | (not log))
-    x, y = x[kept], y[kept]
+    y = np.where(np.isfinite(y) & ((y > 0) | (not log)), y, np.nan)
     y = np.log10(y) if log else y
     if len(x) <= 2 * SPANS:
         return x, y
     spans = np.array_split(np.arange(len(x)), SPANS)
-    ends = [sorted((s[np.argmin(y[s])], s[np.argmax(y[s])])) for s in spans]
-    kept = np.unique(np.concatenate([[0], *ends, [len(x) - 1]]))
+    kept = np.unique(np.concatenate([[0], *(_extremes(s, y[s]) for s in spans), [len(x) - 1]]))
     return x[kept], y[kept]
+
+
+def _extremes(span, y):
+    """Where in a span the curve is least and largest; where it has a gap throughout, one place."""
+    return [span[np.nanargmin(y)], span[np.nanargmax(y)]] if np.isfinite(y).any() else span[:1]
+
+
+def _path(px, py):
+    """A line for each piece between two gaps; a piece of one point is a dot."""
+    points, there = [f"{a:.1f} {b:.1f}" for a, b in zip(px, py, strict=True)], np.isfinite(py)
+    pieces = np.split(np.arange(len(points)), np.flatnonzero(np.diff(there)) + 1)
+    lines = ([points[i] for i in piece] for piece in pieces if there[piece[0]])
+    return "".join("M" + "L".join(line * 2 if len(line) == 1 else line) for line in lines)
 
 
 @dataclass(frozen=True)
@@ -85,7 +97,9 @@ def _within(low: float, high: float) -> Axis:
     wide = _axis(low, high, 5)
     if not low < high:
         return wide
-    slack = 1e-9 * (high - low)
+    slack = NEAR * (high - low)
+    below = wide.ticks[(wide.ticks <= low) & (wide.ticks >= low - slack)]
+    low, slack = min([low, *below]), 1e-9 * (high - low)
     inside = (wide.ticks >= low - slack) & (wide.ticks <= high + slack)
     return Axis(low, high, wide.ticks[inside])
 
@@ -98,7 +112,7 @@ def _axis(low: float, high: float, most: int, log: bool = False) -> Axis:
     power = 10.0 ** math.floor(math.log10(rough))
     step = next(power * k for k in (1, 2, 2.5, 5, 10) if power * k >= 0.999 * rough)
     step = max(1.0, math.ceil(step)) if log else step
-    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    first, last = math.floor(low / step + NEAR), math.ceil(high / step - NEAR)
     ticks = step * np.arange(first, last + 1)
     return Axis(ticks[0], ticks[-1], ticks)
 

@@ -157,8 +157,21 @@ def test_charts_keep_peaks_and_leave_out_what_no_logarithm_has():
     assert np.ptp(points[:, 1]) > 100
     assert points[np.argmin(points[:, 1]), 0] == pytest.approx(58 + 392 * 0.54321, abs=0.5)
     assert chart("none", {"y": (x, -y)}, "x", "y", log=True) == ""
-    broken = np.array([1.0, np.nan, 100.0])
-    assert "nan" not in chart("gap", {"y": (np.arange(3.0), broken)}, "x", "y", log=True)
+
+
+@pytest.mark.parametrize(("log", "gap"), [(True, 0.0), (True, np.nan), (False, np.nan)])
+def test_a_curve_has_a_gap_where_it_has_no_value(log, gap):
+    broken = np.array([1.0, 2.0, gap, gap, 50.0, gap, 90.0, 100.0])
+    figure = chart("gap", {"y": (np.arange(8.0), broken)}, "x", "y", log=log)
+    path = re.search(r' d="(.*?)"', figure)[1]
+    assert [len(piece.split("L")) for piece in path.split("M")[1:]] == [2, 2, 2]  # a dot is two
+    assert "nan" not in figure
+
+
+def test_a_little_below_zero_costs_no_step_of_the_grid():
+    figure = chart("energy", {"E": (np.linspace(0.01, 1.0, 9), np.linspace(-0.01, 1, 9))}, "t", "E")
+    assert ">−0.2<" not in figure
+    assert figure.count(">0<") == 2  # at both axes, though the curve begins at t = 0.01
 
 
 def test_it_is_cheap(run, tmp_path):

@@ -8,6 +8,7 @@ import shutil
 
 import numpy as np
 import pytest
+from test_htmlreport import SCENE
 
 import fecloth as fc
 from fecloth import viewer
@@ -225,3 +226,48 @@ def test_it_fits_phone_and_desk(run, browser, width):
     assert cloth.any()
     assert not cloth[[0, -1]].any()
     assert not cloth[:, [0, -1]].any()
+
+
+@pytest.fixture(scope="module")
+def phone(browser, tmp_path_factory):
+    """report.html of a run on a phone, as a context that tests take pages of."""
+    folder = tmp_path_factory.mktemp("report")
+    (folder / "sheet.toml").write_text(SCENE, encoding="utf-8")
+    assert main(["run", str(folder / "sheet.toml"), "-o", str(folder / "run"), "--quiet"]) == 0
+    page = browser.new_page(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    page.goto((folder / "run" / "report.html").as_uri())
+    yield page
+    page.close()
+
+
+def swipe(page, across, along):
+    """One finger from the middle of the cloth, by so many pixels."""
+    box = page.locator("canvas").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    send = page.context.new_cdp_session(page).send
+    for k in range(11):
+        point = {"x": x + across * k / 10, "y": y + along * k / 10}
+        kind = "touchMove" if k else "touchStart"
+        send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [point]})
+    send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+
+def test_a_finger_on_the_cloth_turns_it_or_scrolls_the_report(phone):
+    before = phone.locator("canvas").screenshot()
+    swipe(phone, 120, 0)
+    assert phone.locator("canvas").screenshot() != before
+    assert phone.evaluate("scrollY") == 0
+    swipe(phone, 0, -200)
+    phone.wait_for_function("scrollY > 100", timeout=5000)
+
+
+def test_the_report_fits_a_phone_and_breaks_no_name(phone):
+    for summary in phone.locator("summary").all():
+        summary.click()
+    assert phone.evaluate("document.documentElement.scrollWidth") <= 390
+    lines = """cells => cells.map(cell => {
+        const range = document.createRange(); range.selectNodeContents(cell);
+        return range.getClientRects().length; })"""
+    counts = phone.locator("td:first-child").evaluate_all(lines)
+    assert len(counts) > 10
+    assert set(counts) == {1}

@@ -337,7 +337,7 @@ function showCloth(element, data) {
   cloth.fields.forEach((f, i) => chooser.add(new Option(f.title, i)));
   for (const input of [slider, chooser]) input.addEventListener("input", show);
   let timer = 0;
-  const stop = () => { clearInterval(timer); timer = 0; play.textContent = "▶"; };
+  const stop = () => { clearInterval(timer); timer = 0; play.textContent = "▶\uFE0E"; };
   const next = () => {
     slider.value = (Number(slider.value) + 1) % data.times.length;
     show();
@@ -350,7 +350,10 @@ function showCloth(element, data) {
     play.textContent = "❚❚";
   });
   slider.addEventListener("pointerdown", stop);
-  if (data.times.length < 2) for (const part of [slider, play]) part.hidden = true;
+  if (data.times.length < 2) {
+    element.classList.add("still");
+    for (const part of [slider, play]) part.hidden = true;
+  }
   steer(canvas, camera, () => scene.draw());
   new ResizeObserver(() => scene.draw()).observe(canvas);
   show();
