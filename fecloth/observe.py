@@ -15,7 +15,7 @@ from .errors import InputError
 from .losses import mean_force
 from .sums import mean
 from .system import State, System
-from .terms.membrane import gradient
+from .terms.greenstrain import gradient
 
 
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:

@@ -21,17 +21,15 @@ import numpy as np
 
 from ..compiled import inner, loop
 from ..panel import Panel
-from .membrane import (
-    BoundMembrane,
-    Kernels,
-    block,
+from .greenstrain import (
     clamped,
     gradient,
     green_strain,
-    material_rows,
     scatter_force,
+    scatter_mixed,
     scatter_symmetric,
 )
+from .membrane import BoundMembrane, Kernels
 
 
 @inner
@@ -48,10 +46,15 @@ def extrapolated(F, F0):
 
 
 @inner
+def half(E0, E1):
+    """½ (E₀ + E₁)."""
+    return 0.5 * (E0[0] + E1[0]), 0.5 * (E0[1] + E1[1]), 0.5 * (E0[2] + E1[2])
+
+
+@inner
 def mean_strain(F0, F1):
     """½ (E₀ + E₁)."""
-    E0, E1 = green_strain(F0), green_strain(F1)
-    return 0.5 * (E0[0] + E1[0]), 0.5 * (E0[1] + E1[1]), 0.5 * (E0[2] + E1[2])
+    return half(green_strain(F0), green_strain(F1))
 
 
 @loop
@@ -82,20 +85,7 @@ def add_tangent(law, K, Q, nodes, slots, G, w, c, start, x, scale, J):
             F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
             F1 = extrapolated(F, F0)
             _, S, C = law(mean_strain(F0, F1), c[e])
-            W = scale * w[e, q]
-            C = (W * C[0], W * C[1], W * C[2], W * C[3], W * C[4], W * C[5])
-            for a in range(len(K)):
-                G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
-                T = material_rows(C, F, G1, G2)
-                g1, g2 = W * (S[0] * G1 + S[2] * G2), W * (S[2] * G1 + S[1] * G2)
-                for b in range(len(K)):
-                    H1, H2 = G[e, q, b, 0], G[e, q, b, 1]
-                    M = block(T, F1, H1, H2)
-                    s = np.uintp(slots[e, a, b])
-                    for i in range(3):
-                        J[s, i, i] += g1 * H1 + g2 * H2
-                        for j in range(3):
-                            J[s, i, j] += M[i][j]
+            scatter_mixed(K, slots, G, e, q, scale * w[e, q], F, F1, S, C, J)
 
 
 class Averaged(NamedTuple):

@@ -14,7 +14,7 @@ from ..given import OfTime, Timed, scalar
 from ..panel import Panel
 from ..sums import dot
 from ..units import PRESSURE
-from .membrane import gradient
+from .greenstrain import gradient
 from .stencilbound import stencil_bound
 
 

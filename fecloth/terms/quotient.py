@@ -16,8 +16,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import inner, loop
-from .averaged import extrapolated
-from .membrane import block, contract, gradient, green_strain, material_rows, scatter_force
+from .averaged import extrapolated, half
+from .greenstrain import block, gradient, green_strain, material_rows, scatter_force
+from .membrane import contract
 
 SMALL = 1e-12  # e : e
 
@@ -26,12 +27,6 @@ SMALL = 1e-12  # e : e
 def work(S, e):
     """S : e."""
     return S[0] * e[0] + S[1] * e[1] + 2.0 * S[2] * e[2]
-
-
-@inner
-def half(E0, E1):
-    """½ (E₀ + E₁)."""
-    return 0.5 * (E0[0] + E1[0]), 0.5 * (E0[1] + E1[1]), 0.5 * (E0[2] + E1[2])
 
 
 @inner

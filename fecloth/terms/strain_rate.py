@@ -12,17 +12,15 @@ from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
 from ..units import TIME
-from .membrane import (
-    block,
+from .greenstrain import (
     clamped,
-    contract,
-    eigenvalue_bound,
     gradient,
-    material_rows,
     scatter_force,
+    scatter_mixed,
     scatter_symmetric,
     strain_rate,
 )
+from .membrane import contract, eigenvalue_bound
 from .stvk import StVK
 
 
@@ -174,8 +172,6 @@ def add_exact(K, Q, nodes, slots, G, w, c, x, v, wx, wv, J):
         for q in range(len(Q)):
             F, H = gradient(K, nodes, G, e, q, x), gradient(K, nodes, G, e, q, v)
             S, _ = viscous_stress(ce, F, H)
-            W = w[e, q]
-            C = (W * ce[0], W * ce[1], W * ce[2], W * ce[3], W * ce[4], W * ce[5])
             mixed = (
                 wv * F[0] + wx * H[0],
                 wv * F[1] + wx * H[1],
@@ -184,15 +180,5 @@ def add_exact(K, Q, nodes, slots, G, w, c, x, v, wx, wv, J):
                 wv * F[4] + wx * H[4],
                 wv * F[5] + wx * H[5],
             )
-            for a in range(len(K)):
-                G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
-                T = material_rows(C, F, G1, G2)
-                g1, g2 = W * wx * (S[0] * G1 + S[2] * G2), W * wx * (S[2] * G1 + S[1] * G2)
-                for b in range(len(K)):
-                    H1, H2 = G[e, q, b, 0], G[e, q, b, 1]
-                    M = block(T, mixed, H1, H2)
-                    s = np.uintp(slots[e, a, b])
-                    for i in range(3):
-                        J[s, i, i] += g1 * H1 + g2 * H2
-                        for j in range(3):
-                            J[s, i, j] += M[i][j]
+            S = (wx * S[0], wx * S[1], wx * S[2])
+            scatter_mixed(K, slots, G, e, q, w[e, q], F, mixed, S, ce, J)
