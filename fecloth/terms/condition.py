@@ -45,6 +45,7 @@ import numpy as np
 from ..compiled import inner, loop
 from ..errors import InputError
 from ..panel import Panel
+from .stencilbound import bound_of_squares, squares
 
 GAUSS_NEWTON, EXACT, DEFINITE = 0, 1, 2  # what becomes of the part with ∂²C
 
@@ -267,30 +268,14 @@ class BoundCondition:
         return self._bound(mass, 1.0, 0.0), self._bound(mass, 0.0, 1.0)
 
     def _bound(self, mass, wx, wv) -> float:
-        """Bound for wx K + wv D, by stencils.
-
-        The largest eigenvalue of a sum of stencil matrices is at most the largest of the
-        stencils' own (Irons and Treharne 1971), each with its share of the nodes' masses: here
-        in proportion to the norms of the node's rows. A Frobenius norm bounds an eigenvalue, and
-        equals it where the matrix has rank one.
-        """
+        """Bound for wx K + wv D, by stencils."""
         if not (self.stiffness.any() if wx else self.damping.any()):
             return 0.0
-        rows = [np.sqrt(np.sum(A**2, axis=(2, 3, 4))) for _, A in self._parts(wx, wv)]
-        rows = np.concatenate(rows)  # (m, k)
-        around = np.bincount(self.nodes.ravel(), rows.ravel(), len(mass))[self.nodes]
-        # rows / (mass share) with share = mass · rows / around; a node without rows has no say
-        factor = np.divide(around, rows, out=np.zeros_like(rows), where=rows > 0)
-        scale = np.sqrt(factor / mass[self.nodes])
-        largest = 0.0
-        for part, A in self._parts(wx, wv):
-            s = scale[part]
-            scaled = s[:, :, None, None, None] * A * s[:, None, None, :, None]
-            largest = max(largest, np.sum(scaled**2, axis=(1, 2, 3, 4)).max())
-        return float(np.sqrt(largest))
+        parts = [squares(blocks) for blocks in self._blocks(wx, wv)]
+        return bound_of_squares(self.nodes, np.concatenate(parts), mass)
 
-    def _parts(self, wx, wv, size=8192):
-        """(slice, (s, k, 3, k, 3)), the stencils' own matrices at rest, `size` of them at once."""
+    def _blocks(self, wx, wv, size=8192):
+        """(s, k, k, 3, 3), the stencils' own matrices at rest, `size` of them at once."""
         still, constants = np.zeros_like(self.rest), self.table(self.rest, 0.0, 2)
         for start in range(0, len(self.nodes), size):
             part = slice(start, start + size)
@@ -303,7 +288,7 @@ class BoundCondition:
             self.kernels.add_tangent(
                 *self.shape, nodes, slots, *data, self.rest, still, *weights, values
             )
-            yield part, values.reshape(s, k, k, 3, 3).transpose(0, 1, 3, 2, 4)
+            yield values.reshape(s, k, k, 3, 3)
 
 
 def bind(
