@@ -23,7 +23,7 @@ Curve = tuple[np.ndarray, np.ndarray]
 
 
 def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = False) -> str:
-    """A <figure> with the curves, each a pair of arrays (k,).
+    """A <figure> with the curves, each a pair of arrays (k,); "" if none has two points.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = F
     (True, 1, True)
     """
     curves = {name: _drawn(*curve, log) for name, curve in curves.items()}
-    curves = {name: curve for name, curve in curves.items() if np.isfinite(curve[1]).any()}
+    curves = {name: curve for name, curve in curves.items() if np.isfinite(curve[1]).sum() > 1}
     if not curves:
         return ""
     xs, ys = (np.concatenate([curve[i] for curve in curves.values()]) for i in (0, 1))

@@ -69,7 +69,8 @@ def write_view(folder: str | Path, start: int | None = 0) -> Path:
     fields = shown_fields(series.read(0))
     frames = chosen(series, len(fields))
     data = packed((series.read(i) for i in frames), fields, start)
-    note = f"{len(data['times'])} frames, {data['cells']} triangles"
+    count = len(data["times"])
+    note = f"{count} frame{'s' * (count > 1)}, {data['cells']} triangles"
     if len(frames) < len(series.times):
         note += f" (of {len(series.times)} frames: a page of all would be too large)"
     page = filled("view.html", data, title=title_of(series.folder), note=note)

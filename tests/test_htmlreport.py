@@ -157,6 +157,7 @@ def test_charts_keep_peaks_and_leave_out_what_no_logarithm_has():
     assert np.ptp(points[:, 1]) > 100
     assert points[np.argmin(points[:, 1]), 0] == pytest.approx(58 + 392 * 0.54321, abs=0.5)
     assert chart("none", {"y": (x, -y)}, "x", "y", log=True) == ""
+    assert chart("one", {"y": (x[:1], y[:1])}, "x", "y") == ""
 
 
 @pytest.mark.parametrize(("log", "gap"), [(True, 0.0), (True, np.nan), (False, np.nan)])
