@@ -1,8 +1,10 @@
 """Scenes: a strict TOML file that names a cloth, a fabric, terms, pins, a start and a method.
 
 The same thing as the Python calls: the keys of a term, the fabric or the solver are the fields of
-the classes in `fecloth.terms`, of `Fabric` and of `Newton`, with the same units. The tables are
-described in `scenetables`, `scenestart` and `scenetime`.
+the classes in `fecloth.terms`, of `Fabric` and of `Newton`, with the same units. Numbers are in SI,
+and so is what formulas give; text may be a number with another unit of the same quantity, as in
+``dt = "5 ms"`` (see `units`). The tables are described in `scenetables`, `scenestart` and
+`scenetime`.
 """
 
 from __future__ import annotations

@@ -22,14 +22,18 @@ from .newton import Newton
 from .observe import Probe
 from .pins import Pin, Slide
 from .schema import Table, exactly_one, one_of, table_of
-from .units import LENGTH, TIME
+from .units import LENGTH, TIME, is_quantity
 
 _TAKEN = ("mean_displacement", "reaction")  # columns that no probe may be called
 
 
 def _formula(*variables: str, condition: bool = False) -> Any:
     def check(text: str) -> str:
-        Formula(text, variables, condition)
+        try:
+            Formula(text, variables, condition)
+        except InputError as error:
+            remedy = "A formula is in SI and has no units." if is_quantity(text) else error.remedy
+            raise InputError(error.what, error.allowed, error.where, remedy) from None
         return text
 
     def text(value: Any) -> Any:

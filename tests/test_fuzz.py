@@ -83,6 +83,21 @@ def test_a_spoilt_scene_is_built_or_refused_in_words(data, tmp_path):
     assert sorted(tmp_path.iterdir()) == before
 
 
+@pytest.mark.parametrize(
+    "text", ["5 m", "0 s", "-1e999 N/m", "1e-9 us", ["1 cm", 0, "1 g"], "3 1/s", "2 t", "5 µ", "²"]
+)
+@pytest.mark.parametrize("name", NAMES)
+def test_text_with_a_unit_at_any_key_is_read_or_refused_in_words(name, text, tmp_path):
+    scene = tomllib.loads((SCENES / f"{name}.toml").read_text())
+    file = tmp_path / "scene.toml"
+    refusals = []
+    for path in places(scene):
+        file.write_text(scenefile.written(spoilt(scene, path, "replace", text)), encoding="utf-8")
+        refusals.append(refused(lambda: load(file)))
+    assert all(refusal == "" or len(refusal) > 20 for refusal in refusals)
+    assert any("one of the units" in refusal for refusal in refusals)
+
+
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(cut=st.integers(0, 10**6), byte=st.integers(0, 255), twice=st.booleans())
 def test_a_spoilt_mesh_file_is_read_or_refused_in_words(cut, byte, twice):

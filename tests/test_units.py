@@ -237,6 +237,19 @@ def test_the_docstring_of_the_object_names_the_unit_of_the_key(name):
         assert said & {unit for unit, value in dimension.units.items() if value == 1}, dimension.si
 
 
+@pytest.mark.parametrize("name", sorted(set(KEYS) - PLAIN))
+def test_every_key_is_read_in_every_unit_of_its_own(name):
+    model, key, field = KEYS[name]
+    for dimension in hints.dimensions(field):
+        for unit, value in dimension.units.items():
+            written = {**dict(dimension.only), key: f"2 {unit}"}
+            single = hints.in_si(written, model.model_fields)[key]
+            listed = hints.in_si(written | {key: (f"2 {unit}",)}, model.model_fields)[key]
+            read = [one for one in (single, *listed) if one != f"2 {unit}"]
+            assert read
+            assert read == pytest.approx([2 * value] * len(read))
+
+
 # --- scenes ---------------------------------------------------------------------------------------
 
 SI = """
@@ -382,7 +395,7 @@ REFUSED = [
     ("terms.3.p=5 t", "psi, N/m^2, kN/m^2, or a formula"),
     ("terms.4.normal=1 Pa*s/m", "terms.4.normal = '1 Pa*s/m': must be a number with one of"),
     ("terms.8.force=['1 Pa', 0, 0]", "terms.8.force = '1 Pa': must be a number with one of"),
-    ("start.velocity=['5 m/s', '0', '0']", "start.velocity.0: formula '5 m/s'"),
+    ("start.velocity=['5 m/s', '0', '0']", "smoothstep. A formula is in SI and has no units."),
     ("expect.area.at=5 m", "expect.area.at = '5 m': must be a number with one of the units s, ms"),
     ("expect.area.value='1 m^2'", "value = '1 m^2': must be a finite number"),
     ("start.rotate.degrees=5 deg", "start.rotate.degrees = '5 deg': must be a finite number"),
