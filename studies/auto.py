@@ -120,7 +120,10 @@ def dome(t_end: float, h: float) -> Case:
 
 
 def slow_pull(t_end: float, h: float) -> Case:
-    """A sheet is drawn out by a tenth and back, slowly beside its own waves: nearly static."""
+    """A sheet is drawn out by a tenth and back, slowly beside its own waves: nearly static.
+
+    It ends amid a period: at a whole one, steps that have missed the motion would be right.
+    """
     rate = 2 * np.pi  # rad/s
 
     def motion(t):
@@ -144,7 +147,7 @@ def cases(quick: bool) -> dict[str, Callable[[], Case]]:
         "stiff strip": lambda: stiff_strip(0.5 * t, 0.02 * h),
         "swing, bending": lambda: bending_swing(0.3 * t, 0.01 * h),
         "dome": lambda: dome(0.3 * t, 0.025 * h),
-        "slow pull": lambda: slow_pull(2.0 * t, 0.02 * h),
+        "slow pull": lambda: slow_pull(1.75 * t, 0.02 * h),
     }
 
 
