@@ -1,12 +1,10 @@
-"""Drag and wind: force on a plate, tangents, power, terminal states, gusts."""
+"""Drag: force on a plate, tangents, power, terminal speed, ledger; refusals of drag and wind."""
 
 import numpy as np
 import pytest
 from conftest import affine, flat, rough
-from scipy.optimize import brentq
 
 import fecloth as fc
-from fecloth import air
 from fecloth.blocks import BlockMatrix
 from fecloth.integrators import METHODS
 from fecloth.verify import VerificationFailed, check_term, observed_order, trial_states
@@ -14,7 +12,6 @@ from fecloth.verify import VerificationFailed, check_term, observed_order, trial
 LAWS = ("linear", "quadratic")
 TIGHT = fc.Newton(tolerance=1e-12)
 G, RHO = 9.81, 0.2
-FIRST = (5.60084809682312, 1.3329103208778412, -0.9822617048592297)  # m/s, of seed 3 at the origin
 
 
 def square(w, law):
@@ -65,25 +62,6 @@ def test_exact_tangents(law, coefficients):
     check_term(fc.Drag(*coefficients, law), cloth, states=states, tangents=("v",))
     with pytest.raises(VerificationFailed, match="x-tangent"):
         check_term(fc.Drag(*coefficients, law), cloth, states=states, tangents=("x",))
-
-
-WINDS = [
-    {"velocity": (3.0, 1.0, -2.0)},
-    {"velocity": ("3 + t", "x * y", "2 * z - x**2")},
-    {"velocity": lambda x, t: np.stack([np.sin(9 * x[:, 0]), 0 * x[:, 1], x[:, 0] * x[:, 2]], 1)},
-    {"velocity": lambda x, t: np.array([t, 1.0, 2.0])},
-    {"velocity": (3.0, 1.0, -2.0), "gusts": 0.5, "gust_length": 0.1},
-]
-
-
-@pytest.mark.parametrize("wind", WINDS)
-@pytest.mark.parametrize("law", LAWS)
-def test_exact_tangents_in_wind(law, wind):
-    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
-    states = list(fast_states(cloth)) if law == "quadratic" else None
-    check_term(
-        fc.Wind(**wind, normal=0.7, tangential=0.3, law=law, tangent="exact"), cloth, states=states
-    )
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -157,52 +135,6 @@ def test_fall_of_a_level_plate_to_its_terminal_velocity(law, sheet, isotropic):
     np.testing.assert_allclose(end.state.v[:, 2], -limit, rtol=1e-8)
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_a_loose_cloth_ends_with_the_wind(law, sheet, isotropic):
-    """|v − u| = |u| e^(−k t/ρ), or |u| / (1 + k |u| t/ρ), for wind straight across."""
-    k, speed, t = 0.7, 4.0, 1.0
-    system = fc.System(sheet, isotropic, [fc.StVK(), fc.Wind((0.0, 0.0, speed), k, law=law)])
-    left = speed * (np.exp(-k * t / RHO) if law == "linear" else 1 / (1 + k * speed * t / RHO))
-    newton = fc.Newton(tolerance=1e-10)
-    result = fc.run(
-        system, fc.ImplicitMidpoint(), system.rest(), 0.005, t, solver="direct", newton=newton
-    )
-    np.testing.assert_allclose(speed - result.state.v[:, 2], left, rtol=2e-3)
-    kinetic = 0.5 * RHO * 0.6 * (speed - left) ** 2
-    assert result.energies["kinetic"][-1] == pytest.approx(kinetic, rel=1e-3)
-    work, lost = (result.energies[f"{name}:Wind"][-1] for name in ("work", "dissipated"))
-    assert work == pytest.approx(speed * RHO * 0.6 * (speed - left), rel=1e-3)  # u · momentum
-    assert work - lost == pytest.approx(kinetic, rel=1e-3)
-
-
-def test_a_sheet_hung_in_the_wind_stands_at_its_angle(orthotropic):
-    """k u² cos²θ = ρ g sin θ at every point: a plane, at the angle θ from the vertical."""
-    cloth = fc.Cloth.rectangle(0.5, 0.5, h=0.125, pattern="right")
-    fabric = fc.Fabric(RHO, 20000.0)
-    k, speed = 0.7, 2.0
-    terms = [fc.StVK(), fc.Gravity(), fc.Wind((0.0, speed, 0.0), k)]
-    system = fc.System(cloth, fabric, terms, ["top"])
-    theta = brentq(lambda a: k * (speed * np.cos(a)) ** 2 - RHO * G * np.sin(a), 0, 1.5)
-    assert 0.5 < theta < 1.0
-    x = np.zeros((len(cloth.X), 3))
-    x[:, 0] = cloth.X[:, 0]
-    depth = 0.5 - cloth.X[:, 1]
-    x[:, 1], x[:, 2] = depth * np.sin(0.3), -depth * np.cos(0.3)  # from another angle
-    result = fc.run(
-        system,
-        fc.BackwardEuler(),
-        system.state(x),
-        0.05,
-        10.0,
-        solver="direct",
-        newton=fc.Newton(tolerance=1e-9),
-    )
-    bottom = result.state.x[cloth.nodes("bottom")]
-    assert result.energies["kinetic"][-1] < 1e-10
-    # the strain ρ g L/Y = 5e-5 turns the force on the area by as much
-    np.testing.assert_allclose(np.arctan2(bottom[:, 1], -bottom[:, 2]), theta, atol=1e-4)
-
-
 # --- the balance of momentum and of energy, step by step ------------------------------------------
 
 
@@ -257,47 +189,6 @@ def test_linearly_implicit_step_of_a_linear_drag_closes_too(sheet, isotropic):
     assert result.energies["dissipated:Drag"][-1] > 0.05
 
 
-# --- gusts ----------------------------------------------------------------------------------------
-
-
-def test_equal_seeds_make_equal_gusts(rng):
-    x = rng.standard_normal((5, 3))
-    one, same, other = (air.Gusts((5.0, 0.0, 0.0), 0.2, 1.0, seed) for seed in (3, 3, 4))
-    assert np.array_equal(one.velocity(x, 0.7), same.velocity(x, 0.7))
-    assert abs(one.velocity(x, 0.7) - other.velocity(x, 0.7)).min(axis=1).max() > 0.1
-    # the same on every machine and NumPy
-    np.testing.assert_allclose(one.velocity(np.zeros((1, 3)), 0.0)[0], FIRST, rtol=1e-12)
-
-
-def test_gusts_have_the_asked_strength_and_length():
-    """Averaged over seeds: mean U, variance σ², covariance along their axis σ² e^(−r²/(2 ℓ²))."""
-    U, length = np.array([5.0, 0.0, 0.0]), 0.5
-    x = np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
-    u = np.array(
-        [air.Gusts(tuple(U), 0.2, length, seed).velocity(x, 1.0) - U for seed in range(4000)]
-    )
-    assert abs(u.mean(axis=0)).max() < 0.08
-    np.testing.assert_allclose((u**2).mean(axis=(0, 1)), 1.0, rtol=0.06)
-    _, a, _ = air.Gusts(tuple(U), 0.2, length)._waves()
-    assert 0.5 * np.sum(a**2) == pytest.approx(3.0, rel=1e-12)
-    # a wave's share of the longitudinal covariance is E[(1 − k₁²/k²) cos k₁ r]/(2/3)
-    K = np.random.default_rng(0).standard_normal((400_000, 3))
-    weight = 1.5 * (1 - K[:, 0] ** 2 / np.sum(K**2, axis=1))
-    expected = np.mean(weight * np.cos(K[:, 0]))
-    assert np.mean(u[:, 0, 0] * u[:, 1, 0]) == pytest.approx(expected, abs=0.06)
-
-
-def test_gusts_are_free_of_divergence_and_carried_along(rng):
-    gusts = air.Gusts((5.0, 1.0, -2.0), 0.3, 0.4, seed=1)
-    x = rng.standard_normal((7, 3))
-    gradient = gusts.gradient(x, 0.3)
-    assert abs(np.einsum("mii->m", gradient)).max() < 1e-12 * abs(gradient).max()
-    difference = air.Field(gusts.velocity).gradient(x, 0.3)
-    np.testing.assert_allclose(gradient, difference, atol=1e-8 * abs(gradient).max())
-    later = gusts.velocity(x + 2.0 * np.array(gusts.mean), 2.0)
-    np.testing.assert_allclose(later, gusts.velocity(x, 0.0), rtol=1e-9)
-
-
 # --- what is refused, and scenes ------------------------------------------------------------------
 
 
@@ -324,12 +215,6 @@ def test_gusts_are_free_of_divergence_and_carried_along(rng):
 def test_refusals(make, said):
     with pytest.raises(fc.InputError, match=said):
         make()
-
-
-def test_a_wind_of_the_wrong_shape_is_refused_when_asked(sheet, isotropic):
-    system = fc.System(sheet, isotropic, [fc.Wind(lambda x, t: x[:, :2], 1.0)])
-    with pytest.raises(fc.InputError, match=r"velocity of shape .* at t = 0: must be finite and"):
-        system.force(system.rest())
 
 
 def test_a_scene_can_name_them(tmp_path):

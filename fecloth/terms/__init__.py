@@ -30,7 +30,7 @@ on each node by itself, and `MembraneLaw`, for a membrane. studies/own has a ter
 """
 
 from .baraff_witkin import BaraffWitkin
-from .drag import Drag, Wind
+from .drag import Drag
 from .forces import PointForce, UserForce
 from .gas import Gas
 from .gravity import Gravity
@@ -45,6 +45,7 @@ from .stvk import StVK
 from .tension_field import TensionField
 from .tensor_condition import TensorCondition
 from .tether import Tether
+from .wind import Wind
 
 __all__ = [
     "BaraffWitkin",

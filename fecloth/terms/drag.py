@@ -1,8 +1,7 @@
-"""Drag of the air on each triangle, normal and tangential, in still air and in wind."""
+"""Drag of the air on each triangle, normal and tangential."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -13,7 +12,7 @@ from ..cloth import Cloth
 from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
-from ..units import DENSITY, LENGTH, RESISTANCE, SPEED
+from ..units import DENSITY, RESISTANCE
 from .pressure import cross, edge
 from .stencilbound import stencil_bound
 
@@ -63,94 +62,17 @@ class Drag:
     tangent: str = "symmetric"
 
     def __post_init__(self):
-        _check(self)
+        check(self)
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
     def bind(self, panel: Panel, slots) -> BoundDrag:
-        return _bound(self, STILL, panel, slots)
+        return bound(self, STILL, panel, slots)
 
 
-@dataclass(frozen=True)
-class Wind:
-    """`Drag` in moving air, F = −A (k_n |w_n|ᵖ⁻¹ w_n n + k_t |w_t|ᵖ⁻¹ w_t) with w = v̄ − u(x, t).
-
-    u is the velocity of the air at the centroids of the triangles.
-
-    It takes the place of a `Drag` on the same cloth, which would count still air once more. Of
-    its power Σ F · v̄ the part Σ F · w is dissipated and Σ F · u is work of the wind: the ledger
-    has both, as ``dissipated:Wind`` and ``work:Wind``.
-
-    Source: `Drag` with w = v̄ − u(x, t); gusts after Kraichnan (1970), Diffusion by a random
-    velocity field, Physics of Fluids 13, 22–31 (`fecloth.air.Gusts`).
-
-    Valid where `Drag` is, for air that takes no notice of the cloth: there is no wake, no shelter
-    behind another part, and no flutter that the air's own motion would bring about.
-
-    Parameters
-    ----------
-    velocity
-        u: three numbers [m/s], formulas of x, y, z [m] and t [s] as text, or a function
-        ``u(x, t)`` of all centroids (m, 3) that returns (m, 3), or (3,) for uniform wind. The
-        exact tangent takes ∂u/∂x by central differences over 2e-5 m.
-    normal, tangential, law, tangent
-        As for `Drag`.
-    gusts
-        Turbulence intensity: the standard deviation of each component over the mean speed; then
-        `velocity` must be three numbers. See `fecloth.air.Gusts` for the field.
-    gust_length
-        Size of the gusts [m].
-    seed
-        Of their random waves; equal seeds make equal gusts.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> breeze = fc.Wind((5.0, 0.0, 0.0), normal=0.7, tangential=0.01, gusts=0.2, seed=3)
-    >>> shear = fc.Wind(("2 * z", 0, 0), normal=0.7)
-    """
-
-    velocity: Annotated[
-        tuple[float | str, float | str, float | str] | Callable[[np.ndarray, float], np.ndarray],
-        SPEED,
-    ]
-    normal: Coefficient
-    tangential: Coefficient = 0.0
-    law: str = "quadratic"
-    tangent: str = "symmetric"
-    gusts: float = 0.0
-    gust_length: Annotated[float, LENGTH] = 1.0
-    seed: int = 0
-
-    def __post_init__(self):
-        _check(self)
-        air.field(self.velocity, "Wind")
-        for name in ("gusts", "gust_length"):
-            value = getattr(self, name)
-            if not (is_number(value) and value >= 0) or (name == "gust_length" and value == 0):
-                allowed = "must be finite and " + (">= 0" if name == "gusts" else "> 0 [m]")
-                raise InputError(f"{name} = {value!r}", allowed, "Wind")
-        if not 0 <= self.seed < 2**32:
-            raise InputError(f"seed = {self.seed!r}", "must lie in 0 … 2³² − 1", "Wind")
-        steady = not callable(self.velocity) and not any(isinstance(u, str) for u in self.velocity)
-        if self.gusts and not steady:
-            remedy = "Add fecloth.air.Gusts to a function of your own."
-            raise InputError("gusts of a wind that is not uniform", "need numbers", "Wind", remedy)
-
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.stencil
-
-    def bind(self, panel: Panel, slots) -> BoundWind:
-        if self.gusts:
-            mean = tuple(map(float, self.velocity))
-            wind = air.Gusts(mean, self.gusts, self.gust_length, self.seed)
-        else:
-            wind = air.field(self.velocity, "Wind")
-        return _bound(self, wind, panel, slots, BoundWind)
-
-
-def _check(drag):
+def check(drag) -> None:
+    """Refuse coefficients, a law or a tangent that there is not."""
     where = type(drag).__name__
     for name in ("normal", "tangential"):
         value = getattr(drag, name)
@@ -166,7 +88,8 @@ def _check(drag):
             )
 
 
-def _bound(drag, wind, panel, slots, kind=None):
+def bound(drag, wind, panel, slots, kind=None) -> BoundDrag:
+    """A drag on a cloth, as a `kind` of `BoundDrag`, in air that moves as `wind` says."""
     cloth = panel.cloth
     if cloth.stencil.shape[1] != 3:
         raise InputError(f"element {cloth.element}", "must be P1", type(drag).__name__)
@@ -242,18 +165,6 @@ class BoundDrag:
         K = np.zeros((m * k * k, 3, 3))
         add_tangent(self.nodes, slots, self.law, u, change, x, np.zeros_like(x), 1.0, 0.0, K)
         return stencil_bound(self.nodes, K.reshape(m, k, k, 3, 3), mass)
-
-
-@dataclass(frozen=True, eq=False)
-class BoundWind(BoundDrag):
-    """`Wind` on a cloth: a drag to which the air brings power."""
-
-    name = "Wind"
-    load = True
-
-    def supply(self, x, v, t) -> float:
-        """Power Σ F · u of the wind [W]."""
-        return powers(self.nodes, self.law, self._air(x, t), x, v)[1]
 
 
 @inner
