@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..fabric import Fabric
 from ..panel import Panel
 from ..units import PER_VOLUME, PER_WIDTH, TIME
-from . import condition, discrete
+from . import boundcondition, condition, discrete
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class BaraffWitkin:
 
     def __post_init__(self):
         where, p = "BaraffWitkin", self.area_exponent
-        condition.check_options(where, tangent=self.tangent)
+        boundcondition.check_options(where, tangent=self.tangent)
         for name, values in (
             ("stretch", self.stretch),
             ("shear", self.shear),
@@ -131,7 +131,7 @@ class BaraffWitkin:
         gradients = panel.gradients[:, 0].reshape(m, 6)
         constants = np.column_stack([scale, rest, gradients])
         stiffness = np.array(panel.each(self.stiffness))
-        bound = condition.bind(
+        bound = boundcondition.bind(
             "BaraffWitkin",
             KERNELS,
             (1, 1, 0),
@@ -230,7 +230,7 @@ def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
     condition.add_tangent(conditions, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
 
 
-KERNELS = condition.Kernels(energy, power, add_force, add_tangent)
+KERNELS = boundcondition.Kernels(energy, power, add_force, add_tangent)
 
 
 @kernel

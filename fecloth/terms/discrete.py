@@ -26,7 +26,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import inner, loop
-from .condition import BoundCondition, gather
+from .boundcondition import BoundCondition
+from .condition import gather
 from .rigidpart import centred, inverse_inertia, turned, without_rigid_part
 
 SHORT = 1e-16  # of s, relative to Σ |p|²

@@ -12,8 +12,8 @@ from ..compiled import kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
 from ..units import TIME
+from . import boundcondition, discrete
 from . import condition as loops
-from . import discrete
 from .dihedral import angles, condition
 
 CONVEX = (0,)  # one component, whose ∂²θ is indefinite
@@ -180,7 +180,7 @@ def bind(name, panel, slots, rest, stiffness, damping, tangent="symmetric"):
     """The angle as a condition with θ₀ (h,) or (1,), and k_s and k_d (h,)."""
     nodes = panel.cloth.hinges.nodes
     data = nodes, np.broadcast_to(rest, len(nodes))[:, None], stiffness, damping
-    bound = loops.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)
+    bound = boundcondition.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)
     return discrete.with_steps(bound, OVER_STEP)
 
 
@@ -219,5 +219,5 @@ def symmetric_over_step(K, R, nodes, slots, c, ks, start, x, scale, definite, J)
     discrete.add_symmetric(condition, K, R, nodes, slots, c, ks, start, x, scale, definite, J)
 
 
-KERNELS = loops.Kernels(energy, power, add_force, add_tangent)
+KERNELS = boundcondition.Kernels(energy, power, add_force, add_tangent)
 OVER_STEP = discrete.Discrete(force_over_step, tangent_over_step, symmetric_over_step)

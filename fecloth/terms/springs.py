@@ -13,7 +13,7 @@ from ..compiled import inner, kernel
 from ..errors import InputError, is_number
 from ..panel import Panel
 from ..units import PER_WIDTH, TIME
-from . import condition, discrete
+from . import boundcondition, condition, discrete
 from .springnets import Net, edges, structural
 
 KINDS = ("structural", "van_gelder", "biquadratic")
@@ -95,7 +95,7 @@ class Springs:
             raise InputError(
                 f"kind = {self.kind!r}", f"must be one of {', '.join(KINDS)}", "Springs"
             )
-        condition.check_options("Springs", tangent=self.tangent)
+        boundcondition.check_options("Springs", tangent=self.tangent)
         for name in ("stiffness", "shear", "bend", "damping"):
             value = getattr(self, name)
             if value is not None and not (is_number(value) and value >= 0):
@@ -125,7 +125,7 @@ class Springs:
         k = net.van_gelder(panel) if self.kind == "van_gelder" else net.stiffness(panel, given)
         length = np.linalg.norm(net.vectors, axis=1)
         damped = self.damping * k
-        bound = condition.bind(
+        bound = boundcondition.bind(
             "Springs",
             LENGTH,
             (1,),
@@ -149,7 +149,7 @@ class Springs:
         lam, mu = panel.each(_lame).T[..., None, None]
         k = 2 * (lam + mu) * cot[:, :, None] * cot[:, None, :] + mu * (2 * np.eye(3) - 1)
         k = k / (32 * area[:, None, None])  # ½ Cᵀ k C with halves of Delingette's k_i and c_ij
-        bound = condition.bind(
+        bound = boundcondition.bind(
             "Springs",
             SQUARES,
             (1, 1, 1),
@@ -232,7 +232,7 @@ def symmetric_over_step(K, R, nodes, slots, c, ks, start, x, scale, definite, J)
     discrete.add_symmetric(length, K, R, nodes, slots, c, ks, start, x, scale, definite, J)
 
 
-LENGTH = condition.Kernels(energy, power, add_force, add_tangent)
+LENGTH = boundcondition.Kernels(energy, power, add_force, add_tangent)
 LENGTH_OVER_STEP = discrete.Discrete(force_over_step, tangent_over_step, symmetric_over_step)
 
 
@@ -294,5 +294,5 @@ def symmetric_over_step2(K, R, nodes, slots, c, ks, start, x, scale, definite, J
     discrete.add_symmetric(squares, K, R, nodes, slots, c, ks, start, x, scale, definite, J)
 
 
-SQUARES = condition.Kernels(energy2, power2, add_force2, add_tangent2)
+SQUARES = boundcondition.Kernels(energy2, power2, add_force2, add_tangent2)
 SQUARES_OVER_STEP = discrete.Discrete(force_over_step2, tangent_over_step2, symmetric_over_step2)

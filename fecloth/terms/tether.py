@@ -13,7 +13,7 @@ from ..errors import InputError, is_number
 from ..given import Timed, VectorOfTime, vector
 from ..panel import Panel
 from ..units import DAMPER, LENGTH, PER_WIDTH
-from . import condition
+from . import boundcondition, condition
 
 DERIVATIVE_STEP = 1e-5  # s; the speed of the point is a central difference
 
@@ -72,7 +72,7 @@ class Tether:
         return np.asarray(cloth.nodes(self.where), dtype=np.int32)[:, None]
 
     def bind(self, panel: Panel, slots) -> BoundTether:
-        bound = condition.bind(
+        bound = boundcondition.bind(
             "Tether",
             KERNELS,
             (1, 1, 1),
@@ -89,7 +89,7 @@ class Tether:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundTether(condition.BoundCondition):
+class BoundTether(boundcondition.BoundCondition):
     """`Tether` on a cloth; Ċ = v − ṗ, so that the loop sees velocities relative to the point."""
 
     point: Timed = None
@@ -152,4 +152,4 @@ def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
     condition.add_tangent(offset, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
 
 
-KERNELS = condition.Kernels(energy, power, add_force, add_tangent)
+KERNELS = boundcondition.Kernels(energy, power, add_force, add_tangent)

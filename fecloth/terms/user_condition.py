@@ -10,7 +10,7 @@ from ..cloth import Cloth
 from ..compiled import inner, kernel
 from ..errors import InputError
 from ..panel import Panel
-from . import condition
+from . import boundcondition, condition
 from .derivatives import Derivatives, Function
 
 RESERVED = ("t", "kinetic", "pins", "numerical", "total", "remainder")  # columns of the ledger
@@ -100,7 +100,7 @@ class Condition:
             raise InputError(f"name = {self.name!r}", allowed, "Condition")
         if not callable(self.value):
             raise InputError(f"value = {self.value!r}", "must be a function", "Condition")
-        condition.check_options(self.name, tangent=self.tangent)
+        boundcondition.check_options(self.name, tangent=self.tangent)
         for key in ("stiffness", "damping"):
             value = np.asarray(getattr(self, key), dtype=float)
             if not (np.isfinite(value).all() and (value >= 0).all()):
@@ -135,7 +135,7 @@ class Condition:
         functions = Derivatives(self.value, self.gradient, self.hessian, size, r, self.name)
         functions.check(rest)
         try:
-            bound = condition.bind(
+            bound = boundcondition.bind(
                 self.name,
                 KERNELS,
                 (int(self.convex),) * r,
@@ -171,7 +171,7 @@ class Condition:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundUser(condition.BoundCondition):
+class BoundUser(boundcondition.BoundCondition):
     """`Condition` on a cloth: what the loop takes as constants are C, ∂C and ∂²C themselves."""
 
     functions: Derivatives = None
@@ -220,4 +220,4 @@ def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
     condition.add_tangent(tabulated, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
 
 
-KERNELS = condition.Kernels(energy, power, add_force, add_tangent)
+KERNELS = boundcondition.Kernels(energy, power, add_force, add_tangent)
