@@ -133,6 +133,35 @@ def unresolved(t: Tables) -> Numbers:
 
 
 @rule(
+    "no dt in mind",
+    "none: explicit steps know theirs, implicit ones take `rtol = 1e-2`",
+    "limits foretold are measured to {limit} %, and {cells} of {runs} runs contradict them; with "
+    "that rtol generalised-α is off by {disk} % in time on the disk, {paper} % on the paper; but a "
+    "wave of 10⁻⁴ of its strip even at 1e-3 by {wave} %",
+    "stability, speed_accuracy",
+)
+def steps(t: Tables) -> Numbers:
+    def in_time(scene: str, rtol: float = 0.01) -> float:
+        name = "Adaptive GeneralizedAlpha"
+        run = t.run(scene, 1.0, lambda r: (r["method"], r["step"]) == (name, rtol))
+        return 100 * run.get("time_error", math.nan)
+
+    limit = t.finding(
+        "stability", "central_difference: measured limit from that foretold, relative"
+    )
+    cells = r"- of (\d+) explicit cells on .*, against what was foretold: (\S+)"
+    wrong = re.search(cells, t.text("stability"))
+    return {
+        "limit": most(100 * limit, 10),
+        "cells": (float(wrong[2]) if wrong else math.nan, 0.0, 0.0),
+        "runs": told(float(wrong[1]) if wrong else math.nan),
+        "disk": most(in_time("trampoline"), 2),
+        "paper": most(in_time("swing"), 2),
+        "wave": told(in_time("wave", 0.001)),
+    }
+
+
+@rule(
     "`BackwardEuler` or `LinearlyImplicitEuler` in mind",
     "one of second order",
     "at no step tried did they come to 1 % on disk, wave or paper; to 5 % the paper takes them "

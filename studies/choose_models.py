@@ -63,10 +63,9 @@ def springs(t: Tables) -> Numbers:
 
 
 @rule(
-    "a cloth that swings or hangs, hardly stretched",
-    "`StVK`; its law matters little",
-    "other laws change the depth of a swing by up to {swing} %, the sag between four corners by "
-    "{drape} %",
+    "a cloth that swings, hardly stretched",
+    "`StVK`; the law matters little",
+    "other laws change its depth by up to {swing} %; but a sag between four corners by {drape} %",
     "models",
 )
 def hardly_stretched(t: Tables) -> Numbers:
@@ -168,8 +167,8 @@ def needs_none(t: Tables) -> Numbers:
 @rule(
     "bending of a cloth that is flat at rest",
     "`QuadraticBending`",
-    "for hinges it changes the strip by {strip} % and saves {saved} % of the seconds, {taut} % on "
-    "the taut square; the order is the same, {order}",
+    "in place of hinges it changes the strip by {strip} % and saves {saved} % of the seconds, on "
+    "the taut square {taut} %; the falling sheet's order stays {order}",
     "needs, convergence",
 )
 def quadratic(t: Tables) -> Numbers:

@@ -17,6 +17,7 @@ STUDIES = Path(choose.__file__).parent
 SPREAD = "stretch: spread over patterns"
 MADE = "on the stiff swing at 9.7 ms: energy made of what moved"
 STEADY = "Largest dt [s] that is stable and right, with all smaller ones"
+CELLS = "of 173 explicit cells on courant and sliver, against what was foretold"
 SPACE, SOLVED = "Space and model, at fine steps", "Linear solvers, CPU seconds"
 
 
@@ -97,6 +98,8 @@ def reports():
         "stability": {
             f"implicit_midpoint {MADE}": float("inf"),
             f"energy_momentum {MADE}": 3e-6,
+            "central_difference: measured limit from that foretold, relative": 0.008,
+            CELLS: 0,
             STEADY: rows_of(
                 "scene, implicit_midpoint, energy_momentum, linearly_implicit_euler, bdf2",
                 ("stiff_swing", 0.0055, 0.011, 0.0027, 0.044),
@@ -132,6 +135,9 @@ RUNS = [  # scene, method, element, step, seconds, error
     ("swing", "CentralDifference", "P1", 4.5e-5, 0.27, 0.0058),
     ("swing", "BackwardEuler", "P1", 0.02, 0.034, 0.043),
     ("swing", "Auto", "P1", 0.01, 0.23, 0.005),
+    ("trampoline", "Adaptive GeneralizedAlpha", "P1", 0.01, 0.09, 0.0104),
+    ("swing", "Adaptive GeneralizedAlpha", "P1", 0.01, 0.24, 0.0049),
+    ("wave", "Adaptive GeneralizedAlpha", "P1", 0.001, 0.027, 0.3),
     ("stretch", "equilibrium", "P2", "", 0.0058, 0.007),
     ("stretch", "equilibrium", "P2", "", 0.22, 0.0002),
     ("stretch", "equilibrium", "P1", "", 0.0085, 0.008),
@@ -153,12 +159,15 @@ def written(folder, reports, runs=RUNS, printed=PRINTED, quick=False):
         path = folder / study / "report.md"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("\n\n".join([*lines, *tables, f"- quick: {quick}\n"]))
-    names = ("scene", "method", "element", "step", "seconds", "total_error", "model", "status")
+    names = ("scene", "method", "element", "step", "seconds", "total_error")
+    names += ("time_error", "model", "status")
     with (folder / "speed_accuracy" / "results.csv").open("w", newline="") as stream:
         table = csv.writer(stream)
         table.writerow(names)
         for run in runs:
-            table.writerow([*run, "StVK + hinges" if run[0] == "swing" else "StVK", "ok"])
+            table.writerow(
+                [*run, 0.5 * run[-1], "StVK + hinges" if run[0] == "swing" else "StVK", "ok"]
+            )
     for study, text in printed.items():
         (folder / f"{study}.txt").write_text(text)
     return Tables(folder, quick)
@@ -186,6 +195,9 @@ def test_supported_statements_are_printed_with_their_numbers(tmp_path):
         "a falling disk to 1 % in 0.0102 s, implicitly in 8.6 times that, on P2 in 17.6",
         "in 0.037 s, with dt = 10 ms; explicitly in 7.3 times that",
         "to 44 ms, `EnergyMomentum` to 11 ms",
+        "to 0.8 %, and 0 of 173 runs contradict them",
+        "off by 0.52 % in time on the disk, 0.24 % on the paper; "
+        "but a wave of 10⁻⁴ of its strip even at 1e-3 by 15 %",
         "on 2 of 2 scenes at most 1.5 times",
         "on the worst 1.43 times; to 1 % of the disk 22 times",
         'at most 1.31 times as long as the best on seven scenes; `"direct"` takes 2 times',
@@ -219,7 +231,7 @@ def changed(study, heading, *place, value):
 DENIED = [  # what is changed to what, and the row that it denies
     (("models", f"StVK, {SPREAD}"), 0.1, "a fabric's Y, ν and G"),
     (("models", "Cost", 2, "over StVK"), 0.6, "springs in mind"),
-    (("models", "drape: sag [m]", 0, "over StVK's limit"), 0.6, "hardly stretched"),
+    (("models", "drape: sag [m]", 0, "over StVK's limit"), 0.6, "swings, hardly stretched"),
     (("models", "stretch: force [N]", 1, "over StVK's limit"), 0.99, "stretches of a tenth"),
     (("needs/cantilever", "One thing simpler", 1, "change"), 0.001, "a strip that bends"),
     (("needs/taut", "One thing simpler", 0, "change"), 0.2, "| no bending |"),
@@ -230,6 +242,7 @@ DENIED = [  # what is changed to what, and the row that it denies
     (("needs/cantilever", "One thing simpler", 0, "saved"), -0.2, "only the end"),
     (("stability", STEADY, 0, "bdf2"), 0.005, "`BDF2`"),
     (("stability", f"implicit_midpoint {MADE}"), 0.0, "`BDF2`"),
+    (("stability", CELLS), 3, "no dt in mind"),
     (("speed_accuracy", SOLVED, 2, "pcg [s]"), 0.1, 'linear = "auto"'),
     (("models", f"StVK, {SPREAD}"), float("nan"), "a fabric's Y, ν and G"),
 ]
