@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import InputError
-from .output import Arrays
+from .vtu import Arrays
 
 
 @dataclass(frozen=True, eq=False)

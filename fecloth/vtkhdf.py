@@ -31,10 +31,11 @@ import numpy as np
 
 from .cloth import Cloth
 from .errors import InputError
-from .output import CELLS, Arrays, fields, kinematics
+from .output import fields, kinematics
 from .redo import changed
 from .runfolder import WriteError, replace_file, writing
 from .system import State, System
+from .vtu import CELLS, Arrays
 
 CHUNK = 1 << 18  # bytes of a dataset that are compressed and read at a time
 STATIC = ("quality",)  # cell arrays of the reference, written once

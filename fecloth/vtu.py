@@ -1,0 +1,93 @@
+"""The bytes of a frame in VTK's XML, and of the lists that give the frames their times."""
+
+from __future__ import annotations
+
+import base64
+import json
+import sys
+import zlib
+from collections.abc import Iterable
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+COMPONENTS = {
+    "green_strain": ("E11", "E22", "E12"),
+    "principal_stretches": ("smaller", "larger"),
+    "stress_resultants": ("S11", "S22", "S12"),
+}
+COMPRESSION = 1  # zlib level: 6 takes longer and saves a few per cent of a float64
+BLOCK = 1 << 18  # bytes that are compressed at a time
+CELLS = {3: 5, 6: 22}  # nodes of a triangle → VTK's number for the cell, linear and quadratic
+VTK_TYPES = {"f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
+
+Arrays = dict[str, np.ndarray]
+
+
+def encode_vtu(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> bytes:
+    """The VTK XML unstructured grid of one frame, its triangles being `Cloth.cells` (m, 3 or 6).
+
+    meshio writes no field data and no component names, and so neither the time nor "E11".
+    """
+    m, k = cells.shape
+    topology = {
+        "connectivity": cells.ravel(),
+        "offsets": np.arange(k, k * m + 1, k, dtype=np.int32),
+        "types": np.full(m, CELLS[k], np.uint8),
+    }
+    time = _data_array("TimeValue", np.array([t], float), ' NumberOfTuples="1"')
+    order = f"{sys.byteorder.capitalize()}Endian"
+    parts = [
+        '<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0"'
+        f' byte_order="{order}" header_type="UInt64" compressor="vtkZLibDataCompressor">\n'
+        f"<UnstructuredGrid>\n<FieldData>\n{time}</FieldData>\n"
+        f'<Piece NumberOfPoints="{len(x)}" NumberOfCells="{m}">\n'
+    ]
+    for tag, arrays in (
+        ("Points", {"Points": x}),
+        ("Cells", topology),
+        ("PointData", point_data),
+        ("CellData", cell_data),
+    ):
+        parts.append(f"<{tag}>\n")
+        parts += [_data_array(name, data) for name, data in arrays.items()]
+        parts.append(f"</{tag}>\n")
+    parts.append("</Piece>\n</UnstructuredGrid>\n</VTKFile>\n")
+    return "".join(parts).encode()
+
+
+def _data_array(name, data, attributes=""):
+    """One compressed DataArray; its header is block count, block size, size of a last part, …"""
+    raw = memoryview(np.ascontiguousarray(data)).cast("B")
+    blocks = [zlib.compress(raw[i : i + BLOCK], COMPRESSION) for i in range(0, len(raw), BLOCK)]
+    header = np.array([len(blocks), BLOCK, len(raw) % BLOCK, *map(len, blocks)], np.uint64)
+    if data.ndim == 2:
+        attributes += f' NumberOfComponents="{data.shape[1]}"'
+        for i, component in enumerate(COMPONENTS.get(name, ())):
+            attributes += f' ComponentName{i}="{component}"'
+    kind = VTK_TYPES[data.dtype.str[1:]]
+    text = base64.b64encode(header.tobytes()) + base64.b64encode(b"".join(blocks))
+    start = f'<DataArray type="{kind}" Name="{name}"{attributes} format="binary">'
+    return f"{start}\n{text.decode('ascii')}\n</DataArray>\n"
+
+
+def encode_pvd(files: Iterable[tuple[str, float]]) -> bytes:
+    """ParaView's collection of (file relative to it, time)."""
+    lines = "".join(
+        f'<DataSet timestep="{t!r}" group="" part="0" file={quoteattr(name)}/>\n'
+        for name, t in files
+    )
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'
+    return f"{head}{lines}</Collection>\n</VTKFile>\n".encode()
+
+
+def encode_series(files: Iterable[tuple[str, float]]) -> bytes:
+    """The same as a VTK file series."""
+    entries = [{"name": name, "time": t} for name, t in files]
+    return json.dumps({"file-series-version": "1.0", "files": entries}).encode()
+
+
+LISTS = (
+    (".pvd", encode_pvd, b"</Collection>\n</VTKFile>\n"),
+    (".vtu.series", encode_series, b"]}"),
+)  # how they end, whatever stands in them
