@@ -9,6 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from .errors import MeshError
+from .plane import flattened
 
 _SHOWN = 5  # offenders that a message lists
 
@@ -129,7 +130,7 @@ def checked(
     bad = np.flatnonzero(~np.isfinite(X).all(axis=1))
     source.refuse_nodes(bad, "nodes with non-finite coordinates", remedy="Correct them.")
     _check_vertices(triangles, n, source)
-    X = X if X.shape[1] == 2 else _flattened(X, where)
+    X = X if X.shape[1] == 2 else flattened(X, where)
     _check_nodes(X, triangles, source)
     triangles = _oriented(X, triangles.astype(np.int32), source)
     _check_duplicates(triangles, source)
@@ -280,32 +281,3 @@ def _edge_set(name, values, n, keys, source):
     bad = pairs[~np.isin(pairs[:, 0] * n + pairs[:, 1], keys)]
     source.refuse_edges(bad, f"pairs of set {name!r} that are no edge of a triangle")
     return pairs
-
-
-def _flattened(xyz: np.ndarray, where: str) -> np.ndarray:
-    """In-plane coordinates (n, 2) of points (n, 3) that lie in a plane."""
-    spread = np.ptp(xyz, axis=0)
-    allowed = 1e-9 * np.linalg.norm(spread)
-    for dropped, kept in ((2, [0, 1]), (1, [0, 2]), (0, [1, 2])):
-        if spread[dropped] <= allowed:
-            return np.ascontiguousarray(xyz[:, kept])
-    centred = xyz - xyz.mean(axis=0)
-    normal = np.linalg.svd(np.linalg.qr(centred, mode="r"))[2][2]
-    distance = np.abs(centred @ normal).max()
-    if distance > allowed:
-        what = f"a node lies {distance:.3g} m off the plane of the others"
-        remedy = "Give the flat reference shape, not the draped one."
-        raise MeshError(what, f"at most {allowed:.3g} m (1e-9 of the extent)", where, remedy)
-    return xyz @ _frame(normal).T
-
-
-def _frame(normal: np.ndarray) -> np.ndarray:
-    """Two orthonormal axes (2, 3) in the plane; seen as in xy, xz and yz for nearby planes."""
-    towards = normal * (1.0, -1.0, 1.0)
-    decisive = next(i for i in (2, 1, 0) if abs(normal[i]) > 1e-6)
-    normal = normal * np.sign(towards[decisive])
-    across = np.linalg.norm(normal[1:]) < 1e-6
-    first = np.eye(3)[1 if across else 0]
-    first = first - normal * (first @ normal)
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(normal, first)])

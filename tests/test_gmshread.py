@@ -1,0 +1,54 @@
+"""Gmsh: its session is left as it was, and its missing libraries are named."""
+
+import builtins
+
+import numpy as np
+from meshed import MESHES, refused
+
+from fecloth.errors import InputError
+from fecloth.meshing import disk, read, rectangle
+
+
+def test_an_open_session_is_left_as_it_was():
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.add("fecloth")
+        gmsh.model.geo.addPoint(1, 2, 3)
+        gmsh.model.geo.synchronize()
+        gmsh.model.add("another")
+        gmsh.model.setCurrent("fecloth")
+        gmsh.option.setNumber("Mesh.Algorithm", 5)
+        gmsh.option.setNumber("Mesh.MeshSizeFactor", 3)
+        gmsh.parser.setNumber("h", [0.7])
+        gmsh.onelab.setNumber("Parameters/h", [0.7])
+        inside = read(MESHES / "square.geo", h=0.1), disk(1.0, 0.3)
+        refused(["h = 2 m"], MESHES / "square.geo", h=2, by=read, error=InputError)
+        assert gmsh.isInitialized()
+        assert gmsh.model.getCurrent() == "fecloth"
+        assert gmsh.model.list().count("fecloth") == 1
+        assert not any(name.startswith("fecloth_") for name in gmsh.model.list())
+        assert gmsh.model.getEntities() == [(0, 1)]
+        assert gmsh.option.getNumber("Mesh.Algorithm") == 5
+        assert gmsh.option.getNumber("Mesh.MeshSizeFactor") == 3
+        assert gmsh.parser.getNumber("h") == [0.7]
+        assert gmsh.onelab.getNumber("Parameters/h") == [0.7]
+    finally:
+        gmsh.finalize()
+    alone = read(MESHES / "square.geo", h=0.1), disk(1.0, 0.3)
+    assert not gmsh.isInitialized()
+    assert all(np.array_equal(a.X, b.X) for a, b in zip(inside, alone, strict=True))
+
+
+def test_missing_system_libraries_are_named(monkeypatch):
+    real = builtins.__import__
+
+    def broken(name, *args, **kwargs):
+        if name == "gmsh":
+            raise OSError("libGLU.so.1: cannot open shared object file")
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", broken)
+    refused(["libGLU.so.1", "libglu1-mesa", "libxft2", "apt-get"], 1, 1, 0.5, by=rectangle)
