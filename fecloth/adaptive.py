@@ -229,7 +229,11 @@ class Adaptive:
 
     @property
     def _constant(self) -> float:
-        return self.method.error_constant
+        constant = getattr(self.method, "error_constant", None)
+        if not (is_number(constant) and constant > 0):
+            what = f"{type(self.method).__name__}.error_constant = {constant!r}"
+            raise InputError(what, "must be a number > 0", "Adaptive")
+        return constant
 
     def allowed(self, system: System, state: State) -> float:
         """Error for each second [m/s]."""

@@ -414,6 +414,11 @@ def test_a_method_says_what_it_lacks(own, swinging):
         fc.run(system, bare, start, 1e-3, 2e-3, solver="direct")
     assert len(list(fc.march(system, bare, start, 1e-3, 2e-3, solver="direct"))) == 2
 
+    for constant in (None, -0.04):
+        method = type("Own", (theta,), {"error_constant": constant})()
+        with pytest.raises(fc.InputError, match=f"Own.error_constant = {constant}: must be a num"):
+            fc.Adaptive(method, rtol=1e-2)
+
     def short(self, state, dt):
         return replace(theta.stage(self, state, dt), v=state.v[1:])
 
