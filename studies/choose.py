@@ -29,7 +29,7 @@ from fecloth.runfolder import replace_file
 HEAD = """What the studies say of a scene before it runs, in their numbers. The next section lists
 methods, the one after it draws all runs; `python studies/needs.py --scene my.toml` runs yours, and
 prints its ρ g L³/B, weight over bending stiffness at its length."""
-FOOT = """`python studies/choose.py` draws this table from what those studies have written into
+FOOT = """`python studies/choose.py` draws table and chart from what those studies have written into
 `out/`; what their numbers no longer support it tells and leaves out. CPU seconds of one thread."""
 OPEN = """No study measures: `NeoHookean` against collapse, beyond one scene of
 `studies/scenes/failures/`; `TensionField` against wrinkles that a mesh resolves; `HingeBending`

@@ -2,6 +2,7 @@
 
 import csv
 import doctest
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -336,3 +337,18 @@ def test_numbers_are_short():
         "0.5",
         "1.23 · 10⁵",
     ]
+
+
+def test_the_readme_says_what_the_rules_say():
+    """Every row of the README's section is one of the rules', whatever its numbers."""
+    _, _, section = (STUDIES.parent / "README.md").read_text().partition(choose.TITLE + "\n")
+    if not section:
+        pytest.skip("the README has no such section")
+    section = section.partition("\n## ")[0]
+    rows = re.findall(r"^\| (?!you have).*", section, re.MULTILINE)
+    words = [f"| {r.have} | {r.take} | {r.because} ({r.studies}) |" for r in RULES]
+    number = r"[-\\d.e+]+( · 10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
+    forms = [re.sub(r"\\{\w+\\}", number, re.escape(line)) for line in words]
+    assert rows
+    assert [row for row in rows if not any(re.fullmatch(form, row) for form in forms)] == []
+    assert all(part in section for part in (choose.HEAD, choose.FOOT, choose.OPEN))
