@@ -23,8 +23,9 @@ from pathlib import Path
 import harness
 import numpy as np
 from needs_cases import COUNTED, Answer, answer, changes, data_of, interest_of, scene_of
-from needs_numbers import Numbers, predicted
+from needs_numbers import Numbers
 from needs_numbers import table as numbers_of
+from needs_predicted import predicted
 from needs_variants import Variant, variants
 
 from fecloth.errors import FeclothError

@@ -9,7 +9,8 @@ import needs_cases
 import numpy as np
 import pytest
 from needs_cases import Answer, changes, data_of, scene_of
-from needs_numbers import Numbers, predicted
+from needs_numbers import Numbers
+from needs_predicted import predicted
 from needs_variants import variants
 
 import fecloth as fc
