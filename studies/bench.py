@@ -22,8 +22,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import falling_disk
 import numpy as np
-import references
 import scipy.sparse as sparse
 import skfem
 from skfem.helpers import ddot, grad, transpose
@@ -203,7 +203,7 @@ def trampoline(h: float, limit: float) -> list[Figure]:
     cost = (time.process_time() - begin) / run["t_end"]
     result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), **run)
     mean = -result.observed["mean_displacement.z"]
-    exact = references.trampoline(result.times[1:], elements=800).mean_deflection
+    exact = falling_disk.trampoline(result.times[1:], elements=800).mean_deflection
     error = 100 * np.abs(mean[1:] - exact).max() / np.abs(exact).max()
     size = f"{len(cloth.triangles)} triangles, midpoint 1 ms"
     return [
@@ -264,7 +264,7 @@ def explicit_trampoline(h: float, dt: float) -> list[Figure]:
         mean.append(-share @ state.x[:, 2])
     cost = (time.process_time() - begin) / 0.2
     times = 2e-3 * np.arange(1, 101)
-    exact = references.trampoline(times, elements=800).mean_deflection
+    exact = falling_disk.trampoline(times, elements=800).mean_deflection
     error = 100 * np.abs(mean - exact).max() / np.abs(exact).max()
     size = f"{len(cloth.triangles)} triangles, explicit {1e3 * dt:g} ms"
     return [

@@ -1,7 +1,7 @@
 """The trampoline beside another code, in one process: python studies/peers.py [--quick].
 
 One mesh, one lumped mass, one material, one thread; the error is that of the mean deflection over
-t <= 0.2 s, in percent of its peak, against the radial solution of `references.trampoline`. CPU
+t <= 0.2 s, in percent of its peak, against the radial solution of `falling_disk.trampoline`. CPU
 seconds are the least of two runs after a warm-up, ratios those of one process.
 
 The other code is MuJoCo (pip install 'fecloth[peers]'), whose two-dimensional flex with
@@ -25,8 +25,8 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import falling_disk
 import numpy as np
-import references
 from bench import FABRIC, Figure
 
 import fecloth as fc
@@ -62,7 +62,7 @@ def measured(what: str, system: fc.System, run: Callable, elements: int) -> Resu
         times, mean = run(share)
         costs.append((time.process_time() - begin) / T_END)
     times, mean = np.array(times), np.array(mean)
-    exact = references.trampoline(times, elements=elements).mean_deflection
+    exact = falling_disk.trampoline(times, elements=elements).mean_deflection
     error = 100 * np.abs(mean - exact).max() / np.abs(exact).max()
     result = Result(what, error, min(costs), times, mean)
     print(result, flush=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import falling_disk
 import numpy as np
 import references
 from numba import njit
@@ -16,7 +17,7 @@ def continuum(scene: str, times: np.ndarray, coarse: bool = False) -> dict[str, 
     `coarse` takes fewer points, for errors of a part in a thousand and above.
     """
     if scene == "trampoline":
-        disk = references.trampoline(times, elements=800 if coarse else 2400)
+        disk = falling_disk.trampoline(times, elements=800 if coarse else 2400)
         return {"mean": disk.mean_deflection, "point": disk.centre}
     if scene == "wave":
         of = LENGTH, STRIP.tensile[0], STRIP.areal_density, AMPLITUDE

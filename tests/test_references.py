@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from falling_disk import trampoline
 from numpy.polynomial import legendre
 from references import (
     hanging_strip,
@@ -13,7 +14,6 @@ from references import (
     hanging_strip_tip,
     strip_wave,
     strip_wave_frequency,
-    trampoline,
 )
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq

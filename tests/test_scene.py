@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from falling_disk import trampoline
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from references import hanging_strip_mean, hanging_strip_tip, trampoline
+from references import hanging_strip_mean, hanging_strip_tip
 from scipy.integrate import solve_ivp
 from scipy.sparse import csr_matrix
 
