@@ -81,7 +81,7 @@ def runs(tmp_path_factory):
         (folder / name).symlink_to(ROOT / name)
     given = [block for section in SECTIONS for block in section.blocks]
     scenes = [b.text for b in given if b.language == "toml" and not b.file and is_scene(b.text)]
-    (folder / "SCENE.toml").write_text(max(scenes, key=len), encoding="utf-8")
+    (folder / "SCENE.toml").write_text(max(scenes, key=len, default=""), encoding="utf-8")
     for block in (b for b in given if b.file):
         (folder / block.file).write_text(block.text, encoding="utf-8")
     with contextlib.chdir(folder):
