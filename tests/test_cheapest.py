@@ -3,6 +3,7 @@
 import pytest
 from matrices import indefinite, load, missing, relative, sheet
 
+import fecloth as fc
 from fecloth import cheapest, linear, mkl
 from fecloth.errors import IndefiniteMatrix, InputError
 
@@ -103,3 +104,17 @@ def test_auto_without_pardiso(monkeypatch):
     assert solver.price == pytest.approx(45 + 0.37 * 20)
     assert steps(solver, HARD, 1) == ["superlu"]
     assert solver.price == pytest.approx(100 + 10 * 20)
+
+
+def test_auto_follows_the_steps_of_a_march(monkeypatch):
+    """Every implicit method tells it where a step begins."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1)
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [fc.StVK(), fc.Gravity()], ["left"])
+    for method in (fc.BackwardEuler(), fc.LinearlyImplicitEuler(), fc.GeneralizedAlpha(0.8)):
+        sizes = []
+        monkeypatch.setattr(
+            fc.linear.Cheapest, "begin", lambda _, wx, wa, s=sizes: s.append(wx / wa)
+        )
+        fc.run(system, method, system.rest(), 1e-3, 3e-3)
+        wx, _, wa = method.weights(1e-3)
+        assert sizes == pytest.approx([wx / wa] * 3)
