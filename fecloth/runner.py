@@ -241,7 +241,7 @@ class _Recorder:
         )
         frames = self.frames.files(self.safe)
         on_disk(*(table.path for table in self.tables.values()), *frames)
-        on_disk(*{file.parent for file in frames}, self.folder.path)
+        on_disk(*{file.parent for file in frames} - {self.folder.path})  # that one is, by `write`
         restarts.write(self.folder.path, restart)
         self.safe = len(self.frames.times)
 

@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth import restart
+from fecloth import redo, restart
 from fecloth.cli import main
 from fecloth.explicit import EXPLICIT
 from fecloth.integrators import METHODS
 from fecloth.output import Frames, read_frame
+from fecloth.runfolder import TABLES
 from fecloth.runner import run_scene
 from fecloth.scene import load
 from fecloth.system import State
@@ -97,12 +98,26 @@ SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(["fecloth.runner"])
 
 
-def go(scene, folder, resume):
+RUNS["vtkhdf"] = RUNS["AtLimit"].replace("every = 0.01", 'every_steps = 16\nformat = "vtkhdf"')
+RUNS["two threads"] = """[time]
+method = "implicit_midpoint"
+dt = 0.002
+t_end = 0.08
+[solver]
+linear = "pardiso"
+[output]
+every = 0.02
+restart_steps = 5
+"""
+
+
+def go(scene, folder, resume, threads=1):
+    os.environ["MKL_NUM_THREADS"] = str(threads)  # read when the MKL is loaded, in the run
     run_scene(load(scene), folder, resume=resume)
 
 
-def started(scene, folder, resume=False):
-    child = SERVER.Process(target=go, args=(str(scene), str(folder), resume))
+def started(scene, folder, resume=False, threads=1):
+    child = SERVER.Process(target=go, args=(str(scene), str(folder), resume, threads))
     child.start()
     return child
 
@@ -125,7 +140,26 @@ def written(folder):
     files = (file for file in folder.rglob("*") if file.is_file())
     skipped = ("run.log", "summary.json")
     files = [f for f in files if f.name not in skipped and f.suffix != ".html"]
-    return {str(file.relative_to(folder)): file.read_bytes() for file in files}
+    found = {str(file.relative_to(folder)): file.read_bytes() for file in files}
+    if "run.vtkhdf" in found:  # its values: HDF5 lays a file that was cut out in another way
+        found["run.vtkhdf"] = hdf_values(folder / "run.vtkhdf")
+    return found
+
+
+def hdf_values(file):
+    """All arrays of an HDF5 file, as bytes."""
+    h5py, found = pytest.importorskip("h5py"), {}
+    with h5py.File(file) as read:
+        found["NSteps"] = read["VTKHDF/Steps"].attrs["NSteps"]
+        arrays = {name for name in names(read) if isinstance(read[name], h5py.Dataset)}
+        return found | {name: read[name][:].tobytes() for name in arrays}
+
+
+def names(read):
+    """Of all that an HDF5 file holds."""
+    found = []
+    read.visit(found.append)
+    return found
 
 
 @pytest.fixture
@@ -138,25 +172,76 @@ def scene(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", RUNS)
 def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
+    if name == "vtkhdf":
+        pytest.importorskip("h5py")
+    if name == "two threads":
+        pytest.importorskip("pypardiso")
+    threads = 1 + (name == "two threads")
     scene, whole, broken = tmp_path / "sheet.toml", tmp_path / "whole", tmp_path / "broken"
-    scene.write_text(TEXT + RUNS[name])
-    child = started(scene, whole)
+    fine = "h = 0.015" if threads > 1 else "h = 0.1"  # of 26,000 unknowns both threads have a part
+    scene.write_text((TEXT + RUNS[name]).replace("h = 0.1", fine))
+    child = started(scene, whole, threads=threads)
     child.join(60)
     assert child.exitcode == 0
     steps = (whole / "steps.csv").read_bytes().count(b"\n") - 1
-    assert steps > 40
+    assert steps >= 40
     kills, shares = 0, [random.uniform(0.1, 0.8)]
     if name == "Adaptive(BDF2)":  # it breaks off twice
         shares = random.uniform(0.1, 0.4), random.uniform(0.5, 0.9)
     for share in shares:
-        kills += killed(started(scene, broken, kills > 0), broken, share * steps)
+        kills += killed(started(scene, broken, kills > 0, threads), broken, share * steps)
     assert kills > 0
-    last = started(scene, broken, resume=True)
+    last = started(scene, broken, True, threads)
     last.join(60)
     assert last.exitcode == 0
+    assert "the last bits" not in (broken / "run.log").read_text()
+    made_on = restart.read(restart.files(broken)[0]).made_on
+    assert made_on["threads"] == ("2" if threads > 1 else made_on["threads"])
     expected, found = written(whole), written(broken)
     assert found.keys() == expected.keys()
     assert [file for file in expected if found[file] != expected[file]] == []
+
+
+def go_and_die(scene, folder):
+    """Killed while the bytes of the seventh frame go to their places in run.vtkhdf."""
+    made = []
+
+    def half(path, size, places, data):
+        made.append(path)
+        if len(made) == 6:  # the first frame makes the file
+            make(path, size, places[: len(places) // 2], data)
+            os.kill(os.getpid(), signal.SIGKILL)
+        make(path, size, places, data)
+
+    make, redo._make = redo._make, half
+    go(scene, folder, False)
+
+
+def test_a_run_that_is_killed_within_a_frame_of_vtkhdf_goes_on(tmp_path):
+    pytest.importorskip("h5py")
+    scene, whole, broken = tmp_path / "sheet.toml", tmp_path / "whole", tmp_path / "broken"
+    scene.write_text(TEXT + RUNS["vtkhdf"].replace("restart_steps = 50", "restart_steps = 40"))
+    run_scene(load(scene), whole)
+    child = SERVER.Process(target=go_and_die, args=(str(scene), str(broken)))
+    child.start()
+    child.join(60)
+    assert child.exitcode == -signal.SIGKILL
+    assert (broken / "run.vtkhdf.redo").exists()
+    run_scene(load(scene), broken, resume=True)
+    assert written(broken) == written(whole)
+
+
+def test_a_spoilt_vtkhdf_is_refused_and_no_other_file_is_touched(scene, tmp_path):
+    pytest.importorskip("h5py")
+    scene.write_text(TEXT + RUNS["vtkhdf"])
+    interrupted(scene, tmp_path / "out", 70)
+    file = tmp_path / "out" / "run.vtkhdf"
+    file.write_bytes(file.read_bytes()[:2000])
+    before = {f.name: f.read_bytes() for f in (tmp_path / "out").rglob("*.*")}
+    with pytest.raises(fc.InputError, match=r"run.vtkhdf cannot be read.*--overwrite"):
+        go(scene, tmp_path / "out", resume=True)
+    changed = {n for n, d in before.items() if d != next((tmp_path / "out").rglob(n)).read_bytes()}
+    assert changed <= {"run.log", "scene.resolved.toml", *TABLES}
 
 
 # --- what goes on, and what does not --------------------------------------------------------------
