@@ -7,6 +7,7 @@ import random
 import signal
 import time
 import tracemalloc
+from pathlib import Path
 
 import meshio
 import numpy as np
@@ -229,6 +230,37 @@ def test_a_run_that_is_killed_within_a_frame_of_vtkhdf_goes_on(tmp_path):
     assert (broken / "run.vtkhdf.redo").exists()
     run_scene(load(scene), broken, resume=True)
     assert written(broken) == written(whole)
+
+
+def test_no_restart_file_goes_before_the_next_would_survive_a_power_cut(
+    scene, tmp_path, monkeypatch
+):
+    synced, missed, folder = {}, [], tmp_path / "out"
+    real_fsync, real_unlink = os.fsync, Path.unlink
+
+    def fsync(file):
+        real_fsync(file)
+        told = os.fstat(file)
+        synced[told.st_ino] = told.st_size
+
+    def unlink(path, missing_ok=False):
+        if path.suffix == ".npz":
+            found = restart.read(restart.files(folder)[0])
+            needed = [*folder.glob("*.csv"), *folder.glob("run.*"), restart.files(folder)[0]]
+            needed += [folder / f"frames/frame_{i:06d}.vtu" for i in range(found.frames)]
+            needed += [folder, folder / "frames", folder / "restart"]
+            files = [file for file in needed if file.name != "run.log"]
+            missed.extend(f for f in files if synced.get(f.stat().st_ino) != f.stat().st_size)
+        real_unlink(path, missing_ok)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    monkeypatch.setattr(Path, "unlink", unlink)
+    run_scene(load(scene, ["time.t_end=0.16"]), folder)
+    assert [path.name for path in restart.files(folder)] == [
+        "restart_000000080.npz",
+        "restart_000000060.npz",
+    ]
+    assert missed == []
 
 
 def test_a_spoilt_vtkhdf_is_refused_and_no_other_file_is_touched(scene, tmp_path):
