@@ -9,25 +9,24 @@ import sys
 import threading
 import warnings
 import webbrowser
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from . import foresight, linear, restart
 from .cloth import Cloth
 from .collect import run
+from .describe import described, sources
 from .errors import FeclothError, FeclothWarning, InputError
-from .fabric import Fabric
 from .march import StepInfo
-from .output import MESHIO
+from .meshwrite import write_mesh
+from .progress import progress
 from .record import Ledger
 from .render import render
-from .runfolder import WriteError, versions, writing
+from .runfolder import WriteError, versions
 from .runner import DONE, FAILED, run_scene, settled_scene
 from .scene import Built, Scene, Verdict, check, load
 from .series import FIELDS
@@ -160,11 +159,11 @@ def _run(options) -> int:
     console = Console(stderr=True, quiet=options.quiet)
 
     def announce(built: Built, why: str) -> None:
-        lines = [*_sources(built.system.fabric), *foresight.plan(built, why)]
+        lines = [*sources(built.system.fabric), *foresight.plan(built, why)]
         lines += [f"warning: {doubt}" for doubt in foresight.doubts(built)]
         console.print("\n".join(lines), highlight=False, soft_wrap=True)
 
-    with _progress(console, scene.time.t_end) as report:
+    with progress(console, scene.time.t_end) as report:
         resume = bool(options.resume)
         outcome = run_scene(scene, path, options.overwrite, announce, report, resume)
     if not options.quiet:
@@ -205,26 +204,6 @@ def _ledger_text(ledger: Ledger) -> str:
     return "\n".join([f"energy at t = {ledger.t:g} s", *lines])
 
 
-@contextmanager
-def _progress(console: Console, t_end: float) -> Iterator[Callable[[StepInfo], None]]:
-    """A bar with simulated time, step, Newton iterations and the time that is left."""
-    words = TextColumn("t = {task.completed:.4g} of {task.total:g} s  {task.description}")
-    columns = words, BarColumn(), TimeElapsedColumn(), "left", TimeRemainingColumn()
-    progress = Progress(*columns, console=console, transient=True)
-    task = progress.add_task("", total=t_end)
-
-    def report(info: StepInfo) -> None:
-        progress.start()  # not before a step is done, lest a mistake be told below an empty bar
-        text = f"step {info.step}  Newton {info.counts.newton}"
-        progress.update(task, completed=info.t, description=text)
-
-    try:
-        yield report
-    finally:
-        if progress.live.is_started:
-            progress.stop()
-
-
 # --- view, render ---------------------------------------------------------------------------------
 
 
@@ -254,7 +233,7 @@ def _check(options) -> int:
     for path in options.scenes:
         scene = load(path, options.set)
         scene.require_expectations()
-        with _progress(console, scene.time.t_end) as report:
+        with progress(console, scene.time.t_end) as report:
             verdicts = _verdicts(scene, report)
         for verdict in verdicts:
             if not (options.quiet and verdict.passed):
@@ -283,51 +262,12 @@ def _mesh(options) -> int:
     if is_scene and options.h:
         raise InputError("--h", "is for mesh files", options.path, "Change cloth.h in the scene.")
     cloth = load(options.path).mesh() if is_scene else Cloth.read(options.path, options.h)
-    print("\n".join(_described(cloth)))
+    print("\n".join(described(cloth)))
     if options.output:
-        _write_mesh(cloth, Path(options.output))
+        path = Path(options.output)
+        write_mesh(path, cloth)
+        print(f"wrote {path}")
     return 0
-
-
-def _described(cloth: Cloth) -> list[str]:
-    corners = cloth.X[cloth.triangles]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    (x0, y0), (x1, y1) = cloth.X.min(axis=0), cloth.X.max(axis=0)
-    return [
-        f"{len(cloth.X)} nodes, {_triangles(cloth)}, area {cloth.area:.6g} m²",
-        f"X {x0:g} to {x1:g} m, Y {y0:g} to {y1:g} m",
-        f"edges {edges.min():.4g} to {edges.max():.4g} m, mean {edges.mean():.4g} m",
-        f"quality {cloth.quality.min():.3f} to {cloth.quality.max():.3f}, "
-        f"mean {cloth.quality.mean():.3f} (1 is equilateral)",
-        *(f"set {name}: {len(nodes)} nodes" for name, nodes in sorted(cloth.node_sets.items())),
-    ]
-
-
-def _triangles(cloth: Cloth) -> str:
-    return f"{len(cloth.triangles)} {'quadratic ' * (cloth.element == 'P2')}triangles"
-
-
-def _write_mesh(cloth: Cloth, path: Path) -> None:
-    """The flat mesh through meshio, with the quality and a 0/1 array for each set."""
-    import meshio  # here, so that no other command waits for it
-
-    points = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-    inside = {f"set {name}": np.zeros(len(points)) for name in cloth.node_sets}
-    for name, nodes in cloth.node_sets.items():
-        inside[f"set {name}"][nodes] = 1.0
-    mesh = meshio.Mesh(
-        points,
-        {MESHIO[cloth.element]: cloth.cells},
-        point_data=inside,
-        cell_data={"quality": [cloth.quality]},
-    )
-    try:
-        with writing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            mesh.write(path)
-    except (meshio.ReadError, meshio.WriteError) as error:  # a suffix it does not know: ReadError
-        raise InputError(f"{path} cannot be written: {error}", remedy="Try .vtu.") from error
-    print(f"wrote {path}")
 
 
 # --- info -----------------------------------------------------------------------------------------
@@ -341,7 +281,7 @@ def _info(options) -> int:
         scene = load(options.scene, options.set)
         built = scene.build()
         built, _, why = settled_scene(built)
-        lines = [*_described(built.cloth), *_sources(built.system.fabric)]
+        lines = [*described(built.cloth), *sources(built.system.fabric)]
         lines += [*foresight.plan(built, why), *foresight.doubts(built)]
         print("\n".join(lines))
         return 0
@@ -350,9 +290,3 @@ def _info(options) -> int:
     print(f"processors: {os.cpu_count()}")
     print(f"direct solver: {linear.direct().name}")
     return 0
-
-
-def _sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
-    """Who measured each fabric, as far as it says so."""
-    regions = fabric if isinstance(fabric, Mapping) else {"fabric": fabric}
-    return [f"{name}: {one.source}" for name, one in regions.items() if one.source]

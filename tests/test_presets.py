@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth import cli, presets
+from fecloth import cli, describe, presets
 from fecloth.errors import InputError, SceneError
 from fecloth.scene import load
 
@@ -407,7 +407,7 @@ def test_a_run_says_who_measured_its_fabric(tmp_path, capsys):
     assert cli.main(["info", str(tmp_path / "scene.toml")]) == 0
     assert "fabric: silk, woven. Clyde, Teran and Tamstorf" in capsys.readouterr().out
     regions = {"body": fc.Fabric.preset("cotton"), "hem": fc.Fabric(0.2, 1000.0)}
-    assert [line[:20] for line in cli._sources(regions)] == ["body: cotton, woven."]
+    assert [line[:20] for line in describe.sources(regions)] == ["body: cotton, woven."]
 
 
 def test_what_the_readme_writes_is_read(tmp_path):
