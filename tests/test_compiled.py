@@ -90,7 +90,7 @@ def test_every_file_with_kernels_changes_the_folder(copy, tmp_path, monkeypatch)
         for source in sorted(copy.rglob("*.py"))
         if any(f"\n@{word}\n" in source.read_text("utf-8") for word in ("kernel", "inner", "loop"))
     ]
-    assert {"blocks.py", "pins.py", "membrane.py", "stvk.py"} <= {p.name for p in decorated}
+    assert {"blocks.py", "constraints.py", "membrane.py", "stvk.py"} <= {p.name for p in decorated}
     for source in [*decorated, copy / "compiled.py"]:
         text = source.read_bytes()
         source.write_bytes(text + b"\n")
