@@ -17,6 +17,7 @@ from pathlib import Path
 from rich.console import Console
 
 from . import foresight, linear, restart
+from .checks import CHECKS
 from .cloth import Cloth
 from .collect import run
 from .describe import described, sources
@@ -109,7 +110,8 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "render", _render, "draw a run as a movie or a picture")
     sub.add_argument("folder", metavar="DIR", help="folder of a run")
     sub.add_argument("-o", "--output", metavar="FILE", required=True, help=".mp4, .gif or .png")
-    sub.add_argument("--field", default="larger_stretch", help=f"one of {', '.join(FIELDS)}")
+    fields = ", ".join([*FIELDS, CHECKS])
+    sub.add_argument("--field", default="larger_stretch", help=f"one of {fields}")
     sub.add_argument("--size", metavar="WxH", default="1280x720", help="pixels (1280x720)")
     sub.add_argument("--fps", type=float, help="frames a second (default: as the cloth moved)")
     sub.add_argument("--time", type=float, metavar="T", help="of a .png [s] (default: the last)")

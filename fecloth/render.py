@@ -1,8 +1,8 @@
 """fecloth render DIR -o FILE: a movie (.mp4, .gif) or a picture (.png) of a run, without a display.
 
-The cloth is coloured by a field of series.py, lit from above, over a ground that bears its shadow,
-and seen from where the whole motion just fits. Needs the extra [view]: PyVista, and imageio with
-its ffmpeg for .mp4.
+The cloth is coloured by a field of series.py, or checked, lit from above, over a ground that bears
+its shadow, and seen from where the whole motion just fits. Needs the extra [view]: PyVista, and
+imageio with its ffmpeg for .mp4.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from . import checks
+from .checks import CHECKS
 from .errors import InputError
 from .runfolder import writing
 from .series import FIELDS, Frame, Series, field_values, rim, straight
@@ -37,7 +39,7 @@ class Shot:
     view, distance
         From where [m].
     colours
-        Ends of the colour bar.
+        Ends of the colour bar; without one, of a checked cloth, None.
     ground
         Its height [m].
     """
@@ -45,7 +47,7 @@ class Shot:
     field: str
     view: View
     distance: float
-    colours: tuple[float, float]
+    colours: tuple[float, float] | None
     ground: float
     size: tuple[int, int]
 
@@ -65,7 +67,7 @@ def render(
     target
         A .mp4 or .gif of all frames, or a .png of one.
     field
-        A name of `series.FIELDS`.
+        A name of `series.FIELDS`, or "checks": squares that lie along warp and weft.
     size
         Width and height in pixels; of a .mp4 both even.
     fps
@@ -79,7 +81,7 @@ def render(
         If there are no frames, no such field, or another suffix.
     """
     target = Path(target)
-    _refuse(target, size, fps, time)
+    _refuse(target, field, size, fps, time)
     series = Series.open(folder)
     shot = _shot(series, field, size)
     frames = range(len(series.times))
@@ -96,7 +98,10 @@ def render(
     return target
 
 
-def _refuse(target: Path, size, fps, time) -> None:
+def _refuse(target: Path, field, size, fps, time) -> None:
+    if field not in (*FIELDS, CHECKS):
+        allowed = f"must be one of {', '.join(FIELDS)}, {CHECKS}"
+        raise InputError(f"field {field!r}", allowed)
     if target.suffix not in SUFFIXES:
         raise InputError(f"-o {target}", f"must end in {', '.join(SUFFIXES)}")
     if min(size) < 16 or max(size) > 8192 or (target.suffix == ".mp4" and any(s % 2 for s in size)):
@@ -143,17 +148,18 @@ def _shot(series: Series, field: str, size: tuple[int, int]) -> Shot:
     values, points, lows, highs = [], [], [], []
     for i in range(len(series.times)):
         frame = series.read(i)
-        shown = field_values(frame, field)
-        values.append(shown[:: 1 + len(shown) // PER_FRAME])
+        if field != CHECKS:
+            shown = field_values(frame, field)
+            values.append(shown[:: 1 + len(shown) // PER_FRAME])
         points.append(frame.points[:: 1 + len(frame.points) // PER_FRAME])
         lows.append(frame.points.min(axis=0))
         highs.append(frame.points.max(axis=0))
     low, high = np.min(lows, axis=0), np.max(highs, axis=0)
     view = view_of(low, high)
-    colours = np.percentile(np.concatenate(values), PERCENT)
+    colours = tuple(np.percentile(np.concatenate(values), PERCENT)) if values else None
     distance = _fitted(view, np.concatenate(points), size[0] / size[1])
     ground = low[2] - 0.03 * np.linalg.norm(high - low)
-    return Shot(field, view, distance, tuple(colours), float(ground), size)
+    return Shot(field, view, distance, colours, float(ground), size)
 
 
 def _axes(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -187,7 +193,7 @@ def _images(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
     _dress(cloth, first, shot, parts)
     plotter = _stage(pyvista, shot)
     plotter.add_mesh(shadow, color=SHADOW, lighting=False)
-    _add_cloth(plotter, cloth, shot)
+    _add_cloth(plotter, cloth, shot, pyvista)
     plotter.add_mesh(border, color="#1b2027", line_width=1.5, lighting=False)
     text = max(6, round(shot.size[1] / 75))
     try:
@@ -197,14 +203,9 @@ def _images(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
             border.points = cloth.points
             drop = (cloth.points[:, 2:] - shot.ground) / LIGHT[2]
             shadow.points = cloth.points - drop * LIGHT + [0, 0, 1e-3 * np.ptp(shot.view.box)]
-            label = {
-                "position": (0.02, 0.93),
-                "viewport": True,
-                "font_size": text,
-                "color": "#1b2027",
-                "name": "time",
-            }
-            plotter.add_text(f"t = {frame.t:.3f} s", **label)
+            written = {"font_size": text, "color": "#1b2027", "name": "time"}
+            place = {"position": (0.02, 0.93), "viewport": True}
+            plotter.add_text(f"t = {frame.t:.3f} s", **place, **written)
             yield plotter.screenshot(return_img=True)
     finally:
         plotter.close()
@@ -212,9 +213,11 @@ def _images(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
 
 def _dress(cloth, frame: Frame, shot: Shot, parts: int) -> None:
     """Move the mesh to a frame and give it the field's values."""
-    values = field_values(frame, shot.field)
     cloth.points = frame.points.astype(float)
-    if len(values) == len(frame.points):
+    if shot.field == CHECKS:
+        X = checks.material(frame)
+        cloth.active_texture_coordinates = X / (2 * checks.side(X))
+    elif len(values := field_values(frame, shot.field)) == len(frame.points):
         cloth.point_data["shown"] = values
     else:
         cloth.cell_data["shown"] = np.repeat(values, parts)
@@ -249,23 +252,22 @@ def _stage(pyvista, shot: Shot):
     return plotter
 
 
-def _add_cloth(plotter, cloth, shot: Shot) -> None:
-    field = FIELDS[shot.field]
-    title = f"{field.title} [{field.unit}]" if field.unit else field.title
-    bar = {"title": title, "color": "#1b2027", "n_labels": 2, "fmt": "%.4g"}
-    scale = shot.size[1] / 720
-    bar |= {"title_font_size": round(16 * scale), "label_font_size": round(13 * scale)}
-    bar |= {"width": 0.34, "height": 0.1, "position_x": 0.63, "position_y": 0.02}
-    actor = plotter.add_mesh(
-        cloth,
-        scalars="shown",
-        cmap="viridis",
-        clim=shot.colours,
-        interpolate_before_map=True,
-        ambient=0.3,
-        diffuse=0.85,
-        specular=0.15,
-        specular_power=20,
-        scalar_bar_args=bar,
-    )
+def _add_cloth(plotter, cloth, shot: Shot, pyvista) -> None:
+    matter = {"ambient": 0.3, "diffuse": 0.85, "specular": 0.15, "specular_power": 20}
+    if shot.field == CHECKS:
+        texture = pyvista.Texture(checks.weave())
+        texture.repeat = texture.interpolate = texture.mipmap = True
+        look = {"texture": texture}
+    else:
+        look = {"scalars": "shown", "cmap": "viridis", "clim": shot.colours}
+        look |= {"interpolate_before_map": True, "scalar_bar_args": _colour_bar(shot)}
+    actor = plotter.add_mesh(cloth, **matter, **look)
     actor.prop.interpolation = "phong"  # with the normals of _dress; smooth_shading draws a copy
+
+
+def _colour_bar(shot: Shot) -> dict:
+    field, scale = FIELDS[shot.field], shot.size[1] / 720
+    title = f"{field.title} [{field.unit}]" if field.unit else field.title
+    fonts = {"title_font_size": round(16 * scale), "label_font_size": round(13 * scale)}
+    place = {"width": 0.34, "height": 0.1, "position_x": 0.63, "position_y": 0.02}
+    return {"title": title, "color": "#1b2027", "n_labels": 2, "fmt": "%.4g", **fonts, **place}

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import fecloth as fc
+from fecloth.checks import material, side
 from fecloth.cli import main
 from fecloth.output import Frames
+from fecloth.series import Frame
 
 pytest.importorskip("pyvista")
 imageio = pytest.importorskip("imageio.v2")
@@ -54,6 +56,31 @@ def test_pictures_show_the_cloth_at_their_times(draw):
     for mask in shown:  # all of it is in the picture
         assert not mask[0].any()
         assert not mask[:, [0, -1]].any()
+
+
+def test_checks_are_those_of_a_weave(draw):
+    """Of four squares two have one dark thread and one has two; there is no colour bar."""
+    picture = imageio.imread(draw("checks.png", "--field", "checks"))[..., :3]
+    red, blue = picture[..., 0].astype(float), picture[..., 2].astype(float)
+    two, one = red < 0.5 * blue, (red > 0.6 * blue) & (red < 0.85 * blue)
+    assert two.sum() > 1000
+    assert 1.6 < one.sum() / two.sum() < 2.4
+    assert not (picture[..., 1] > 1.2 * blue).any()  # the green and yellow of a colour bar
+
+
+def test_the_squares_follow_the_material():
+    X = np.array([[0.0, 0.0], [0.3, 0.1]])
+    moved = np.array([[2.0, 1.0, 0.5], [1.0, 1.0, 1.0]])
+    frame = Frame(0.0, moved, None, {"displacement": moved - np.c_[X, [0, 0]]}, {})
+    assert material(frame) == pytest.approx(X)
+    assert [side(scale * X) for scale in (1, 3, 10)] == [0.02, 0.05, 0.2]
+
+
+def test_checks_need_the_displacement():
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5)
+    frame = Frame(0.0, np.c_[cloth.X, 0 * cloth.X[:, 0]], cloth.triangles, {}, {})
+    with pytest.raises(fc.InputError, match="needs frames with a displacement"):
+        material(frame)
 
 
 def test_the_colours_are_the_field(draw):

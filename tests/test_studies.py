@@ -27,6 +27,7 @@ def out(tmp_path_factory):
         ("auto.py", "auto over the best"),
         ("laws.py", "9 pictures"),
         ("peers.py", "figures met"),
+        ("drape.py", "drape coefficient"),
     ],
 )
 def test_quick(study, says, out):
