@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import re
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -237,12 +239,22 @@ def _gmsh_model() -> Iterator:
         return
     # Not interruptible: Gmsh would replace Python's handler of Ctrl-C for good.
     gmsh.initialize(readConfigFiles=False, interruptible=False)
+    _put_signals_back()
     try:
         _set_options(gmsh, _OPTIONS)
         gmsh.model.add("fecloth")
         yield gmsh
     finally:
         gmsh.finalize()
+
+
+def _put_signals_back() -> None:
+    """Python's handlers again: Gmsh lets SIGTERM, and a pipe without a reader, end the process."""
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGTERM", "SIGPIPE"):
+            number = getattr(signal, name, None)
+            if number and (handler := signal.getsignal(number)) is not None:
+                signal.signal(number, handler)
 
 
 @contextlib.contextmanager

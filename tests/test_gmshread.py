@@ -1,8 +1,11 @@
 """Gmsh: its session is left as it was, and its missing libraries are named."""
 
 import builtins
+import os
+import signal
 
 import numpy as np
+import pytest
 from meshed import MESHES, refused
 
 from fecloth.errors import InputError
@@ -52,3 +55,21 @@ def test_missing_system_libraries_are_named(monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", broken)
     refused(["libGLU.so.1", "libglu1-mesa", "libxft2", "apt-get"], 1, 1, 0.5, by=rectangle)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork, no SIGPIPE")
+def test_gmsh_leaves_the_signals_to_python():
+    """A process of its own, which the signals would end."""
+    if not (child := os.fork()):
+        told = []
+        signal.signal(signal.SIGTERM, lambda *_: told.append("term"))
+        rectangle(1.0, 1.0, h=0.5)
+        os.kill(os.getpid(), signal.SIGTERM)
+        reader, writer = os.pipe()
+        os.close(reader)
+        try:
+            os.write(writer, b"x")
+        except BrokenPipeError:
+            told.append("pipe")
+        os._exit(0 if told == ["term", "pipe"] else 1)
+    assert os.waitpid(child, 0)[1] == 0

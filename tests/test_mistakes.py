@@ -314,6 +314,43 @@ def same(whole, again):
     return wanted == found
 
 
+def test_a_step_that_cannot_be_written_is_none(scene, capsys):
+    """A frame fails, the restart file then written does not: it is that of the step before."""
+    steps = "--set", "output.restart_steps=50", "--set", "solver.linear=superlu"
+    steps += "--set", "solver.reuse=false"
+    assert main(["run", "sheet.toml", "-o", "whole", "--quiet", *steps]) == 0
+    blocked = Path("out/frames/frame_000010.vtu.part")
+
+    def block(info):
+        blocked.mkdir(exist_ok=True)
+
+    outcome = fc.runner.run_scene(fc.scene.load("sheet.toml", steps[1::2]), "out", report=block)
+    assert outcome.status == "failed"
+    assert "frame_000010.vtu cannot be written" in str(outcome.error)
+    assert restart.files(Path("out"))[0].name == "restart_000000019.npz"
+    assert outcome.summary["steps"] == 19
+    readable(Path("out"))
+    blocked.rmdir()
+    assert main(["run", "sheet.toml", "--resume", "out", "--quiet", *steps]) == 0
+    whole, broken = written("whole"), written("out")
+    assert broken.pop("restart/restart_000000019.npz")
+    assert whole.pop("restart/restart_000000000.npz")  # of three the last two are kept
+    assert broken == whole
+
+
+@pytest.mark.parametrize("name", ["summary.json", "frames/frame_000004.vtu"])
+def test_what_cannot_be_written_at_the_end_is_told(name, scene, capsys):
+    def block(info):
+        if info.step == 7:
+            Path(f"out/{name}.part").mkdir()
+            os.kill(os.getpid(), signal.SIGINT)
+
+    outcome = fc.runner.run_scene(fc.scene.load("sheet.toml"), "out", report=block)
+    assert outcome.status == "failed"
+    assert f"{name} cannot be written: Is a directory. Choose another folder" in str(outcome.error)
+    assert restart.files(Path("out"))[0].name == "restart_000000007.npz"
+
+
 def test_a_disk_without_room_for_a_start_says_so(scene):
     pytest.importorskip("resource")
     assert main(["run", "sheet.toml", "-o", "warm", "--quiet"]) == 0  # machine code is kept
