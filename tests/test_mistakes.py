@@ -393,12 +393,20 @@ def test_an_interruption_before_the_first_step_leaves_nothing(name, scene):
     assert not Path("out").exists()
 
 
-def test_what_breaks_a_run_from_outside_leaves_a_restart(scene):
-    def report(info):
-        if info.step == 17:
-            raise OSError("the terminal has gone")
+def fails(info):
+    if info.step == 17:
+        raise OSError("the terminal has gone")
 
-    with pytest.raises(OSError, match="has gone"):
+
+def asks_twice(info):
+    if info.step == 17:
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.parametrize(("report", "error"), [(fails, OSError), (asks_twice, KeyboardInterrupt)])
+def test_what_breaks_a_run_from_outside_leaves_a_restart(report, error, scene):
+    with pytest.raises(error, match=r"has gone|at once; --resume goes on"):
         fc.runner.run_scene(fc.scene.load("sheet.toml"), "out", report=report)
     assert restart.files(Path("out"))[0].name == "restart_000000017.npz"
     assert main(["run", "sheet.toml", "-o", "whole", "--quiet"]) == 0
