@@ -266,8 +266,11 @@ def _add_cloth(plotter, cloth, shot: Shot, pyvista) -> None:
 
 
 def _colour_bar(shot: Shot) -> dict:
-    field, scale = FIELDS[shot.field], shot.size[1] / 720
+    """A third of a wide picture, up to 0.8 of a tall one, with letters that it has room for."""
+    field, (width, height) = FIELDS[shot.field], shot.size
+    long = min(0.8, 0.34 * max(1.0, 16 / 9 * height / width))
+    scale = min(height / 720, long * width / (0.34 * 1280))
     title = f"{field.title} [{field.unit}]" if field.unit else field.title
     fonts = {"title_font_size": round(16 * scale), "label_font_size": round(13 * scale)}
-    place = {"width": 0.34, "height": 0.1, "position_x": 0.63, "position_y": 0.02}
+    place = {"width": long, "height": 0.1, "position_x": 0.97 - long, "position_y": 0.02}
     return {"title": title, "color": "#1b2027", "n_labels": 2, "fmt": "%.4g", **fonts, **place}

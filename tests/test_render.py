@@ -58,6 +58,13 @@ def test_pictures_show_the_cloth_at_their_times(draw):
         assert not mask[:, [0, -1]].any()
 
 
+def test_a_tall_picture_has_room_for_its_words(draw):
+    picture = imageio.imread(draw("tall.png", "--size", "390x844"))[..., :3]
+    dark = picture.max(axis=2) < 110
+    assert dark[730:].sum() > 50  # title and ends of the colour bar
+    assert not dark[:, [0, 1, -2, -1]].any()
+
+
 def test_checks_are_those_of_a_weave(draw):
     """Of four squares two have one dark thread and one has two; there is no colour bar."""
     picture = imageio.imread(draw("checks.png", "--field", "checks"))[..., :3]
