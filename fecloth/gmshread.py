@@ -251,7 +251,7 @@ def _gmsh_model() -> Iterator:
 def _put_signals_back() -> None:
     """Python's handlers again: Gmsh lets SIGTERM, and a pipe without a reader, end the process."""
     if threading.current_thread() is threading.main_thread():
-        for name in ("SIGTERM", "SIGPIPE"):
+        for name in ("SIGTERM", "SIGPIPE", "SIGHUP"):  # the last one ignored by nohup
             number = getattr(signal, name, None)
             if number and (handler := signal.getsignal(number)) is not None:
                 signal.signal(number, handler)

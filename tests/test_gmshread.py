@@ -1,8 +1,9 @@
 """Gmsh: its session is left as it was, and its missing libraries are named."""
 
 import builtins
-import os
 import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -57,19 +58,23 @@ def test_missing_system_libraries_are_named(monkeypatch):
     refused(["libGLU.so.1", "libglu1-mesa", "libxft2", "apt-get"], 1, 1, 0.5, by=rectangle)
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork, no SIGPIPE")
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no such signals")
 def test_gmsh_leaves_the_signals_to_python():
-    """A process of its own, which the signals would end."""
-    if not (child := os.fork()):
-        told = []
-        signal.signal(signal.SIGTERM, lambda *_: told.append("term"))
-        rectangle(1.0, 1.0, h=0.5)
-        os.kill(os.getpid(), signal.SIGTERM)
-        reader, writer = os.pipe()
-        os.close(reader)
-        try:
-            os.write(writer, b"x")
-        except BrokenPipeError:
-            told.append("pipe")
-        os._exit(0 if told == ["term", "pipe"] else 1)
-    assert os.waitpid(child, 0)[1] == 0
+    """A new process, as it takes them the first time only; the signals would end it."""
+    code = """
+import os, signal
+from fecloth.meshing import rectangle
+signal.signal(signal.SIGTERM, lambda *_: print("term"))
+signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+rectangle(1.0, 1.0, h=0.5)
+os.kill(os.getpid(), signal.SIGTERM)
+os.kill(os.getpid(), signal.SIGHUP)
+reader, writer = os.pipe()
+os.close(reader)
+try:
+    os.write(writer, b"x")
+except BrokenPipeError:
+    print("pipe")
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (run.returncode, run.stdout.split()) == (0, ["term", "pipe"])
