@@ -16,7 +16,7 @@ from .mkl import threads
 from .newmark import GeneralizedAlpha, Newmark
 from .scene import Built
 from .stability import element_bound
-from .system import System
+from .system import State, System
 
 POOR = 0.3  # quality of a triangle; 1 is equilateral, 0.87 half a square
 STRAINED = 0.2  # of a cloth that hangs: measured constants hold for a few per cent
@@ -101,8 +101,8 @@ def wave_speed(fabric: Fabric) -> float:
 def doubts(built: Built) -> list[str]:
     """A sentence for each thing that is likely to disappoint, with what to do."""
     units = odd(built.system.fabric, built.cloth, built.dt)
-    found = (_mesh(built), _weight(built), _wrinkles(built), _fast_waves(built), _damping(built))
-    return [sentence for each in (units, *found) for sentence in each]
+    asked = (_mesh, _weight, _wrinkles, _flat, _fast_waves, _damping)
+    return [*units, *(sentence for doubt in asked for sentence in doubt(built))]
 
 
 def _mesh(built: Built) -> Iterator[str]:
@@ -155,6 +155,25 @@ def _wrinkles(built: Built) -> Iterator[str]:
         yield (
             f"wrinkles under its own weight are about {wave:.2g} m long, and the edges {edge:.2g} "
             f"m: the mesh will shape them; h <= {wave / RESOLVED:.2g} m shows them"
+        )
+
+
+def _flat(built: Built) -> Iterator[str]:
+    """What is in a plane, and pushed along it only, stays there: it cannot even buckle."""
+    system, state = built.system, built.state
+    _, extents, axes = np.linalg.svd(state.x - state.x.mean(axis=0), full_matrices=False)
+    if not set(BENDING) & set(_kinds(system)) or extents[2] > 1e-9 * extents[0]:
+        return
+    normal, length = axes[2], built.t_end - state.t
+    pushed = [state.v]
+    for t in state.t + length * np.array([0.0, 0.13, 0.37, 0.71, 1.0]):
+        x, v = system.constraints.target(state.t, t - state.t, state.x)
+        pushed += [x - state.x, v, system.force(State(t, state.x, state.v))]
+    if all(np.abs(y @ normal).max() <= 1e-9 * np.abs(y).max() for y in pushed):
+        yield (
+            "the cloth starts in a plane, and nothing pushes it out: it will not bend, nor buckle "
+            "where it is compressed. Bend it a little, as [start] position = "
+            '["X", "0.001 * sin(9 * X)", "Y"] does a sheet that hangs'
         )
 
 

@@ -60,6 +60,7 @@ DOUBTS = {
     "if it was meant in ms, write 0.005": ["time.dt=5", "time.t_end=10"],
     "wrinkles under its own weight": ["fabric.bending_rigidity=1e-7"],
     "without bending stiffness": ["terms.1.type=StVK"],
+    "starts in a plane": ['start.plane="xz"', "terms.2.acceleration=[0, 0, -0.01]"],
     "may gain energy": ["time.method=implicit_midpoint"],
     "BackwardEuler takes about 25 %": ["time.method=backward_euler", "time.dt=0.03"],
 }
@@ -78,6 +79,14 @@ def test_no_doubt_where_the_reason_is_taken_away(scene):
     assert doubts(scene, "time.method=implicit_midpoint", damped) == []
     assert doubts(scene, "time.method=energy_momentum") == []
     assert doubts(scene, *SOFT, "pins=[]") == []
+    hung = ['start.plane="xz"', "terms.2.acceleration=[0, 0, -0.01]"]
+    assert doubts(scene, *hung, 'start.velocity=["0", "1e-3", "0"]') == []
+    assert doubts(scene, *hung, "terms.2.acceleration=[0, 1e-3, -0.01]") == []
+    assert doubts(scene, *hung, "terms.1.type=StVK", "terms.2.acceleration=[0, 0, 0]") == []
+    bent = 'start.position=["X", "1e-4 * sin(9 * X)", "Y"]'
+    assert doubts(scene, "terms.2.acceleration=[0, 0, -0.01]", bent) == []
+    motion = 'pins.0.motion=["0", "1e-3 * sin(t)", "0"]'
+    assert doubts(scene, *hung, motion) == []
     assert doubts(scene, *SOFT, "terms.2.acceleration=[0, 0, -0.1]") == []
 
 
