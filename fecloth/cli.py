@@ -284,7 +284,8 @@ def _info(options) -> int:
         built = scene.build()
         built, _, why = settled_scene(built)
         lines = [*described(built.cloth), *sources(built.system.fabric)]
-        lines += [*foresight.plan(built, why), *foresight.doubts(built)]
+        lines += foresight.plan(built, why)
+        lines += [f"warning: {doubt}" for doubt in foresight.doubts(built)]
         print("\n".join(lines))
         return 0
     for name, found in versions().items():

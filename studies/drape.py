@@ -86,10 +86,11 @@ def draw(folders: dict[str, Path], words: dict[str, str], target: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="coarse, and no picture")
+    parser.add_argument("--quick", action="store_true", help="coarse; a picture if asked for")
     parser.add_argument("--h", type=float, default=0.006, help="edge length [m]")
-    parser.add_argument("--picture", type=Path, default=HERE / "drape.png")
+    parser.add_argument("--picture", type=Path, help="where to (studies/drape.png)")
     options = parser.parse_args()
+    picture = options.picture or (None if options.quick else HERE / "drape.png")
     h = 0.015 if options.quick else options.h
     with tempfile.TemporaryDirectory() as folder:
         folders = {fabric: Path(folder) / fabric for fabric in FABRICS}
@@ -101,9 +102,9 @@ def main() -> int:
         }
         for fabric in FABRICS:
             print(f"{fabric:22s} {words[fabric]}")
-        if not options.quick:
-            draw(folders, words, options.picture)
-            print(f"wrote {options.picture}")
+        if picture:
+            draw(folders, words, picture)
+            print(f"wrote {picture}")
     return 0
 
 

@@ -31,6 +31,8 @@ FILLED = {"DIR": "out/SCENE", "my.toml": "SCENE.toml", "mesh FILE": "meshes/squa
 FILLED |= {"render FILE": "swing.gif"}
 SHORTER = {
     "studies/scenes/flag.toml": ["cloth.h=0.1", "time.t_end=0.48"],
+    "studies/scenes/drape.toml": ["cloth.h=0.02", "time.t_end=0.1"],
+    "napkin.toml": ["cloth.h=0.05", "time.t_end=0.1"],
     "SCENE.toml": ["cloth.h=0.2", "time.t_end=0.1", "output.restart_steps=10"],
 }
 MINIMAL = """
