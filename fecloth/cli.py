@@ -21,13 +21,14 @@ from .checks import CHECKS
 from .cloth import Cloth
 from .collect import run
 from .describe import described, sources
+from .disk import WriteError
 from .errors import FeclothError, FeclothWarning, InputError
 from .march import StepInfo
 from .meshwrite import write_mesh
 from .progress import progress
 from .record import Ledger
 from .render import render
-from .runfolder import WriteError, versions
+from .runfolder import versions
 from .runner import DONE, FAILED, run_scene, settled_scene
 from .scene import Built, Scene, Verdict, check, load
 from .series import FIELDS

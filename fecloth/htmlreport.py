@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .runfolder import replace_file
+from .disk import replace_file
 from .series import Frame
 from .svgchart import chart
 from .viewer import filled, packed, shown_fields, title_of

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from .cloth import Cloth
+from .disk import writing
 from .errors import InputError
 from .output import MESHIO
-from .runfolder import writing
 
 
 def write_mesh(path: Path, cloth: Cloth) -> None:

@@ -29,8 +29,8 @@ import numpy as np
 
 from . import asked
 from .cloth import Cloth
+from .disk import lengthen, replace_file, writing
 from .errors import InputError
-from .runfolder import lengthen, replace_file, writing
 from .system import State, System
 from .terms.membrane import deformation_gradient, principal_stretches
 from .vtu import LISTS, Arrays, encode_vtu

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 
-from .runfolder import on_disk, replace_file, writing
+from .disk import on_disk, replace_file, writing
 
 
 @contextmanager

@@ -21,13 +21,14 @@ import numpy as np
 from .adaptive import Control
 from .atlimit import Limited
 from .bdf2 import Change
+from .disk import on_disk, replace_file, writing
 from .errors import InputError
 from .explicit import LastForce
 from .march import Memory
 from .mkl import threads
 from .newmark import Acceleration
 from .record import Ledger
-from .runfolder import on_disk, replace_file, versions, writing
+from .runfolder import versions
 from .system import State
 
 FORMAT = 1

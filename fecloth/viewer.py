@@ -20,8 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
+from .disk import replace_file
 from .errors import InputError
-from .runfolder import replace_file
 from .series import FIELDS, Frame, Series, field_values, rim, straight
 
 MOST_BYTES = 60e6

@@ -30,10 +30,10 @@ from pathlib import Path
 import numpy as np
 
 from .cloth import Cloth
+from .disk import WriteError, replace_file, writing
 from .errors import InputError
 from .output import fields, kinematics
 from .redo import changed
-from .runfolder import WriteError, replace_file, writing
 from .system import State, System
 from .vtu import CELLS, Arrays
 
