@@ -1,7 +1,7 @@
 """Published fabrics: the numbers of fabrics.toml, as they stand in their sources, as a `Fabric`.
 
-Three kinds of measurement, named apart where they have the same fabric (denim). All are of a cloth
-that is hardly strained: under load real cloth stiffens, which `StVK` does not.
+Two kinds of measurement, named apart where they have the same fabric (denim). Both are of a
+cloth that is hardly strained: under load real cloth stiffens, which `StVK` does not.
 
 **Clyde, Teran and Tamstorf (2017)**, Modeling and Data-Driven Parameter Estimation for Woven
 Fabrics, Symposium on Computer Animation: commercially available tests of each fabric, to which an
@@ -28,10 +28,6 @@ so that B = k/4 (see `HingeBending`). The direction v is taken as warp or wale: 
 the stiffer one, and elastane lies in the weft. Of the ten fabrics navy-sparkle-sweat is left out:
 its moduli are not positive definite. The authors ask to be cited; whoever passes their data files
 on should ask for their terms.
-
-**FAST**, the instruments of the textile industry: one card that is printed whole, and reads as
-`Fabric.from_fast` reads it. It is a student's, and not refereed; that its bending rigidity, shear
-rigidity and formability follow from its readings is what the tests hold it to.
 """
 
 from __future__ import annotations
@@ -40,7 +36,6 @@ import tomllib
 from functools import cache
 from importlib.resources import files
 
-from . import measured
 from .errors import InputError
 from .formula import nearest
 
@@ -97,7 +92,7 @@ def orthotropic(C11: float, C12: float, C22: float, G: float) -> dict:
     }
 
 
-_READ = {"clyde": clyde, "wang": wang, "fast": measured.fast}
+_READ = {"clyde": clyde, "wang": wang}
 
 
 @cache

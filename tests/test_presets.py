@@ -14,7 +14,7 @@ from fecloth import cli, describe, presets
 from fecloth.errors import InputError, SceneError
 from fecloth.scene import load
 
-WOVEN = ["silk", "cotton", "polyester-tablecloth", "wool-fast", "trousers", "canvas"]
+WOVEN = ["silk", "cotton", "polyester-tablecloth", "trousers", "canvas"]
 WOVEN += ["denim-wang", "denim-clyde", "wool-coating"]
 KNITTED = ["interlock", "rib-knit", "ponte-roma"]
 GRAM_FORCE = 9.80665e-3  # N
@@ -60,8 +60,8 @@ def test_they_span_silk_to_coating_and_are_sorted():
     density = [fc.Fabric.preset(name).areal_density for name in fc.Fabric.presets()]
     assert density == sorted(density)
     assert density[0] < 0.1 < 0.4 < density[-1]
-    assert len(density) >= 10
-    assert sum(fc.Fabric.preset(name).bending is not None for name in fc.Fabric.presets()) >= 10
+    assert len(density) == 14
+    assert sum(fc.Fabric.preset(name).bending is not None for name in fc.Fabric.presets()) == 9
 
 
 def test_woven_ones_are_stiffer_than_knitted_ones():
@@ -220,7 +220,9 @@ def test_hysteresis_changes_no_force():
 
 # --- FAST -----------------------------------------------------------------------------------------
 
-# The one printed whole in fabrics.toml, a plain weave of wool, with what its authors made of it.
+# A plain weave of wool with what was made of its readings, in a student's laboratory report of
+# 2014 (bartleby.com/essay/Fabric-Assurance-by-Simple-TestingF-A-S-P3YWEKCTJ, its extensions at
+# majortests.com): good for arithmetic, not for a preset, as nobody has refereed it.
 CARD = {"W": 168, "E5": (0.67, 0.40), "E20": (1.87, 1.87), "E100": (4.60, 5.87)}
 CARD |= {"EB5": 4.7, "C": (15.00, 14.50), "T2": 0.99}
 PRINTED = {"B": (5.56, 5.02), "G": 26.17, "F": (0.45, 0.50)}  # µN m, N/m, mm²
@@ -236,11 +238,6 @@ def test_a_real_card_gives_what_its_authors_print():
         b * (e20 - e5) / 14.7 for b, e20, e5 in zip(rigidity, CARD["E20"], CARD["E5"], strict=True)
     ]
     assert tuple(round(f, 2) for f in formability) == PRINTED["F"]
-
-
-def test_the_preset_is_that_card():
-    wool = dataclasses.replace(fc.Fabric.preset("wool-fast"), source="FAST")
-    assert wool == fc.Fabric.from_fast(CARD, load=20)
 
 
 def test_fast_fields_become_si():
@@ -396,7 +393,7 @@ def test_each_fabric_in_the_list_names_its_source(capsys):
     assert cli.main(["info", "--fabrics"]) == 0
     out = capsys.readouterr().out
     told = dict(re.findall(r"^\[(\d)\] (.*(?:\n {4}.*)*)", out, re.MULTILINE))
-    assert len(told) == 3
+    assert len(told) == 2
     for name in fc.Fabric.presets():
         what, number = re.search(rf"^{name}: (.*) \[(\d)\]$", out, re.MULTILINE).groups()
         assert f"{what}. {' '.join(told[number].split())}" == fc.Fabric.preset(name).source
