@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import checks
 from .disk import replace_file
 from .errors import InputError
 from .series import FIELDS, Frame, Series, field_values, rim, straight
@@ -108,6 +109,7 @@ def filled(template: str, data: dict, parts: Mapping[str, str] | None = None, **
     `parts` are HTML and go in as they are; `words` are escaped.
     """
     script = part("viewer.js").replace("VIRIDIS;", f"{json.dumps(VIRIDIS)};")
+    script = script.replace("CHECKED;", f"{json.dumps(checks.SHADES)};")
     plain = json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
     pieces = {"style": part("page.css"), "cloth": part("cloth.html"), "script": script}
     pieces |= {"data": plain, **(parts or {})}
@@ -159,7 +161,17 @@ def packed(frames, fields: Sequence[str], start: int | None = 0) -> dict:
             _field(name, np.array(values[name]), values[name][0].size == points.shape[1])
             for name in fields
         ],
+        "checks": _checks(frame),
     }
+
+
+def _checks(frame: Frame) -> dict | None:
+    """Material coordinates of the nodes in squares, and a square's side [m]."""
+    if "displacement" not in frame.point_data:
+        return None
+    X = checks.material(frame)
+    side = checks.side(X)
+    return {"side": side, "material": _text((X / side).astype("<f4"))}
 
 
 def _field(name: str, values: np.ndarray, nodal: bool) -> dict:

@@ -67,6 +67,14 @@ def test_the_page_holds_the_motion_and_the_fields(run):
     assert data["fields"][0]["count"] == data["cells"] == len(system.cloth.triangles)
 
 
+def test_the_page_holds_the_material_coordinates_in_squares(run):
+    _, system, _, page = run
+    checks = data_of(page)["checks"]
+    at = np.frombuffer(base64.b64decode(checks["material"]), "<f4").reshape(-1, 2)
+    assert checks["side"] == 0.05
+    assert checks["side"] * at == pytest.approx(system.cloth.X, abs=1e-6)
+
+
 def test_it_opens_offline(run):
     assert not re.search(r"https?://|\b(src|href)=|@import|url\(|fetch\(|import\(", run[3])
 
@@ -207,6 +215,24 @@ def test_field_mouse_and_play(run, browser):
     page.slide(0)
     page.page.locator(".play").click()
     page.page.wait_for_function('document.querySelector(".time").value > 0', timeout=5000)
+    assert not page.troubles
+
+
+@pytest.mark.parametrize("run", ["P1"], indirect=True)
+def test_checks_are_those_of_a_weave(run, browser):
+    """Of four squares one is white, two have one dark thread and one has two."""
+    page = Page(browser, run[0] / "view.html", 1280, 1600)
+    page.slide(8)
+    page.page.locator(".field").select_option(label="checks")
+    shown = page.pixels()
+    red, blue = shown[..., 0], shown[..., 2]
+    two, one = red < 0.5 * blue, (red > 0.6 * blue) & (red < 0.85 * blue)
+    assert two.sum() > 1000
+    assert 1.6 < one.sum() / two.sum() < 2.4
+    assert page.page.locator(".legend").inner_text().strip() == "squares of 0.05 m"
+    page.page.locator(".field").select_option(label="speed")
+    assert "m/s" in page.page.locator(".legend").inner_text()
+    assert page.page.locator(".ramp").is_visible()
     assert not page.troubles
 
 

@@ -3,30 +3,37 @@
 
 // viridis (Smith and van der Walt 2015, CC0) at eleven equal steps
 const COLOURS = VIRIDIS;
+const SHADES = CHECKED;  // of a weave's squares, with no, one and two dark threads
 const LIGHT = normalize([0.35, -0.5, 0.9]);
+const CHECKS = -1;
 const HALF_ANGLE = (15 * Math.PI) / 180;
 
 const VERTEX = `#version 300 es
-in vec3 position; in vec3 normal; in float value;
+in vec3 position; in vec3 normal; in float value; in vec2 material;
 uniform mat4 camera; uniform vec3 light; uniform float ground; uniform int part;
-out vec3 at; out vec3 across; out float shade;
+out vec3 at; out vec3 across; out float shade; out vec2 weave;
 void main() {
   at = position;
   if (part == 1) at -= light * (position.z - ground) / light.z;  // its shadow
-  across = normal; shade = value;
+  across = normal; shade = value; weave = material;
   gl_Position = camera * vec4(at, 1.0);
 }`;
 
 // part 0: the cloth, 1: its shadow, 2: the ground, 3: its rim
 const FRAGMENT = `#version 300 es
 precision highp float; precision highp int;
-in vec3 at; in vec3 across; in float shade;
-uniform vec3 light, eye, middle, colours[11]; uniform float size; uniform int part;
+in vec3 at; in vec3 across; in float shade; in vec2 weave;
+uniform vec3 light, eye, middle, colours[11], shades[3]; uniform float size;
+uniform int part, checked;
 out vec4 colour;
 const vec3 PAPER = vec3(0.965, 0.97, 0.975);
 float lines(vec2 p, float spacing) {
   vec2 q = p / spacing, w = fwidth(q), d = abs(fract(q - 0.5) - 0.5) / max(w, vec2(1e-6));
   return (1.0 - min(min(d.x, d.y), 1.0)) * clamp(1.0 - 2.0 * max(w.x, w.y), 0.0, 1.0);
+}
+float dark(float p) {  // every second strip of width 1, its edges as soft as a pixel
+  float w = max(fwidth(p), 1e-6);
+  return clamp((abs(mod(p, 2.0) - 1.5) - 0.5) / -w + 0.5, 0.0, 1.0);
 }
 void main() {
   float fade = smoothstep(1.0, 0.3, length(at.xy - middle.xy) / (4.0 * size));
@@ -42,6 +49,11 @@ void main() {
   float s = clamp(shade, 0.0, 1.0) * 10.0;
   int i = int(min(s, 9.0));
   vec3 base = mix(colours[i], colours[i + 1], s - float(i));
+  if (checked == 1) {
+    float threads = dark(weave.x) + dark(weave.y);
+    base = threads < 1.0 ? mix(shades[0], shades[1], threads)
+      : mix(shades[1], shades[2], threads - 1.0);
+  }
   if (!gl_FrontFacing) base *= 0.86;
   float lit = 0.6 + 0.32 * max(dot(n, light), 0.0) + 0.22 * max(dot(n, to), 0.0);
   float gleam = 0.12 * pow(max(dot(n, normalize(light + to)), 0.0), 24.0);
@@ -61,6 +73,8 @@ function unpack(text, Kind) {
 
 // --- what is drawn ------------------------------------------------------------------------------
 
+const WIDTH = 9;  // numbers of a vertex: position, normal, value, material coordinates in squares
+
 class Cloth {
   constructor(data) {
     this.data = data;
@@ -68,8 +82,9 @@ class Cloth {
     this.triangles = unpack(data.triangles, Uint32Array);
     this.rim = unpack(data.rim, Uint32Array);
     this.fields = data.fields.map((f) => ({ ...f, values: unpack(f.values, Uint16Array) }));
-    this.vertices = new Float32Array(7 * this.triangles.length);
-    this.edge = new Float32Array(7 * this.rim.length);
+    this.material = data.checks ? unpack(data.checks.material, Float32Array) : null;
+    this.vertices = new Float32Array(WIDTH * this.triangles.length);
+    this.edge = new Float32Array(WIDTH * this.rim.length);
   }
 
   positions(frame) {
@@ -101,7 +116,7 @@ class Cloth {
     return n;
   }
 
-  // Position, normal and value (0 to 1 on the colour bar) of three corners for each triangle.
+  // Three corners for each triangle; values go from 0 to 1 on the colour bar.
   fill(frame, field) {
     const x = this.positions(frame), n = this.normals(x), t = this.triangles, out = this.vertices;
     const f = this.fields[field], from = frame * f.count, scale = (f.high - f.low) / 65535;
@@ -110,12 +125,13 @@ class Cloth {
       const node = t[i], k = f.per === "node" ? node : Math.floor(i / 3 / parts);
       const value = f.low + scale * f.values[from + k];
       for (let c = 0; c < 3; c++) {
-        out[7 * i + c] = x[3 * node + c];
-        out[7 * i + 3 + c] = n[3 * node + c];
+        out[WIDTH * i + c] = x[3 * node + c];
+        out[WIDTH * i + 3 + c] = n[3 * node + c];
       }
-      out[7 * i + 6] = (value - f.shown[0]) / span;
+      out[WIDTH * i + 6] = (value - f.shown[0]) / span;
+      if (this.material) out.set(this.material.subarray(2 * node, 2 * node + 2), WIDTH * i + 7);
     }
-    this.rim.forEach((node, i) => this.edge.set(x.subarray(3 * node, 3 * node + 3), 7 * i));
+    this.rim.forEach((node, i) => this.edge.set(x.subarray(3 * node, 3 * node + 3), WIDTH * i));
   }
 }
 
@@ -188,7 +204,7 @@ class Scene {
     this.buffers = [0, 1, 2].map(() => gl.createBuffer());
     const r = 5 * this.size, corners = [[-r, -r], [r, -r], [-r, r], [r, r]];
     const floor = corners.flatMap(([x, y]) => [
-      this.middle[0] + x, this.middle[1] + y, this.ground, 0, 0, 1, 0]);
+      this.middle[0] + x, this.middle[1] + y, this.ground, 0, 0, 1, 0, 0, 0]);
     this.send(2, new Float32Array(floor));
   }
 
@@ -202,7 +218,8 @@ class Scene {
       const log = gl.getShaderInfoLog(shader);
       if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(log);
     }
-    ["position", "normal", "value"].forEach((name, i) => gl.bindAttribLocation(program, i, name));
+    const inputs = ["position", "normal", "value", "material"];
+    inputs.forEach((name, i) => gl.bindAttribLocation(program, i, name));
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
       throw new Error(gl.getProgramInfoLog(program));
@@ -217,8 +234,10 @@ class Scene {
     gl.bufferData(gl.ARRAY_BUFFER, values, gl.DYNAMIC_DRAW);
   }
 
+  // A field by its number; CHECKS for the squares of a weave in its place.
   show(frame, field) {
-    this.cloth.fill(frame, field);
+    this.checked = field === CHECKS;
+    this.cloth.fill(frame, this.checked ? 0 : field);
     this.send(0, this.cloth.vertices);
     this.send(1, this.cloth.edge);
     this.draw();
@@ -229,9 +248,9 @@ class Scene {
   part(number, buffer, mode, count) {
     const gl = this.gl;
     gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers[buffer]);
-    [[0, 3, 0], [1, 3, 12], [2, 1, 24]].forEach(([i, size, offset]) => {
+    [[0, 3, 0], [1, 3, 12], [2, 1, 24], [3, 2, 28]].forEach(([i, size, offset]) => {
       gl.enableVertexAttribArray(i);
-      gl.vertexAttribPointer(i, size, gl.FLOAT, false, 28, offset);
+      gl.vertexAttribPointer(i, size, gl.FLOAT, false, 4 * WIDTH, offset);
     });
     gl.uniform1i(this.at("part"), number);
     gl.drawArrays(mode, 0, count);
@@ -250,6 +269,8 @@ class Scene {
     gl.uniform3fv(this.at("eye"), eye);
     gl.uniform3fv(this.at("middle"), this.middle);
     gl.uniform3fv(this.at("colours"), COLOURS.flat().map((x) => x / 255));
+    gl.uniform3fv(this.at("shades"), SHADES.flat().map((x) => x / 255));
+    gl.uniform1i(this.at("checked"), this.checked ? 1 : 0);
     gl.uniform1f(this.at("size"), this.size);
     gl.uniform1f(this.at("ground"), this.ground);
     const corners = this.cloth.triangles.length;
@@ -309,10 +330,15 @@ function steer(canvas, camera, draw) {
 
 function figures(value) { return Number(value.toPrecision(4)).toString(); }
 
-function legend(element, field) {
+function legend(element, field, side) {
+  element.querySelector(".ramp").hidden = !field;
   const stops = COLOURS.map((c) => `rgb(${c})`).join(",");
   element.querySelector(".ramp").style.background = `linear-gradient(to right, ${stops})`;
   const [low, high] = element.querySelectorAll(".end");
+  if (!field) {
+    [low.textContent, high.textContent] = [`squares of ${figures(side)} m`, ""];
+    return;
+  }
   low.textContent = figures(field.shown[0]);
   high.textContent = `${figures(field.shown[1])} ${field.unit}`;
 }
@@ -329,12 +355,13 @@ function showCloth(element, data) {
   const show = () => {
     const frame = Number(slider.value), field = Number(chooser.value);
     find(".now").textContent = `t = ${figures(data.times[frame])} s`;
-    legend(find(".legend"), cloth.fields[field]);
+    legend(find(".legend"), cloth.fields[field], data.checks && data.checks.side);
     scene.show(frame, field);
   };
   slider.max = data.times.length - 1;
   slider.value = data.start;
   cloth.fields.forEach((f, i) => chooser.add(new Option(f.title, i)));
+  if (data.checks) chooser.add(new Option("checks", CHECKS));
   for (const input of [slider, chooser]) input.addEventListener("input", show);
   let timer = 0;
   const stop = () => { clearInterval(timer); timer = 0; play.textContent = "▶\uFE0E"; };
