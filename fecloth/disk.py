@@ -100,7 +100,7 @@ def alone(path: Path) -> Iterator[None]:
 def _holder(path: Path) -> str:
     """Who writes there, as its log says."""
     with suppress(OSError):
-        lines = (path / "run.log").read_text(encoding="utf-8").splitlines()
+        lines = (path / "run.log").read_text(encoding="utf-8", errors="replace").splitlines()
         if found := [line for line in lines if " process " in line]:
             when, _, words = found[-1].partition(" ")
             return f"another run writes there: {words.split(';')[0]}, since {when}"

@@ -238,8 +238,8 @@ def _gmsh_model() -> Iterator:
             yield gmsh
         return
     # Not interruptible: Gmsh would replace Python's handler of Ctrl-C for good.
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    _put_signals_back()
+    with _own_signals():
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         _set_options(gmsh, _OPTIONS)
         gmsh.model.add("fecloth")
@@ -248,13 +248,25 @@ def _gmsh_model() -> Iterator:
         gmsh.finalize()
 
 
-def _put_signals_back() -> None:
-    """Python's handlers again: Gmsh lets SIGTERM, and a pipe without a reader, end the process."""
-    if threading.current_thread() is threading.main_thread():
-        for name in ("SIGTERM", "SIGPIPE", "SIGHUP"):  # the last one ignored by nohup
-            number = getattr(signal, name, None)
-            if number and (handler := signal.getsignal(number)) is not None:
-                signal.signal(number, handler)
+@contextlib.contextmanager
+def _own_signals() -> Iterator[None]:
+    """Python's handlers afterwards: Gmsh lets SIGTERM, and a pipe without reader, end the process.
+
+    What is sent meanwhile waits, where the system can hold it back.
+    """
+    names = ("SIGTERM", "SIGPIPE", "SIGHUP")  # the last one ignored by nohup
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    masks = hasattr(signal, "pthread_sigmask")
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers) if masks else None
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            for number in numbers:
+                if (handler := signal.getsignal(number)) is not None:
+                    signal.signal(number, handler)
+        if masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextlib.contextmanager

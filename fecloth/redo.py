@@ -8,6 +8,7 @@ ACM Transactions on Database Systems 17, 94-162), with one record.
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -65,6 +66,13 @@ def recover(path: Path) -> None:
         redo.unlink()
 
 
+def anew(path: Path, data: bytes) -> None:
+    """Replace the whole file; changes that were begun on the old one are forgotten."""
+    with writing(path):
+        _redo(path).unlink(missing_ok=True)
+    replace_file(path, data)
+
+
 def _read(redo: Path) -> tuple[int, list, memoryview] | None:
     """Size, places and bytes; None where a power cut has left a part: no change was begun."""
     head, _, data = redo.read_bytes().partition(b"\n")
@@ -97,7 +105,9 @@ def _reserve(path: Path, size: int) -> None:
     with path.open("r+b") as file:
         try:
             os.posix_fallocate(file.fileno(), before, size - before)
-        except OSError:
+        except OSError as error:
+            if error.errno in (errno.EOPNOTSUPP, errno.EINVAL):  # a drive that reserves nothing
+                return
             file.truncate(before)
             _redo(path).unlink()
             raise

@@ -17,8 +17,8 @@ import numpy as np
 
 from . import checks
 from .checks import CHECKS
+from .disk import writing
 from .errors import InputError
-from .runfolder import writing
 from .series import FIELDS, Frame, Series, field_values, rim, straight
 from .viewer import PERCENT, View, view_of
 

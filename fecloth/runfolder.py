@@ -139,9 +139,7 @@ class RunFolder:
 
 
 def _written(path):
-    """The files in a folder that fecloth wrote there."""
-    for name in (*TABLES, *TEXTS):
-        yield from (file for file in (path / name, path / f"{name}.part") if file.is_file())
+    """The files in a folder that fecloth wrote there; last those that make it known as a run's."""
     for pattern in LISTS:
         for file in [*path.glob(pattern), *path.glob(f"{pattern}.part")]:
             if b'"frames/frame_' in file.read_bytes():
@@ -150,6 +148,8 @@ def _written(path):
         yield from (path / "frames").glob(pattern)
     for pattern in ("restart_*.npz", "restart_*.npz.part"):
         yield from (path / "restart").glob(pattern)
+    for name in (*TEXTS, *TABLES):
+        yield from (file for file in (path / name, path / f"{name}.part") if file.is_file())
 
 
 class Table:

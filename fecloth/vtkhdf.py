@@ -30,10 +30,10 @@ from pathlib import Path
 import numpy as np
 
 from .cloth import Cloth
-from .disk import WriteError, replace_file, writing
+from .disk import WriteError, writing
 from .errors import InputError
 from .output import fields, kinematics
-from .redo import changed
+from .redo import anew, changed
 from .system import State, System
 from .vtu import CELLS, Arrays
 
@@ -143,7 +143,7 @@ def _new(path: Path) -> Iterator:
     stream = io.BytesIO()
     with h5py().File(stream, "w") as file:
         yield file
-    replace_file(path, stream.getvalue())
+    anew(path, stream.getvalue())
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from choose_rule import Rule
 from choose_tables import Missing, Tables, explicit, first_order, second_order, still
 from speed_grid import MODEL
 
-from fecloth.runfolder import replace_file
+from fecloth.disk import replace_file
 
 HEAD = """What the studies say of a scene before it runs, in their numbers. The next section lists
 methods, the one after it draws all runs; `python studies/needs.py --scene my.toml` runs yours, and

@@ -28,8 +28,8 @@ from needs_numbers import table as numbers_of
 from needs_predicted import predicted
 from needs_variants import Variant, variants
 
+from fecloth.disk import replace_file
 from fecloth.errors import FeclothError
-from fecloth.runfolder import replace_file
 from fecloth.scene import load
 from fecloth.scenefile import written
 

@@ -1,5 +1,6 @@
 """Changes in place: all of a block or none, wherever the process is killed and the disk full."""
 
+import errno
 import os
 import random
 import signal
@@ -7,7 +8,7 @@ import signal
 import pytest
 
 from fecloth.errors import InputError
-from fecloth.redo import changed, recover
+from fecloth.redo import anew, changed, recover
 
 
 @pytest.fixture
@@ -54,12 +55,16 @@ def test_an_error_in_the_block_changes_nothing(file):
     assert [f.name for f in file.parent.iterdir()] == ["it"]
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.parametrize("whole", [True, False])
 def test_what_a_killed_process_had_begun_is_made_or_forgotten(file, whole, monkeypatch):
     monkeypatch.setattr("fecloth.redo._make", lambda *_: os._exit(1))
     if not (child := os.fork()):
-        write(file, (198, b"abcdef"))
-    assert os.waitpid(child, 0)[1] != 0
+        try:
+            write(file, (198, b"abcdef"))
+        finally:
+            os._exit(2)  # it must not go on as a second pytest
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 1
     monkeypatch.undo()
     left = file.with_name("it.redo")
     if not whole:  # as a power cut leaves it, before the first change
@@ -88,6 +93,27 @@ def test_without_room_the_file_is_as_it_was(file):
         signal.signal(signal.SIGXFSZ, before)
     assert file.read_bytes() == bytes(range(200))
     assert [f.name for f in file.parent.iterdir()] == ["it"]
+
+
+def test_changes_to_a_file_are_not_made_to_the_next_of_its_name(file, monkeypatch):
+    with monkeypatch.context() as patched:
+        patched.setattr("fecloth.redo._make", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            write(file, (0, b"old"))
+    assert file.with_name("it.redo").exists()
+    anew(file, b"another file")
+    write(file, (8, b"FILE"))
+    assert file.read_bytes() == b"another FILE"
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="no room can be reserved here")
+def test_a_drive_that_reserves_no_room_is_written_all_the_same(file, monkeypatch):
+    def refuses(*_):
+        raise OSError(errno.EOPNOTSUPP, "Operation not supported")
+
+    monkeypatch.setattr(os, "posix_fallocate", refuses)
+    write(file, (200, b"more"))
+    assert file.read_bytes() == bytes(range(200)) + b"more"
 
 
 @pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="no room can be reserved here")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import os
@@ -49,6 +50,26 @@ def test_overwrite_leaves_foreign_files_alone(small, isotropic, tmp_path):
     fill(again, system, system.rest())
     RunFolder.create(again.path, overwrite=True)
     assert not (again.path / "frames").exists()
+
+
+def test_what_is_cut_short_while_it_overwrites_can_be_overwritten(
+    small, isotropic, tmp_path, monkeypatch
+):
+    system = fc.System(small, isotropic, [fc.StVK()])
+    unlink = Path.unlink
+
+    def killed(path):
+        if not left:
+            raise KeyboardInterrupt
+        left.pop()
+        unlink(path)
+
+    fill(RunFolder.create(tmp_path / "run"), system, system.rest())
+    while any((tmp_path / "run").iterdir()):  # by one file at a time
+        left = [None]
+        with monkeypatch.context() as patched, contextlib.suppress(KeyboardInterrupt):
+            patched.setattr(Path, "unlink", killed)
+            RunFolder.create(tmp_path / "run", overwrite=True)
 
 
 def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):

@@ -15,8 +15,9 @@ from functools import cache
 from pathlib import Path
 
 import fecloth
+from fecloth.disk import replace_file
 from fecloth.errors import InputError
-from fecloth.runfolder import replace_file, versions
+from fecloth.runfolder import versions
 
 from . import failures, workers
 

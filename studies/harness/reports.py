@@ -12,7 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fecloth.runfolder import replace_file, versions
+from fecloth.disk import replace_file
+from fecloth.runfolder import versions
 
 LONGEST = 300  # characters of a cell
 Row = Mapping[str, object]
