@@ -17,6 +17,7 @@ from pathlib import Path
 from rich.console import Console
 
 from . import foresight, linear, restart
+from .built import Built
 from .checks import CHECKS
 from .cloth import Cloth
 from .collect import run
@@ -30,9 +31,10 @@ from .record import Ledger
 from .render import render
 from .runfolder import versions
 from .runner import DONE, FAILED, run_scene, settled_scene
-from .scene import Built, Scene, Verdict, check, load
+from .scene import Scene, load
 from .series import FIELDS
 from .swatches import listed
+from .verdict import Verdict, check
 from .viewer import write_view
 
 STATUS = """exit status:
@@ -254,7 +256,7 @@ def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]
         result = run(*arguments, **options, report=report)
     if result.doubt:
         print(f"warning: {result.doubt}", file=sys.stderr)
-    return check(scene, result.times, result.observed, result.energies)
+    return check(scene.expect, result.times, result.observed, result.energies)
 
 
 # --- mesh -----------------------------------------------------------------------------------------

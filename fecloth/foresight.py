@@ -9,12 +9,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from . import linear
+from .built import Built
 from .fabric import Fabric
 from .integrators import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
 from .magnitudes import odd
 from .mkl import threads
 from .newmark import GeneralizedAlpha, Newmark
-from .scene import Built
 from .stability import element_bound
 from .system import State, System
 

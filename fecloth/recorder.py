@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from . import restart as restarts
+from .built import Built
 from .collect import balanced
 from .disk import WriteError, on_disk
 from .errors import FeclothError, InputError, StepFailed
@@ -22,7 +23,6 @@ from .output import Frames, fields
 from .record import Ledger, doubt
 from .restart import Restart
 from .runfolder import RunFolder, peak_memory, versions
-from .scene import Built
 from .series import Frame
 from .system import System
 from .terms.membrane import principal_stretches

@@ -27,6 +27,7 @@ from pathlib import Path
 
 from . import restart as restarts
 from .auto import Auto
+from .built import Built
 from .cloth import Cloth
 from .collect import run
 from .disk import alone, writing
@@ -40,7 +41,7 @@ from .record import Ledger
 from .recorder import DONE, FAILED, INTERRUPTED, Outcome, Recorder, sizes_of
 from .restart import Restart
 from .runfolder import RunFolder
-from .scene import Built, Scene
+from .scene import Scene
 from .settle import settled
 from .system import System
 from .watch import Watch

@@ -9,10 +9,10 @@ and so is what formulas give; text may be a number with another unit of the same
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,11 +23,10 @@ from . import linear, scenefile
 from . import scenetables as tables
 from .atlimit import refuse_unstable
 from .bendingtensor import bending_note
+from .built import Built
 from .cloth import Cloth
 from .constraints import Constraints
-from .errors import InputError, MeshError, SceneError
-from .formula import nearest
-from .newton import Newton
+from .errors import InputError, SceneError
 from .observe import Observer, Probe
 from .output import read_frame
 from .panel import Panel
@@ -35,47 +34,10 @@ from .pins import DERIVATIVE_STEP, Pin
 from .record import Ledger
 from .scenestart import Start
 from .scenetime import Output, Time
-from .schema import Table, as_tuples, exactly_one, placed, scene_error
+from .schema import Table, as_tuples, exactly_one, scene_error, told_at
 from .system import State, System
 from .times import step_times
-
-
-@dataclass(frozen=True, eq=False)
-class Built:
-    """The objects of a scene, ready for `march`.
-
-    Attributes
-    ----------
-    cloth, system, state, method, dt, t_end
-        As `march` takes them; state is the start.
-    newton, linear
-        Options of the nonlinear solve, and the choice of the linear solver.
-    probes
-        For `run`.
-    frame_steps, stops
-        Steps between two frames of the output; or, where that is None, their times.
-    frame_format
-        "vtu" or "vtkhdf".
-    note
-        A line to say before the run, or "".
-    restarts
-        Steps (an int) or seconds between two restart files; None for none.
-    """
-
-    cloth: Cloth
-    system: System
-    state: State
-    method: object
-    dt: float | None
-    t_end: float
-    newton: Newton
-    linear: str
-    probes: tuple[Probe, ...]
-    frame_steps: int | None
-    stops: tuple[float, ...]
-    frame_format: str = "vtu"
-    note: str = ""
-    restarts: int | float | None = None
+from .verdict import refuse_times, refuse_unknown
 
 
 class Scene(Table):
@@ -136,18 +98,14 @@ class Scene(Table):
         return self
 
     def require_expectations(self) -> None:
-        """Raise `SceneError` if [expect] is empty or asks for a time after the end.
+        """Raise `SceneError` if [expect] is empty or asks for a time that the run does not pass.
 
         For `check`, before the run; a run that is shortened by hand need not mind.
         """
         if not self.expect:
             remedy = "Add one, as in: sag = { value = 0.1, relative = 0.01 }"
             raise SceneError("no [expect] table", "nothing to check", self._source, remedy)
-        for name, expectations in self.expect.items():
-            for at in (e.at for e in expectations):
-                if at is not None and at > self.time.t_end:
-                    allowed = f"must be at most time.t_end = {self.time.t_end} [s]"
-                    raise SceneError(f"expect.{name}.at = {at}", allowed, self._source)
+        refuse_times(self.expect, self.time.t_start, self.time.t_end, self._source)
 
     # --- to text ------------------------------------------------------------------------------
 
@@ -289,34 +247,13 @@ class Scene(Table):
     def _check_expected(self, system: System, state: State, probes: tuple[Probe, ...]) -> None:
         if not (self.expect or self.interest):
             return
-        rows = (
-            Observer.bind(system, state, probes).row(None, None),
-            Ledger.open(system, state).row(),
-        )
-        names = sorted({name for row in rows for name in row} - {"t"})
-        for name in self.expect:
-            if name not in names:
-                allowed = f"unknown quantity; this run has {', '.join(names)}"
-                raise SceneError(f"expect.{name}", allowed, self._source, nearest(name, names))
-        names += [name[:-2] for name in names if name.endswith(".x")]  # probes, by all components
-        for key, asked in self.interest or ():
-            for name in set(asked) - set(names) - ({"displacement"} if key == "end" else set()):
-                allowed = f"unknown quantity; this run has {', '.join(names)}"
-                what = f"interest.{key}: {name}"
-                raise SceneError(what, allowed, self._source, nearest(name, names))
+        observed = Observer.bind(system, state, probes).row(None, None)
+        names = sorted({*observed, *Ledger.open(system, state).row()} - {"t"})
+        refuse_unknown(self.expect, self.interest, names, self._source)
 
-    @contextlib.contextmanager
-    def _at(self, key: str) -> Iterator[None]:
+    def _at(self, key: str) -> AbstractContextManager[None]:
         """Refusals of the objects, told as what the scene says at `key`."""
-        try:
-            yield
-        except SceneError:
-            raise
-        except InputError as error:
-            what = placed(key, error)
-            if isinstance(error, MeshError) and key == "cloth":  # where: the mesh file
-                what = f"{key}: {error.where}: {error.what}"
-            raise SceneError(what, error.allowed, self._source, error.remedy) from error
+        return told_at(key, self._source)
 
 
 def _each(given: Any, function: Callable) -> Any:
@@ -364,62 +301,3 @@ def _scene(terms: Mapping[str, type]) -> type[Scene]:
     if not terms:
         return Scene
     return create_model("Scene", __base__=Scene, terms=(tuple[tables.terms_with(terms), ...], ()))
-
-
-# --- after the run --------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """A line of ``fecloth check``: the value of a column against what the scene expects.
-
-    Attributes
-    ----------
-    name, at
-        Column, and time [s] (the end of the run if the scene names none).
-    value, expected, tolerance
-        In the column's unit; `tolerance` is the allowed difference.
-    passed
-        Whether ``|value − expected| <= tolerance``.
-    """
-
-    name: str
-    at: float
-    value: float
-    expected: float
-    tolerance: float
-    passed: bool
-
-    def __str__(self) -> str:
-        return (
-            f"{'ok' if self.passed else 'FAILED':<6} {self.name} at {self.at:g} s: "
-            f"{self.value:.8g}, expected {self.expected:.8g} ± {self.tolerance:.2g}"
-        )
-
-
-def check(
-    scene: Scene,
-    times: np.ndarray,
-    observed: Mapping[str, np.ndarray],
-    energies: Mapping[str, np.ndarray],
-) -> list[Verdict]:
-    """Compare a run's columns with the scene's [expect], by `Result`'s arrays of that name.
-
-    Between two steps values are interpolated linearly; a time that the run did not reach, and a
-    value that is not a number, do not pass.
-    """
-    columns = {**energies, **observed}
-    return [
-        _verdict(name, expectation, times, columns[name])
-        for name, expectations in scene.expect.items()
-        for expectation in expectations
-    ]
-
-
-def _verdict(
-    name: str, expected: tables.Expectation, times: np.ndarray, column: np.ndarray
-) -> Verdict:
-    at = float(times[-1]) if expected.at is None else expected.at
-    value = float(np.interp(at, times, column, right=np.nan))
-    passed = abs(value - expected.value) <= expected.tolerance
-    return Verdict(name, at, value, expected.value, expected.tolerance, passed)

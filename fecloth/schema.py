@@ -9,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 import reprlib
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Annotated, Any, ClassVar, ForwardRef, Literal, Union
 
 from pydantic import (
@@ -23,7 +24,7 @@ from pydantic import (
     model_validator,
 )
 
-from .errors import InputError, SceneError
+from .errors import InputError, MeshError, SceneError
 from .formula import nearest
 from .hints import holds_tables, in_si, options, phrase, writable
 
@@ -187,6 +188,20 @@ def placed(key: str, error: InputError, value: Any = None) -> str:
     if len(first) > 1 and first[1] in ("=", "is") and first[0].isidentifier():
         return f"{key}.{error.what}".removeprefix(".")
     return f"{key}: {error.what}".removeprefix(": ")
+
+
+@contextmanager
+def told_at(key: str, where: str) -> Iterator[None]:
+    """Refusals of a scene's objects as what the scene `where` says at `key`."""
+    try:
+        yield
+    except SceneError:
+        raise
+    except InputError as error:
+        what = placed(key, error)
+        if isinstance(error, MeshError) and key == "cloth":  # where: the mesh file
+            what = f"{key}: {error.where}: {error.what}"
+        raise SceneError(what, error.allowed, where, error.remedy) from error
 
 
 def _short(value: Any) -> str:

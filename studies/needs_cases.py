@@ -13,12 +13,13 @@ import harness
 import numpy as np
 
 import fecloth as fc
+from fecloth.built import Built
 from fecloth.collect import balanced, columns
 from fecloth.counts import Counts
 from fecloth.errors import InputError
 from fecloth.observe import Observer
 from fecloth.runner import compile_kernels
-from fecloth.scene import Built, Scene, load
+from fecloth.scene import Scene, load
 from fecloth.scenetables import Interest
 from fecloth.settle import settled
 from fecloth.step import Step

@@ -24,7 +24,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
 import fecloth as fc
-from fecloth.scene import Built, Scene
+from fecloth.built import Built
+from fecloth.scene import Scene
 
 FIRST_ORDER = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler", "ForwardEuler")
 DAMPED = ("BackwardEuler", "LinearlyImplicitEuler", "BDF2")

@@ -13,9 +13,10 @@ import numpy as np
 import scipy.linalg
 
 import fecloth as fc
+from fecloth.built import Built
 from fecloth.explicit import EXPLICIT
 from fecloth.integrators import METHODS
-from fecloth.scene import Built, load
+from fecloth.scene import load
 
 ALL = {**METHODS, **EXPLICIT}
 STABLE, WRONG, NEWTON, BLOWN = "stable", "stable but wrong", "Newton failed", "blew up"

@@ -20,7 +20,7 @@ import fecloth as fc
 from fecloth import output, terms
 from fecloth.atlimit import AtLimit
 from fecloth.integrators import METHODS
-from fecloth.scene import Scene, check, load
+from fecloth.scene import Scene, load
 from fecloth.scenefile import overridden, read, written
 
 ROOT = Path(__file__).parents[1]
@@ -85,6 +85,8 @@ def test_expectations_are_asked_for_by_check_only(file):
         scene.require_expectations()
     with pytest.raises(fc.SceneError, match=r"no \[expect\] table"):
         load(file, ["expect={}"]).require_expectations()
+    with pytest.raises(fc.SceneError, match=r"at = 0.01: must be at least time.t_start = 0.05"):
+        load(file, ["expect.sag.at=0.01", "time.t_start=0.05"]).require_expectations()
 
 
 def refusal(path, *overrides) -> str:
@@ -581,31 +583,6 @@ def test_any_valid_scene_loads_again_to_an_equal_one(tmp_path_factory, data):
 
 
 # --- after the run --------------------------------------------------------------------------------
-
-
-def _columns(**columns):
-    return {name: np.array(values) for name, values in columns.items()}
-
-
-def test_check_compares_at_the_end_and_between_steps(file):
-    expect = (
-        "expect={sag = {value = 2.0, relative = 0.1}, total = ["
-        "{value = 5.0, absolute = 0.01, at = 0.05}, {value = 5.0, absolute = 0.01, at = 0.1}]}"
-    )
-    scene = load(file, [expect])
-    times = np.array([0.0, 0.04, 0.08])
-    at_end, between, beyond = check(
-        scene, times, _columns(sag=[0.0, 1.0, 2.19]), _columns(total=[0.0, 4.0, 8.0])
-    )
-    assert dataclasses.astuple(at_end) == ("sag", 0.08, 2.19, 2.0, 0.2, True)
-    assert (between.name, between.at, between.passed) == ("total", 0.05, True)
-    assert between.value == pytest.approx(5.0)
-    assert math.isnan(beyond.value)
-    assert not beyond.passed
-    missed, *_ = check(
-        scene, times, _columns(sag=[0.0, 1.0, 2.21]), _columns(total=[0.0, 4.0, 8.0])
-    )
-    assert not missed.passed
 
 
 def test_interest_names_columns_probes_and_the_field(file):
