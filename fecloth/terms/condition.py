@@ -3,7 +3,7 @@
 A condition C(x) with r components on a stencil of k nodes, a stiffness k_s and a damping k_d give
 (Baraff and Witkin 1998, Large Steps in Cloth Simulation, equations in brackets)
 
-    energy   ½ Cᵀ k_s C                                                               (6)
+    energy   ½ Cᵀ k_s C                                                       (above (7))
     force    f_a = −∂C_a k_s C                                                        (7)
     K_ab   = ∂C_a k_s ∂C_bᵀ + Σ_r (k_s C)_r ∂²C_r,ab                                  (8)
     damping  d_a = −∂C_a k_d Ċ,  Ċ = Σ_a ∂C_aᵀ v_a                                   (11)

@@ -49,7 +49,7 @@ class NeoHookean:
 
     Valid for isotropic fabrics at any stretch, as a law; as a rubber to strains of some 20 %, for
     it does not know the limit at which chains, or yarns, are straight. Where `StVK` softens in
-    compression, here S grows at least as 1/J² and W without bound, so that no equilibrium has a
+    compression, here S grows at least as 1/J and W without bound, so that no equilibrium has a
     collapsed triangle; but J is the area ratio without a sign, and a large step may turn a
     triangle over.
 

@@ -26,7 +26,7 @@ class TensorCondition:
     `StVK` with ν = 0 and tensile stiffness 4k (so G = 2k), at the same cost.
 
     Source: the condition as the energy k/2 CᵀC follows Baraff and Witkin (1998), Large Steps in
-    Cloth Simulation, eq. 6.
+    Cloth Simulation, section 4.1 (above its eq. 7).
 
     Valid where `StVK` is, for a cloth that does not contract as it is stretched: small strains,
     any rotation; it gives way below a stretch of 1/√3.

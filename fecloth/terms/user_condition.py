@@ -24,7 +24,7 @@ class Condition:
 
     These and their Hessians follow from C, ∂C and ∂²C. C works on all stencils at once, on arrays.
 
-    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 6–8 and 11–13; see
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 7, 8 and 11–13; see
     `fecloth.terms.condition`.
 
     Valid where C is twice differentiable, which it must be at every state that is met: a length
