@@ -161,8 +161,10 @@ def _wrinkles(built: Built) -> Iterator[str]:
 def _flat(built: Built) -> Iterator[str]:
     """What is in a plane, and pushed along it only, stays there: it cannot even buckle."""
     system, state = built.system, built.state
+    if not set(BENDING) & set(_kinds(system)):
+        return
     _, extents, axes = np.linalg.svd(state.x - state.x.mean(axis=0), full_matrices=False)
-    if not set(BENDING) & set(_kinds(system)) or extents[2] > 1e-9 * extents[0]:
+    if extents[2] > 1e-9 * extents[0]:
         return
     normal, length = axes[2], built.t_end - state.t
     pushed = [state.v]
@@ -179,10 +181,12 @@ def _flat(built: Built) -> Iterator[str]:
 
 def _fast_waves(built: Built) -> Iterator[str]:
     method, system = built.method, built.system
-    limit = element_bound(system, "central_difference")
     gains = isinstance(method, GAINING) and getattr(method, "rho_inf", 1.0) > 0
     damped = any(term.dissipative for term in system.bound)
-    if gains and not damped and built.dt and built.dt > UNRESOLVED * limit:
+    if not (gains and built.dt) or damped:
+        return
+    limit = element_bound(system, "central_difference")
+    if built.dt > UNRESOLVED * limit:
         yield (
             f"dt = {built.dt:g} s is {built.dt / limit:.0f} times the explicit limit and nothing "
             f"damps: {type(method).__name__} may gain energy from waves that it does not resolve; "

@@ -15,7 +15,7 @@ from .stencilbound import bound_of_squares, squares
 
 
 class Kernels(NamedTuple):
-    """A family's compiled entry points, each one of the loops above written out with it."""
+    """A family's compiled entry points, each one of the loops of `condition` with it."""
 
     energy: Callable
     power: Callable
