@@ -1,11 +1,9 @@
-"""Gmsh in: its session, and geometry and mesh files as plain arrays."""
+"""Gmsh in: geometry and mesh files as plain arrays."""
 
 from __future__ import annotations
 
 import contextlib
 import re
-import signal
-import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,29 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from .errors import InputError, MeshError
+from .gmshsession import gmsh_model, set_options
 
 _LARGEST = 20_000_000  # triangles; beyond it h is taken for a slip
 _DIMENSIONS = ("point", "curve", "surface")
-_PACKAGES = (
-    "libglu1-mesa libgl1 libgomp1 libx11-6 libxext6 libxrender1 libxfixes3 libxcursor1 "
-    "libxft2 libxinerama1 libfontconfig1 zlib1g"
-)
-# Of Gmsh's 2-D algorithms, on 50,000 triangles: 6 (Frontal-Delaunay) gives mean quality 0.999 and
-# edges of length h in 0.6 s; 5 (Delaunay) 0.952 in 0.5 s; 1 (MeshAdapt) 0.959 in 2 s. More than
-# one smoothing sweep lifts only the worst triangle, 0.79 to 0.82, for 1.7 times the time.
-_OPTIONS = {
-    "General.Terminal": 0,
-    "General.NumThreads": 1,
-    "Mesh.Algorithm": 6,
-    "Mesh.Smoothing": 1,
-    "Mesh.ElementOrder": 1,
-    "Mesh.RecombineAll": 0,
-    "Mesh.MeshSizeFactor": 1,
-    "Mesh.MeshSizeMin": 0,
-    "Mesh.MeshSizeMax": 1e22,
-    "Mesh.MeshSizeFromPoints": 1,
-    "Mesh.MeshSizeExtendFromBoundary": 1,
-}
 
 
 @dataclass(frozen=True)
@@ -79,7 +58,7 @@ def check_positive(name: str, value, where: str) -> None:
 
 def gmsh_plane(draw: Callable, where: str) -> tuple[np.ndarray, np.ndarray]:
     """X (n, 2) and triangles (m, 3) of the surface that ``draw(gmsh.model.geo)`` builds."""
-    with _gmsh_model() as gmsh:
+    with gmsh_model() as gmsh:
         draw(gmsh.model.geo)
         gmsh.model.geo.synchronize()
         with _refusals("Gmsh cannot mesh it", where):
@@ -97,7 +76,7 @@ def from_geo(path: Path, h: float | None) -> RawMesh:
         what = "the last line holds several statements and does not end"
         raise MeshError(what, "Gmsh reads only the first", where, "End the file with a new line.")
     constant = re.search(r"DefineConstant\s*\[[^\]]*\bh\s*=", text)
-    with _gmsh_model() as gmsh:
+    with gmsh_model() as gmsh:
         if h is not None:
             check_positive("h", h, where)
             if constant:
@@ -117,7 +96,7 @@ def _limit_size(gmsh, h: float, where: str, uniform: bool) -> None:
     if np.isfinite(lengths).all() and lengths[2] > 0:
         check_size(h, lengths[2], lengths[1] * lengths[2], where)
     if uniform:
-        _set_options(gmsh, {"Mesh.MeshSizeMin": h, "Mesh.MeshSizeMax": h})
+        set_options(gmsh, {"Mesh.MeshSizeMin": h, "Mesh.MeshSizeMax": h})
 
 
 def from_msh(path: Path) -> RawMesh:
@@ -127,7 +106,7 @@ def from_msh(path: Path) -> RawMesh:
     if not start.startswith((b"$MeshFormat", b"$Comments", b"$NOD")):
         # Gmsh would take it for a .geo file, and stumble over the next one that is
         raise MeshError(f"begins with {start[:20]!r}", "must begin with $MeshFormat", str(path))
-    with _gmsh_model() as gmsh:
+    with gmsh_model() as gmsh:
         remedy = "Look for nan, inf or a number that is missing, or write it anew."
         with _refusals("Gmsh cannot read it", str(path), remedy):
             gmsh.merge(str(path))
@@ -218,92 +197,6 @@ def refuse_cells(counts: dict[str, int], where: str) -> None:
         found = ", ".join(f"{count} {kind}" for kind, count in counts.items())
         remedy = "Split quadrilaterals, and mesh with order 1."
         raise MeshError(f"cells of type {found}", "must be 3-node triangles", where, remedy)
-
-
-def _import_gmsh():
-    try:
-        import gmsh
-    except (OSError, ImportError) as error:
-        remedy = f"Debian and Ubuntu: apt-get install {_PACKAGES}; then pip install gmsh."
-        raise MeshError(f"Gmsh cannot be imported ({error})", remedy=remedy) from error
-    return gmsh
-
-
-@contextlib.contextmanager
-def _gmsh_model() -> Iterator:
-    """Gmsh with an empty model of ours; a session that the user has open is left as it was."""
-    gmsh = _import_gmsh()
-    if gmsh.isInitialized():
-        with _kept_session(gmsh):
-            yield gmsh
-        return
-    # Not interruptible: Gmsh would replace Python's handler of Ctrl-C for good.
-    with _own_signals():
-        gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        _set_options(gmsh, _OPTIONS)
-        gmsh.model.add("fecloth")
-        yield gmsh
-    finally:
-        gmsh.finalize()
-
-
-@contextlib.contextmanager
-def _own_signals() -> Iterator[None]:
-    """Python's handlers afterwards: Gmsh lets SIGTERM, and a pipe without reader, end the process.
-
-    What is sent meanwhile waits, where the system can hold it back.
-    """
-    names = ("SIGTERM", "SIGPIPE", "SIGHUP")  # the last one ignored by nohup
-    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    masks = hasattr(signal, "pthread_sigmask")
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers) if masks else None
-    try:
-        yield
-    finally:
-        if threading.current_thread() is threading.main_thread():
-            for number in numbers:
-                if (handler := signal.getsignal(number)) is not None:
-                    signal.signal(number, handler)
-        if masks:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextlib.contextmanager
-def _kept_session(gmsh) -> Iterator[None]:
-    """A model of ours beside the user's; options that a .geo file sets itself do remain set."""
-    current, models = gmsh.model.getCurrent(), gmsh.model.list()
-    options = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
-    parser, onelab = _parser_values(gmsh), gmsh.onelab.get()
-    name = "fecloth"
-    while name in models:
-        name += "_"
-    try:
-        gmsh.parser.clear()
-        gmsh.onelab.clear()
-        _set_options(gmsh, _OPTIONS)
-        gmsh.model.add(name)
-        yield
-    finally:
-        gmsh.model.setCurrent(name)
-        gmsh.model.remove()
-        gmsh.model.setCurrent(current)
-        _set_options(gmsh, options)
-        gmsh.parser.clear()
-        for key, numbers, strings in parser:
-            gmsh.parser.setString(key, strings) if strings else gmsh.parser.setNumber(key, numbers)
-        gmsh.onelab.clear()
-        gmsh.onelab.set(onelab)
-
-
-def _set_options(gmsh, options: dict[str, float]) -> None:
-    for name, value in options.items():
-        gmsh.option.setNumber(name, value)
-
-
-def _parser_values(gmsh):
-    parser = gmsh.parser
-    return [(key, parser.getNumber(key), parser.getString(key)) for key in parser.getNames()]
 
 
 @contextlib.contextmanager
