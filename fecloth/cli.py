@@ -26,11 +26,12 @@ from .disk import WriteError
 from .errors import FeclothError, FeclothWarning, InputError
 from .march import StepInfo
 from .meshwrite import write_mesh
+from .outcome import DONE, FAILED
 from .progress import progress
 from .record import Ledger
 from .render import render
 from .runfolder import versions
-from .runner import DONE, FAILED, run_scene, settled_scene
+from .runner import run_scene, settled_scene
 from .scene import Scene, load
 from .series import FIELDS
 from .swatches import listed

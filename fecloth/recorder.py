@@ -5,8 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -19,43 +17,20 @@ from .htmlreport import stretch_row, write_report
 from .march import Memory, StepInfo, march
 from .newton import Solver
 from .observe import Observer
+from .outcome import FAILED, Outcome, sizes_of
 from .output import Frames, fields
 from .record import Ledger, doubt
 from .restart import Restart
 from .runfolder import RunFolder, peak_memory, versions
 from .series import Frame
-from .system import System
 from .terms.membrane import principal_stretches
 from .vtkhdf import HdfFrames
 from .watch import Watch
 
-DONE, FAILED, INTERRUPTED = "done", "failed", "interrupted"
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """How a run ended.
-
-    Attributes
-    ----------
-    status
-        "done", "failed" or "interrupted".
-    folder, summary
-        Where everything lies, and what summary.json says.
-    ledger
-        At the last good state.
-    error
-        Why it failed.
-    warning
-        What to doubt, "" for nothing.
-    """
-
-    status: str
-    folder: Path
-    summary: dict
-    ledger: Ledger
-    error: FeclothError | None = None
-    warning: str = ""
+FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
+_PCG = 'take linear = "pcg" in [solver], or a coarser mesh.'
+_TABLES = ("steps", "energies", "observed", "strains")
+_COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
 
 
 class Recorder:
@@ -253,6 +228,26 @@ class Recorder:
         """A sentence if the energy balance does not close."""
         return doubt(self.built.system, self.ledger, self.turnover, self.built.state.t)
 
+    def _summary(self, status: str, why: str, error: str | None, warning: str | None) -> dict:
+        """What summary.json says."""
+        return {
+            "status": status,
+            "error": error,
+            "warning": warning,
+            "t": self.state.t,
+            "t_end": self.built.t_end,
+            **sizes_of(self.built.system),
+            "method": str(self.built.method),
+            **self.counts,
+            "frames": len(self.frames.times),
+            "open": self.frames.opens.name,
+            "solver": why,
+            "seconds": self.watch.seconds | {"total": self.watch.total},
+            "ledger": self.ledger.row(),
+            "peak_memory_MB": peak_memory(),
+            "versions": versions(),
+        }
+
     def close(self, status: str, why: str, error: FeclothError | None) -> Outcome:
         """The last good state as a frame, the summary, the last line of the log."""
         try:
@@ -263,24 +258,8 @@ class Recorder:
             status, error = FAILED, error or full
         for table in self.tables.values():
             table.close()
-        seconds = self.watch.seconds | {"total": self.watch.total}
-        summary = {
-            "status": status,
-            "error": str(error) if error else None,
-            "warning": (warning := self.doubt()) or None,
-            "t": self.state.t,
-            "t_end": self.built.t_end,
-            **sizes_of(self.built.system),
-            "method": str(self.built.method),
-            **self.counts,
-            "frames": len(self.frames.times),
-            "open": self.frames.opens.name,
-            "solver": why,
-            "seconds": seconds,
-            "ledger": self.ledger.row(),
-            "peak_memory_MB": peak_memory(),
-            "versions": versions(),
-        }
+        warning = self.doubt()
+        summary = self._summary(status, why, str(error) if error else None, warning or None)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         try:
             self.folder.summary(summary)
@@ -291,17 +270,3 @@ class Recorder:
         except InputError as full:
             status, error = FAILED, error or full
         return Outcome(status, self.folder.path, summary, self.ledger, error, warning)
-
-
-FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
-_PCG = 'take linear = "pcg" in [solver], or a coarser mesh.'
-_TABLES = ("steps", "energies", "observed", "strains")
-_COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
-
-
-def sizes_of(system: System) -> dict:
-    return {
-        "nodes": len(system.cloth.X),
-        "triangles": len(system.cloth.triangles),
-        "free_dofs": system.admissible.shape[1],
-    }

@@ -36,9 +36,10 @@ from .foresight import doubts
 from .march import StepInfo
 from .newton import Solver
 from .observe import Observer
+from .outcome import DONE, FAILED, INTERRUPTED, Outcome, sizes_of
 from .output import fields
 from .record import Ledger
-from .recorder import DONE, FAILED, INTERRUPTED, Outcome, Recorder, sizes_of
+from .recorder import Recorder
 from .restart import Restart
 from .runfolder import RunFolder
 from .scene import Scene
