@@ -71,7 +71,7 @@ def gmsh_plane(draw: Callable, where: str) -> tuple[np.ndarray, np.ndarray]:
 def from_geo(path: Path, h: float | None) -> RawMesh:
     """Mesh a geometry file, with edge length h [m] if given."""
     where = str(path)
-    text = path.read_text(errors="replace")
+    text = path.read_text(encoding="utf-8", errors="replace")
     if text.splitlines()[-1:] and not text.endswith("\n") and text.splitlines()[-1].count(";") > 1:
         what = "the last line holds several statements and does not end"
         raise MeshError(what, "Gmsh reads only the first", where, "End the file with a new line.")

@@ -15,7 +15,6 @@ from .disk import WriteError, on_disk
 from .errors import FeclothError, InputError, StepFailed
 from .htmlreport import stretch_row, write_report
 from .march import Memory, StepInfo, march
-from .newton import Solver
 from .observe import Observer
 from .outcome import FAILED, Outcome, sizes_of
 from .output import Frames, fields
@@ -23,6 +22,7 @@ from .record import Ledger, doubt
 from .restart import Restart
 from .runfolder import RunFolder, peak_memory, versions
 from .series import Frame
+from .solver import Solver
 from .terms.membrane import principal_stretches
 from .vtkhdf import HdfFrames
 from .watch import Watch

@@ -34,7 +34,6 @@ from .disk import alone, writing
 from .errors import FeclothError, InputError
 from .foresight import doubts
 from .march import StepInfo
-from .newton import Solver
 from .observe import Observer
 from .outcome import DONE, FAILED, INTERRUPTED, Outcome, sizes_of
 from .output import fields
@@ -44,6 +43,7 @@ from .restart import Restart
 from .runfolder import RunFolder
 from .scene import Scene
 from .settle import settled
+from .solver import Solver
 from .system import System
 from .watch import Watch
 

@@ -18,10 +18,10 @@ from .cloth import Cloth
 from .errors import InputError, brief
 from .fabric import Fabric
 from .formula import Formula, Motion, Region
-from .newton import Newton
 from .observe import Probe
 from .pins import Pin, Slide
 from .schema import Table, exactly_one, one_of, table_of
+from .solver import Newton
 from .units import LENGTH, TIME, is_quantity
 
 _TAKEN = ("mean_displacement", "reaction")  # columns that no probe may be called

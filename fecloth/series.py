@@ -116,7 +116,7 @@ class Series:
         folder = Path(folder)
         listed, single = folder / "run.vtu.series", folder / "run.vtkhdf"
         if listed.is_file():
-            entries = json.loads(listed.read_text())["files"]
+            entries = json.loads(listed.read_text(encoding="utf-8"))["files"]
             files = [folder / entry["name"] for entry in entries]
             times = tuple(entry["time"] for entry in entries)
             return cls(folder, times, lambda i: _read_vtu(files[i], times[i]))

@@ -305,7 +305,7 @@ def until_first_row(command, environment, table: Path) -> float:
     begin = time.perf_counter()
     process = subprocess.Popen(command, env=environment)
     while process.poll() is None:
-        if table.exists() and table.read_text().count("\n") > 1:
+        if table.exists() and table.read_text(encoding="utf-8").count("\n") > 1:
             break
         time.sleep(0.01)
     seconds = time.perf_counter() - begin

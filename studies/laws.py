@@ -159,7 +159,7 @@ def main() -> None:
     every = 5 if options.quick else 1
     curves, moments = law_curves.responses(every), law_curves.moments()
     (out / "laws").mkdir(parents=True, exist_ok=True)
-    (out / "laws.md").write_text(page(curves, moments))
+    (out / "laws.md").write_text(page(curves, moments), encoding="utf-8")
     law_pictures.draw(out, curves, moments)
     print(f"wrote {out}/laws.md, laws.png and {len(curves) + len(moments) + 1} pictures")
 

@@ -18,7 +18,10 @@ from model_findings import NAMES, SCENES, Rows, conclude, finest, path, sentence
 
 def asked_of(options) -> Rows:
     """The rows of a user's scene: where each model ends, held against StVK."""
-    shared = {"path": str(options.scene.resolve()), "text": options.scene.read_text()}
+    shared = {
+        "path": str(options.scene.resolve()),
+        "text": options.scene.read_text(encoding="utf-8"),
+    }
     given = [name for name in NAMES if name != "BaraffWitkin p = 1"]  # matched to one h alone
     rows = harness.run_cases(
         [{**shared, "model": model} for model in given], own, **harness.running(options)

@@ -153,7 +153,7 @@ def _kept(cases: list[Case], out: Path, time_limit: float | None) -> dict[str, d
         path = _path(case, out)
         if not path.exists():
             continue
-        kept = json.loads(path.read_text())
+        kept = json.loads(path.read_text(encoding="utf-8"))
         late = kept["result"]["status"] == failures.LATE
         if late and (time_limit or math.inf) > (kept["time_limit"] or math.inf):
             continue  # it may make it now
