@@ -122,6 +122,8 @@ class Recorder:
     def to_end(self, report, interrupted: threading.Event) -> None:
         """March until the end or until interrupted."""
         built = self.built
+        if self.state.t >= built.t_end:  # it was killed while it closed
+            return
         run_ = built.system, built.method, self.state, built.dt, built.t_end
         options = {"stops": built.stops, "solver": self.solver}
         memory = self.memory if self.memory.step else None

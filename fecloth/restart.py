@@ -222,7 +222,8 @@ def drop_later(folder: Path, restart: Restart) -> None:
 def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> None:
     """Raise `InputError`, with the difference, for a restart of another scene.
 
-    `time.t_end` may be later than the restart, and what does not change a run may differ.
+    `time.t_end` may be another, and what does not change a run may differ; but there must be
+    something left to do, be it no more than the summary.
     """
     then, now = (_flat(tomllib.loads(text)) for text in (restart.scene, scene))
     keys = [key for key in {**then, **now} if then.get(key) != now.get(key)]
@@ -235,10 +236,19 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
     if restart.start != start:
         allowed = "the mesh, or the frame that it starts from, is another one than it was"
         raise InputError(f"another start than that of {folder}", allowed)
-    if not now["time.t_end"] > restart.state.t:
+    to_go = now["time.t_end"] - restart.state.t
+    if to_go < 0 or (to_go == 0 and _closed(folder, restart.state.t)):
         allowed = f"the run in {folder} has come to {restart.state.t:g} s already"
         remedy = "To go on beyond its end, raise it: --set time.t_end=..."
         raise InputError(f"time.t_end = {now['time.t_end']}", allowed, remedy=remedy)
+
+
+def _closed(folder: Path, t: float) -> bool:
+    """Whether a run has told that it came to t; one that is killed before has that to do."""
+    try:
+        return json.loads((folder / "summary.json").read_text(encoding="utf-8"))["t"] == t
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def _flat(data, key: str = "") -> dict:

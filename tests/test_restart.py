@@ -20,6 +20,7 @@ from fecloth.cli import main
 from fecloth.explicit import EXPLICIT
 from fecloth.integrators import METHODS
 from fecloth.output import Frames, read_frame
+from fecloth.recorder import Recorder
 from fecloth.runfolder import TABLES
 from fecloth.runner import run_scene
 from fecloth.scene import load
@@ -216,6 +217,31 @@ def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     expected, found = written(whole), written(broken)
     assert found.keys() == expected.keys()
     assert [file for file in expected if found[file] != expected[file]] == []
+
+
+def test_a_run_that_is_killed_while_it_closes_is_closed(scene, tmp_path, monkeypatch):
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    scene.write_text(TEXT + RUNS["AtLimit"])
+    run_scene(load(scene), tmp_path / "whole")
+    with monkeypatch.context() as patched:
+        patched.setattr(Recorder, "close", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run_scene(load(scene), tmp_path / "out")
+    assert not (tmp_path / "out" / "summary.json").exists()
+    outcome = run_scene(load(scene), tmp_path / "out", resume=True)
+    told = json.loads((tmp_path / "out" / "summary.json").read_text())
+    wanted = json.loads((tmp_path / "whole" / "summary.json").read_text())
+    different = ("seconds", "peak_memory_MB")
+    assert {k: v for k, v in told.items() if k not in different} == {
+        k: v for k, v in wanted.items() if k not in different
+    }
+    assert outcome.status == "done"
+    assert (tmp_path / "out" / "report.html").exists()
+    assert written(tmp_path / "out") == written(tmp_path / "whole")
+    with pytest.raises(fc.InputError, match="has come to 0.06 s already"):
+        run_scene(load(scene), tmp_path / "out", resume=True)
 
 
 def go_and_die(scene, folder):
