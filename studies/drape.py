@@ -1,9 +1,11 @@
-"""Cusick's drape test of published fabrics: python studies/drape.py [--quick] [--h 0.006]
+"""Cusick's drape test of published fabrics: python studies/drape.py [DIR ...]
 
 A round specimen of 0.3 m, held between two disks of 0.18 m, hangs over their edge. The drape
-coefficient is the share of the hanging ring that its shadow still covers (Cusick 1965): 1 for a
-board, small for what falls in deep folds. Prints it with the number of folds, and draws the three
-cloths of studies/drape.png, at the head of the README, where the extras [view] and [plot] are.
+coefficient is the share of the hanging ring that its shadow still covers (Cusick 1965, The
+dependence of fabric drape on bending and shear stiffness, J. Text. Inst. 56): 1 for a board, small
+for what falls in deep folds. Prints it with the number of folds, of the runs of
+studies/scenes/drape.toml in the folders that are named, or else of three fabrics, which it runs
+and draws into out/drape.png; that at the head of the README is made by --picture.
 
 It is no measurement: the folds are one of many states at rest. With --h 0.0045 the coefficients
 change by one hundredth, the folds by one.
@@ -15,11 +17,13 @@ import argparse
 import math
 import sys
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
 from fecloth.checks import material
+from fecloth.errors import InputError
 from fecloth.runner import run_scene
 from fecloth.scene import load
 from fecloth.series import Frame, Series
@@ -60,8 +64,7 @@ def folds(frame: Frame) -> int:
 def draped(fabric: str, h: float, folder: Path) -> Frame:
     scene = load(HERE / "scenes" / "drape.toml", [f"fabric={fabric}", f"cloth.h={h}"])
     run_scene(scene, folder)
-    series = Series.open(folder)
-    return series.read(len(series.times) - 1)
+    return last(folder)
 
 
 def draw(folders: dict[str, Path], words: dict[str, str], target: Path) -> None:
@@ -81,30 +84,49 @@ def draw(folders: dict[str, Path], words: dict[str, str], target: Path) -> None:
         ax.set(xticks=[], yticks=[])
         ax.spines[:].set_visible(False)
     figure.subplots_adjust(0.005, 0.085, 0.995, 0.915, 0.02)
+    target.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(target)
+
+
+def found(frame: Frame) -> str:
+    return f"drape coefficient {100 * drape_coefficient(frame):.0f} %, {folds(frame)} folds"
+
+
+def last(folder: Path) -> Frame:
+    series = Series.open(folder)
+    return series.read(len(series.times) - 1)
+
+
+def three(h: float, picture: Path | None) -> None:
+    """Drape `FABRICS`, print what they do, and draw them."""
+    if picture and not (find_spec("pyvista") and find_spec("matplotlib")):
+        print("no picture: it needs the extras [view] and [plot]")
+        picture = None
+    with tempfile.TemporaryDirectory() as folder:
+        folders = {fabric: Path(folder) / fabric for fabric in FABRICS}
+        words = {fabric: found(draped(fabric, h, run)) for fabric, run in folders.items()}
+        for fabric in FABRICS:
+            print(f"{fabric:22s} {words[fabric]}")
+        if picture:
+            try:
+                draw(folders, words, picture)
+                print(f"wrote {picture}")
+            except (ImportError, InputError) as missing:
+                print(f"no picture: {missing}")
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("runs", nargs="*", type=Path, metavar="DIR", help="folder of a drape test")
     parser.add_argument("--quick", action="store_true", help="coarse; a picture if asked for")
     parser.add_argument("--h", type=float, default=0.006, help="edge length [m]")
-    parser.add_argument("--picture", type=Path, help="where to (studies/drape.png)")
+    parser.add_argument("--picture", type=Path, help="where to (out/drape.png)")
     options = parser.parse_args()
-    picture = options.picture or (None if options.quick else HERE / "drape.png")
-    h = 0.015 if options.quick else options.h
-    with tempfile.TemporaryDirectory() as folder:
-        folders = {fabric: Path(folder) / fabric for fabric in FABRICS}
-        frames = {fabric: draped(fabric, h, run) for fabric, run in folders.items()}
-        found = {fabric: (drape_coefficient(f), folds(f)) for fabric, f in frames.items()}
-        words = {
-            fabric: f"drape coefficient {100 * coefficient:.0f} %, {count} folds"
-            for fabric, (coefficient, count) in found.items()
-        }
-        for fabric in FABRICS:
-            print(f"{fabric:22s} {words[fabric]}")
-        if picture:
-            draw(folders, words, picture)
-            print(f"wrote {picture}")
+    for folder in options.runs:
+        print(f"{folder!s:22s} {found(last(folder))}")
+    if not options.runs:
+        standard = None if options.quick else Path("out/drape.png")
+        three(0.015 if options.quick else options.h, options.picture or standard)
     return 0
 
 

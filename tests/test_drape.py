@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+import drape
 import numpy as np
 import pytest
 from drape import SPECIMEN, SUPPORT, drape_coefficient, folds, shadow_area
@@ -54,3 +55,16 @@ def test_a_fold_under_the_rim_keeps_the_shadow_of_what_is_above_it():
 def test_folds_are_counted_along_the_rim(count):
     wavy = shaped(lambda r, a: r, lambda r, a: 0.01 * np.cos(count * a + 0.3))
     assert folds(wavy) == count
+
+
+def test_without_the_extras_there_is_no_picture_but_the_numbers(monkeypatch, capsys):
+    def missing(*_):
+        raise ImportError("No module named 'imageio'")
+
+    monkeypatch.setattr("sys.argv", ["drape.py"])
+    monkeypatch.setattr(drape, "draped", lambda *_: shaped(lambda r, a: r, lambda r, a: 0 * r))
+    monkeypatch.setattr(drape, "draw", missing)
+    assert drape.main() == 0
+    said = capsys.readouterr().out
+    assert said.count("drape coefficient 100 %") == 3
+    assert "no picture: No module named 'imageio'" in said
