@@ -2,7 +2,8 @@
 
 A round specimen of 0.3 m, held between two disks of 0.18 m, hangs over their edge. The drape
 coefficient is the share of the hanging ring that its shadow still covers (Cusick 1965, The
-dependence of fabric drape on bending and shear stiffness, J. Text. Inst. 56): 1 for a board, small
+dependence of fabric drape on bending and shear stiffness, J. Text. Inst. 56,
+doi.org/10.1080/19447026508662319): 1 for a board, small
 for what falls in deep folds. Prints it with the number of folds, of the runs of
 studies/scenes/drape.toml in the folders that are named, or else of three fabrics, which it runs
 and draws into out/drape.png; that at the head of the README is made by --picture.
