@@ -11,9 +11,13 @@ coupling, warp, shear [MPa]; `cloth_density` [g/m²]; `cloth_thickness`). Those 
 and silk agree with a second transcription, github.com/navamikairanda/neuralclothsim,
 material/*.ini, but for the thickness, which there is 0.253, 0.37 and 0.239 mm: so far is the
 stiffness per width uncertain. The energy is a₁₁E₁₁²/2 + a₁₂E₁₁E₂₂ + a₂₂E₂₂²/2 + G₁₂E₁₂², so that
-G = G₁₂ h/2. Their bending is not given: it is no number of theirs but what a shell of the whole
-thickness has, B = a h³/12 (Kirchhoff and Love, as in Kairanda et al. 2024, NeuralClothSim, eq. 22
-and 29), 216 µN m for the warp of the denim, of which Wang et al. measured 16.
+G = G₁₂ h/2. That a₁₁ is the weft rests on that variable's name alone. **Take ν as not
+measured**: to the digits printed a₁₂ is half of a₁₁ (cotton, canvas, wool) or of a₂₂ (silk, denim),
+which looks like a bound or an assumption of the fit. From it follows ν₁₂ = 1.16 (silk), 0.94
+(denim) and 0.5 (the others). Their bending is not given: it is no number of theirs but what a
+shell of the whole thickness has, B = a h³/12 (Kirchhoff and Love, as in Kairanda et al. 2024,
+NeuralClothSim, eq. 22 and 29), 216 µN m for the warp of the denim, of which Wang et al. measured
+16.
 
 **Wang, O'Brien and Ramamoorthi (2011)**, Data-Driven Elastic Models for Cloth: Modeling and
 Measurement, ACM Transactions on Graphics 30(4):71, doi.org/10.1145/2010324.1964966: stretched
@@ -23,11 +27,13 @@ of "bending" (k [N m], edges along u and along v) of the authors' data,
 graphics.berkeley.edu/papers/Wang-DDE-2011-08/, with the meaning that ARCSim, their laboratory's
 simulator, gives them (Narain, Samii and O'Brien 2012, dde.cpp and physics.cpp): the energy
 c₁₁E₁₁² + 2 c₁₂E₁₁E₂₂ + c₂₂E₂₂² + 2 c₃₃E₁₂² (they are doubled when read, negative ones are taken as
-zero), so that Y is that of 2c, and G = c₃₃; and k l²θ²/8 over the area of an edge's two triangles,
-so that B = k/4 (see `HingeBending`). The direction v is taken as warp or wale: in the denim it is
-the stiffer one, and elastane lies in the weft. Of the ten fabrics navy-sparkle-sweat is left out:
-its moduli are not positive definite. The authors ask to be cited; whoever passes their data files
-on should ask for their terms.
+zero), so that Y is that of 2c, and G = c₃₃. In shear ARCSim disagrees with itself by 2: this is the
+energy of its forces (`stretching_force`, and the comment in it), `stretching_energy` has half of
+the shear term, G = c₃₃/2. The forces, which move its cloth, are followed here. A hinge has k l²θ²/8
+over the area of its edge's two triangles, so that B = k/4 (see `HingeBending`). The direction v is
+taken as warp or wale: in the denim it is the stiffer one, and elastane lies in the weft. Of the ten
+fabrics navy-sparkle-sweat is left out: its moduli are not positive definite. The authors ask to be
+cited; whoever passes their data files on should ask for their terms.
 """
 
 from __future__ import annotations

@@ -85,9 +85,29 @@ def test_a_fabric_of_clyde_has_the_energy_of_the_publication(strain):
     assert energy(fc.Fabric.preset("silk"), *strain) == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("name", "half", "nu"),
+    [
+        ("silk", "warp", 1.16),
+        ("cotton", "weft", 0.5),
+        ("canvas", "weft", 0.5),
+        ("denim-clyde", "warp", 0.94),
+        ("wool-coating", "weft", 0.5),
+    ],
+)
+def test_the_coupling_of_clyde_is_half_of_another_modulus(name, half, nu):
+    """To the third digit after the point, a₂₂ or a₁₁: which says that ν is not measured."""
+    warp, weft, _, coupling, *_ = fc.Fabric.preset(name).moduli()
+    assert coupling == pytest.approx((warp if half == "warp" else weft) / 2, rel=2e-4)
+    assert round(fc.Fabric.preset(name).poisson_ratio, 2) == nu
+
+
 @pytest.mark.parametrize("strain", [(0.02, 0, 0), (0, 0.03, 0), (0.01, -0.02, 0.04)])
-def test_a_fabric_of_wang_has_the_energy_of_their_simulator(strain):
-    """Denim, u weft and v warp: k = 2c, e = k₀ε_u²/2 + k₁ε_uε_v + k₂ε_v²/2 + k₃ε_uv²."""
+def test_a_fabric_of_wang_has_the_energy_of_their_simulators_force(strain):
+    """Denim, u weft and v warp: k = 2c, e = k₀ε_u²/2 + k₁ε_uε_v + k₂ε_v²/2 + k₃ε_uv².
+
+    Its gradient is ARCSim's stretching_force, k₃ε_uv 2 ∂ε_uv; stretching_energy has k₃ε_uv²/2.
+    """
     warp, weft, shear = strain
     k = 2 * np.array([205.352005, 10.234077, 1013.88629, 53.387184])
     expected = k[0] * weft**2 / 2 + k[1] * weft * warp + k[2] * warp**2 / 2 + k[3] * shear**2
@@ -410,6 +430,7 @@ def test_a_run_says_who_measured_its_fabric(tmp_path, capsys):
 def test_what_the_readme_writes_is_read(tmp_path):
     readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
     text = readme.partition("**Fabrics with published numbers.**")[2].partition("\n\n**")[0]
+    text = " ".join(text.split())  # a formula may be broken over two lines
     made = [
         eval(call, {"Fabric": fc.Fabric}) for call in re.findall(r"`(Fabric\.from.*?\))`", text)
     ]
