@@ -15,6 +15,10 @@ from .units import is_quantity
 LARGEST = 1_000_000  # bytes; beyond it the file is some other kind of file
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _WORD = re.compile(r"[A-Za-z_][\w./-]*")
+_NAMED = (  # where a name may stand in place of a table, and the key of that table which it is
+    (re.compile(r"fabric|fabrics\.[^.]+"), "preset"),
+    (re.compile(r"time\.method"), "type"),
+)
 
 
 def read(path: str | Path) -> dict:
@@ -71,7 +75,8 @@ def overridden(data: dict, overrides: Iterable[str]) -> dict:
 
     Keys are TOML's dotted keys, with numbers (from 0) for the items of lists. Values are TOML; a
     plain word that is none, such as ``time.method=backward_euler``, is taken as a string, and so is
-    a number with a unit, such as ``time.dt=5 ms``.
+    a number with a unit, such as ``time.dt=5 ms``. Where a name stands for a table, as in
+    ``fabric = "silk"``, a key of that table leaves the rest to the name.
 
     Raises
     ------
@@ -82,6 +87,8 @@ def overridden(data: dict, overrides: Iterable[str]) -> dict:
     --------
     >>> overridden({"time": {"dt": 0.1}, "terms": [{"k": 1}]}, ["time.dt=0.2", "terms.0.k=3"])
     {'time': {'dt': 0.2}, 'terms': [{'k': 3}]}
+    >>> overridden({"fabric": "silk"}, ["fabric.areal_density=0.2"])
+    {'fabric': {'preset': 'silk', 'areal_density': 0.2}}
     """
     data = _copied(data)
     for text in overrides:
@@ -136,7 +143,16 @@ def _set(data: dict, keys: list[str], value, text: str) -> None:
         if depth == len(keys) - 1:
             place[key] = value
         else:
-            place = place[key] if isinstance(key, int) else place.setdefault(key, {})
+            inner = place[key] if isinstance(key, int) else place.setdefault(key, {})
+            place[key] = place = _table(inner, ".".join(keys[: depth + 1]))
+
+
+def _table(value, key: str):
+    """The value, or the table that it stands for if it is a name."""
+    for keys, name in _NAMED if isinstance(value, str) else ():
+        if keys.fullmatch(key):
+            return {name: value}
+    return value
 
 
 def written(data: dict) -> str:

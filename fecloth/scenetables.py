@@ -9,7 +9,7 @@ import dataclasses
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
@@ -225,6 +225,8 @@ Expectations = Annotated[tuple[Expectation, ...], BeforeValidator(_listed)]
 
 class FabricTable(table_of(Fabric)):
     """A fabric's constants; ``preset`` gives those that are left out."""
+
+    shorthands: ClassVar = ("preset",)
 
     @model_validator(mode="before")
     @classmethod

@@ -40,6 +40,8 @@ class Table(BaseModel):
         arbitrary_types_allowed=True,
     )
 
+    shorthands: ClassVar[tuple[str, ...]] = ()  # keys that stand for others, resolved before
+
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
@@ -48,8 +50,9 @@ class Table(BaseModel):
         fields = cls.model_fields
         for key, value in data.items():
             if key not in fields:
-                allowed = f"unknown key; the keys are {', '.join(fields)}"
-                raise InputError(f"{key} = {_short(value)}", allowed, "", nearest(key, fields))
+                known = (*fields, *cls.shorthands)
+                allowed = f"unknown key; the keys are {', '.join(known)}"
+                raise InputError(f"{key} = {_short(value)}", allowed, "", nearest(key, known))
         for key, field in fields.items():
             if field.is_required() and key not in data:
                 raise InputError(f"{key} is missing", f"must be {phrase(field)}")

@@ -345,6 +345,21 @@ def test_regions_have_presets(tmp_path):
     }
 
 
+def test_an_override_changes_a_constant_of_a_preset_that_stands_by_its_name(tmp_path):
+    file, meant = tmp_path / "named.toml", fc.Fabric.preset("cotton")
+    for table, key in (('fabric = "cotton"', "fabric"), ('fabrics.a = "cotton"', "fabrics.a")):
+        file.write_text(f"{table}\n{REST}", encoding="utf-8")
+        read = load(file, [f"{key}.areal_density=200 g/m^2"])
+        fabric = read.fabric or read.fabrics["a"]
+        assert fabric.make() == dataclasses.replace(meant, areal_density=0.2)
+
+
+def test_an_override_changes_a_parameter_of_a_method_that_stands_by_its_name(tmp_path):
+    (tmp_path / "m.toml").write_text(f'fabric = "cotton"\n{REST}', encoding="utf-8")
+    named = ["time.method=newmark", "time.method.gamma=0.6"]
+    assert load(tmp_path / "m.toml", named).time.method.make() == fc.Newmark(gamma=0.6)
+
+
 def test_values_carry_units(tmp_path):
     table = """
 [fabric]
@@ -380,6 +395,11 @@ SCENE_MISTAKES = [
         'fabric = { areal_density = 0.1, tensile_stiffness = 1, poisson_ratio = "0.3" }',
         "fabric.poisson_ratio = '0.3': must be a finite number",
         "",
+    ),
+    (
+        'fabric = { prest = "silk" }',
+        "fabric.prest = 'silk': unknown key; the keys are areal_density",
+        "Did you mean 'preset'?",
     ),
     ("fabric = 3", "fabric = 3: must be a table", ""),
     ("fabric = { preset = 3 }", "fabric.preset = '3': must be one of silk", ""),
