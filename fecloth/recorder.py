@@ -218,12 +218,12 @@ class Recorder:
         self.tables["strains"].add(stretch_row(self.state.t, stretches))
 
     def _report(self, summary: dict) -> None:
-        """report.html; a run is none the worse for a page that cannot be written."""
+        """report.html; a run is none the worse for a page that cannot be made."""
         system, state = self.built.system, self.state
         try:
             frame = Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
             write_report(self.folder.path, summary, frame)
-        except (FeclothError, OSError) as failure:
+        except Exception as failure:  # whatever it is, how the run ended is told already
             self.folder.log(f"warning: no report: {failure}")
 
     def doubt(self) -> str:
@@ -265,10 +265,10 @@ class Recorder:
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         try:
             self.folder.summary(summary)
-            self._report(summary)
             self.folder.log(f"{words}: {error}" if error else words)
             if warning:
                 self.folder.log(f"warning: {warning}")
+            self._report(summary)
         except InputError as full:
             status, error = FAILED, error or full
         return Outcome(status, self.folder.path, summary, self.ledger, error, warning)

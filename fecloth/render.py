@@ -19,7 +19,7 @@ from . import checks
 from .checks import CHECKS
 from .disk import writing
 from .errors import InputError
-from .series import FIELDS, Frame, Series, field_values, rim, straight
+from .series import FIELDS, Frame, Series, bounded, field_values, rim, straight
 from .viewer import PERCENT, View, view_of
 
 SUFFIXES = (".mp4", ".gif", ".png")
@@ -156,7 +156,7 @@ def _shot(series: Series, field: str, size: tuple[int, int]) -> Shot:
         highs.append(frame.points.max(axis=0))
     low, high = np.min(lows, axis=0), np.max(highs, axis=0)
     view = view_of(low, high)
-    colours = tuple(np.percentile(np.concatenate(values), PERCENT)) if values else None
+    colours = tuple(np.percentile(bounded(np.concatenate(values)), PERCENT)) if values else None
     distance = _fitted(view, np.concatenate(points), size[0] / size[1])
     ground = low[2] - 0.03 * np.linalg.norm(high - low)
     return Shot(field, view, distance, colours, float(ground), size)

@@ -24,6 +24,8 @@ import numpy as np
 from .errors import InputError
 from .vtu import Arrays
 
+LARGEST = 1e300  # what is larger overflows where two such are subtracted
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -86,6 +88,25 @@ def field_values(frame: Frame, name: str) -> np.ndarray:
         there = ", ".join(key for key, item in FIELDS.items() if item.array in arrays)
         raise InputError(f"field {name!r}", "is not in these frames", remedy=f"There are {there}.")
     return field.of(arrays[field.array])
+
+
+def drawable(values: np.ndarray) -> np.ndarray:
+    """Where values are numbers that can be drawn: what a cloth that blows up has may overflow."""
+    return np.abs(values) < LARGEST  # NaN is not
+
+
+def bounded(values: np.ndarray) -> np.ndarray:
+    """The values as float64, those that cannot be drawn as the extremes of those that can.
+
+    Examples
+    --------
+    >>> bounded(np.array([1.0, np.inf, 3.0, -np.inf, np.nan])).tolist()
+    [1.0, 3.0, 3.0, 1.0, 3.0]
+    """
+    values = np.asarray(values, dtype=float)
+    good = values[drawable(values)]
+    low, high = (good.min(), good.max()) if good.size else (0.0, 0.0)
+    return np.clip(np.where(np.isnan(values), high, values), low, high)
 
 
 @dataclass(frozen=True, eq=False)

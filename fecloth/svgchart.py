@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .series import drawable
+
 WIDTH, HEIGHT = 460, 230
 LEFT, RIGHT, TOP, BOTTOM = 58, 10, 12, 36
 NEAR = 0.05  # of a step, or of a span: so far a curve may leave its grid, or begin beside it
@@ -61,7 +63,7 @@ def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = F
 def _drawn(x, y, log):
     """The curve's points to draw; y as its decimal logarithm where `log`, NaN in gaps."""
     x, y = np.asarray(x, float), np.asarray(y, float)
-    y = np.where(np.isfinite(y) & ((y > 0) | (not log)), y, np.nan)
+    y = np.where(drawable(y) & ((y > 0) | (not log)), y, np.nan)
     y = np.log10(y) if log else y
     if len(x) <= 2 * SPANS:
         return x, y

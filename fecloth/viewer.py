@@ -23,7 +23,7 @@ import numpy as np
 from . import checks
 from .disk import replace_file
 from .errors import InputError
-from .series import FIELDS, Frame, Series, field_values, rim, straight
+from .series import FIELDS, Frame, Series, bounded, field_values, rim, straight
 
 MOST_BYTES = 60e6
 SHOWN = ("larger_stretch", "smaller_stretch", "speed", "displacement", "energy_density")
@@ -137,12 +137,12 @@ def packed(frames, fields: Sequence[str], start: int | None = 0) -> dict:
     times, points, values = [], [], {name: [] for name in fields}
     for frame in frames:
         times.append(frame.t)
-        points.append(frame.points.astype(np.float32))
+        points.append(frame.points)
         for name in fields:
-            values[name].append(field_values(frame, name).astype(np.float32))
+            values[name].append(field_values(frame, name))
     if not times or not len(points[0]):
         raise InputError("no frames", "a view needs at least one")
-    points = np.array(points)
+    points = bounded(np.array(points))
     low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
     view, triangles = view_of(low, high), straight(frame.cells)
     return {
@@ -158,7 +158,7 @@ def packed(frames, fields: Sequence[str], start: int | None = 0) -> dict:
         "triangles": _text(triangles.astype("<u4")),
         "rim": _text(rim(triangles).astype("<u4")),
         "fields": [
-            _field(name, np.array(values[name]), values[name][0].size == points.shape[1])
+            _field(name, bounded(np.array(values[name])), values[name][0].size == points.shape[1])
             for name in fields
         ],
         "checks": _checks(frame),

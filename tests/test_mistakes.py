@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth import restart
+from fecloth import recorder, restart
 from fecloth.cli import main
 
 TEXT = """
@@ -421,3 +421,18 @@ def test_what_breaks_a_run_from_outside_leaves_a_restart(report, error, scene):
     assert main(["run", "sheet.toml", "-o", "whole", "--quiet"]) == 0
     assert main(["run", "sheet.toml", "--resume", "out", "--quiet"]) == 0
     assert written("out") == written("whole")
+
+
+def test_a_report_that_fails_leaves_the_cause_of_a_failure(scene, monkeypatch):
+    def fails(folder, summary, frame):
+        raise ValueError("no such number in JSON")
+
+    monkeypatch.setattr(recorder, "write_report", fails)
+    cut = ["solver.max_iterations=1", "solver.tolerance=1e-12"]
+    outcome = fc.runner.run_scene(fc.scene.load("sheet.toml", cut), "out")
+    assert outcome.status == "failed"
+    assert "did not converge" in str(outcome.error)
+    *_, end, report = Path("out/run.log").read_text().splitlines()
+    assert f"failed at t = 0 s after 0 steps: {outcome.error}" in end
+    assert "warning: no report: no such number in JSON" in report
+    assert json.loads(Path("out/summary.json").read_text())["error"] == str(outcome.error)

@@ -13,8 +13,9 @@ from test_htmlreport import SCENE
 import fecloth as fc
 from fecloth import viewer
 from fecloth.cli import main
-from fecloth.output import Frames
-from fecloth.series import Series, field_values, straight
+from fecloth.output import Frames, fields
+from fecloth.series import Frame, Series, field_values, straight
+from fecloth.svgchart import chart
 from fecloth.vtkhdf import HdfFrames
 
 Image = pytest.importorskip("PIL.Image")
@@ -73,6 +74,22 @@ def test_the_page_holds_the_material_coordinates_in_squares(run):
     at = np.frombuffer(base64.b64decode(checks["material"]), "<f4").reshape(-1, 2)
     assert checks["side"] == 0.05
     assert checks["side"] * at == pytest.approx(system.cloth.X, abs=1e-6)
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_overflows_is_drawn_as_the_largest_that_does_not(run):
+    _, system, states, _ = run
+    frame = Frame(0.0, states[-1].x, system.cloth.cells, *fields(system, states[-1]))
+    energy = frame.cell_data["energy_density"]
+    energy[:4] = 9e58, 1e301, np.inf, np.nan  # beyond float32, beyond what may be subtracted
+    data = viewer.packed([frame], ["energy_density"])
+    (field,) = json.loads(json.dumps(data, allow_nan=False))["fields"]
+    assert (field["low"], field["high"]) == (energy[4:].min(), 9e58)
+    shown = shorts(field["values"])
+    assert np.all(shown[:4] == 65535)
+    assert np.all(shown[4:] == 0)
+    curve = np.array([0.0, 1.0, 2.0, 3.0]), np.array([1.0, 9e58, 1e308, -1e308])
+    assert chart("energy", {"W": curve}, "t [s]", "[J]").count("<path") == 1
 
 
 def test_it_opens_offline(run):
