@@ -22,7 +22,7 @@ def nodes(cloth, where) -> np.ndarray:
         return cloth.node_sets[where]
     chosen = np.atleast_1d(where(cloth.X) if callable(where) else where)
     if not chosen.size:
-        raise InputError("the choice of nodes is empty", "needs a node", "Cloth.nodes")
+        raise _no_node(cloth)
     if chosen.dtype == bool and chosen.shape == (len(cloth.X),):
         chosen = np.flatnonzero(chosen)
     if chosen.ndim != 1 or not np.issubdtype(chosen.dtype, np.integer):
@@ -32,7 +32,7 @@ def nodes(cloth, where) -> np.ndarray:
             "Cloth.nodes",
         )
     if not chosen.size:
-        raise InputError("the choice of nodes is empty", "needs a node", "Cloth.nodes")
+        raise _no_node(cloth)
     if chosen.min() < 0 or chosen.max() >= len(cloth.X):
         raise InputError(
             f"node indices {chosen.min()} … {chosen.max()}",
@@ -56,6 +56,12 @@ def triangles(cloth, where) -> np.ndarray:
     if not len(chosen):
         raise InputError("the choice of triangles is empty", "needs one", "Cloth.region")
     return chosen
+
+
+def _no_node(cloth) -> InputError:
+    (left, low), (right, high) = cloth.X.min(axis=0), cloth.X.max(axis=0)
+    span = f"The nodes have X from {left:.6g} to {right:.6g} m, Y from {low:.6g} to {high:.6g} m."
+    return InputError("the choice of nodes is empty", "needs a node", "Cloth.nodes", span)
 
 
 def _nearest(name: str, names) -> str:

@@ -189,11 +189,13 @@ def test_nodes_by_set_predicate_indices_and_mask(sheet):
 def test_choices_of_nodes_that_are_refused(sheet):
     n = len(sheet.X)
     every = "bottom, boundary, corners, left, right, top"
+    empty = "Cloth.nodes: the choice of nodes is empty: needs a node. The nodes have "
+    empty += "X from 0 to 1 m, Y from 0 to 0.6 m."
     for where, said in (
         ("lft", f"Cloth.nodes: node set 'lft': must be one of {every}. Did you mean 'left'?"),
         ("zzz", f"Cloth.nodes: node set 'zzz': must be one of {every}"),
-        ([], "Cloth.nodes: the choice of nodes is empty: needs a node"),
-        (lambda X: X[:, 0] < -1, "Cloth.nodes: the choice of nodes is empty: needs a node"),
+        ([], empty),
+        (lambda X: X[:, 0] < -1, empty),
         ([0, n], f"Cloth.nodes: node indices 0 … {n}: must lie in 0 … {n - 1}"),
         ([-1, 4], f"Cloth.nodes: node indices -1 … 4: must lie in 0 … {n - 1}"),
     ):
