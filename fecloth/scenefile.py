@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import re
 import tomllib
@@ -9,7 +10,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from .errors import SceneError
-from .formula import nearest
 from .units import is_quantity
 
 LARGEST = 1_000_000  # bytes; beyond it the file is some other kind of file
@@ -64,10 +64,22 @@ def file_problem(path: Path) -> tuple[str, str] | None:
             return ("is a folder" if path.is_dir() else "is not a regular file"), ""
         if not path.parent.is_dir():
             return "no such file", f"There is no folder {path.parent}."
-        there = sorted(each.name for each in path.parent.iterdir())
-        return "no such file", nearest(path.name, there) or f"Look into {path.parent.resolve()}."
+        return "no such file", _similar(path) or f"Look into {path.parent.resolve()}."
     except OSError as error:  # a name too long, a folder without access
         return f"cannot be opened ({error.strerror})", ""
+
+
+def _similar(path: Path) -> str:
+    """A remedy that names the closest file of that kind in the path's folder; empty if none is."""
+    there = sorted(path.parent.iterdir())
+    kind = (path.suffix, _closest(path.suffix, {one.suffix for one in there}))
+    stems = {one.stem: one.name for one in there if not path.suffix or one.suffix in kind}
+    close = _closest(path.stem, stems)
+    return f"Did you mean {stems[close]!r}?" if close else ""
+
+
+def _closest(name: str, names: Iterable[str]) -> str:
+    return next(iter(difflib.get_close_matches(name, sorted(names), n=1)), "")
 
 
 def overridden(data: dict, overrides: Iterable[str]) -> dict:

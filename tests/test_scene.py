@@ -314,7 +314,7 @@ MISTAKES = [
     ("pins.0.motion.2='1/(t-0.05)'", "pins.0.motion: formula '1/(t-0.05)' is", "t = 0.05"),
     ("pins.0.motion.2='sqrt(0.1-t)'", "pins.0.motion: formula 'sqrt(0.1-t)' is nan", ""),
     ("pins.1.inside='X'", "pins.1.inside: formula 'X', a condition such as", ""),
-    ("pins.1.inside='X < -1'", "pins.1.inside: the choice of nodes is empty", ""),
+    ("pins.1.inside='X < -1'", "the choice of nodes is empty", "X from 0 to 1 m, Y from 0 to 0.5"),
     ("pins.1.inside='X > -1'", "pins: node 0 is held by more than one pin", ""),
     ("start.velocity=['1/X', '0', '0']", "start.velocity: formula '1/X' is inf at X = 0", ""),
     # files
@@ -372,6 +372,12 @@ def test_files_that_are_no_scenes(tmp_path, content, message):
 def test_paths_that_are_no_files(tmp_path):
     (tmp_path / "scene.toml").write_text("")
     assert "Did you mean 'scene.toml'?" in refusal(tmp_path / "scne.toml")
+    for near in ("scene.tml", "scene"):
+        assert "Did you mean 'scene.toml'?" in refusal(tmp_path / near)
+    for far in ("scene.msh", "swung.toml"):
+        assert f"no such file: must be a scene file. Look into {tmp_path}" in refusal(
+            tmp_path / far
+        )
     assert f"There is no folder {tmp_path / 'no'}" in refusal(tmp_path / "no" / "scene.toml")
     assert "is a folder: must be a scene file" in refusal(tmp_path)
     assert "cannot be opened (File name too long)" in refusal(tmp_path / ("a" * 5000))
