@@ -22,7 +22,7 @@ from .checks import CHECKS
 from .cloth import Cloth
 from .collect import run
 from .describe import described, sources
-from .disk import WriteError
+from .disk import DiskFull, WriteError
 from .errors import FeclothError, FeclothWarning, InputError
 from .march import StepInfo
 from .meshwrite import write_mesh
@@ -42,7 +42,7 @@ STATUS = """exit status:
   0  done
   1  check: a value lies outside its tolerance
   2  bad input: nothing was run
-  3  the simulation failed; what it wrote up to then is readable
+  3  the simulation failed, or the disk is full; what was written up to then is readable
   4  interrupted; --resume goes on from there
 """
 MISSED, BAD_INPUT, SIMULATION_FAILED, STOPPED = 1, 2, 3, 4
@@ -54,6 +54,9 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with _terminable():
             return options.command(options)
+    except DiskFull as full:
+        print(f"failed: {full}", file=sys.stderr)
+        return SIMULATION_FAILED
     except InputError as mistake:
         print(f"error: {mistake}", file=sys.stderr)
         return BAD_INPUT

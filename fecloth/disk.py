@@ -11,9 +11,25 @@ from pathlib import Path
 
 from .errors import InputError
 
+_SPACE = "Free space or choose another folder."
+_REMEDIES = {  # of what is told with exit status 3
+    errno.ENOSPC: _SPACE,
+    getattr(errno, "EDQUOT", errno.ENOSPC): _SPACE,
+    errno.EFBIG: "Raise the limit on the size of a file (ulimit -f), or choose another disk.",
+}
+
 
 class WriteError(InputError):
     """The system does not let a file be read or written."""
+
+
+class DiskFull(WriteError):
+    """There is no room for a file, or none may be so large."""
+
+    @staticmethod
+    def said(words: str) -> int | None:
+        """The error number of a full disk that another program's words end in, or None."""
+        return next((number for number in _REMEDIES if os.strerror(number) in words), None)
 
 
 def replace_file(path: Path, data: bytes) -> None:
@@ -24,13 +40,13 @@ def replace_file(path: Path, data: bytes) -> None:
     InputError
         If the system refuses; the old file is then untouched.
     """
-    with _in_one_go(path) as part:
+    with in_one_go(path) as part:
         part.write_bytes(data)
 
 
 def lengthen(path: Path, data: bytes, tail: int) -> None:
     """The same with the old file's bytes, less the last `tail` of them, and the new ones."""
-    with _in_one_go(path) as part:
+    with in_one_go(path) as part:
         shutil.copyfile(path, part)
         with part.open("r+b") as stream:
             stream.seek(-tail, os.SEEK_END)
@@ -38,7 +54,7 @@ def lengthen(path: Path, data: bytes, tail: int) -> None:
 
 
 @contextmanager
-def _in_one_go(path: Path) -> Iterator[Path]:
+def in_one_go(path: Path) -> Iterator[Path]:
     """A file to write, which then takes the place of the path."""
     part = path.with_name(path.name + ".part")
     with writing(path):
@@ -113,8 +129,7 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        full = error.errno in (errno.ENOSPC, getattr(errno, "EDQUOT", None))
-        reason = error.strerror or str(error)
-        remedy = "Free space or choose" if full else "Choose"
-        what = f"{path} cannot be written: {reason}"
-        raise WriteError(what, remedy=f"{remedy} another folder.") from error
+        what = f"{path} cannot be written: {error.strerror or error}"
+        if error.errno in _REMEDIES:
+            raise DiskFull(what, remedy=_REMEDIES[error.errno]) from error
+        raise WriteError(what, remedy="Choose another folder.") from error

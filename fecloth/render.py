@@ -7,9 +7,14 @@ imageio with its ffmpeg for .mp4.
 
 from __future__ import annotations
 
+import errno
+import io
 import math
+import os
+import signal
+import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +22,7 @@ import numpy as np
 
 from . import checks
 from .checks import CHECKS
-from .disk import writing
+from .disk import DiskFull, in_one_go, replace_file
 from .errors import InputError
 from .series import FIELDS, Frame, Series, bounded, field_values, rim, straight
 from .viewer import PERCENT, View, view_of
@@ -92,9 +97,8 @@ def render(
         length = series.times[-1] - series.times[0]
         fps = float(np.clip((len(frames) - 1) / length if length else FPS[0], *FPS))
     quiet = _package("pyvista").vtk_verbosity("error")  # no word that there is no display
-    with quiet, writing(target), _written(target, fps) as add:
-        for image in _images(series, frames, shot):
-            add(image)
+    with quiet:
+        _write(target, fps, size, _images(series, frames, shot))
     return target
 
 
@@ -123,21 +127,39 @@ def _package(name: str):
         raise InputError(f"a picture needs the package {name}", remedy=remedy) from error
 
 
-@contextmanager
-def _written(target: Path, fps: float) -> Iterator:
-    """Gives a function that takes the images (h, w, 3) one by one."""
-    imageio = _package("imageio.v2")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    if target.suffix == ".png":
-        yield lambda image: imageio.imwrite(target, image)
-        return
+# --- files ----------------------------------------------------------------------------------------
+
+
+def _write(target: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
+    """The images (h, w, 3) as a file, whole or not at all."""
     if target.suffix == ".mp4":
-        _package("imageio_ffmpeg")
-        options = {"fps": fps, "macro_block_size": 2, "quality": 8}
-    else:
-        options = {"duration": 1000 / fps, "loop": 0}
-    with imageio.get_writer(target, **options) as writer:
-        yield writer.append_data
+        with in_one_go(target) as part:
+            _encode(part, fps, size, images)
+        return
+    imageio, file = _package("imageio.v2"), io.BytesIO()
+    movie = {"duration": 1000 / fps, "loop": 0} if target.suffix == ".gif" else {}
+    with imageio.get_writer(file, format=target.suffix, **movie) as writer:
+        for image in images:
+            writer.append_data(image)
+    replace_file(target, file.getvalue())
+
+
+def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
+    """Give ffmpeg the images one by one; an OSError if it ends otherwise than well."""
+    ffmpeg = _package("imageio_ffmpeg").get_ffmpeg_exe()
+    given = "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "{}x{}".format(*size), "-r", f"{fps:g}"
+    made = "-c:v", "libx264", "-crf", "10", "-pix_fmt", "yuv420p", "-f", "mp4", "-y", str(part)
+    command = [ffmpeg, "-v", "error", *given, "-i", "pipe:0", *made]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        with suppress(BrokenPipeError):  # it has ended, and says why
+            for image in images:
+                process.stdin.write(image.tobytes())
+        words = process.communicate()[1].decode(errors="replace").strip()
+    if process.returncode:
+        too_large = process.returncode == -getattr(signal, "SIGXFSZ", 0)
+        if number := errno.EFBIG if too_large else DiskFull.said(words):
+            raise OSError(number, os.strerror(number))
+        raise OSError(f"ffmpeg ended with {process.returncode}: {words}")
 
 
 # --- what fits ------------------------------------------------------------------------------------

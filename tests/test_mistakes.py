@@ -364,8 +364,8 @@ def test_a_disk_without_room_for_a_start_says_so(scene):
     pytest.importorskip("resource")
     assert main(["run", "sheet.toml", "-o", "warm", "--quiet"]) == 0  # machine code is kept
     status, words = ended(process("sheet.toml", "-o", "out", file_size=5000))
-    assert status == 2
-    assert "frame_000000.vtu cannot be written: File too large" in words
+    assert status == 3
+    assert "frame_000000.vtu cannot be written: File too large. Raise the limit" in words
     assert not list(Path("out").rglob("*.part"))
 
 

@@ -1,5 +1,7 @@
 """fecloth render: pictures and movies without a display."""
 
+import os
+from contextlib import contextmanager
 from itertools import pairwise
 
 import numpy as np
@@ -122,3 +124,55 @@ def test_an_unknown_field_is_a_mistake(run, tmp_path, capsys):
     assert main(["render", str(run), "-o", str(target), "--field", "strain"]) == 2
     assert "must be one of larger_stretch" in capsys.readouterr().err
     assert not target.exists()
+
+
+# --- a full disk ----------------------------------------------------------------------------------
+
+
+@contextmanager
+def files_of_at_most(size):
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("name", ["run.mp4", "run.gif", "run.png"])
+def test_what_has_no_room_is_told_and_leaves_the_old_file(name, run, tmp_path, capsys):
+    if name == "run.mp4":
+        pytest.importorskip("imageio_ffmpeg")
+    target = tmp_path / name
+    target.write_text("old")
+    with files_of_at_most(2000):
+        status = main(["render", str(run), "-o", str(target), "--size", "320x240"])
+    told = capsys.readouterr()
+    assert (status, told.out) == (3, "")
+    assert f"failed: {target} cannot be written: File too large. Raise the limit" in told.err
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+    assert target.read_text() == "old"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a shell")
+@pytest.mark.parametrize(
+    ("reads", "words", "status", "told"),
+    [
+        ("cat > /dev/null", "x.mp4: No space left on device", 3, "device. Free space or choose"),
+        ("true", "x.mp4: No space left on device", 3, "device. Free space or choose"),
+        ("true", "Unknown encoder", 2, "ffmpeg ended with 7: Unknown encoder. Choose another"),
+    ],
+)
+def test_what_ffmpeg_ends_with_is_told(
+    reads, words, status, told, run, tmp_path, monkeypatch, capsys
+):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    script = tmp_path / "ffmpeg"
+    script.write_text(f"#!/bin/sh\n{reads}\necho '{words}' >&2\nexit 7\n")
+    script.chmod(0o755)
+    monkeypatch.setattr(ffmpeg, "get_ffmpeg_exe", lambda: str(script))
+    arguments = ["render", str(run), "-o", str(tmp_path / "run.mp4"), "--size", "320x240"]
+    assert main(arguments) == status
+    assert told in capsys.readouterr().err
+    assert [file.name for file in tmp_path.iterdir()] == ["ffmpeg"]
