@@ -80,7 +80,7 @@ def membrane(axes, curves) -> list:
         look = {"color": COLOURS[i], "ls": DASHES[i], "lw": WIDTHS[i]}
         lines += axes[0].plot(curve.stretch, curve.tension, label=curve.label, **look)
         axes[1].plot(curve.shear, curve.shearing, **look)
-    return [*lines, axes[0].plot([], [], label="Y (λ − 1) and G γ", **LINE)[0]]
+    return [*lines, axes[0].plot([], [], label="Y (λ − 1) and G γ, isotropic", **LINE)[0]]
 
 
 def bending(ax, moments) -> None:
@@ -88,8 +88,8 @@ def bending(ax, moments) -> None:
     ax.plot([0, np.pi], [0, np.pi], label="B κ", **LINE)
     for i, (pattern, M) in enumerate(moments.items()):
         ax.plot(folds, M, label=pattern, color=COLOURS[i], ls=DASHES[i], lw=WIDTHS[i])
-    ax.set(xlim=(0, np.pi), ylim=(0, 5), xlabel="curvature κh [rad from cell to cell]")
-    ax.set(ylabel="moment per width M h/B")
+    ax.set(xlabel="curvature κh [rad from cell to cell], rolled without twist")
+    ax.set(xlim=(0, np.pi), ylim=(0, 5), ylabel="moment per width M h/B")
     ax.legend(loc="upper left")
 
 
@@ -98,7 +98,8 @@ def drag(ax) -> None:
     for i, name in enumerate(("drag", "lift")):
         ax.plot(DEGREES, forces[:, i], label=name, color=COLOURS[i], ls=DASHES[i], lw=2.4)
     ax.set(xlim=(0, 90), ylim=(0, None), xticks=range(0, 91, 15), ylabel="force per area [N/m²]")
-    ax.set(xlabel=f"angle of attack [°] at {SPEED:g} m/s, k_n = 0.7, k_t = 0.006")
+    constants = f"{SPEED:g} m/s, k_n = {PLATE.normal:g} and k_t = {PLATE.tangential:g} Pa s²/m²"
+    ax.set(xlabel=f"angle of attack [°] at {constants}")
     ax.legend(loc="upper left")
 
 

@@ -45,7 +45,20 @@ The orthotropic fabric has half of Y along the weft and G = {0.1 * Y:g} N/m. Ben
 cloth rolled up along X, whose triangles keep their shape: κh is the angle from cell to cell.
 
 ![All laws on two axes](laws.png)
+
+*Dotted the straight lines. `NeoHookean` is the incompressible kind, `Springs` the edges of an
+equilateral mesh, which in tension lie on the straight line as `BaraffWitkin` does;
+`TensorCondition` and `TensionField` in tension on `StVK`.*
 """
+ROLLED = """Rolled up without twist. A cloth whose sides are free bends with less or more: see the
+table of [HingeBending](#hingebending)."""
+NOTES = {  # what a picture does not say by itself
+    "StVK": """Simple shear along one direction stretches the other, by E = γ²/2, and the stress is
+G γ + C γ³/2: C is C₂₂ for shear along the warp, C₁₁ along the weft, whose curve is the steeper one
+as it is the stiffer warp that is stretched. The dotted lines are those of the isotropic fabric.""",
+    "HingeBending": ROLLED,
+    "QuadraticBending": ROLLED,
+}
 
 
 def markdown(name: str) -> str:
@@ -88,7 +101,8 @@ def section(name: str, curves: dict, moments: dict) -> str:
     elif name == "Drag":
         shows = [flight()]
     picture = f"![{name}](laws/{name}.png)\n\n" if shows else ""
-    return f"### {name}\n\n{markdown(name)}\n\n{picture}" + "\n".join(shows) + "\n"
+    note = f"\n\n{NOTES[name]}" if name in NOTES else ""
+    return f"### {name}\n\n{markdown(name)}\n\n{picture}" + "\n".join(shows) + note + "\n"
 
 
 def describe(curve: law_curves.Curve) -> str:

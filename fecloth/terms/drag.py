@@ -49,7 +49,8 @@ class Drag:
     ----------
     normal, tangential
         k_n and k_t, >= 0: linear [Pa s/m]; quadratic [Pa s²/m²], that is ½ ρ C with the air's
-        density ρ = 1.2 kg/m³: C is 1.1 to 2 across (1.17 for a square plate), about 0.01 along.
+        density ρ = 1.2 kg/m³: C is about 0.01 along; across 1.17 for a square plate, 1.98 for a
+        long one (Matthews 2002, Aeronautical Engineer's Data Book, fig. 5.13).
     law
         "quadratic" or "linear".
     tangent

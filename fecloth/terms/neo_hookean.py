@@ -53,7 +53,7 @@ class NeoHookean:
     collapsed triangle; but J is the area ratio without a sign, and a large step may turn a
     triangle over.
 
-    Cost relative to `StVK`: force 1.2 (incompressible) and 1.9 (compressible), tangent 1.2 and 1.4.
+    Cost relative to `StVK`: force 1.2 (incompressible) and 1.8 (compressible), tangent 1.2 and 1.4.
 
     Parameters
     ----------

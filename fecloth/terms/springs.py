@@ -60,7 +60,7 @@ class Springs:
     compression is unstable against rotation, so that a net gives way like a truss; `definite`
     drops that part of its tangent. "biquadratic" is valid where `StVK` is.
 
-    Cost of force and tangent relative to `StVK`: 1.2 times for the edges, 2.5 and 3.6 for
+    Cost of force and tangent relative to `StVK`: 1.2 times for the edges, 2.5 and 3.5 for
     "biquadratic".
 
     Parameters

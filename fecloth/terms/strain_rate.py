@@ -41,7 +41,7 @@ class StrainRateDamping:
     cloth is not strained, as bending without stretch, it does not damp; a fabric's own damping is
     friction between yarns and depends on frequency less than this.
 
-    Cost of force and tangent relative to `StVK`: 1.3 and 1.1 times; "exact" takes a solver for
+    Cost of force and tangent relative to `StVK`: 1.2 and 1.1 times; "exact" takes a solver for
     general matrices besides.
 
     Parameters

@@ -30,10 +30,10 @@ class StVK:
     Source: Bonet and Wood (2008), Nonlinear Continuum Mechanics for Finite Element Analysis,
     chapter 6, with plane-stress moduli (`Fabric.moduli`).
 
-    Valid for any rotation and for small strains, of a few per cent: at 10 % P is 16 % above
-    Y (λ − 1), and a woven fabric stiffens otherwise, as its crimp is pulled out. W is convex in E,
-    but compressed below a stretch of 1/√3 = 0.577 the resistance falls again: a triangle gives
-    way and can collapse.
+    Valid for any rotation and for small strains, of a few per cent: at 10 % P is 15.5 % above
+    Y (λ − 1), and a woven fabric stiffens in another way, as its crimp is pulled out. W is convex
+    in E, but compressed below a stretch of 1/√3 = 0.577 the resistance falls again: a triangle
+    gives way and can collapse.
 
     Cost: 15 ns a triangle for the force, 68 for the tangent (one thread); other terms state
     theirs relative to these, and ``python studies/costs.py`` measures them.

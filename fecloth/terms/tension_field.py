@@ -43,7 +43,7 @@ class TensionField:
     `StVK`. Isotropic fabrics only: for an orthotropic one the direction of tension is not that of
     E₁.
 
-    Cost relative to `StVK`: force 1.8, tangent 1.2.
+    Cost relative to `StVK`: force 1.7, tangent 1.2.
     """
 
     def constants(self, fabric: Fabric) -> np.ndarray:
