@@ -41,7 +41,7 @@ LEVELS = (0.01, 0.001)
 RAISED = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
 TITLES = {"trampoline": "trampoline: a disk falls", "wave": "wave: a small one along a strip"}
 TITLES |= {"swing": "swing: a sheet of paper falls", "stretch": "stretch: a strip is drawn out"}
-FAMILIES: dict[str, Callable] = {  # bars of the chart
+FAMILIES: dict[str, Callable] = {  # rows of the chart
     "explicit": explicit,
     "implicit, 2nd order": second_order,
     "implicit, 1st order": first_order,
@@ -116,29 +116,31 @@ def draw(out: Path, tables: Tables) -> None:
     """CPU seconds of each family's cheapest run to 1 % and to 0.1 %, a panel for each scene."""
     size = {"panels": (2, 2), "size": (8.0, 5.6), "log": False, "sharey": True}
     with harness.figure(out, "choose", **size) as (figure, axes):
-        figure.suptitle("CPU time to an error of 1 % of the mean, pale of 0.1 %", fontsize=12)
+        figure.suptitle("CPU time to an error of 1 % of the mean (●) and of 0.1 % (◆)", fontsize=12)
+        figure.supxlabel("CPU time [s]", fontsize=12)
         axes[0, 0].set_yticks(range(len(FAMILIES)), list(FAMILIES))
-        axes[0, 0].invert_yaxis()
+        axes[0, 0].set_ylim(len(FAMILIES) - 0.4, -0.6)
         for ax, scene in zip(axes.ravel(), MODEL, strict=True):
             ax.set(xscale="log", xlim=(1e-3, 30), title=TITLES[scene])
-            ax.grid(visible=False)
+            ax.grid(visible=False, axis="y")
             for i, among in enumerate(FAMILIES.values()):
-                bar(ax, i, *(tables.cheapest(scene, level, among) for level in (*LEVELS, math.inf)))
+                dot(ax, i, *(tables.cheapest(scene, level, among) for level in (*LEVELS, math.inf)))
 
 
-def bar(ax, i: int, one: float, tenth: float, ever: float) -> None:
-    """A family's seconds, in numbers beside the bar."""
+def dot(ax, i: int, one: float, tenth: float, ever: float) -> None:
+    """A family's seconds as a mark for each error, on a logarithmic axis, and in numbers."""
     place = {"va": "center", "fontsize": 9}
     if math.isinf(one):
         said = "not run" if math.isinf(ever) else "at no setting tried"
         ax.text(1.2e-3, i, said, color="0.4", **place)
         return
-    text = f" {short(one)} s"
+    ax.plot(one, i, "o", ms=9, color=harness.COLOURS[0])
+    text, last = f"{short(one)} s", one
     if not math.isinf(tenth):
-        ax.barh(i, tenth, height=0.7, color=harness.COLOURS[5], alpha=0.5)
-        text += f", pale {short(tenth)} s"
-    ax.barh(i, one, height=0.7, color=harness.COLOURS[0])
-    ax.text(one if math.isinf(tenth) else tenth, i, text, **place)
+        ax.plot([one, tenth], [i, i], color="0.6", lw=1, zorder=1)
+        ax.plot(tenth, i, "D", ms=8, color=harness.COLOURS[1])
+        text, last = f"{text}, {short(tenth)} s", tenth
+    ax.text(1.5 * last, i, text, **place)
 
 
 def main() -> int:

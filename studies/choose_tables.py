@@ -14,7 +14,7 @@ from speed_accuracy import EXPLICIT, FIRST, cheapest
 from speed_grid import MODEL
 
 Rows = list[dict]
-PRINTED = ("auto", "solvers", "costs")  # on the terminal, without a report
+PRINTED = ("auto", "solvers", "costs", "bending_bias")  # on the terminal, without a report
 
 
 class Missing(Exception):
@@ -68,12 +68,11 @@ class Tables:
         match = re.search(rf"^(?:- )?{re.escape(what)}: (?:at most )?(\S+)", self.text(study), re.M)
         return number(match[1]) if match else math.nan
 
-    def printed(self, study: str, name: str) -> list[float]:
-        """The numbers in the line that begins with the name, of a study that prints."""
-        lines = [line.split() for line in self.text(study).splitlines()]
-        return next(
-            ([number(cell) for cell in line[1:]] for line in lines if line[:1] == [name]), []
-        )
+    def printed(self, study: str, *name: str) -> list[float]:
+        """The numbers in the line that begins with these words, of a study that prints."""
+        lines = [tuple(line.split()) for line in self.text(study).splitlines()]
+        k = len(name)
+        return next(([number(cell) for cell in line[k:]] for line in lines if line[:k] == name), [])
 
     def run(self, scene: str, level: float, among: Callable = lambda row: True) -> dict:
         """The run of speed_accuracy.py that takes the fewest seconds to that error, or {}."""
