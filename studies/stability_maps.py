@@ -23,6 +23,7 @@ def draw_map(out, name: str, rows: list[dict], y: str, ylabel: str) -> None:
     """A panel for each method: dt across, `y` up, a marker for each cell, the limit foretold."""
     size = {"panels": (4, 3), "size": (9.0, 9.6), "sharex": True, "sharey": True}
     with harness.figure(out, name, **size) as (figure, axes):
+        drawn = set()
         for ax, method in zip(axes.flat, ALL, strict=False):
             own = [row for row in rows if row.get("method") == method and "dt" in row]
             ax.set_title(method.replace("_", " "), fontsize=11)
@@ -33,20 +34,21 @@ def draw_map(out, name: str, rows: list[dict], y: str, ylabel: str) -> None:
             kind = list(LINES)[method not in EXPLICIT]
             if line:
                 ax.plot([dt for _, dt in line], [at for at, _ in line], lw=2, **LINES[kind])
+                drawn.add(kind)
         for ax in axes.flat[len(ALL) :]:
             ax.set_axis_off()
-        legend(axes.flat[len(ALL)])
+        legend(axes.flat[len(ALL)], drawn)
         figure.supxlabel("time step [s]")
         figure.supylabel(ylabel)
         figure.suptitle(f"scene {rows[0]['scene']}")
 
 
-def legend(ax) -> None:
-    """The classes and the lines, in an empty panel."""
+def legend(ax, drawn: set[str]) -> None:
+    """The classes and those lines that are drawn, in an empty panel."""
     for outcome, look in LOOKS.items():
         ax.plot([], [], ls="", ms=7, label=outcome, **look)
-    for label, look in LINES.items():
-        ax.plot([], [], lw=2, label=label, **look)
+    for label in sorted(drawn):
+        ax.plot([], [], lw=2, label=label, **LINES[label])
     ax.legend(loc="center left", frameon=False, fontsize=11)
 
 
