@@ -49,7 +49,18 @@ class MeshError(InputError):
 
 
 class SceneError(InputError):
-    """A scene file with an unknown key, a wrong type or a value out of range."""
+    """A scene file with an unknown key, a wrong type or a value out of range.
+
+    Attributes
+    ----------
+    more
+        Messages of the other mistakes in the file, one each.
+    """
+
+    more: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return "\n".join([super().__str__(), *self.more])
 
 
 class SolveFailed(FeclothError):

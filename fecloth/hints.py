@@ -71,7 +71,12 @@ def _kinds(hint: Any) -> list:
 
 # --- words for what a field takes ---------------------------------------------------------------
 
-_WORDS = {float: "a finite number", int: "a whole number", str: "a string", bool: "true or false"}
+_WORDS = {  # for one and for several
+    float: ("a finite number", "finite numbers"),
+    int: ("a whole number", "whole numbers"),
+    str: ("a string", "strings"),
+    bool: ("true or false", "true or false"),
+}
 _LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
@@ -93,21 +98,23 @@ def _limits(metadata) -> str:
     return " and".join(limits)
 
 
-def _words(hint) -> str:
+def _words(hint, many: bool = False) -> str:
     origin, args = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        return _words(args[0]) + _limits(args[1:])
+        return _words(args[0], many) + _limits(args[1:])
     if origin is Literal:
         return f"one of {', '.join(map(str, args))}" if len(args) > 1 else repr(args[0])
     if origin in (Union, types.UnionType):
-        return " or ".join(dict.fromkeys(_words(a) for a in args if a is not types.NoneType))
+        return " or ".join(dict.fromkeys(_words(a, many) for a in args if a is not types.NoneType))
     if origin is tuple:
-        tables = holds_tables(args[0])
-        item = "tables" if tables else f"{_words(args[0]).split(' ', 1)[1]}s"
-        return f"a list of {item}" if args[-1] is Ellipsis else f"a list of {len(args)} {item}"
+        items = _words(args[0], many=True)
+        count = "" if args[-1] is Ellipsis else f"{len(args)} "
+        return f"{'lists' if many else 'a list'} of {count}{items}"
     if origin is dict and not holds_tables(hint):
-        return f"a table of {_words(args[1]).split(' ', 1)[1]}s"
-    return "a table" if holds_tables(hint) else _WORDS.get(hint, "of another type")
+        return f"{'tables' if many else 'a table'} of {_words(args[1], many=True)}"
+    if holds_tables(hint):
+        return "tables" if many else "a table"
+    return _WORDS[hint][many] if hint in _WORDS else "of another type"
 
 
 def options(hint) -> tuple[str, ...]:

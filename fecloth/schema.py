@@ -147,13 +147,12 @@ def exactly_one(table: Table, *keys: str) -> None:
 
 
 def scene_error(error: ValidationError, data: Any, where: str) -> SceneError:
-    """The first mistake of the scene `data` from the file `where`, and how many more there are."""
-    first, *others = error.errors(include_url=False)
-    what, allowed, remedy = _described(first, *_found(first["loc"], data))
-    if others:
-        more = f"({len(others)} more {'mistake' if len(others) == 1 else 'mistakes'} in this file.)"
-        remedy = f"{remedy} {more}" if remedy else more
-    return SceneError(what, allowed, where, remedy)
+    """The first mistake of the scene `data` from the file `where`, with the others' messages."""
+    found = [_described(e, *_found(e["loc"], data)) for e in error.errors(include_url=False)]
+    refusals = [SceneError(what, allowed, where, remedy) for what, allowed, remedy in found]
+    first, messages = refusals[0], dict.fromkeys(map(str, refusals))  # each once
+    first.more = tuple(messages)[1:]
+    return first
 
 
 def _described(item, key: str, written: Any) -> tuple[str, str, str]:

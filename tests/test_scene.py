@@ -258,6 +258,7 @@ MISTAKES = [
     ("solver.max_iterations=1.5", "solver.max_iterations = 1.5: must be a whole number", ""),
     ("title=1979-05-27", "title = datetime.date(1979, 5, 27): must be a string", ""),
     ("terms.2.acceleration=[1, 2]", "= [1, 2]: must be a list of 3 finite numbers", ""),
+    ("terms.0={type='UserForce', force=[1, 2]}", "must be a list of 3 finite numbers or strings", ""),
     ("terms=3", "terms = 3: must be a list of tables", "Write [[terms]] above each"),
     ("terms.0=3", "terms.0 = 3: must be a table whose type is one of ", ""),
     ("pins=['left']", "pins.0 = 'left': must be a table", ""),
@@ -339,8 +340,17 @@ def test_a_frame_excludes_the_other_ways_to_start(file):
     assert "start.shift is given: a frame has its own x and v" in message
 
 
-def test_several_mistakes_are_counted(file):
-    assert "(2 more mistakes in this file.)" in refusal(file, "time.dt=0", "mass=3", "title=3")
+def test_several_mistakes_are_all_told_one_a_line(file):
+    given = "time.dt=0", "mass=3", "title=3", "fabric.areal_density=-1"
+    with pytest.raises(fc.SceneError) as caught:
+        load(file, given)
+    for error in (caught.value, pickle.loads(pickle.dumps(caught.value))):
+        lines = str(error).splitlines()
+        assert [line.startswith(f"{file} with {', '.join(given)}: ") for line in lines] == [
+            True
+        ] * 4
+        for key in ("time.dt = 0", "mass = 3", "title = 3", "fabric.areal_density = -1"):
+            assert sum(f": {key}" in line for line in lines) == 1
 
 
 def test_broken_mesh_is_refused_by_its_own_message(file):
