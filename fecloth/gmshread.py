@@ -43,7 +43,9 @@ def check_size(h, extent: float, area: float, where: str) -> None:
     if count > _LARGEST:
         least = np.sqrt(4 / np.sqrt(3.0) * area / _LARGEST)
         what = f"h = {h:g} m would make about {count:.1e} triangles"
-        raise InputError(what, f"h must be at least {least:.2g} m", where, "Is it in metres?")
+        raise InputError(
+            what, f"h must be at least {least:.2g} m", where, "A bare number is in metres."
+        )
 
 
 def check_positive(name: str, value, where: str) -> None:

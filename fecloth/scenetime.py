@@ -72,7 +72,8 @@ class Time(Table):
         steps = (self.t_end - self.t_start) / self.dt
         if steps > MOST_STEPS:
             what = f"dt = {self.dt!r} makes {steps:.2g} steps"
-            raise InputError(what, f"must be at most {MOST_STEPS:.0e}", "", "Is it in seconds?")
+            allowed, remedy = f"must be at most {MOST_STEPS:.0e}", "A bare number is in seconds."
+            raise InputError(what, allowed, "", remedy)
         return self
 
     def stepping(self) -> tuple[object, float | None]:

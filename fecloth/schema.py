@@ -179,7 +179,17 @@ def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
         return f"{key} = {_short(value)}", f"must be a table whose {name} is one of {kinds}", ""
     if name not in value:
         return f"{key}.{name} is missing", allowed, ""
-    return f"{key}.{name} = {_short(value[name])}", allowed, nearest(value[name], kinds.split(", "))
+    remedy = nearest(value[name], kinds.split(", "))
+    if key.startswith("terms"):
+        remedy = " ".join(filter(None, [remedy, _own(value[name])]))
+    return f"{key}.{name} = {_short(value[name])}", allowed, remedy
+
+
+def _own(name: Any) -> str:
+    """How Python code gives a type of term that is not the package's."""
+    if not (isinstance(name, str) and name.isidentifier()):
+        return ""
+    return f'One of your own: fecloth.scene.load("….toml", terms={{"{name}": {name}}}).'
 
 
 def placed(key: str, error: InputError, value: Any = None) -> str:

@@ -44,7 +44,7 @@ def step_times(t: float, dt: float, t_end: float, stops: Sequence[float] = ()) -
         steps = max(1, math.ceil((target - t) / dt - 1e-9))
         if steps > MOST_STEPS:
             allowed = f"makes {steps:.2g} steps, and must make at most {MOST_STEPS:.0e}"
-            raise InputError(f"dt = {dt:g} s", allowed, "march", "Is it in seconds?")
+            raise InputError(f"dt = {dt:g} s", allowed, "march", "A bare number is in seconds.")
         pieces.append(t + dt * np.arange(1, steps + 1))
         pieces[-1][-1] = t = target
     return np.concatenate(pieces)
