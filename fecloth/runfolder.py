@@ -9,8 +9,8 @@ import math
 import os
 import platform
 import sys
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from importlib import metadata
@@ -72,11 +72,7 @@ class RunFolder:
         cls.refuse(path, overwrite)
         with writing(path):
             path.mkdir(parents=True, exist_ok=True)
-            for file in _written(path):
-                file.unlink()
-            for inner in (path / "frames", path / "restart"):
-                if inner.is_dir() and not inner.is_symlink() and not any(inner.iterdir()):
-                    inner.rmdir()
+            _clear(path)
         return cls(path)
 
     @classmethod
@@ -105,10 +101,10 @@ class RunFolder:
             if not path.exists() or not any(path.iterdir()):
                 return
             if not overwrite:
-                remedy = (
-                    "Choose another folder with -o, or pass --overwrite to replace its run, or "
-                    f"--resume {path} to go on with it."
-                )
+                remedy = "Choose another folder with -o, or pass --overwrite to replace its run"
+                if any(path.glob("restart/restart_*.npz")):
+                    remedy += f", or --resume {path} to go on with it"
+                remedy += "."
                 raise InputError(f"output folder {path}", "is not empty", remedy=remedy)
             if not any((path / name).is_file() for name in ("scene.resolved.toml", *TABLES)):
                 remedy = "Choose another folder with -o."
@@ -136,6 +132,28 @@ class RunFolder:
         file = self.path / "run.log"
         with writing(file), file.open("a", encoding="utf-8") as stream:
             stream.write(f"{datetime.now().isoformat(timespec='milliseconds')} {message}\n")
+
+
+@contextmanager
+def begun(path: Path, made: bool) -> Iterator[None]:
+    """A run that cannot begin leaves nothing, nor the folder if it was made for it."""
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            _clear(path)
+            if made:
+                path.rmdir()
+        raise
+
+
+def _clear(path):
+    """Remove a run's files from a folder, and the folders in it that are then empty."""
+    for file in _written(path):
+        file.unlink()
+    for inner in (path / "frames", path / "restart"):
+        if inner.is_dir() and not inner.is_symlink() and not any(inner.iterdir()):
+            inner.rmdir()
 
 
 def _written(path):

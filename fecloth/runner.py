@@ -20,7 +20,7 @@ import signal
 import threading
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -40,7 +40,7 @@ from .output import fields
 from .record import Ledger
 from .recorder import Recorder
 from .restart import Restart
-from .runfolder import RunFolder
+from .runfolder import RunFolder, begun
 from .scene import Scene
 from .settle import settled
 from .solver import Solver
@@ -104,23 +104,25 @@ def _run_scene(scene, path, overwrite, announce, report, resume, held: ExitStack
             with writing(path):
                 path.mkdir(parents=True, exist_ok=True)
             held.enter_context(alone(path))
-        folder = _opened(path, overwrite, found, scene, built, why)
-        recorder = Recorder(folder, built, watch, solver, scene.to_toml(), start, found)
+        folder = (
+            RunFolder.opened(path, found.tables) if found else RunFolder.create(path, overwrite)
+        )
+        with nullcontext() if found else begun(path, made=not held_before):
+            _head(folder, scene, built, why)
+            recorder = Recorder(folder, built, watch, solver, scene.to_toml(), start, found)
         error = recorder.marched(report, interrupted)
         stopped = INTERRUPTED if recorder.state.t < built.t_end else DONE
         return recorder.close(FAILED if error else stopped, why, error)
 
 
-def _opened(path, overwrite, found, scene, built, why) -> RunFolder:
-    """The run's folder with the scene in it, and the first lines of the log."""
-    folder = RunFolder.opened(path, found.tables) if found else RunFolder.create(path, overwrite)
+def _head(folder, scene, built, why) -> None:
+    """The scene, and the first lines of the log."""
     folder.text("scene.resolved.toml", scene.to_toml())
     folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
     folder.log(f"{_sizes(built)}; solver {why}")
     for line in (built.note, *(f"warning: {told}" for told in doubts(built))):
         if line:
             folder.log(line)
-    return folder
 
 
 def settled_scene(built: Built) -> tuple[Built, Solver, str]:

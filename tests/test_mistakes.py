@@ -363,10 +363,26 @@ def test_what_cannot_be_written_at_the_end_is_told(name, scene, capsys):
 def test_a_disk_without_room_for_a_start_says_so(scene):
     pytest.importorskip("resource")
     assert main(["run", "sheet.toml", "-o", "warm", "--quiet"]) == 0  # machine code is kept
-    status, words = ended(process("sheet.toml", "-o", "out", file_size=5000))
-    assert status == 3
-    assert "frame_000000.vtu cannot be written: File too large. Raise the limit" in words
-    assert not list(Path("out").rglob("*.part"))
+    kept = written("warm")
+    for folder, *more in (["out"], ["empty"], ["warm", "--overwrite"]):
+        Path("empty").mkdir(exist_ok=True)
+        status, words = ended(process("sheet.toml", "-o", folder, *more, file_size=5000))
+        assert status == 3
+        assert "frame_000000.vtu cannot be written: File too large. Raise the limit" in words
+    assert not Path("out").exists()
+    for folder in ("empty", "warm"):
+        assert not list(Path(folder).iterdir())
+        assert main(["run", "sheet.toml", "-o", folder, "--quiet"]) == 0
+        assert written(folder) == kept
+
+
+def test_a_folder_without_restart_files_is_not_said_to_be_resumed(scene, capsys):
+    Path("sheet.toml").write_text(TEXT.replace("restart_steps = 5", ""))
+    assert main(["run", "sheet.toml", "-o", "out", "--quiet", "--set", "time.t_end=0.01"]) == 0
+    status, words = told(capsys)
+    assert status == 2
+    assert "is not empty. Choose another folder with -o, or pass --overwrite" in words
+    assert "--resume" not in words
 
 
 # --- interrupted ----------------------------------------------------------------------------------
