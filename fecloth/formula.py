@@ -8,7 +8,7 @@ import math
 import operator
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -114,12 +114,17 @@ class Formula:
 
 @dataclass(frozen=True)
 class Motion:
-    """Three formulas of t as a pin's ``motion(t)`` [m]; can be pickled, unlike a closure."""
+    """Three formulas of t as a pin's ``motion(t)`` [m]; can be pickled, unlike a closure.
+
+    With material points `X` (k, 2) the formulas are of t, X and Y, and the value is (k, 3).
+    """
 
     formulas: tuple[Formula, ...]
+    X: np.ndarray | None = field(default=None, compare=False)
 
     def __call__(self, t) -> np.ndarray:
-        return np.stack([formula(t=t) for formula in self.formulas], axis=-1)
+        place = {} if self.X is None else {"X": self.X[:, 0], "Y": self.X[:, 1]}
+        return np.stack([formula(t=t, **place) for formula in self.formulas], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,8 @@ from .system import State, System
 from .times import step_times
 from .verdict import refuse_times, refuse_unknown
 
+MOST_PLACES = 1_000_000  # times × nodes at which a motion of t, X, Y is evaluated before a run
+
 
 class Scene(Table):
     """A scene file, checked; its tables hold what the file says and the defaults.
@@ -181,13 +183,17 @@ class Scene(Table):
         return fabric, grain
 
     def _pins(self, cloth: Cloth) -> list[Pin]:
-        pins = [table.pin() for table in self.pins]
-        for i, (table, pin) in enumerate(zip(self.pins, pins, strict=True)):
+        pins = []
+        for i, table in enumerate(self.pins):
             with self._at(f"pins.{i}.{'inside' if table.where is None else 'where'}"):
-                cloth.nodes(pin.where)
-            if pin.motion:
+                X = cloth.X[cloth.nodes(table.pin().where)]
+            pins.append(table.pin(X))
+            if table.motion:
+                times = self._motion_times()
+                if table.by_place:  # some of them, lest n times k nodes be too many
+                    times = times[:: 1 + len(times) * len(X) // MOST_PLACES, None]
                 with self._at(f"pins.{i}.motion"):
-                    pin.motion(self._motion_times())
+                    pins[-1].motion(times)
         with self._at("pins"):
             Constraints.bind(pins, cloth)
         return pins

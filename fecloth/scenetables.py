@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from . import presets, scenefile, terms
@@ -58,7 +59,7 @@ def _located(value: str, info: ValidationInfo) -> str:
 
 Name = Annotated[str, AfterValidator(_named)]
 File = Annotated[str, AfterValidator(_located)]  # absolute, so that a copy of the scene finds it
-OfTime = _formula("t")
+OfTimeAndPlace = _formula("t", "X", "Y")
 OfPlace = _formula("X", "Y")
 Where = _formula("X", "Y", condition=True)
 Vector = tuple[float, float, float]
@@ -110,12 +111,13 @@ Shape = one_of("shape", {"rectangle": Rectangle, "disk": Disk, "file": MeshFile}
 class PinTable(Table):
     """Nodes of a set (`where`) or with ``inside`` true, held fixed or moved by formulas of t.
 
+    The formulas may name the nodes' X and Y too; each node then moves by its own.
     With a `direction` they slide along that line, with a `normal` in that plane.
     """
 
     where: str | None = None
     inside: Where | None = None
-    motion: tuple[OfTime, OfTime, OfTime] | None = None
+    motion: tuple[OfTimeAndPlace, OfTimeAndPlace, OfTimeAndPlace] | None = None
     name: Name | None = None
     direction: Vector | None = None
     normal: Vector | None = None
@@ -125,17 +127,29 @@ class PinTable(Table):
         exactly_one(self, "where", "inside")
         if self.direction and self.normal:
             exactly_one(self, "direction", "normal")
-        moves = self.pin().motion
-        if moves and not any(re.search(r"\bt\b", text) for text in self.motion) and moves(0).any():
+        pin = self.pin()
+        if self.motion and not self._names("t") and (self.by_place or pin.motion(0).any()):
             allowed = "must depend on t: a pin is moved by the changes of its motion only"
             remedy = 'Write "0.1 * t", or move the cloth by shift in [start].'
             raise InputError(f"motion = {list(self.motion)}", allowed, "", remedy)
         return self
 
-    def pin(self) -> Pin:
+    @property
+    def by_place(self) -> bool:
+        """Whether the motion is another from node to node."""
+        return self._names("X") or self._names("Y")
+
+    def _names(self, variable: str) -> bool:
+        return any(re.search(rf"\b{variable}\b", text) for text in self.motion or ())
+
+    def pin(self, X: np.ndarray | None = None) -> Pin:
+        """The pin; `X` (k, 2) are its nodes' material points, for a motion that names them."""
         inside = self.inside and Region(Formula(self.inside, ("X", "Y"), True))
-        motion = self.motion and Motion(tuple(Formula(text, ("t",)) for text in self.motion))
-        where = inside if self.where is None else self.where
+        where, motion = inside if self.where is None else self.where, None
+        if self.motion:
+            variables = ("t", "X", "Y") if self.by_place else ("t",)
+            formulas = tuple(Formula(text, variables) for text in self.motion)
+            motion = Motion(formulas, X if self.by_place else None)
         if self.direction or self.normal:
             across = {"direction": self.direction, "normal": self.normal}
             return Slide(where, motion, name=self.name, **across)

@@ -227,6 +227,27 @@ def test_solver_options(file):
     assert built.newton == fc.Newton(tolerance=1e-4)
 
 
+def test_a_motion_of_x_and_y_gathers_an_edge(file):
+    drawn = "-0.02 * X * smoothstep(0, 0.1, t)"
+    moved = f"pins=[{{inside='X > 0.6', motion=['{drawn}', '0', '0.1 * X * Y * t']}}]"
+    built = load(file, [moved]).build()
+    ((pin, nodes),) = built.system.constraints.groups.values()
+    X, Y = built.cloth.X[nodes].T
+    assert len(set(X)) > 1
+    assert len(set(Y)) > 1
+    expected = np.stack([-0.02 * X, 0 * X, 0.01 * X * Y], axis=1)
+    np.testing.assert_allclose(pin.motion(0.1), expected, rtol=0, atol=1e-15)
+    assert pickle.loads(pickle.dumps(pin)).motion(0.1).tolist() == pin.motion(0.1).tolist()
+    end = fc.run(built.system, built.method, built.state, built.dt, built.t_end).state
+    np.testing.assert_allclose(end.x[nodes], built.state.x[nodes] + expected, rtol=0, atol=1e-12)
+
+
+def test_a_motion_of_t_alone_is_one_vector_for_all_nodes(file):
+    pin = next(iter(load(file).build().system.constraints.groups.values()))[0]
+    assert pin.motion(0.25).shape == (3,)
+    assert pin.motion.formulas[1].variables == ("t",)
+
+
 # --- mistakes -------------------------------------------------------------------------------------
 
 MISTAKES = [
@@ -258,7 +279,7 @@ MISTAKES = [
     ("solver.max_iterations=1.5", "solver.max_iterations = 1.5: must be a whole number", ""),
     ("title=1979-05-27", "title = datetime.date(1979, 5, 27): must be a string", ""),
     ("terms.2.acceleration=[1, 2]", "= [1, 2]: must be a list of 3 finite numbers", ""),
-    ("terms.0={type='UserForce', force=[1]}", "= [1]: must be a list", "3 finite numbers or strings"),
+    ("terms.0={type='UserForce', force=[1]}", "= [1]: must be a list of 3", "numbers or strings"),
     ("terms=3", "terms = 3: must be a list of tables", "Write [[terms]] above each"),
     ("terms.0=3", "terms.0 = 3: must be a table whose type is one of ", ""),
     ("pins=['left']", "pins.0 = 'left': must be a table", ""),
@@ -313,10 +334,12 @@ MISTAKES = [
     ("probes.0.where='left'", "probes.0: where and point are given", ""),
     ("expect.sag={value=0, relative=0.1}", "expect.sag.relative is given: nothing is", "absolute"),
     # formulas
-    ("pins.0.motion.2='q'", "pins.0.motion.2: formula 'q', unknown name 'q'", "numbers, t, pi"),
+    ("pins.0.motion.2='q'", "pins.0.motion.2: formula 'q', unknown name 'q'", "numbers, t, X, Y"),
     ("pins.0.motion=[0, 0, 0.1]", "pins.0.motion = ['0', '0', '0.1']: must depend on t", "shift"),
     ("pins.0.motion.2='1/(t-0.05)'", "pins.0.motion: formula '1/(t-0.05)' is", "t = 0.05"),
     ("pins.0.motion.2='sqrt(0.1-t)'", "pins.0.motion: formula 'sqrt(0.1-t)' is nan", ""),
+    ("pins.0.motion=['X', 0, 0]", "pins.0.motion = ['X', '0', '0']: must depend on t", "shift"),
+    ("pins.0.motion.2='t/(Y-0.5)'", "pins.0.motion: formula 't/(Y-0.5)' is", "X = 0, Y = 0.5"),
     ("pins.1.inside='X'", "pins.1.inside: formula 'X', a condition such as", ""),
     ("pins.1.inside='X < -1'", "the choice of nodes is empty", "X from 0 to 1 m, Y from 0 to 0.5"),
     ("pins.1.inside='X > -1'", "pins: node 0 is held by more than one pin", ""),
