@@ -3,10 +3,13 @@
 A round specimen of 0.3 m, held between two disks of 0.18 m, hangs over their edge. The drape
 coefficient is the share of the hanging ring that its shadow still covers (Cusick 1965, The
 dependence of fabric drape on bending and shear stiffness, J. Text. Inst. 56,
-doi.org/10.1080/19447026508662319): 1 for a board, small
-for what falls in deep folds. Prints it with the number of folds, of the runs of
-studies/scenes/drape.toml in the folders that are named, or else of three fabrics, which it runs
-and draws into out/drape.png; that at the head of the README is made by --picture.
+doi.org/10.1080/19447026508662319): 1 for a board, small for what falls in deep folds. Prints it
+with the number of folds, of the runs of studies/scenes/drape.toml in the folders that are named,
+or else of three fabrics, which it runs and draws into out/drape.png; that at the head of the
+README is made by --picture.
+
+With --methods it drapes the tablecloth with every one of `METHODS` and `STEPS`, and prints what
+they cost and where they end.
 
 It is no measurement: the folds are one of many states at rest. With --h 0.0045 the coefficients
 change by one hundredth, the folds by one.
@@ -18,7 +21,9 @@ import argparse
 import math
 import sys
 import tempfile
+import time
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +36,8 @@ from fecloth.series import Frame, Series
 
 HERE = Path(__file__).parent
 FABRICS = ("interlock", "polyester-tablecloth", "trousers")
+METHODS = ("backward_euler", "linearly_implicit_euler", "bdf2", "implicit_midpoint")
+STEPS = (0.02, 0.01, 0.005)  # s
 SPECIMEN, SUPPORT = 0.15, 0.09  # radii [m], those of meshes/drape.geo
 CELL = 5e-4  # of the grid on which the shadow is counted [m]
 
@@ -116,18 +123,36 @@ def three(h: float, picture: Path | None) -> None:
                 print(f"no picture: {missing}")
 
 
+def methods(h: float) -> None:
+    """What the tablecloth costs until it is at rest, by method and step, and where it ends."""
+    for method, dt in product(METHODS, STEPS):
+        given = [f"cloth.h={h}", f"time.method={method}", f"time.dt={dt}"]
+        with tempfile.TemporaryDirectory() as folder:
+            began = time.process_time()
+            outcome = run_scene(load(HERE / "scenes" / "drape.toml", given), Path(folder) / "run")
+            seconds = time.process_time() - began
+            end = outcome.status
+            if end == "done":
+                balance = ", its balance off on the way" if outcome.summary["warning"] else ""
+                end = found(last(outcome.folder)) + balance
+        print(f"{method:24s} {1000 * dt:3.0f} ms  {seconds:5.1f} CPU s  {end}")
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("runs", nargs="*", type=Path, metavar="DIR", help="folder of a drape test")
+    parser.add_argument("--methods", action="store_true", help="by method and step instead")
     parser.add_argument("--quick", action="store_true", help="coarse; a picture if asked for")
     parser.add_argument("--h", type=float, default=0.006, help="edge length [m]")
     parser.add_argument("--picture", type=Path, help="where to (out/drape.png)")
     options = parser.parse_args()
     for folder in options.runs:
         print(f"{folder!s:22s} {found(last(folder))}")
-    if not options.runs:
-        standard = None if options.quick else Path("out/drape.png")
-        three(0.015 if options.quick else options.h, options.picture or standard)
+    h = 0.015 if options.quick else options.h
+    if options.methods:
+        methods(h)
+    elif not options.runs:
+        three(h, options.picture or (None if options.quick else Path("out/drape.png")))
     return 0
 
 
