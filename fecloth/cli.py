@@ -16,7 +16,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from . import foresight, linear, restart
+from . import foresight, linear
 from .built import Built
 from .checks import CHECKS
 from .cloth import Cloth
@@ -43,7 +43,7 @@ STATUS = """exit status:
   1  check: a value lies outside its tolerance
   2  bad input: nothing was run
   3  the simulation failed, or the disk is full; what was written up to then is readable
-  4  interrupted; --resume goes on from there
+  4  interrupted; --resume goes on
 """
 MISSED, BAD_INPUT, SIMULATION_FAILED, STOPPED = 1, 2, 3, 4
 
@@ -195,14 +195,21 @@ def _closing(outcome) -> str:
 
 
 def _trouble(outcome) -> str:
-    readable = f"{outcome.folder} is readable up to t = {outcome.summary['t']:g} s"
-    if isinstance(outcome.error, WriteError):
-        again = f"--resume {outcome.folder} goes on from its last restart file"
-        none = "no restart file was written: restart_steps in [output] asks for them"
-        readable += f"; {again if restart.files(outcome.folder) else none}"
-    if outcome.error:
+    folder, t = outcome.folder, outcome.summary["t"]
+    readable = f"{folder} is readable up to t = {t:g} s"
+    again = f"--resume {folder} goes on from"
+    if outcome.error and not isinstance(outcome.error, WriteError):
         return f"failed: {outcome.error}\n{readable}"
-    return f"interrupted; {readable}; --resume {outcome.folder} goes on from there"
+    if outcome.resumes is None:
+        goes = "no restart file was written: restart_steps in [output] asks for them"
+    elif outcome.error:
+        goes = f"{again} its last restart file, at t = {outcome.resumes:g} s"
+    elif outcome.resumes < t:
+        goes = f"{again} t = {outcome.resumes:g} s, the last at which its solver kept nothing"
+    else:
+        goes = f"{again} there"
+    cause = f"failed: {outcome.error}\n" if outcome.error else "interrupted; "
+    return f"{cause}{readable}; {goes}"
 
 
 def _ledger_text(ledger: Ledger) -> str:

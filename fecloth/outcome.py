@@ -28,6 +28,8 @@ class Outcome:
         Why it failed.
     warning
         What to doubt, "" for nothing.
+    resumes
+        From where `--resume` goes on [s]; None from nowhere.
     """
 
     status: str
@@ -36,6 +38,7 @@ class Outcome:
     ledger: Ledger
     error: FeclothError | None = None
     warning: str = ""
+    resumes: float | None = None
 
 
 def sizes_of(system: System) -> dict:

@@ -16,7 +16,7 @@ from .errors import FeclothError, InputError, StepFailed
 from .htmlreport import stretch_row, write_report
 from .march import Memory, StepInfo, march
 from .observe import Observer
-from .outcome import FAILED, Outcome, sizes_of
+from .outcome import FAILED, INTERRUPTED, Outcome, sizes_of
 from .output import Frames, fields
 from .record import Ledger, doubt
 from .restart import Restart
@@ -250,6 +250,12 @@ class Recorder:
             "versions": versions(),
         }
 
+    def _resumes(self) -> float | None:
+        """From where a run that ends here goes on [s]: earlier if its solver kept a factor."""
+        with suppress(InputError, MemoryError):
+            return restarts.find(self.folder.path).state.t
+        return None
+
     def close(self, status: str, why: str, error: FeclothError | None) -> Outcome:
         """The last good state as a frame, the summary, the last line of the log."""
         try:
@@ -263,6 +269,9 @@ class Recorder:
         warning = self.doubt()
         summary = self._summary(status, why, str(error) if error else None, warning or None)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
+        resumes = self._resumes()
+        if status == INTERRUPTED and resumes is not None:
+            words += f"; --resume goes on from {resumes:g} s"
         try:
             self.folder.summary(summary)
             self.folder.log(f"{words}: {error}" if error else words)
@@ -271,4 +280,5 @@ class Recorder:
             self._report(summary)
         except InputError as full:
             status, error = FAILED, error or full
-        return Outcome(status, self.folder.path, summary, self.ledger, error, warning)
+        ends = self.ledger, error, warning, resumes
+        return Outcome(status, self.folder.path, summary, *ends)

@@ -27,6 +27,7 @@ from .explicit import LastForce
 from .march import Memory
 from .mkl import threads
 from .newmark import Acceleration
+from .outcome import DONE
 from .record import Ledger
 from .runfolder import versions
 from .system import State
@@ -206,9 +207,21 @@ def find(folder: Path) -> Restart:
     if not found and broken:
         raise broken
     if not found:
-        remedy = "Run it anew with --overwrite; restart_steps in [output] writes restart files."
-        raise InputError(f"{folder} holds no restart file", remedy=remedy)
+        raise _nothing(folder)
     return next((one for one in found if one.exact), found[0])
+
+
+def _nothing(folder: Path) -> InputError:
+    """Why there is nothing to go on from."""
+    if not folder.is_dir():
+        remedy = "Give the folder of a run; -o names that of a new one."
+        return InputError(f"--resume {folder}", "there is no such folder", remedy=remedy)
+    remedy = "Run it anew with --overwrite; restart_steps in [output] writes restart files."
+    told = _summary(folder)
+    if told.get("status") == DONE:
+        words = f"the run in {folder} is complete up to t = {told['t']:g} s"
+        return InputError(words, "there is no restart file to go beyond", remedy=remedy)
+    return InputError(f"{folder} holds no restart file", remedy=remedy)
 
 
 def drop_later(folder: Path, restart: Restart) -> None:
@@ -245,10 +258,16 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
 
 def _closed(folder: Path, t: float) -> bool:
     """Whether a run has told that it came to t; one that is killed before has that to do."""
+    return _summary(folder).get("t") == t
+
+
+def _summary(folder: Path) -> dict:
+    """What summary.json says; nothing if there is none."""
     try:
-        return json.loads((folder / "summary.json").read_text(encoding="utf-8"))["t"] == t
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
+        found = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _flat(data, key: str = "") -> dict:

@@ -185,7 +185,7 @@ def _interruptible() -> Iterator[threading.Event]:
 
     def ask(number, frame):
         if asked.is_set():
-            raise KeyboardInterrupt("at once; --resume goes on from the last whole step")
+            raise KeyboardInterrupt("at once; --resume goes on from what it left")
         asked.set()
 
     if threading.current_thread() is not threading.main_thread():

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth import redo, restart
+from fecloth import cli, redo, restart
 from fecloth.cli import main
 from fecloth.explicit import EXPLICIT
 from fecloth.integrators import METHODS
@@ -357,6 +357,36 @@ def test_an_interruption_between_two_restarts_costs_no_bit(scene, tmp_path):
         assert summary[key] == expected[key]
 
 
+def test_what_there_is_not_to_go_on_from_is_told(scene, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene.write_text(UNASKED)
+    resume = ["run", str(scene), "--resume", "out"]
+    assert main(resume) == 2
+    told = capsys.readouterr().err
+    assert "--resume out: there is no such folder" in told
+    assert "--overwrite" not in told
+    (tmp_path / "out").mkdir()
+    assert main(resume) == 2
+    assert "out holds no restart file" in capsys.readouterr().err
+    t = run_scene(load(scene), "out", overwrite=True).summary["t"]
+    assert main(resume) == 2
+    assert f"the run in out is complete up to t = {t:g} s" in capsys.readouterr().err
+
+
+def test_an_interrupted_run_tells_from_where_it_will_go_on(scene, tmp_path, monkeypatch, capsys):
+    """Its solver has kept a factor at step 33, so it goes back to step 30."""
+    monkeypatch.chdir(tmp_path)
+    outcome = interrupted(scene, "out", 33)
+    found = restart.find(Path("out"))
+    assert outcome.resumes == found.state.t < outcome.summary["t"]
+    log = (tmp_path / "out" / "run.log").read_text()
+    assert f"after 33 steps; --resume goes on from {found.state.t:g} s" in log
+    monkeypatch.setattr(cli, "run_scene", lambda *_: outcome)
+    assert main(["run", str(scene), "-o", "out", "--quiet"]) == 4
+    words = f"--resume out goes on from t = {found.state.t:g} s, the last at which its solver"
+    assert words in capsys.readouterr().err
+
+
 def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys):
     scene.write_text(UNASKED)
     folder = tmp_path / "out"
@@ -371,8 +401,6 @@ def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys
     assert main([*resume, "--set", "time.t_end=0.001"]) == 2
     assert "has come to" in capsys.readouterr().err
     assert main([*resume, "--overwrite"]) == 2
-    assert main(["run", str(scene), "--resume", str(tmp_path / "nothing")]) == 2
-    assert "holds no restart file" in capsys.readouterr().err
     assert written(folder) == before
     assert main([*resume, "--set", "time.t_end=0.08"]) == 0
     assert read_frame(max((folder / "frames").iterdir()), load(scene).mesh()).t == 0.08
