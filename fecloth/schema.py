@@ -7,6 +7,7 @@ A number may be text with a unit where the type of its key names what it measure
 from __future__ import annotations
 
 import dataclasses
+import re
 import reprlib
 import typing
 from collections.abc import Iterator, Mapping
@@ -27,6 +28,8 @@ from pydantic import (
 from .errors import InputError, MeshError, SceneError
 from .formula import nearest
 from .hints import holds_tables, in_si, options, phrase, writable
+
+_KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
 
 
 class Table(BaseModel):
@@ -197,7 +200,7 @@ def placed(key: str, error: InputError, value: Any = None) -> str:
     first = error.what.split(" ", 2)
     if not error.what:
         return f"{key} = {_short(value)}"
-    if len(first) > 1 and first[1] in ("=", "is") and first[0].isidentifier():
+    if len(first) > 1 and first[1] in ("=", "is") and _KEY.fullmatch(first[0]):
         return f"{key}.{error.what}".removeprefix(".")
     return f"{key}: {error.what}".removeprefix(": ")
 

@@ -360,6 +360,42 @@ def test_an_override_changes_a_parameter_of_a_method_that_stands_by_its_name(tmp
     assert load(tmp_path / "m.toml", named).time.method.make() == fc.Newmark(gamma=0.6)
 
 
+CONSTANTS = ["areal_density", "tensile_stiffness", "poisson_ratio", "shear_stiffness"]
+CONSTANTS += ["bending_rigidity", "bending_hysteresis", "source"]
+KES = "kes = { W = 20.0, EMT = [4, 6], G = 0.8, B = [0.12, 0.08], '2HB' = 0.05 }"
+FAST = "fast = { W = 168, E100 = [2.0, 4.0], EB5 = 3.0, C = [15, 14.5] }"
+
+
+def test_a_scene_has_what_instruments_print(tmp_path):
+    """Beside it constants of one's own; the scene written out has them all in SI."""
+    read = scene(tmp_path, f"[fabric]\n{KES}\npoisson_ratio = 0.2\nareal_density = '150 g/m^2'\n")
+    fabric = read.build().system.fabric
+    assert (fabric.areal_density, fabric.poisson_ratio, fabric.source) == (0.15, 0.2, "KES-F")
+    for force, extension, Y in zip((490.3325,) * 2, (0.04, 0.06), fabric.tensile, strict=True):
+        green = extension + extension**2 / 2  # StVK: P = (1 + ε) Y E
+        assert (1 + extension) * green * Y == pytest.approx(force)
+    assert fabric.shear == pytest.approx(0.8 * GRAM_FORCE / 0.01 * 180 / math.pi)
+    assert fabric.bending == pytest.approx((0.12 * 98.0665e-6, 0.08 * 98.0665e-6))
+    assert fabric.bending_hysteresis == pytest.approx([0.05 * GRAM_FORCE] * 2)
+    table = tomllib.loads(read.to_toml())["fabric"]
+    assert table == {k: table[k] for k in CONSTANTS}
+    assert tuple(table["bending_rigidity"]) == fabric.bending
+    assert (
+        fc.Fabric(**{k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}) == fabric
+    )
+
+
+def test_instruments_have_loads_and_regions(tmp_path):
+    other = FAST.replace("E100 = [2.0, 4.0]", "E20 = 1.5, load = 20")
+    read = scene(tmp_path, f"[fabrics]\nbody = {{ {FAST} }}\nhem = {{ {other} }}\n").fabrics
+    fields = {"W": 168, "EB5": 3.0, "C": (15, 14.5)}
+    assert read["body"].make() == fc.Fabric.from_fast(fields | {"E100": (2.0, 4.0)})
+    assert read["hem"].make() == fc.Fabric.from_fast(fields | {"E20": 1.5}, load=20)
+    energy = KES.replace("W = 20.0", "W = 20.0, LT = 0.7, tensile = 'energy'")
+    stiff = scene(tmp_path, f"[fabric]\n{energy}\n").fabric.make().tensile[0]
+    assert stiff == pytest.approx(0.7 * 490.3325 * 0.04 / (0.04 + 0.04**2 / 2) ** 2)
+
+
 def test_values_carry_units(tmp_path):
     table = """
 [fabric]
@@ -401,6 +437,12 @@ SCENE_MISTAKES = [
         "fabric.prest = 'silk': unknown key; the keys are areal_density",
         "Did you mean 'preset'?",
     ),
+    ("[fabric]\n" + KES.replace("4, 6", "4, -6"), "fabric.kes.EMT = (4, -6): must be", ""),
+    ("[fabric]\n" + KES.replace("0.05", "0"), "fabric.kes.2HB = 0: must be a number > 0", ""),
+    ("[fabric]\n" + KES.replace("G =", "H ="), "fabric.kes.H = 0.8: unknown field", "are W, EMT"),
+    ("[fabric]\n" + FAST.replace("C =", "F ="), "fabric.fast.C is missing: needed are W", ""),
+    (f"[fabric]\n{FAST}\n{KES}", "fabric: kes and fast are given: give one of them", ""),
+    ("fabric = { kes = 3 }", "fabric.kes = 3: must be a table of what the instrument", ""),
     ("fabric = 3", "fabric = 3: must be a table", ""),
     ("fabric = { preset = 3 }", "fabric.preset = '3': must be one of silk", ""),
     ("fabric = { preset = { name = 1 } }", "must be one of silk", ""),
