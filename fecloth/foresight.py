@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from . import linear
 from .built import Built
@@ -30,7 +30,7 @@ FIRST_ORDER = (BackwardEuler, LinearlyImplicitEuler)
 
 
 def plan(built: Built, why: str) -> list[str]:
-    """Sizes, terms, method, solver and why, threads, memory, and what an explicit method needs."""
+    """Sizes, terms, method, solver and why, threads, memory, weight, what explicit steps need."""
     system = built.system
     name = f"{'quadratic ' * (system.cloth.element == 'P2')}triangles"
     lines = [
@@ -40,6 +40,7 @@ def plan(built: Built, why: str) -> list[str]:
         f"{built.method}, {_steps(built)} to t = {built.t_end:g} s",
         f"linear solver: {why}",
         _needs(built),
+        *_heavy(system),
     ]
     if built.note:
         lines.append(built.note)
@@ -70,6 +71,16 @@ def _needs(built: Built) -> str:
     linear.direct(built.system.symmetric)  # loads the MKL, if there is one
     factor = f"{threads() or 1} for factorisations, else one"
     return f"threads: {factor}; about {iterated:.0f} MB, with a factor {memory(built.system):.0f}"
+
+
+def _heavy(system: System) -> Iterator[str]:
+    """The number by which README tells whether bending matters."""
+    number, length = heaviness(system), reach(system)
+    if number:
+        yield (
+            f"weight over bending stiffness: ρ g L³/B = {number:.3g} with L = {length:.3g} m, "
+            + ("from pin to pin" if surrounded(system) else "the reach from the pins")
+        )
 
 
 def memory(system: System, solver: str = "direct") -> float:
@@ -229,6 +240,34 @@ def hanging(system: System) -> float:
         return 0.0
     distances, _ = cKDTree(system.cloth.X[held]).query(system.cloth.X)
     return float(distances.max())
+
+
+def heaviness(system: System) -> float:
+    """ρ g L³/B, weight over bending stiffness [-]; 0 where one of them or a pin is missing.
+
+    L is the `reach`, B the least of the rigidities. With 8 a cantilever would sink by its length, were
+    its deflection in proportion to the load.
+    """
+    known = [min(fabric.bending) for fabric in _fabrics(system) if fabric.bending]
+    if not (known and set(BENDING) & set(_kinds(system))):
+        return 0.0
+    weight = gravity(system) * system.nodal_mass.sum() / system.cloth.area
+    return weight * reach(system) ** 3 / min(known)
+
+
+def reach(system: System) -> float:
+    """How far the cloth reaches from its pins, twice that if they surround its middle [m]."""
+    return hanging(system) * (1 + surrounded(system))
+
+
+def surrounded(system: System) -> bool:
+    """Whether the middle of the cloth, the mean of its nodes, lies within the pins' convex hull."""
+    X = system.cloth.X
+    try:
+        hull = ConvexHull(X[system.constraints.nodes])
+    except (QhullError, ValueError):  # pins on a line, or too few
+        return False
+    return bool((hull.equations @ [*X.mean(axis=0), 1.0] <= 1e-12).all())
 
 
 def _kinds(system: System) -> list[str]:

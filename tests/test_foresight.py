@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from needs_numbers import Numbers, table
 
 import fecloth as fc
 from fecloth import foresight
@@ -112,6 +113,36 @@ def test_a_sliver_is_named(scene, tmp_path):
     (found,) = foresight.doubts(load(scene, ["pins=[]"]).build(cloth))
     assert "at (0.5, 0.00667) m has the quality 0.046" in found
     assert "1 are below 0.3" in found
+
+
+WEIGHTS = [  # overrides, L [m], B [N m], its words
+    ([], 1.0, 1e-4, "the reach from the pins"),
+    (["pins.0.where=boundary"], 0.5, 1e-4, "from pin to pin"),
+    (["pins.0.where=corners"], 1.25**0.5, 1e-4, "from pin to pin"),
+    (["fabric.bending_rigidity=[1e-4, 2e-5]"], 1.0, 2e-5, "the reach from the pins"),
+]
+
+
+@pytest.mark.parametrize(("overrides", "length", "rigidity", "words"), WEIGHTS)
+def test_the_weight_over_the_bending_stiffness_is_told(
+    overrides, length, rigidity, words, scene, capsys
+):
+    number = 0.2 * 9.81 * length**3 / rigidity
+    assert main(["info", str(scene), *(f"--set={one}" for one in overrides)]) == 0
+    told = (
+        f"weight over bending stiffness: ρ g L³/B = {number:.3g} with L = {length:.3g} m, {words}"
+    )
+    assert told in capsys.readouterr().out
+    rows = {row["formula"]: row["value"] for row in table(Numbers.of(load(scene, overrides)))}
+    assert rows["ρ g L³/B"] == pytest.approx(number, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "missing", ["pins=[]", "terms.1.type=StVK", "terms.2.acceleration=[0,0,0]"]
+)
+def test_no_weight_over_bending_stiffness_without_either_or_a_pin(missing, scene):
+    built = load(scene, [missing]).build()
+    assert not any("weight over" in line for line in foresight.plan(built, "why"))
 
 
 @pytest.mark.parametrize("angle", [0.01, 0.1, 0.5])
