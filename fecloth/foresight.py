@@ -245,8 +245,8 @@ def hanging(system: System) -> float:
 def heaviness(system: System) -> float:
     """ρ g L³/B, weight over bending stiffness [-]; 0 where one of them or a pin is missing.
 
-    L is the `reach`, B the least of the rigidities. With 8 a cantilever would sink by its length, were
-    its deflection in proportion to the load.
+    L is the `reach`, B the least of the rigidities. With 8 a cantilever would sink by its
+    length, were its deflection in proportion to the load.
     """
     known = [min(fabric.bending) for fabric in _fabrics(system) if fabric.bending]
     if not (known and set(BENDING) & set(_kinds(system))):
