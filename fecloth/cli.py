@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import signal
 import sys
@@ -33,7 +34,7 @@ from .render import render
 from .runfolder import versions
 from .runner import run_scene, settled_scene
 from .scene import Scene, load
-from .series import FIELDS
+from .series import FIELDS, Series
 from .swatches import listed
 from .verdict import Verdict, check
 from .viewer import write_view
@@ -237,8 +238,17 @@ def _render(options) -> int:
     except ValueError as error:
         raise InputError(f"--size {options.size}", "must be like 1280x720") from error
     chosen = options.field, (width, height), options.fps, options.time
-    print(f"wrote {render(options.folder, options.output, *chosen)}")
+    file = render(options.folder, options.output, *chosen)
+    print(f"wrote {file}{_drawn(options) if file.suffix == '.png' else ''}")
     return 0
+
+
+def _drawn(options) -> str:
+    """Which time a picture shows."""
+    series, asked = Series.open(options.folder), options.time
+    t = series.times[series.at(asked)]
+    exact = asked is None or math.isclose(t, asked, rel_tol=1e-9, abs_tol=1e-12)
+    return f": t = {t:g} s" + ("" if exact else f", of the frame next to {asked:g} s")
 
 
 # --- check ----------------------------------------------------------------------------------------

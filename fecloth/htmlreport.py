@@ -51,7 +51,7 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
         The last one.
     """
     tables = {name: read_table(folder / f"{name}.csv") for name in ("steps", "energies", "strains")}
-    data = packed([frame], shown_fields(frame), start=None)
+    data = packed([frame], shown_fields(frame))
     words = {"title": title_of(folder), "status": summary["status"], "note": _subtitle(summary)}
     parts = {
         "warnings": _warnings(folder, summary),
@@ -107,7 +107,7 @@ def _tiles(summary, tables):
         "steps": f"{summary['steps']}",
         "Newton iterations": f"{summary['newton']}",
         "linear iterations": f"{summary['linear']}",
-        "energy unexplained": f"{summary['ledger']['remainder']:.2g} J",
+        "energy unexplained": _unexplained(summary, tables["steps"]),
         "frames": f"{summary['frames']}",
     }
     if strains := tables["strains"]:
@@ -120,6 +120,12 @@ def _tiles(summary, tables):
         for name, value in tiles.items()
     )
     return f'<div class="tiles">{cells}</div>'
+
+
+def _unexplained(summary, steps):
+    """The ledger's remainder, and how much that is of what has moved."""
+    words = f"{summary['ledger']['remainder']:.2g} J"
+    return f"{words}, {100 * abs(steps['drift'][-1]):.2g} %" if "drift" in steps else words
 
 
 def _details(folder, summary):

@@ -24,6 +24,7 @@ from . import checks
 from .checks import CHECKS
 from .disk import DiskFull, in_one_go, replace_file
 from .errors import InputError
+from .formula import nearest
 from .series import FIELDS, Frame, Series, bounded, field_values, rim, straight
 from .viewer import PERCENT, View, view_of
 
@@ -91,8 +92,7 @@ def render(
     shot = _shot(series, field, size)
     frames = range(len(series.times))
     if target.suffix == ".png":
-        wanted = series.times[-1] if time is None else time
-        frames = [int(np.argmin(np.abs(np.array(series.times) - wanted)))]
+        frames = [series.at(time)]
     if fps is None:
         length = series.times[-1] - series.times[0]
         fps = float(np.clip((len(frames) - 1) / length if length else FPS[0], *FPS))
@@ -104,8 +104,9 @@ def render(
 
 def _refuse(target: Path, field, size, fps, time) -> None:
     if field not in (*FIELDS, CHECKS):
-        allowed = f"must be one of {', '.join(FIELDS)}, {CHECKS}"
-        raise InputError(f"field {field!r}", allowed)
+        names = *FIELDS, CHECKS
+        allowed = f"must be one of {', '.join(names)}"
+        raise InputError(f"field {field!r}", allowed, remedy=nearest(field, names))
     if target.suffix not in SUFFIXES:
         raise InputError(f"-o {target}", f"must end in {', '.join(SUFFIXES)}")
     if min(size) < 16 or max(size) > 8192 or (target.suffix == ".mp4" and any(s % 2 for s in size)):

@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import InputError
+from .formula import nearest
 from .vtu import Arrays
 
 LARGEST = 1e300  # what is larger overflows where two such are subtracted
@@ -81,7 +82,8 @@ def field_values(frame: Frame, name: str) -> np.ndarray:
         If there is no such field, or the frame does not hold its array.
     """
     if name not in FIELDS:
-        raise InputError(f"field {name!r}", f"must be one of {', '.join(FIELDS)}")
+        allowed = f"must be one of {', '.join(FIELDS)}"
+        raise InputError(f"field {name!r}", allowed, remedy=nearest(name, FIELDS))
     field = FIELDS[name]
     arrays = {**frame.point_data, **frame.cell_data, "": frame.points}
     if field.array not in arrays:
@@ -145,6 +147,11 @@ class Series:
             return cls(folder, _times_of(single), lambda i: _read_hdf(single, i))
         remedy = "Give the folder of a run, e.g. out/flag."
         raise InputError(f"{folder}", "holds no frames", remedy=remedy)
+
+    def at(self, time: float | None) -> int:
+        """The frame next to a time [s]; the last one of all for None."""
+        wanted = self.times[-1] if time is None else time
+        return int(np.argmin(np.abs(np.array(self.times) - wanted)))
 
     def chosen(self, most: int) -> list[int]:
         """At most so many frames, evenly spread, the first and the last among them."""

@@ -58,8 +58,8 @@ def view_of(low: np.ndarray, high: np.ndarray) -> View:
     return View(np.array([low, high]), AZIMUTH, math.radians(35.0) if flat else ELEVATION)
 
 
-def write_view(folder: str | Path, start: int | None = 0) -> Path:
-    """Write ``folder``/view.html; returns it.
+def write_view(folder: str | Path) -> Path:
+    """Write ``folder``/view.html, which opens at the last frame; returns it.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def write_view(folder: str | Path, start: int | None = 0) -> Path:
     series = Series.open(folder)
     fields = shown_fields(series.read(0))
     frames = chosen(series, len(fields))
-    data = packed((series.read(i) for i in frames), fields, start)
+    data = packed((series.read(i) for i in frames), fields)
     count = len(data["times"])
     note = f"{count} frame{'s' * (count > 1)}, {data['cells']} triangles"
     if len(frames) < len(series.times):
@@ -122,7 +122,7 @@ def part(name: str) -> str:
     return (files("fecloth") / "page" / name).read_text(encoding="utf-8")
 
 
-def packed(frames, fields: Sequence[str], start: int | None = 0) -> dict:
+def packed(frames, fields: Sequence[str]) -> dict:
     """What viewer.js draws, for JSON: numbers of the frames in base64.
 
     Parameters
@@ -131,8 +131,6 @@ def packed(frames, fields: Sequence[str], start: int | None = 0) -> dict:
         `Frame`s of one mesh.
     fields
         Names as in series.py; their values lie at the nodes or in the triangles.
-    start
-        Number of the frame to show first; None for the last one.
     """
     times, points, values = [], [], {name: [] for name in fields}
     for frame in frames:
@@ -147,7 +145,7 @@ def packed(frames, fields: Sequence[str], start: int | None = 0) -> dict:
     view, triangles = view_of(low, high), straight(frame.cells)
     return {
         "times": times,
-        "start": len(times) - 1 if start is None else start,
+        "start": len(times) - 1,  # the first is flat more often than not
         "nodes": points.shape[1],
         "cells": len(frame.cells),
         "low": low.tolist(),

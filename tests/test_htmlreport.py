@@ -85,6 +85,15 @@ def test_a_run_leaves_a_report_of_its_end(run, tmp_path):
     assert np.array_equal(drawn, cloth.triangles)
 
 
+def test_what_stays_unexplained_is_told_as_a_share_of_what_has_moved(run, tmp_path):
+    page = run()[1]
+    ledger = np.genfromtxt(tmp_path / "run/energies.csv", delimiter=",", names=True)
+    flows = [np.abs(ledger[name]) for name in ("kinetic", "pins", "numerical")]
+    left = ledger["remainder"][-1]  # nothing else is dissipated or worked here
+    share = 100 * abs(left) / np.max(np.sum(flows, axis=0))
+    assert f"<b>{left:.2g} J, {share:.2g} %</b><span>energy unexplained" in page
+
+
 def test_it_needs_nothing_else(run):
     page = run()[1]
     assert not re.search(r"https?://|\b(src|href)=|@import|url\(", page)

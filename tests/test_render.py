@@ -119,10 +119,27 @@ def test_a_movie_has_all_frames(draw):
         assert movie.get_meta_data()["size"] == (320, 240)
 
 
-def test_an_unknown_field_is_a_mistake(run, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("time", "told"),
+    [
+        ([], "t = 0.4 s"),
+        (["--time", "0.1"], "t = 0.1 s"),
+        (["--time", "99"], "t = 0.4 s, of the frame next to 99 s"),
+        (["--time", "0.12"], "t = 0.1 s, of the frame next to 0.12 s"),
+    ],
+)
+def test_the_time_of_a_picture_is_told(time, told, draw, capsys):
+    target = draw("a.png", *time)
+    assert capsys.readouterr().out == f"wrote {target}: {told}\n"
+
+
+@pytest.mark.parametrize(("name", "meant"), [("sped", "speed"), ("check", "checks"), ("zz", "")])
+def test_an_unknown_field_is_a_mistake(name, meant, run, tmp_path, capsys):
     target = tmp_path / "a.png"
-    assert main(["render", str(run), "-o", str(target), "--field", "strain"]) == 2
-    assert "must be one of larger_stretch" in capsys.readouterr().err
+    assert main(["render", str(run), "-o", str(target), "--field", name]) == 2
+    error = capsys.readouterr().err
+    assert "must be one of larger_stretch" in error
+    assert error.strip().endswith(f"Did you mean {meant!r}?" if meant else "checks")
     assert not target.exists()
 
 

@@ -53,6 +53,7 @@ def test_the_page_holds_the_motion_and_the_fields(run):
     _, system, states, page = run
     data = data_of(page)
     assert data["times"] == [state.t for state in states]
+    assert data["start"] == len(states) - 1  # it opens at the end of the motion
     low, span = np.array(data["low"]), np.subtract(data["high"], data["low"])
     shown = low + span * shorts(data["points"]).reshape(len(states), -1, 3) / 65535
     assert np.abs(shown - [state.x for state in states]).max() <= 0.51 * span.max() / 65535 + 1e-7
@@ -201,17 +202,18 @@ class Page:
 
 def test_the_slider_moves_the_cloth(run, browser):
     page = Page(browser, run[0] / "view.html")
+    assert "0.4 s" in page.page.locator(".now").inner_text()
+    last = page.cloth()
+    page.slide(0)
     first = page.cloth()
     assert 0.03 < first.mean() < 0.7
-    page.slide(8)
-    last = page.cloth()
     assert last.mean() > 0.01
     assert (first ^ last).mean() > 0.02
     rows = [np.mean(np.nonzero(mask)[0]) for mask in (first, last)]
     assert rows[1] > rows[0] + 30  # it has fallen
-    assert "0.4 s" in page.page.locator(".now").inner_text()
-    page.slide(0)
-    assert (page.cloth() ^ first).mean() < 1e-3  # pixels at the rim may differ in their shade
+    assert page.page.locator(".now").inner_text() == "t = 0 s"
+    page.slide(8)
+    assert (page.cloth() ^ last).mean() < 1e-3  # pixels at the rim may differ in their shade
     assert not page.troubles
 
 
@@ -229,8 +231,9 @@ def test_field_mouse_and_play(run, browser):
     page.page.mouse.move(280, 300, steps=4)
     page.page.mouse.up()
     assert (page.pixels() != coloured).any(axis=2).mean() > 0.05
-    page.slide(0)
+    page.slide(8)
     page.page.locator(".play").click()
+    page.page.wait_for_function('document.querySelector(".time").value == 0', timeout=5000)
     page.page.wait_for_function('document.querySelector(".time").value > 0', timeout=5000)
     assert not page.troubles
 
