@@ -3,8 +3,8 @@
 The same thing as the Python calls: the keys of a term, the fabric or the solver are the fields of
 the classes in `fecloth.terms`, of `Fabric` and of `Newton`, with the same units. Numbers are in SI,
 and so is what formulas give; text may be a number with another unit of the same quantity, as in
-``dt = "5 ms"`` (see `units`). The tables are described in `scenetables`, `scenestart` and
-`scenetime`.
+``dt = "5 ms"`` (see `units`). The tables are described in `scenetables`, `scenefabric`,
+`scenestart` and `scenetime`.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from .output import read_frame
 from .panel import Panel
 from .pins import DERIVATIVE_STEP, Pin
 from .record import Ledger
+from .scenefabric import FabricTable
 from .scenestart import Start
 from .scenetime import Output, Time
 from .schema import Table, as_tuples, exactly_one, scene_error, told_at
@@ -54,8 +55,8 @@ class Scene(Table):
     title: str | None = None
     mass: Literal["lumped", "consistent"] = "lumped"  # for P2 cloths consistent, see below
     cloth: tables.Shape
-    fabric: tables.FabricTable | None = None
-    fabrics: dict[str, tables.FabricTable] | None = None
+    fabric: FabricTable | None = None
+    fabrics: dict[str, FabricTable] | None = None
     grain_degrees: float | dict[str, float] = 0.0
     terms: tuple[tables.Term, ...] = ()
     pins: tuple[tables.PinTable, ...] = ()
