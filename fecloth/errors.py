@@ -29,7 +29,14 @@ class InputError(FeclothError, ValueError):
         File and key, or the call, in which the value stands.
     remedy
         What to do.
+
+    Attributes
+    ----------
+    also
+        The other mistakes that were found with this one; the message has a line for each.
     """
+
+    also: tuple[InputError, ...] = ()
 
     def __init__(self, what: str, allowed: str = "", where: str = "", remedy: str = ""):
         self.what, self.allowed, self.where, self.remedy = what, allowed, where, remedy
@@ -41,7 +48,8 @@ class InputError(FeclothError, ValueError):
             text += f": {self.allowed}"
         if self.where:
             text = f"{self.where}: {text}"
-        return f"{text}. {self.remedy}" if self.remedy else text
+        text = f"{text}. {self.remedy}" if self.remedy else text
+        return "\n".join([text, *map(str, self.also)])
 
 
 class MeshError(InputError):
@@ -49,18 +57,7 @@ class MeshError(InputError):
 
 
 class SceneError(InputError):
-    """A scene file with an unknown key, a wrong type or a value out of range.
-
-    Attributes
-    ----------
-    more
-        Messages of the other mistakes in the file, one each.
-    """
-
-    more: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        return "\n".join([super().__str__(), *self.more])
+    """A scene file with an unknown key, a wrong type or a value out of range."""
 
 
 class SolveFailed(FeclothError):

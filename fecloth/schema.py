@@ -51,14 +51,9 @@ class Table(BaseModel):
         if not isinstance(data, dict):
             return data
         fields = cls.model_fields
-        for key, value in data.items():
-            if key not in fields:
-                known = (*fields, *cls.shorthands)
-                allowed = f"unknown key; the keys are {', '.join(known)}"
-                raise InputError(f"{key} = {_short(value)}", allowed, "", nearest(key, known))
-        for key, field in fields.items():
-            if field.is_required() and key not in data:
-                raise InputError(f"{key} is missing", f"must be {phrase(field)}")
+        if refusals := _unknown(data, fields, cls.shorthands) or _missing(data, fields):
+            refusals[0].also = tuple(refusals[1:])
+            raise refusals[0]
         return in_si(data, fields)
 
     @field_validator("*", mode="wrap")
@@ -74,6 +69,24 @@ class Table(BaseModel):
             words = options(field.annotation)
             remedy = nearest(value, words) if isinstance(value, str) else ""
             raise InputError("", f"must be {phrase(field)}", "", remedy) from None
+
+
+def _unknown(data: dict, fields: Mapping, shorthands: tuple[str, ...]) -> list[InputError]:
+    known = (*fields, *shorthands)
+    allowed = f"unknown key; the keys are {', '.join(known)}"
+    return [
+        InputError(f"{key} = {_short(value)}", allowed, "", nearest(key, known))
+        for key, value in data.items()
+        if key not in fields
+    ]
+
+
+def _missing(data: dict, fields: Mapping) -> list[InputError]:
+    return [
+        InputError(f"{key} is missing", f"must be {phrase(field)}")
+        for key, field in fields.items()
+        if field.is_required() and key not in data
+    ]
 
 
 class Made(Table):
@@ -151,18 +164,25 @@ def exactly_one(table: Table, *keys: str) -> None:
 
 def scene_error(error: ValidationError, data: Any, where: str) -> SceneError:
     """The first mistake of the scene `data` from the file `where`, with the others' messages."""
-    found = [_described(e, *_found(e["loc"], data)) for e in error.errors(include_url=False)]
-    refusals = [SceneError(what, allowed, where, remedy) for what, allowed, remedy in found]
-    first, messages = refusals[0], dict.fromkeys(map(str, refusals))  # each once
-    first.more = tuple(messages)[1:]
+    found = (
+        told
+        for item in error.errors(include_url=False)
+        for told in _described(item, *_found(item["loc"], data))
+    )
+    first, *others = (SceneError(*told[:2], where, told[2]) for told in dict.fromkeys(found))
+    first.also = tuple(others)
     return first
 
 
-def _described(item, key: str, written: Any) -> tuple[str, str, str]:
-    """What, allowed and remedy; `written` is what the file has at `key`."""
+def _described(item, key: str, written: Any) -> list[tuple[str, str, str]]:
+    """What, allowed and remedy of each mistake; `written` is what the file has at `key`."""
     value, cause = item["input"], item.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
-        return placed(key, cause, value), cause.allowed, cause.remedy
+        return [(placed(key, one, value), one.allowed, one.remedy) for one in (cause, *cause.also)]
+    return [_of_type(item, key, written, value)]
+
+
+def _of_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
     if item["type"] == "kind":
         return _kind(key, written, *item["msg"].split(": "))
     listed = "tuple" in item["type"] and "." not in key

@@ -379,6 +379,17 @@ def test_several_mistakes_are_all_told_one_a_line(file):
             assert sum(f": {key}" in line for line in lines) == 1
 
 
+def test_all_unknown_or_missing_keys_of_a_table_are_told(file):
+    lines = refusal(file, "time.t_ende=1", "time.metod=3").splitlines()
+    assert [("t_ende" in line, "metod" in line) for line in lines] == [(True, True)] * 2
+    assert [line.split(": ")[1] for line in lines] == ["time.t_ende = 1", "time.metod = 3"]
+    lines = refusal(file, "cloth={shape='disk'}").splitlines()
+    assert [line.split(": ")[1] for line in lines] == [
+        "cloth.radius is missing",
+        "cloth.h is missing",
+    ]
+
+
 def test_broken_mesh_is_refused_by_its_own_message(file):
     mesh = "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"
     (file.parent / "flat.obj").write_text(mesh)
