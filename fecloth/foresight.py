@@ -79,7 +79,11 @@ def _heavy(system: System) -> Iterator[str]:
     if number:
         yield (
             f"weight over bending stiffness: ρ g L³/B = {number:.3g} with L = {length:.3g} m, "
-            + ("from pin to pin" if surrounded(system) else "the reach from the pins")
+            + (
+                "twice the reach from the pins around"
+                if surrounded(system)
+                else "the reach from the pins"
+            )
         )
 
 

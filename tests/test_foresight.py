@@ -117,8 +117,8 @@ def test_a_sliver_is_named(scene, tmp_path):
 
 WEIGHTS = [  # overrides, L [m], B [N m], its words
     ([], 1.0, 1e-4, "the reach from the pins"),
-    (["pins.0.where=boundary"], 0.5, 1e-4, "from pin to pin"),
-    (["pins.0.where=corners"], 1.25**0.5, 1e-4, "from pin to pin"),
+    (["pins.0.where=boundary"], 0.5, 1e-4, "twice the reach from the pins around"),
+    (["pins.0.where=corners"], 1.25**0.5, 1e-4, "twice the reach from the pins around"),
     (["fabric.bending_rigidity=[1e-4, 2e-5]"], 1.0, 2e-5, "the reach from the pins"),
 ]
 
