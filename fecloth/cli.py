@@ -173,9 +173,12 @@ def _run(options) -> int:
         lines += [f"warning: {doubt}" for doubt in foresight.doubts(built)]
         console.print("\n".join(lines), highlight=False, soft_wrap=True)
 
+    def warn(words: str) -> None:
+        console.print(f"warning: {words}", highlight=False, soft_wrap=True)
+
     with progress(console, scene.time.t_end) as report:
         resume = bool(options.resume)
-        outcome = run_scene(scene, path, options.overwrite, announce, report, resume)
+        outcome = run_scene(scene, path, options.overwrite, announce, report, resume, warn)
     if not options.quiet:
         print(_ledger_text(outcome.ledger))
         print(_closing(outcome))

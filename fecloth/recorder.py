@@ -54,7 +54,7 @@ class Recorder:
         self.ledger = Ledger.open(built.system, built.state)
         self.observer = Observer.bind(built.system, built.state, built.probes)
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
-        self.turnover = 0.0
+        self.turnover, self.doubted = 0.0, False
         self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
         self.safe = 0  # frames that a power cut would leave
         with watch.phase("output"):
@@ -70,6 +70,7 @@ class Recorder:
         """Where that run was, and no file of what it did later."""
         self.state, self.memory, self.ledger = found.state, found.memory, found.ledger
         self.turnover, self.counts = found.turnover, dict(found.counts)
+        self.doubted = bool(self.doubt())  # and told
         self.frames.keep(self.tables["strains"].column("t"))
         self.safe = len(self.frames.times)
         restarts.drop_later(self.folder.path, found)
@@ -102,10 +103,10 @@ class Recorder:
         restarts.write(self.folder.path, restart)
         self.safe = len(self.frames.times)
 
-    def marched(self, report, interrupted: threading.Event) -> FeclothError | None:
+    def marched(self, report, warn, interrupted: threading.Event) -> FeclothError | None:
         """March, and return what ended it before its end; a restart file is left in any case."""
         try:
-            self.to_end(report, interrupted)
+            self.to_end(report, warn, interrupted)
         except (StepFailed, InputError, MemoryError) as failure:  # a user's function, a full disk
             with suppress(InputError, MemoryError):
                 self.restart()
@@ -119,7 +120,7 @@ class Recorder:
             raise
         return None
 
-    def to_end(self, report, interrupted: threading.Event) -> None:
+    def to_end(self, report, warn, interrupted: threading.Event) -> None:
         """March until the end or until interrupted."""
         built = self.built
         if self.state.t >= built.t_end:  # it was killed while it closed
@@ -138,6 +139,7 @@ class Recorder:
                     self._rows(observed, info)
                     if self._due(info):
                         self._frame()
+                self._tell_doubt(info, warn)
                 if regular := self._restarts(info):
                     self.restart(regular)
             report(info)
@@ -145,6 +147,15 @@ class Recorder:
                 if not regular:
                     self.restart()
                 return
+
+    def _tell_doubt(self, info: StepInfo, warn) -> None:
+        """Tell of the first step at which the energy balance no longer closes."""
+        if self.doubted or not (words := self.doubt()):
+            return
+        self.doubted = True
+        words = f"step {info.step}, at t = {info.t:g} s: {words}"
+        self.folder.log(f"warning: {words}")
+        warn(words)
 
     def _take(self, state, info: StepInfo, ledger: Ledger) -> None:
         self._count(info)

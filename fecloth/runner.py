@@ -55,6 +55,7 @@ def run_scene(
     announce: Callable[[Built, str], None] = lambda built, why: None,
     report: Callable[[StepInfo], None] = lambda info: None,
     resume: bool = False,
+    warn: Callable[[str], None] = lambda words: None,
 ) -> Outcome:
     """Mesh, compile, march and write.
 
@@ -69,6 +70,8 @@ def run_scene(
     resume
         Go on with the run in that folder from its last restart file; what it wrote after that is
         taken away.
+    warn
+        Called at the first step at which the energy balance no longer closes, with words.
 
     Raises
     ------
@@ -79,10 +82,10 @@ def run_scene(
     with ExitStack() as held:
         if path.is_dir():
             held.enter_context(alone(path))
-        return _run_scene(scene, path, overwrite, announce, report, resume, held)
+        return _run_scene(scene, path, overwrite, announce, report, resume, warn, held)
 
 
-def _run_scene(scene, path, overwrite, announce, report, resume, held: ExitStack) -> Outcome:
+def _run_scene(scene, path, overwrite, announce, report, resume, warn, held: ExitStack) -> Outcome:
     watch, held_before = Watch(), path.is_dir()
     if not resume:
         RunFolder.refuse(path, overwrite)
@@ -110,7 +113,7 @@ def _run_scene(scene, path, overwrite, announce, report, resume, held: ExitStack
         with nullcontext() if found else begun(path, made=not held_before):
             _head(folder, scene, built, why)
             recorder = Recorder(folder, built, watch, solver, scene.to_toml(), start, found)
-        error = recorder.marched(report, interrupted)
+        error = recorder.marched(report, warn, interrupted)
         stopped = INTERRUPTED if recorder.state.t < built.t_end else DONE
         return recorder.close(FAILED if error else stopped, why, error)
 

@@ -269,12 +269,20 @@ def test_a_killed_run_leaves_a_pvd_that_opens(later, scene, tmp_path):
 def test_a_balance_that_does_not_close_is_told(scene, capsys):
     make = ["--set", 'time.method="implicit_midpoint"', "--set", "terms.1.time=1e-9"]
     assert main(["run", str(scene), "-o", "good", *make, "--set", "time.dt=0.001"]) == 0
-    assert "energy balance" not in capsys.readouterr().err
+    assert "energy balance" not in capsys.readouterr().err + Path("good/run.log").read_text()
     assert json.loads(Path("good/summary.json").read_text())["warning"] is None
     long = ["--set", "time.dt=0.02", "--set", "time.t_end=0.5", "--set", "output.every=0.1"]
     assert main(["run", str(scene), "-o", "bad", *make, *long]) == 0
-    assert "warning: the energy balance is off by" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "warning: the energy balance is off by" in error
     assert "smaller dt" in json.loads(Path("bad/summary.json").read_text())["warning"]
+    steps = rows(Path("bad/steps.csv"))
+    first = next(row for row in steps if abs(float(row["drift"])) > 0.05)
+    words = f"step {first['step']}, at t = {float(first['t']):g} s: the energy balance is off by"
+    assert int(first["step"]) < len(steps)
+    assert error.count(f"warning: {words}") == error.count("warning: step ") == 1
+    log = Path("bad/run.log").read_text()
+    assert log.count(f"warning: {words}") == log.count("warning: step ") == 1
     longer = [*long[:2], "--set", "time.t_end=1", *long[4:]]
     assert main(["run", str(scene), "-o", "worse", *make, *longer]) == 3
     assert "the method has made the rest" in capsys.readouterr().err
