@@ -23,13 +23,12 @@ from .checks import CHECKS
 from .cloth import Cloth
 from .collect import run
 from .describe import described, sources
-from .disk import DiskFull, WriteError
+from .disk import DiskFull
 from .errors import FeclothError, FeclothWarning, InputError
 from .march import StepInfo
 from .meshwrite import write_mesh
-from .outcome import DONE, FAILED
+from .outcome import DONE, FAILED, closing, ledger_text, trouble
 from .progress import progress
-from .record import Ledger
 from .render import render
 from .runfolder import versions
 from .runner import run_scene, settled_scene
@@ -180,48 +179,14 @@ def _run(options) -> int:
         resume = bool(options.resume)
         outcome = run_scene(scene, path, options.overwrite, announce, report, resume, warn)
     if not options.quiet:
-        print(_ledger_text(outcome.ledger))
-        print(_closing(outcome))
+        print(ledger_text(outcome.ledger))
+        print(closing(outcome))
     if outcome.warning:
         print(f"warning: {outcome.warning}", file=sys.stderr)
     if outcome.status == DONE:
         return 0
-    print(_trouble(outcome), file=sys.stderr)
+    print(trouble(outcome), file=sys.stderr)
     return SIMULATION_FAILED if outcome.status == FAILED else STOPPED
-
-
-def _closing(outcome) -> str:
-    counts, seconds = outcome.summary, outcome.summary["seconds"]
-    return (
-        f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
-        f"{seconds['total']:.1f} s; open {outcome.folder / counts['open']} in ParaView"
-    )
-
-
-def _trouble(outcome) -> str:
-    folder, t = outcome.folder, outcome.summary["t"]
-    readable = f"{folder} is readable up to t = {t:g} s"
-    again = f"--resume {folder} goes on from"
-    if outcome.error and not isinstance(outcome.error, WriteError):
-        return f"failed: {outcome.error}\n{readable}"
-    if outcome.resumes is None:
-        goes = "no restart file was written: restart_steps in [output] asks for them"
-    elif outcome.error:
-        goes = f"{again} its last restart file, at t = {outcome.resumes:g} s"
-    elif outcome.resumes < t:
-        goes = f"{again} t = {outcome.resumes:g} s, the last at which its solver kept nothing"
-    else:
-        goes = f"{again} there"
-    cause = f"failed: {outcome.error}\n" if outcome.error else "interrupted; "
-    return f"{cause}{readable}; {goes}"
-
-
-def _ledger_text(ledger: Ledger) -> str:
-    """The ledger at the end of a run, a line for each column."""
-    row = ledger.row() | {"start": ledger.start}
-    shown = {key: value for key, value in row.items() if key not in ("t", "total")}
-    lines = [f"  {key:<28} {value: .6e} J" for key, value in shown.items()]
-    return "\n".join([f"energy at t = {ledger.t:g} s", *lines])
 
 
 # --- view, render ---------------------------------------------------------------------------------
