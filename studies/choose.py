@@ -27,8 +27,9 @@ from speed_grid import MODEL
 from fecloth.disk import replace_file
 
 HEAD = """What the studies say of a scene before it runs, in their numbers. The next section lists
-methods, the one after it draws all runs; `python studies/needs.py --scene my.toml` runs yours, and
-prints its ρ g L³/B, weight over bending stiffness at its length."""
+methods, the one after it draws all runs; `python studies/needs.py --scene my.toml` runs yours.
+`fecloth info my.toml` prints its ρ g L³/B, weight over bending stiffness: L is how far the cloth
+reaches from its pins, twice that if they surround its middle, B the least of its rigidities."""
 FOOT = """`python studies/choose.py` draws table and chart from what those studies have written into
 `out/`; what their numbers no longer support it tells and leaves out. CPU seconds of one thread."""
 OPEN = """No study measures: `NeoHookean` against collapse, beyond one scene of

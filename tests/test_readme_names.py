@@ -85,7 +85,7 @@ def last_key(table):
 
 def schema_keys():
     """Every key that some table of a scene may have."""
-    classes, keys = [schema.Table], {"preset"}
+    classes, keys = [schema.Table], {"preset", "kes", "fast"}
     while classes:
         one = classes.pop()
         classes += one.__subclasses__()
