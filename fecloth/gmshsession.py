@@ -63,7 +63,7 @@ def gmsh_model() -> Iterator:
 def _own_signals() -> Iterator[None]:
     """Python's handlers afterwards: Gmsh lets SIGTERM, and a pipe without reader, end the process.
 
-    What is sent meanwhile waits, where the system can hold it back.
+    What is sent meanwhile waits, where the system can hold it back and no other thread takes it.
     """
     names = ("SIGTERM", "SIGPIPE", "SIGHUP")  # the last one ignored by nohup
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]

@@ -1,6 +1,7 @@
 """Gmsh: its session is left as it was, and its missing libraries are named."""
 
 import builtins
+import os
 import signal
 import subprocess
 import sys
@@ -82,5 +83,8 @@ try:
 except BrokenPipeError:
     print("pipe")
 """
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    alone = os.environ | dict.fromkeys(names, "1")  # or another thread would take the signal
+    command = [sys.executable, "-c", code]
+    run = subprocess.run(command, capture_output=True, text=True, env=alone)
     assert (run.returncode, run.stdout.split()) == (0, ["term", "term", "pipe"])
