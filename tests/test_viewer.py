@@ -200,6 +200,12 @@ class Page:
         self.page.locator(".time").fill(str(frame))
 
 
+def rim(mask):
+    """Within two pixels of its edge: there each drawing of the same frame may differ."""
+    near = [np.roll(mask, shift, (0, 1)) for shift in np.ndindex(5, 5)]
+    return np.roll(np.any(near, axis=0) != np.all(near, axis=0), (-2, -2), (0, 1))
+
+
 def test_the_slider_moves_the_cloth(run, browser):
     page = Page(browser, run[0] / "view.html")
     assert "0.4 s" in page.page.locator(".now").inner_text()
@@ -213,7 +219,7 @@ def test_the_slider_moves_the_cloth(run, browser):
     assert rows[1] > rows[0] + 30  # it has fallen
     assert page.page.locator(".now").inner_text() == "t = 0 s"
     page.slide(8)
-    assert (page.cloth() ^ last).mean() < 1e-3  # pixels at the rim may differ in their shade
+    assert not ((page.cloth() ^ last) & ~rim(last)).any()
     assert not page.troubles
 
 
