@@ -181,17 +181,22 @@ def _flat(built: Built) -> Iterator[str]:
     _, extents, axes = np.linalg.svd(state.x - state.x.mean(axis=0), full_matrices=False)
     if extents[2] > 1e-9 * extents[0]:
         return
-    normal, length = axes[2], built.t_end - state.t
-    pushed = [state.v]
-    for t in state.t + length * np.array([0.0, 0.13, 0.37, 0.71, 1.0]):
-        x, v = system.constraints.target(state.t, t - state.t, state.x)
-        pushed += [x - state.x, v, system.force(State(t, state.x, state.v))]
-    if all(np.abs(y @ normal).max() <= 1e-9 * np.abs(y).max() for y in pushed):
+    normal = axes[2]
+    if all(np.abs(y @ normal).max() <= 1e-9 * np.abs(y).max() for y in _pushes(built)):
         yield (
             "the cloth starts in a plane, and nothing pushes it out: it will not bend, nor buckle "
             "where it is compressed. Bend it a little, as [start] position = "
             '["X", "0.001 * sin(9 * X)", "Y"] does a sheet that hangs'
         )
+
+
+def _pushes(built: Built) -> Iterator[np.ndarray]:
+    """(n, 3) what moves the cloth as it lies: its velocity, its pins and forces at five times."""
+    system, state = built.system, built.state
+    yield state.v
+    for t in state.t + (built.t_end - state.t) * np.array([0.0, 0.13, 0.37, 0.71, 1.0]):
+        x, v = system.constraints.target(state.t, t - state.t, state.x)
+        yield from (x - state.x, v, system.force(State(t, state.x, state.v)))
 
 
 def _fast_waves(built: Built) -> Iterator[str]:
