@@ -167,9 +167,9 @@ def _run(options) -> int:
     path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
     console = Console(stderr=True, quiet=options.quiet)
 
-    def announce(built: Built, why: str) -> None:
+    def announce(built: Built, why: str, told: list[str]) -> None:
         lines = [*sources(built.system.fabric), *foresight.plan(built, why)]
-        lines += [f"warning: {doubt}" for doubt in foresight.doubts(built)]
+        lines += [f"warning: {doubt}" for doubt in told]
         console.print("\n".join(lines), highlight=False, soft_wrap=True)
 
     def warn(words: str) -> None:

@@ -52,7 +52,7 @@ def run_scene(
     scene: Scene,
     path: str | Path,
     overwrite: bool = False,
-    announce: Callable[[Built, str], None] = lambda built, why: None,
+    announce: Callable[[Built, str, list[str]], None] = lambda built, why, told: None,
     report: Callable[[StepInfo], None] = lambda info: None,
     resume: bool = False,
     warn: Callable[[str], None] = lambda words: None,
@@ -64,7 +64,8 @@ def run_scene(
     path, overwrite
         The folder; one that is not empty is refused unless `overwrite` is set.
     announce
-        Called with what was built and the choice of the solver, before the first step.
+        Called with what was built, the choice of the solver, and what is to be doubted, before the
+        first step.
     report
         Called after every step.
     resume
@@ -101,7 +102,8 @@ def _run_scene(scene, path, overwrite, announce, report, resume, warn, held: Exi
         compile_kernels(built)
     with watch.phase("choose"):
         built, solver, why = settled_scene(_chosen(built, found))
-    announce(built, why)
+    told = doubts(built)
+    announce(built, why, told)
     with _interruptible() as interrupted:
         if not held_before:
             with writing(path):
@@ -111,19 +113,19 @@ def _run_scene(scene, path, overwrite, announce, report, resume, warn, held: Exi
             RunFolder.opened(path, found.tables) if found else RunFolder.create(path, overwrite)
         )
         with nullcontext() if found else begun(path, made=not held_before):
-            _head(folder, scene, built, why)
+            _head(folder, scene, built, why, told)
             recorder = Recorder(folder, built, watch, solver, scene.to_toml(), start, found)
         error = recorder.marched(report, warn, interrupted)
         stopped = INTERRUPTED if recorder.state.t < built.t_end else DONE
         return recorder.close(FAILED if error else stopped, why, error)
 
 
-def _head(folder, scene, built, why) -> None:
+def _head(folder, scene, built, why, told: list[str]) -> None:
     """The scene, and the first lines of the log."""
     folder.text("scene.resolved.toml", scene.to_toml())
     folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
     folder.log(f"{_sizes(built)}; solver {why}")
-    for line in (built.note, *(f"warning: {told}" for told in doubts(built))):
+    for line in (built.note, *(f"warning: {doubt}" for doubt in told)):
         if line:
             folder.log(line)
 
