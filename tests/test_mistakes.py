@@ -4,7 +4,6 @@ Mistakes of the command line itself are in test_cli.py, what is foretold in test
 runs go on in test_restart.py.
 """
 
-import dataclasses
 import json
 import multiprocessing
 import os
@@ -19,6 +18,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from rundirs import hdf_values, written
 
 import fecloth as fc
 from fecloth import recorder, restart
@@ -67,21 +67,6 @@ def told(capsys, *arguments):
     error = capsys.readouterr().err
     assert "Traceback" not in error
     return status, " ".join(error.split())
-
-
-def written(folder):
-    """All files of a run that do not depend on the time of day."""
-    files = (f for f in Path(folder).rglob("*") if f.is_file())
-    skipped = ("run.log", "summary.json", "report.html")
-    found = {str(f.relative_to(folder)): f.read_bytes() for f in files if f.name not in skipped}
-    return found | {str(f.relative_to(folder)): record(f) for f in restart.files(Path(folder))}
-
-
-def record(file):
-    """A restart file without the machine: MKL's threads are known where a test has loaded it."""
-    arrays = []
-    packed = restart._packed(dataclasses.replace(restart.read(file), made_on={}), arrays)
-    return json.dumps(packed), [array.tobytes() for array in arrays]
 
 
 # --- in the scene ---------------------------------------------------------------------------------
@@ -283,7 +268,7 @@ def test_a_full_disk_costs_nothing(form, scene):
     assert not list(Path("before").rglob("*.part"))
     assert not list(Path("before").rglob("*.redo"))
     readable(Path("before"))
-    assert same(Path("whole"), Path("after"))
+    assert written("after") == written("whole")
 
 
 def readable(folder):
@@ -298,30 +283,8 @@ def readable(folder):
         assert {row.count(",") for row in rows} == {rows[0].count(",")}
         assert file.read_text().endswith("\n")
     if (hdf := folder / "run.vtkhdf").exists():
-        times = hdf_values(hdf)["Steps/Values"]
+        times = np.frombuffer(hdf_values(hdf)["VTKHDF/Steps/Values"])
         assert len(times) == len(set(times)) > 1
-
-
-def hdf_values(file):
-    import h5py
-
-    found = {}
-    with h5py.File(file) as read:
-        read["VTKHDF"].visititems(
-            lambda name, item: found.update({name: item[:]} if hasattr(item, "shape") else {})
-        )
-    return found
-
-
-def same(whole, again):
-    """All files bit for bit, of run.vtkhdf all values: HDF5 lays a cut file out in another way."""
-    wanted, found = written(whole), written(again)
-    if "run.vtkhdf" in wanted:
-        wanted["run.vtkhdf"], found["run.vtkhdf"] = (
-            {name: data.tobytes() for name, data in hdf_values(folder / "run.vtkhdf").items()}
-            for folder in (whole, again)
-        )
-    return wanted == found
 
 
 def test_a_step_that_cannot_be_written_is_none(scene, capsys):

@@ -13,6 +13,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from rundirs import written
 
 import fecloth as fc
 from fecloth import cli, redo, restart
@@ -151,33 +152,6 @@ def broken_off(scene, folder, steps, resume, threads):
         if resume:
             shutil.copytree(kept, folder)
     pytest.fail("the run has ended ten times before the signal came")
-
-
-def written(folder):
-    """What must not differ: all files but those with the time of day."""
-    files = (file for file in folder.rglob("*") if file.is_file())
-    skipped = ("run.log", "summary.json")
-    files = [f for f in files if f.name not in skipped and f.suffix != ".html"]
-    found = {str(file.relative_to(folder)): file.read_bytes() for file in files}
-    if "run.vtkhdf" in found:  # its values: HDF5 lays a file that was cut out in another way
-        found["run.vtkhdf"] = hdf_values(folder / "run.vtkhdf")
-    return found
-
-
-def hdf_values(file):
-    """All arrays of an HDF5 file, as bytes."""
-    h5py, found = pytest.importorskip("h5py"), {}
-    with h5py.File(file) as read:
-        found["NSteps"] = read["VTKHDF/Steps"].attrs["NSteps"]
-        arrays = {name for name in names(read) if isinstance(read[name], h5py.Dataset)}
-        return found | {name: read[name][:].tobytes() for name in arrays}
-
-
-def names(read):
-    """Of all that an HDF5 file holds."""
-    found = []
-    read.visit(found.append)
-    return found
 
 
 @pytest.fixture
