@@ -10,11 +10,6 @@ against a run at a twentieth of it, over rtol R t.
 
 from __future__ import annotations
 
-import os
-
-for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ[name] = "1"  # before NumPy and MKL read them
-
 import argparse
 import math
 import time
@@ -22,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import harness  # noqa: F401  one thread for every library, before NumPy
 import numpy as np
 
 import fecloth as fc

@@ -8,15 +8,16 @@ what starts new processes.
 from __future__ import annotations
 
 import os
+import sys
 
-for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"  # before NumPy and MKL read them
-os.environ["NUMBA_NUM_THREADS"] = "2"  # at most: only many_steps(threads=2) takes more than one
+if "numba" not in sys.modules:  # it refuses a change once its threads run
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ[name] = "1"  # before NumPy and MKL read them
+    os.environ["NUMBA_NUM_THREADS"] = "2"  # at most: only many_steps(threads=2) takes two
 
 import argparse
 import json
 import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import dataclass

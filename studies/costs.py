@@ -5,14 +5,10 @@ Force and tangent on an unstructured square, single-threaded, the minimum of sev
 
 from __future__ import annotations
 
-import os
-
-for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ[name] = "1"  # before NumPy and MKL read them
-
 import argparse
 import dataclasses
 
+import harness  # noqa: F401  one thread for every library, before NumPy
 import numpy as np
 from bench import fastest, square
 

@@ -14,12 +14,13 @@ linearised backward Euler step. --quick takes a coarse mesh, where no limit is h
 from __future__ import annotations
 
 import os
+import sys
 
-for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ[name] = "1"  # before NumPy and MKL read them
+if "numba" not in sys.modules:  # it refuses a change once its threads run
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[name] = "1"  # before NumPy and MKL read them
 
 import argparse
-import sys
 import time
 import warnings
 from collections.abc import Callable

@@ -9,15 +9,12 @@ iteration, `direct` keeps it.
 
 from __future__ import annotations
 
-import os
-
-for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ[name] = "1"  # before NumPy and MKL read them
-
 import argparse
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import harness  # noqa: F401  one thread for every library, before NumPy
 
 import fecloth as fc
 from fecloth.counts import Counts
