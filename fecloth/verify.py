@@ -8,12 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from .cloth import Cloth
-from .errors import FeclothError
-from .fabric import Fabric
-from .march import march
-from .solver import Newton
-from .system import State, System
+from fecloth.errors import FeclothError
+from fecloth.fabric.fabric import Fabric
+from fecloth.mesh.cloth import Cloth
+from fecloth.nonlinear.options import Newton
+from fecloth.simulation.march import march
+from fecloth.system.system import State, System
 
 FLOOR = 1e-8  # relative error below which a difference quotient counts as exact
 

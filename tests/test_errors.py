@@ -5,7 +5,7 @@ import pickle
 import pytest
 
 import fecloth as fc
-from fecloth.newton import NewtonFailed
+from fecloth.nonlinear.newton import NewtonFailed
 
 
 @pytest.mark.parametrize(

@@ -16,11 +16,11 @@ from pathlib import Path
 from unittest import mock
 
 import pytest
-from readme import COMMANDS, LINES, ROOT, SECTIONS, SPANS, TEXT, words
+from support.readme import COMMANDS, LINES, ROOT, SECTIONS, SPANS, TEXT, words
 
-from fecloth import cli
-from fecloth.scene import load
-from fecloth.scenefile import written
+from fecloth.cli import main as cli
+from fecloth.scene.scene import load
+from fecloth.scene.toml_text import written
 
 CI = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 STUDIES = sorted({words(c)[1] for c in COMMANDS if "python studies/" in c})

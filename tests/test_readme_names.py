@@ -9,11 +9,13 @@ import re
 import tomllib
 
 import pytest
-from readme import ANCHORS, ROOT, SPANS, TEXT
+from support.readme import ANCHORS, ROOT, SPANS, TEXT
 
 import fecloth as fc
-from fecloth import cli, formula, schema
-from fecloth.march import StepInfo
+from fecloth.cli import main as cli
+from fecloth.quantities import formula
+from fecloth.scene import table_model
+from fecloth.simulation.march import StepInfo
 
 # what a call or a name in a code span may begin with, beside fecloth's own
 ROOTS = {"system": fc.System, "cloth": fc.Cloth, "fabric": fc.Fabric, "state": fc.State}
@@ -85,7 +87,7 @@ def last_key(table):
 
 def schema_keys():
     """Every key that some table of a scene may have."""
-    classes, keys = [schema.Table], {"preset", "kes", "fast"}
+    classes, keys = [table_model.Table], {"preset", "kes", "fast"}
     while classes:
         one = classes.pop()
         classes += one.__subclasses__()

@@ -7,8 +7,8 @@ import pytest
 from conftest import affine
 
 import fecloth as fc
-from fecloth.blocks import BlockMatrix
-from fecloth.terms.membrane import principal_stretches
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.terms.loops.membrane import principal_stretches
 from fecloth.verify import (
     Sweep,
     VerificationFailed,

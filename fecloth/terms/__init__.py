@@ -1,8 +1,8 @@
 """Contributions to the force balance, one file per family.
 
 What a user writes is a frozen description with its own parameters only. Its docstring gives the
-formula, then a paragraph that begins with "Source:" and one with "Valid", of which studies/laws.md
-is made. It offers
+formula, then a paragraph that begins with "Source:" and one with "Valid". The page
+studies/laws/laws.md is made of them. It offers
 
     elements                    those it supports, as ("P1", "P2"); left out, P1 alone
     stencil(cloth)              (m, k) nodes that it couples, or None
@@ -26,26 +26,26 @@ with the attributes name, symmetric (of its tangent), has_energy, dissipative an
 velocity_dependent, and `load = True` if it acts from outside: equilibrium's load steps scale it.
 
 Shorter than all this are `Condition`, for an energy ½ k C² of some nodes, `UserForce`, for a force
-on each node by itself, and `MembraneLaw`, for a membrane. studies/own has a term and a law.
+on each node by itself, and `MembraneLaw`, for a membrane. studies/examples has a term and a law.
 """
 
-from .baraff_witkin import BaraffWitkin
-from .drag import Drag
-from .forces import PointForce, UserForce
-from .gas import Gas
-from .gravity import Gravity
-from .hinge import BendingDamping, HingeBending
-from .mass_damping import MassDamping
-from .neo_hookean import NeoHookean
-from .pressure import Pressure
-from .quadratic_bending import QuadraticBending
-from .springs import Springs
-from .strain_rate import StrainRateDamping
-from .stvk import StVK
-from .tension_field import TensionField
-from .tensor_condition import TensorCondition
-from .tether import Tether
-from .wind import Wind
+from fecloth.terms.bending.hinge import BendingDamping, HingeBending
+from fecloth.terms.bending.quadratic import QuadraticBending
+from fecloth.terms.damping.mass import MassDamping
+from fecloth.terms.damping.strain_rate import StrainRateDamping
+from fecloth.terms.loads.drag import Drag
+from fecloth.terms.loads.gas import Gas
+from fecloth.terms.loads.gravity import Gravity
+from fecloth.terms.loads.point_force import PointForce, UserForce
+from fecloth.terms.loads.pressure import Pressure
+from fecloth.terms.loads.wind import Wind
+from fecloth.terms.membranes.baraff_witkin import BaraffWitkin
+from fecloth.terms.membranes.neo_hookean import NeoHookean
+from fecloth.terms.membranes.stvk import StVK
+from fecloth.terms.membranes.tension_field import TensionField
+from fecloth.terms.membranes.tensor_condition import TensorCondition
+from fecloth.terms.springs.springs import Springs
+from fecloth.terms.springs.tether import Tether
 
 __all__ = [
     "BaraffWitkin",

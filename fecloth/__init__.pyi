@@ -1,0 +1,133 @@
+"""The public names of fecloth and the modules that define them."""
+
+from . import stability, study, verify
+from .errors import (
+    FeclothError,
+    FeclothWarning,
+    IndefiniteMatrix,
+    InputError,
+    MeshError,
+    SceneError,
+    SolveFailed,
+    StepFailed,
+)
+from .fabric.fabric import Fabric
+from .homogenisation import bending_tensor, plane_moduli, strip_rigidity
+from .integrators.bdf2 import BDF2
+from .integrators.central_difference_fused import many_steps
+from .integrators.energy_momentum import EnergyMomentum
+from .integrators.explicit import CentralDifference, ForwardEuler, SymplecticEuler
+from .integrators.newmark import GeneralizedAlpha, Newmark
+from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
+from .mesh.cloth import Cloth
+from .nonlinear.equilibrium import EquilibriumFailed, equilibrium
+from .nonlinear.options import Newton
+from .output.frames import Frames, fields, read_frame, write_vtk
+from .simulation.energy_ledger import Ledger
+from .simulation.error_control import Adaptive
+from .simulation.march import march
+from .simulation.method_choice import Auto
+from .simulation.probes import Probe
+from .simulation.resolve import solver_for
+from .simulation.run import Result, run
+from .stability.critical_step import critical_dt
+from .system.pins import Pin, Slide
+from .system.system import State, System
+from .terms import (
+    BaraffWitkin,
+    BendingDamping,
+    Drag,
+    Gas,
+    Gravity,
+    HingeBending,
+    MassDamping,
+    NeoHookean,
+    PointForce,
+    Pressure,
+    QuadraticBending,
+    Springs,
+    StrainRateDamping,
+    StVK,
+    TensionField,
+    TensorCondition,
+    Tether,
+    UserForce,
+    Wind,
+)
+from .terms.bending.hinge import hinge_angles
+from .terms.custom.membrane_law import MembraneLaw
+from .terms.custom.user_condition import Condition
+
+__version__: str
+
+__all__ = [
+    "BDF2",
+    "Adaptive",
+    "Auto",
+    "BackwardEuler",
+    "BaraffWitkin",
+    "BendingDamping",
+    "CentralDifference",
+    "Cloth",
+    "Condition",
+    "Drag",
+    "EnergyMomentum",
+    "EquilibriumFailed",
+    "Fabric",
+    "FeclothError",
+    "FeclothWarning",
+    "ForwardEuler",
+    "Frames",
+    "Gas",
+    "GeneralizedAlpha",
+    "Gravity",
+    "HingeBending",
+    "ImplicitMidpoint",
+    "IndefiniteMatrix",
+    "InputError",
+    "Ledger",
+    "LinearlyImplicitEuler",
+    "MassDamping",
+    "MembraneLaw",
+    "MeshError",
+    "NeoHookean",
+    "Newmark",
+    "Newton",
+    "Pin",
+    "PointForce",
+    "Pressure",
+    "Probe",
+    "QuadraticBending",
+    "Result",
+    "SceneError",
+    "Slide",
+    "SolveFailed",
+    "Springs",
+    "StVK",
+    "State",
+    "StepFailed",
+    "StrainRateDamping",
+    "SymplecticEuler",
+    "System",
+    "TensionField",
+    "TensorCondition",
+    "Tether",
+    "UserForce",
+    "Wind",
+    "bending_tensor",
+    "critical_dt",
+    "equilibrium",
+    "fields",
+    "hinge_angles",
+    "many_steps",
+    "march",
+    "plane_moduli",
+    "read_frame",
+    "run",
+    "solver_for",
+    "stability",
+    "strip_rigidity",
+    "study",
+    "verify",
+    "write_vtk",
+]

@@ -1,0 +1,288 @@
+"""The command line: fecloth run | view | render | check | mesh | info."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import signal
+import sys
+import threading
+import warnings
+import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+from rich.console import Console
+
+from fecloth.cli.describe import described, sources
+from fecloth.cli.fabric_list import listed
+from fecloth.cli.progress import progress
+from fecloth.errors import FeclothError, FeclothWarning, InputError
+from fecloth.linalg import select
+from fecloth.mesh.cloth import Cloth
+from fecloth.output.atomic_files import DiskFull
+from fecloth.output.frame_reader import FIELDS, Series
+from fecloth.output.mesh_file import write_mesh
+from fecloth.runs.folder import versions
+from fecloth.runs.outcome import DONE, FAILED, closing, ledger_text, trouble
+from fecloth.runs.run_scene import run_scene, settled_scene
+from fecloth.scene import run_warnings
+from fecloth.scene.expectations import Verdict, check
+from fecloth.scene.problem import Built
+from fecloth.scene.scene import Scene, load
+from fecloth.simulation.march import StepInfo
+from fecloth.simulation.run import run
+from fecloth.view.checker_pattern import CHECKS
+from fecloth.view.render import render
+from fecloth.view.web_page import write_view
+
+STATUS = """exit status:
+  0  done
+  1  check: a value lies outside its tolerance
+  2  bad input: nothing was run
+  3  the simulation failed, or the disk is full; what was written up to then is readable
+  4  interrupted; --resume goes on
+"""
+MISSED, BAD_INPUT, SIMULATION_FAILED, STOPPED = 1, 2, 3, 4
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command and return its exit status (see `STATUS`)."""
+    options = _parser().parse_args(arguments)
+    try:
+        with _terminable():
+            return options.command(options)
+    except DiskFull as full:
+        print(f"failed: {full}", file=sys.stderr)
+        return SIMULATION_FAILED
+    except InputError as mistake:
+        print(f"error: {mistake}", file=sys.stderr)
+        return BAD_INPUT
+    except FeclothError as failure:
+        print(f"failed: {failure}", file=sys.stderr)
+        return SIMULATION_FAILED
+    except KeyboardInterrupt as stop:
+        print(f"interrupted{f' {stop}' if stop.args else '; run it again'}", file=sys.stderr)
+        return STOPPED
+    except BrokenPipeError:  # the reader of a pipe has gone, as in `fecloth info | head -1`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as refusal:  # of the system, as where Numba keeps machine code
+        remedy = "If a disk is full, free space; NUMBA_CACHE_DIR is where machine code is kept."
+        print(f"error: {refusal}. {remedy}", file=sys.stderr)
+        return BAD_INPUT
+    except MemoryError as full:
+        print(f"failed: memory is full ({full}). Take a coarser mesh.", file=sys.stderr)
+        return SIMULATION_FAILED
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM is Ctrl-C, also before a run listens to both."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="fecloth",
+        description="A continuum cloth solver.",
+        epilog=STATUS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"fecloth {version('fecloth')}")
+    commands = parser.add_subparsers(
+        required=True, metavar="run | view | render | check | mesh | info"
+    )
+
+    sub = _command(commands, "run", _run, "run a scene and leave files for ParaView")
+    sub.add_argument("scene", help="a .toml file")
+    _scene_options(sub)
+    sub.add_argument("-o", "--output", metavar="DIR", help="folder to write (default: out/SCENE)")
+    sub.add_argument("--overwrite", action="store_true", help="replace the run in that folder")
+    sub.add_argument("--resume", metavar="DIR", help="go on with the run in that folder")
+
+    sub = _command(commands, "view", _view, "make view.html of a run and open it in the browser")
+    sub.add_argument("folder", metavar="DIR", help="folder of a run")
+    sub.add_argument("--no-open", action="store_true", help="only write the page")
+
+    sub = _command(commands, "render", _render, "draw a run as a movie or a picture")
+    sub.add_argument("folder", metavar="DIR", help="folder of a run")
+    sub.add_argument("-o", "--output", metavar="FILE", required=True, help=".mp4, .gif or .png")
+    fields = ", ".join([*FIELDS, CHECKS])
+    sub.add_argument("--field", default="larger_stretch", help=f"one of {fields}")
+    sub.add_argument("--size", metavar="WxH", default="1280x720", help="pixels (1280x720)")
+    sub.add_argument("--fps", type=float, help="frames a second (default: as the cloth moved)")
+    sub.add_argument("--time", type=float, metavar="T", help="of a .png [s] (default: the last)")
+
+    sub = _command(commands, "check", _check, "run scenes and verify their [expect] tables")
+    sub.add_argument("scenes", nargs="+", metavar="scene", help="a .toml file")
+    _scene_options(sub)
+
+    sub = _command(commands, "mesh", _mesh, "mesh and describe a cloth; write it with -o")
+    sub.add_argument("path", help="a .geo, .msh or other mesh file, or a scene")
+    sub.add_argument("--h", type=float, metavar="SIZE", help="edge length of a .geo file [m]")
+    sub.add_argument("-o", "--output", metavar="FILE", help="e.g. cloth.vtu, for ParaView")
+
+    sub = _command(commands, "info", _info, "versions; with a scene, what it would do")
+    sub.add_argument("scene", nargs="?", help="a .toml file")
+    sub.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    sub.add_argument("--fabrics", action="store_true", help="the published fabrics, with sources")
+    return parser
+
+
+def _command(commands, name: str, function: Callable, words: str) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        name,
+        help=words,
+        description=words,
+        epilog=STATUS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(command=function)
+    return parser
+
+
+def _scene_options(parser: argparse.ArgumentParser) -> None:
+    help_ = "replace a value of the scene, as in --set time.dt=0.005; may be repeated"
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=help_)
+    parser.add_argument("--quiet", action="store_true", help="print mistakes and failures only")
+
+
+# --- run ------------------------------------------------------------------------------------------
+
+
+def _run(options) -> int:
+    scene = load(options.scene, options.set)
+    if options.resume and (options.output or options.overwrite):
+        raise InputError("--resume", "needs neither -o nor --overwrite: it names the folder")
+    path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
+    console = Console(stderr=True, quiet=options.quiet)
+
+    def announce(built: Built, why: str, told: list[str]) -> None:
+        lines = [*sources(built.system.fabric), *run_warnings.plan(built, why)]
+        lines += [f"warning: {doubt}" for doubt in told]
+        console.print("\n".join(lines), highlight=False, soft_wrap=True)
+
+    def warn(words: str) -> None:
+        console.print(f"warning: {words}", highlight=False, soft_wrap=True)
+
+    with progress(console, scene.time.t_end) as report:
+        resume = bool(options.resume)
+        outcome = run_scene(scene, path, options.overwrite, announce, report, resume, warn)
+    if not options.quiet:
+        print(ledger_text(outcome.ledger))
+        print(closing(outcome))
+    if outcome.warning:
+        print(f"warning: {outcome.warning}", file=sys.stderr)
+    if outcome.status == DONE:
+        return 0
+    print(trouble(outcome), file=sys.stderr)
+    return SIMULATION_FAILED if outcome.status == FAILED else STOPPED
+
+
+# --- view, render ---------------------------------------------------------------------------------
+
+
+def _view(options) -> int:
+    file = write_view(options.folder)
+    print(f"wrote {file}")
+    if not options.no_open:
+        webbrowser.open(file.resolve().as_uri())
+    return 0
+
+
+def _render(options) -> int:
+    try:
+        width, height = map(int, options.size.split("x"))
+    except ValueError as error:
+        raise InputError(f"--size {options.size}", "must be like 1280x720") from error
+    chosen = options.field, (width, height), options.fps, options.time
+    file = render(options.folder, options.output, *chosen)
+    print(f"wrote {file}{_drawn(options) if file.suffix == '.png' else ''}")
+    return 0
+
+
+def _drawn(options) -> str:
+    """Which time a picture shows."""
+    series, asked = Series.open(options.folder), options.time
+    t = series.times[series.at(asked)]
+    exact = asked is None or math.isclose(t, asked, rel_tol=1e-9, abs_tol=1e-12)
+    return f": t = {t:g} s" + ("" if exact else f", of the frame next to {asked:g} s")
+
+
+# --- check ----------------------------------------------------------------------------------------
+
+
+def _check(options) -> int:
+    console, passed = Console(stderr=True, quiet=options.quiet), True
+    for path in options.scenes:
+        scene = load(path, options.set)
+        scene.require_expectations()
+        with progress(console, scene.time.t_end) as report:
+            verdicts = _verdicts(scene, report)
+        for verdict in verdicts:
+            if not (options.quiet and verdict.passed):
+                print(f"{path}: {verdict}")
+            passed &= verdict.passed
+    return 0 if passed else MISSED
+
+
+def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
+    built = scene.build()
+    arguments = built.system, built.method, built.state, built.dt, built.t_end
+    options = {"probes": built.probes, "solver": built.linear, "newton": built.newton}
+    options["stops"] = built.stops
+    with warnings.catch_warnings(action="ignore", category=FeclothWarning):
+        result = run(*arguments, **options, report=report)
+    if result.doubt:
+        print(f"warning: {result.doubt}", file=sys.stderr)
+    return check(scene.expect, result.times, result.observed, result.energies)
+
+
+# --- mesh -----------------------------------------------------------------------------------------
+
+
+def _mesh(options) -> int:
+    is_scene = Path(options.path).suffix == ".toml"
+    if is_scene and options.h:
+        raise InputError("--h", "is for mesh files", options.path, "Change cloth.h in the scene.")
+    cloth = load(options.path).mesh() if is_scene else Cloth.read(options.path, options.h)
+    print("\n".join(described(cloth)))
+    if options.output:
+        path = Path(options.output)
+        write_mesh(path, cloth)
+        print(f"wrote {path}")
+    return 0
+
+
+# --- info -----------------------------------------------------------------------------------------
+
+
+def _info(options) -> int:
+    if options.fabrics:
+        print("\n".join(listed()))
+        return 0
+    if options.scene:
+        scene = load(options.scene, options.set)
+        built = scene.build()
+        built, _, why = settled_scene(built)
+        lines = [*described(built.cloth), *sources(built.system.fabric)]
+        lines += run_warnings.plan(built, why)
+        lines += [f"warning: {doubt}" for doubt in run_warnings.doubts(built)]
+        print("\n".join(lines))
+        return 0
+    for name, found in versions().items():
+        print(f"{name}: {found}")
+    print(f"processors: {os.cpu_count()}")
+    print(f"direct solver: {select.direct().name}")
+    return 0

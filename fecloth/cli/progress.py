@@ -1,0 +1,31 @@
+"""How far a run has come, shown while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from fecloth.simulation.march import StepInfo
+
+
+@contextmanager
+def progress(console: Console, t_end: float) -> Iterator[Callable[[StepInfo], None]]:
+    """A bar with simulated time, step, Newton iterations and the time that is left."""
+    words = TextColumn("t = {task.completed:.4g} of {task.total:g} s  {task.description}")
+    columns = words, BarColumn(), TimeElapsedColumn(), "left", TimeRemainingColumn()
+    bar = Progress(*columns, console=console, transient=True)
+    task = bar.add_task("", total=t_end)
+
+    def report(info: StepInfo) -> None:
+        bar.start()  # not before a step is done, lest a mistake be told below an empty bar
+        text = f"step {info.step}  Newton {info.counts.newton}"
+        bar.update(task, completed=info.t, description=text)
+
+    try:
+        yield report
+    finally:
+        if bar.live.is_started:
+            bar.stop()

@@ -1,0 +1,1 @@
+"""The constants of a fabric, published fabrics, instruments, and which fabric lies where."""

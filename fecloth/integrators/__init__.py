@@ -1,0 +1,1 @@
+"""Time integrators. Each file is one rule that takes one step."""

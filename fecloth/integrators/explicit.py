@@ -1,0 +1,253 @@
+"""Explicit methods: forces and updates only, on the lumped mass, without any matrix.
+
+Each has its own stability limit on dt, given for a mode of frequency ω and damping ratio ζ; what
+is beyond it grows without bound. Pins and slides act through their projector P at the end of each
+step, which puts moved pins where their motion is, exactly.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.errors import InputError, flag
+from fecloth.integrators.numerical_dissipation import taken
+from fecloth.integrators.step import Step, arrival
+from fecloth.jit import kernel
+from fecloth.nonlinear.statistics import Counts
+from fecloth.system.system import State, System
+
+# a step that overflows is reported by the loop over time, which finds it not finite
+quiet = np.errstate(over="ignore", invalid="ignore")
+
+
+@dataclass(frozen=True, eq=False)
+class TwoForceStep(Step):
+    """A step over the mean of two forces: at `begin`, and at `stage`, the end of the step."""
+
+    begin: State
+    accelerations: tuple[np.ndarray, np.ndarray]
+    mass: np.ndarray
+
+    @property
+    def force(self) -> np.ndarray:
+        """(n, 3) the mean of the two [N], M (a₀ + a₁)/2: they need not be evaluated again."""
+        return 0.5 * self.mass[:, None] * sum(self.accelerations)
+
+    @property
+    def stages(self) -> tuple[State, State]:
+        """Where the forces of the step were taken, equal in weight."""
+        return self.begin, self.stage
+
+
+class Explicit:
+    """What explicit methods share; `forces_at` is 0 for forces at the start, ½ at both ends."""
+
+    order: int
+    error_constant: float  # as in `StageMethod`
+    forces_at: float
+    critical: tuple[float, float]  # (a, b): stable for a dt² k + b dt d < 1, k = ω², d = 2 ζ ω
+    theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
+    explicit = True
+    beyond_limit: bool
+
+    def __post_init__(self):
+        flag("beyond_limit", self.beyond_limit, type(self).__name__)
+
+    def check(self, system: System) -> None:
+        """Refuse a mass that would need a linear solve.
+
+        Raises
+        ------
+        InputError
+            For a consistent mass.
+        """
+        if system.mass_kind != "lumped":
+            raise InputError(
+                f"mass = {system.mass_kind!r}",
+                "must be 'lumped': an explicit step divides by the mass, and solves nothing",
+                type(self).__name__,
+                "Take an implicit method: a lumped P2 triangle has no mass at its corners."
+                if system.cloth.element == "P2"
+                else "Lump the mass, or take an implicit method.",
+            )
+
+    def numerical(self, system: System, old: State, step: Step) -> float:
+        """Energy [J] that the method itself took in a step, by `losses.taken`."""
+        return taken(system, old, step, self.forces_at)
+
+
+@dataclass(frozen=True)
+class ForwardEuler(Explicit):
+    """v₁ = v₀ + dt M⁻¹ f(x₀, v₀), x₁ = x₀ + dt v₀.
+
+    First order. Stable for ω dt ≤ 2ζ where ζ < 1, 2/(ζ + √(ζ² − 1)) above, so for no dt without
+    damping: a mode grows by √(1 + ω²dt²) a step, the fastest ones most. A taut sheet has
+    transverse modes that strain-rate damping leaves undamped. Keeps linear momentum, not angular,
+    and gains energy; here to show why others are used.
+    Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, chapter I.
+
+    Parameters
+    ----------
+    beyond_limit
+        Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
+    """
+
+    critical = None  # its limit is of another form: see `critical_dt`
+    order = 1
+    error_constant = 1 / 2
+    forces_at = 0.0
+    beyond_limit: bool = False
+
+    def step(self, system: System, state: State, dt: float, solver=None, guess=None) -> Step:
+        """One step from `state` over `dt` [s]."""
+        return _euler(self, system, state, dt, new_velocity=0.0)
+
+
+@dataclass(frozen=True)
+class SymplecticEuler(Explicit):
+    """v₁ = v₀ + dt M⁻¹ f(x₀, v₀), x₁ = x₀ + dt v₁.
+
+    First order, stable for ω dt < 2 (√(1 + ζ²) − ζ), without damping of its own at any frequency
+    below. Symplectic where nothing damps: the energy error stays bounded, of first order in dt.
+    Keeps linear and angular momentum.
+    Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, section I.1.
+
+    Parameters
+    ----------
+    beyond_limit
+        Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
+    """
+
+    critical = 1 / 4, 1 / 2
+    order = 1
+    error_constant = 1 / 2
+    forces_at = 0.0
+    beyond_limit: bool = False
+
+    def step(self, system: System, state: State, dt: float, solver=None, guess=None) -> Step:
+        """One step from `state` over `dt` [s]."""
+        return _euler(self, system, state, dt, new_velocity=1.0)
+
+
+@quiet
+def _euler(method, system, state, dt, new_velocity):
+    method.check(system)
+    begin = time.perf_counter()
+    x, v = np.empty((2, *state.x.shape))
+    move(state.x, state.v, acceleration(system, state), dt, new_velocity, x, v)
+    new = put(system, State(state.t + dt, x, v), arrival(system, state, dt))
+    return Step(new, state, None, Counts(seconds={"force": time.perf_counter() - begin}))
+
+
+@dataclass(frozen=True, eq=False)
+class LastForce:
+    """What central differences keep from step to step: a = M⁻¹ f, and where f was taken."""
+
+    a: np.ndarray
+    at: State
+
+
+@dataclass(frozen=True)
+class CentralDifference(Explicit):
+    """v½ = v₀ + dt/2 a₀, x₁ = x₀ + dt v½, a₁ = M⁻¹ f(x₁, v₀ + dt a₀), v₁ = v½ + dt/2 a₁.
+
+    Velocity Verlet: the leapfrog, started with the half-step velocity. Second order, also with
+    damping, as that sees the predicted velocity v₀ + dt a₀; a force at v½ would be of first order.
+    One force a step, kept for the next one; `many_steps` takes them in one call. Stable for
+    ω dt < 2 (√(1 + 4ζ²) − 2ζ): 2, 1.64, 0.83, 0.47 at ζ = 0, 0.1, 0.5, 1. No damping of its
+    own at any frequency below. Where nothing damps it is symplectic: the energy error stays
+    bounded, of second order in dt; linear modes conserve the energy less dt²/8 a·M a.
+    Keeps linear and angular momentum.
+    Source: Hairer, Lubich and Wanner (2003), Geometric numerical integration illustrated by the
+    Störmer–Verlet method, Acta Numerica 12, section 1.
+
+    Parameters
+    ----------
+    beyond_limit
+        Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
+    """
+
+    critical = 1 / 4, 1.0
+    order = 2
+    error_constant = 1 / 6
+    forces_at = 0.5
+    beyond_limit: bool = False
+
+    @quiet
+    def step(
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver=None,
+        guess: LastForce | None = None,
+    ) -> Step:
+        """One step from `state` over `dt` [s]; `guess` is the q of the step that led there.
+
+        Without it the force at `state` is evaluated, as in the first step.
+        """
+        self.check(system)
+        begin = time.perf_counter()
+        last = guess or LastForce(acceleration(system, state), state)
+        end = arrival(system, state, dt)
+        x, ahead, v = np.empty((3, *state.x.shape))
+        move(state.x, state.v, last.a, dt, 0.5, x, ahead)
+        at = put(system, State(state.t + dt, x, ahead), end)
+        a = acceleration(system, at)
+        kick(state.v, last.a, a, dt, v)
+        system.constraints.put(v, end.v)
+        new = State(at.t, x, v)
+        counts = Counts(seconds={"force": time.perf_counter() - begin})
+        forces = last.at, (last.a, a), system.nodal_mass
+        return TwoForceStep(new, at, LastForce(a, at), counts, *forces)
+
+
+def acceleration(system: System, state: State) -> np.ndarray:
+    """M⁻¹ f (n, 3) [m/s²]; what it has along held directions, `put` takes out of x and v."""
+    a = system.force(state)
+    divide(system.nodal_mass, a)
+    return a
+
+
+def put(system: System, state: State, end: State) -> State:
+    """The state, its own arrays changed so that its held directions are at `end`, exactly."""
+    system.constraints.put(state.x, end.x)
+    system.constraints.put(state.v, end.v)
+    return state
+
+
+@kernel
+def move(x, v, a, dt, share, x_new, v_new):
+    """v_new = v + dt a, x_new = x + dt (v + share dt a)."""
+    for i in range(len(x)):
+        for k in range(3):
+            dv = dt * a[i, k]
+            x_new[i, k] = x[i, k] + dt * (v[i, k] + share * dv)
+            v_new[i, k] = v[i, k] + dv
+
+
+@kernel
+def kick(v, a, b, dt, v_new):
+    """v_new = v + dt (a + b)/2."""
+    for i in range(len(v)):
+        for k in range(3):
+            v_new[i, k] = v[i, k] + 0.5 * dt * (a[i, k] + b[i, k])
+
+
+@kernel
+def divide(mass, f):
+    """f_i ← f_i / m_i."""
+    for i in range(len(f)):
+        inverse = 1.0 / mass[i]
+        for k in range(3):
+            f[i, k] *= inverse
+
+
+EXPLICIT = {
+    "forward_euler": ForwardEuler,
+    "symplectic_euler": SymplecticEuler,
+    "central_difference": CentralDifference,
+}

@@ -1,0 +1,191 @@
+"""Implicit methods that remember the last acceleration: Newmark's and the generalised-α method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fecloth.errors import InputError, flag, is_number
+from fecloth.integrators.step import Step, arrival, held
+from fecloth.integrators.with_memory import RememberedStep, WithMemory, blend, holding
+from fecloth.nonlinear import newton
+from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.stage import Stage
+from fecloth.system.system import State, System
+
+
+@dataclass(frozen=True, eq=False)
+class Acceleration:
+    """a (n, 3) [m/s²] at the end of the last step, as the method has it."""
+
+    a: np.ndarray
+
+
+class AccelerationMethod(WithMemory):
+    """M a_m = f(x_f, v_f, t_f) between old (0) and new (1), y_f = α_f y₀ + (1 − α_f) y₁, and
+
+    x₁ = x₀ + dt v₀ + dt² ((½ − β) a₀ + β a₁),  v₁ = v₀ + dt ((1 − γ) a₀ + γ a₁);  unknown q = a₁.
+    """
+
+    share: float | None = None  # as in `RememberedStep`
+
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        """(α_m, α_f, β, γ)."""
+        raise NotImplementedError
+
+    def stage(self, state: State, dt: float, a: np.ndarray) -> Stage:
+        """The stage of a step from `state`, where the acceleration is a."""
+        alpha_m, alpha_f, beta, gamma = self.parameters
+        x = state.x + dt * state.v + (0.5 - beta) * dt**2 * a
+        at = blend(state, State(state.t + dt, x, state.v + (1 - gamma) * dt * a), 1 - alpha_f)
+        weights = (1 - alpha_f) * beta * dt**2, (1 - alpha_f) * gamma * dt, 1 - alpha_m
+        return Stage(at.t, at.x, at.v, alpha_m * a, *weights, x, beta * dt**2)
+
+    def weights(self, dt: float) -> tuple[float, float, float]:
+        """(wx, wv, wa) of J = wa M + wv D + wx K."""
+        nothing = np.zeros((0, 3))
+        stage = self.stage(State(0.0, nothing, nothing), dt, nothing)
+        return stage.wx, stage.wv, stage.wa
+
+    def step(
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: Solver,
+        guess: Acceleration | None = None,
+    ) -> Step:
+        """One step from `state` over `dt` [s]; `guess` is the q of the step that led there."""
+        alpha_m, alpha_f, _, gamma = self.parameters
+        end = arrival(system, state, dt)
+        a = guess.a if guess else starting_acceleration(system, state, end, dt, solver)
+        moved = ((end.v - state.v) / dt - (1 - gamma) * a) / gamma  # a₁ of what the pins hold
+        stage = self.stage(state, dt, a)
+        at, a_m = blend(state, end, 1 - alpha_f), alpha_m * a + (1 - alpha_m) * moved
+        stage = holding(system, stage, at, a_m)
+        q, counts = newton.solve(system, stage, solver, a)
+        new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * ((1 - gamma) * a))
+        new = held(system, replace(new, v=new.v + dt * gamma * q), end)
+        a_new = system.constraints.hold(q, moved)
+        x, v, a_stage = stage.at(q)
+        a_solved = a_stage if self.share is None else (new.v - state.v) / dt
+        solved = a_solved, state, system, self.share
+        return RememberedStep(new, State(stage.t, x, v), Acceleration(a_new), counts, *solved)
+
+
+@dataclass(frozen=True)
+class Newmark(AccelerationMethod):
+    """M a₁ = f(x₁, v₁), x₁ and v₁ by β and γ from a₀ and a₁.
+
+    Second order for γ = ½, else first. A-stable for 2β ≥ γ ≥ ½; with less β stable for
+    ω dt < 1/√(γ/2 − β) without damping (`critical_dt`). β = ¼, γ = ½ is the trapezoidal
+    rule: no damping of linear modes of any frequency, and the energy of a linear problem is kept;
+    on nonlinear ones it can grow at steps that do not resolve the fast modes. γ > ½ takes the part
+    (γ − ½)(ω dt)²/2 of a slow mode's amplitude a step; with β = (γ + ½)²/4 the fastest ones keep
+    |γ − 3/2|/(γ + ½). Keeps linear momentum, not angular.
+
+    Source: Newmark (1959), A Method of Computation for Structural Dynamics, J. Eng. Mech. Div. 85.
+
+    Parameters
+    ----------
+    beta
+        > 0: at 0 the method is explicit.
+    gamma
+        At least ½: below, every mode grows.
+    beyond_limit
+        Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
+    """
+
+    beta: float = 0.25
+    gamma: float = 0.5
+    beyond_limit: bool = False
+
+    def __post_init__(self):
+        if not (is_number(self.beta) and self.beta > 0):
+            remedy = "beta = 0 is CentralDifference."
+            raise InputError(f"beta = {self.beta!r}", "must be > 0", "Newmark", remedy)
+        if not (is_number(self.gamma) and self.gamma >= 0.5):
+            raise InputError(f"gamma = {self.gamma!r}", "must be >= 0.5", "Newmark")
+        flag("beyond_limit", self.beyond_limit, "Newmark")
+
+    @property
+    def order(self) -> int:
+        return 2 if self.gamma == 0.5 else 1
+
+    @property
+    def critical(self) -> tuple[float, float]:
+        """(a, b) of `fecloth.stability`: damping widens the limit where γ > ½."""
+        return max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma
+
+    @property
+    def error_constant(self) -> float:
+        """|β − 1/6|, but no less than the 1/12 that the trapezoidal rule errs in v; γ = ½ only."""
+        if self.gamma != 0.5:
+            allowed = "has no estimate of its error in v, which is of first order"
+            raise InputError(f"gamma = {self.gamma!r}", allowed, "Newmark", "Take gamma = 0.5.")
+        return max(abs(self.beta - 1 / 6), 1 / 12)
+
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        return 0.0, 0.0, self.beta, self.gamma
+
+    @property
+    def share(self) -> float:
+        """γ: M Δv/dt = (1 − γ) f₀ + γ f₁."""
+        return self.gamma
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha(AccelerationMethod):
+    """M a_m = f(x_f, v_f): α_m = (2ρ − 1)/(ρ + 1), α_f = ρ/(ρ + 1), with ρ = ρ∞.
+
+    Second order by γ = ½ − α_m + α_f, and A-stable with β = (1 − α_m + α_f)²/4. A mode keeps ρ∞
+    of its amplitude a step as ω dt → ∞; with ρ∞ = ½ it loses 1e-2 at ω dt = 1 and 1.4e-4 at 0.3,
+    with ρ∞ = 1 nothing at any. Keeps linear momentum, not angular, nor energy: on nonlinear
+    problems it can grow at steps that do not resolve the fast modes (it did on a sheet that swings
+    down, dt = 10 ms, far more for ρ∞ = 0.8 than for ½), where BDF2 and backward Euler lose it.
+    Source: Chung and Hulbert (1993), A Time Integration Algorithm for Structural Dynamics With
+    Improved Numerical Dissipation: The Generalized-α Method, J. Appl. Mech. 60.
+
+    Parameters
+    ----------
+    rho_inf
+        In [0, 1].
+    """
+
+    order = 2
+    rho_inf: float = 0.5
+
+    def __post_init__(self):
+        if not (is_number(self.rho_inf) and 0 <= self.rho_inf <= 1):
+            raise InputError(
+                f"rho_inf = {self.rho_inf!r}", "must lie in [0, 1]", "GeneralizedAlpha"
+            )
+
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        alpha_m = (2 * self.rho_inf - 1) / (self.rho_inf + 1)
+        alpha_f = self.rho_inf / (self.rho_inf + 1)
+        lag = alpha_f - alpha_m
+        return alpha_m, alpha_f, 0.25 * (1 + lag) ** 2, 0.5 + lag
+
+    @property
+    def error_constant(self) -> float:
+        """β − ½ (α_f − α_m) − 1/6, as the acceleration is that of a time (α_f − α_m) dt before."""
+        alpha_m, alpha_f, beta, _ = self.parameters
+        return beta - 0.5 * (alpha_f - alpha_m) - 1 / 6
+
+
+def starting_acceleration(
+    system: System, state: State, end: State, dt: float, solver: Solver
+) -> np.ndarray:
+    """a (n, 3) with M a = f along the free directions, and the first step's mean at the pins."""
+    project, hold = system.constraints.project, system.constraints.hold
+    a = hold(np.zeros_like(state.v), (end.v - state.v) / dt)
+    b = project(system.force(state) - system.scalar_mass @ a)
+    J = system.project(system.assemble(solver.matrix, state, wa=1.0))
+    solver.linear.prepare(J)
+    free, _ = solver.linear.solve(b, rtol=solver.options.tolerance)
+    return a + free

@@ -1,0 +1,147 @@
+"""A sparse matrix of 3×3 blocks with a fixed pattern: one block for each pair of coupled nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sparse
+
+from fecloth.errors import InputError
+from fecloth.jit import kernel
+
+
+@dataclass(frozen=True)
+class BlockPattern:
+    """Which pairs of nodes are coupled: compressed rows of 3×3 blocks.
+
+    Attributes
+    ----------
+    indptr
+        (n + 1,) int32, row i holds blocks indptr[i] … indptr[i + 1] − 1.
+    indices
+        (b,) int32, column of each block, ascending within a row; the diagonal is always there.
+    """
+
+    indptr: np.ndarray
+    indices: np.ndarray
+
+    @classmethod
+    def union(cls, n: int, stencils: list[np.ndarray]) -> BlockPattern:
+        """Pattern over `n` nodes that couples all nodes of each row of each stencil (m, k)."""
+        keys = np.arange(n, dtype=np.int64) * (n + 1)
+        for stencil in _distinct(stencils):
+            pairs = (stencil[:, :, None].astype(np.int64) * n + stencil[:, None, :]).ravel()
+            keys = np.union1d(keys, np.unique(pairs))
+        indptr = np.searchsorted(keys, np.arange(n + 1, dtype=np.int64) * n)
+        return cls(indptr.astype(np.int32), (keys % n).astype(np.int32))
+
+    def __len__(self) -> int:
+        return len(self.indptr) - 1
+
+    def slots(self, stencil: np.ndarray) -> np.ndarray:
+        """(m, k, k) int32: the block in which the pair (stencil[e, a], stencil[e, b]) lies.
+
+        Raises
+        ------
+        InputError
+            For a pair that the pattern does not have.
+        """
+        m, k = stencil.shape
+        slots = np.empty((m, k, k), np.int32)
+        missing = _find_slots(self.indptr, self.indices, stencil, slots)
+        if missing >= 0:
+            what = f"nodes {stencil[missing].tolist()}"
+            remedy = "Give the same stencil to `stencil` and `slots`."
+            raise InputError(what, "are not all coupled in the matrix", "BlockPattern", remedy)
+        return slots
+
+    @cached_property
+    def diagonal(self) -> np.ndarray:
+        """(n,) int32, the blocks on the diagonal."""
+        return self.slots(np.arange(len(self), dtype=np.int32)[:, None]).ravel()
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """(b,) int32, the row of each block."""
+        return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.indptr))
+
+
+def _distinct(stencils):
+    seen = {id(s): s for s in stencils}
+    return seen.values()
+
+
+@dataclass(frozen=True)
+class BlockMatrix:
+    """A pattern and its values (b, 3, 3); terms add to the values in place.
+
+    Examples
+    --------
+    >>> pattern = BlockPattern.union(2, [np.array([[0, 1]], dtype=np.int32)])
+    >>> A = BlockMatrix.zeros(pattern)
+    >>> A.values[pattern.diagonal] = 2 * np.eye(3)
+    >>> A @ np.ones((2, 3))
+    array([[2., 2., 2.],
+           [2., 2., 2.]])
+    """
+
+    pattern: BlockPattern
+    values: np.ndarray
+
+    @classmethod
+    def zeros(cls, pattern: BlockPattern) -> BlockMatrix:
+        return cls(pattern, np.zeros((len(pattern.indices), 3, 3)))
+
+    def __matmul__(self, x: np.ndarray) -> np.ndarray:
+        """A x for x of shape (n, 3)."""
+        x = np.ascontiguousarray(x, dtype=float)
+        y = np.empty_like(x)
+        multiply(self.pattern.indptr, self.pattern.indices, self.values, x, y)
+        return y
+
+    def to_scipy(self) -> sparse.bsr_matrix:
+        """A copy of the matrix, 3n × 3n."""
+        n = 3 * len(self.pattern)
+        arrays = self.values, self.pattern.indices, self.pattern.indptr
+        blocks = tuple(array.copy() for array in arrays)
+        return sparse.bsr_matrix(blocks, shape=(n, n))
+
+
+@kernel
+def multiply(indptr, indices, values, x, y):
+    """y = A x."""
+    for i in range(len(indptr) - 1):
+        y1 = y2 = y3 = 0.0
+        for s in range(indptr[i], indptr[i + 1]):
+            j = indices[s]
+            x1, x2, x3 = x[j, 0], x[j, 1], x[j, 2]
+            y1 += values[s, 0, 0] * x1 + values[s, 0, 1] * x2 + values[s, 0, 2] * x3
+            y2 += values[s, 1, 0] * x1 + values[s, 1, 1] * x2 + values[s, 1, 2] * x3
+            y3 += values[s, 2, 0] * x1 + values[s, 2, 1] * x2 + values[s, 2, 2] * x3
+        y[i, 0], y[i, 1], y[i, 2] = y1, y2, y3
+
+
+@kernel
+def _find_slots(indptr, indices, stencil, slots):
+    """The first row of the stencil that has a pair without a block, or −1."""
+    m, k = stencil.shape
+    for e in range(m):
+        for a in range(k):
+            i = stencil[e, a]
+            row = indices[indptr[i] : indptr[i + 1]]
+            for b in range(k):
+                s = np.searchsorted(row, stencil[e, b])
+                if s == len(row) or row[s] != stencil[e, b]:
+                    return e
+                slots[e, a, b] = indptr[i] + s
+    return -1
+
+
+@kernel
+def add_mass(slots, mass, scale, values):
+    """values += scale * mass ⊗ I₃; `slots` are the blocks of the mass entries."""
+    for s in range(len(slots)):
+        for c in range(3):
+            values[slots[s], c, c] += scale * mass[s]

@@ -1,0 +1,180 @@
+"""Direct solvers for a `BlockMatrix`: PARDISO of the Intel MKL, and SuperLU."""
+
+from __future__ import annotations
+
+import time
+import weakref
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse.linalg import splu
+
+from fecloth.errors import IndefiniteMatrix, SolveFailed
+from fecloth.jit import kernel
+from fecloth.linalg import mkl_pardiso, pcg
+from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
+from fecloth.linalg.pcg import SolveInfo
+from fecloth.linalg.scalar_csr import ScalarRows
+
+EPS = np.finfo(float).eps
+
+
+class Pardiso:
+    """PARDISO of the Intel MKL, through the library that pypardiso finds.
+
+    Parameters
+    ----------
+    symmetric
+        Cholesky (PARDISO's matrix type 2) on the upper triangle; else LU (type 11).
+    """
+
+    name = "pardiso"
+
+    def __init__(self, symmetric: bool = True):
+        mkl_pardiso.routine()  # fail here, not in a time step
+        self.symmetric = symmetric
+        self.prepared = 0
+        self._A = self._pattern = self._release = None
+
+    def prepare(self, A: BlockMatrix) -> None:
+        """Factorise A; the analysis is kept while the pattern is the same object."""
+        begin, self._A = time.perf_counter(), None
+        self.prepared += 1
+        if self._pattern is not A.pattern:
+            self._analyse(A.pattern)
+        self._rows.refill(A)
+        self._call(22, self._nothing, self._nothing)
+        self._A, self._seconds = A, time.perf_counter() - begin
+
+    def solve(
+        self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
+    ) -> tuple[np.ndarray, SolveInfo]:
+        """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
+        return _refined(self, b, rtol)
+
+    def _analyse(self, pattern: BlockPattern) -> None:
+        self._pattern = None
+        if self._release is not None:
+            self._release()
+        self._rows = ScalarRows(pattern, self.symmetric)
+        self._mtype = 2 if self.symmetric else 11
+        self._handle = np.zeros(64, np.int64)
+        self._iparm = mkl_pardiso.parameters()
+        self._nothing = np.zeros(0)
+        # The arrays, not self: a finalizer that knew self would keep it alive.
+        kept = self._mtype, self._handle, self._rows.arrays, self._iparm
+        self._release = weakref.finalize(
+            self, mkl_pardiso.pardiso, -1, *kept, self._nothing, self._nothing
+        )
+        self._call(11, self._nothing, self._nothing)
+        self._pattern = pattern
+
+    def _apply(self, b: np.ndarray) -> np.ndarray:
+        x = np.empty_like(b)
+        self._call(33, b, x)
+        return x
+
+    def _call(self, phase, b, x) -> None:
+        rows = self._rows.arrays
+        error = mkl_pardiso.pardiso(phase, self._mtype, self._handle, rows, self._iparm, b, x)
+        if error == -4 and self.symmetric:
+            raise IndefiniteMatrix("pardiso met a pivot <= 0: A is not positive definite")
+        if error:
+            reason = mkl_pardiso.ERRORS.get(error, "see the documentation of the MKL")
+            raise SolveFailed(f"pardiso returned error {error} in phase {phase}: {reason}")
+
+
+class SuperLU:
+    """SciPy's SuperLU, where there is no PARDISO; it repeats the analysis in each ``prepare``.
+
+    Parameters
+    ----------
+    symmetric
+        Pivots on the diagonal in an order of minimum degree; else partial pivoting. To see the
+        signs of the pivots the factor is copied: twice the memory, a third more time.
+    """
+
+    name = "superlu"
+
+    def __init__(self, symmetric: bool = True):
+        self.symmetric = symmetric
+        self.prepared = 0
+        self._A = self._rows = None
+
+    def prepare(self, A: BlockMatrix) -> None:
+        """Factorise A."""
+        begin, self._A = time.perf_counter(), None
+        self.prepared += 1
+        if self._rows is None or self._rows.pattern is not A.pattern:
+            self._rows = ScalarRows(A.pattern, upper=False)
+        self._rows.refill(A)
+        n = 3 * len(A.pattern)
+        # The rows of A read as columns: Aᵀ.
+        transposed = sparse.csc_matrix(self._rows.arrays, shape=(n, n))
+        self._lu = self._factor(transposed)
+        self._A, self._seconds = A, time.perf_counter() - begin
+
+    def solve(
+        self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
+    ) -> tuple[np.ndarray, SolveInfo]:
+        """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
+        return _refined(self, b, rtol)
+
+    def _factor(self, transposed):
+        failure = IndefiniteMatrix if self.symmetric else SolveFailed
+        try:
+            if not self.symmetric:
+                return splu(transposed, permc_spec="COLAMD")
+            lu = splu(
+                transposed,
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as error:
+            raise failure(f"superlu could not factorise A: {error}") from error
+        # Rows are interchanged only where a diagonal pivot is zero. Without that A = L D Lᵀ, and
+        # D, the diagonal of U, has the signs of the eigenvalues.
+        if (lu.perm_r != lu.perm_c).any() or not (lu.U.diagonal() > 0).all():
+            raise failure("superlu met a pivot <= 0: A is not positive definite")
+        return lu
+
+    def _apply(self, b: np.ndarray) -> np.ndarray:
+        return self._lu.solve(b.ravel(), trans="T").reshape(b.shape)
+
+
+def _refined(
+    solver: Pardiso | SuperLU, b: np.ndarray, rtol: float, steps: int = 2
+) -> tuple[np.ndarray, SolveInfo]:
+    """Solve with a factor and refine, x += A⁻¹ (b − A x), until the residual is good.
+
+    Nothing reduces the residual below the round-off of its own evaluation (Oettli and Prager
+    1964), so that is accepted in place of `rtol`, but nothing beyond 1e-6.
+    """
+    begin = time.perf_counter()
+    b, bb = pcg.checked(solver._A, b, rtol)
+    x, r, step, reached = np.zeros_like(b), b.copy(), 0, float(bb > 0.0)
+    while not reached <= rtol and step <= steps:
+        x += solver._apply(r)
+        reached = pcg.relative_residual(solver._A, b, bb, x, r)
+        step += 1
+    if not reached <= rtol:
+        roundoff = 32 * EPS * np.sqrt(_rounding(*pcg.block_rows(solver._A), b, x) / bb)
+        if not reached <= min(roundoff, 1e-6):
+            raise SolveFailed(f"{solver.name}: A is singular, or close to it", reached, rtol)
+    refinements, seconds = max(step - 1, 0), time.perf_counter() - begin
+    return x, SolveInfo(solver.name, refinements, reached, solver._seconds, seconds)
+
+
+@kernel
+def _rounding(indptr, indices, values, b, x):
+    """‖ |b| + |A| |x| ‖²: times eps², the square of what round-off alone leaves of b − A x."""
+    total = 0.0
+    for i in range(len(b)):
+        for c in range(3):
+            row = abs(b[i, c])
+            for s in range(indptr[i], indptr[i + 1]):
+                for d in range(3):
+                    row += abs(values[s, c, d] * x[indices[s], d])
+            total += row * row
+    return total

@@ -1,0 +1,66 @@
+"""A matrix of 3×3 blocks as compressed rows of numbers, as direct solvers take it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fecloth.errors import SolveFailed
+from fecloth.jit import kernel
+from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
+
+
+class ScalarRows:
+    """A block pattern as compressed rows of numbers, all of them or those of the upper triangle.
+
+    Row 3 i + c takes its numbers from the blocks `first[i]` … of row i, in their order; of the
+    diagonal block, then the first, an upper triangle has only the entries from c on.
+    """
+
+    def __init__(self, pattern: BlockPattern, upper: bool):
+        self.pattern, self.upper = pattern, upper
+        self.first = pattern.diagonal if upper else pattern.indptr[:-1]
+        n, blocks = len(pattern), int((pattern.indptr[1:] - self.first).sum())
+        count = 9 * blocks - 3 * n * upper
+        columns, starts = np.empty(count, np.int32), np.empty(3 * n + 1, np.int32)
+        _expand_pattern(pattern.indptr, pattern.indices, self.first, upper, columns, starts)
+        self.arrays = np.empty(count), columns, starts
+
+    def refill(self, A: BlockMatrix) -> None:
+        """Copy the values of A."""
+        if not _expand_values(A.pattern.indptr, self.first, A.values, self.upper, self.arrays[0]):
+            node = A.pattern.rows[~np.isfinite(A.values).all(axis=(1, 2))][0]
+            raise SolveFailed(f"A is not finite, first in the row of node {node}")
+
+
+@kernel
+def _expand_pattern(indptr, indices, first, upper, columns, starts):
+    k = 0
+    for i in range(len(first)):
+        for c in range(3):
+            starts[3 * i + c] = k
+            for d in range(c if upper else 0, 3):
+                columns[k] = 3 * indices[first[i]] + d
+                k += 1
+            for s in range(first[i] + 1, indptr[i + 1]):
+                for d in range(3):
+                    columns[k + d] = 3 * indices[s] + d
+                k += 3
+    starts[3 * len(first)] = k
+
+
+@kernel
+def _expand_values(indptr, first, values, upper, data):
+    """True if all values are finite: 0 times their sum is 0."""
+    k, zero = 0, 0.0
+    for i in range(len(first)):
+        for c in range(3):
+            for d in range(c if upper else 0, 3):
+                data[k] = values[first[i], c, d]
+                zero += 0.0 * data[k]
+                k += 1
+            for s in range(first[i] + 1, indptr[i + 1]):
+                v1, v2, v3 = values[s, c, 0], values[s, c, 1], values[s, c, 2]
+                data[k], data[k + 1], data[k + 2] = v1, v2, v3
+                zero += 0.0 * (v1 + v2 + v3)
+                k += 3
+    return zero == 0.0

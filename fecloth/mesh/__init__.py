@@ -1,0 +1,1 @@
+"""The flat reference geometry: generate, read, check and number meshes; elements; `Cloth`."""

@@ -1,0 +1,52 @@
+"""How far to go along Newton's direction, in time steps and in equilibrium alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fecloth.linalg.reductions import dot, size
+
+HALVINGS = 12
+
+
+def longest(
+    at: Callable[[np.ndarray], tuple],
+    y: np.ndarray,
+    R: np.ndarray,
+    step: np.ndarray,
+    goal: float,
+    potential: Callable[[np.ndarray], float] | None,
+    first: float = 1.0,
+):
+    """The longest part α = first, first/2, … of a step from y that improves; None if none does.
+
+    `at(y)` = (R, …), and R is that at y. A step improves if R falls, or the potential sufficiently
+    (Nocedal and Wright 2006, Numerical Optimization, eq. 3.6a), or, where there is none, if R does
+    not push back hard at its end: R·s ≤ 0.8 |R₀·s| (after Matthies and Strang 1979, who ask for
+    half).
+
+    Returns
+    -------
+    α, y + α s, at(y + α s)
+    """
+    norm, slope, start = size(R), dot(R, step), None
+    if not (slope < 0 or norm == 0):  # uphill: the matrix was not positive definite
+        return None
+    for alpha in first * 0.5 ** np.arange(HALVINGS):
+        trial = y + alpha * step
+        R_there, *_ = there = at(trial)
+        norm_there = size(R_there)
+        if not np.isfinite(norm_there):
+            continue
+        if norm_there <= max(goal, (1 - 1e-4 * alpha) * norm):
+            return float(alpha), trial, there
+        if potential is None:
+            if dot(R_there, step) <= -0.8 * slope:
+                return float(alpha), trial, there
+            continue
+        start = potential(y) if start is None else start
+        if potential(trial) <= start + 1e-4 * alpha * slope:
+            return float(alpha), trial, there
+    return None

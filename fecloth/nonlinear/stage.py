@@ -1,0 +1,64 @@
+"""The stage: what an implicit method asks of one step, as affine maps of one unknown q.
+
+    x = x̃ + wx q,   v = ṽ + wv q,   a = ã + wa q,   M a = f(x, v, t)
+
+so that Newton's matrix is J = wa M + wv D + wx K for every method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.system.system import State, System
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """(x̃, wx), (ṽ, wv), (ã, wa) at time t, and the end of the step, x = x_end + w_end q."""
+
+    t: float
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    wx: float
+    wv: float
+    wa: float
+    x_end: np.ndarray
+    w_end: float
+
+    def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """x, v, a of an unknown q (n, 3)."""
+        return self.x + self.wx * q, self.v + self.wv * q, self.a + self.wa * q
+
+
+def prescribed(system: System, stage: Stage, state: State, dt: float, end: State) -> Stage:
+    """The stage whose held directions arrive where the pins' motion is at the end of the step.
+
+    There q̂ = (end.x − x_end)/w_end is known; it moves into x̃, ṽ and x_end. The held acceleration
+    is the change of the prescribed velocity over the step.
+
+    Raises
+    ------
+    InputError
+        For a stage whose arrays are not of the state's shape, as a method of one's own may give.
+    """
+    for name in ("x", "v", "a", "x_end"):
+        shape = np.shape(getattr(stage, name, None))
+        if shape != state.x.shape:
+            raise InputError(f"stage.{name} of shape {shape}", f"must be {state.x.shape}", "step")
+    held, at = system.constraints.held, system.constraints.nodes
+    if not len(at):
+        return stage
+    q, a = np.zeros((2, *stage.x.shape))
+    q[at] = held((end.x - stage.x_end) / stage.w_end)
+    a[at] = held((end.v - state.v) / dt - stage.a)
+    return replace(
+        stage,
+        x=stage.x + stage.wx * q,
+        v=stage.v + stage.wv * q,
+        a=stage.a + a,
+        x_end=stage.x_end + stage.w_end * q,
+    )

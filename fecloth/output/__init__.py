@@ -1,0 +1,1 @@
+"""Files: atomic writes, VTU and VTKHDF frames, and reading them back."""

@@ -1,0 +1,233 @@
+"""The frames of a finished or running run, read back to be shown: times, triangles, fields.
+
+A field is named in one word wherever a person chooses one (`fecloth view`, `fecloth render`):
+
+    larger_stretch, smaller_stretch    principal stretches
+    E11, E22, E12                      Green strain along warp and weft
+    S11, S22, S12                      stress resultants [N/m]
+    energy_density [J/m²], quality     as in the frames
+    speed [m/s], displacement, height [m]    |v|, |x − (X, 0)|, z
+
+The frames' arrays are listed in output.py. Quadratic triangles are cut into four straight ones.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.output.vtu_writer import Arrays
+from fecloth.quantities.formula import nearest
+
+LARGEST = 1e300  # what is larger overflows where two such are subtracted
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One time of a series: points (n, 3), arrays at the nodes and in the triangles."""
+
+    t: float
+    points: np.ndarray
+    cells: np.ndarray
+    point_data: Arrays
+    cell_data: Arrays
+
+
+@dataclass(frozen=True)
+class Field:
+    """How a field is called and where its values lie: `of` takes that array."""
+
+    title: str
+    unit: str
+    array: str
+    of: Callable[[np.ndarray], np.ndarray]
+
+
+def _norm(values):
+    return np.linalg.norm(values, axis=1)
+
+
+def _component(i: int) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda values: values[:, i]
+
+
+FIELDS = {
+    "larger_stretch": Field("larger stretch", "", "principal_stretches", _component(1)),
+    "smaller_stretch": Field("smaller stretch", "", "principal_stretches", _component(0)),
+    "speed": Field("speed", "m/s", "velocity", _norm),
+    "displacement": Field("displacement", "m", "displacement", _norm),
+    "energy_density": Field("energy density", "J/m²", "energy_density", np.asarray),
+    "height": Field("height", "m", "", _component(2)),
+    "quality": Field("quality", "", "quality", np.asarray),
+    **{
+        f"{letter}{ij}": Field(f"{letter}{ij}", unit, array, _component(i))
+        for letter, unit, array in (("E", "", "green_strain"), ("S", "N/m", "stress_resultants"))
+        for i, ij in enumerate(("11", "22", "12"))
+    },
+}
+
+
+def field_values(frame: Frame, name: str) -> np.ndarray:
+    """Values of a field, one a node (n,) or one a triangle (m,).
+
+    Raises
+    ------
+    InputError
+        If there is no such field, or the frame does not hold its array.
+    """
+    if name not in FIELDS:
+        allowed = f"must be one of {', '.join(FIELDS)}"
+        raise InputError(f"field {name!r}", allowed, remedy=nearest(name, FIELDS))
+    field = FIELDS[name]
+    arrays = {**frame.point_data, **frame.cell_data, "": frame.points}
+    if field.array not in arrays:
+        there = ", ".join(key for key, item in FIELDS.items() if item.array in arrays)
+        raise InputError(f"field {name!r}", "is not in these frames", remedy=f"There are {there}.")
+    return field.of(arrays[field.array])
+
+
+def drawable(values: np.ndarray) -> np.ndarray:
+    """Where values are numbers that can be drawn: what a cloth that blows up has may overflow."""
+    return np.abs(values) < LARGEST  # NaN is not
+
+
+def bounded(values: np.ndarray) -> np.ndarray:
+    """The values as float64, those that cannot be drawn as the extremes of those that can.
+
+    Examples
+    --------
+    >>> bounded(np.array([1.0, np.inf, 3.0, -np.inf, np.nan])).tolist()
+    [1.0, 3.0, 3.0, 1.0, 3.0]
+    """
+    values = np.asarray(values, dtype=float)
+    good = values[drawable(values)]
+    low, high = (good.min(), good.max()) if good.size else (0.0, 0.0)
+    return np.clip(np.where(np.isnan(values), high, values), low, high)
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """The frames of a run's folder, read one at a time.
+
+    Attributes
+    ----------
+    times
+        Times of the frames [s].
+    read
+        Gives frame i as a `Frame`.
+    """
+
+    folder: Path
+    times: tuple[float, ...]
+    read: Callable[[int], Frame]
+
+    @classmethod
+    def open(cls, folder: str | Path) -> Series:
+        """The series of a folder that `fecloth run` wrote.
+
+        Raises
+        ------
+        InputError
+            If it holds no frames, or they cannot be read.
+        """
+        folder = Path(folder)
+        listed, single = folder / "run.vtu.series", folder / "run.vtkhdf"
+        if listed.is_file():
+            entries = json.loads(listed.read_text(encoding="utf-8"))["files"]
+            files = [folder / entry["name"] for entry in entries]
+            times = tuple(entry["time"] for entry in entries)
+            return cls(folder, times, lambda i: _read_vtu(files[i], times[i]))
+        if single.is_file():
+            return cls(folder, _times_of(single), lambda i: _read_hdf(single, i))
+        remedy = "Give the folder of a run, e.g. out/flag."
+        raise InputError(f"{folder}", "holds no frames", remedy=remedy)
+
+    def at(self, time: float | None) -> int:
+        """The frame next to a time [s]; the last one of all for None."""
+        wanted = self.times[-1] if time is None else time
+        return int(np.argmin(np.abs(np.array(self.times) - wanted)))
+
+    def chosen(self, most: int) -> list[int]:
+        """At most so many frames, evenly spread, the first and the last among them."""
+        count = min(max(most, 1), len(self.times))
+        return np.unique(np.round(np.linspace(len(self.times) - 1, 0, count)).astype(int)).tolist()
+
+
+def straight(cells: np.ndarray) -> np.ndarray:
+    """Triangles (m or 4 m, 3) to draw; those of cell i are i, or 4 i to 4 i + 3.
+
+    Examples
+    --------
+    >>> straight(np.array([[0, 1, 2, 3, 4, 5]])).tolist()
+    [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
+    """
+    if cells.shape[1] == 3:
+        return cells
+    parts = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # VTK's order: 3 between 0 and 1, …
+    return cells[:, parts].reshape(-1, 3)
+
+
+def rim(triangles: np.ndarray) -> np.ndarray:
+    """Edges (k, 2) that belong to one triangle only.
+
+    Examples
+    --------
+    >>> rim(np.array([[0, 1, 2], [1, 3, 2]])).tolist()
+    [[0, 1], [0, 2], [1, 3], [2, 3]]
+    """
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    unique, counts = np.unique(edges, axis=0, return_counts=True)
+    return unique[counts == 1]
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def _read_vtu(file: Path, t: float) -> Frame:
+    from meshio import vtu
+
+    try:
+        mesh = vtu.read(file)
+        (cells,) = mesh.cells
+    except Exception as error:  # meshio lets pass whatever a broken file provokes
+        raise InputError(f"{file} cannot be read: {error}") from error
+    cell_data = {name: values[0] for name, values in mesh.cell_data.items()}
+    return Frame(t, mesh.points, cells.data, mesh.point_data, cell_data)
+
+
+@contextmanager
+def _hdf(file: Path) -> Iterator:
+    from fecloth.output.vtkhdf_writer import h5py
+
+    try:
+        with h5py().File(file, "r", locking=False) as opened:
+            yield opened["VTKHDF"]
+    except OSError as error:
+        raise InputError(f"{file} cannot be read: {error}") from error
+
+
+def _times_of(file: Path) -> tuple[float, ...]:
+    with _hdf(file) as root:
+        steps = root["Steps"]
+        return tuple(steps["Values"][: steps.attrs["NSteps"]].tolist())
+
+
+def _read_hdf(file: Path, i: int) -> Frame:
+    with _hdf(file) as root:
+        steps = root["Steps"]
+        n, m = int(root["NumberOfPoints"][0]), int(root["NumberOfCells"][0])
+
+        def arrays(kind, rows):
+            begins = {name: int(steps[f"{kind}Offsets/{name}"][i]) for name in root[kind]}
+            return {name: root[kind][name][b : b + rows] for name, b in begins.items()}
+
+        begin = int(steps["PointOffsets"][i])
+        points, cells = root["Points"][begin : begin + n], root["Connectivity"][:].reshape(m, -1)
+        t = float(steps["Values"][i])
+        return Frame(t, points, cells, arrays("PointData", n), arrays("CellData", m))

@@ -1,0 +1,227 @@
+"""A whole run in one file, run.vtkhdf: VTK's transient unstructured grid in HDF5.
+
+ParaView opens it as one data set with times. The triangles are written once; each frame appends
+its points and the arrays of `output.fields`, and the group Steps says where they begin:
+
+    Points, PointData/*, CellData/*     rows of all frames, one after the other
+    Steps/Values                        the times [s]
+    Steps/PointOffsets                  first row of a frame in Points
+    Steps/PointDataOffsets/*, CellDataOffsets/*    the same for the arrays
+    Steps/PartOffsets, CellOffsets, ConnectivityIdOffsets    0: all frames share one topology
+
+PartOffsets must be 0 too: where it counts up, VTK's reader finds no part for the later frames and
+keeps the first one's values without a word. Components have no names in this format; their order
+is that of output.py. Layout: VTK file formats, "VTKHDF", version 2.2 (Kitware).
+
+The file is opened, extended and closed for each frame, and the count of frames is raised last: it
+can be read between two frames, and ParaView's *Reload Files* shows what has come. HDF5 has no
+journal, `redo` is one: a process killed within the microseconds in which a frame's bytes go to
+their places leaves a file that may not open, but that the run, resumed, makes whole.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.mesh.cloth import Cloth
+from fecloth.output.atomic_files import WriteError, writing
+from fecloth.output.frames import fields, kinematics
+from fecloth.output.vtu_writer import CELLS, Arrays
+from fecloth.output.write_ahead_log import anew, changed
+from fecloth.system.system import State, System
+
+CHUNK = 1 << 18  # bytes of a dataset that are compressed and read at a time
+STATIC = ("quality",)  # cell arrays of the reference, written once
+COUNTS = ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
+SHARED = ("PartOffsets", "CellOffsets", "ConnectivityIdOffsets")
+
+
+@dataclass(eq=False)
+class HdfFrames:
+    """Appends states to one file; the same use as `output.Frames`.
+
+    Attributes
+    ----------
+    path
+        The file, replaced by the first frame.
+    cloth, system
+        What is shown; without a system, no stress and no energy.
+    times
+        Times of the frames written so far [s].
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+    >>> system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity()], pins=["left"])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     frames = HdfFrames(Path(folder) / "run.vtkhdf", cloth, system)
+    ...     for state, info in fc.march(system, fc.BackwardEuler(), system.rest(), 0.01, 0.03):
+    ...         file = frames.add(state)
+    ...     with h5py().File(file) as read:
+    ...         print(read["VTKHDF/Steps"].attrs["NSteps"], read["VTKHDF/Points"].shape)
+    3 (27, 3)
+    """
+
+    path: Path
+    cloth: Cloth
+    system: System | None = None
+    times: list[float] = field(default_factory=list)
+
+    def __post_init__(self):
+        h5py()  # a missing package is told before the first step
+
+    @property
+    def opens(self) -> Path:
+        """The file to open in ParaView."""
+        return self.path
+
+    def add(self, state: State) -> Path:
+        """Append a frame; returns the file.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        shown = self.system and fields(self.system, state)
+        points, cells = shown or kinematics(self.cloth, state)
+        with (_more if self.times else _new)(self.path) as file:
+            if not self.times:
+                _begin(file, self.cloth, points, cells)
+            _append(file["VTKHDF"], state, points, cells)
+        self.times.append(float(state.t))
+        return self.path
+
+    def keep(self, times: Sequence[float]) -> None:
+        """Go on after the frames of these times, the first of the file; later ones are taken away.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, or has other frames.
+        """
+        remedy = "Put it back as it was, or run the scene anew with --overwrite."
+        try:
+            with _more(self.path) as file:
+                root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
+                if steps["Values"][: len(times)].tolist() != list(times):
+                    raise InputError(f"{self.path} has other frames than the run", remedy=remedy)
+                if len(times) < len(steps["Values"]):
+                    _cut(root, steps, len(times))
+        except (WriteError, KeyError) as error:
+            reason = str(error.__cause__ or error)
+            raise InputError(f"{self.path} cannot be read: {reason}", remedy=remedy) from error
+        self.times = list(times)
+
+    def files(self, after: int) -> list[Path]:
+        """Those with the frames from number `after` on."""
+        return [self.path]
+
+
+def h5py():
+    """The package, or an `InputError` that says how to get it."""
+    try:
+        import h5py
+    except ImportError as error:
+        remedy = 'Install it: pip install "fecloth[hdf]", or write format = "vtu".'
+        raise InputError("a .vtkhdf file needs the package h5py", remedy=remedy) from error
+    return h5py
+
+
+@contextmanager
+def _new(path: Path) -> Iterator:
+    """A file that takes the place of the path when all is in it."""
+    stream = io.BytesIO()
+    with h5py().File(stream, "w") as file:
+        yield file
+    anew(path, stream.getvalue())
+
+
+@contextmanager
+def _more(path: Path) -> Iterator:
+    """The file to change, without HDF5's lock: a ParaView that looks at it stops no run."""
+    with writing(path), changed(path) as stream, h5py().File(stream, "r+") as file:
+        yield file
+
+
+# --- layout ---------------------------------------------------------------------------------------
+
+
+def _begin(file, cloth: Cloth, points: Arrays, cells: Arrays) -> None:
+    """The topology, and empty datasets for everything that grows."""
+    m, k = cloth.cells.shape
+    root = file.create_group("VTKHDF")
+    root.attrs["Version"] = (2, 2)
+    root.attrs["Type"] = np.bytes_("UnstructuredGrid")
+    for name, count in zip(COUNTS, (len(cloth.X), m, m * k), strict=True):
+        root[name] = np.array([count])
+    root["Connectivity"] = cloth.cells.ravel().astype(np.int64)
+    root["Offsets"] = np.arange(0, k * m + 1, k)
+    root["Types"] = np.full(m, CELLS[k], np.uint8)
+    steps = root.create_group("Steps")
+    steps.attrs["NSteps"] = 0
+    _growing(root, "Points", (3,), float)
+    _growing(steps, "Values", (), float)
+    for name in ("NumberOfParts", "PointOffsets", *SHARED):
+        _growing(steps, name, (1,) * (name in SHARED[1:]), np.int64)
+    for kind, arrays in (("PointData", points), ("CellData", cells)):
+        for name, data in arrays.items():
+            if name in STATIC:
+                root[f"{kind}/{name}"] = data
+            else:
+                _growing(root, f"{kind}/{name}", data.shape[1:], data.dtype)
+            _growing(steps, f"{kind}Offsets/{name}", (), np.int64)
+
+
+def _growing(group, name: str, row: tuple[int, ...], dtype) -> None:
+    """An empty dataset of rows, compressed without loss like the .vtu frames."""
+    rows = max(1, CHUNK // (8 * int(np.prod(row, dtype=int)))) if row or "Data/" in name else 1024
+    layout = {"maxshape": (None, *row), "chunks": (rows, *row)}
+    packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+    group.create_dataset(name, (0, *row), dtype, **layout, **packing)
+
+
+def _append(root, state: State, points: Arrays, cells: Arrays) -> None:
+    """The rows of one frame, then where they begin, and last that it is there."""
+    steps = root["Steps"]
+    _extend(steps["PointOffsets"], [_extend(root["Points"], state.x)])
+    for kind, arrays in (("PointData", points), ("CellData", cells)):
+        for name, data in arrays.items():
+            begin = 0 if name in STATIC else _extend(root[f"{kind}/{name}"], data)
+            _extend(steps[f"{kind}Offsets/{name}"], [begin])
+    for name in SHARED:
+        _extend(steps[name], np.zeros((1, *steps[name].shape[1:]), np.int64))
+    _extend(steps["NumberOfParts"], [1])
+    _extend(steps["Values"], [state.t])
+    root.file.flush()
+    steps.attrs["NSteps"] = len(steps["Values"])
+
+
+def _cut(root, steps, count: int) -> None:
+    """End every dataset where frame `count` (from 0) begins."""
+    steps.attrs["NSteps"] = count
+    root["Points"].resize(int(steps["PointOffsets"][count]), axis=0)
+    for kind in ("PointData", "CellData"):
+        for name in root[kind].keys() - set(STATIC):
+            root[kind][name].resize(int(steps[f"{kind}Offsets/{name}"][count]), axis=0)
+        for offsets in steps[f"{kind}Offsets"].values():
+            offsets.resize(count, axis=0)
+    for name in ("Values", "NumberOfParts", "PointOffsets", *SHARED):
+        steps[name].resize(count, axis=0)
+
+
+def _extend(dataset, rows) -> int:
+    """Append rows; returns the first one's number."""
+    begin = len(dataset)
+    dataset.resize(begin + len(rows), axis=0)
+    dataset[begin:] = rows
+    return begin

@@ -1,0 +1,172 @@
+"""A file that is changed in place, and yet has either all changes of a block or none.
+
+The changes of a block wait in memory, and are read from there. At its end they are written to
+another file, `NAME.redo`, in one go; only then are they made, and that file is removed. Whoever
+finds a .redo makes its changes (again): the write-ahead log of databases (Mohan and others 1992,
+ACM Transactions on Database Systems 17, 94-162), with one record.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from hashlib import sha256
+from pathlib import Path
+
+from fecloth.output.atomic_files import on_disk, replace_file, writing
+
+
+@contextmanager
+def changed(path: Path) -> Iterator[io.RawIOBase]:
+    """The file to read and write; what was written is in it once the block has ended well.
+
+    Raises
+    ------
+    InputError
+        If the system refuses; the file then is as it was, or `recover` makes it whole.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "it"
+    ...     _ = file.write_bytes(b"abcdef")
+    ...     with changed(file) as stream:
+    ...         _ = stream.seek(2), stream.write(b"XY")
+    ...         before = file.read_bytes()
+    ...     print(before, file.read_bytes())
+    b'abcdef' b'abXYef'
+    """
+    with writing(path):
+        recover(path)
+        with path.open("rb") as base:
+            stream = _Waiting(base)
+            yield stream
+        data = b"".join(data for _, data in stream.changes)
+        places = [(at, len(data)) for at, data in stream.changes]
+        head = json.dumps([sha256(data).hexdigest(), stream.size, places])
+        replace_file(_redo(path), head.encode() + b"\n" + data)
+        on_disk(_redo(path), path.parent)
+        _reserve(path, stream.size)
+        recover(path)
+
+
+def recover(path: Path) -> None:
+    """Make the changes that a killed process had begun to make, if it had."""
+    redo = _redo(path)
+    if not redo.exists():
+        return
+    with writing(path):
+        if (read := _read(redo)) is not None:
+            _make(path, *read)
+        redo.unlink()
+
+
+def anew(path: Path, data: bytes) -> None:
+    """Replace the whole file; changes that were begun on the old one are forgotten."""
+    with writing(path):
+        _redo(path).unlink(missing_ok=True)
+    replace_file(path, data)
+
+
+def _read(redo: Path) -> tuple[int, list, memoryview] | None:
+    """Size, places and bytes; None where a power cut has left a part: no change was begun."""
+    head, _, data = redo.read_bytes().partition(b"\n")
+    try:
+        digest, size, places = json.loads(head)
+    except ValueError:
+        return None
+    return (size, places, memoryview(data)) if digest == sha256(data).hexdigest() else None
+
+
+def _make(path: Path, size: int, places: list, data: memoryview) -> None:
+    with path.open("r+b") as file:
+        for at, count in places:
+            file.seek(at)
+            file.write(data[:count])
+            data = data[count:]
+        file.truncate(size)
+    on_disk(path)
+
+
+def _redo(path: Path) -> Path:
+    return path.with_name(f"{path.name}.redo")
+
+
+def _reserve(path: Path, size: int) -> None:
+    """Take the space on disk before the first byte is changed; without it there is no change."""
+    before = path.stat().st_size
+    if size <= before or not hasattr(os, "posix_fallocate"):
+        return
+    with path.open("r+b") as file:
+        try:
+            os.posix_fallocate(file.fileno(), before, size - before)
+        except OSError as error:
+            if error.errno in (errno.EOPNOTSUPP, errno.EINVAL):  # a drive that reserves nothing
+                return
+            file.truncate(before)
+            _redo(path).unlink()
+            raise
+
+
+class _Waiting(io.RawIOBase):
+    """A file whose changes wait in memory.
+
+    Attributes
+    ----------
+    changes
+        (place, bytes), in the order in which they were written.
+    size
+        Of the file with them.
+    """
+
+    def __init__(self, base: io.BufferedReader):
+        self.base, self.place = base, 0
+        self.size = base.seek(0, os.SEEK_END)
+        self.changes: list[tuple[int, bytes]] = []
+
+    def readable(self) -> bool:
+        return True
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        origin = {os.SEEK_SET: 0, os.SEEK_CUR: self.place, os.SEEK_END: self.size}[whence]
+        self.place = origin + offset
+        return self.place
+
+    def tell(self) -> int:
+        return self.place
+
+    def readinto(self, buffer) -> int:
+        begin = self.place
+        view = memoryview(buffer).cast("B")
+        view = view[: max(0, min(len(view), self.size - begin))]
+        self.base.seek(begin)
+        held = self.base.readinto(view)
+        view[held:] = bytes(len(view) - held)
+        for at, data in self.changes:
+            first, last = max(at, begin), min(at + len(data), begin + len(view))
+            if first < last:
+                view[first - begin : last - begin] = data[first - at : last - at]
+        self.place += len(view)
+        return len(view)
+
+    def write(self, data) -> int:
+        data = bytes(data)
+        self.changes.append((self.place, data))
+        self.place += len(data)
+        self.size = max(self.size, self.place)
+        return len(data)
+
+    def truncate(self, size: int | None = None) -> int:
+        self.size = self.place if size is None else size
+        return self.size

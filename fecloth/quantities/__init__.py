@@ -1,0 +1,1 @@
+"""Values as a user writes them: units, formulas, functions of time."""

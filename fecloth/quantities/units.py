@@ -1,0 +1,160 @@
+"""Units as people write them: "150 g/m^2", "5 ms", "9.6 uN*m". Strict tables, no algebra.
+
+A key says what it measures in its type, ``width: Annotated[float, LENGTH]``. That is the one place:
+`schema` reads from there what units a text at this key may have, and what errors call the number.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from decimal import Decimal
+
+from fecloth.errors import InputError, is_number
+from fecloth.quantities.formula import nearest
+
+GF = 9.80665e-3
+"""Gram-force [N], by the standard acceleration of gravity, 9.80665 m/s² (CGPM 1901)."""
+_INCH, _FOOT, _POUND = 0.0254, 0.3048, 0.45359237  # [m], [kg]: the agreement of 1959
+
+
+@dataclass(frozen=True, eq=False)
+class Dimension:
+    """The units that a quantity may be given in.
+
+    Attributes
+    ----------
+    units
+        Their values in SI; the first is SI's own.
+    only
+        Keys beside it, and the values of these with which the quantity has this dimension.
+    """
+
+    units: Mapping[str, float]
+    only: tuple[tuple[str, object], ...] = ()
+
+    @property
+    def si(self) -> str:
+        return next(iter(self.units))
+
+    def where(self, **given: object) -> Dimension:
+        """The dimension that it has only where other keys have these values."""
+        return replace(self, only=tuple(given.items()))
+
+    def holds(self, table: Mapping[str, object]) -> bool:
+        return all(table.get(key) == value for key, value in self.only)
+
+
+LENGTH = Dimension(
+    {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": _INCH, "ft": _FOOT}
+)
+VOLUME = Dimension({"m^3": 1.0, "L": 1e-3, "mL": 1e-6, "cm^3": 1e-6, "mm^3": 1e-9})
+TIME = Dimension({"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0})
+RATE = Dimension({"1/s": 1.0, "1/ms": 1e3, "1/min": 1 / 60, "1/h": 1 / 3600})
+SPEED = Dimension(
+    {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6, "mph": 5280 * _FOOT / 3600}
+)
+ACCELERATION = Dimension({"m/s^2": 1.0, "cm/s^2": 1e-2, "mm/s^2": 1e-3, "N/kg": 1.0})
+FORCE = Dimension({"N": 1.0, "kN": 1e3, "mN": 1e-3, "uN": 1e-6, "gf": GF, "kgf": 1e3 * GF})
+PRESSURE = Dimension(
+    {
+        "Pa": 1.0,
+        "hPa": 1e2,
+        "kPa": 1e3,
+        "MPa": 1e6,
+        "mbar": 1e2,
+        "bar": 1e5,
+        "atm": 101325.0,
+        "psi": 1e3 * GF * _POUND / _INCH**2,
+        "N/m^2": 1.0,
+        "kN/m^2": 1e3,
+    }
+)
+DENSITY = Dimension(
+    {"kg/m^3": 1.0, "g/m^3": 1e-3, "g/L": 1.0, "g/cm^3": 1e3, "Pa*s^2/m^2": 1.0, "N*s^2/m^4": 1.0}
+)
+RESISTANCE = Dimension({"Pa*s/m": 1.0, "mPa*s/m": 1e-3, "N*s/m^3": 1.0, "kg/(m^2*s)": 1.0})
+DAMPER = Dimension({"N*s/m": 1.0, "mN*s/m": 1e-3, "N*s/mm": 1e3, "kg/s": 1.0, "g/s": 1e-3})
+AREAL = Dimension(
+    {"kg/m^2": 1.0, "g/m^2": 1e-3, "mg/cm^2": 1e-2, "oz/yd^2": _POUND / 16 / (3 * _FOOT) ** 2}
+)
+PER_WIDTH = Dimension(
+    {
+        "N/m": 1.0,
+        "mN/m": 1e-3,
+        "kN/m": 1e3,
+        "N/cm": 1e2,
+        "N/mm": 1e3,
+        "gf/cm": 1e2 * GF,
+        "kgf/cm": 1e5 * GF,
+    }
+)
+PER_ANGLE = Dimension(
+    {
+        **PER_WIDTH.units,
+        "N/(m*deg)": 180 / math.pi,
+        "gf/(cm*deg)": 1e2 * GF * 180 / math.pi,
+    }
+)
+PER_VOLUME = Dimension({"N/m^3": 1.0, "kN/m^3": 1e3, "N/cm^3": 1e6, "J/m^4": 1.0})
+MOMENT = Dimension({"N*m": 1.0, "mN*m": 1e-3, "uN*m": 1e-6, "mN*cm": 1e-5, "gf*cm^2/cm": 1e-2 * GF})
+HYSTERESIS = Dimension({"N": 1.0, "mN": 1e-3, "gf*cm/cm": GF})
+
+_QUANTITY = re.compile(r"([-+]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?\d++)?+)\s*+((?:1?/)?[^\W\d_].*)")
+_SPELLINGS = str.maketrans({"²": "^2", "³": "^3", "·": "*", "⋅": "*", "µ": "u", "μ": "u", " ": "*"})
+
+
+def is_quantity(text: str) -> bool:
+    """Whether a text is a number with a unit, be it right or wrong; no formula is.
+
+    Examples
+    --------
+    >>> [is_quantity(text) for text in ("5 mbar", "-5.m", "5 1/s", "1e3", "5 * t", "5/t", "t")]
+    [True, True, True, False, False, False, False]
+    """
+    match = _QUANTITY.fullmatch(text.strip())
+    return bool(match) and not match[2].startswith("/")
+
+
+def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> float:
+    """The value in SI of a number with one of the dimension's units.
+
+    ``²``, ``³``, ``·`` and ``µ`` are read as ``^2``, ``^3``, ``*`` and ``u``; a space between two
+    units as ``*``.
+
+    Parameters
+    ----------
+    name, text, dimension
+        What it is of, what was written, and the units that are allowed.
+    other
+        What the text might have been instead, for the refusal.
+
+    Raises
+    ------
+    InputError
+        For text that is no number with a unit, and for a unit that is not in the table.
+
+    Examples
+    --------
+    >>> quantity("areal_density", "150 g/m^2", AREAL)
+    0.15
+    >>> quantity("bending_rigidity", "9.6 µN m", MOMENT)
+    9.6e-06
+    """
+    units = dimension.units
+    allowed = f"must be a number with one of the units {', '.join(units)}{other}"
+    match = _QUANTITY.fullmatch(text.strip())
+    if not match:
+        remedy = f'Write it like "1.5 {dimension.si}"; a number without a unit is in SI and has no '
+        raise InputError(f"{name} = {text!r}", allowed, "", remedy + "quotes.")
+    number, unit = match.groups()
+    unit = unit.translate(_SPELLINGS)
+    unit = f"1{unit}" if unit.startswith("/") else unit
+    if unit not in units:
+        raise InputError(f"{name} = {text!r}", allowed, "", nearest(unit, units))
+    value = float(Decimal(repr(float(number))) * Decimal(repr(units[unit])))
+    if not is_number(value):
+        raise InputError(f"{name} = {text!r}", "must be finite")
+    return value  # by exact decimals: 150 g/m^2 is 0.15 kg/m^2, not 0.15000000000000002

@@ -1,0 +1,1 @@
+"""A scene run into a folder: tables, frames, restart files, the outcome."""

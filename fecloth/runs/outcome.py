@@ -1,0 +1,87 @@
+"""How a run ended, and that in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from fecloth.errors import FeclothError
+from fecloth.output.atomic_files import WriteError
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.system.system import System
+
+DONE, FAILED, INTERRUPTED = "done", "failed", "interrupted"
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """How a run ended.
+
+    Attributes
+    ----------
+    status
+        "done", "failed" or "interrupted".
+    folder, summary
+        Where everything lies, and what summary.json says.
+    ledger
+        At the last good state.
+    error
+        Why it failed.
+    warning
+        What to doubt, "" for nothing.
+    resumes
+        From where `--resume` goes on [s]; None from nowhere.
+    """
+
+    status: str
+    folder: Path
+    summary: dict
+    ledger: Ledger
+    error: FeclothError | None = None
+    warning: str = ""
+    resumes: float | None = None
+
+
+def sizes_of(system: System) -> dict:
+    """What there is of nodes, triangles and free dofs."""
+    return {
+        "nodes": len(system.cloth.X),
+        "triangles": len(system.cloth.triangles),
+        "free_dofs": system.admissible.shape[1],
+    }
+
+
+def closing(outcome: Outcome) -> str:
+    """What a run has taken, and where it can be seen."""
+    counts, seconds = outcome.summary, outcome.summary["seconds"]
+    return (
+        f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
+        f"{seconds['total']:.1f} s; open {outcome.folder / counts['open']} in ParaView"
+    )
+
+
+def trouble(outcome: Outcome) -> str:
+    """Why a run ended before its end, what is left of it, and from where it goes on."""
+    folder, t = outcome.folder, outcome.summary["t"]
+    readable = f"{folder} is readable up to t = {t:g} s"
+    again = f"--resume {folder} goes on from"
+    if outcome.error and not isinstance(outcome.error, WriteError):
+        return f"failed: {outcome.error}\n{readable}"
+    if outcome.resumes is None:
+        goes = "no restart file was written: restart_steps in [output] asks for them"
+    elif outcome.error:
+        goes = f"{again} its last restart file, at t = {outcome.resumes:g} s"
+    elif outcome.resumes < t:
+        goes = f"{again} t = {outcome.resumes:g} s, the last at which its solver kept nothing"
+    else:
+        goes = f"{again} there"
+    cause = f"failed: {outcome.error}\n" if outcome.error else "interrupted; "
+    return f"{cause}{readable}; {goes}"
+
+
+def ledger_text(ledger: Ledger) -> str:
+    """The ledger at the end of a run, a line for each column."""
+    row = ledger.row() | {"start": ledger.start}
+    shown = {key: value for key, value in row.items() if key not in ("t", "total")}
+    lines = [f"  {key:<28} {value: .6e} J" for key, value in shown.items()]
+    return "\n".join([f"energy at t = {ledger.t:g} s", *lines])

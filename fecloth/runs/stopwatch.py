@@ -1,0 +1,33 @@
+"""The seconds of a run, by what it spends them on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from fecloth.simulation.run import add_seconds
+
+
+@dataclass
+class Watch:
+    """Seconds by phase; the time of a phase runs while its `phase` block does."""
+
+    begin: float = field(default_factory=time.perf_counter)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.add({name: time.perf_counter() - begin})
+
+    def add(self, seconds: dict[str, float]) -> None:
+        self.seconds = add_seconds(self.seconds, seconds)
+
+    @property
+    def total(self) -> float:
+        return time.perf_counter() - self.begin

@@ -1,0 +1,1 @@
+"""Scenes: TOML files turned into objects, and messages about their mistakes."""

@@ -1,0 +1,58 @@
+"""The table [fabric] of a scene file: constants, a preset, or what an instrument prints."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar
+
+from pydantic import model_validator
+
+from fecloth.errors import InputError, brief
+from fecloth.fabric import presets
+from fecloth.fabric.fabric import Fabric
+from fecloth.scene.table_model import table_of
+
+
+class FabricTable(table_of(Fabric)):
+    """A fabric's constants; one of ``preset``, ``kes`` and ``fast`` gives those left out.
+
+    The fields of `kes` and `fast` are those of `Fabric.from_kes` and `Fabric.from_fast`, in the
+    units of the instruments, with `load` and `tensile` among them.
+    """
+
+    shorthands: ClassVar = ("preset", "kes", "fast")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _others(cls, data: Any) -> Any:
+        if isinstance(data, str):  # fabric = "cotton"
+            data = {"preset": data}
+        if not isinstance(data, dict):
+            return data
+        given = [key for key in cls.shorthands if key in data]
+        if len(given) > 1:
+            raise InputError(f"{given[0]} and {given[1]} are given", "give one of them")
+        rest = {key: value for key, value in data.items() if key not in given}
+        return {**_constants(given[0], data[given[0]]), **rest} if given else rest
+
+
+def _constants(key: str, value: Any) -> dict:
+    """The constants of a fabric, by a preset's name or from what an instrument prints."""
+    if key == "preset":
+        return presets.constants(value)
+    if not isinstance(value, dict):
+        allowed = 'must be a table of what the instrument prints, as in { W = 20.0, "2HB" = 0.05 }'
+        raise InputError(f"{key} = {brief(value)}", allowed)
+    make, settings = _INSTRUMENTS[key]
+    settings = {name: value[name] for name in settings if name in value}
+    fields = {name: one for name, one in value.items() if name not in settings}
+    try:
+        return dataclasses.asdict(make(fields, **settings))
+    except InputError as error:
+        raise InputError(f"{key}.{error.what}", error.allowed, "", error.remedy) from None
+
+
+_INSTRUMENTS = {
+    "kes": (Fabric.from_kes, ("load", "tensile")),
+    "fast": (Fabric.from_fast, ("load",)),
+}

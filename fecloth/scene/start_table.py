@@ -1,0 +1,84 @@
+"""The table [start] of a scene file: where the cloth is when a run starts."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from fecloth.errors import InputError
+from fecloth.quantities.formula import Formula
+from fecloth.quantities.units import LENGTH
+from fecloth.scene.table_model import Table, exactly_one
+from fecloth.scene.tables import File, OfPlace, Vector
+
+_PLANES = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}  # the axes of warp and weft
+
+
+class Rotation(Table):
+    """A turn about an axis through the origin, right-handed."""
+
+    axis: Vector
+    degrees: float
+
+    @model_validator(mode="after")
+    def _axis_has_a_direction(self):
+        if not any(self.axis):
+            raise InputError(f"axis = {list(self.axis)}", "must not be zero")
+        return self
+
+    def applied(self, x: np.ndarray) -> np.ndarray:
+        """Rodrigues' formula for points (n, 3)."""
+        axis = np.array(self.axis) / math.hypot(*self.axis)
+        angle = math.radians(self.degrees)
+        along = np.outer(x @ axis, axis)
+        return along + math.cos(angle) * (x - along) + math.sin(angle) * np.cross(axis, x)
+
+
+class Start(Table):
+    """Where the cloth starts: flat in a plane, or at formulas of X and Y, or where a run stopped.
+
+    `rotate` is applied to it, then `shift`; `velocity` is not rotated.
+    """
+
+    plane: Literal["xy", "xz", "yz"] | None = None
+    position: tuple[OfPlace, OfPlace, OfPlace] | None = None
+    frame: File | None = None
+    rotate: Rotation | None = None
+    shift: Annotated[Vector | None, LENGTH] = None
+    velocity: tuple[OfPlace, OfPlace, OfPlace] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default(cls, data: Any) -> Any:
+        given = not isinstance(data, dict) or {"plane", "position", "frame"} & set(data)
+        return data if given else {"plane": "xy", **data}
+
+    @model_validator(mode="after")
+    def _one_place(self):
+        exactly_one(self, "plane", "position", "frame")
+        changed = [key for key in ("rotate", "shift", "velocity") if getattr(self, key)]
+        if self.frame and changed:
+            raise InputError(f"{changed[0]} is given", "a frame has its own x and v")
+        return self
+
+    def x(self, X: np.ndarray) -> np.ndarray:
+        """Positions (n, 3) [m] of material points (n, 2); not for a frame."""
+        x = np.zeros((len(X), 3))
+        if self.position:
+            x = _at(self.position, X)
+        else:
+            x[:, _PLANES[self.plane]] = X
+        x = self.rotate.applied(x) if self.rotate else x
+        return x + self.shift if self.shift else x
+
+    def v(self, X: np.ndarray) -> np.ndarray:
+        """Velocities (n, 3) [m/s]."""
+        return _at(self.velocity, X) if self.velocity else np.zeros((len(X), 3))
+
+
+def _at(texts: tuple[str, ...], X: np.ndarray) -> np.ndarray:
+    formulas = [Formula(text, ("X", "Y")) for text in texts]
+    return np.stack([formula(X=X[:, 0], Y=X[:, 1]) for formula in formulas], axis=1)

@@ -1,0 +1,131 @@
+"""What the type of a key says: what a file can hold of it, in which units, and that in words."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ForwardRef, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from fecloth.quantities.units import Dimension, is_quantity, quantity
+
+
+def writable(hint: Any) -> Any:
+    """The part of a type that a file can hold: without functions."""
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return Annotated[(writable(args[0]), *args[1:])]
+    if origin in (Union, types.UnionType):
+        return Union[tuple(writable(a) for a in args if get_origin(a) is not Callable)]  # noqa: UP007
+    return tuple[tuple(map(writable, args))] if origin is tuple else hint
+
+
+# --- text with a unit ---------------------------------------------------------------------------
+
+
+def dimensions(field: FieldInfo) -> list[Dimension]:
+    """What a field measures; several where that depends on other keys."""
+    return [item for item in field.metadata if isinstance(item, Dimension)]
+
+
+def in_si(table: dict, fields: Mapping[str, FieldInfo]) -> dict:
+    """The table with each text that is a number with a unit as its value in SI.
+
+    Raises
+    ------
+    InputError
+        For a unit that the key does not take.
+    """
+    given = {key: field.default for key, field in fields.items()} | table
+    read = dict(table)
+    for key, value in table.items():
+        for dimension in dimensions(fields[key]):
+            if dimension.holds(given):
+                read[key] = _value(key, value, fields[key].annotation, dimension)
+    return read
+
+
+def _value(key: str, value: Any, hint: Any, dimension: Dimension) -> Any:
+    """The value in SI if it is a text where the type has a number; of a list each item."""
+    kinds = _kinds(hint)
+    items = [get_args(kind)[0] for kind in kinds if get_origin(kind) is tuple]
+    if isinstance(value, tuple) and items:
+        return tuple(_value(key, item, items[0], dimension) for item in value)
+    if not isinstance(value, str) or float not in kinds:
+        return value
+    formula, word = str in kinds, any(get_origin(kind) is Literal for kind in kinds)
+    if (formula or word) and not is_quantity(value):
+        return value
+    return quantity(key, value, dimension, ", or a formula" if formula else "")
+
+
+def _kinds(hint: Any) -> list:
+    """The types that a type is one of, without marks."""
+    if get_origin(hint) is Annotated:
+        return _kinds(get_args(hint)[0])
+    union = get_origin(hint) in (Union, types.UnionType)
+    return [kind for arg in get_args(hint) for kind in _kinds(arg)] if union else [hint]
+
+
+# --- words for what a field takes ---------------------------------------------------------------
+
+_WORDS = {  # for one and for several
+    float: ("a finite number", "finite numbers"),
+    int: ("a whole number", "whole numbers"),
+    str: ("a string", "strings"),
+    bool: ("true or false", "true or false"),
+}
+_LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
+
+
+def phrase(field: FieldInfo) -> str:
+    """What the values of a field are, e.g. "a finite number > 0 [s]"."""
+    kinds = _words(field.annotation) + _limits(field.metadata)
+    inside = field.description or " or ".join(one.si for one in dimensions(field))
+    return f"{kinds} [{inside}]" if inside else kinds
+
+
+def _limits(metadata) -> str:
+    flat = [one for item in metadata for one in getattr(item, "metadata", [item])]
+    limits = [
+        f" {sign} {getattr(item, name)}"
+        for item in flat
+        for name, sign in _LIMITS
+        if hasattr(item, name)
+    ]
+    return " and".join(limits)
+
+
+def _words(hint, many: bool = False) -> str:
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _words(args[0], many) + _limits(args[1:])
+    if origin is Literal:
+        return f"one of {', '.join(map(str, args))}" if len(args) > 1 else repr(args[0])
+    if origin in (Union, types.UnionType):
+        return " or ".join(dict.fromkeys(_words(a, many) for a in args if a is not types.NoneType))
+    if origin is tuple:
+        items = _words(args[0], many=True)
+        count = "" if args[-1] is Ellipsis else f"{len(args)} "
+        return f"{'lists' if many else 'a list'} of {count}{items}"
+    if origin is dict and not holds_tables(hint):
+        return f"{'tables' if many else 'a table'} of {_words(args[1], many=True)}"
+    if holds_tables(hint):
+        return "tables" if many else "a table"
+    return _WORDS[hint][many] if hint in _WORDS else "of another type"
+
+
+def options(hint) -> tuple[str, ...]:
+    """The words that a field takes, such as "auto"."""
+    if get_origin(hint) is Literal:
+        return get_args(hint)
+    return tuple(option for arg in get_args(hint) for option in options(arg))
+
+
+def holds_tables(hint) -> bool:
+    """Whether a field's values are tables, or have tables in them."""
+    if isinstance(hint, ForwardRef) or (isinstance(hint, type) and issubclass(hint, BaseModel)):
+        return True
+    return get_origin(hint) is not Literal and any(holds_tables(a) for a in get_args(hint))

@@ -1,0 +1,195 @@
+"""The only loop over time: a generator of states."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fecloth import validation
+from fecloth.errors import InputError, SolveFailed, StepFailed
+from fecloth.nonlinear.newton import NewtonFailed
+from fecloth.nonlinear.options import Newton, Solver
+from fecloth.simulation.method_choice import Auto
+from fecloth.simulation.motion_jumps import jumping
+from fecloth.simulation.resolve import settled
+from fecloth.simulation.stability_limited import refuse_unstable
+from fecloth.simulation.step_times import left, targets_of
+from fecloth.system.system import State, System
+from fecloth.terms.loops.membrane import largest_stretch, principal_stretches
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What `march` needs, beside the state, to go on as if it had never stopped.
+
+    Attributes
+    ----------
+    step, start
+        Steps so far, and the time at which the first of them began [s].
+    q
+        The method's own: `Step.q` of the last one.
+    """
+
+    step: int
+    start: float
+    q: object
+
+
+@dataclass(frozen=True, eq=False)
+class StepInfo:
+    """What one step was and took.
+
+    Attributes
+    ----------
+    step, t, dt
+        Number (from 1), time reached and size [s].
+    result
+        The method's `Step`: new state, the stage, the unknown, the counts.
+    old
+        The state before it.
+    memory
+        With which `march` goes on from here.
+    """
+
+    step: int
+    t: float
+    dt: float
+    old: State
+    result: object
+    memory: Memory
+
+    @property
+    def counts(self):
+        """Newton and linear iterations, relative residual, seconds of assembly and solve."""
+        return self.result.counts
+
+
+def march(
+    system: System,
+    method,
+    state: State,
+    dt: float | None = None,
+    t_end: float | None = None,
+    *,
+    stops: Sequence[float] = (),
+    solver: str | Solver = "auto",
+    newton: Newton | None = None,
+    most_stretch: float = 20.0,
+    memory: Memory | None = None,
+) -> Iterator[tuple[State, StepInfo]]:
+    """Step from `state` to `t_end` and yield each new state with its `StepInfo`.
+
+    Parameters
+    ----------
+    system, method, state
+        What moves, the integrator, and the start; the pins start from where `state` has them.
+    dt
+        Step [s]. All steps are dt, except that those before a stop or `t_end` are shortened to
+        end there. None for `Adaptive`, which chooses its steps, and for explicit methods, which
+        then take 0.9 of their largest stable step (`AtLimit`).
+    t_end, stops
+        End time, and times between at which a step must end [s].
+    solver
+        "auto", "direct", "pardiso", "superlu", "pcg", or a `Solver` made by `solver_for`.
+    newton
+        Options of the nonlinear solve.
+    most_stretch
+        A step that leaves a triangle stretched by more has failed, so that a blow-up ends before
+        its numbers overflow. Looked at after each implicit step and each eighth explicit one.
+    memory
+        `StepInfo.memory` of an earlier march with the same arguments, which goes on from its
+        state: bit for bit, if that had dropped what its solver kept at this step (`Solver.drop`).
+
+    Raises
+    ------
+    InputError
+        For a dt or t_end that makes no step, or an explicit dt beyond the stability limit.
+    StepFailed
+        If a step does not converge, makes a value that is not finite or stretches a triangle
+        beyond `most_stretch`; its `state` is the last one that was found good.
+    """
+    refuse_arguments(system, method, state, newton, most_stretch)
+    begin, resumed = memory or Memory(0, state.t, None), memory is not None
+    targets = left(targets_of(method, begin.start, dt, t_end, stops), state.t)
+    if resumed and isinstance(method, Auto):
+        raise InputError("memory with Auto()", "needs the method that Auto chose", "march")
+    opening = replace(state, t=begin.start)
+    method, solver, _ = settled(system, method, opening, dt, t_end, solver, newton)
+    if not resumed:  # the limit is asked for at the start only
+        refuse_unstable(system, method, state, dt)
+    look = 8 if getattr(method, "explicit", False) else 1
+    number, guess, good = begin.step, begin.q, state
+    for target in targets:
+        while state.t < target:
+            number, size = number + 1, target - state.t
+            try:
+                result = method.step(system, state, size, solver, guess)
+            except (NewtonFailed, SolveFailed) as failure:
+                raise step_failed(system, state, number, size, failure) from failure
+            new = _arrived(result.state, target, size)
+            last = new.t == targets[-1]
+            if problem := _problem(system, new, most_stretch, number % look == 0 or last):
+                raise step_failed(system, good, number, new.t - state.t, problem)
+            good = new if number % look == 0 else good
+            after = Memory(number, begin.start, result.q)
+            result = replace(result, state=new)
+            info = StepInfo(number, new.t, new.t - state.t, state, result, after)
+            state, guess = new, result.q
+            yield state, info
+
+
+def refuse_arguments(system, method, state, newton, most_stretch):
+    """Refuse what is swapped, of another type or of another cloth."""
+    validation.method(method)
+    validation.of(system, state, "march")
+    if newton is not None:
+        validation.instance("newton", newton, Newton, "Newton(tolerance=1e-8)", "march")
+    validation.number("most_stretch", most_stretch, 1.0, "march", infinite=True)
+
+
+def _arrived(state, target, size):
+    """The state at exactly the target, if it is there but for round-off."""
+    return replace(state, t=target) if abs(target - state.t) <= 1e-9 * size else state
+
+
+def _problem(system, state, most_stretch, look):
+    """What is wrong with a new state, or None."""
+    if not (np.isfinite(state.x).all() and np.isfinite(state.v).all()):
+        return Problem("a position or velocity is not finite")
+    stretch = largest_stretch(system.cloth, state.x) if look else 0.0
+    if stretch <= most_stretch:
+        return None
+    return Problem(f"a triangle is stretched to {stretch:.3g} times, beyond {most_stretch:g}")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Why a step has failed, as `NewtonFailed` says it."""
+
+    reason: str
+    residual: float = math.nan
+    remedy: str = "Take a smaller dt."
+
+
+def step_failed(system: System, state: State, number: int, dt: float, cause) -> StepFailed:
+    """The error, with the worst triangle of the last good state."""
+    stretches = principal_stretches(system.cloth, state.x)
+    strains = np.abs(np.log(np.maximum(stretches, 1e-300)))
+    triangle, which = np.unravel_index(np.argmax(strains), strains.shape)
+    remedy = getattr(cause, "remedy", "Take a smaller dt.")
+    if name := jumping(system, state.t, dt, number - 1):
+        remedy = f"The motion of the pin {name!r} jumps here: let it move without jumps."
+    return StepFailed(
+        getattr(cause, "reason", str(cause)),
+        step=number,
+        t=state.t,
+        dt=dt,
+        residual=getattr(cause, "residual", math.nan),
+        stretch=float(stretches[triangle, which]),
+        triangle=int(triangle),
+        state=state,
+        remedy=remedy,
+    )

@@ -1,0 +1,139 @@
+"""The method chosen by what it is predicted to cost at the tolerance asked for."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.errors import InputError, SolveFailed
+from fecloth.integrators.explicit import CentralDifference
+from fecloth.integrators.newmark import GeneralizedAlpha
+from fecloth.nonlinear.newton import NewtonFailed
+from fecloth.simulation.error_control import Adaptive
+from fecloth.system.system import State, System
+
+EXPLICIT_STEPS, IMPLICIT_STEPS = 20, 12  # of a trial, at most
+FEWEST = 3  # steps before a trial is given up
+SHARE = 0.05  # of the cheaper run as foretold so far: what the implicit trial may cost
+DECISIVE = 5.0  # times cheaper than the other: no need to look further
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The cost of a method over a whole run, foretold from its first steps.
+
+    Attributes
+    ----------
+    method
+        Ready for `march`.
+    dt
+        The step that it came to [s].
+    seconds
+        Wall seconds for the run, less compilation; infinite if it failed.
+    """
+
+    method: Adaptive
+    dt: float
+    seconds: float
+
+    def __str__(self) -> str:
+        name = type(self.method.method).__name__
+        if math.isinf(self.seconds):
+            return f"{name} failed"
+        return f"{name} {self.seconds:.2g} s at dt = {self.dt:.2g} s"
+
+
+@dataclass(frozen=True)
+class Auto:
+    """`Adaptive` around central differences or generalised-α, whichever is foretold to be faster.
+
+    Both take their first steps at the tolerance; the cost of the run is that of a step over its
+    length. An explicit step is never longer than stability allows, an implicit one costs as much
+    as some tens of explicit ones; so the stiff, the finely meshed, the damped and the slow go to
+    the implicit method, and what moves with its own waves to the explicit one. Of the implicit
+    methods generalised-α was the fastest, or within a sixth of it, at equal tolerance on six
+    scenes (studies/benchmarks/method_choice.py); the midpoint rule needs as few steps on damped
+    ones, but creeps where stiff modes ring on undamped.
+
+    The trial ends as soon as one is five times cheaper, or has taken a twentieth of the run. What
+    a run does later, the first steps do not tell. The choice is by the clock, and may fall either
+    way where both cost the same.
+
+    Parameters
+    ----------
+    rtol, atol
+        As for `Adaptive`.
+    """
+
+    rtol: float = 1e-3
+    atol: float = 0.0
+
+    chooses_dt = True
+
+    def __post_init__(self):
+        try:
+            self._candidate(GeneralizedAlpha())  # refuses the tolerances
+        except InputError as error:
+            raise InputError(error.what, error.allowed, "Auto", error.remedy) from None
+
+    @property
+    def candidates(self) -> tuple[Adaptive, Adaptive]:
+        """The methods between which it chooses."""
+        return self._candidate(GeneralizedAlpha()), self._candidate(CentralDifference())
+
+    def _candidate(self, method) -> Adaptive:
+        return Adaptive(method, self.rtol, self.atol)
+
+    def step(self, *_):
+        """Refused: `march` settles on a method before the first step."""
+        raise InputError("Auto()", "is for march and run, which choose the method", "step")
+
+    def settled(
+        self, system: System, state: State, t_end: float, solver_of, record=lambda *step: None
+    ) -> tuple[Adaptive, str]:
+        """The method, and in words why.
+
+        `solver_of` makes the `Solver` for a method; `record(method, old, step)` does what will be
+        done after each step, which costs time as well.
+        """
+        implicit = self._candidate(GeneralizedAlpha())
+        if system.mass_kind != "lumped":
+            return implicit, "a consistent mass leaves no explicit method"
+        explicit = self._candidate(CentralDifference())
+        way, solver = (system, state, t_end), solver_of(implicit)
+        first = _trial(*way, explicit, None, EXPLICIT_STEPS, math.inf, record)
+        second = _trial(*way, implicit, solver, IMPLICIT_STEPS, first.seconds, record)
+        best, other = sorted((first, second), key=lambda trial: trial.seconds)
+        return best.method, f"foretold: {best}, {other}"
+
+
+def _trial(
+    system, state, t_end, method, solver, most: int, rival: float, record=lambda *step: None
+) -> Trial:
+    """So many first steps, or fewer if that is enough beside a rival of so many seconds."""
+    start, guess, seconds, sizes = state.t, None, [], []
+    trial = Trial(method, 0.0, math.inf)
+    while len(sizes) < most and state.t < t_end and not _enough(trial, rival, seconds):
+        begin = time.perf_counter()
+        try:
+            step = method.step(system, state, t_end - state.t, solver, guess)
+        except (NewtonFailed, SolveFailed):
+            return Trial(method, 0.0, math.inf)
+        record(method, state, step)
+        seconds.append(time.perf_counter() - begin)
+        sizes.append(step.state.t - state.t)
+        state, guess = step.state, step.q
+        last = slice(len(sizes) // 2, None)
+        dt, each = float(np.mean(sizes[last])), float(np.median(seconds[last]))
+        trial = Trial(method, dt, each * (t_end - start) / dt)
+    return trial if np.isfinite(state.x).all() else Trial(method, 0.0, math.inf)
+
+
+def _enough(trial: Trial, rival: float, seconds: list[float]) -> bool:
+    """Whether a trial of these steps is decided, or has taken its share of the run."""
+    if DECISIVE * trial.seconds < rival < math.inf:  # the first steps are the dearest
+        return True
+    return len(seconds) >= FEWEST and sum(seconds) > SHARE * min(trial.seconds, rival)

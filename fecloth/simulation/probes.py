@@ -1,0 +1,131 @@
+"""What is looked at in every step: probes, displacement, sag, area, and reactions of the pins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+
+from fecloth.errors import InputError
+from fecloth.integrators.numerical_dissipation import mean_force
+from fecloth.jit import kernel
+from fecloth.linalg.reductions import mean
+from fecloth.mesh.cloth import Cloth, Where
+from fecloth.system.system import State, System
+from fecloth.terms.loops.green_strain import gradient
+
+
+def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
+    """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed.
+
+    f is the mean force over the step. A step with an acceleration `a` of its own, and the force
+    that it `solved` for, is taken by these: BDF2's reactions are those at the end of the step.
+    Only the held directions count: a slide has no reaction along its line or plane.
+    """
+    if not system.constraints.groups:
+        return {}
+    dt = step.state.t - old.t
+    constraints = system.constraints
+    a = getattr(step, "a", (step.state.v - old.v) / dt)
+    f = step.solved if hasattr(step, "solved") else mean_force(system, step)
+    residual = system.scalar_mass @ a - f
+    residual[constraints.nodes] = constraints.held(residual)
+    return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}
+
+
+@dataclass(frozen=True)
+class Probe:
+    """The path of a named node set (its mean), of nodes, or of a material point (X, Y).
+
+    Parameters
+    ----------
+    name
+        Column name.
+    where
+        A node set's name, node indices or a predicate: the mean position of those nodes.
+    point
+        Material coordinates (X, Y) [m]; give this or `where`.
+    """
+
+    name: str
+    where: Where | None = None
+    point: tuple[float, float] | None = None
+
+    def __post_init__(self):
+        if (self.where is None) == (self.point is None):
+            raise InputError(f"probe {self.name!r}", "needs either `where` or `point`", "Probe")
+
+    def weights(self, cloth: Cloth):
+        """(1, n) matrix that takes nodal positions to the probe's."""
+        if self.point is not None:
+            return cloth.interpolator(np.array([self.point]))
+        nodes = cloth.nodes(self.where)
+        entries = np.full(len(nodes), 1.0 / len(nodes)), (np.zeros(len(nodes), int), nodes)
+        return sparse.csr_matrix(entries, shape=(1, len(cloth.X)))
+
+
+@dataclass(frozen=True, eq=False)
+class Observer:
+    """The quantities recorded at every step, bound to a system and its start."""
+
+    system: System
+    start: State
+    probes: Mapping[str, object]
+
+    @classmethod
+    def bind(cls, system: System, start: State, probes=()) -> Observer:
+        probes = _distinct(probes)
+        return cls(system, start, {p.name: p.weights(system.cloth) for p in probes})
+
+    def row(self, old: State | None, step) -> dict[str, float]:
+        """Probe paths, displacement, sag, area, and reactions over the step (none at the start)."""
+        state = self.start if step is None else step.state
+        mass = self.system.nodal_mass
+        moved = state.x - self.start.x
+        row = {"t": state.t}
+        for name, weights in self.probes.items():
+            row |= _components(name, np.ravel(weights @ state.x))
+        row |= _components("mean_displacement", mean(mass, moved))
+        row["sag"] = float(-moved[:, 2].min())
+        row["area"] = area(self.system.cloth, state.x)
+        held = reactions(self.system, old, step) if step is not None else {}
+        for name in self.system.constraints.groups:
+            row |= _components(f"reaction:{name}", held.get(name, np.full(3, np.nan)))
+        return row
+
+
+def _distinct(probes) -> tuple[Probe, ...]:
+    """The probes, if they are some and their columns their own."""
+    if isinstance(probes, Probe) or not all(isinstance(p, Probe) for p in probes):
+        raise InputError(f"probes = {probes!r}", "must be a list of Probe", "Observer")
+    names = [probe.name for probe in probes]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"probe {name!r} stands twice", "needs a name of its own", "Observer")
+        if name in ("mean_displacement", "sag", "area") or name.startswith("reaction:"):
+            raise InputError(f"probe {name!r}", "is the name of a column of every run", "Observer")
+    return tuple(probes)
+
+
+def area(cloth: Cloth, x: np.ndarray) -> float:
+    """Deformed area Σ w √det(FᵀF) [m²], of P2 triangles by the 6 points of their energy."""
+    return _area(*cloth.shape, cloth.stencil, cloth.gradients, cloth.weights, x)
+
+
+@kernel
+def _area(K, Q, nodes, G, w, x):
+    """Σ w |F₁ × F₂|."""
+    total = 0.0
+    for e in range(len(nodes)):
+        for q in range(len(Q)):
+            F11, F21, F31, F12, F22, F32 = gradient(K, nodes, G, e, q, x)
+            n1, n2, n3 = F21 * F32 - F31 * F22, F31 * F12 - F11 * F32, F11 * F22 - F21 * F12
+            total += w[e, q] * math.sqrt(n1 * n1 + n2 * n2 + n3 * n3)
+    return total
+
+
+def _components(name, vector):
+    return {f"{name}.{c}": float(value) for c, value in zip("xyz", vector, strict=True)}

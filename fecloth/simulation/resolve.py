@@ -1,0 +1,84 @@
+"""What a run is settled on before its first step: the method, its solver, and why those."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fecloth import validation
+from fecloth.errors import InputError, brief
+from fecloth.linalg import select
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.nonlinear.options import Newton, Solver
+from fecloth.simulation.method_choice import Auto
+from fecloth.simulation.stability_limited import AtLimit
+from fecloth.system.system import State, System
+
+
+def solver_for(
+    system: System, method, dt: float, choice: str = "auto", options: Newton | None = None
+) -> tuple[Solver, str]:
+    """The solver of a run, and in words why it was chosen.
+
+    `choice` is "auto", "direct", "pardiso", "superlu" or "pcg". "auto" starts with conjugate
+    gradients and goes over to a factorisation, and back, by the work it counts; see `cheapest`.
+    """
+    validation.method(method)
+    validation.number("dt", dt, 0.0, "solver_for")
+    if getattr(method, "explicit", False):
+        method.check(system)
+        return Solver(None, None, options or Newton()), "no linear solver: explicit"
+    if choice not in ("auto", *select.NAMES):
+        allowed = f"must be one of auto, {', '.join(select.NAMES)}"
+        raise InputError(f"solver = {brief(choice)}", allowed, "march")
+    options = options or Newton()
+    symmetric = system.symmetric and getattr(method, "symmetric", True)
+    symmetric |= options.definiteness == "clamp"  # clamped tangents all are
+    if choice == "auto":
+        stiffness, damping = system.rate_bounds()
+        validation.offers(method, ("weights",), 'march(solver="auto")')
+        wx, wv, wa = method.weights(dt)
+        condition = 1 + (wx * stiffness + wv * damping) / wa
+        chosen, why = select.choose(condition, len(system.cloth.X), symmetric)
+    else:
+        chosen, why = select.named(choice, symmetric), "asked for"
+    matrix = BlockMatrix.zeros(system.pattern)
+    return Solver(chosen, matrix, options), f"{chosen.name} ({why})"
+
+
+def settled(
+    system: System,
+    method,
+    state: State,
+    dt: float | None,
+    t_end: float,
+    solver: str | Solver = "auto",
+    newton: Newton | None = None,
+    record: Callable = lambda *step: None,
+) -> tuple[object, Solver, str]:
+    """The method that takes the steps, its solver, and in words why those.
+
+    `Auto` is replaced by its choice, and an explicit method that is given no dt by `AtLimit`;
+    `record(method, old, step)` is what follows each step, and counts in Auto's choice.
+    """
+    if isinstance(solver, Solver):
+        if isinstance(method, Auto):
+            allowed = 'must be a name such as "auto" with Auto(), whose methods need one each'
+            raise InputError("solver = a Solver", allowed, "march")
+        return _stepping(method, dt), solver, "given"
+
+    def solver_of(one):
+        return solver_for(system, one, dt or (t_end - state.t) / 1000, solver, newton)
+
+    if not isinstance(method, Auto):
+        method = _stepping(method, dt)
+        return method, *solver_of(method)
+    way = system, state, t_end, lambda one: solver_of(one)[0], record
+    method, why = method.settled(*way)
+    solver, reason = solver_of(method)
+    return method, solver, f"{reason}; {type(method.method).__name__} ({why})"
+
+
+def _stepping(method, dt):
+    """The method; an explicit one that is given no dt, with steps near its limit."""
+    explicit = getattr(method, "explicit", False) and not getattr(method, "chooses_dt", False)
+    return AtLimit(method) if dt is None and explicit else method

@@ -1,0 +1,158 @@
+"""Explicit steps as long as stability allows, and the refusal of those that are longer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from fecloth.errors import InputError, brief
+from fecloth.integrators.step import Step
+from fecloth.stability.critical_step import critical_dt, estimate
+from fecloth.system.system import State, System
+from fecloth.terms.loops.membrane import extreme_stretches
+
+FRACTION = 0.9  # of the limit
+LASTS = 500  # steps, after which the limit is asked for again: less than a tenth of their cost
+LOOK = 4  # steps, after which the stretches are looked at
+BEYOND = 1.02  # times the stretches met so far: the stiffness goes with their square
+LONGER = 1.05  # of the last step, at most: what was stiff at one time may be so again
+
+
+@dataclass(frozen=True, eq=False)
+class Limited:
+    """What is handed from step to step.
+
+    Attributes
+    ----------
+    dt
+        The step [s].
+    steps
+        Since the limit was asked for.
+    least, largest
+        Principal stretches of all triangles that were met so far.
+    q
+        The method's own memory.
+    """
+
+    dt: float
+    steps: int
+    least: float
+    largest: float
+    q: object = None
+
+
+@dataclass(frozen=True)
+class AtLimit:
+    """An explicit method at 0.9 of its largest stable step, by `stability.estimate`.
+
+    The limit is that at the start or that at rest, whichever is less. A cloth that is stretched
+    becomes stiffer, one of some materials also where it is compressed, and the limit falls: it is
+    asked for anew where a principal stretch is 2 % beyond those met before, looked at every 4
+    steps, and in any case after 500. It then may grow, by 5 % at most.
+
+    Parameters
+    ----------
+    method
+        `CentralDifference()` or `SymplecticEuler()`.
+
+    Raises
+    ------
+    InputError
+        For a method without such a limit.
+    """
+
+    method: object
+
+    chooses_dt = True
+    explicit = True
+
+    def __post_init__(self):
+        method = self.method
+        explicit = getattr(method, "explicit", False) and not isinstance(method, type)
+        if not (explicit and getattr(method, "critical", None)):
+            allowed = "has no stable step to choose"
+            remedy = "Take CentralDifference or SymplecticEuler."
+            raise InputError(f"method {brief(self.method)}", allowed, "", remedy)
+
+    @property
+    def order(self) -> int:
+        return self.method.order
+
+    @property
+    def error_constant(self) -> float:
+        return self.method.error_constant
+
+    @property
+    def theta(self) -> float:
+        return self.method.theta
+
+    def check(self, system: System) -> None:
+        """Refuse what the method refuses."""
+        self.method.check(system)
+
+    def numerical(self, system: System, old: State, step: Step) -> float:
+        """Energy [J] that the method itself took in a step, by its own formula."""
+        return self.method.numerical(system, old, step)
+
+    def step(
+        self,
+        system: System,
+        state: State,
+        horizon: float,
+        solver=None,
+        guess: Limited | None = None,
+    ) -> Step:
+        """One step from `state` over at most `horizon` [s]."""
+        limited = guess or self._started(system, state)
+        if limited.steps % LOOK == 0:
+            limited = self._renewed(system, state, limited)
+        parts = max(1, math.ceil(horizon / limited.dt - 1e-9))
+        dt = horizon / parts if parts <= 2 else limited.dt
+        step = self.method.step(system, state, dt, solver, limited.q)
+        return replace(step, q=replace(limited, steps=limited.steps + 1, q=step.q))
+
+    def _limit(self, system: System, state: State) -> float:
+        return FRACTION * estimate(system, state, self.method)
+
+    def _started(self, system: System, state: State) -> Limited:
+        """The limit at the start, or that of the cloth at rest, which it may come to."""
+        rest = system.rest()
+        dt = min(self._limit(system, one) for one in (state, State(state.t, rest.x, state.v)))
+        return Limited(dt, 0, *extreme_stretches(system.cloth, state.x))
+
+    def _renewed(self, system: System, state: State, last: Limited) -> Limited:
+        """The same, or with the limit asked for again where the last one may not hold."""
+        least, largest = extreme_stretches(system.cloth, state.x)
+        beyond = largest > BEYOND * last.largest or least * BEYOND < last.least
+        if not beyond and last.steps < LASTS:
+            return last
+        dt = min(self._limit(system, state), last.dt if beyond else LONGER * last.dt)
+        return Limited(dt, 0, min(least, last.least), max(largest, last.largest), last.q)
+
+
+def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:
+    """Raise `InputError` for a step beyond a method's limit at the start.
+
+    `insist` is how the user asks for it all the same, unless it is by `beyond_limit` in Python.
+    """
+    if getattr(method, "beyond_limit", True):
+        return
+    explicit = getattr(method, "explicit", False)
+    if explicit:
+        method.check(system)
+    if explicit and method.critical and dt <= estimate(system, state, method):
+        return
+    limit = critical_dt(system, state, method)
+    if dt <= limit:
+        return
+    name = type(method).__name__
+    insist = insist or f"{name}(beyond_limit=True)"
+    allowed, remedy = f"must be at most {limit:.4g} s: beyond it {name} is unstable", "Leave dt out"
+    if limit == 0:
+        allowed = f"no dt is stable: {name} needs damping in every mode"
+    if not method.critical:
+        remedy = "Take CentralDifference or SymplecticEuler"
+    elif not explicit:
+        remedy = "Take beta >= gamma/2"
+    remedy += f", take an implicit method, or insist with {insist}."
+    raise InputError(f"dt = {dt:g} s", allowed, "march", remedy)

@@ -1,0 +1,173 @@
+"""results.csv and report.md: settings, versions, hardware, tables, figures, conclusion."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import os
+import platform
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fecloth.output.atomic_files import replace_file
+from fecloth.runs.folder import versions
+
+LONGEST = 300  # characters of a cell
+Row = Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A number of the conclusion and the range that it is expected in.
+
+    Examples
+    --------
+    >>> print(Finding("order of StVK in L2", 2.03, 1.9, 2.1))
+    order of StVK in L2: 2.03 in [1.9, 2.1]: met
+    >>> Finding("error", float("nan"), high=0.1).met
+    False
+    """
+
+    what: str
+    value: float
+    low: float = -math.inf
+    high: float = math.inf
+
+    @property
+    def met(self) -> bool:
+        return self.low <= self.value <= self.high
+
+    def __str__(self) -> str:
+        if math.isinf(self.low) and math.isinf(self.high):
+            return f"{self.what}: {self.value:.4g}"
+        asked = f"in [{self.low:g}, {self.high:g}]"
+        if math.isinf(self.high):
+            asked = f">= {self.low:g}"
+        if math.isinf(self.low):
+            asked = f"<= {self.high:g}"
+        return f"{self.what}: {self.value:.4g} {asked}: {'met' if self.met else 'MISSED'}"
+
+
+def write_csv(rows: Sequence[Row], path: str | Path) -> None:
+    """All rows under the union of their columns, without those that hold lists."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    columns = [c for c in columns if not any(isinstance(row.get(c), list | dict) for row in rows)]
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    with Path(path).open("w", newline="", encoding="utf-8") as stream:
+        table = csv.DictWriter(stream, columns, extrasaction="ignore", lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+
+
+def report(
+    options: argparse.Namespace,
+    title: str,
+    rows: Sequence[Row],
+    *,
+    tables: Mapping[str, Sequence[Row]] | None = None,
+    figures: Sequence[str] = (),
+    findings: Sequence[Finding] = (),
+    conclusion: str = "",
+    settings: Mapping[str, object] | None = None,
+) -> int:
+    """Write OUT/results.csv and OUT/report.md, print the findings; 1 if one is missed, else 0.
+
+    Parameters
+    ----------
+    options
+        What `arguments` returned.
+    rows
+        Of all cases.
+    tables
+        Heading to rows; a table of the rows that failed is added.
+    figures
+        Names without ending.
+    conclusion
+        A sentence or more, before the findings.
+    settings
+        What all cases share; the options are added.
+    """
+    write_csv(rows, options.out / "results.csv")
+    parts = [f"# {title}", conclusion, _listed(findings)]
+    parts += [f"![{name}]({name}.png)" for name in figures]
+    parts += [f"## {heading}\n\n{markdown(table)}" for heading, table in (tables or {}).items()]
+    failed = [_short(row) for row in rows if row.get("status", "ok") != "ok"]
+    if failed:
+        parts.append(f"## Cases that failed\n\n{markdown(failed)}")
+    shared = {**(settings or {}), **vars(options)}
+    for heading, what in (("Settings", shared), ("Ran on", hardware())):
+        parts.append(f"## {heading}\n\n{_listed([f'{k}: {v}' for k, v in what.items()])}")
+    text = "\n\n".join(part for part in parts if part) + "\n"
+    replace_file(options.out / "report.md", text.encode())
+    for finding in findings:
+        print(finding)
+    print(f"wrote {options.out / 'report.md'}")
+    return 0 if all(finding.met for finding in findings) else 1
+
+
+def _listed(items: Sequence[object]) -> str:
+    return "\n".join(f"- {item}" for item in items)
+
+
+def _short(row: Row) -> Row:
+    """A failed row with the first line of its cause."""
+    kept = {key: value for key, value in row.items() if not isinstance(value, list | dict)}
+    return kept | {"cause": str(row.get("cause", "")).splitlines()[0] if row.get("cause") else ""}
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """Rows as a Markdown table, numbers to four digits.
+
+    Examples
+    --------
+    >>> print(markdown([{"h": 0.1, "error": 0.012344}, {"h": 0.05}]))
+    | h | error |
+    |---|---|
+    | 0.1 | 0.01234 |
+    | 0.05 |  |
+    """
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    lines = [columns, *[[_cell(row.get(column)) for column in columns] for row in rows]]
+    lines = [f"| {' | '.join(cells)} |" for cells in lines]
+    return "\n".join([lines[0], f"|{'---|' * len(columns)}", *lines[1:]])
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    text = f"{value:.4g}" if isinstance(value, float) else " ".join(str(value).split())
+    return (text if len(text) <= LONGEST else text[:LONGEST] + " …").replace("|", "\\|")
+
+
+def hardware() -> dict[str, object]:
+    """The processor, its cores, the memory, the versions and the commit."""
+    found = {"processor": _processor(), "cores": os.cpu_count(), "memory": _memory()}
+    return found | versions() | {"commit": _commit()}
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()
+
+
+def _memory() -> str:
+    try:
+        return f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
+    except (AttributeError, ValueError, OSError):
+        return "unknown"
+
+
+def _commit() -> str:
+    """The commit of the sources, with + if they have been changed since."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty=+"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"

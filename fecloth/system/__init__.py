@@ -1,0 +1,1 @@
+"""Pins, constraints, states, and the assembled operators of a cloth."""

@@ -1,0 +1,181 @@
+"""Constraints: each constrained node has a 3×3 projector onto its free directions, and a motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+
+from fecloth.errors import InputError
+from fecloth.jit import kernel
+from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
+from fecloth.mesh.cloth import Cloth
+from fecloth.system.pins import Pin
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """All pins and slides of a system on its cloth.
+
+    Attributes
+    ----------
+    groups
+        Name → (pin, its nodes).
+    nodes
+        (c,) constrained nodes, ascending.
+    projectors
+        (c, 3, 3), P: onto the free directions of each of them (0: pinned, rank 1 or 2: sliding).
+    """
+
+    groups: dict[str, tuple[Pin, np.ndarray]]
+    nodes: np.ndarray
+    projectors: np.ndarray
+
+    @classmethod
+    def bind(cls, pins, cloth: Cloth) -> Constraints:
+        groups: dict[str, tuple[Pin, np.ndarray]] = {}
+        for number, pin in enumerate(pins):
+            if isinstance(pin, str):
+                pin = Pin(pin)
+            default = pin.where if isinstance(pin.where, str) else f"pin{number}"
+            name = _free_name(pin.name or default, groups)
+            groups[name] = (pin, nodes := cloth.nodes(pin.where))
+            for value in (pin.displacement(0.0), pin.speed(0.0, since=0.0)):
+                pin.fits(value, len(nodes))
+        everything = [nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)]
+        nodes, first, times = np.unique(
+            np.concatenate(everything), return_index=True, return_counts=True
+        )
+        if (times > 1).any():
+            raise InputError(
+                f"node {nodes[times > 1][0]} is held by more than one pin",
+                "each node may belong to one pin",
+                "System(pins=...)",
+                "Leave it out of one of the groups.",
+            )
+        each = [np.tile(pin.projector, (len(nodes), 1, 1)) for pin, nodes in groups.values()]
+        return cls(groups, nodes, np.concatenate([*each, np.zeros((0, 3, 3))])[first])
+
+    def project(self, y: np.ndarray) -> np.ndarray:
+        """P y in place, y (n, 3)."""
+        y[self.nodes] = np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
+        return y
+
+    def held(self, y: np.ndarray) -> np.ndarray:
+        """(I − P) y of the constrained nodes, (c, 3)."""
+        return y[self.nodes] - np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
+
+    def hold(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """P y + (I − P) target, a copy: exactly the target where all is held."""
+        return self.put(y.copy(), target)
+
+    def put(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """P y + (I − P) target, in place."""
+        _put(self.nodes, self.projectors, target, y)
+        return y
+
+    def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Position and velocity (n, 3) prescribed at t + dt to nodes that are at x at time t.
+
+        Only the held directions of constrained nodes mean anything; free nodes stay as they are.
+        Where no pin moves, the position is x itself and no copy.
+        """
+        v, moved = np.zeros_like(x), [at for at in self.groups.values() if at[0].motion is not None]
+        if moved:
+            x = x.copy()
+        for pin, nodes in moved:
+            x[nodes] += pin.displacement(t + dt) - pin.displacement(t)
+            v[nodes] = pin.speed(t + dt, since=t)
+        return x, v
+
+    def free(self, n: int) -> np.ndarray:
+        """The dofs 3 i + c of an n-node cloth that no pin holds.
+
+        Raises
+        ------
+        InputError
+            Where a node slides along no axis, so that its free directions are no dofs.
+        """
+        diagonal = np.einsum("cii->ci", self.projectors)
+        oblique = np.flatnonzero(((diagonal > 1e-12) & (diagonal < 1 - 1e-12)).any(axis=1))
+        if len(oblique):
+            what = f"node {self.nodes[oblique[0]]} slides along no axis"
+            remedy = "Use System.admissible, a basis of the free directions."
+            raise InputError(what, "the free dofs are defined along the axes", "System", remedy)
+        held = (3 * self.nodes[:, None] + np.arange(3))[diagonal < 0.5]
+        return np.setdiff1d(np.arange(3 * n), held)
+
+    def admissible(self, n: int) -> sparse.csc_matrix:
+        """(3n, f) orthonormal columns: the velocities that the pins allow, f of them."""
+        others = np.setdiff1d(np.arange(n), self.nodes)
+        values, vectors = np.linalg.eigh(self.projectors)  # columns of vectors
+        at, which = np.nonzero(values > 0.5)
+        rows = [3 * others[:, None] + np.arange(3), 3 * self.nodes[at][:, None] + np.arange(3)]
+        columns = [np.arange(3 * len(others)), 3 * len(others) + np.arange(len(at))]
+        data = [np.ones(3 * len(others)), vectors[at, :, which].ravel()]
+        rows = np.concatenate([r.ravel() for r in rows])
+        columns = np.concatenate([columns[0], np.repeat(columns[1], 3)])
+        shape = (3 * n, 3 * len(others) + len(at))
+        return sparse.csc_matrix((np.concatenate(data), (rows, columns)), shape=shape)
+
+
+def _free_name(name: str, taken) -> str:
+    """The name, or name.2, name.3, … if it is taken."""
+    number = 1
+    free = name
+    while free in taken:
+        number += 1
+        free = f"{name}.{number}"
+    return free
+
+
+@kernel
+def _put(nodes, projectors, target, y):
+    """y ← target + P (y − target) at the nodes."""
+    for n in range(len(nodes)):
+        P, i = projectors[n], nodes[n]
+        d1, d2, d3 = y[i, 0] - target[i, 0], y[i, 1] - target[i, 1], y[i, 2] - target[i, 2]
+        for k in range(3):
+            y[i, k] = target[i, k] + (P[k, 0] * d1 + P[k, 1] * d2 + P[k, 2] * d3)
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixProjection:
+    """P A P + (I − P) s on a fixed pattern, in place; s is the mean of the node's diagonal."""
+
+    blocks: np.ndarray  # (k,) the blocks that touch a constrained node
+    left: np.ndarray  # (k,) rows of `projectors` to apply from the left and from the right
+    right: np.ndarray
+    projectors: np.ndarray  # (c + 1, 3, 3), the last one is I
+    diagonal: np.ndarray  # (c,) diagonal blocks of the constrained nodes
+
+    @classmethod
+    def bind(cls, constraints: Constraints, pattern: BlockPattern) -> MatrixProjection:
+        c = len(constraints.nodes)
+        which = np.full(len(pattern), c)
+        which[constraints.nodes] = np.arange(c)
+        left, right = which[pattern.rows], which[pattern.indices]
+        blocks = np.flatnonzero((left < c) | (right < c))
+        projectors = np.concatenate([constraints.projectors, np.eye(3)[None]])
+        diagonal = pattern.diagonal[constraints.nodes].astype(np.int64)
+        return cls(blocks, left[blocks], right[blocks], projectors, diagonal)
+
+    def apply(self, A: BlockMatrix) -> None:
+        scale = np.einsum("cii->c", A.values[self.diagonal]) / 3
+        _project(self.blocks, self.left, self.right, self.projectors, A.values)
+        rest = np.eye(3) - self.projectors[:-1]
+        A.values[self.diagonal] += scale[:, None, None] * rest
+
+
+@kernel
+def _project(blocks, left, right, projectors, values):
+    work = np.empty((3, 3))
+    for n in range(len(blocks)):
+        A, P, Q = values[blocks[n]], projectors[left[n]], projectors[right[n]]
+        for i in range(3):
+            for j in range(3):
+                work[i, j] = A[i, 0] * Q[0, j] + A[i, 1] * Q[1, j] + A[i, 2] * Q[2, j]
+        for i in range(3):
+            for j in range(3):
+                A[i, j] = P[i, 0] * work[0, j] + P[i, 1] * work[1, j] + P[i, 2] * work[2, j]

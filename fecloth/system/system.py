@@ -1,0 +1,297 @@
+"""Cloth + fabric + terms + pins: the assembled operators, without any notion of a time step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sparse
+
+from fecloth.errors import InputError, floats, is_number
+from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.panel import Panel
+from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
+from fecloth.linalg.reductions import dot
+from fecloth.mesh.cloth import Cloth
+from fecloth.system.constraints import Constraints, MatrixProjection
+from fecloth.system.pins import Pin
+from fecloth.terms import protocol
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Time t [s], positions x (n, 3) [m] and velocities v (n, 3) [m/s]."""
+
+    t: float
+    x: np.ndarray
+    v: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """The force balance M a = f(x, v, t) of one cloth.
+
+    Parameters
+    ----------
+    cloth, fabric
+        Reference mesh and constants; {"body": a, "hem": b} gives each named region its fabric.
+    terms
+        Descriptions such as ``StVK(), Gravity()``; nothing is added to them.
+    pins
+        `Pin` and `Slide` objects, or names of node sets to hold fixed.
+    mass
+        "lumped" (row sums) or "consistent"; left out, lumped for P1 and consistent for P2, whose
+        row sums give the corners of the triangles no mass.
+    grain
+        Angle of the warp from the X axis [rad], for all or by region.
+
+    Raises
+    ------
+    InputError
+        For a term that cannot be bound or does not know the cloth's element, a pin that names no
+        node, or a lumped mass for P2.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    >>> system = fc.System(cloth, fabric, terms=[fc.StVK(), fc.Gravity()], pins=["left"])
+    >>> system.force(system.rest()).shape, system.stiffness(system.rest()).shape
+    ((9, 3), (27, 27))
+    """
+
+    cloth: Cloth
+    fabric: Fabric | Mapping[str, Fabric]
+    terms: Sequence
+    pins: Sequence[Pin | str] = ()
+    mass_kind: str = "lumped"
+    grain: float | Mapping[str, float] = 0.0
+
+    def __init__(self, cloth, fabric, terms, pins=(), mass=None, grain=0.0):
+        terms = _several(terms, "terms", "StVK()", lambda term: hasattr(term, "bind"))
+        pins = _several(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
+        mass = cloth.usual_mass if mass is None else mass
+        _check_elements(terms, cloth.element)
+        for name, value in (
+            ("cloth", cloth),
+            ("fabric", fabric),
+            ("terms", terms),
+            ("pins", pins),
+            ("mass_kind", mass),
+            ("grain", grain),
+        ):
+            object.__setattr__(self, name, value)
+        # now: errors should stand where made
+        _ = self.scalar_mass, self._stencils, self.bound, self.constraints
+
+    # --- what is bound, once ------------------------------------------------------------------
+
+    @cached_property
+    def panel(self) -> Panel:
+        """The cloth cut from its fabrics."""
+        return Panel.cut(self.cloth, self.fabric, self.grain)
+
+    @cached_property
+    def scalar_mass(self) -> sparse.csr_matrix:
+        """(n, n) mass matrix of one component [kg]."""
+        return self.cloth.mass(self.mass_kind, self.panel.density)
+
+    @cached_property
+    def nodal_mass(self) -> np.ndarray:
+        """(n,) row sums of the mass [kg]; zero at the corners of P2 triangles."""
+        return self.cloth.weighted_load(self.panel.density)
+
+    @cached_property
+    def diagonal_mass(self) -> np.ndarray:
+        """(n,) masses > 0 [kg] for norms and estimates: P1's row sums, `Cloth.diagonal_mass`."""
+        return self.cloth.diagonal_mass(self.panel.density)
+
+    @cached_property
+    def _stencils(self) -> list:
+        stencils = [protocol.stencil(term, self.cloth) for term in self.terms]
+        if self.mass_kind == "consistent":
+            stencils.append(self.cloth.stencil)
+        return [stencil for stencil in stencils if stencil is not None]
+
+    @cached_property
+    def pattern(self) -> BlockPattern:
+        """Union of the terms' stencils."""
+        return BlockPattern.union(len(self.cloth.X), self._stencils)
+
+    @cached_property
+    def bound(self) -> tuple:
+        """The terms, bound to the cloth; terms with one stencil share one array of slots."""
+        shared: dict[int, tuple] = {}  # with the stencil, so that no other one gets its id
+
+        def slots(stencil):
+            if id(stencil) not in shared:
+                shared[id(stencil)] = stencil, self.pattern.slots(stencil)
+            return shared[id(stencil)][1]
+
+        return tuple(protocol.bound(term, self.panel, slots) for term in self.terms)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """A name for each term: its class's, numbered where it stands twice."""
+        plain = [term.name for term in self.bound]
+        seen: dict[str, int] = {}
+        names = []
+        for name in plain:
+            seen[name] = seen.get(name, 0) + 1
+            names.append(name if plain.count(name) == 1 else f"{name}.{seen[name]}")
+        return tuple(names)
+
+    @cached_property
+    def constraints(self) -> Constraints:
+        return Constraints.bind(self.pins, self.cloth)
+
+    @cached_property
+    def _projection(self) -> MatrixProjection:
+        return MatrixProjection.bind(self.constraints, self.pattern)
+
+    @cached_property
+    def _mass_slots(self) -> np.ndarray:
+        mass = self.scalar_mass
+        rows = np.repeat(np.arange(len(self.pattern)), np.diff(mass.indptr))
+        pairs = np.column_stack([rows, mass.indices]).astype(np.int32)
+        return np.ascontiguousarray(self.pattern.slots(pairs)[:, 0, 1])
+
+    # --- states -------------------------------------------------------------------------------
+
+    def rest(self) -> State:
+        """x = (X, 0), v = 0, t = 0."""
+        X = self.cloth.X
+        x = np.column_stack([X, np.zeros(len(X))])
+        return State(0.0, x, np.zeros_like(x))
+
+    def state(self, x, v=None, t: float = 0.0) -> State:
+        """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero if left out."""
+        shape = (len(self.cloth.X), 3)
+        x = floats("x", x, "System.state")
+        v = np.zeros(shape) if v is None else floats("v", v, "System.state")
+        for name, value in (("x", x), ("v", v)):
+            if value.shape != shape or not np.isfinite(value).all():
+                raise InputError(
+                    f"{name} of shape {value.shape}",
+                    f"must be finite and of shape {shape}",
+                    "System.state",
+                )
+        if not is_number(t):
+            raise InputError(f"t = {t!r}", "must be finite [s]", "System.state")
+        return State(float(t), x, v)
+
+    # --- operators ----------------------------------------------------------------------------
+
+    def force(self, state: State) -> np.ndarray:
+        """(n, 3) sum of all terms' forces [N]; the reactions of pins are not among them."""
+        f = np.zeros_like(state.x)
+        for term in self.bound:
+            term.add_force(state.x, state.v, state.t, f)
+        return f
+
+    def energies(self, state: State) -> dict[str, float]:
+        """{"kinetic": J, term name: J, …} of the terms that have an energy."""
+        kinetic = 0.5 * dot(state.v, self.scalar_mass @ state.v)
+        potentials = {
+            name: term.energy(state.x, state.t)
+            for name, term in zip(self.names, self.bound, strict=True)
+            if term.has_energy
+        }
+        return {"kinetic": kinetic, **potentials}
+
+    def assemble(
+        self, J: BlockMatrix, state: State, wx=0.0, wv=0.0, wa=0.0, definite=False
+    ) -> BlockMatrix:
+        """J = wa M + wv D + wx K at a state, in place; `definite` makes each term's part so."""
+        J.values.fill(0.0)
+        return self.add_tangents(J, state, wx, wv, wa, definite)
+
+    def add_tangents(
+        self, J: BlockMatrix, state: State, wx=0.0, wv=0.0, wa=0.0, definite=False
+    ) -> BlockMatrix:
+        """J += wa M + wv D + wx K at a state, in place."""
+        if wa != 0.0:
+            add_mass(self._mass_slots, self.scalar_mass.data, wa, J.values)
+        for term in self.bound:
+            if wx != 0.0 or (wv != 0.0 and term.velocity_dependent):
+                term.add_tangent(state.x, state.v, state.t, wx, wv, J, definite)
+        return J
+
+    def dense(self, state: State) -> list[tuple[float, np.ndarray]]:
+        """(c, u (n, 3)) of the parts c u uᵀ of K that couple all nodes, and are not in a matrix."""
+        return [term.dense(state.x, state.t) for term in self.bound if hasattr(term, "dense")]
+
+    def project(self, J: BlockMatrix) -> BlockMatrix:
+        """P J P + (I − P) s, in place: a pinned node's rows and columns become a multiple of I."""
+        self._projection.apply(J)
+        return J
+
+    def stiffness(self, state: State) -> sparse.bsr_matrix:
+        """K = −∂f/∂x over all nodes, (3n, 3n) [N/m], without what `dense` gives."""
+        J = BlockMatrix.zeros(self.pattern)
+        return self.assemble(J, state, wx=1.0).to_scipy()
+
+    def damping(self, state: State) -> sparse.bsr_matrix:
+        """D = −∂f/∂v over all nodes, (3n, 3n) [N s/m]."""
+        J = BlockMatrix.zeros(self.pattern)
+        return self.assemble(J, state, wv=1.0).to_scipy()
+
+    @cached_property
+    def mass(self) -> sparse.csr_matrix:
+        """M over all nodes, (3n, 3n) [kg]."""
+        return sparse.kron(self.scalar_mass, sparse.identity(3), format="csr")
+
+    @cached_property
+    def free(self) -> np.ndarray:
+        """The dofs 3 i + c that no pin holds; refused where a slide is along no axis."""
+        return self.constraints.free(len(self.cloth.X))
+
+    @cached_property
+    def admissible(self) -> sparse.csc_matrix:
+        """(3n, f) orthonormal basis Z of the motions that pins and slides allow.
+
+        ZᵀKZ, ZᵀDZ and ZᵀMZ are the operators on the f degrees of freedom that are left. Without
+        slides its columns are unit vectors, along `free`.
+        """
+        return self.constraints.admissible(len(self.cloth.X))
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether every term's tangent is symmetric."""
+        return all(term.symmetric for term in self.bound)
+
+    def rate_bounds(self) -> tuple[float, float]:
+        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest.
+
+        A consistent mass is at least a part of its scaled diagonal, a quarter for P1, and that
+        part counts in its place.
+        """
+        part = self.cloth.least_mass if self.mass_kind == "consistent" else 1.0
+        bounds = [term.rate_bounds(part * self.diagonal_mass) for term in self.bound]
+        return sum(b[0] for b in bounds), sum(b[1] for b in bounds)
+
+
+def _check_elements(terms, element: str) -> None:
+    """Refuse the first term that does not know the cloth's element."""
+    for term in terms:
+        known = getattr(term, "elements", ("P1",))
+        if element not in known:
+            name = type(term).__name__
+            what, allowed = f"{name} on element {element}", f"must be on {' or '.join(known)}"
+            remedy = f"Leave {name} out, or make the cloth with element = {known[0]!r}."
+            raise InputError(what, allowed, "System", remedy)
+
+
+def _several(values, name: str, example: str, is_one: Callable[[object], bool]) -> tuple:
+    """The terms or pins as a tuple; raises `InputError` for anything else."""
+    where, allowed = f"System({name}=...)", f"must be a list, as in [{example}]"
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise InputError(f"{name} = {values!r}", allowed, where)
+    values = tuple(values)
+    for value in values:
+        if isinstance(value, type) or not is_one(value):
+            raise InputError(f"{name[:-1]} {value!r}", f"must be such as {example}", where)
+    return values

@@ -1,0 +1,1 @@
+"""Bending on hinges, the edges between two triangles."""

@@ -1,0 +1,232 @@
+"""Bending at the hinges of the mesh: the dihedral angle of each interior edge as a condition."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from fecloth.errors import InputError, is_number
+from fecloth.fabric.panel import Panel
+from fecloth.jit import kernel
+from fecloth.mesh.cloth import Cloth
+from fecloth.quantities.units import TIME
+from fecloth.terms.bending.dihedral_angle import angles, condition
+from fecloth.terms.loops import bound_condition, condition_discrete_gradient
+from fecloth.terms.loops import condition as loops
+
+CONVEX = (0,)  # one component, whose ∂²θ is indefinite
+
+
+@dataclass(frozen=True)
+class HingeBending:
+    """½ k (θ − θ₀)² at every interior edge, k = B l²/(A₁ + A₂).
+
+    θ is the angle between the two triangles (`dihedral`), l the rest length of the edge, A₁ and A₂
+    the rest areas, B the fabric's bending rigidity [N m]; k is in N m.
+
+    The factor is derived, not fitted: nodes on a cylinder z = κ y²/2 give an edge along its axis
+    the angle θ = κ (h₁ + h₂)/2 = κ (A₁ + A₂)/l. On equilateral triangles a third of the edges
+    lie so, and the sum over the edges is that of ½ B κ² over the area for k = c B l²/(A₁ + A₂)
+    with c = 1: in the direction n of the curvature, with t along the edge, θ is proportional to
+    κ_nn − κ_tt/3, so the other two thirds have none. Published forms: Bergou et al. (2006), A
+    Quadratic Bending Model for Inextensible Surfaces, have c = 3 with their own stiffness, Grinspun
+    et al. (2003), Discrete Shells, 3 k_b without the ½, so c = 6: their stiffnesses are not B.
+
+    Across an edge whose normal makes the angle φ with the warp
+
+        B(φ) = (√B₁ cos²φ + √B₂ sin²φ)²
+
+    which is Huber's orthotropic plate in cylindrical bending (Timoshenko and Woinowsky-Krieger
+    1959, Theory of Plates and Shells, section 86: H = √(D_x D_y)): two numbers are all that a
+    fabric states. Where the two triangles differ in fabric or grain, they bend in series under
+    one moment: (A₁ + A₂)/B = A₁/B(1) + A₂/B(2).
+
+    **It does not carry B, and refinement does not help.** What it carries depends on the mesh and
+    on what keeps the cloth from curving across; on the regular patterns it is known
+    (`bending_tensor`), on others it must be measured. B_eff/B along X:
+
+        pattern                             right    cross    equilateral    unstructured
+        derived: narrow strip, free edges   0.80     1.00     0.89           -
+        derived: cylindrical, no twist      1.00     1.33     1.00           -
+        cantilever, width/length 0.25       0.83     1.11     0.93           0.93
+        cantilever, width/length 2          0.92     1.29     0.99           0.98
+
+    (small deflection, 80 edges along the cantilever, 20 edges within 0.035 of it;
+    `studies/models/hinge_bias.py`). `right` also couples bending and twist: a strip of it turns
+    out of its plane.
+
+    Source: the factor as derived above; the angle and its derivatives as in `dihedral`.
+
+    Valid from flat to nearly folded: at θ = ±π the angle, and the energy, jump. Its tangent is
+    exact; `definite` drops the part with ∂²θ, which is indefinite. Where a triangle has no height
+    the angle has no meaning: the membrane must keep triangles from collapsing.
+
+    Cost of a triangle relative to `StVK`: force 4, tangent 6, also if `definite`.
+
+    Parameters
+    ----------
+    rest
+        θ₀ [rad] of all hinges, or of each in the order of ``cloth.hinges``, as `hinge_angles` of a
+        shape gives them. Left out: flat.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+    >>> fabric = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5)
+    >>> system = fc.System(cloth, fabric, [fc.HingeBending()])
+    >>> system.energies(system.rest())["HingeBending"]
+    0.0
+    """
+
+    rest: float | tuple[float, ...] | None = None
+
+    def __post_init__(self):
+        if self.rest is None:
+            return
+        rest = np.asarray(self.rest)
+        if rest.ndim > 1 or rest.dtype.kind not in "iuf" or not (np.abs(rest) < np.pi).all():
+            allowed = "must be one angle, or one for each hinge, between -π and π [rad]"
+            raise InputError(f"rest = {self.rest!r}", allowed, "HingeBending")
+        object.__setattr__(self, "rest", tuple(rest.tolist()) if rest.ndim else float(rest))
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        return cloth.hinges.nodes
+
+    def bind(self, panel: Panel, slots) -> condition_discrete_gradient.RigidCondition:
+        hinges = panel.cloth.hinges
+        rest = np.atleast_1d(0.0 if self.rest is None else self.rest)
+        if rest.size not in (1, len(hinges.nodes)):
+            allowed = f"must be one angle or {len(hinges.nodes)}, one for each hinge"
+            raise InputError(f"rest has {rest.size} angles", allowed, "HingeBending")
+        stiffness = hinge_stiffness(panel, "HingeBending")
+        return bind("HingeBending", panel, slots, rest, stiffness, 0.0)
+
+
+@dataclass(frozen=True)
+class BendingDamping:
+    """A moment −τ k θ̇ at every hinge, k = B l²/(A₁ + A₂) as in `HingeBending`.
+
+    Force d = −τ k ∂θ/∂x θ̇ with θ̇ = ∂θ/∂x · v, dissipated power τ k θ̇²; zero in rigid motion, and
+    whatever the rest angle is.
+
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, for the
+    condition θ; "symmetric" drops the non-symmetric part of ∂d/∂x, as they do.
+
+    Valid where `HingeBending` is, with the same factor between what is asked for and what the
+    pattern carries; the damping grows with frequency, a fabric's own hysteresis does not.
+
+    Cost of a triangle relative to `StVK`: force 4, tangent 6; "exact" takes a solver for general
+    matrices besides.
+
+    Parameters
+    ----------
+    time
+        τ [s], > 0: a bending motion of angular frequency ω is damped at the ratio ζ = ω τ/2.
+    tangent
+        "symmetric" (the non-symmetric part dropped) or "exact".
+    """
+
+    time: Annotated[float, TIME]
+    tangent: str = "symmetric"
+
+    def __post_init__(self):
+        where = "BendingDamping"
+        if not (is_number(self.time) and self.time > 0):
+            raise InputError(f"time = {self.time!r}", "must be finite and > 0 [s]", where)
+        if self.tangent not in ("symmetric", "exact"):
+            allowed = 'must be "symmetric" or "exact"'
+            raise InputError(f"tangent = {self.tangent!r}", allowed, where)
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        return cloth.hinges.nodes
+
+    def bind(self, panel: Panel, slots) -> condition_discrete_gradient.RigidCondition:
+        damping = self.time * hinge_stiffness(panel, "BendingDamping")
+        return bind("BendingDamping", panel, slots, 0.0, 0.0, damping, self.tangent)
+
+
+def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
+    """(h,) k = B(φ) l²/(A₁ + A₂) [N m] of the hinges; `where` is the term that asks.
+
+    Raises
+    ------
+    InputError
+        If a fabric has no bending rigidity.
+    """
+
+    def roots(fabric):
+        if fabric.bending is None:
+            remedy = "Give it in the fabric, one number or (warp, weft)."
+            what = "the fabric has no bending_rigidity"
+            raise InputError(what, f"{where} needs it, > 0 [N m]", where, remedy)
+        return np.sqrt(fabric.bending)
+
+    hinges = panel.cloth.hinges
+    normal = np.arctan2(hinges.vector[:, 0], -hinges.vector[:, 1])
+    root = panel.each(roots)[hinges.sides]  # (h, 2 sides, 2 directions)
+    phi = normal[:, None] - panel.grain[hinges.sides]
+    B = (root[..., 0] * np.cos(phi) ** 2 + root[..., 1] * np.sin(phi) ** 2) ** 2
+    return hinges.length**2 / np.sum(hinges.areas / B, axis=1)
+
+
+def hinge_angles(cloth: Cloth, x: np.ndarray) -> np.ndarray:
+    """(h,) dihedral angles [rad] at positions x (n, 3), in the order of ``cloth.hinges``."""
+    out = np.empty(len(cloth.hinges.nodes))
+    angles(cloth.hinges.nodes, np.ascontiguousarray(x, dtype=float), out)
+    return out
+
+
+def bind(name, panel, slots, rest, stiffness, damping, tangent="symmetric"):
+    """The angle as a condition with θ₀ (h,) or (1,), and k_s and k_d (h,)."""
+    nodes = panel.cloth.hinges.nodes
+    data = nodes, np.broadcast_to(rest, len(nodes))[:, None], stiffness, damping
+    bound = bound_condition.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)
+    return condition_discrete_gradient.with_steps(bound, OVER_STEP)
+
+
+@kernel
+def energy(K, R, nodes, c, ks, x):
+    return loops.energy(condition, K, R, nodes, c, ks, x)
+
+
+@kernel
+def power(K, R, nodes, c, kd, x, v):
+    return loops.power(condition, K, R, nodes, c, kd, x, v)
+
+
+@kernel
+def add_force(K, R, nodes, c, ks, kd, x, v, f):
+    loops.add_force(condition, K, R, nodes, c, ks, kd, x, v, f)
+
+
+@kernel
+def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
+    loops.add_tangent(condition, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
+
+
+@kernel
+def force_over_step(K, R, nodes, c, ks, start, x, f):
+    condition_discrete_gradient.add_force(condition, K, R, nodes, c, ks, start, x, f)
+
+
+@kernel
+def tangent_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
+    condition_discrete_gradient.add_tangent(
+        condition, K, R, nodes, slots, c, ks, start, x, scale, J
+    )
+
+
+@kernel
+def symmetric_over_step(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
+    condition_discrete_gradient.add_symmetric(
+        condition, K, R, nodes, slots, c, ks, start, x, scale, definite, J
+    )
+
+
+KERNELS = bound_condition.Kernels(energy, power, add_force, add_tangent)
+OVER_STEP = condition_discrete_gradient.Discrete(
+    force_over_step, tangent_over_step, symmetric_over_step
+)

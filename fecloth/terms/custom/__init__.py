@@ -1,0 +1,1 @@
+"""Terms that a user defines: a membrane law, a condition, a force."""

@@ -1,0 +1,101 @@
+"""∂C and ∂²C of a user's own condition: as given, held against differences, or by differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.errors import InputError
+
+STEP = 1e-3  # of the differences, relative to the size of the stencil
+TOLERANCE = 1e-6  # of a given derivative against differences, relative to the largest entry
+WEIGHTS = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))  # central, of order 4
+
+Function = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """C, ∂C and ∂²C of the stencils, from what the user gave.
+
+    Attributes
+    ----------
+    value, gradient, hessian
+        The user's functions, or None.
+    size
+        (m,) of each stencil [m].
+    r
+        Number of components of C.
+    name
+        Of the term, for errors.
+    """
+
+    value: Function
+    gradient: Function | None
+    hessian: Function | None
+    size: np.ndarray
+    r: int
+    name: str
+
+    def C(self, y: np.ndarray) -> np.ndarray:
+        """(m, r)."""
+        return np.asarray(self.value(y), dtype=float).reshape(len(y), self.r)
+
+    def dC(self, y: np.ndarray) -> np.ndarray:
+        """(m, r, k, 3)."""
+        if self.gradient is None:
+            return self.differences(self.C, y)
+        return self._shaped("gradient", self.gradient(y), y, 1)
+
+    def ddC(self, y: np.ndarray) -> np.ndarray:
+        """(m, r, k, 3, k, 3)."""
+        if self.hessian is not None:
+            return self._shaped("hessian", self.hessian(y), y, 2)
+        H = self.differences(self.dC, y)
+        return 0.5 * (H + H.transpose(0, 1, 4, 5, 2, 3))
+
+    def differences(self, function: Function, y: np.ndarray) -> np.ndarray:
+        """∂/∂y of a function (m, k, 3) → (m, …) → (m, …, k, 3), by `WEIGHTS`."""
+        m, k, _ = y.shape
+        h = STEP * self.size[:, None, None]
+        columns = []
+        for dof in np.eye(3 * k).reshape(3 * k, k, 3):
+            column = sum(weight * function(y + s * h * dof) for s, weight in WEIGHTS)
+            columns.append(column / h.reshape(m, *[1] * (column.ndim - 1)))
+        return np.stack(columns, axis=-1).reshape(*columns[0].shape, k, 3)
+
+    def check(self, rest: np.ndarray) -> None:
+        """Hold the given derivatives against differences, in a state near rest."""
+        noise = np.random.default_rng(0).standard_normal(rest.shape)
+        y = rest + 0.05 * self.size[:, None, None] * noise
+        for name, function, below in (
+            ("gradient", self.dC, self.C),
+            ("hessian", self.ddC, self.dC),
+        ):
+            if getattr(self, name) is None:
+                continue
+            given, expected = function(y), self.differences(below, y)
+            wrong = np.abs(given - expected) - TOLERANCE * np.abs(expected).max()
+            at = np.unravel_index(int(np.argmax(np.nan_to_num(wrong, nan=np.inf))), wrong.shape)
+            if not wrong[at] <= 0:
+                place = ", ".join(str(int(i)) for i in at)
+                raise InputError(
+                    f"{name}[{place}] = {given[at]:.9g}",
+                    f"differences of {'value' if name == 'gradient' else 'the gradient'} give "
+                    f"{expected[at]:.9g}",
+                    self.name,
+                    "Correct it, or leave it out to have it computed.",
+                )
+
+    def _shaped(self, name, values, y, order):
+        """Checked for its shape, with the axis of the components put in where C has none."""
+        m, k, _ = y.shape
+        values, tail = np.asarray(values, dtype=float), (k, 3) * order
+        if values.shape == (m, *tail) and self.r == 1:
+            return values[:, None]
+        if values.shape != (m, self.r, *tail):
+            allowed = f"must be {(m, self.r, *tail)} for y of shape {y.shape}"
+            raise InputError(f"{name}(y) of shape {values.shape}", allowed, self.name)
+        return values

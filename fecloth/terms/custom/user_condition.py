@@ -1,0 +1,223 @@
+"""A user's own condition C(x): energy ½ k_s CᵀC, damping along it, from a Python function."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.fabric.panel import Panel
+from fecloth.jit import inner, kernel
+from fecloth.mesh.cloth import Cloth
+from fecloth.terms.custom.finite_differences import Derivatives, Function
+from fecloth.terms.loops import bound_condition, condition
+
+RESERVED = ("t", "kinetic", "pins", "numerical", "total", "remainder")  # columns of the ledger
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """Energy ½ k_s CᵀC and damping −k_d ∂C Ċ of a condition C(x) on stencils of k nodes.
+
+        f_a = −∂C_a k_s C,   d_a = −∂C_a k_d Ċ,   Ċ = Σ_a ∂C_aᵀ v_a
+
+    These and their Hessians follow from C, ∂C and ∂²C. C works on all stencils at once, on arrays.
+
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 7, 8 and 11–13; see
+    `fecloth.terms.condition`.
+
+    Valid where C is twice differentiable, which it must be at every state that is met: a length
+    is not at zero, an angle not at a full turn. Momentum is kept only if C does not change in
+    rigid motion.
+
+    A derivative that is not given comes from central differences of order 4 with a step of 1e-3
+    of the stencil's size. Where C is smooth on the scale of the stencil, ∂C is then good to 1e-10
+    and ∂²C to 1e-7 of their largest entries (to 1e-10 from a given ∂C). They call C 12 k times for
+    ∂C and (12 k)² times for ∂²C, each time with all stencils. A given
+    derivative is held against differences when the term is bound, near the rest state.
+
+    Parameters
+    ----------
+    value
+        C: positions (m, k, 3) [m] → (m,), or (m, r) for r components.
+    nodes
+        (m, k) nodes of each stencil, as the cloth numbers them (`Cloth.nodes` finds them).
+    stiffness
+        k_s ≥ 0 in J per unit of C²: a number, (m,), or (m, r).
+    damping
+        k_d ≥ 0 in J s per unit of C², likewise.
+    gradient, hessian
+        ∂C: (m, k, 3) → (m, r, k, 3) and ∂²C → (m, r, k, 3, k, 3), without r if C is (m,).
+    gauss_newton
+        Leave k_s C ∂²C, and its like of the damping, out of the tangent.
+    tangent
+        Of the damping: "symmetric" (without the first part of eq. 12) or "exact".
+    convex
+        ∂²C is positive semi-definite everywhere, as that of a length: a definite tangent then
+        keeps the part with ∂²C where it is under tension, else it drops all of it.
+    name
+        In the ledger.
+
+    Raises
+    ------
+    InputError
+        From `System`: for shapes that do not fit, and for a derivative that is wrong.
+
+    Examples
+    --------
+    A cable runs through the nodes on the diagonal of a cloth as through rings: all its length is
+    one condition, so that its tension is the same everywhere.
+
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.25, pattern="right")
+    >>> diagonal = cloth.nodes(lambda X: abs(X[:, 0] - X[:, 1]) < 1e-9)
+    >>> diagonal = diagonal[np.argsort(cloth.X[diagonal, 0])]
+    >>> def longer(y):
+    ...     return np.linalg.norm(np.diff(y, axis=1), axis=2).sum(axis=1) - np.sqrt(2.0)
+    >>> cable = fc.Condition(longer, [diagonal], stiffness=500.0, convex=True)
+    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    >>> system = fc.System(cloth, fabric, [fc.StVK(), cable, fc.Gravity()], pins=["top"])
+    >>> x = system.rest().x * 1.1  # 10 % longer: ½ · 500 · (0.1 √2)² J
+    >>> round(system.energies(system.state(x))["Condition"], 9)
+    5.0
+    """
+
+    value: Function
+    nodes: np.ndarray
+    stiffness: float | np.ndarray
+    damping: float | np.ndarray = 0.0
+    gradient: Function | None = None
+    hessian: Function | None = None
+    gauss_newton: bool = False
+    tangent: str = "symmetric"
+    convex: bool = False
+    name: str = "Condition"
+
+    def __post_init__(self):
+        if self.name in RESERVED or not all(c.isalnum() or c in " _-" for c in self.name):
+            allowed = f"must be letters, digits, spaces, _ and -, and none of {', '.join(RESERVED)}"
+            raise InputError(f"name = {self.name!r}", allowed, "Condition")
+        if not callable(self.value):
+            raise InputError(f"value = {self.value!r}", "must be a function", "Condition")
+        bound_condition.check_options(self.name, tangent=self.tangent)
+        for key in ("stiffness", "damping"):
+            value = np.asarray(getattr(self, key), dtype=float)
+            if not (np.isfinite(value).all() and (value >= 0).all()):
+                raise InputError(f"{key} = {getattr(self, key)!r}", "must be >= 0", self.name)
+        if not np.any(self.stiffness) and not np.any(self.damping):
+            raise InputError("stiffness = 0 and damping = 0", "one must be > 0", self.name)
+        stencil = np.array(self.nodes)
+        if stencil.ndim != 2 or not stencil.size or stencil.dtype.kind not in "iu":
+            what = f"nodes of shape {stencil.shape} and type {stencil.dtype}"
+            remedy = "One stencil is a list of one list."
+            raise InputError(what, "must be whole numbers (m, k)", self.name, remedy)
+        object.__setattr__(self, "nodes", np.ascontiguousarray(stencil, dtype=np.int32))
+
+    elements = ("P1", "P2")
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        low, high = self.nodes.min(), self.nodes.max()
+        if low < 0 or high >= len(cloth.X):
+            allowed = f"must lie in 0 … {len(cloth.X) - 1}"
+            raise InputError(f"node indices {low} … {high}", allowed, self.name)
+        ordered = np.sort(self.nodes, axis=1)
+        if (ordered[:, 1:] == ordered[:, :-1]).any():
+            raise InputError("a stencil", "must not hold a node twice", self.name)
+        return self.nodes
+
+    def bind(self, panel: Panel, slots) -> BoundUser:
+        cloth = panel.cloth
+        rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])[self.stencil(cloth)]
+        extent = np.linalg.norm(rest - rest.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+        size = np.where(extent > 0, extent, np.sqrt(cloth.area / len(cloth.triangles)))
+        r = self._components(rest)
+        functions = Derivatives(self.value, self.gradient, self.hessian, size, r, self.name)
+        functions.check(rest)
+        try:
+            bound = bound_condition.bind(
+                self.name,
+                KERNELS,
+                (int(self.convex),) * r,
+                panel,
+                slots,
+                self.nodes,
+                np.zeros(1),
+                self.stiffness,
+                self.damping,
+                hessian="gauss_newton" if self.gauss_newton else "exact",
+                tangent=self.tangent,
+            )
+        except ValueError as error:
+            if isinstance(error, InputError):
+                raise
+            shapes = f"{np.shape(self.stiffness)} and {np.shape(self.damping)}"
+            what = f"stiffness and damping of shapes {shapes}"
+            m = len(self.nodes)
+            raise InputError(what, f"must be numbers, ({m},) or ({m}, {r})", self.name) from None
+        return BoundUser(**vars(bound), functions=functions)
+
+    def _components(self, rest: np.ndarray) -> int:
+        """r, from C at rest; refuses a wrong shape, and what is not finite there."""
+        C, m = np.asarray(self.value(rest), dtype=float), len(rest)
+        if C.ndim not in (1, 2) or len(C) != m:
+            allowed = f"must be ({m},) or ({m}, r) for y of shape {rest.shape}"
+            raise InputError(f"value(y) of shape {C.shape}", allowed, self.name)
+        bad = np.flatnonzero(~np.isfinite(C.reshape(m, -1)).all(axis=1))
+        if len(bad):
+            what = f"C = {C[bad[0]]} at rest in stencil {bad[0]}"
+            raise InputError(what, "must be finite", self.name)
+        return 1 if C.ndim == 1 else C.shape[1]
+
+
+@dataclass(frozen=True, eq=False)
+class BoundUser(bound_condition.BoundCondition):
+    """`Condition` on a cloth: what the loop takes as constants are C, ∂C and ∂²C themselves."""
+
+    functions: Derivatives = None
+
+    def table(self, x, t, order) -> np.ndarray:
+        """(m, p): C, and as far as `order` asks for them ∂C and ∂²C, of each stencil in a row."""
+        y, m = x[self.nodes], len(self.nodes)
+        parts = [self.functions.C, self.functions.dC, self.functions.ddC][: order + 1]
+        if self.hessian == "gauss_newton" and self.symmetric:
+            parts = parts[:2]
+        return np.concatenate([part(y).reshape(m, -1) for part in parts], axis=1)
+
+
+@inner
+def tabulated(y, c, order, C, g, H):
+    """C, ∂C and ∂²C out of the row c."""
+    n, d = len(C), 3 * len(y)
+    for r in range(n):
+        C[r] = c[r]
+        if order > 0:
+            for a in range(d):
+                g[r, a // 3, a % 3] = c[n + r * d + a]
+        if order > 1:
+            for a in range(d):
+                for b in range(d):
+                    H[r, a // 3, a % 3, b // 3, b % 3] = c[n + n * d + (r * d + a) * d + b]
+
+
+@kernel
+def energy(K, R, nodes, c, ks, x):
+    return condition.energy(tabulated, K, R, nodes, c, ks, x)
+
+
+@kernel
+def power(K, R, nodes, c, kd, x, v):
+    return condition.power(tabulated, K, R, nodes, c, kd, x, v)
+
+
+@kernel
+def add_force(K, R, nodes, c, ks, kd, x, v, f):
+    condition.add_force(tabulated, K, R, nodes, c, ks, kd, x, v, f)
+
+
+@kernel
+def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
+    condition.add_tangent(tabulated, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
+
+
+KERNELS = bound_condition.Kernels(energy, power, add_force, add_tangent)

@@ -1,0 +1,133 @@
+"""Damping in proportion to mass and velocity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import scipy.sparse as sparse
+
+from fecloth.errors import InputError, is_number
+from fecloth.fabric.panel import Panel
+from fecloth.jit import kernel
+from fecloth.linalg.block_matrix import add_mass
+from fecloth.linalg.reductions import dot
+from fecloth.mesh.cloth import Cloth
+from fecloth.quantities.units import RATE
+
+
+@dataclass(frozen=True)
+class MassDamping:
+    """d_a = −α m_a v_a with the lumped masses m_a; dissipated power α Σ m_a |v_a|².
+
+    On P2 triangles, which have no lumped masses, d = −α M v with the consistent M.
+
+    The part of Rayleigh's damping that goes with the mass: a mode of angular frequency ω has the
+    damping ratio ζ = α / (2 ω), and the cloth as a whole loses its momentum as e^(−α t). It acts on
+    rigid motion and so breaks the balance of momentum on purpose, like a cloth in a viscous
+    fluid; see `StrainRateDamping` for damping that does not, and `Drag` for air.
+
+    Source: Rayleigh (1877), The Theory of Sound, volume I, sections 81–82. Tangent in v exact and
+    symmetric, none in x.
+
+    Valid at any deformation, where the loss need not depend on direction or speed: as a means to
+    come to rest, not as a model of air or fabric.
+
+    Cost: a pass over the nodes.
+
+    Parameters
+    ----------
+    rate
+        α [1/s], > 0.
+    """
+
+    rate: Annotated[float, RATE]
+
+    def __post_init__(self):
+        if not (is_number(self.rate) and self.rate > 0):
+            raise InputError(f"rate = {self.rate!r}", "must be finite and > 0 [1/s]", "MassDamping")
+
+    elements = ("P1", "P2")
+
+    def stencil(self, cloth: Cloth) -> np.ndarray | None:
+        return None if cloth.element == "P1" else cloth.stencil
+
+    def bind(self, panel: Panel, slots) -> BoundMassDamping | BoundConsistent:
+        if panel.cloth.element != "P1":
+            matrix = self.rate * panel.cloth.mass("consistent", panel.density)
+            rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+            pairs = np.column_stack([rows, matrix.indices]).astype(np.int32)
+            return BoundConsistent(self.rate, matrix, slots(pairs)[:, 0, 1].copy())
+        mass = panel.cloth.weighted_load(panel.density)
+        diagonal = slots(np.arange(len(mass), dtype=np.int32)[:, None]).ravel()
+        return BoundMassDamping(self.rate * mass[:, None], diagonal)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundMassDamping:
+    """`MassDamping` on a cloth: `coefficient` (n, 1) is α m_a [N s/m]."""
+
+    coefficient: np.ndarray
+    diagonal: np.ndarray
+
+    name = "MassDamping"
+    symmetric = True
+    has_energy = False
+    dissipative = True
+    velocity_dependent = True
+
+    def power(self, x, v, t) -> float:
+        """α Σ m_a |v_a|² [W]."""
+        return dot(self.coefficient * v, v)
+
+    def add_force(self, x, v, t, f) -> None:
+        """f −= α m_a v_a [N]."""
+        f -= self.coefficient * v
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """J += wv α m_a I."""
+        add_diagonal(self.diagonal, wv, self.coefficient, J.values)
+
+    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
+        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s]."""
+        return 0.0, float((self.coefficient[:, 0] / mass).max())
+
+
+@dataclass(frozen=True, eq=False)
+class BoundConsistent:
+    """`MassDamping` by α M (n, n), `matrix` [N s/m]; `blocks` are its entries' in the system's."""
+
+    rate: Annotated[float, RATE]
+    matrix: sparse.csr_matrix
+    blocks: np.ndarray
+
+    name = "MassDamping"
+    symmetric = True
+    has_energy = False
+    dissipative = True
+    velocity_dependent = True
+
+    def power(self, x, v, t) -> float:
+        """α v · M v [W]."""
+        return dot(v, self.matrix @ v)
+
+    def add_force(self, x, v, t, f) -> None:
+        """f −= α M v [N]."""
+        f -= self.matrix @ v
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """J += wv α M ⊗ I₃."""
+        add_mass(self.blocks, self.matrix.data, wv, J.values)
+
+    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
+        """The eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s]."""
+        return 0.0, self.rate
+
+
+@kernel
+def add_diagonal(diagonal, scale, coefficient, J):
+    """J_aa += scale c_a I."""
+    for a in range(len(diagonal)):
+        for i in range(3):
+            J[diagonal[a], i, i] += scale * coefficient[a, 0]

@@ -1,0 +1,1 @@
+"""Forces from outside: gravity, pressure, air, points."""

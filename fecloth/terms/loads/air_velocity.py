@@ -1,0 +1,138 @@
+"""The velocity of the air around a cloth: uniform, a field of x and t, or gusts."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.quantities.formula import Formula
+from fecloth.quantities.time_function import Timed, vector
+
+GRADIENT_STEP = 1e-5  # m; a central difference is then good to about 1e-10 of |u| per metre
+PLACE = ("x", "y", "z", "t")
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """u(t), the same everywhere; it needs no positions."""
+
+    value: Timed
+
+    def velocity(self, x: np.ndarray | None, t: float) -> np.ndarray:
+        """(1, 3) [m/s]."""
+        return self.value(t)[None]
+
+    def gradient(self, x: np.ndarray | None, t: float) -> np.ndarray:
+        """(1, 3, 3), zero."""
+        return np.zeros((1, 3, 3))
+
+
+@dataclass(frozen=True)
+class Field:
+    """u(x, t) by a function of positions (m, 3) [m] and t [s]; ∂u/∂x by central differences."""
+
+    function: Callable[[np.ndarray, float], np.ndarray]
+
+    def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(m, 3), or (1, 3) where the function returns (3,) for all [m/s]."""
+        u = np.atleast_2d(np.asarray(self.function(x, t), dtype=float))
+        if u.shape not in ((1, 3), x.shape) or not np.isfinite(u).all():
+            allowed = f"must be finite and of shape (3,) or {x.shape}"
+            raise InputError(f"velocity of shape {u.shape} at t = {t:g}", allowed, "Wind")
+        return np.ascontiguousarray(u)
+
+    def gradient(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(m, 3, 3), ∂u_i/∂x_j [1/s]."""
+        columns = []
+        for shift in GRADIENT_STEP * np.eye(3):
+            change = self.velocity(x + shift, t) - self.velocity(x - shift, t)
+            columns.append(np.broadcast_to(change / (2 * GRADIENT_STEP), x.shape))
+        return np.stack(columns, axis=2)
+
+
+@dataclass(frozen=True)
+class Formulas:
+    """Three numbers or formulas of x, y, z and t as a function of positions and time."""
+
+    parts: tuple
+
+    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
+        place = {"x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "t": t}
+        values = [part(**place) if isinstance(part, Formula) else part for part in self.parts]
+        return np.stack(np.broadcast_arrays(*values), axis=-1)
+
+
+@dataclass(frozen=True)
+class Gusts:
+    """Isotropic gusts of a given strength and size that the mean wind carries along.
+
+    u(x, t) = U + Σ a_n cos(k_n · (x − U t) + φ_n) with N random waves: k_n Gaussian with the
+    standard deviation 1/ℓ in each component, a_n of one length and at a random angle across k_n, so
+    that the field is free of divergence, and ½ Σ |a_n|² = 3 σ². Its components have the standard
+    deviation σ = intensity · |U| each; the correlation falls off as a Gaussian of length ℓ. A
+    frozen field in the sense of Taylor (1938), made after Kraichnan (1970), Diffusion by a random
+    velocity field, Physics of Fluids 13, 22–31, with a Gaussian spectrum.
+
+    Parameters
+    ----------
+    mean
+        U, three components [m/s].
+    intensity
+        σ / |U|; 0.1 over open country, 0.3 in a town.
+    length
+        ℓ [m].
+    seed
+        Equal seeds make equal gusts, on every machine.
+    waves
+        N.
+    """
+
+    mean: tuple[float, float, float]
+    intensity: float
+    length: float
+    seed: int = 0
+    waves: int = 64
+
+    def _waves(self):
+        """k (N, 3), a (N, 3) and φ (N,)."""
+        random = np.random.RandomState(self.seed)  # its numbers are fixed across NumPy versions
+        k = random.standard_normal((self.waves, 3)) / self.length
+        across = np.cross(k, random.standard_normal((self.waves, 3)))
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        a = self.intensity * np.linalg.norm(self.mean) * np.sqrt(6 / self.waves) * across
+        return k, a, random.uniform(0, 2 * np.pi, self.waves)
+
+    def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(m, 3) [m/s]."""
+        k, a, phase = self._waves()
+        return self.mean + np.cos((x - t * np.asarray(self.mean)) @ k.T + phase) @ a
+
+    def gradient(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(m, 3, 3), ∂u_i/∂x_j = −Σ a_n k_n sin(…) [1/s]."""
+        k, a, phase = self._waves()
+        sines = np.sin((x - t * np.asarray(self.mean)) @ k.T + phase)
+        return -np.einsum("mn,ni,nj->mij", sines, a, k, optimize=True)
+
+
+def field(velocity, where: str) -> Uniform | Field:
+    """The air of three numbers or formulas of x, y, z, t, or of a function u(x, t)."""
+    if callable(velocity):
+        return Field(velocity)
+    with contextlib.suppress(InputError):
+        return Uniform(vector(velocity, "velocity", where))
+    if isinstance(velocity, str) or np.ndim(np.asarray(velocity, dtype=object)) != 1:
+        velocity = (velocity,)
+    parts = []
+    for part in velocity:
+        if isinstance(part, str):
+            parts.append(Formula(part, PLACE))
+        elif not isinstance(part, bool) and np.isscalar(part) and np.isfinite(part):
+            parts.append(float(part))
+    if not len(parts) == len(velocity) == 3:
+        allowed = "must be three finite numbers or formulas of x, y, z, t, or a function u(x, t)"
+        raise InputError(f"velocity = {velocity!r}", allowed, where)
+    return Field(Formulas(tuple(parts)))

@@ -1,0 +1,269 @@
+"""Drag of the air on each triangle, normal and tangential."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from fecloth.errors import InputError, is_number
+from fecloth.fabric.panel import Panel
+from fecloth.jit import inner, kernel
+from fecloth.mesh.cloth import Cloth
+from fecloth.quantities.units import DENSITY, RESISTANCE
+from fecloth.terms.loads import air_velocity
+from fecloth.terms.loads.pressure import cross, edge
+from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
+
+Coefficient = Annotated[float, DENSITY.where(law="quadratic"), RESISTANCE.where(law="linear")]
+
+STILL = air_velocity.field((0.0, 0.0, 0.0), "Drag")
+
+
+@dataclass(frozen=True)
+class Drag:
+    """F = −A (k_n |w_n|ᵖ⁻¹ w_n n + k_t |w_t|ᵖ⁻¹ w_t) on each triangle, a third to each corner.
+
+    w = v̄ − u is the velocity of its centroid relative to the air, w_n = w · n and w_t = w − w_n n
+    its parts, A and n its deformed area and normal; u = 0 for still air, see `Wind`. p is 1
+    (linear) or 2 (quadratic). It dissipates −Σ F · w ≥ 0.
+
+    With N = (x₂ − x₁) × (x₃ − x₁) = 2 A n and the edges e_b opposite to the corners, the tangents
+    are
+
+        D_ab = −(1/9) ∂F/∂w                                   symmetric, semi-definite
+        K_ab = −(1/3) (∂F/∂N [e_b]× − ⅓ ∂F/∂w ∂u/∂x)          not symmetric
+
+    Source: the flow across and the flow along are taken to act each on its own, the independence
+    principle after Taylor (1952), Analysis of the swimming of long and narrow animals, Proc. R.
+    Soc. A 214, there for slender bodies.
+
+    Valid where the air's own inertia (added mass), lift by circulation and shielding do not count:
+    cloth that falls or is blown on at a large angle, at a steady speed. "linear" is for creeping
+    flow only. P1 triangles only.
+
+    Cost relative to `StVK`: force 1.3, tangent 1.4; with gusts 50 and 12.
+
+    Parameters
+    ----------
+    normal, tangential
+        k_n and k_t, >= 0: linear [Pa s/m]; quadratic [Pa s²/m²], that is ½ ρ C with the air's
+        density ρ = 1.2 kg/m³: C is about 0.01 along; across 1.17 for a square plate, 1.98 for a
+        long one (Matthews 2002, Aeronautical Engineer's Data Book, fig. 5.13).
+    law
+        "quadratic" or "linear".
+    tangent
+        "symmetric" (D only) or "exact" (with K).
+    """
+
+    normal: Coefficient
+    tangential: Coefficient = 0.0
+    law: str = "quadratic"
+    tangent: str = "symmetric"
+
+    def __post_init__(self):
+        check(self)
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        return cloth.stencil
+
+    def bind(self, panel: Panel, slots) -> BoundDrag:
+        return bound(self, STILL, panel, slots)
+
+
+def check(drag) -> None:
+    """Refuse coefficients, a law or a tangent that there is not."""
+    where = type(drag).__name__
+    for name in ("normal", "tangential"):
+        value = getattr(drag, name)
+        if not (is_number(value) and value >= 0):
+            raise InputError(f"{name} = {value!r}", "must be finite and >= 0", where)
+    if drag.normal == drag.tangential == 0:
+        raise InputError("normal = tangential = 0", "one of them must be > 0", where)
+    for name, choices in (("law", ("quadratic", "linear")), ("tangent", ("symmetric", "exact"))):
+        value = getattr(drag, name)
+        if value not in choices:
+            raise InputError(
+                f"{name} = {value!r}", f'must be "{choices[0]}" or "{choices[1]}"', where
+            )
+
+
+def bound(drag, wind, panel, slots, kind=None) -> BoundDrag:
+    """A drag on a cloth, as a `kind` of `BoundDrag`, in air that moves as `wind` says."""
+    cloth = panel.cloth
+    if cloth.stencil.shape[1] != 3:
+        raise InputError(f"element {cloth.element}", "must be P1", type(drag).__name__)
+    law = (float(drag.normal), float(drag.tangential), drag.law == "quadratic")
+    symmetric = drag.tangent == "symmetric"
+    return (kind or BoundDrag)(panel, slots(cloth.stencil), wind, law, symmetric)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundDrag:
+    """`Drag` on a cloth; `law` is (k_n, k_t, whether quadratic), `wind` the air's velocity."""
+
+    panel: Panel
+    slots: np.ndarray
+    wind: air_velocity.Uniform | air_velocity.Field | air_velocity.Gusts
+    law: tuple[float, float, bool]
+    symmetric: bool
+
+    name = "Drag"
+    has_energy = False
+    dissipative = True
+    velocity_dependent = True
+
+    @property
+    def nodes(self) -> np.ndarray:
+        return self.panel.cloth.stencil
+
+    def _centroids(self, x) -> np.ndarray | None:
+        return None if isinstance(self.wind, air_velocity.Uniform) else x[self.nodes].mean(axis=1)
+
+    def _air(self, x, t) -> np.ndarray:
+        return self.wind.velocity(self._centroids(x), t)
+
+    def power(self, x, v, t) -> float:
+        """Dissipated power −Σ F · w >= 0 [W]."""
+        return powers(self.nodes, self.law, self._air(x, t), x, v)[0]
+
+    def add_force(self, x, v, t, f) -> None:
+        """f += F/3 at each corner [N]."""
+        add_force(self.nodes, self.law, self._air(x, t), x, v, f)
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """J += wv D, and wx K unless it must be symmetric or `definite`."""
+        u = self._air(x, t)
+        if self.symmetric or definite:
+            wx, change = 0.0, np.zeros((1, 3, 3))
+        else:
+            change = self.wind.gradient(self._centroids(x), t)
+        add_tangent(self.nodes, self.slots, self.law, u, change, x, v, wx, wv, J.values)
+
+    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
+        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest at t = 0.
+
+        D of a triangle's own: k A/9 Σ 1/m_a with its share m_a of the nodes' masses; the quadratic
+        law has 2 k |u| for k. K, of either sign, counts where it is asked for, tangent = "exact".
+        """
+        cloth, (normal, tangential, quadratic) = self.panel.cloth, self.law
+        area = cloth.weights.sum(axis=1)
+        own = area * self.panel.density
+        around = np.bincount(cloth.stencil.ravel(), np.repeat(own, 3), len(mass))
+        share = own[:, None] * (mass / around)[cloth.stencil]
+        k = max(normal, tangential)
+        x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+        if quadratic:
+            k = 2 * k * np.linalg.norm(self._air(x, 0.0), axis=1)
+        damping = float((k * area / 9 * (1 / share).sum(axis=1)).max())
+        return 0.0 if self.symmetric else self._stiffness_bound(x, mass), damping
+
+    def _stiffness_bound(self, x, mass) -> float:
+        m, k = self.nodes.shape
+        slots = np.arange(m * k * k, dtype=np.int32).reshape(m, k, k)
+        u, change = self._air(x, 0.0), self.wind.gradient(self._centroids(x), 0.0)
+        K = np.zeros((m * k * k, 3, 3))
+        add_tangent(self.nodes, slots, self.law, u, change, x, np.zeros_like(x), 1.0, 0.0, K)
+        return stencil_bound(self.nodes, K.reshape(m, k, k, 3, 3), mass)
+
+
+@inner
+def dot(a, b):
+    """a · b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inner
+def flow(nodes, e, u, x, v):
+    """N, |N|, w = v̄ − u, s = w · N, and the part w_t of w along the triangle."""
+    i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
+    N = cross(edge(x, i, j), edge(x, i, k))
+    L = np.sqrt(dot(N, N))
+    a = min(e, len(u) - 1)  # one row of u for all, or one for each
+    w = (
+        (v[i, 0] + v[j, 0] + v[k, 0]) / 3 - u[a, 0],
+        (v[i, 1] + v[j, 1] + v[k, 1]) / 3 - u[a, 1],
+        (v[i, 2] + v[j, 2] + v[k, 2]) / 3 - u[a, 2],
+    )
+    s = dot(w, N)
+    y = s / (L * L) if L > 0.0 else 0.0
+    return N, L, w, s, (w[0] - y * N[0], w[1] - y * N[1], w[2] - y * N[2])
+
+
+@inner
+def total(law, N, L, s, wt):
+    """F = −½ (k_n g(s/L) N + k_t L φ w_t), g(y) = y, φ = 1 or g(y) = |y| y, φ = |w_t|."""
+    kn, kt, quadratic = law
+    wn = s / L if L > 0.0 else 0.0
+    if quadratic:
+        wn *= abs(wn)
+        kt *= np.sqrt(dot(wt, wt))
+    n, t = -0.5 * kn * wn, -0.5 * kt * L
+    return n * N[0] + t * wt[0], n * N[1] + t * wt[1], n * N[2] + t * wt[2]
+
+
+@kernel
+def add_force(nodes, law, u, x, v, f):
+    """f_a += F/3."""
+    for e in range(len(nodes)):
+        N, L, _, s, wt = flow(nodes, e, u, x, v)
+        F = total(law, N, L, s, wt)
+        for a in range(3):
+            for i in range(3):
+                f[nodes[e, a], i] += F[i] / 3
+
+
+@kernel
+def powers(nodes, law, u, x, v):
+    """−Σ F · w and Σ F · u."""
+    lost = brought = 0.0
+    for e in range(len(nodes)):
+        N, L, w, s, wt = flow(nodes, e, u, x, v)
+        F = total(law, N, L, s, wt)
+        a = min(e, len(u) - 1)
+        lost -= dot(F, w)
+        brought += F[0] * u[a, 0] + F[1] * u[a, 1] + F[2] * u[a, 2]
+    return lost, brought
+
+
+@kernel
+def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
+    """J_ab −= (1/3) (wx ∂F/∂N [e_b]× + (wv/3) ∂F/∂w − (wx/3) ∂F/∂w ∂u/∂x), for all a alike."""
+    kn, kt, quadratic = law
+    Fw, FN, own = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for e in range(len(nodes)):
+        N, L, _, s, wt = flow(nodes, e, u, x, v)
+        if L == 0.0:
+            continue
+        wn, speed = s / L, np.sqrt(dot(wt, wt))
+        g, slope = (abs(wn) * wn, 2 * abs(wn)) if quadratic else (wn, 1.0)
+        phi = speed if quadratic else 1.0
+        rise = 1 / speed if quadratic and speed > 0.0 else 0.0  # φ′ / |w_t|
+        y = s / (L * L)
+        for i in range(3):
+            for j in range(3):
+                one = 1.0 if i == j else 0.0
+                NN, tt = N[i] * N[j], wt[i] * wt[j]
+                across = one - NN / (L * L)
+                Fw[i, j] = -0.5 * (kn * slope / L * NN + kt * L * (phi * across + rise * tt))
+                turn = wt[i] * N[j] - N[i] * (wt[j] - y * N[j]) - s * one
+                FN[i, j] = -0.5 * kn * (g * one + slope / L * N[i] * wt[j])
+                FN[i, j] -= 0.5 * kt / L * (phi * turn - s * rise * tt)
+        a = min(e, len(du) - 1)
+        for i in range(3):
+            for j in range(3):
+                change = Fw[i, 0] * du[a, 0, j] + Fw[i, 1] * du[a, 1, j] + Fw[i, 2] * du[a, 2, j]
+                own[i, j] = (wv * Fw[i, j] - wx * change) / 9
+        for b in range(3):
+            g1, g2, g3 = edge(x, nodes[e, (b + 1) % 3], nodes[e, (b + 2) % 3])
+            for i in range(3):
+                # row i of ∂F/∂N [e_b]×
+                r1 = wx / 3 * (FN[i, 1] * g3 - FN[i, 2] * g2) + own[i, 0]
+                r2 = wx / 3 * (FN[i, 2] * g1 - FN[i, 0] * g3) + own[i, 1]
+                r3 = wx / 3 * (FN[i, 0] * g2 - FN[i, 1] * g1) + own[i, 2]
+                for a in range(3):
+                    block = slots[e, a, b]
+                    J[block, i, 0] -= r1
+                    J[block, i, 1] -= r2
+                    J[block, i, 2] -= r3

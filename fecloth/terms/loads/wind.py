@@ -1,0 +1,106 @@
+"""Drag in air that moves: uniform, a field of place and time, or gusts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from fecloth.errors import InputError, is_number
+from fecloth.fabric.panel import Panel
+from fecloth.mesh.cloth import Cloth
+from fecloth.quantities.units import LENGTH, SPEED
+from fecloth.terms.loads import air_velocity
+from fecloth.terms.loads.drag import BoundDrag, Coefficient, bound, check, powers
+
+
+@dataclass(frozen=True)
+class Wind:
+    """`Drag` in moving air, F = −A (k_n |w_n|ᵖ⁻¹ w_n n + k_t |w_t|ᵖ⁻¹ w_t) with w = v̄ − u(x, t).
+
+    u is the velocity of the air at the centroids of the triangles.
+
+    It takes the place of a `Drag` on the same cloth, which would count still air once more. Of
+    its power Σ F · v̄ the part Σ F · w is dissipated and Σ F · u is work of the wind: the ledger
+    has both, as ``dissipated:Wind`` and ``work:Wind``.
+
+    Source: `Drag` with w = v̄ − u(x, t); gusts after Kraichnan (1970), Diffusion by a random
+    velocity field, Physics of Fluids 13, 22–31 (`fecloth.air.Gusts`).
+
+    Valid where `Drag` is, for air that takes no notice of the cloth: there is no wake, no shelter
+    behind another part, and no flutter that the air's own motion would bring about.
+
+    Parameters
+    ----------
+    velocity
+        u: three numbers [m/s], formulas of x, y, z [m] and t [s] as text, or a function
+        ``u(x, t)`` of all centroids (m, 3) that returns (m, 3), or (3,) for uniform wind. The
+        exact tangent takes ∂u/∂x by central differences over 2e-5 m.
+    normal, tangential, law, tangent
+        As for `Drag`.
+    gusts
+        Turbulence intensity: the standard deviation of each component over the mean speed; then
+        `velocity` must be three numbers. See `fecloth.air.Gusts` for the field.
+    gust_length
+        Size of the gusts [m].
+    seed
+        Of their random waves; equal seeds make equal gusts.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> breeze = fc.Wind((5.0, 0.0, 0.0), normal=0.7, tangential=0.01, gusts=0.2, seed=3)
+    >>> shear = fc.Wind(("2 * z", 0, 0), normal=0.7)
+    """
+
+    velocity: Annotated[
+        tuple[float | str, float | str, float | str] | Callable[[np.ndarray, float], np.ndarray],
+        SPEED,
+    ]
+    normal: Coefficient
+    tangential: Coefficient = 0.0
+    law: str = "quadratic"
+    tangent: str = "symmetric"
+    gusts: float = 0.0
+    gust_length: Annotated[float, LENGTH] = 1.0
+    seed: int = 0
+
+    def __post_init__(self):
+        check(self)
+        air_velocity.field(self.velocity, "Wind")
+        for name in ("gusts", "gust_length"):
+            value = getattr(self, name)
+            if not (is_number(value) and value >= 0) or (name == "gust_length" and value == 0):
+                allowed = "must be finite and " + (">= 0" if name == "gusts" else "> 0 [m]")
+                raise InputError(f"{name} = {value!r}", allowed, "Wind")
+        if not 0 <= self.seed < 2**32:
+            raise InputError(f"seed = {self.seed!r}", "must lie in 0 … 2³² − 1", "Wind")
+        steady = not callable(self.velocity) and not any(isinstance(u, str) for u in self.velocity)
+        if self.gusts and not steady:
+            remedy = "Add fecloth.air.Gusts to a function of your own."
+            raise InputError("gusts of a wind that is not uniform", "need numbers", "Wind", remedy)
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        return cloth.stencil
+
+    def bind(self, panel: Panel, slots) -> BoundWind:
+        if self.gusts:
+            mean = tuple(map(float, self.velocity))
+            wind = air_velocity.Gusts(mean, self.gusts, self.gust_length, self.seed)
+        else:
+            wind = air_velocity.field(self.velocity, "Wind")
+        return bound(self, wind, panel, slots, BoundWind)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundWind(BoundDrag):
+    """`Wind` on a cloth: a drag to which the air brings power."""
+
+    name = "Wind"
+    load = True
+
+    def supply(self, x, v, t) -> float:
+        """Power Σ F · u of the wind [W]."""
+        return powers(self.nodes, self.law, self._air(x, t), x, v)[1]

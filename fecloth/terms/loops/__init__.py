@@ -1,0 +1,1 @@
+"""The compiled loops that all terms share, with what they need."""

@@ -1,0 +1,202 @@
+"""Conditions of one family on the stencils of a cloth: what `System` holds of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.fabric.panel import Panel
+from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
+from fecloth.terms.loops.eigenvalue_bounds import bound_of_squares, squares
+
+
+class Kernels(NamedTuple):
+    """A family's compiled entry points, each one of the loops of `condition` with it."""
+
+    energy: Callable
+    power: Callable
+    add_force: Callable
+    add_tangent: Callable
+
+
+@dataclass(frozen=True, eq=False)
+class BoundCondition:
+    """Conditions of one family on a cloth, made by `bind`.
+
+    Attributes
+    ----------
+    kernels
+        The family's entry points.
+    shape
+        (K, R), as the kernels take them.
+    nodes, slots
+        (m, k) int32 nodes of each stencil and (m, k, k) its blocks in the system matrix.
+    constants
+        (m, p) constants of each stencil.
+    stiffness, damping
+        (m, r, r) k_s and k_d.
+    rest
+        (n, 3) positions at which `rate_bounds` is taken.
+    hessian
+        "exact" or "gauss_newton" (without ∂²C).
+    tangent
+        Of the damping: "symmetric" (without its non-symmetric part) or "exact".
+    """
+
+    name: str
+    kernels: Kernels
+    shape: tuple[tuple, tuple]
+    nodes: np.ndarray
+    slots: np.ndarray
+    constants: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    rest: np.ndarray
+    hessian: str = "exact"
+    tangent: str = "symmetric"
+
+    @property
+    def has_energy(self) -> bool:
+        return bool(self.stiffness.any())
+
+    @property
+    def dissipative(self) -> bool:
+        return bool(self.damping.any())
+
+    @property
+    def velocity_dependent(self) -> bool:
+        return self.dissipative
+
+    @property
+    def symmetric(self) -> bool:
+        return self.tangent == "symmetric" or not self.dissipative
+
+    def table(self, x, t, order) -> np.ndarray:
+        """(m, p) constants at x and t, for terms whose are not: up to what `order` asks for."""
+        return self.constants
+
+    def energy(self, x: np.ndarray, t: float) -> float:
+        """½ Σ Cᵀ k_s C [J]."""
+        return self.kernels.energy(*self.shape, self.nodes, self.table(x, t, 0), self.stiffness, x)
+
+    def power(self, x, v, t) -> float:
+        """Dissipated power Σ Ċᵀ k_d Ċ [W]."""
+        return self.kernels.power(*self.shape, self.nodes, self.table(x, t, 1), self.damping, x, v)
+
+    def add_force(self, x, v, t, f) -> None:
+        """f_a −= ∂C_a (k_s C + k_d Ċ) [N]."""
+        data = self.table(x, t, 1), self.stiffness, self.damping
+        self.kernels.add_force(*self.shape, self.nodes, *data, x, v, f)
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """J += wx K + wv D."""
+        part = EXACT if self.hessian == "exact" else GAUSS_NEWTON
+        if definite and part == EXACT:
+            part = DEFINITE
+        mixed = not self.symmetric and not definite
+        data = self.table(x, t, 2), self.stiffness, self.damping
+        weights = float(wx), float(wv), part, mixed
+        self.kernels.add_tangent(
+            *self.shape, self.nodes, self.slots, *data, x, v, *weights, J.values
+        )
+
+    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
+        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest and of M⁻¹D [1/s]."""
+        return self._bound(mass, 1.0, 0.0), self._bound(mass, 0.0, 1.0)
+
+    def _bound(self, mass, wx, wv) -> float:
+        """Bound for wx K + wv D, by stencils."""
+        if not (self.stiffness.any() if wx else self.damping.any()):
+            return 0.0
+        parts = [squares(blocks) for blocks in self._blocks(wx, wv)]
+        return bound_of_squares(self.nodes, np.concatenate(parts), mass)
+
+    def _blocks(self, wx, wv, size=8192):
+        """(s, k, k, 3, 3), the stencils' own matrices at rest, `size` of them at once."""
+        still, constants = np.zeros_like(self.rest), self.table(self.rest, 0.0, 2)
+        for start in range(0, len(self.nodes), size):
+            part = slice(start, start + size)
+            s, k = self.nodes[part].shape
+            slots = np.arange(s * k * k, dtype=np.int32).reshape(s, k, k)
+            values = np.zeros((s * k * k, 3, 3))
+            data = constants[part], self.stiffness[part], self.damping[part]
+            weights = wx, wv, EXACT if self.hessian == "exact" else GAUSS_NEWTON, False
+            nodes = self.nodes[part]
+            self.kernels.add_tangent(
+                *self.shape, nodes, slots, *data, self.rest, still, *weights, values
+            )
+            yield values.reshape(s, k, k, 3, 3)
+
+
+def bind(
+    name: str,
+    kernels: Kernels,
+    convex: tuple[int, ...],
+    panel: Panel,
+    slots: Callable,
+    nodes: np.ndarray,
+    constants: np.ndarray,
+    stiffness: np.ndarray | float,
+    damping: np.ndarray | float = 0.0,
+    hessian: str = "exact",
+    tangent: str = "symmetric",
+) -> BoundCondition:
+    """Bind a family of conditions to the stencils `nodes` of a panel.
+
+    Parameters
+    ----------
+    name
+        The term's name in the ledger.
+    convex
+        For each of the r components, 1 if its ∂²C is positive semi-definite everywhere, else 0.
+    panel, slots
+        As a term's ``bind`` gets them.
+    nodes
+        (m, k) int32; the very array that the term's ``stencil`` gives, or an equal one.
+    constants
+        (m, p), what the condition gets as `c`.
+    stiffness, damping
+        k_s and k_d: a number, (m,) one for each stencil, (m, r) also for each component, or
+        (m, r, r).
+    hessian, tangent
+        See `BoundCondition`.
+    """
+    nodes = np.ascontiguousarray(nodes, dtype=np.int32)
+    m, k = nodes.shape
+    X = panel.cloth.X
+    return BoundCondition(
+        name,
+        kernels,
+        ((0,) * k, tuple(int(flag) for flag in convex)),
+        nodes,
+        slots(nodes),
+        np.ascontiguousarray(np.broadcast_to(constants, (m, np.shape(constants)[-1])), dtype=float),
+        _matrices(stiffness, m, len(convex)),
+        _matrices(damping, m, len(convex)),
+        np.column_stack([X, np.zeros(len(X))]),
+        hessian,
+        tangent,
+    )
+
+
+def _matrices(values, m: int, r: int) -> np.ndarray:
+    """(m, r, r) from a number, (m,), (m, r) or (m, r, r)."""
+    values = np.asarray(values, dtype=float)
+    if values.ndim < 3:
+        rows = values[:, None] if values.ndim == 1 else values
+        values = np.broadcast_to(rows, (m, r))[:, :, None] * np.eye(r)
+    return np.ascontiguousarray(np.broadcast_to(values, (m, r, r)))
+
+
+def check_options(where: str, hessian: str = "exact", tangent: str = "symmetric") -> None:
+    """Refuse a choice that there is not."""
+    for name, value, allowed in (
+        ("hessian", hessian, ("exact", "gauss_newton")),
+        ("tangent", tangent, ("symmetric", "exact")),
+    ):
+        if value not in allowed:
+            raise InputError(f"{name} = {value!r}", f"must be one of {', '.join(allowed)}", where)

@@ -1,0 +1,166 @@
+"""The condition loop: springs, hinges and every other condition C(x) run through these kernels.
+
+A condition C(x) with r components on a stencil of k nodes, a stiffness k_s and a damping k_d give
+(Baraff and Witkin 1998, Large Steps in Cloth Simulation, equations in brackets)
+
+    energy   ½ Cᵀ k_s C                                                       (above (7))
+    force    f_a = −∂C_a k_s C                                                        (7)
+    K_ab   = ∂C_a k_s ∂C_bᵀ + Σ_r (k_s C)_r ∂²C_r,ab                                  (8)
+    damping  d_a = −∂C_a k_d Ċ,  Ċ = Σ_a ∂C_aᵀ v_a                                   (11)
+    −∂d_a/∂x_b = Σ_r (k_d Ċ)_r ∂²C_r,ab + ∂C_a k_d (∂Ċ/∂x_b)ᵀ,  ∂Ċ/∂x_b = ∂²C_ba v   (12)
+    −∂d_a/∂v_b = ∂C_a k_d ∂C_bᵀ                                                      (13)
+
+with the last part of (12) not symmetric: Baraff and Witkin drop it. k_s and k_d are (r, r)
+matrices, the stencil's own: for one component they are numbers, else mostly diagonal.
+
+A family of conditions is a compiled function
+
+    condition(y, c, order, C, g, H)      decorated with @inner
+
+    y (k, 3)             positions of the stencil's nodes [m]
+    c (p,)               the constants of the stencil
+    order                what is asked for: 0 only C, 1 also g, 2 also H
+    C (r,), g (r, k, 3), H (r, k, 3, k, 3)
+                         to be filled with C, ∂C/∂y and ∂²C/∂y∂y: every entry that `order` asks for,
+                         for they hold the values of another stencil before
+
+and four module-level entry points, which hand it to the loops below (as springs.py does), in a
+`Kernels`. `K` is a tuple with one zero for each node and `R` a tuple with, for each component, 1
+if its ∂²C is positive semi-definite at every x and 0 if it is not: the compiler knows their
+length. `boundcondition.bind` makes the bound term. A term whose constants change with x or t
+extends `BoundCondition` and its `table`, as user_condition.py and tether.py do.
+
+`definite` keeps the part (k_s C + k_d Ċ)_r ∂²C_r where both factors are not negative, drops the
+others and the non-symmetric part. Gauss–Newton drops all of ∂²C.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fecloth.jit import inner, loop
+
+GAUSS_NEWTON, EXACT, DEFINITE = 0, 1, 2  # what becomes of the part with ∂²C
+
+
+@inner
+def gather(K, nodes, e, x, y):
+    """y_a = x of the stencil's node a."""
+    for a in range(len(K)):
+        i = np.uintp(nodes[e, a])
+        for j in range(3):
+            y[a, j] = x[i, j]
+
+
+@inner
+def rate(K, R, g, u, out):
+    """Ċ_r = Σ_a ∂C_r/∂x_a · v_a."""
+    for r in range(len(R)):
+        out[r] = 0.0
+        for a in range(len(K)):
+            out[r] += g[r, a, 0] * u[a, 0] + g[r, a, 1] * u[a, 1] + g[r, a, 2] * u[a, 2]
+
+
+@loop
+def energy(condition, K, R, nodes, c, ks, x):
+    """½ Σ Cᵀ k_s C [J]."""
+    y, C = np.empty((len(K), 3)), np.empty(len(R))
+    g, H = np.empty((len(R), len(K), 3)), np.empty((0, 0, 0, 0, 0))
+    total = 0.0
+    for e in range(len(nodes)):
+        gather(K, nodes, e, x, y)
+        condition(y, c[e], 0, C, g, H)
+        for r in range(len(R)):
+            for s in range(len(R)):
+                total += 0.5 * ks[e, r, s] * C[r] * C[s]
+    return total
+
+
+@loop
+def power(condition, K, R, nodes, c, kd, x, v):
+    """Dissipated power Σ Ċᵀ k_d Ċ [W]."""
+    y, u = np.empty((len(K), 3)), np.empty((len(K), 3))
+    C, Cdot = np.empty(len(R)), np.empty(len(R))
+    g, H = np.empty((len(R), len(K), 3)), np.empty((0, 0, 0, 0, 0))
+    total = 0.0
+    for e in range(len(nodes)):
+        gather(K, nodes, e, x, y)
+        gather(K, nodes, e, v, u)
+        condition(y, c[e], 1, C, g, H)
+        rate(K, R, g, u, Cdot)
+        for r in range(len(R)):
+            for s in range(len(R)):
+                total += kd[e, r, s] * Cdot[r] * Cdot[s]
+    return total
+
+
+@loop
+def add_force(condition, K, R, nodes, c, ks, kd, x, v, f):
+    """f_a −= ∂C_a (k_s C + k_d Ċ)."""
+    y, u = np.empty((len(K), 3)), np.empty((len(K), 3))
+    C, Cdot = np.empty(len(R)), np.empty(len(R))
+    g, H = np.empty((len(R), len(K), 3)), np.empty((0, 0, 0, 0, 0))
+    for e in range(len(nodes)):
+        gather(K, nodes, e, x, y)
+        gather(K, nodes, e, v, u)
+        condition(y, c[e], 1, C, g, H)
+        rate(K, R, g, u, Cdot)
+        for r in range(len(R)):
+            tension = 0.0
+            for s in range(len(R)):
+                tension += ks[e, r, s] * C[s] + kd[e, r, s] * Cdot[s]
+            for a in range(len(K)):
+                i = np.uintp(nodes[e, a])
+                for j in range(3):
+                    f[i, j] -= tension * g[r, a, j]
+
+
+@loop
+def add_tangent(condition, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
+    """J_ab += ∂C_a (wx k_s + wv k_d) ∂C_bᵀ + wx Σ (k_s C + k_d Ċ)_r ∂²C_r,ab + the mixed part.
+
+    `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is there.
+    """
+    k, n = len(K), len(R)
+    y, u = np.empty((k, 3)), np.empty((k, 3))
+    C, Cdot, tension = np.empty(n), np.empty(n), np.empty(n)
+    g, H = np.empty((n, k, 3)), np.empty((n, k, 3, k, 3))
+    turn, T = np.zeros((n, k, 3)), np.empty((n, k, 3))  # ∂Ċ/∂x; what ∂C_a is multiplied by
+    order = 2 if part != GAUSS_NEWTON or mixed else 1
+    for e in range(len(nodes)):
+        gather(K, nodes, e, x, y)
+        gather(K, nodes, e, v, u)
+        condition(y, c[e], order, C, g, H)
+        rate(K, R, g, u, Cdot)
+        if mixed:
+            for r in range(n):
+                for b in range(k):
+                    for j in range(3):
+                        total = 0.0
+                        for a in range(k):
+                            for i in range(3):
+                                total += H[r, b, j, a, i] * u[a, i]
+                        turn[r, b, j] = wx * total
+        for r in range(n):
+            s = 0.0
+            for q in range(n):
+                s += ks[e, r, q] * C[q] + kd[e, r, q] * Cdot[q]
+            drop = part == GAUSS_NEWTON or (part == DEFINITE and (R[r] == 0 or wx * s < 0.0))
+            tension[r] = 0.0 if drop else wx * s
+            for b in range(k):
+                for j in range(3):
+                    T[r, b, j] = 0.0
+                    for q in range(n):
+                        weight = wx * ks[e, r, q] + wv * kd[e, r, q]
+                        T[r, b, j] += weight * g[q, b, j] + kd[e, r, q] * turn[q, b, j]
+        for a in range(k):
+            for b in range(k):
+                slot = np.uintp(slots[e, a, b])
+                for i in range(3):
+                    for j in range(3):
+                        total = 0.0
+                        for r in range(n):
+                            total += g[r, a, i] * T[r, b, j]
+                            if tension[r] != 0.0:
+                                total += tension[r] * H[r, a, i, b, j]
+                        J[slot, i, j] += total

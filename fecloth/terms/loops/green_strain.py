@@ -1,0 +1,171 @@
+"""The Green strain at a quadrature point, and what stress and moduli there are at the nodes.
+
+In the notation of `membrane`: E and S in the order (11, 22, 12), ℂ as (C11, C22, C66, C12, C16,
+C26), F as its columns (F11, F21, F31, F12, F22, F32), and B_a with δE = Σ B_a δx_a.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from fecloth.jit import inner
+
+
+@inner
+def gradient(K, nodes, G, e, q, y):
+    """F = Σ y_a ⊗ G_a, as columns (F11, F21, F31, F12, F22, F32)."""
+    F11 = F21 = F31 = F12 = F22 = F32 = 0.0
+    for a in range(len(K)):
+        i = np.uintp(nodes[e, a])
+        G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
+        F11 += y[i, 0] * G1
+        F21 += y[i, 1] * G1
+        F31 += y[i, 2] * G1
+        F12 += y[i, 0] * G2
+        F22 += y[i, 1] * G2
+        F32 += y[i, 2] * G2
+    return F11, F21, F31, F12, F22, F32
+
+
+@inner
+def green_strain(F):
+    """E = (FᵀF − I)/2."""
+    F11, F21, F31, F12, F22, F32 = F
+    E11 = 0.5 * (F11 * F11 + F21 * F21 + F31 * F31 - 1.0)
+    E22 = 0.5 * (F12 * F12 + F22 * F22 + F32 * F32 - 1.0)
+    E12 = 0.5 * (F11 * F12 + F21 * F22 + F31 * F32)
+    return E11, E22, E12
+
+
+@inner
+def strain_rate(F, H):
+    """Ė = sym(FᵀḞ) with H = Ḟ."""
+    F11, F21, F31, F12, F22, F32 = F
+    H11, H21, H31, H12, H22, H32 = H
+    R11 = F11 * H11 + F21 * H21 + F31 * H31
+    R22 = F12 * H12 + F22 * H22 + F32 * H32
+    R12 = F11 * H12 + F21 * H22 + F31 * H32 + F12 * H11 + F22 * H21 + F32 * H31
+    return R11, R22, 0.5 * R12
+
+
+@inner
+def clamped(S, floor):
+    """S with its principal values raised to `floor` (0: positive semi-definite; −inf: as it is)."""
+    S11, S22, S12 = S
+    mean = 0.5 * (S11 + S22)
+    half = 0.5 * (S11 - S22)
+    radius = math.sqrt(half * half + S12 * S12)
+    if mean - radius >= floor:
+        return S
+    if mean + radius <= floor:
+        return floor, floor, 0.0
+    # only the smaller one is below: S + (floor − s₂) n₂ ⊗ n₂
+    raise_ = floor - (mean - radius)
+    c, s = half / radius, S12 / radius
+    return (
+        S11 + 0.5 * raise_ * (1.0 - c),
+        S22 + 0.5 * raise_ * (1.0 + c),
+        S12 - 0.5 * raise_ * s,
+    )
+
+
+@inner
+def scatter_force(K, nodes, G, e, q, w, F, S, f):
+    """f_a −= w P G_a with P = F S."""
+    F11, F21, F31, F12, F22, F32 = F
+    S11, S22, S12 = S
+    P11, P12 = w * (F11 * S11 + F12 * S12), w * (F11 * S12 + F12 * S22)
+    P21, P22 = w * (F21 * S11 + F22 * S12), w * (F21 * S12 + F22 * S22)
+    P31, P32 = w * (F31 * S11 + F32 * S12), w * (F31 * S12 + F32 * S22)
+    for a in range(len(K)):
+        i = np.uintp(nodes[e, a])
+        G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
+        f[i, 0] -= P11 * G1 + P12 * G2
+        f[i, 1] -= P21 * G1 + P22 * G2
+        f[i, 2] -= P31 * G1 + P32 * G2
+
+
+@inner
+def material_rows(C, F, G1, G2):
+    """T = ℂ B_a, three columns for δx_a: B_a = (F₁ G1, F₂ G2, F₁ G2 + F₂ G1)."""
+    C11, C22, C66, C12, C16, C26 = C
+    F11, F21, F31, F12, F22, F32 = F
+    # each row of T is α F₁ + β F₂
+    a1, b1 = C11 * G1 + C16 * G2, C12 * G2 + C16 * G1
+    a2, b2 = C12 * G1 + C26 * G2, C22 * G2 + C26 * G1
+    a3, b3 = C16 * G1 + C66 * G2, C26 * G2 + C66 * G1
+    return (
+        (a1 * F11 + b1 * F12, a1 * F21 + b1 * F22, a1 * F31 + b1 * F32),
+        (a2 * F11 + b2 * F12, a2 * F21 + b2 * F22, a2 * F31 + b2 * F32),
+        (a3 * F11 + b3 * F12, a3 * F21 + b3 * F22, a3 * F31 + b3 * F32),
+    )
+
+
+@inner
+def block(T, H, G1, G2):
+    """Tᵀ B_b(H) = p ⊗ H₁ + r ⊗ H₂, the 3×3 material block of the pair (a, b)."""
+    T1, T2, T3 = T
+    H11, H21, H31, H12, H22, H32 = H
+    p1, r1 = T1[0] * G1 + T3[0] * G2, T3[0] * G1 + T2[0] * G2
+    p2, r2 = T1[1] * G1 + T3[1] * G2, T3[1] * G1 + T2[1] * G2
+    p3, r3 = T1[2] * G1 + T3[2] * G2, T3[2] * G1 + T2[2] * G2
+    return (
+        (p1 * H11 + r1 * H12, p1 * H21 + r1 * H22, p1 * H31 + r1 * H32),
+        (p2 * H11 + r2 * H12, p2 * H21 + r2 * H22, p2 * H31 + r2 * H32),
+        (p3 * H11 + r3 * H12, p3 * H21 + r3 * H22, p3 * H31 + r3 * H32),
+    )
+
+
+@inner
+def scatter_symmetric(K, slots, G, e, q, w, F, S, C, J):
+    """J_ab += w (B_aᵀ ℂ B_b + (G_a · S G_b) I₃); the lower half is the upper one transposed."""
+    S11, S22, S12 = w * S[0], w * S[1], w * S[2]
+    C = (w * C[0], w * C[1], w * C[2], w * C[3], w * C[4], w * C[5])
+    for a in range(len(K)):
+        G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
+        T = material_rows(C, F, G1, G2)
+        g1, g2 = S11 * G1 + S12 * G2, S12 * G1 + S22 * G2
+        for b in range(a + 1):
+            H1, H2 = G[e, q, b, 0], G[e, q, b, 1]
+            M = block(T, F, H1, H2)
+            g = g1 * H1 + g2 * H2
+            s = np.uintp(slots[e, a, b])
+            for i in range(3):
+                J[s, i, i] += M[i][i] + g
+            J[s, 0, 1] += M[0][1]
+            J[s, 0, 2] += M[0][2]
+            J[s, 1, 0] += M[1][0]
+            J[s, 1, 2] += M[1][2]
+            J[s, 2, 0] += M[2][0]
+            J[s, 2, 1] += M[2][1]
+            if b < a:
+                s = np.uintp(slots[e, b, a])
+                for i in range(3):
+                    J[s, i, i] += M[i][i] + g
+                J[s, 1, 0] += M[0][1]
+                J[s, 2, 0] += M[0][2]
+                J[s, 0, 1] += M[1][0]
+                J[s, 2, 1] += M[1][2]
+                J[s, 0, 2] += M[2][0]
+                J[s, 1, 2] += M[2][1]
+
+
+@inner
+def scatter_mixed(K, slots, G, e, q, w, F, F1, S, C, J):
+    """J_ab += w (B_a(F)ᵀ ℂ B_b(F₁) + (G_a · S G_b) I₃), which is not symmetric."""
+    S11, S22, S12 = w * S[0], w * S[1], w * S[2]
+    C = (w * C[0], w * C[1], w * C[2], w * C[3], w * C[4], w * C[5])
+    for a in range(len(K)):
+        G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
+        T = material_rows(C, F, G1, G2)
+        g1, g2 = S11 * G1 + S12 * G2, S12 * G1 + S22 * G2
+        for b in range(len(K)):
+            H1, H2 = G[e, q, b, 0], G[e, q, b, 1]
+            M = block(T, F1, H1, H2)
+            s = np.uintp(slots[e, a, b])
+            for i in range(3):
+                J[s, i, i] += g1 * H1 + g2 * H2
+                for j in range(3):
+                    J[s, i, j] += M[i][j]

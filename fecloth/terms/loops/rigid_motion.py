@@ -1,0 +1,106 @@
+"""The motion d of a stencil's nodes without its rigid part, and how that changes with y.
+
+    u_a = d_a − d̄ − ω × p_a,   p = y − ȳ,   Θω = Σ p_a × d_a,   Θ = Σ |p_a|² I − p_a p_aᵀ
+
+For `discrete`, where d = 2 (y − y₀). `K` is a tuple with one zero for each node.
+"""
+
+from __future__ import annotations
+
+from fecloth.jit import inner
+
+
+@inner
+def centred(K, y, p):
+    """p_a = y_a − ȳ; Σ |p|²."""
+    total = 0.0
+    for i in range(3):
+        mean = 0.0
+        for a in range(len(K)):
+            mean += y[a, i] / len(K)
+        for a in range(len(K)):
+            p[a, i] = y[a, i] - mean
+            total += p[a, i] * p[a, i]
+    return total
+
+
+@inner
+def inverse_inertia(K, p, total):
+    """Θ⁻¹ = (11, 22, 33, 12, 13, 23), of two nodes without p pᵀ, for ω is across their line."""
+    if len(K) == 2:
+        inverse = 1.0 / total if total > 0.0 else 0.0  # a spring of no length turns nothing
+        return inverse, inverse, inverse, 0.0, 0.0, 0.0
+    a11, a22, a33, a12, a13, a23 = total, total, total, 0.0, 0.0, 0.0
+    for a in range(len(K)):
+        a11 -= p[a, 0] * p[a, 0]
+        a22 -= p[a, 1] * p[a, 1]
+        a33 -= p[a, 2] * p[a, 2]
+        a12 -= p[a, 0] * p[a, 1]
+        a13 -= p[a, 0] * p[a, 2]
+        a23 -= p[a, 1] * p[a, 2]
+    b11, b12, b13 = a22 * a33 - a23 * a23, a13 * a23 - a12 * a33, a12 * a23 - a13 * a22
+    det = a11 * b11 + a12 * b12 + a13 * b13
+    b22, b33, b23 = a11 * a33 - a13 * a13, a11 * a22 - a12 * a12, a12 * a13 - a11 * a23
+    return b11 / det, b22 / det, b33 / det, b12 / det, b13 / det, b23 / det
+
+
+@inner
+def times(A, b):
+    """A b of a symmetric A."""
+    return (
+        A[0] * b[0] + A[3] * b[1] + A[4] * b[2],
+        A[3] * b[0] + A[1] * b[1] + A[5] * b[2],
+        A[4] * b[0] + A[5] * b[1] + A[2] * b[2],
+    )
+
+
+@inner
+def cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inner
+def without_rigid_part(K, p, d, inverse, u):
+    """u_a = d_a − d̄ − ω × p_a; ω and s = u · u."""
+    L1 = L2 = L3 = 0.0
+    for a in range(len(K)):
+        turn = cross(p[a], d[a])
+        L1, L2, L3 = L1 + turn[0], L2 + turn[1], L3 + turn[2]
+    omega = times(inverse, (L1, L2, L3))
+    centred(K, d, u)
+    s = 0.0
+    for a in range(len(K)):
+        turn = cross(omega, p[a])
+        for i in range(3):
+            u[a, i] -= turn[i]
+            s += u[a, i] * u[a, i]
+    return omega, s
+
+
+@inner
+def turned(K, p, d, omega, inverse, b, j, du):
+    """du = ∂u/∂y_bj, with ∂d = 2 ∂y and ∂ω = Θ⁻¹(∂L − ∂Θ ω)."""
+    k = len(K)
+    unit = (1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0, 1.0 if j == 2 else 0.0)
+    m1 = m2 = m3 = 0.0
+    for a in range(k):
+        m1, m2, m3 = m1 + d[a, 0] / k, m2 + d[a, 1] / k, m3 + d[a, 2] / k
+    first = cross(unit, (d[b, 0] - m1, d[b, 1] - m2, d[b, 2] - m3))
+    second = cross(p[b], unit)
+    along = p[b, 0] * omega[0] + p[b, 1] * omega[1] + p[b, 2] * omega[2] if k > 2 else 0.0
+    across = omega[j] if k > 2 else 0.0
+    twice = 2.0 * p[b, j]
+    turn = times(
+        inverse,
+        (
+            first[0] + 2.0 * second[0] - twice * omega[0] + unit[0] * along + p[b, 0] * across,
+            first[1] + 2.0 * second[1] - twice * omega[1] + unit[1] * along + p[b, 1] * across,
+            first[2] + 2.0 * second[2] - twice * omega[2] + unit[2] * along + p[b, 2] * across,
+        ),
+    )
+    swept = cross(omega, unit)
+    for a in range(k):
+        share = (1.0 if a == b else 0.0) - 1.0 / k
+        moved = cross(turn, p[a])
+        for i in range(3):
+            du[a, i] = share * (2.0 * unit[i] - swept[i]) - moved[i]

@@ -1,0 +1,1 @@
+"""Membrane laws: energy, stress and tangent as functions of the Green strain."""

@@ -1,0 +1,107 @@
+"""The St. Venant–Kirchhoff membrane: energy quadratic in the Green strain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.panel import Panel
+from fecloth.jit import inner, kernel
+from fecloth.mesh.cloth import Cloth
+from fecloth.terms.loops import membrane, membrane_discrete_gradient
+from fecloth.terms.loops.membrane import contract
+
+
+@dataclass(frozen=True)
+class StVK:
+    """W = ½ E:ℂ:E, S = ℂ:E with the plane-stress moduli ℂ of the fabric, isotropic or orthotropic.
+
+    Energy per reference area W [J/m²], stress resultant S [N/m], in the material axes warp and
+    weft:
+
+        isotropic    W = Y/(2 (1 − ν²)) (E11² + E22² + 2 ν E11 E22 + 2 (1 − ν) E12²)
+        orthotropic  W = (Y₁ E11² + Y₂ E22² + 2 ν₁₂ Y₂ E11 E22)/(2 (1 − ν₁₂ ν₂₁)) + 2 G E12²
+
+    with ν₂₁ = ν₁₂ Y₂/Y₁. Pulled to the stretch λ with its sides free, it bears the nominal stress
+    P = Y λ (λ² − 1)/2 [N/m].
+
+    Source: Bonet and Wood (2008), Nonlinear Continuum Mechanics for Finite Element Analysis,
+    chapter 6, with plane-stress moduli (`Fabric.moduli`).
+
+    Valid for any rotation and for small strains, of a few per cent: at 10 % P is 15.5 % above
+    Y (λ − 1), and a woven fabric stiffens in another way, as its crimp is pulled out. W is convex
+    in E, but compressed below a stretch of 1/√3 = 0.577 the resistance falls again: a triangle
+    gives way and can collapse.
+
+    Cost: 15 ns a triangle for the force, 68 for the tangent (one thread); other terms state
+    theirs relative to these, and ``python -m studies.benchmarks.terms`` measures them.
+    """
+
+    def moduli(self, fabric: Fabric) -> np.ndarray:
+        """(6,) ℂ = (C11, C22, C66, C12, C16, C26) [N/m]."""
+        return fabric.moduli()
+
+    elements = ("P1", "P2")
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        return cloth.stencil
+
+    def bind(self, panel: Panel, slots) -> membrane_discrete_gradient.SteppedMembrane:
+        C = panel.each(self.moduli)
+        return membrane_discrete_gradient.bind("StVK", KERNELS, AVERAGED, C, C, panel, slots)
+
+
+@inner
+def law(E, c):
+    """c = ℂ: W = E:ℂ:E / 2, S = ℂ:E, ∂S/∂E = ℂ."""
+    C = (c[0], c[1], c[2], c[3], c[4], c[5])
+    S = contract(C, E)
+    W = 0.5 * (S[0] * E[0] + S[1] * E[1] + 2.0 * S[2] * E[2])
+    return W, S, C
+
+
+@kernel
+def energy(K, Q, nodes, G, w, c, x):
+    return membrane.energy(law, K, Q, nodes, G, w, c, x)
+
+
+@kernel
+def add_force(K, Q, nodes, G, w, c, x, f):
+    membrane.add_force(law, K, Q, nodes, G, w, c, x, f)
+
+
+@kernel
+def add_tangent(K, Q, nodes, slots, G, w, c, x, scale, floor, J):
+    membrane.add_tangent(law, K, Q, nodes, slots, G, w, c, x, scale, floor, J)
+
+
+@kernel
+def add_stress(K, Q, nodes, G, w, c, x, out):
+    membrane.add_stress(law, K, Q, nodes, G, w, c, x, out)
+
+
+KERNELS = membrane.Kernels(energy, add_force, add_tangent, add_stress)
+
+
+@kernel
+def force_over_step(K, Q, nodes, G, w, c, start, x, f):
+    membrane_discrete_gradient.add_force(law, K, Q, nodes, G, w, c, start, x, f)
+
+
+@kernel
+def tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    membrane_discrete_gradient.add_tangent(law, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+@kernel
+def symmetric_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
+    membrane_discrete_gradient.add_symmetric(
+        law, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J
+    )
+
+
+AVERAGED = membrane_discrete_gradient.Averaged(
+    force_over_step, tangent_over_step, symmetric_over_step
+)

@@ -1,0 +1,156 @@
+"""Tension field: a membrane that folds finely instead of bearing compression."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.panel import Panel
+from fecloth.jit import inner, kernel
+from fecloth.mesh.cloth import Cloth
+from fecloth.terms.loops import gonzalez, membrane, membrane_discrete_gradient
+from fecloth.terms.loops.membrane import contract
+
+
+@dataclass(frozen=True)
+class TensionField:
+    """`StVK` relaxed: W(E) = min over A ⪰ 0 of ½ (E + A):ℂ:(E + A), A what the wrinkles hide.
+
+    With the principal strains E₁ ≥ E₂, n the direction of E₁ and t across it, a point is
+
+        taut      E₂ + νE₁ > 0         W = ½ E:ℂ:E,   S = ℂ:E
+        wrinkled  E₂ + νE₁ ≤ 0 < E₁    W = ½ Y E₁²,   S = Y E₁ n⊗n
+        slack     E₁ ≤ 0               W = 0,         S = 0
+
+    the mixed criterion: taut by the smaller principal stress, slack by the larger principal
+    strain. Within the wrinkled state ∂S/∂E is Y on the strain along n and
+    Y E₁/(E₁ − E₂) on the shear of n and t (twice the usual C66), as the wrinkles turn with n.
+    W and S are continuous and ℂ jumps between the states, W is convex in E, S ⪰ 0 and ℂ ⪰ 0: the
+    tangent is semi-definite at any state, and a definite one is the exact one.
+
+    Source: Pipkin (1986), The relaxed energy density for isotropic elastic membranes, IMA J. Appl.
+    Math. 36, 85–99, and Steigmann (1990), Tension-field theory, Proc. R. Soc. Lond. A 429,
+    141–173; the criterion is that of Roddeman, Drukker, Oomens and Janssen (1987), The wrinkling
+    of thin membranes, J. Appl. Mech. 54, 884–887; here for the energy of `StVK`.
+
+    Valid where wrinkles are finer than what is asked for: it gives the mean surface and the
+    stress, not the wrinkles, and does not depend on the mesh where `StVK` would fold at the width
+    of a triangle. A slack region has no stiffness, a wrinkled one none across its wrinkles: a
+    static solution needs a load or a mass there. In tension it holds for the small strains of
+    `StVK`. Isotropic fabrics only: for an orthotropic one the direction of tension is not that of
+    E₁.
+
+    Cost relative to `StVK`: force 1.7, tangent 1.2.
+    """
+
+    def constants(self, fabric: Fabric) -> np.ndarray:
+        """(2,) Y [N/m] and ν; refuses a fabric that is not isotropic."""
+        return np.array(fabric.isotropic("TensionField"))
+
+    def moduli(self, fabric: Fabric) -> np.ndarray:
+        """(6,) ℂ [N/m], that of the taut state."""
+        fabric.isotropic("TensionField")
+        return fabric.moduli()
+
+    elements = ("P1", "P2")
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        return cloth.stencil
+
+    def bind(self, panel: Panel, slots) -> membrane_discrete_gradient.SteppedMembrane:
+        constants, moduli = panel.each(self.constants), panel.each(self.moduli)
+        return membrane_discrete_gradient.bind(
+            "TensionField", KERNELS, OVER_STEP, constants, moduli, panel, slots
+        )
+
+
+@inner
+def law(E, c):
+    """c = (Y, ν)."""
+    Y, nu = c[0], c[1]
+    mean, half = 0.5 * (E[0] + E[1]), 0.5 * (E[0] - E[1])
+    radius = math.sqrt(half * half + E[2] * E[2])
+    E1, E2 = mean + radius, mean - radius
+    if E2 + nu * E1 > 0.0:
+        return taut(E, Y, nu)
+    if E1 > 0.0:  # then radius > 0, as E2 ≤ −νE1 < E1
+        return wrinkled(E1, E2, half / radius, E[2] / radius, Y)
+    return 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@inner
+def taut(E, Y, nu):
+    """S = ℂ:E with the plane-stress moduli."""
+    C11 = Y / (1.0 - nu * nu)
+    C = (C11, C11, 0.5 * (1.0 - nu) * C11, nu * C11, 0.0, 0.0)
+    S = contract(C, E)
+    return 0.5 * (S[0] * E[0] + S[1] * E[1] + 2.0 * S[2] * E[2]), S, C
+
+
+@inner
+def wrinkled(E1, E2, c, s, Y):
+    """Uniaxial tension along n at the angle θ, c = cos 2θ and s = sin 2θ.
+
+    With N = n⊗n and M = sym(n⊗t), ∂N/∂E = 2/(E1 − E2) M⊗M and so
+    ℂ = Y N⊗N + 2 Y E1/(E1 − E2) M⊗M.
+    """
+    N11, N22, N12 = 0.5 * (1.0 + c), 0.5 * (1.0 - c), 0.5 * s
+    M11, M12 = -0.5 * s, 0.5 * c  # M22 = −M11
+    T, shear = Y * E1, 2.0 * Y * E1 / (E1 - E2)
+    C = (
+        Y * N11 * N11 + shear * M11 * M11,
+        Y * N22 * N22 + shear * M11 * M11,
+        Y * N12 * N12 + shear * M12 * M12,
+        Y * N11 * N22 - shear * M11 * M11,
+        Y * N11 * N12 + shear * M11 * M12,
+        Y * N22 * N12 - shear * M11 * M12,
+    )
+    return 0.5 * T * E1, (T * N11, T * N22, T * N12), C
+
+
+@kernel
+def energy(K, Q, nodes, G, w, c, x):
+    return membrane.energy(law, K, Q, nodes, G, w, c, x)
+
+
+@kernel
+def add_force(K, Q, nodes, G, w, c, x, f):
+    membrane.add_force(law, K, Q, nodes, G, w, c, x, f)
+
+
+@kernel
+def add_tangent(K, Q, nodes, slots, G, w, c, x, scale, floor, J):
+    membrane.add_tangent(law, K, Q, nodes, slots, G, w, c, x, scale, floor, J)
+
+
+@kernel
+def add_stress(K, Q, nodes, G, w, c, x, out):
+    membrane.add_stress(law, K, Q, nodes, G, w, c, x, out)
+
+
+KERNELS = membrane.Kernels(energy, add_force, add_tangent, add_stress)
+
+
+@kernel
+def force_over_step(K, Q, nodes, G, w, c, start, x, f):
+    gonzalez.add_force(law, K, Q, nodes, G, w, c, start, x, f)
+
+
+@kernel
+def tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    gonzalez.add_tangent(law, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+@kernel
+def symmetric_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
+    membrane_discrete_gradient.add_symmetric(
+        law, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J
+    )
+
+
+OVER_STEP = membrane_discrete_gradient.Averaged(
+    force_over_step, tangent_over_step, symmetric_over_step
+)

@@ -1,0 +1,114 @@
+"""The deformation tensor as a condition: C(x) = FᵀF − I with the energy k/2 C:C."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from fecloth.errors import InputError, is_number
+from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.panel import Panel
+from fecloth.jit import inner, kernel
+from fecloth.mesh.cloth import Cloth
+from fecloth.quantities.units import PER_WIDTH
+from fecloth.terms.loops import membrane, membrane_discrete_gradient
+
+
+@dataclass(frozen=True)
+class TensorCondition:
+    """W = k/2 C:C over all four entries of C = FᵀF − I = 2E, per reference area.
+
+    With φ the map from parameters to the rest triangle (edges v, w) and ψ to the deformed one
+    (edges a, b), F = ∂ψ ∂φ⁻¹ and FᵀF = ∂φ⁻ᵀ [[a·a, a·b], [a·b, b·b]] ∂φ⁻¹: the Gram matrix of the
+    deformed edges, transformed by a constant of the rest triangle. It is the same material as
+    `StVK` with ν = 0 and tensile stiffness 4k (so G = 2k), at the same cost.
+
+    Source: the condition as the energy k/2 CᵀC follows Baraff and Witkin (1998), Large Steps in
+    Cloth Simulation, section 4.1 (above its eq. 7).
+
+    Valid where `StVK` is, for a cloth that does not contract as it is stretched: small strains,
+    any rotation; it gives way below a stretch of 1/√3.
+
+    Parameters
+    ----------
+    k
+        Stiffness of the condition [N/m], > 0.
+    """
+
+    k: Annotated[float, PER_WIDTH]
+
+    def __post_init__(self):
+        if not (is_number(self.k) and self.k > 0):
+            raise InputError(f"k = {self.k!r}", "must be finite and > 0 [N/m]", "TensorCondition")
+
+    def moduli(self, fabric: Fabric) -> np.ndarray:
+        """(6,) ℂ = (C11, C22, C66, C12, C16, C26) [N/m]; the fabric's own are not used."""
+        return np.array([4 * self.k, 4 * self.k, 2 * self.k, 0.0, 0.0, 0.0])
+
+    elements = ("P1", "P2")
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        return cloth.stencil
+
+    def bind(self, panel: Panel, slots) -> membrane_discrete_gradient.SteppedMembrane:
+        k, moduli = panel.each(lambda fabric: self.k), panel.each(self.moduli)
+        return membrane_discrete_gradient.bind(
+            "TensorCondition", KERNELS, AVERAGED, k, moduli, panel, slots
+        )
+
+
+@inner
+def law(E, c):
+    """C = 2E: W = k/2 C:C, S = ∂W/∂E = 2k C, ∂S/∂E = 4k on each of the four entries."""
+    k = c[0]
+    C11, C22, C12 = 2.0 * E[0], 2.0 * E[1], 2.0 * E[2]
+    W = 0.5 * k * (C11 * C11 + C22 * C22 + 2.0 * C12 * C12)
+    S = (2.0 * k * C11, 2.0 * k * C22, 2.0 * k * C12)
+    return W, S, (4.0 * k, 4.0 * k, 2.0 * k, 0.0, 0.0, 0.0)
+
+
+@kernel
+def energy(K, Q, nodes, G, w, c, x):
+    return membrane.energy(law, K, Q, nodes, G, w, c, x)
+
+
+@kernel
+def add_force(K, Q, nodes, G, w, c, x, f):
+    membrane.add_force(law, K, Q, nodes, G, w, c, x, f)
+
+
+@kernel
+def add_tangent(K, Q, nodes, slots, G, w, c, x, scale, floor, J):
+    membrane.add_tangent(law, K, Q, nodes, slots, G, w, c, x, scale, floor, J)
+
+
+@kernel
+def add_stress(K, Q, nodes, G, w, c, x, out):
+    membrane.add_stress(law, K, Q, nodes, G, w, c, x, out)
+
+
+KERNELS = membrane.Kernels(energy, add_force, add_tangent, add_stress)
+
+
+@kernel
+def force_over_step(K, Q, nodes, G, w, c, start, x, f):
+    membrane_discrete_gradient.add_force(law, K, Q, nodes, G, w, c, start, x, f)
+
+
+@kernel
+def tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    membrane_discrete_gradient.add_tangent(law, K, Q, nodes, slots, G, w, c, start, x, scale, J)
+
+
+@kernel
+def symmetric_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
+    membrane_discrete_gradient.add_symmetric(
+        law, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J
+    )
+
+
+AVERAGED = membrane_discrete_gradient.Averaged(
+    force_over_step, tangent_over_step, symmetric_over_step
+)

@@ -1,0 +1,1 @@
+"""Springs along edges, and tethers."""

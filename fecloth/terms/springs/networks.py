@@ -1,0 +1,176 @@
+"""Which nodes of a cloth a spring joins, and how stiff it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.fabric.panel import Panel
+from fecloth.mesh.cloth import Cloth
+
+EDGE, WARP, WEFT, SHEAR, BEND = range(5)
+
+
+@dataclass(frozen=True, eq=False)
+class Net:
+    """Springs between pairs of nodes.
+
+    Attributes
+    ----------
+    nodes
+        (m, 2) int32.
+    vectors
+        (m, 2) from node 0 to node 1 in the reference plane [m].
+    kind
+        (m,) EDGE (of no class), WARP or WEFT (stretch along X or Y), SHEAR or BEND.
+    sides
+        (m, 2) the triangles whose area the spring has a share in; −1: none.
+    """
+
+    nodes: np.ndarray
+    vectors: np.ndarray
+    kind: np.ndarray
+    sides: np.ndarray
+
+    def around(self, values: np.ndarray) -> np.ndarray:
+        """(s,) sums of values (m,) of triangles over the one or two at each spring."""
+        return np.append(values, 0.0)[self.sides].sum(axis=1)
+
+    def van_gelder(self, panel: Panel) -> np.ndarray:
+        """(s,) k = Y Σ A / l² [N/m], with each triangle's own Y."""
+        area = panel.cloth.weights.sum(axis=1)
+        return self.around(panel.each(_isotropic)[:, 0] * area) / np.sum(self.vectors**2, axis=1)
+
+    def stiffness(self, panel: Panel, given) -> np.ndarray:
+        """(s,) k [N/m] of a structural network: what is `given` for stretch, shear and bend, else
+        derived from the fabric."""
+        stretch, shear, bend = given
+        k = np.zeros(len(self.nodes))
+        for kinds, value in (((EDGE, WARP, WEFT), stretch), ((SHEAR,), shear), ((BEND,), bend)):
+            for kind in kinds:
+                chosen = self.kind == kind
+                if chosen.any():
+                    k[chosen] = self._derived(panel, kind)[chosen] if value is None else value
+        return k
+
+    def _derived(self, panel, kind):
+        """(s,) k of the springs of a class; of the others it means nothing."""
+        area = panel.cloth.weights.sum(axis=1)
+        square = np.sum(self.vectors**2, axis=1)
+        if kind == EDGE:
+            Y = panel.each(_isotropic)[:, 0]
+            return np.sqrt(0.75) * self.around(Y * area) / self.around(area)
+        if panel.grain.any():
+            for fabric in panel.fabrics:
+                _isotropic(fabric)
+        values = panel.each(lambda fabric: np.array([*fabric.tensile, fabric.shear]))
+        modulus = values[:, (WARP, WEFT, SHEAR).index(kind)]
+        # the springs of a class share the whole area, in proportion to the triangles beside them
+        whole = area.sum() / self.around(area)[self.kind == kind].sum()
+        k = whole * self.around(modulus * area) / square
+        if kind != SHEAR:
+            return k
+        cs = np.prod(self.vectors, axis=1) / square
+        return k / np.where(cs == 0, 1.0, cs**2)
+
+
+def edges(cloth: Cloth) -> Net:
+    """All edges of the triangles, in the order of the cloth's nodes."""
+    start = cloth.triangles.ravel().astype(np.int64)
+    end = np.roll(cloth.triangles, -1, axis=1).ravel().astype(np.int64)
+    keys = np.minimum(start, end) * len(cloth.X) + np.maximum(start, end)
+    unique, first, number, times = np.unique(
+        keys, return_index=True, return_inverse=True, return_counts=True
+    )
+    nodes = np.stack(np.divmod(unique, len(cloth.X)), axis=1).astype(np.int32)
+    last = np.empty_like(first)
+    last[number] = np.arange(len(keys))
+    sides = np.stack([first // 3, np.where(times > 1, last // 3, -1)], axis=1)
+    return _net(cloth, nodes, np.full(len(nodes), EDGE), sides)
+
+
+def structural(cloth: Cloth, shear: float | None = None, bend: float | None = None) -> Net:
+    """Provot's classes on a grid, without those of stiffness 0; else the edges alone.
+
+    Shear springs are there if left out, bend springs are not.
+    """
+    net = edges(cloth)
+    across, up = (_only(net.vectors, axis) for axis in (0, 1))
+    oblique = ~(across | up)
+    if not _is_grid(net.vectors, across, up, oblique):
+        for name, value in (("shear", shear), ("bend", bend)):
+            if value:
+                remedy = 'Leave it out, or use the pattern "right" or "cross".'
+                raise InputError(f"{name} = {value!r}", "needs a grid", "Springs", remedy)
+        return net
+    kind = np.select([across, up], [WARP, WEFT], SHEAR)
+    parts = [(net.nodes, kind, net.sides)]
+    slanted = oblique & (net.sides[:, 1] >= 0)
+    if len(_directions(net.vectors[oblique])) == 1:  # the other diagonal of each cell
+        nodes = _opposite(cloth, net.nodes[slanted], net.sides[slanted])
+        parts.append((nodes, np.full(len(nodes), SHEAR), net.sides[slanted]))
+    if bend:
+        for axis, chosen in ((0, across), (1, up)):
+            nodes = _next_but_one(cloth.X[:, axis], net.nodes[chosen])
+            parts.append((nodes, np.full(len(nodes), BEND), np.full(nodes.shape, -1)))
+    nodes, kind, sides = (np.concatenate(each) for each in zip(*parts, strict=True))
+    kept = (kind != SHEAR) | (shear != 0.0)
+    return _net(cloth, nodes[kept], kind[kept], sides[kept])
+
+
+def _net(cloth, nodes, kind, sides) -> Net:
+    nodes = np.ascontiguousarray(nodes, dtype=np.int32)
+    return Net(nodes, cloth.X[nodes[:, 1]] - cloth.X[nodes[:, 0]], kind, sides)
+
+
+def _only(vectors, axis):
+    """Which vectors lie along an axis."""
+    return np.abs(vectors[:, 1 - axis]) < 1e-9 * np.abs(vectors[:, axis])
+
+
+def _directions(vectors):
+    """The distinct vectors, up to their sign and 1e-6 of the longest."""
+    sign = np.where((vectors[:, 0] < 0) | ((vectors[:, 0] == 0) & (vectors[:, 1] < 0)), -1, 1)
+    return np.unique(np.round(vectors * sign[:, None] / np.abs(vectors).max() * 1e6), axis=0)
+
+
+def _is_grid(vectors, across, up, oblique) -> bool:
+    """One vector along X, one along Y, and one or two oblique ones."""
+    groups = [vectors[chosen] for chosen in (across, up, oblique)]
+    if not all(len(group) for group in groups):
+        return False
+    counts = [
+        len(np.unique(np.round(np.abs(g) / np.abs(vectors).max() * 1e6), axis=0)) for g in groups
+    ]
+    return counts == [1, 1, 1]
+
+
+def _opposite(cloth, pairs, sides):
+    """(e, 2) the nodes of the two triangles at each edge that are not on it."""
+    triangles = cloth.triangles[sides]  # (e, 2, 3)
+    on = (triangles == pairs[:, :1, None]) | (triangles == pairs[:, 1:, None])
+    return np.where(on, 0, triangles).sum(axis=2).astype(np.int32)
+
+
+def _next_but_one(along, pairs):
+    """(b, 2) ends of two edges in a row; `along` (n,) is the nodes' coordinate that way."""
+    forward = np.where((along[pairs[:, 0]] < along[pairs[:, 1]])[:, None], pairs, pairs[:, ::-1])
+    following = np.full(len(along) + 1, -1)
+    following[forward[:, 0]] = forward[:, 1]
+    second = following[forward[:, 1]]
+    return np.stack([forward[:, 0], second], axis=1)[second >= 0].astype(np.int32)
+
+
+def _isotropic(fabric) -> float:
+    """Y; refuses a fabric whose warp and weft differ."""
+    warp, weft = fabric.tensile
+    if warp != weft:
+        raise InputError(
+            f"tensile_stiffness = {fabric.tensile}",
+            "must be one number: these springs do not know warp and weft",
+            "Springs",
+            'Use StVK, or kind = "structural" on the pattern "right" or "cross" without grain.',
+        )
+    return warp

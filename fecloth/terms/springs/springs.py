@@ -1,0 +1,306 @@
+"""Springs: the discrete model of a cloth, on its edges or in its triangles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from fecloth.errors import InputError, is_number
+from fecloth.fabric.panel import Panel
+from fecloth.jit import inner, kernel
+from fecloth.mesh.cloth import Cloth
+from fecloth.quantities.units import PER_WIDTH, TIME
+from fecloth.terms.loops import bound_condition, condition, condition_discrete_gradient
+from fecloth.terms.springs.networks import Net, edges, structural
+
+KINDS = ("structural", "van_gelder", "biquadratic")
+
+
+@dataclass(frozen=True)
+class Springs:
+    """A network of springs in place of a membrane.
+
+    ``kind = "structural"``, energy ½ k (l − l₀)² a spring. On a grid ("right" and "cross") its
+    classes are
+
+        stretch  along the sides of the cells: k = Y A_e / l², Y of the warp or the weft
+        shear    both diagonals (their halves on "cross"): k = G A_e / (l² c² s²)
+        bend     from a node to the next but one along the sides: no k follows from a fabric,
+                 for on a flat cloth they resist bending to fourth order only
+
+    where A_e are the shares of the springs of a direction (for shear: of all) in the cloth's area
+    and c, s the cosine and sine of their direction; the shear springs stiffen stretch as well. On
+    all other meshes there are the edges only, all with k = √3/2 Y, as an equilateral lattice needs.
+
+    ``kind = "van_gelder"``, the edges with k = Y Σ A / l² over the triangles at the edge. Its
+    error: the network takes no notice of the fabric's ν. It has the fabric's Y and ν = 1/3 on an
+    equilateral mesh; on "right" C11 = C22 = 5/4 Y, C12 = C33 = Y/4 with as much coupling of shear
+    and stretch, C13 = C23 = Y/4.
+
+    ``kind = "biquadratic"``, in each triangle with the angles α and area A
+
+        Σ_i ¼ k_i Δ_i² + Σ_{i<j} ½ c_ij Δ_i Δ_j,   Δ_i = l_i² − L_i²,  side i opposite angle i
+        k_i  = (2 (λ + μ) cot² α_i + μ) / (16 A)
+        c_ij = (2 (λ + μ) cot α_i cot α_j − μ) / (16 A)
+
+    with λ = Y ν / (1 − ν²) and μ = Y / (1 + ν), twice the shear modulus: the energy of `StVK`,
+    identically, for isotropic fabrics.
+
+    Source: Provot (1995), Deformation Constraints in a Mass-Spring Model, section 3.1
+    ("structural"); Van Gelder (1998), Approximate Simulation of Elastic Membranes by Triangulated
+    Spring Meshes, the formula in its simplest form ("van_gelder"); Delingette (2008), Triangular
+    Springs for Modeling Nonlinear Membranes ("biquadratic").
+
+    Valid, if on edges, for a cloth of which no more than the tensile stiffness at small strains
+    counts: none of these networks converges under refinement to the fabric, but for ν = 1/3 on
+    equilateral triangles, and `fecloth.plane_moduli` says which material one is. A spring in
+    compression is unstable against rotation, so that a net gives way like a truss; `definite`
+    drops that part of its tangent. "biquadratic" is valid where `StVK` is.
+
+    Cost of force and tangent relative to `StVK`: 1.2 times for the edges, 2.5 and 3.5 for
+    "biquadratic".
+
+    Parameters
+    ----------
+    kind
+        "structural", "van_gelder" or "biquadratic".
+    stiffness, shear, bend
+        k of the springs of a structural network [N/m]; 0: none of these. Left out, stretch and
+        shear springs are derived from the fabric, and there are no bend springs.
+    damping
+        τ [s]: each spring resists its own lengthening with k_d = τ k; 0 for none.
+    tangent
+        Of the damping: "symmetric" (its non-symmetric part dropped) or "exact".
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
+    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    >>> system = fc.System(cloth, fabric, [fc.Springs(), fc.Gravity()], pins=["top"])
+    """
+
+    kind: str = "structural"
+    stiffness: Annotated[float | None, PER_WIDTH] = None
+    shear: Annotated[float | None, PER_WIDTH] = None
+    bend: Annotated[float | None, PER_WIDTH] = None
+    damping: Annotated[float, TIME] = 0.0
+    tangent: str = "symmetric"
+
+    def __post_init__(self):
+        if self.kind not in KINDS:
+            raise InputError(
+                f"kind = {self.kind!r}", f"must be one of {', '.join(KINDS)}", "Springs"
+            )
+        bound_condition.check_options("Springs", tangent=self.tangent)
+        for name in ("stiffness", "shear", "bend", "damping"):
+            value = getattr(self, name)
+            if value is not None and not (is_number(value) and value >= 0):
+                unit = "s" if name == "damping" else "N/m"
+                raise InputError(f"{name} = {value!r}", f"must be >= 0 [{unit}]", "Springs")
+            if value is not None and name != "damping" and self.kind != "structural":
+                allowed = f"the fabric gives the springs of kind {self.kind!r}"
+                raise InputError(f"{name} = {value!r}", allowed, "Springs", "Leave it out.")
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        if self.kind == "biquadratic":
+            return cloth.stencil
+        return self._net(cloth).nodes
+
+    def _net(self, cloth: Cloth) -> Net:
+        if self.kind == "van_gelder":
+            return edges(cloth)
+        return structural(cloth, self.shear, self.bend)
+
+    def bind(self, panel: Panel, slots) -> condition_discrete_gradient.RigidCondition:
+        bind = self._triangles if self.kind == "biquadratic" else self._pairs
+        return bind(panel, slots)
+
+    def _pairs(self, panel, slots):
+        net = self._net(panel.cloth)
+        given = self.stiffness, self.shear, self.bend
+        k = net.van_gelder(panel) if self.kind == "van_gelder" else net.stiffness(panel, given)
+        length = np.linalg.norm(net.vectors, axis=1)
+        damped = self.damping * k
+        bound = bound_condition.bind(
+            "Springs",
+            LENGTH,
+            (1,),
+            panel,
+            slots,
+            net.nodes,
+            length[:, None],
+            k,
+            damped,
+            tangent=self.tangent,
+        )
+        return condition_discrete_gradient.with_steps(bound, LENGTH_OVER_STEP)
+
+    def _triangles(self, panel, slots):
+        cloth = panel.cloth
+        corners = cloth.X[cloth.stencil]
+        sides = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)  # i: opposite node i
+        square = np.sum(sides**2, axis=2)
+        area = cloth.weights.sum(axis=1)
+        cot = (square.sum(axis=1, keepdims=True) - 2 * square) / (4 * area[:, None])
+        lam, mu = panel.each(_lame).T[..., None, None]
+        k = 2 * (lam + mu) * cot[:, :, None] * cot[:, None, :] + mu * (2 * np.eye(3) - 1)
+        k = k / (32 * area[:, None, None])  # ½ Cᵀ k C with halves of Delingette's k_i and c_ij
+        bound = bound_condition.bind(
+            "Springs",
+            SQUARES,
+            (1, 1, 1),
+            panel,
+            slots,
+            cloth.stencil,
+            square,
+            k,
+            self.damping * k,
+            tangent=self.tangent,
+        )
+        return condition_discrete_gradient.with_steps(bound, SQUARES_OVER_STEP)
+
+
+def _lame(fabric):
+    """λ and μ = 2 G, as Delingette has them."""
+    warp, weft = fabric.tensile
+    nu = fabric.poisson_ratio
+    if warp != weft or not math.isclose(fabric.shear, warp / (2 * (1 + nu)), rel_tol=1e-12):
+        raise InputError(
+            "an orthotropic fabric", "must be isotropic", 'Springs(kind="biquadratic")', "Use StVK."
+        )
+    return np.array([warp * nu / (1 - nu**2), warp / (1 + nu)])
+
+
+# --- C = l − l₀ of two nodes ----------------------------------------------------------------------
+
+
+@inner
+def length(y, c, order, C, g, H):
+    """C = l − c₀; ∂C = ±n; ∂²C = ±(I − n nᵀ)/l. A spring of no length pulls nowhere."""
+    d = (y[1, 0] - y[0, 0], y[1, 1] - y[0, 1], y[1, 2] - y[0, 2])
+    l = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    C[0] = l - c[0]
+    inverse = 1.0 / l if l > 0.0 else 0.0
+    if order > 0:
+        n = (d[0] * inverse, d[1] * inverse, d[2] * inverse)
+        for i in range(3):
+            g[0, 0, i], g[0, 1, i] = -n[i], n[i]
+        if order > 1:
+            for i in range(3):
+                for j in range(3):
+                    h = ((1.0 if i == j else 0.0) - n[i] * n[j]) * inverse
+                    H[0, 0, i, 0, j] = H[0, 1, i, 1, j] = h
+                    H[0, 0, i, 1, j] = H[0, 1, i, 0, j] = -h
+
+
+@kernel
+def energy(K, R, nodes, c, ks, x):
+    return condition.energy(length, K, R, nodes, c, ks, x)
+
+
+@kernel
+def power(K, R, nodes, c, kd, x, v):
+    return condition.power(length, K, R, nodes, c, kd, x, v)
+
+
+@kernel
+def add_force(K, R, nodes, c, ks, kd, x, v, f):
+    condition.add_force(length, K, R, nodes, c, ks, kd, x, v, f)
+
+
+@kernel
+def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
+    condition.add_tangent(length, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
+
+
+@kernel
+def force_over_step(K, R, nodes, c, ks, start, x, f):
+    condition_discrete_gradient.add_force(length, K, R, nodes, c, ks, start, x, f)
+
+
+@kernel
+def tangent_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
+    condition_discrete_gradient.add_tangent(length, K, R, nodes, slots, c, ks, start, x, scale, J)
+
+
+@kernel
+def symmetric_over_step(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
+    condition_discrete_gradient.add_symmetric(
+        length, K, R, nodes, slots, c, ks, start, x, scale, definite, J
+    )
+
+
+LENGTH = bound_condition.Kernels(energy, power, add_force, add_tangent)
+LENGTH_OVER_STEP = condition_discrete_gradient.Discrete(
+    force_over_step, tangent_over_step, symmetric_over_step
+)
+
+
+# --- C_i = l_i² − L_i² of the three sides of a triangle, side i opposite node i -------------------
+
+
+@inner
+def squares(y, c, order, C, g, H):
+    """C_i = |y_k − y_j|² − c_i; ∂C_i = ±2 (y_k − y_j); ∂²C_i = ±2 I."""
+    for r in range(3):
+        a, b = (r + 1) % 3, (r + 2) % 3
+        C[r] = -c[r]
+        for i in range(3):
+            d = y[b, i] - y[a, i]
+            C[r] += d * d
+            if order > 0:
+                g[r, r, i], g[r, a, i], g[r, b, i] = 0.0, -2.0 * d, 2.0 * d
+    if order > 1:
+        H[:] = 0.0
+        for r in range(3):
+            a, b = (r + 1) % 3, (r + 2) % 3
+            for i in range(3):
+                H[r, a, i, a, i] = H[r, b, i, b, i] = 2.0
+                H[r, a, i, b, i] = H[r, b, i, a, i] = -2.0
+
+
+@kernel
+def energy2(K, R, nodes, c, ks, x):
+    return condition.energy(squares, K, R, nodes, c, ks, x)
+
+
+@kernel
+def power2(K, R, nodes, c, kd, x, v):
+    return condition.power(squares, K, R, nodes, c, kd, x, v)
+
+
+@kernel
+def add_force2(K, R, nodes, c, ks, kd, x, v, f):
+    condition.add_force(squares, K, R, nodes, c, ks, kd, x, v, f)
+
+
+@kernel
+def add_tangent2(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
+    condition.add_tangent(squares, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
+
+
+@kernel
+def force_over_step2(K, R, nodes, c, ks, start, x, f):
+    condition_discrete_gradient.add_force(squares, K, R, nodes, c, ks, start, x, f)
+
+
+@kernel
+def tangent_over_step2(K, R, nodes, slots, c, ks, start, x, scale, J):
+    condition_discrete_gradient.add_tangent(squares, K, R, nodes, slots, c, ks, start, x, scale, J)
+
+
+@kernel
+def symmetric_over_step2(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
+    condition_discrete_gradient.add_symmetric(
+        squares, K, R, nodes, slots, c, ks, start, x, scale, definite, J
+    )
+
+
+SQUARES = bound_condition.Kernels(energy2, power2, add_force2, add_tangent2)
+SQUARES_OVER_STEP = condition_discrete_gradient.Discrete(
+    force_over_step2, tangent_over_step2, symmetric_over_step2
+)

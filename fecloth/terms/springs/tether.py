@@ -1,0 +1,155 @@
+"""Tethers: springs from nodes to a point that may move, as a hand that pulls at the cloth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from fecloth.errors import InputError, is_number
+from fecloth.fabric.panel import Panel
+from fecloth.jit import inner, kernel
+from fecloth.mesh.cloth import Cloth, Where
+from fecloth.quantities.time_function import Timed, VectorOfTime, vector
+from fecloth.quantities.units import DAMPER, LENGTH, PER_WIDTH
+from fecloth.terms.loops import bound_condition, condition
+
+DERIVATIVE_STEP = 1e-5  # s; the speed of the point is a central difference
+
+
+@dataclass(frozen=True)
+class Tether:
+    """C = x − p(t), energy ½ k |x − p|² for each node: a spring of no length to the point p(t).
+
+    Force −k (x − p) − k_d (v − ṗ); K = k I and D = k_d I, exactly, for C is linear. The ledger
+    books the power of the hand, Σ f·ṗ, as the tether's work.
+
+    Source: the condition loop with ∂C = I, Baraff and Witkin (1998), Large Steps in Cloth
+    Simulation, eqs. 7, 8, 11, 13.
+
+    Valid for any distance. Unlike a `Pin` it gives way, by F/k under the force F; many nodes drawn
+    to one point crumple the cloth there.
+
+    Parameters
+    ----------
+    where
+        A node set's name, node indices, or a predicate on X; all are drawn to the one point.
+    point
+        p: three numbers or formulas of t, or a function of t [m].
+    stiffness
+        k > 0 of each node's spring [N/m].
+    damping
+        k_d ≥ 0 of each node's spring [N s/m].
+
+    Examples
+    --------
+    A hand takes a corner and lifts it by 0.1 m in each second:
+
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
+    >>> corner = cloth.nodes(lambda X: X.sum(axis=1) < 1e-9)
+    >>> hand = fc.Tether(corner, (0, 0, "0.1 * t"), stiffness=200.0, damping=0.5)
+    >>> system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), hand], pins=["top"])
+    """
+
+    where: Where
+    point: Annotated[VectorOfTime, LENGTH]
+    stiffness: Annotated[float, PER_WIDTH]
+    damping: Annotated[float, DAMPER] = 0.0
+
+    def __post_init__(self):
+        if not (is_number(self.stiffness) and self.stiffness > 0):
+            what = f"stiffness = {self.stiffness!r}"
+            raise InputError(what, "must be finite and > 0 [N/m]", "Tether")
+        if not (is_number(self.damping) and self.damping >= 0):
+            raise InputError(f"damping = {self.damping!r}", "must be >= 0 [N s/m]", "Tether")
+        vector(self.point, "point", "Tether")
+
+    elements = ("P1", "P2")
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        return np.asarray(cloth.nodes(self.where), dtype=np.int32)[:, None]
+
+    def bind(self, panel: Panel, slots) -> BoundTether:
+        bound = bound_condition.bind(
+            "Tether",
+            KERNELS,
+            (1, 1, 1),
+            panel,
+            slots,
+            self.stencil(panel.cloth),
+            np.zeros(3),
+            self.stiffness,
+            self.damping,
+        )
+        point = vector(self.point, "point", "Tether")
+        point(0.0)  # now: a wrong function should be refused where it is given
+        return BoundTether(**vars(bound), point=point)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundTether(bound_condition.BoundCondition):
+    """`Tether` on a cloth; Ċ = v − ṗ, so that the loop sees velocities relative to the point."""
+
+    point: Timed = None
+
+    def table(self, x, t, order) -> np.ndarray:
+        return np.tile(self.point(t), (len(self.nodes), 1))
+
+    def between(self, start: np.ndarray, symmetric: bool) -> BoundTether:
+        """Itself: over a step its force at the mean does the work of its energy."""
+        return self
+
+    def speed(self, t: float) -> np.ndarray:
+        """(3,) ṗ [m/s]."""
+        step = DERIVATIVE_STEP
+        return (self.point(t + step) - self.point(t - step)) / (2 * step)
+
+    def supply(self, x, v, t) -> float:
+        """Power of the hand, Σ f·ṗ [W]."""
+        f = np.zeros_like(x)
+        self.add_force(x, v, t, f)
+        return float(f.sum(axis=0) @ self.speed(t))
+
+    def power(self, x, v, t) -> float:
+        return super().power(x, v - self.speed(t), t)
+
+    def add_force(self, x, v, t, f) -> None:
+        """f −= k (x − p) + k_d (v − ṗ) [N]."""
+        super().add_force(x, v - self.speed(t) if self.dissipative else v, t, f)
+
+
+@inner
+def offset(y, c, order, C, g, H):
+    """C = y − c; ∂C = I; ∂²C = 0."""
+    for r in range(3):
+        C[r] = y[0, r] - c[r]
+        if order > 0:
+            for i in range(3):
+                g[r, 0, i] = 1.0 if i == r else 0.0
+    if order > 1:
+        H[:] = 0.0
+
+
+@kernel
+def energy(K, R, nodes, c, ks, x):
+    return condition.energy(offset, K, R, nodes, c, ks, x)
+
+
+@kernel
+def power(K, R, nodes, c, kd, x, v):
+    return condition.power(offset, K, R, nodes, c, kd, x, v)
+
+
+@kernel
+def add_force(K, R, nodes, c, ks, kd, x, v, f):
+    condition.add_force(offset, K, R, nodes, c, ks, kd, x, v, f)
+
+
+@kernel
+def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
+    condition.add_tangent(offset, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
+
+
+KERNELS = bound_condition.Kernels(energy, power, add_force, add_tangent)

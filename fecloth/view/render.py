@@ -1,0 +1,299 @@
+"""fecloth render DIR -o FILE: a movie (.mp4, .gif) or a picture (.png) of a run, without a display.
+
+The cloth is coloured by a field of series.py, or checked, lit from above, over a ground that bears
+its shadow, and seen from where the whole motion just fits. Needs the extra [view]: PyVista, and
+imageio with its ffmpeg for .mp4.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import math
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.output.atomic_files import DiskFull, in_one_go, replace_file
+from fecloth.output.frame_reader import FIELDS, Frame, Series, bounded, field_values, rim, straight
+from fecloth.quantities.formula import nearest
+from fecloth.view import checker_pattern
+from fecloth.view.checker_pattern import CHECKS
+from fecloth.view.web_page import PERCENT, View, view_of
+
+SUFFIXES = (".mp4", ".gif", ".png")
+FPS = 5.0, 30.0  # between these a movie runs as fast as the cloth did
+HALF_ANGLE = math.radians(15.0)
+LIGHT = np.array([0.35, -0.5, 0.9]) / np.linalg.norm([0.35, -0.5, 0.9])
+PAPER, FLOOR, SHADOW = (246, 247, 249), (226, 230, 234), "#c3c8cd"
+PER_FRAME = 4000  # values and positions of a frame that the colours and the camera are fitted to
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """What stays the same in all frames of a movie.
+
+    Attributes
+    ----------
+    view, distance
+        From where [m].
+    colours
+        Ends of the colour bar; without one, of a checked cloth, None.
+    ground
+        Its height [m].
+    """
+
+    field: str
+    view: View
+    distance: float
+    colours: tuple[float, float] | None
+    ground: float
+    size: tuple[int, int]
+
+
+def render(
+    folder: str | Path,
+    target: str | Path,
+    field: str = "larger_stretch",
+    size: tuple[int, int] = (1280, 720),
+    fps: float | None = None,
+    time: float | None = None,
+) -> Path:
+    """Draw a run; returns the file.
+
+    Parameters
+    ----------
+    target
+        A .mp4 or .gif of all frames, or a .png of one.
+    field
+        A name of `series.FIELDS`, or "checks": squares that lie along warp and weft.
+    size
+        Width and height in pixels; of a .mp4 both even.
+    fps
+        Frames a second; left out, as fast as the cloth moved, within `FPS`.
+    time
+        Of the .png [s]: the frame next to it; left out, the last.
+
+    Raises
+    ------
+    InputError
+        If there are no frames, no such field, or another suffix.
+    """
+    target = Path(target)
+    _refuse(target, field, size, fps, time)
+    series = Series.open(folder)
+    shot = _shot(series, field, size)
+    frames = range(len(series.times))
+    if target.suffix == ".png":
+        frames = [series.at(time)]
+    if fps is None:
+        length = series.times[-1] - series.times[0]
+        fps = float(np.clip((len(frames) - 1) / length if length else FPS[0], *FPS))
+    quiet = _package("pyvista").vtk_verbosity("error")  # no word that there is no display
+    with quiet:
+        _write(target, fps, size, _images(series, frames, shot))
+    return target
+
+
+def _refuse(target: Path, field, size, fps, time) -> None:
+    if field not in (*FIELDS, CHECKS):
+        names = *FIELDS, CHECKS
+        allowed = f"must be one of {', '.join(names)}"
+        raise InputError(f"field {field!r}", allowed, remedy=nearest(field, names))
+    if target.suffix not in SUFFIXES:
+        raise InputError(f"-o {target}", f"must end in {', '.join(SUFFIXES)}")
+    if min(size) < 16 or max(size) > 8192 or (target.suffix == ".mp4" and any(s % 2 for s in size)):
+        allowed = "must be 16 to 8192 pixels, even for .mp4"
+        raise InputError(f"size {size[0]}x{size[1]}", allowed)
+    if fps is not None and not 0 < fps <= 240:
+        raise InputError(f"fps = {fps:g}", "must be > 0 and at most 240")
+    if time is not None and target.suffix != ".png":
+        raise InputError("a time", "is for a .png", str(target), "Leave it out for a movie.")
+
+
+def _package(name: str):
+    import importlib
+
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        remedy = 'Install it: pip install "fecloth[view]".'
+        raise InputError(f"a picture needs the package {name}", remedy=remedy) from error
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def _write(target: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
+    """The images (h, w, 3) as a file, whole or not at all."""
+    if target.suffix == ".mp4":
+        with in_one_go(target) as part:
+            _encode(part, fps, size, images)
+        return
+    imageio, file = _package("imageio.v2"), io.BytesIO()
+    movie = {"duration": 1000 / fps, "loop": 0} if target.suffix == ".gif" else {}
+    with imageio.get_writer(file, format=target.suffix, **movie) as writer:
+        for image in images:
+            writer.append_data(image)
+    replace_file(target, file.getvalue())
+
+
+def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
+    """Give ffmpeg the images one by one; an OSError if it ends otherwise than well."""
+    ffmpeg = _package("imageio_ffmpeg").get_ffmpeg_exe()
+    given = "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "{}x{}".format(*size), "-r", f"{fps:g}"
+    made = "-c:v", "libx264", "-crf", "10", "-pix_fmt", "yuv420p", "-f", "mp4", "-y", str(part)
+    command = [ffmpeg, "-v", "error", *given, "-i", "pipe:0", *made]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        with suppress(BrokenPipeError):  # it has ended, and says why
+            for image in images:
+                process.stdin.write(image.tobytes())
+        words = process.communicate()[1].decode(errors="replace").strip()
+    if process.returncode:
+        too_large = process.returncode == -getattr(signal, "SIGXFSZ", 0)
+        if number := errno.EFBIG if too_large else DiskFull.said(words):
+            raise OSError(number, os.strerror(number))
+        raise OSError(f"ffmpeg ended with {process.returncode}: {words}")
+
+
+# --- what fits ------------------------------------------------------------------------------------
+
+
+def _shot(series: Series, field: str, size: tuple[int, int]) -> Shot:
+    """Fit colours and camera to the whole motion."""
+    values, points, lows, highs = [], [], [], []
+    for i in range(len(series.times)):
+        frame = series.read(i)
+        if field != CHECKS:
+            shown = field_values(frame, field)
+            values.append(shown[:: 1 + len(shown) // PER_FRAME])
+        points.append(frame.points[:: 1 + len(frame.points) // PER_FRAME])
+        lows.append(frame.points.min(axis=0))
+        highs.append(frame.points.max(axis=0))
+    low, high = np.min(lows, axis=0), np.max(highs, axis=0)
+    view = view_of(low, high)
+    colours = tuple(np.percentile(bounded(np.concatenate(values)), PERCENT)) if values else None
+    distance = _fitted(view, np.concatenate(points), size[0] / size[1])
+    ground = low[2] - 0.03 * np.linalg.norm(high - low)
+    return Shot(field, view, distance, colours, float(ground), size)
+
+
+def _axes(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors to the eye, to the right and up, as the picture shows them."""
+    a, e = view.azimuth, view.elevation
+    back = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
+    right = np.array([-math.sin(a), math.cos(a), 0.0])
+    return back, right, np.cross(back, right)
+
+
+def _fitted(view: View, points: np.ndarray, aspect: float) -> float:
+    """The distance from which all points lie in the picture, with a margin for the colour bar."""
+    back, right, up = _axes(view)
+    p, tan = points - view.box.mean(axis=0), math.tan(HALF_ANGLE)
+    wide = np.maximum(np.abs(p @ right) / (tan * aspect), np.abs(p @ up) / tan)
+    return float(np.max(1.15 * wide + p @ back))
+
+
+# --- drawing --------------------------------------------------------------------------------------
+
+
+def _images(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
+    """One image (h, w, 3) a frame."""
+    pyvista = _package("pyvista")
+    first = series.read(frames[0])
+    triangles, parts = straight(first.cells), len(straight(first.cells)) // len(first.cells)
+    cloth = pyvista.PolyData.from_regular_faces(first.points.astype(float), triangles)
+    shadow = cloth.copy()
+    edges = rim(triangles)
+    border = pyvista.PolyData(first.points.astype(float), lines=np.insert(edges, 0, 2, axis=1))
+    _dress(cloth, first, shot, parts)
+    plotter = _stage(pyvista, shot)
+    plotter.add_mesh(shadow, color=SHADOW, lighting=False)
+    _add_cloth(plotter, cloth, shot, pyvista)
+    plotter.add_mesh(border, color="#1b2027", line_width=1.5, lighting=False)
+    text = max(6, round(shot.size[1] / 75))
+    try:
+        for i in frames:
+            frame = series.read(i)
+            _dress(cloth, frame, shot, parts)
+            border.points = cloth.points
+            drop = (cloth.points[:, 2:] - shot.ground) / LIGHT[2]
+            shadow.points = cloth.points - drop * LIGHT + [0, 0, 1e-3 * np.ptp(shot.view.box)]
+            written = {"font_size": text, "color": "#1b2027", "name": "time"}
+            place = {"position": (0.02, 0.93), "viewport": True}
+            plotter.add_text(f"t = {frame.t:.3f} s", **place, **written)
+            yield plotter.screenshot(return_img=True)
+    finally:
+        plotter.close()
+
+
+def _dress(cloth, frame: Frame, shot: Shot, parts: int) -> None:
+    """Move the mesh to a frame and give it the field's values."""
+    cloth.points = frame.points.astype(float)
+    if shot.field == CHECKS:
+        X = checker_pattern.material(frame)
+        cloth.active_texture_coordinates = X / (2 * checker_pattern.side(X))
+    elif len(values := field_values(frame, shot.field)) == len(frame.points):
+        cloth.point_data["shown"] = values
+    else:
+        cloth.cell_data["shown"] = np.repeat(values, parts)
+    corners = cloth.points[cloth.regular_faces]
+    normals = np.zeros_like(cloth.points)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    for corner in cloth.regular_faces.T:
+        np.add.at(normals, corner, across)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    cloth.point_data.active_normals = normals / np.where(lengths > 0, lengths, 1.0)
+
+
+def _stage(pyvista, shot: Shot):
+    """Camera, lights and ground."""
+    plotter = pyvista.Plotter(off_screen=True, window_size=shot.size, lighting="none")
+    plotter.set_background(tuple(c / 255 for c in PAPER))
+    middle, size = shot.view.box.mean(axis=0), float(np.linalg.norm(np.diff(shot.view.box, axis=0)))
+    eye = middle + shot.distance * _axes(shot.view)[0]
+    plotter.camera_position = [tuple(eye), tuple(middle), (0.0, 0.0, 1.0)]
+    plotter.camera.view_angle = math.degrees(2 * HALF_ANGLE)
+    for position, intensity in ((middle + 10 * size * LIGHT, 0.55), (eye, 0.5)):
+        light = pyvista.Light(position=tuple(position), focal_point=tuple(middle))
+        light.intensity = intensity
+        plotter.add_light(light)
+    centre = (*middle[:2], shot.ground)
+    floor = pyvista.Disc(center=centre, inner=0.0, outer=4 * size, r_res=40, c_res=72)
+    far = np.linalg.norm(floor.points[:, :2] - middle[:2], axis=1) / (4 * size)
+    share = np.clip((1 - far) / 0.7, 0, 1)[:, None]
+    floor["rgb"] = (share * FLOOR + (1 - share) * PAPER).astype(np.uint8)
+    plotter.add_mesh(floor, scalars="rgb", rgb=True, lighting=False)
+    plotter.camera.clipping_range = 0.05 * shot.distance, shot.distance + 12 * size
+    return plotter
+
+
+def _add_cloth(plotter, cloth, shot: Shot, pyvista) -> None:
+    matter = {"ambient": 0.3, "diffuse": 0.85, "specular": 0.15, "specular_power": 20}
+    if shot.field == CHECKS:
+        texture = pyvista.Texture(checker_pattern.weave())
+        texture.repeat = texture.interpolate = texture.mipmap = True
+        look = {"texture": texture}
+    else:
+        look = {"scalars": "shown", "cmap": "viridis", "clim": shot.colours}
+        look |= {"interpolate_before_map": True, "scalar_bar_args": _colour_bar(shot)}
+    actor = plotter.add_mesh(cloth, **matter, **look)
+    actor.prop.interpolation = "phong"  # with the normals of _dress; smooth_shading draws a copy
+
+
+def _colour_bar(shot: Shot) -> dict:
+    """A third of a wide picture, up to 0.8 of a tall one, with letters that it has room for."""
+    field, (width, height) = FIELDS[shot.field], shot.size
+    long = min(0.8, 0.34 * max(1.0, 16 / 9 * height / width))
+    scale = min(height / 720, long * width / (0.34 * 1280))
+    title = f"{field.title} [{field.unit}]" if field.unit else field.title
+    fonts = {"title_font_size": round(16 * scale), "label_font_size": round(13 * scale)}
+    place = {"width": long, "height": 0.1, "position_x": 0.97 - long, "position_y": 0.02}
+    return {"title": title, "color": "#1b2027", "n_labels": 2, "fmt": "%.4g", **fonts, **place}

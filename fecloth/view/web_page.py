@@ -1,0 +1,197 @@
+"""fecloth view DIR: one HTML file with the cloth in motion, which any browser opens offline.
+
+The page holds positions and field values of the frames as 16-bit numbers between their extremes
+(an error of at most 1/131,070 of the range) in base64, and draws them with WebGL 2: page/viewer.js.
+A long run is thinned out evenly until the file stays below `MOST_BYTES`; the page says so.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import math
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.output.atomic_files import replace_file
+from fecloth.output.frame_reader import FIELDS, Frame, Series, bounded, field_values, rim, straight
+from fecloth.view import checker_pattern
+
+MOST_BYTES = 60e6
+SHOWN = ("larger_stretch", "smaller_stretch", "speed", "displacement", "energy_density")
+PERCENT = 0.5, 99.5  # of the values lie between the ends of a colour bar
+AZIMUTH, ELEVATION = math.radians(-62.0), math.radians(16.0)  # from the front, somewhat aside
+FLAT = 0.25  # a motion whose box is flatter than this share of its width is seen from higher
+VIRIDIS = (  # at eleven equal steps; Smith and van der Walt 2015, CC0
+    *((68, 1, 84), (72, 36, 117), (65, 68, 135), (53, 95, 141), (42, 120, 142), (33, 145, 140)),
+    *((34, 168, 132), (68, 191, 112), (122, 209, 81), (189, 223, 38), (253, 231, 37)),
+)
+
+
+@dataclass(frozen=True)
+class View:
+    """Where a picture is looked at from: angles [rad] about the middle of a box (2, 3) [m]."""
+
+    box: np.ndarray
+    azimuth: float
+    elevation: float
+
+
+def view_of(low: np.ndarray, high: np.ndarray) -> View:
+    """A view of everything between two corners (3,); a flat one from higher up.
+
+    Examples
+    --------
+    >>> round(math.degrees(view_of(np.zeros(3), np.array([1.0, 1.0, 0.0])).elevation))
+    35
+    """
+    width, depth, height = high - low
+    flat = height < FLAT * max(width, depth)
+    return View(np.array([low, high]), AZIMUTH, math.radians(35.0) if flat else ELEVATION)
+
+
+def write_view(folder: str | Path) -> Path:
+    """Write ``folder``/view.html, which opens at the last frame; returns it.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no frames.
+    """
+    series = Series.open(folder)
+    fields = shown_fields(series.read(0))
+    frames = chosen(series, len(fields))
+    data = packed((series.read(i) for i in frames), fields)
+    count = len(data["times"])
+    note = f"{count} frame{'s' * (count > 1)}, {data['cells']} triangles"
+    if len(frames) < len(series.times):
+        note += f" (of {len(series.times)} frames: a page of all would be too large)"
+    page = filled("view.html", data, title=title_of(series.folder), note=note)
+    file = series.folder / "view.html"
+    replace_file(file, page.encode())
+    return file
+
+
+def shown_fields(frame: Frame) -> list[str]:
+    """Those of `SHOWN` that a frame has."""
+    arrays = frame.point_data.keys() | frame.cell_data.keys()
+    return [name for name in SHOWN if FIELDS[name].array in arrays]
+
+
+def chosen(series: Series, fields: int) -> list[int]:
+    """Frames that fit into `MOST_BYTES`."""
+    first = series.read(0)
+    values = 3 * len(first.points) + fields * max(len(first.points), len(first.cells))
+    return series.chosen(int(MOST_BYTES / (2 * 4 / 3 * values)))
+
+
+def title_of(folder: Path) -> str:
+    """The scene's title, else the folder's name."""
+    scene = folder / "scene.resolved.toml"
+    given = tomllib.loads(scene.read_text(encoding="utf-8")) if scene.is_file() else {}
+    return given.get("title") or folder.resolve().name
+
+
+# --- the page -------------------------------------------------------------------------------------
+
+
+def filled(template: str, data: dict, parts: Mapping[str, str] | None = None, **words: str) -> str:
+    """A page of page/ with its style, script and data inside.
+
+    `parts` are HTML and go in as they are; `words` are escaped.
+    """
+    script = part("viewer.js").replace("VIRIDIS;", f"{json.dumps(VIRIDIS)};")
+    script = script.replace("CHECKED;", f"{json.dumps(checker_pattern.SHADES)};")
+    plain = json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
+    pieces = {"style": part("page.css"), "cloth": part("cloth.html"), "script": script}
+    pieces |= {"data": plain, **(parts or {})}
+    pieces |= {key: html.escape(word) for key, word in words.items()}
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: pieces[found[1]], part(template))
+
+
+def part(name: str) -> str:
+    """A file of fecloth/page/."""
+    return (files("fecloth.view") / "page" / name).read_text(encoding="utf-8")
+
+
+def packed(frames, fields: Sequence[str]) -> dict:
+    """What viewer.js draws, for JSON: numbers of the frames in base64.
+
+    Parameters
+    ----------
+    frames
+        `Frame`s of one mesh.
+    fields
+        Names as in series.py; their values lie at the nodes or in the triangles.
+    """
+    times, points, values = [], [], {name: [] for name in fields}
+    for frame in frames:
+        times.append(frame.t)
+        points.append(frame.points)
+        for name in fields:
+            values[name].append(field_values(frame, name))
+    if not times or not len(points[0]):
+        raise InputError("no frames", "a view needs at least one")
+    points = bounded(np.array(points))
+    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+    view, triangles = view_of(low, high), straight(frame.cells)
+    return {
+        "times": times,
+        "start": len(times) - 1,  # the first is flat more often than not
+        "nodes": points.shape[1],
+        "cells": len(frame.cells),
+        "low": low.tolist(),
+        "high": high.tolist(),
+        "azimuth": view.azimuth,
+        "elevation": view.elevation,
+        "points": _short(points, low, high),
+        "triangles": _text(triangles.astype("<u4")),
+        "rim": _text(rim(triangles).astype("<u4")),
+        "fields": [
+            _field(name, bounded(np.array(values[name])), values[name][0].size == points.shape[1])
+            for name in fields
+        ],
+        "checks": _checks(frame),
+    }
+
+
+def _checks(frame: Frame) -> dict | None:
+    """Material coordinates of the nodes in squares, and a square's side [m]."""
+    if "displacement" not in frame.point_data:
+        return None
+    X = checker_pattern.material(frame)
+    side = checker_pattern.side(X)
+    return {"side": side, "material": _text((X / side).astype("<f4"))}
+
+
+def _field(name: str, values: np.ndarray, nodal: bool) -> dict:
+    """Values (frames, count) of a field and the ends of its colour bar."""
+    low, high = float(values.min()), float(values.max())
+    return {
+        "title": FIELDS[name].title,
+        "unit": FIELDS[name].unit,
+        "per": "node" if nodal else "cell",
+        "count": values.shape[1],
+        "low": low,
+        "high": high,
+        "shown": np.percentile(values, PERCENT).tolist(),
+        "values": _short(values, low, high),
+    }
+
+
+def _short(values, low, high) -> str:
+    """Numbers as 16 bits between `low` and `high`, base64."""
+    span = np.where(np.subtract(high, low) > 0, np.subtract(high, low), 1.0)
+    return _text(np.round((values - low) / span * 65535).astype("<u2"))
+
+
+def _text(array: np.ndarray) -> str:
+    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")

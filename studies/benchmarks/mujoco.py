@@ -1,0 +1,230 @@
+"""The trampoline beside another code, in one process.
+
+    python -m studies.benchmarks.mujoco [--quick]
+
+One mesh, one lumped mass, one material, one thread; the error is that of the mean deflection over
+t <= 0.2 s, in percent of its peak, against the radial solution of `falling_disk.trampoline`. CPU
+seconds are the least of two runs after a warm-up, ratios those of one process.
+
+The other code is MuJoCo (pip install 'fecloth[peers]'), whose two-dimensional flex with
+`elastic2d="stretch"` is the same element: P1 triangles of St. Venant-Kirchhoff. Its vertices get
+fecloth's lumped masses, and it starts with the half-step velocity, as the leapfrog does: so what
+`Euler` computes there is what central differences compute here, to round-off. Its `discrete` is the
+linearised backward Euler step. --quick takes a coarse mesh, where no limit is held.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+if "numba" not in sys.modules:  # it refuses a change once its threads run
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[name] = "1"  # before NumPy and MKL read them
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+import fecloth as fc
+from studies.benchmarks.kernels import FABRIC, Figure
+from studies.references import falling_disk
+
+try:
+    import mujoco
+except ImportError:
+    mujoco = None
+
+T_END, FINE, COARSE = 0.2, 1.25e-4, 1 / 240  # s
+THICKNESS = 1e-3  # m, for a code that asks for a bulk material: E = Y / thickness
+
+
+@dataclass(frozen=True)
+class Result:
+    """Error [% of the peak], cost [CPU s a simulated s] and the mean deflection [m] at `times`."""
+
+    what: str
+    error: float
+    cost: float
+    times: np.ndarray
+    mean: np.ndarray
+
+    def __str__(self) -> str:
+        return f"{self.what:<52} error {self.error:7.3f} %   {self.cost:8.3f} CPU s / s"
+
+
+def measured(what: str, system: fc.System, run: Callable, elements: int) -> Result:
+    """The better of two runs; `run(share)` returns times and mean deflections."""
+    share, costs = system.nodal_mass / system.nodal_mass.sum(), []
+    for _ in range(2):
+        begin = time.process_time()
+        times, mean = run(share)
+        costs.append((time.process_time() - begin) / T_END)
+    times, mean = np.array(times), np.array(mean)
+    exact = falling_disk.trampoline(times, elements=elements).mean_deflection
+    error = 100 * np.abs(mean - exact).max() / np.abs(exact).max()
+    result = Result(what, error, min(costs), times, mean)
+    print(result, flush=True)
+    return result
+
+
+def explicit(system: fc.System, dt: float, every: int) -> Callable:
+    """Central differences in compiled calls of `every` steps."""
+    fc.many_steps(system, system.rest(), dt, 1)  # compiles
+
+    def run(share):
+        state, times, mean = system.rest(), [], []
+        for _ in range(round(T_END / dt / every)):
+            state = fc.many_steps(system, state, dt, every)
+            times.append(state.t)
+            mean.append(-share @ state.x[:, 2])
+        return times, mean
+
+    return run
+
+
+def implicit(system: fc.System, method, dt: float, **options) -> Callable:
+    """A method of the loop over time."""
+    for _ in fc.march(system, method, system.rest(), dt, 2 * dt, **options):
+        pass  # compiles
+
+    def run(share):
+        times, mean = [], []
+        for state, _ in fc.march(system, method, system.rest(), dt, T_END, **options):
+            times.append(state.t)
+            mean.append(-share @ state.x[:, 2])
+        return times, mean
+
+    return run
+
+
+def flex(
+    system: fc.System,
+    dt: float,
+    integrator: str,
+    pins: str = "boundary",
+    thickness: float = THICKNESS,
+    elastic: str = "stretch",
+):
+    """A sheet as a MuJoCo model: each vertex a body on three slides, no contact.
+
+    With `elastic` "both" it bends as a plate of that thickness, B = Y thickness²/(12 (1 − ν²)).
+    """
+    cloth = system.cloth
+    points = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+
+    def text(values):
+        return " ".join(repr(value) for value in np.ravel(values).tolist())
+
+    fabric = system.fabric
+    young = fabric.tensile[0] / thickness
+    xml = f"""<mujoco>
+      <option timestep="{dt!r}" gravity="0 0 -9.81" integrator="{integrator}">
+        <flag contact="disable"/>
+      </option>
+      <worldbody>
+        <flexcomp name="disk" type="direct" dim="2" dof="full" mass="1" radius="0.001"
+                  point="{text(points)}" element="{text(cloth.triangles)}">
+          <edge equality="false" damping="0"/>
+          <elasticity young="{young!r}" poisson="{fabric.poisson_ratio!r}" damping="0"
+                      thickness="{thickness!r}" elastic2d="{elastic}"/>
+          <contact selfcollide="none" contype="0" conaffinity="0"/>
+          <pin id="{text(cloth.nodes(pins))}"/>
+        </flexcomp>
+      </worldbody>
+    </mujoco>"""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # 4.0 warns that there is no passive force; there is
+        model = mujoco.MjSpec.from_string(xml).compile()
+    free = model.flex_vertbodyid > 0  # pinned ones belong to the world, body 0
+    model.body_mass[model.flex_vertbodyid[free]] = system.nodal_mass[free]
+    return model
+
+
+def peer(system: fc.System, dt: float, integrator: str, every: int) -> Callable:
+    """MuJoCo's steps, `every` of them in a call; `Euler` from the half-step velocity."""
+    model = flex(system, dt, integrator)
+    data = mujoco.MjData(model)
+    mujoco.mj_setConst(model, data)
+
+    def run(share):
+        mujoco.mj_resetData(model, data)
+        if integrator == "Euler":
+            mujoco.mj_forward(model, data)
+            data.qvel[:] = -0.5 * dt * data.qacc
+        times, mean = [], []
+        for _ in range(round(T_END / dt / every)):
+            mujoco.mj_step(model, data, nstep=every)
+            mujoco.mj_kinematics(model, data)  # positions of the end of the step
+            mujoco.mj_flex(model, data)
+            times.append(data.time)
+            mean.append(-share @ data.flexvert_xpos[:, 2])
+        return times, mean
+
+    return run
+
+
+def figures(h: float, elements: int) -> list[Figure]:
+    """All runs on one mesh, and what is asked of them."""
+    cloth = fc.Cloth.disk(radius=0.5, h=h)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    print(f"{len(cloth.triangles)} triangles")
+
+    def result(what, run):
+        return measured(what, system, run, elements)
+
+    fast = result("fecloth, CentralDifference, 0.125 ms", explicit(system, FINE, 32))
+    method, clamped = fc.EnergyMomentum(), fc.Newton(definiteness="clamp")  # it stays taut
+    slow = result(
+        "fecloth, EnergyMomentum, 1/240 s, clamped, PCG",
+        implicit(system, method, COARSE, solver="pcg", newton=clamped),
+    )
+    for what, run in {
+        "fecloth, EnergyMomentum, 1/240 s, direct": implicit(system, method, COARSE),
+        "fecloth, GeneralizedAlpha(0.8), 1/240 s, PCG": implicit(
+            system, fc.GeneralizedAlpha(0.8), COARSE, solver="pcg"
+        ),
+        "fecloth, LinearlyImplicitEuler, 1/240 s": implicit(
+            system, fc.LinearlyImplicitEuler(), COARSE
+        ),
+    }.items():
+        result(what, run)
+    found = [
+        Figure("explicit: error of the mean", fast.error, "% of the peak", 0.1),
+        Figure("explicit: cost", fast.cost, "CPU s/simulated s", 1.6),
+        Figure("EnergyMomentum at 1/240 s: error", slow.error, "% of the peak", 0.8),
+        Figure("EnergyMomentum at 1/240 s: over explicit", slow.cost / fast.cost, "ratio", 6),
+    ]
+    if mujoco is None:
+        print("MuJoCo is not installed, and left out: pip install 'fecloth[peers]'")
+        return found
+    version = f"MuJoCo {mujoco.__version__}"
+    other = result(f"{version}, Euler, 0.125 ms", peer(system, FINE, "Euler", 32))
+    result(f"{version}, discrete, 1/240 s", peer(system, COARSE, "discrete", 1))
+    apart = 100 * np.abs(other.mean - fast.mean).max() / np.abs(fast.mean).max()
+    return [
+        *found,
+        Figure("MuJoCo's Euler from the explicit run", apart, "% of the peak", 1e-6),
+        Figure("explicit: times cheaper than MuJoCo", other.cost / fast.cost, "ratio", 8, True),
+    ]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="a coarse mesh, some seconds")
+    options = parser.parse_args()
+    h, elements = (0.05, 400) if options.quick else (0.0152, 800)
+    found = figures(h, elements)
+    for figure in found:
+        print(figure)
+    missed = sum(not figure.met for figure in found)
+    print(f"{len(found) - missed} of {len(found)} figures met")
+    return 1 if missed and not options.quick else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

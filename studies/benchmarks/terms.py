@@ -1,0 +1,77 @@
+"""What each term costs, in nanoseconds a triangle and relative to StVK.
+
+    python -m studies.benchmarks.terms
+
+Force and tangent on an unstructured square, single-threaded, the minimum of several runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+
+import numpy as np
+
+import fecloth as fc
+from fecloth import (
+    study,  # noqa: F401  one thread for every library, before NumPy
+    terms,
+)
+from fecloth.linalg.block_matrix import BlockMatrix
+from studies.benchmarks.kernels import fastest, square
+
+FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
+GIVEN = {
+    "BaraffWitkin": {"area_exponent": 0.5},
+    "BendingDamping": {"time": 0.01},
+    "Drag": {"normal": 1.0, "tangential": 0.1},
+    "MassDamping": {"rate": 1.0},
+    "Pressure": {"p": 1.0},
+    "Springs": {"kind": "biquadratic"},
+    "StrainRateDamping": {"time": 0.01},
+    "TensorCondition": {"k": 250.0},
+}
+
+
+def described() -> list:
+    """Every term that can be made without naming a place on the cloth."""
+    made = []
+    for name in terms.__all__:
+        cls = getattr(terms, name)
+        if not (dataclasses.is_dataclass(cls) and hasattr(cls, "bind")):
+            continue
+        try:
+            made.append(cls(**GIVEN.get(name, {})))
+        except TypeError:  # needs a place, a function, ...
+            continue
+    return made
+
+
+def cost(term, cloth: fc.Cloth) -> tuple[float, float]:
+    """Force and tangent [ns a triangle]."""
+    system = fc.System(cloth, FABRIC, [term])
+    X, m = cloth.X, len(cloth.triangles)
+    x = np.column_stack([1.02 * X, 0.02 * np.sin(3 * X[:, 0])])
+    v = np.column_stack([0.1 * X, 0.2 * np.sin(5 * X[:, 1])])
+    J, f, bound = BlockMatrix.zeros(system.pattern), np.zeros_like(x), system.bound[0]
+    force = fastest(lambda: bound.add_force(x, v, 0.0, f))
+    tangent = fastest(lambda: bound.add_tangent(x, v, 0.0, 1.0, 1.0, J, False))
+    return 1e9 * force / m, 1e9 * tangent / m
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--triangles", type=int, default=20_000)
+    parser.add_argument("--quick", action="store_true", help="a small mesh")
+    options = parser.parse_args()
+    cloth = square(2_000 if options.quick else options.triangles)
+    unit_force, unit_tangent = cost(fc.StVK(), cloth)
+    print(f"{'term':<20} {'force':>9} {'x StVK':>7} {'tangent':>9} {'x StVK':>7}   ns a triangle")
+    for term in described():
+        force, tangent = cost(term, cloth)
+        relative = f"{force / unit_force:>7.2f} {tangent:>9.1f} {tangent / unit_tangent:>7.2f}"
+        print(f"{type(term).__name__:<20} {force:>9.1f} {relative}")
+
+
+if __name__ == "__main__":
+    main()

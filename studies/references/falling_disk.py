@@ -1,0 +1,209 @@
+"""A clamped disk on which gravity is switched on, one-dimensional in the radius."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from studies.references.closed_forms import Array, positive
+
+
+@dataclass(frozen=True)
+class Trampoline:
+    """Motion of the disk of `trampoline`, one row for each of the times.
+
+    Attributes
+    ----------
+    times
+        t, as given [s].
+    mean_deflection
+        (1/(π a²)) ∫ w dA over the reference disk, downward positive [m].
+    centre
+        w(0, t) [m].
+    kinetic_energy, elastic_energy
+        Of the whole disk [J]. Their sum is gravity's work ρ g π a² mean_deflection, up to the
+        error of the time step.
+    least_stress
+        Smallest of the second Piola-Kirchhoff stresses S_r, S_θ over the disk at that time [N/m];
+        negative: a real cloth would wrinkle there.
+    """
+
+    times: Array
+    mean_deflection: Array
+    centre: Array
+    kinetic_energy: Array
+    elastic_energy: Array
+    least_stress: Array
+
+
+def trampoline(
+    times: ArrayLike,
+    radius: float = 0.5,
+    tensile_stiffness: float = 1000.0,
+    poisson_ratio: float = 0.3,
+    areal_density: float = 0.2,
+    gravity: float = 9.81,
+    elements: int = 400,
+    courant: float = 0.5,
+) -> Trampoline:
+    """Fall of a disk, clamped at its rim, flat and unstressed until gravity acts at t = 0.
+
+    Axisymmetric, undamped, no bending. With the radial displacement u(R, t) and the deflection
+    w(R, t),
+
+        λ_r² = (1 + u')² + w'²,    λ_θ = 1 + u/R,    E = (λ² − 1)/2,
+        W = Y/(2 (1 − ν²)) (E_r² + E_θ² + 2 ν E_r E_θ),
+
+    and the action ∫∫ (ρ (u_t² + w_t²)/2 − W + ρ g w) 2πR dR dt is made stationary: linear
+    elements in R of equal size with one Gauss point, each node carrying the mass of the ring
+    between the neighbouring midpoints, and velocity Verlet in time (E. Hairer, C. Lubich,
+    G. Wanner, Acta Numerica 12 (2003) 399-450). Each gap between two times is cut into equal
+    steps, so that the times are met exactly.
+
+    Parameters
+    ----------
+    times
+        Times of the output, ≥ 0 and strictly increasing [s].
+    radius, tensile_stiffness, areal_density, gravity
+        a [m], Y [N/m], ρ [kg/m²], g [m/s²]; positive.
+    poisson_ratio
+        ν of plane stress, −1 < ν < 1 [-].
+    elements
+        Number of elements along the radius, at least 2.
+    courant
+        Largest step over h √(ρ (1 − ν²)/Y), the time a radial wave of the unstretched disk takes
+        through an element; stable below 1, less as the disk stretches.
+
+    Returns
+    -------
+    Trampoline
+        The motion at the times.
+
+    Raises
+    ------
+    ValueError
+        For a constant or a time that is not admissible.
+    RuntimeError
+        Where the disk stretched so far that the step was no longer stable; lower courant.
+
+    Notes
+    -----
+    Default values, t ≤ 0.2 s, against 4800 elements: the mean deflection is off by less than
+    1e-4 of its peak, 23.7 mm; the centre is in free fall to rounding until 0.112 s, and off by
+    up to 0.6 mm after 0.117 s, when the front from the rim has focused there. Each halving of h
+    halves these, no better: the focused front leaves kinks behind. From 0.17 s on, fine meshes
+    show short spells of compression (1 N/m) within a few elements of the centre.
+    """
+    positive(
+        radius=radius,
+        tensile_stiffness=tensile_stiffness,
+        areal_density=areal_density,
+        gravity=gravity,
+        courant=courant,
+    )
+    if not -1 < poisson_ratio < 1:
+        raise ValueError(f"poisson_ratio = {poisson_ratio!r} must lie in (-1, 1)")
+    if elements != int(elements) or elements < 2:
+        raise ValueError(f"elements = {elements!r} must be a whole number, at least 2")
+    instants = np.array(times, dtype=float, ndmin=1)
+    gaps = np.diff(instants, prepend=0.0)
+    if instants.ndim != 1 or not np.isfinite(instants).all():
+        raise ValueError("times must be one row of finite numbers")
+    if (gaps[1:] <= 0).any() or (gaps[:1] < 0).any():
+        raise ValueError("times must be at least 0 and strictly increasing")
+
+    plane = tensile_stiffness / (1 - poisson_ratio**2)
+    limit = courant * radius / elements * math.sqrt(areal_density / plane)
+    steps = np.ceil(gaps / limit).astype(np.int64)
+    mass = areal_density * _ring_areas(radius, int(elements))
+    rows, stiffening = _march(gaps, steps, mass, radius, plane, poisson_ratio, gravity)
+    # Not "courant² stiffening > 1": NaN, which an unstable run ends in, has to count as failed.
+    if not courant**2 * stiffening < 1:
+        raise RuntimeError(
+            f"trampoline: the disk stretched too far for courant = {courant!r} "
+            f"(its radial stiffness grew by the factor {stiffening:.3g}); lower courant"
+        )
+    return Trampoline(instants, *rows.T)
+
+
+def _ring_areas(radius: float, elements: int) -> Array:
+    """Area of the ring of each node, from midpoint to midpoint; they add up to π a²."""
+    # Not the row sums of the consistent mass: at the centre those give π h²/3 for the disk of
+    # radius h/2, which gets the acceleration there wrong by a quarter on any mesh.
+    h = radius / elements
+    edges = np.concatenate([[0.0], (np.arange(elements) + 0.5) * h, [radius]])
+    return math.pi * np.diff(edges**2)
+
+
+@njit(cache=True)
+def _internal(u, w, h, plane, nu, fu, fw):
+    """Set fu, fw to the elastic forces on the nodes; return energy, least stress, stiffening."""
+    fu[:] = 0.0
+    fw[:] = 0.0
+    energy = 0.0
+    least = np.inf
+    stiffening = 1.0
+    for i in range(u.size - 1):
+        middle = (i + 0.5) * h
+        area = 2 * np.pi * middle * h
+        stretch = 1 + (u[i + 1] - u[i]) / h
+        slope = (w[i + 1] - w[i]) / h
+        hoop = 1 + 0.5 * (u[i] + u[i + 1]) / middle
+        strain_r = 0.5 * (stretch * stretch + slope * slope - 1)
+        strain_t = 0.5 * (hoop * hoop - 1)
+        stress_r = plane * (strain_r + nu * strain_t)
+        stress_t = plane * (strain_t + nu * strain_r)
+        energy += 0.5 * area * (stress_r * strain_r + stress_t * strain_t)
+        least = min(least, stress_r, stress_t)
+        # largest eigenvalue of ∂P_r/∂(u', w') over its value at rest
+        stiffening = max(stiffening, 1 + 2 * strain_r + stress_r / plane)
+        radial = stress_r * stretch * area / h
+        vertical = stress_r * slope * area / h
+        ring = 0.5 * stress_t * hoop * area / middle
+        fu[i] += radial - ring
+        fu[i + 1] -= radial + ring
+        fw[i] += vertical
+        fw[i + 1] -= vertical
+    fu[0] = 0.0  # the axis stays on the axis
+    return energy, least, stiffening
+
+
+@njit(cache=True)
+def _kick(velocity, force, mass, acceleration, dt):
+    # without the last node: the rim is clamped
+    for i in range(velocity.size - 1):
+        velocity[i] += dt * (force[i] / mass[i] + acceleration)
+
+
+@njit(cache=True)
+def _march(gaps, steps, mass, radius, plane, nu, gravity):
+    """March over the gaps; rows (mean, centre, kinetic, elastic, least stress), stiffening."""
+    nodes = mass.size
+    h = radius / (nodes - 1)
+    u, w, fu, fw = np.zeros(nodes), np.zeros(nodes), np.zeros(nodes), np.zeros(nodes)
+    vu, vw = np.zeros(nodes), np.zeros(nodes)
+    rows = np.zeros((gaps.size, 5))
+    energy, least, worst = _internal(u, w, h, plane, nu, fu, fw)
+    for k in range(gaps.size):
+        dt = gaps[k] / max(steps[k], 1)
+        for _ in range(steps[k]):
+            _kick(vu, fu, mass, 0.0, 0.5 * dt)
+            _kick(vw, fw, mass, gravity, 0.5 * dt)
+            u += dt * vu
+            w += dt * vw
+            energy, least, stiffening = _internal(u, w, h, plane, nu, fu, fw)
+            if not stiffening < 1e6:  # blown up, perhaps NaN, which max() could lose
+                return rows, np.inf
+            worst = max(worst, stiffening)
+            _kick(vu, fu, mass, 0.0, 0.5 * dt)
+            _kick(vw, fw, mass, gravity, 0.5 * dt)
+        rows[k, 0] = np.sum(mass * w) / np.sum(mass)
+        rows[k, 1] = w[0]
+        rows[k, 2] = 0.5 * np.sum(mass * (vu * vu + vw * vw))
+        rows[k, 3] = energy
+        rows[k, 4] = least
+    return rows, worst

@@ -1,0 +1,273 @@
+"""Dimensionless numbers of a scene, by which `needs_predicted` foretells what simpler ones change.
+
+Orders of magnitude, for a cloth of areal density ρ, tensile stiffness Y and rigidity B whose free
+part reaches over L, under loads of w per area. Three cases, told apart by where the pins are and
+how the loads act at the start:
+
+- across: the pins lie around the cloth. A string of span L under w sags by s and carries T:
+  s/L = (3 w L/(64 Y))^(1/3), T = w L²/(8 s), from its length L (1 + 8/3 (s/L)²); its lowest
+  frequency is ω = (π/L) √(T/ρ).
+- hung: the loads act across a cloth that is held on one side. With N = w L³/B below 8 it is a
+  cantilever with the deflection N L/8 and ω = 3.52 √(B/(ρ L⁴)) (Timoshenko, Vibration Problems in
+  Engineering); above, it turns down within ℓ = (B/w)^(1/3) of the clamp, and is a heavy plate on a
+  hinge, ω = √(3 w/(2 ρ L)).
+- along: the loads act in its plane; it stretches by w L/(2 Y), ω = (π/2L) √(Y/ρ).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
+
+import fecloth as fc
+from fecloth.scene.problem import Built
+from fecloth.scene.scene import Scene
+
+FIRST_ORDER = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler", "ForwardEuler")
+DAMPED = ("BackwardEuler", "LinearlyImplicitEuler", "BDF2")
+BENDING = ("HingeBending", "QuadraticBending")
+MEMBRANES = ("StVK", "TensorCondition", "BaraffWitkin", "NeoHookean", "TensionField", "Springs")
+AIR = ("Drag", "Wind")
+DAMPINGS = ("MassDamping", "StrainRateDamping", "BendingDamping", "Drag")
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """The sizes that a scene's terms have; see the head of this file."""
+
+    scene: Scene
+    built: Built
+
+    @classmethod
+    def of(cls, scene: Scene) -> Numbers:
+        return cls(scene, scene.build())
+
+    def term(self, name: str):
+        """The term of that type as the user described it, or None."""
+        return next((t for t in self.built.system.terms if type(t).__name__ == name), None)
+
+    @cached_property
+    def loads(self) -> dict[str, float]:
+        """Σ |f|/A at the start of each load, by its type [Pa]."""
+        return {name: _size(f) / self.built.cloth.area for name, f in self._forces.items()}
+
+    @cached_property
+    def _forces(self) -> dict[str, np.ndarray]:
+        found, start = {}, self.built.state
+        for term, bound in zip(self.built.system.terms, self.built.system.bound, strict=True):
+            if getattr(term, "load", False) or getattr(bound, "load", False):
+                f = np.zeros_like(start.x)
+                bound.add_force(start.x, start.v, start.t, f)
+                found[type(term).__name__] = f
+        return found
+
+    @cached_property
+    def w(self) -> float:
+        """All loads [Pa]."""
+        return sum(self.loads.values())
+
+    @property
+    def density(self) -> float:
+        return self._fabric.areal_density
+
+    @property
+    def tensile(self) -> float:
+        return min(self._fabric.tensile)
+
+    @property
+    def rigidity(self) -> float:
+        """B [N m], 0 if no term has it."""
+        bends = any(self.term(name) for name in BENDING)
+        return min(self._fabric.bending) if bends else 0.0
+
+    @property
+    def _fabric(self):
+        return self.built.system.panel.fabrics[0]
+
+    @cached_property
+    def _pinned(self) -> np.ndarray:
+        return self.built.cloth.X[self.built.system.constraints.nodes]
+
+    @cached_property
+    def case(self) -> str:
+        """ "across", "hung" or "along"."""
+        if self._surrounded():
+            return "across"
+        x, (a, b, c) = self.built.state.x, self.built.cloth.triangles[:, :3].T
+        normals = np.cross(x[b] - x[a], x[c] - x[a])
+        normal = normals.sum(axis=0) / _size(normals)
+        acts = sum(np.abs(f @ normal).sum() for f in self._forces.values())
+        flat = np.linalg.norm(normal) > 1 - 1e-9
+        return "along" if flat and acts < 1e-6 * self.w * self.built.cloth.area else "hung"
+
+    def _surrounded(self) -> bool:
+        """Whether the middle of the cloth lies within the hull of what is pinned."""
+        try:
+            hull = Delaunay(self._pinned[ConvexHull(self._pinned).vertices])
+        except (QhullError, ValueError):  # on a line, or too few
+            return False
+        return bool(hull.find_simplex(self.built.cloth.X.mean(axis=0)) >= 0)
+
+    @cached_property
+    def L(self) -> float:
+        """How far the cloth reaches from its pins; across, twice that [m]."""
+        X = self.built.cloth.X
+        if not len(self._pinned):
+            return float(np.ptp(X, axis=0).max())
+        return float(cKDTree(self._pinned).query(X)[0].max()) * (1 + (self.case == "across"))
+
+    @cached_property
+    def sag(self) -> float:
+        """s/L of a string under w [-]."""
+        return max((3 * self.w * self.L / (64 * self.tensile)) ** (1 / 3), 1e-12)
+
+    @cached_property
+    def moved(self) -> float:
+        """Displacement over L [-]."""
+        hung = min(1.0, self.N / 8)
+        strain = self.w * self.L / (2 * self.tensile)
+        return {"across": self.sag, "hung": hung, "along": strain}[self.case]
+
+    @cached_property
+    def N(self) -> float:
+        """w L³/B [-]."""
+        return self.w * self.L**3 / self.rigidity if self.rigidity else math.inf
+
+    @cached_property
+    def omega(self) -> float:
+        """The lowest frequency [1/s]."""
+        L, rho = self.L, self.density
+        if self.case == "across":
+            return math.pi / L * math.sqrt(self.w * L / (8 * self.sag) / rho)
+        if self.case == "along":
+            return math.pi / (2 * L) * math.sqrt(self.tensile / rho)
+        if self.N < 8:
+            return 3.52 * math.sqrt(self.rigidity / (rho * L**4))
+        return math.sqrt(3 * self.w / (2 * rho * L))
+
+    @cached_property
+    def seconds(self) -> float:
+        return self.built.t_end - self.built.state.t
+
+    @cached_property
+    def h(self) -> float:
+        """Edge length, of equilateral triangles of the mean area [m]."""
+        cloth = self.built.cloth
+        return math.sqrt(4 / math.sqrt(3) * cloth.area / len(cloth.triangles))
+
+    @cached_property
+    def strained(self) -> float:
+        """Part of a motion's energy that strains the cloth [-]."""
+        return 1.0 if self.case != "hung" else min(1.0, self.w * self.L / (2 * self.tensile))
+
+    def decay(self, name: str) -> float:
+        """Exponent by which a damping shrinks the slowest motion until the end [-]."""
+        term = self.term(name)
+        if term is None:
+            return 0.0
+        if name == "MassDamping":
+            return 0.5 * term.rate * self.seconds
+        if name in AIR:
+            return 0.5 * self.slowing(name) * self.omega * self.seconds
+        share = self.strained if name == "StrainRateDamping" else self.bent
+        return 0.5 * self.omega**2 * term.time * share * self.seconds
+
+    @property
+    def bent(self) -> float:
+        """Part of a motion's energy that bends the cloth [-]."""
+        return min(1.0, self.without_bending())
+
+    def slowing(self, name: str) -> float:
+        """What air bears at the speed of the slowest motion, over the other loads [-]."""
+        term, speed = self.term(name), self.omega * self.moved * self.L
+        if term is None or not self.w:
+            return 0.0
+        power = 2 if term.law == "quadratic" else 1
+        return max(term.normal, term.tangential) * speed**power / self.w
+
+    @cached_property
+    def rest(self) -> float:
+        """What is left at the end of a motion, where only the end counts [-]."""
+        interest = self.scene.interest
+        if interest is None or interest.path or interest.period:
+            return 1.0
+        return math.exp(-sum(self.decay(name) for name in DAMPINGS))
+
+    def without_bending(self) -> float:
+        """π² B/(T L²) across, 8/N of a cantilever, ℓ/L of what hangs; nothing along."""
+        if not self.rigidity or self.case == "along" or not self.w:
+            return 0.0
+        if self.case == "across":
+            return math.pi**2 * self.rigidity / (self.w * self.L / (8 * self.sag) * self.L**2)
+        return max(8 / self.N, self.N ** (-1 / 3))
+
+    def other_membrane(self) -> float:
+        """How far springs are from the fabric, by how much the stretch is of the motion.
+
+        An unstructured mesh is taken for an equilateral one.
+        """
+        pattern = getattr(self.scene.cloth, "pattern", "unstructured")
+        lattice = "equilateral" if pattern == "unstructured" else pattern
+        C = [
+            fc.plane_moduli(term, self._fabric, lattice, self.h)
+            for term in (fc.StVK(), fc.Springs())
+        ]
+        both = [(1 / np.linalg.inv(c)[0, 0], c[0, 0] + c[0, 1]) for c in C]
+        apart = max(abs(b / a - 1) for a, b in zip(*both, strict=True))
+        stretch = self.w * self.L / (2 * self.tensile) / max(self.moved, 1e-12)
+        return apart * {"across": 1 / 3, "hung": min(1.0, stretch), "along": 1.0}[self.case]
+
+    def time_error(self, dt: float) -> float:
+        """ω t times ω dt/2 of a first-order method, (ω dt)²/12 of the others, at most 1.
+
+        That of a motion; what `steps_leave` of it counts.
+        """
+        first = type(self.built.method).__name__ in FIRST_ORDER
+        each = self.omega * dt / 2 if first else (self.omega * dt) ** 2 / 12
+        return min(1.0, each * self.omega * self.seconds) * self.steps_leave(dt) * self.rest
+
+    def steps_leave(self, dt: float) -> float:
+        """What methods that damp leave of the slowest motion, where no step resolves it [-]."""
+        beyond = self.omega * dt
+        if beyond < 1 or type(self.built.method).__name__ not in DAMPED:
+            return 1.0
+        return math.exp(-0.5 * self.seconds / dt * math.log1p(beyond**2))
+
+    def mesh_error(self) -> float:
+        """(κ h)²/12 of linear elements on a wave of half the length L; 2 L with a free side."""
+        half = self.L if self.case == "across" else 2 * self.L
+        return (math.pi * self.h / half) ** 2 / 12
+
+
+def table(of: Numbers) -> list[dict]:
+    """The numbers, with their formulas."""
+    g, period = of.loads.get("Gravity", 0.0), 2 * math.pi / of.omega if of.omega else math.inf
+    wave = math.sqrt(of.tensile / of.density)
+    rows = [
+        ("gravity / membrane stiffness", "ρ g L/Y", g * of.L / of.tensile),
+        ("gravity / bending stiffness", "ρ g L³/B", g * of.L**3 / of.rigidity)
+        if of.rigidity
+        else None,
+        ("all loads / bending stiffness", "w L³/B", of.N) if of.rigidity else None,
+        ("dt / fastest wave", "dt √(Y/ρ)/h", of.built.dt * wave / of.h) if of.built.dt else None,
+        ("dt / slowest period", "dt ω/2π", of.built.dt / period) if of.built.dt else None,
+    ]
+    for name in AIR:
+        if of.term(name):
+            bears = of.loads.get(name) or of.slowing(name) * of.w
+            rows.append((f"{name} / weight", "k u²/(ρ g)", bears / g if g else math.inf))
+    for name in ("StrainRateDamping", "BendingDamping"):
+        if term := of.term(name):
+            rows.append((f"{name} / slowest period", "τ ω/2π", term.time / period))
+    if term := of.term("MassDamping"):
+        rows.append(("MassDamping · slowest period", "2π c/ω", term.rate * period))
+    names = ("number", "formula", "value")
+    return [dict(zip(names, row, strict=True)) for row in rows if row]
+
+
+def _size(vectors: np.ndarray) -> float:
+    return float(np.linalg.norm(vectors, axis=1).sum())

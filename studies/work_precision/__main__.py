@@ -1,0 +1,279 @@
+"""Error against seconds: every method, step, mesh, element, model and linear solver on four scenes.
+
+    python -m studies.work_precision [--quick] [--jobs N] [--out DIR] [--peers] [--scene my.toml]
+
+A run's error is the largest distance of a path (a mean over the cloth; the centre or free edge
+beside it) from that of the converged continuum, over the path's peak, at 40 times; between the
+steps Hermite's cubic. It has three parts: in time, against a run of fine steps on the same mesh;
+in space, of that against the same on the finest mesh; of the model, of that against the
+continuum, what the finest mesh leaves included.
+
+Seconds are the processor's, on one thread, of the march alone, after a warm-up of a fiftieth of
+the run, which also compiles: the least of three runs, or of the one run where that takes over 1 s.
+Timed cases run one after another whatever --jobs says.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+
+import numpy as np
+
+from fecloth import study
+from studies.references.continuum import continuum
+from studies.work_precision import figures as charts
+from studies.work_precision.grid import asked, asked_of, fine_runs, key
+from studies.work_precision.scenes import SCENES, own, run
+
+LEVELS = (0.1, 0.01, 0.001, 0.0001)
+FIRST = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler")
+EXPLICIT = ("many_steps", "CentralDifference", "SymplecticEuler", "Adaptive CentralDifference")
+Rows = list[dict]
+
+
+def distance(a, b, last_only: bool = False) -> float:
+    """Largest |a − b| over the largest |b|; of the last sample alone for a static answer."""
+    a, b = np.asarray(a), np.asarray(b)
+    if last_only:
+        a, b = a[-1:], b[-1:]
+    return float(np.abs(a - b).max() / np.abs(b).max())
+
+
+def limits(fine: Rows, scene: str, coarse: bool) -> dict[str, np.ndarray]:
+    """The continuum of a scene, or where none is known what the quadratic triangles tend to.
+
+    For the latter by Aitken's extrapolation of the three finest meshes.
+    """
+    times = SCENES[scene]("StVK" if scene != "swing" else "StVK + hinges", "P1", 0.1).times
+    exact = continuum(scene, times, coarse)
+    if exact:
+        return exact
+    own_ = [r for r in fine if r["scene"] == scene and r["element"] == "P2"]
+    a, b, c = sorted(own_, key=lambda row: -row["h"])[-3:]
+    limit = {}
+    for name in ("mean", "point"):
+        p, q, r = (np.array(row[name]) for row in (a, b, c))
+        limit[name] = r - (r - q) ** 2 / ((r - q) - (q - p))
+    return limit
+
+
+def split(rows: Rows, fine: Rows, coarse: bool) -> None:
+    """Add the errors to the rows: of both paths, and of the mean's parts."""
+    own_ = {key(row): row for row in fine if row["status"] == "ok"}
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        exact, still = limits(fine, scene, coarse), scene == "stretch"
+        for row in [*rows, *fine]:
+            if row["scene"] != scene or row["status"] != "ok":
+                continue
+            row["total_error"] = distance(row["mean"], exact["mean"], still)
+            row["point_error"] = distance(row["point"], exact["point"], still)
+            here = own_.get(key(row))
+            kin = [r for r in own_.values() if key(r)[:3] == key(row)[:3]]
+            if here is None or not kin:
+                continue
+            best = min(kin, key=lambda r: r["h"])
+            row["time_error"] = distance(row["mean"], here["mean"], still)
+            row["space_error"] = distance(here["mean"], best["mean"], still)
+            row["model_error"] = distance(best["mean"], exact["mean"], still)
+
+
+def failed_by_itself(rows: Rows) -> Rows:
+    """Rows whose run failed after some seconds, with the status of a failure."""
+    return [
+        row | {"status": "failed", "cause": row["failure"]} if "failure" in row else row
+        for row in rows
+    ]
+
+
+def words(row: dict) -> str:
+    """A setting as one reads it."""
+    parts = [row["method"]]
+    if row.get("step"):
+        adaptive = row["method"].startswith(("Adaptive", "Auto"))
+        parts.append(f"rtol {row['step']:g}" if adaptive else f"dt {1e3 * row['step']:.3g} ms")
+    parts += [f"h {row['h']:g}", row["element"]]
+    parts += [row["model"]] if row["model"] != "StVK" else []
+    parts += [row["linear"]] if row["linear"] != "auto" else []
+    return ", ".join(parts)
+
+
+def cheapest(rows: Rows, scene: str, level: float, among=lambda row: True) -> dict | None:
+    """The row of the scene that takes the fewest seconds to that error, if there is one."""
+    good = [r for r in rows if r["scene"] == scene and r["status"] == "ok" and among(r)]
+    good = [r for r in good if r["total_error"] <= level]
+    return min(good, key=lambda row: row["seconds"]) if good else None
+
+
+def seconds(row: dict | None) -> float:
+    return row["seconds"] if row else math.inf
+
+
+def table(rows: Rows, scene: str) -> Rows:
+    """The cheapest setting for each level of error."""
+    lines = []
+    for level in LEVELS:
+        row, line = cheapest(rows, scene, level), {"error at most": f"{100 * level:g} %"}
+        if row is None:
+            lines.append(line | {"cheapest": "none of these"})
+            continue
+        line |= {"cheapest": words(row), "CPU seconds": row["seconds"]}
+        line |= {"error [%]": 100 * row["total_error"], "beside it [%]": 100 * row["point_error"]}
+        for name in ("steps", "newton", "factorisations", "force_evaluations"):
+            line[name.replace("_", " ")] = row.get(name)
+        lines.append(line)
+    return lines
+
+
+def parts(fine: Rows) -> Rows:
+    """Errors in space and of the model, and the point's, of each mesh."""
+    return [
+        {
+            "scene": row["scene"],
+            "model": row["model"],
+            "element": row["element"],
+            "h [m]": row["h"],
+            "triangles": row["triangles"],
+            "space [%]": 100 * row["space_error"],
+            "model [%]": 100 * row["model_error"],
+            "all [%]": 100 * row["total_error"],
+            "beside it [%]": 100 * row["point_error"],
+        }
+        for row in fine
+        if row["status"] == "ok" and "space_error" in row
+    ]
+
+
+def solvers(rows: Rows) -> Rows:
+    """Seconds by each linear solver of the same runs."""
+    named = [r for r in rows if r.get("linear", "auto") != "auto" and r["status"] == "ok"]
+    same = ("scene", "h", "method", "step", "element", "model")
+    lines = {}
+    for row in rows:
+        at = tuple(row[name] for name in same)
+        if row["status"] == "ok" and any(at == tuple(r[name] for name in same) for r in named):
+            line = lines.setdefault(at, dict(zip(same[:3], at, strict=False)))
+            line |= {"dt [ms]": 1e3 * row["step"], row["linear"] + " [s]": row["seconds"]}
+    return list(lines.values())
+
+
+def conclude(rows: Rows, fine: Rows, quick: bool) -> list[study.Finding]:
+    """Who wins, and how near the finest run comes."""
+    found = []
+
+    def ratio(what, scene, level, slow, fast, low):
+        costs = [seconds(cheapest(rows, scene, level, among)) for among in (slow, fast)]
+        value = costs[0] / costs[1] if math.isfinite(costs[1]) else math.nan
+        found.append(study.Finding(f"{scene}, {100 * level:g} %: {what}", value, low))
+
+    def explicit(row):
+        return row["method"] in EXPLICIT
+
+    def implicit(row):
+        others = ("Auto", "equilibrium", "MuJoCo")
+        return not explicit(row) and not row["method"].startswith(others)
+
+    def first(row):
+        return row["method"] in FIRST[:2]
+
+    def second(row):
+        return implicit(row) and row["method"] not in FIRST
+
+    ratio("cheapest implicit over explicit", "trampoline", 0.01, implicit, explicit, 1.5)
+    for scene in ("trampoline", "wave"):
+        ratio("first order over second, implicit", scene, 0.01, first, second, 1.0)
+    if quick:
+        return found
+    ratio("cheapest explicit over implicit", "swing", 0.01, explicit, implicit, 1.5)
+    marching = lambda row: row["method"] != "equilibrium"  # noqa: E731
+    still = lambda row: row["method"] == "equilibrium"  # noqa: E731
+    ratio("marching over the equilibrium", "stretch", 0.01, marching, still, 1.0)
+    best = min(
+        (r for r in rows if r["scene"] == "trampoline" and r["status"] == "ok"),
+        key=lambda row: (row["h"], row["total_error"]),
+    )
+    what = f"trampoline, finest ({words(best)}): error of the mean [%]"
+    found.append(study.Finding(what, 100 * best["total_error"], high=0.1))
+    found.append(study.Finding("  and of the centre [%]", 100 * best["point_error"]))
+    return found
+
+
+def sentence(rows: Rows) -> str:
+    """What the charts say, in words."""
+    said = []
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        row = cheapest(rows, scene, 0.01)
+        if row:
+            said.append(f"the {scene} takes {words(row)} and {row['seconds']:.2g} CPU s")
+    return "At 1 % of error " + "; ".join(said) + "." if said else ""
+
+
+def of_own(options) -> int:
+    """A user's scene by other methods and steps, against its own method at fine steps."""
+    name = options.scene.stem
+    digest = hashlib.sha256(options.scene.read_bytes()).hexdigest()[:12]
+    shared = {"path": str(options.scene.resolve()), "digest": digest}
+    cases = [{**shared, **case} for case in asked_of(options.scene, options.quick)]
+    running = study.running(options) | {"jobs": 1}
+    exact, *rows = study.run_cases(cases, own, **running, time_limit=300)
+    for row in rows:
+        row |= {"scene": name, "element": "P1", "model": "StVK", "h": math.nan}
+        if row["status"] == exact["status"] == "ok":
+            row["total_error"] = rms(row["x"], exact["x"]) / rms(exact["x"], exact["start"])
+    charts.draw_all(options.out, rows, "distance of the end [% of the way there]")
+    lines = []
+    for level in LEVELS:
+        row, line = cheapest(rows, name, level), {"error at most": f"{100 * level:g} %"}
+        if row:
+            line |= {"method": row["method"], "dt [s] or rtol [1/s]": row["step"]}
+            line |= {"CPU seconds": row["seconds"], "error [%]": 100 * row["total_error"]}
+        lines.append(line)
+    return study.report(
+        options,
+        f"Speed and accuracy of {name}",
+        rows,
+        tables={"Cheapest, by the rms distance of the end over that from the start": lines},
+        figures=("speed_accuracy",),
+        conclusion=f"Errors in time alone, against {exact['method']} at {exact['step']:g}.",
+    )
+
+
+def rms(a, b) -> float:
+    """Root of the mean square of a − b."""
+    return float(np.sqrt(np.mean(np.square(np.subtract(a, b)))))
+
+
+def main() -> int:
+    options = study.arguments(__doc__, peers={"action": "store_true", "help": "add MuJoCo"})
+    if options.scene:
+        return of_own(options)
+    running, one = study.running(options), study.running(options) | {"jobs": 1}
+    fine = study.run_cases(fine_runs(options.quick), run, **running, time_limit=300)
+    rows = study.run_cases(asked(options.quick), run, **one, time_limit=60)
+    if options.peers:
+        from studies.work_precision.mujoco import beside, peer_cases
+
+        rows += study.run_cases(peer_cases(options.quick), beside, **one, time_limit=300)
+    rows = failed_by_itself(rows)
+    split(rows, fine, options.quick)
+    charts.draw_all(options.out, rows)
+    charts.draw_time(options.out, rows)
+    charts.draw_space(options.out, fine)
+    scenes = dict.fromkeys(row["scene"] for row in rows)
+    tables = {f"Cheapest: {scene}": table(rows, scene) for scene in scenes}
+    tables["Space and model, at fine steps"] = parts(fine)
+    if not options.quick:
+        tables["Linear solvers, CPU seconds"] = solvers(rows)
+    return study.report(
+        options,
+        "Speed and accuracy",
+        rows,
+        tables=tables,
+        figures=("speed_accuracy", "time_error", "space_error"),
+        findings=conclude(rows, fine, options.quick),
+        conclusion=sentence(rows),
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,85 @@
+"""MuJoCo's flex in the scenes of speed_accuracy.py: the same mesh, masses and material.
+
+`Euler` starts with the half-step velocity, as the leapfrog does; `discrete` is the linearised
+backward Euler step. Its bending is a thin plate's, with the thickness that gives B at the given Y.
+"""
+
+from __future__ import annotations
+
+import time
+from importlib.util import find_spec
+
+import numpy as np
+
+from fecloth import study
+from studies.work_precision.grid import MESHES, STABLE, case
+from studies.work_precision.scenes import LONG, PAPER, SAMPLES, SCENES, Scene
+
+Rows = list[dict]
+FLEX = {"trampoline": {}, "swing": {"pins": "left", "elastic": "both"}}
+STEPS = (5e-3, 2.5e-3, 1.25e-3)  # s
+
+
+def peer_cases(quick: bool) -> Rows:
+    """Explicit steps near the limit, and long ones of `discrete`; none without MuJoCo."""
+    if find_spec("mujoco") is None:
+        print("MuJoCo is not installed, and left out: pip install 'fecloth[peers]'")
+        return []
+    found = []
+    for scene in ("trampoline",) if quick else tuple(FLEX):
+        for h in MESHES[scene][1:2] if quick else MESHES[scene][1:3]:
+            found.append(case(scene, h, "MuJoCo Euler", STABLE[scene] * h))
+            found += [case(scene, h, "MuJoCo discrete", dt) for dt in STEPS]
+    return found
+
+
+def beside(scene, model, element, h, method, step, linear) -> dict:
+    """A run of MuJoCo: the paths, the seconds."""
+    asked = SCENES[scene](model, element, h)
+    gap = asked.t_end / SAMPLES
+    each = int(np.ceil(gap / step - 1e-9))
+    model_, data = bound(asked, scene, gap / each, method.split()[1])
+    fly(asked, model_, data, 2, each)  # warm
+    spent = []
+    while len(spent) < 3 and (not spent or min(spent) < LONG):
+        begin = time.process_time()
+        paths = fly(asked, model_, data, SAMPLES, each)
+        spent.append(time.process_time() - begin)
+    row = {"nodes": len(asked.system.cloth.X), "triangles": len(asked.system.cloth.triangles)}
+    row |= {"seconds": min(spent), "runs": len(spent), "steps": each * SAMPLES}
+    if not np.isfinite(paths).all():
+        return row | {"failure": "a position is not finite"}
+    return row | {"mean": paths[0].tolist(), "point": paths[1].tolist()}
+
+
+def bound(asked: Scene, scene: str, dt: float, integrator: str):
+    """The model, and the data of its state."""
+    import mujoco
+
+    from studies.benchmarks.mujoco import flex
+
+    options = dict(FLEX[scene])
+    if scene == "swing":
+        options["thickness"] = float(np.sqrt(12 * PAPER.bending[0] / PAPER.tensile[0]))
+    model = flex(asked.system, dt, integrator, **options)
+    data = mujoco.MjData(model)
+    mujoco.mj_setConst(model, data)
+    return model, data
+
+
+def fly(asked: Scene, model, data, samples: int, each: int) -> np.ndarray:
+    """(2, samples) paths of a run from the start."""
+    import mujoco
+
+    mujoco.mj_resetData(model, data)
+    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER:
+        mujoco.mj_forward(model, data)
+        data.qvel[:] = -0.5 * model.opt.timestep * data.qacc
+    rest, paths = asked.system.rest().x, []
+    for _ in range(samples):
+        mujoco.mj_step(model, data, nstep=each)
+        mujoco.mj_kinematics(model, data)  # positions of the end of the step
+        mujoco.mj_flex(model, data)
+        paths.append(asked.of(data.flexvert_xpos - rest))
+        study.tick()
+    return np.array(paths).T

@@ -1,0 +1,308 @@
+"""The four scenes of speed_accuracy.py, and what one run of one of them answers and costs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+
+import fecloth as fc
+from fecloth import study
+from fecloth.errors import SolveFailed, StepFailed
+from fecloth.nonlinear.statistics import Counts
+from fecloth.scene.scene import load
+from studies.models.homogenised_moduli import NU, Y
+
+SAMPLES = 40  # times at which the paths are compared
+LONG = 1.0  # CPU seconds of a run above which one is counted, not the least of three
+MEMBRANES = {
+    "StVK": fc.StVK(),
+    "NeoHookean": fc.NeoHookean(),
+    "TensorCondition": fc.TensorCondition(Y / 4),
+    "BaraffWitkin": fc.BaraffWitkin(),
+    "Springs": fc.Springs(),
+}
+BENDING = {"hinges": fc.HingeBending(), "quadratic": fc.QuadraticBending()}
+TRAMPOLINE = fc.Fabric(areal_density=0.2, tensile_stiffness=Y, poisson_ratio=NU)
+STRIP = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+PAPER = fc.Fabric(areal_density=0.08, tensile_stiffness=2000.0, bending_rigidity=1e-3)
+AMPLITUDE, LENGTH, SWING, PULL, RAMP = 1e-4, 1.0, 0.3, 0.05, 0.1  # m, m, m, m, s
+
+
+class Counted(fc.System):
+    """A system that counts how often its forces are asked for."""
+
+    def __init__(self, *arguments, **keywords):
+        object.__setattr__(self, "calls", [0])
+        super().__init__(*arguments, **keywords)
+
+    def force(self, state):
+        self.calls[0] += 1
+        return super().force(state)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What moves, until when, and the numbers it is asked for.
+
+    Attributes
+    ----------
+    rows
+        (2, n) weights: of the mean, and of a point.
+    component
+        Of the displacement that they are taken of, and its sign.
+    """
+
+    system: fc.System
+    state: fc.State
+    t_end: float
+    rows: np.ndarray
+    component: tuple[int, float] = (2, -1.0)
+    options: dict = field(default_factory=dict)
+
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """(2,) of a nodal field (n, 3)."""
+        axis, sign = self.component
+        return sign * (self.rows @ values[:, axis])
+
+    @property
+    def times(self) -> np.ndarray:
+        """When the paths are compared [s]."""
+        return np.linspace(0.0, self.t_end, SAMPLES + 1)[1:]
+
+
+# --- the scenes -----------------------------------------------------------------------------------
+
+
+def trampoline(model: str, element: str, h: float) -> Scene:
+    """A disk, clamped at its rim, falls from level: mean deflection and centre."""
+    cloth = fc.Cloth.disk(0.5, h=h, element=element)
+    system = Counted(cloth, TRAMPOLINE, [MEMBRANES[model], fc.Gravity()], ["boundary"])
+    return Scene(system, system.rest(), 0.2, weights(system, (0.0, 0.0)))
+
+
+def wave(model: str, element: str, h: float) -> Scene:
+    """A strip, held at X = 0, is let go from a quarter of a sine: two periods along its length."""
+    cloth = fc.Cloth.rectangle(LENGTH, 0.25, h=h, element=element)
+    system = Counted(cloth, STRIP, [MEMBRANES[model]], ["left", in_plane(cloth, "left")])
+    x = system.rest().x
+    x[:, 0] += AMPLITUDE * np.sin(0.5 * np.pi * cloth.X[:, 0] / LENGTH)
+    period = 4 * LENGTH * np.sqrt(0.2 / 1000.0)
+    return Scene(system, system.state(x), 2 * period, weights(system, (LENGTH, 0.125)), (0, 1.0))
+
+
+def swing(model: str, element: str, h: float) -> Scene:
+    """A strip of paper, hinged along an edge, falls from level: mean depth and free edge."""
+    membrane, _, bending = model.partition(" + ")
+    terms = [MEMBRANES[membrane], *([BENDING[bending]] if bending else []), fc.Gravity()]
+    cloth = fc.Cloth.rectangle(SWING, 0.1, h=h, pattern="right", element=element)
+    system = Counted(cloth, PAPER, terms, ["left"])
+    return Scene(system, system.rest(), 0.3, weights(system, (SWING, 0.05)))
+
+
+def stretch(model: str, element: str, h: float) -> Scene:
+    """A strip between clamps, kept plane, is pulled by a tenth and comes to rest.
+
+    Asked for is by how much it narrows: the mean over both halves, and the free edge's middle.
+    """
+    cloth = fc.Cloth.rectangle(0.5, 0.5, h=h, element=element)
+    terms = [MEMBRANES[model], fc.MassDamping(60.0)]
+    pins = ["left", fc.Pin("right", pulled, pulling), in_plane(cloth, "left", "right")]
+    system = Counted(cloth, TRAMPOLINE, terms, pins)
+    upper = weights(system, (0.25, 0.5))
+    upper[0] *= np.sign(cloth.X[:, 1] - 0.25)
+    return Scene(system, system.rest(), 0.5, upper, (1, -1.0))
+
+
+SCENES = {"trampoline": trampoline, "wave": wave, "swing": swing, "stretch": stretch}
+
+
+def pulled(t: float) -> np.ndarray:
+    """Shift of the right clamp: a smooth ramp to PULL [m]."""
+    s = min(t / RAMP, 1.0)
+    return np.array([PULL * s * s * (3 - 2 * s), 0.0, 0.0])
+
+
+def pulling(t: float) -> np.ndarray:
+    """Its velocity [m/s]."""
+    s = min(t / RAMP, 1.0)
+    return np.array([PULL * 6 * s * (1 - s) / RAMP, 0.0, 0.0])
+
+
+def in_plane(cloth: fc.Cloth, *held: str) -> fc.Slide:
+    """All nodes but the held ones stay in the plane."""
+    rest = np.setdiff1d(np.arange(len(cloth.X)), np.concatenate([cloth.nodes(n) for n in held]))
+    return fc.Slide(rest, normal=(0.0, 0.0, 1.0))
+
+
+def weights(system: fc.System, point: tuple[float, float]) -> np.ndarray:
+    """(2, n): the mass-weighted mean, and a material point's interpolation."""
+    at = fc.Probe("point", point=point).weights(system.cloth).toarray()
+    return np.vstack([system.nodal_mass / system.nodal_mass.sum(), at])
+
+
+# --- one case -------------------------------------------------------------------------------------
+
+
+def run(
+    scene: str,
+    model: str,
+    element: str,
+    h: float,
+    method: str,
+    step: float | None = None,
+    linear: str = "auto",
+    repeats: int = 3,
+) -> dict:
+    """A case of speed_accuracy.py: the paths, the seconds, the counts.
+
+    `step` is dt [s], for Adaptive and Auto rtol [1/s]. A run that fails tells its seconds as well.
+    """
+    asked = SCENES[scene](model, element, h)
+    return outcome(asked, runner(asked, method, step, linear), repeats)
+
+
+def outcome(asked: Scene, runs: Callable[[float], tuple], repeats: int) -> dict:
+    """Seconds and paths of `runs(t_end)`, warm."""
+    system = asked.system
+    size = {"nodes": len(system.cloth.X), "triangles": len(system.cloth.triangles)}
+    begin = time.perf_counter()
+    with suppress(StepFailed, SolveFailed):  # it will again
+        runs(0.02 * asked.t_end)
+    row, spent = size | {"warm_up_seconds": time.perf_counter() - begin}, []
+    while len(spent) < repeats and (not spent or min(spent)[0] < LONG):
+        system.calls[0], wall, cpu = 0, time.perf_counter(), time.process_time()
+        try:
+            paths, counts = runs(asked.t_end)
+        except (StepFailed, SolveFailed) as failure:
+            seconds = {"seconds": time.process_time() - cpu, "wall": time.perf_counter() - wall}
+            return row | seconds | {"failure": str(failure).splitlines()[0]}
+        spent.append((time.process_time() - cpu, time.perf_counter() - wall))
+    cpu, wall = min(spent)
+    row |= {"seconds": cpu, "wall": wall, "runs": len(spent)} | counts
+    return row | {"mean": paths[0].tolist(), "point": paths[1].tolist()}
+
+
+def runner(asked: Scene, method: str, step: float | None, linear: str) -> Callable:
+    """The function of the end time that runs the scene by the method of that name."""
+    if method == "equilibrium":
+        return lambda t_end: static(asked, linear)
+    if method == "many_steps":
+        return lambda t_end: fused(asked, step, t_end)
+    chosen = named(method, step)
+    dt = None if getattr(chosen, "chooses_dt", False) else step
+    return lambda t_end: marched(asked, chosen, dt, linear, t_end)
+
+
+def marched(asked: Scene, method, dt: float | None, linear: str, t_end: float) -> tuple:
+    """Paths at the sample times, by Hermite's cubics between the steps, and the counts."""
+    start, counts, steps = asked.state, Counts(), 0
+    times, values, rates = [start.t], [np.zeros(2)], [asked.of(start.v)]
+    offset = asked.of(start.x - asked.system.rest().x)
+    run_ = asked.system, method, start, dt, t_end
+    for state, info in fc.march(*run_, solver=linear, **asked.options):
+        counts, steps = counts.plus(info.counts), steps + 1
+        times.append(state.t)
+        values.append(asked.of(state.x - start.x))
+        rates.append(asked.of(state.v))
+        if steps % 64 == 0:
+            study.tick()
+    paths = [
+        offset[i] + hermite(times, np.array(values)[:, i], np.array(rates)[:, i], asked.times)
+        for i in (0, 1)
+    ]
+    forces = asked.system.calls[0] + (steps if counts.newton else 0)  # the first residual's
+    return paths, counted(steps, counts.newton, counts.linear, counts.factorisations, forces)
+
+
+def fused(asked: Scene, dt: float, t_end: float) -> tuple:
+    """Central differences in compiled calls from sample to sample, dt shortened to meet them."""
+    gap = asked.t_end / SAMPLES
+    each = int(np.ceil(gap / dt - 1e-9))
+    state, paths = asked.state, []
+    rest = asked.system.rest().x
+    for _ in range(max(1, round(t_end / gap))):
+        state = fc.many_steps(asked.system, state, gap / each, each)
+        paths.append(asked.of(state.x - rest))
+        study.tick()
+    return np.array(paths).T, counted(each * SAMPLES, forces=(each + 1) * SAMPLES)
+
+
+def static(asked: Scene, linear: str) -> tuple:
+    """The equilibrium with the pins where they end, as a path of one value."""
+    system, rest = asked.system, asked.system.rest().x
+    x = rest.copy()
+    x[:, 0] *= 1 + pulled(asked.t_end)[0] / rest[:, 0].max()
+    iterations = []
+    solver = "direct" if linear == "auto" else linear
+    start = system.state(x, t=asked.t_end)
+    end = fc.equilibrium(system, start, solver=solver, report=iterations.append)
+    paths = np.tile(asked.of(end.x - rest)[:, None], SAMPLES)
+    return paths, counted(0, len(iterations), 0, len(iterations))
+
+
+def counted(steps=0, newton=0, linear=0, factorisations=0, forces=None) -> dict[str, int]:
+    """What a run took, independent of the machine."""
+    return {
+        "steps": steps,
+        "newton": newton,
+        "linear_iterations": linear,
+        "factorisations": factorisations,
+        "force_evaluations": forces,
+    }
+
+
+def hermite(t, q, rate, at: np.ndarray) -> np.ndarray:
+    """Values at the times `at` of the cubic with the values q and the rates at both step ends.
+
+    Examples
+    --------
+    >>> t = np.array([0.0, 1.0, 3.0])
+    >>> float(hermite(t, t**3, 3 * t**2, np.array([2.0]))[0])
+    8.0
+    """
+    t = np.asarray(t)
+    i = np.clip(np.searchsorted(t, at) - 1, 0, len(t) - 2)
+    d = t[i + 1] - t[i]
+    s = (at - t[i]) / d
+    ends = (1 + 2 * s) * (1 - s) ** 2 * q[i] + s * s * (3 - 2 * s) * q[i + 1]
+    return ends + d * s * (1 - s) * ((1 - s) * rate[i] - s * rate[i + 1])
+
+
+def own(path: str, digest: str, method: str, step: float | None) -> dict:
+    """A scene file by another method: where it ends, and the seconds of one run.
+
+    `digest` is the file's, so that a change of it is another case; `method` "own" is the scene's.
+    """
+    built = load(path).build()
+    chosen = built.method if method == "own" else named(method, step)
+    dt = None if getattr(chosen, "chooses_dt", False) else step
+
+    def steps(t_end: float) -> tuple:
+        counts, number, state = Counts(), 0, built.state
+        run_ = built.system, chosen, state, dt, t_end
+        for number, (state, info) in enumerate(  # noqa: B007
+            fc.march(*run_, solver=built.linear, newton=built.newton), 1
+        ):
+            counts = counts.plus(info.counts)
+            study.tick()
+        return state, number, counts
+
+    steps(built.state.t + 0.02 * (built.t_end - built.state.t))
+    begin = time.process_time()
+    state, number, counts = steps(built.t_end)
+    row = {"seconds": time.process_time() - begin, "x": state.x.ravel().tolist()}
+    row |= {"start": built.state.x.ravel().tolist(), "nodes": len(built.cloth.X)}
+    return row | counted(number, counts.newton, counts.linear, counts.factorisations)
+
+
+def named(method: str, step: float | None):
+    """The method of that name; Adaptive's and Auto's tolerance is `step`."""
+    if method == "Auto":
+        return fc.Auto(step)
+    if method.startswith("Adaptive "):
+        return fc.Adaptive(getattr(fc, method.split()[1])(), step)
+    return getattr(fc, method)()

@@ -1,0 +1,331 @@
+"""The command line: what a run leaves, its exit status, and what a user's mistake is answered."""
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+import pyvista
+
+import fecloth as fc
+from fecloth.cli.main import main
+from fecloth.scene.scene import load
+
+TEXT = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.5
+h = 0.1
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 1000.0
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "StrainRateDamping"
+time = 0.01
+[[terms]]
+type = "Gravity"
+[[pins]]
+where = "left"
+[time]
+method = "backward_euler"
+dt = 0.005
+t_end = 0.1
+[output]
+every = 0.02
+[[probes]]
+name = "tip"
+where = "right"
+[expect]
+sag = { value = 0.0515, relative = 0.1 }
+"""
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "sheet.toml"
+    path.write_text(TEXT)
+    return path
+
+
+def rows(path):
+    with path.open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def frame_times(pvd):
+    """Times of the frames that a .pvd lists, all of which must exist."""
+    entries = ET.parse(pvd).getroot().iter("DataSet")
+    listed = [(float(e.get("timestep")), pvd.parent / e.get("file")) for e in entries]
+    assert all(file.is_file() for _, file in listed)
+    return [t for t, _ in listed]
+
+
+def process(*arguments, **options):
+    command = [sys.executable, "-m", "fecloth", *map(str, arguments)]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **options)
+
+
+def when(condition, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.005)
+
+
+def test_a_run_leaves_its_files(scene, capsys):
+    assert main(["run", str(scene)]) == 0
+    out = Path("out/sheet")
+    assert frame_times(out / "run.pvd") == pytest.approx([0, 0.02, 0.04, 0.06, 0.08, 0.1])
+    steps, energies, observed = (rows(out / f"{n}.csv") for n in ("steps", "energies", "observed"))
+    assert (len(steps), len(energies), len(observed)) == (20, 21, 21)
+    assert float(steps[-1]["t"]) == 0.1
+    assert {"kinetic", "StVK", "dissipated:StrainRateDamping", "remainder"} <= set(energies[0])
+    assert {"tip.z", "sag", "area", "reaction:left.z"} <= set(observed[0])
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["status"] == "done"
+    assert summary["steps"] == 20
+    assert summary["newton"] == sum(int(row["newton"]) for row in steps)
+    assert 0 < summary["factorisations"] <= summary["newton"]
+    phases = {"mesh", "compile", "assemble", "factor", "solve", "output", "total"}
+    assert phases <= set(summary["seconds"])
+    assert "done at t = 0.1 s" in (out / "run.log").read_text()
+    printed = capsys.readouterr()
+    assert "remainder" in printed.out
+    assert "20 steps" in printed.out
+    assert "explicit method would need dt" in printed.err
+
+
+def test_the_same_numbers_as_the_python_calls(scene):
+    assert main(["run", str(scene), "-o", "run", "--quiet"]) == 0
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.1)
+    fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    terms = [fc.StVK(), fc.StrainRateDamping(0.01), fc.Gravity()]
+    system = fc.System(cloth, fabric, terms, pins=["left"])
+    result = fc.run(system, fc.BackwardEuler(), system.rest(), 0.005, 0.1)
+    last = fc.read_frame("run/frames/frame_000005.vtu", cloth)
+    assert np.array_equal(last.x, result.state.x)
+    assert np.array_equal(last.v, result.state.v)
+    energies = rows(Path("run/energies.csv"))
+    assert [float(row["StVK"]) for row in energies] == list(result.energies["StVK"])
+
+
+def test_the_resolved_scene_runs_to_the_same_end(scene):
+    assert main(["run", str(scene), "-o", "a", "--quiet", "--set", "time.dt=0.01"]) == 0
+    assert load("a/scene.resolved.toml").time.dt == 0.01
+    assert main(["run", "a/scene.resolved.toml", "-o", "b", "--quiet"]) == 0
+    a, b = (meshio.read(f"{x}/frames/frame_000005.vtu") for x in "ab")
+    assert np.array_equal(a.points, b.points)
+
+
+def test_quiet_says_nothing(scene, capfd):
+    assert main(["run", str(scene), "--quiet"]) == 0
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_folder_that_is_not_empty_is_refused_and_kept(scene, capsys):
+    Path("run").mkdir()
+    Path("run/mine.txt").write_text("keep")
+    assert main(["run", str(scene), "-o", "run"]) == 2
+    assert "is not empty" in capsys.readouterr().err
+    assert [p.name for p in Path("run").iterdir()] == ["mine.txt"]
+    assert main(["run", str(scene), "-o", "other", "--quiet"]) == 0
+    Path("other/mine.txt").write_text("keep")
+    assert main(["run", str(scene), "-o", "other", "--overwrite", "--quiet"]) == 0
+    assert Path("other/mine.txt").read_text() == "keep"
+
+
+def test_a_failed_step_is_status_3_and_leaves_the_last_good_state(scene, capsys):
+    stop = ["--set", "solver.max_iterations=1", "--set", "solver.tolerance=1e-9"]
+    assert main(["run", str(scene), "-o", "run", *stop, "--set", "output.every=0.1"]) == 3
+    error = capsys.readouterr().err
+    assert "did not converge in 1 iterations" in error
+    assert "Take a smaller dt" in error
+    summary = json.loads(Path("run/summary.json").read_text())
+    assert summary["status"] == "failed"
+    assert "did not converge" in summary["error"]
+    assert frame_times(Path("run/run.pvd"))[-1] == summary["t"]
+
+
+MISTAKES = [
+    (["run", "none.toml"], "none.toml: no such file"),
+    (["run", "sheet.toml", "--set", "time.dtt=1"], "Did you mean 'dt'?"),
+    (["run", "sheet.toml", "--set", "time.dt=-1"], "time.dt = -1"),
+    (["run", "sheet.toml", "--set", "pins.0.where='lefd'"], "left"),
+    (["run", "sheet.toml", "--set", "cloth.h=5"], "cloth"),
+    (["run", "sheet.toml", "-o", "sheet.toml"], "sheet.toml cannot be written"),
+    (["check", "sheet.toml", "--set", "expect={}"], "no [expect] table"),
+    (["mesh", "none.geo"], "no such file"),
+    (["mesh", "sheet.toml", "--h", "0.1"], "cloth.h"),
+    (["mesh", "sheet.toml", "-o", "mesh.abc"], "mesh.abc"),
+    (["info", "none.toml"], "no such file"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), MISTAKES)
+def test_mistakes_are_status_2_and_leave_nothing(arguments, message, scene, capsys):
+    before = sorted(Path().rglob("*"))
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith("error: ")
+    assert message in printed.err
+    assert sorted(Path().rglob("*")) == before
+
+
+@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "sheet.toml", "--quick"]])
+def test_usage(arguments, scene, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    assert "usage: fecloth" in capsys.readouterr().err
+
+
+def test_check(scene, capsys):
+    assert main(["check", str(scene)]) == 0
+    assert "ok     sag at 0.1 s" in capsys.readouterr().out
+    assert main(["check", str(scene), "--quiet", "--set", "expect.sag.value=0.2"]) == 1
+    assert "FAILED sag at 0.1 s" in capsys.readouterr().out
+
+
+def test_mesh_describes_and_writes(scene, capsys):
+    assert main(["mesh", "sheet.toml", "-o", "made/sheet.vtu"]) == 0
+    printed = capsys.readouterr().out
+    cloth = load(scene).mesh()
+    assert f"{len(cloth.X)} nodes, {len(cloth.triangles)} triangles, area 0.5 m²" in printed
+    assert "set left: 6 nodes" in printed
+    mesh = meshio.read("made/sheet.vtu")
+    assert np.array_equal(mesh.cells_dict["triangle"], cloth.triangles)
+    assert np.flatnonzero(mesh.point_data["set left"]).tolist() == sorted(cloth.nodes("left"))
+    again = fc.Cloth.read("made/sheet.vtu")
+    assert again.area == pytest.approx(0.5)
+
+
+def test_info(scene, capsys):
+    assert main(["info"]) == 0
+    printed = capsys.readouterr().out
+    assert f"fecloth: {fc.__version__}" in printed
+    assert "direct solver:" in printed
+    assert main(["info", str(scene)]) == 0
+    assert "terms: StVK, StrainRateDamping, Gravity" in capsys.readouterr().out
+
+
+def long_run(scene, out, **options):
+    """A process whose run would take minutes, once it has written three frames."""
+    arguments = ["--set", "time.t_end=500", "--set", "output.every_steps=5", "--set", "expect={}"]
+    text = scene.read_text().replace("every = 0.02\n", "")
+    scene.write_text(text)
+    running = process("run", scene, "-o", out, *arguments, **options)
+    when(lambda: (out / "frames" / "frame_000003.vtu").exists() or running.poll() is not None)
+    assert running.poll() is None, running.stderr.read()
+    return running
+
+
+def opens(out):
+    """The .pvd's frames, read by VTK; their times."""
+    times = frame_times(out / "run.pvd")
+    reader = pyvista.get_reader(out / "run.pvd")
+    assert reader.time_values == times
+    reader.set_active_time_value(times[-1])
+    assert np.isfinite(reader.read()[0].points).all()
+    return times
+
+
+def test_ctrl_c_leaves_a_readable_result_and_says_so(scene, tmp_path):
+    out = tmp_path / "run"
+    running = long_run(scene, out)
+    running.send_signal(signal.SIGINT)
+    _, error = running.communicate(timeout=60)
+    assert running.returncode == 4
+    assert "interrupted; " in error
+    assert "is readable up to t = " in error
+    assert "Traceback" not in error
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["status"] == "interrupted"
+    assert opens(out)[-1] == summary["t"]
+    assert len(rows(out / "steps.csv")) == summary["steps"]
+    assert len(rows(out / "energies.csv")) == summary["steps"] + 1
+
+
+@pytest.mark.parametrize("later", [0.0, 0.03, 0.1])
+def test_a_killed_run_leaves_a_pvd_that_opens(later, scene, tmp_path):
+    out = tmp_path / "run"
+    running = long_run(scene, out)
+    time.sleep(later)
+    running.kill()
+    running.communicate(timeout=60)
+    assert len(opens(out)) >= 3
+
+
+def test_a_balance_that_does_not_close_is_told(scene, capsys):
+    make = ["--set", 'time.method="implicit_midpoint"', "--set", "terms.1.time=1e-9"]
+    assert main(["run", str(scene), "-o", "good", *make, "--set", "time.dt=0.001"]) == 0
+    assert "energy balance" not in capsys.readouterr().err + Path("good/run.log").read_text()
+    assert json.loads(Path("good/summary.json").read_text())["warning"] is None
+    long = ["--set", "time.dt=0.02", "--set", "time.t_end=0.5", "--set", "output.every=0.1"]
+    assert main(["run", str(scene), "-o", "bad", *make, *long]) == 0
+    error = capsys.readouterr().err
+    assert "warning: the energy balance is off by" in error
+    assert "smaller dt" in json.loads(Path("bad/summary.json").read_text())["warning"]
+    steps = rows(Path("bad/steps.csv"))
+    first = next(row for row in steps if abs(float(row["drift"])) > 0.05)
+    words = f"step {first['step']}, at t = {float(first['t']):g} s: the energy balance is off by"
+    assert int(first["step"]) < len(steps)
+    assert error.count(f"warning: {words}") == error.count("warning: step ") == 1
+    log = Path("bad/run.log").read_text()
+    assert log.count(f"warning: {words}") == log.count("warning: step ") == 1
+    longer = [*long[:2], "--set", "time.t_end=1", *long[4:]]
+    assert main(["run", str(scene), "-o", "worse", *make, *longer]) == 3
+    assert "the method has made the rest" in capsys.readouterr().err
+    summary = json.loads(Path("worse/summary.json").read_text())
+    assert summary["status"] == "failed"
+    assert 0.5 < summary["t"] < 1
+
+
+def test_a_run_goes_on_from_a_frame_at_its_time(scene):
+    shake = ["--set", "pins.0.motion=['0', '0', '0.05*sin(40*t)']", "--quiet"]
+    assert main(["run", str(scene), "-o", "whole", *shake]) == 0
+    frame = Path("whole/frames/frame_000003.vtu").resolve()
+    start = ["--set", f"start={{frame='{frame}'}}", "--set", "time.t_start=0.06"]
+    assert main(["run", str(scene), "-o", "rest", *shake, *start]) == 0
+    assert frame_times(Path("rest/run.pvd")) == pytest.approx([0.06, 0.08, 0.1])
+    a, b = (
+        meshio.read(f"{name}/frames/frame_00000{i}.vtu") for name, i in (("whole", 5), ("rest", 2))
+    )
+    assert a.points == pytest.approx(b.points, abs=1e-6)
+
+
+def test_overwrite_replaces_runs_only(scene, capsys):
+    Path("mine").mkdir()
+    Path("mine/summary.json").write_text("keep")
+    assert main(["run", str(scene), "-o", "mine", "--overwrite"]) == 2
+    assert "holds other things than a run" in capsys.readouterr().err
+    assert Path("mine/summary.json").read_text() == "keep"
+
+
+def test_what_fails_in_the_middle_of_a_run_is_status_3(scene, capsys):
+    text = scene.read_text().replace(
+        "[[pins]]", "[[terms]]\ntype = 'Pressure'\np = '1/(t-0.05)'\n[[pins]]"
+    )
+    scene.write_text(text)
+    assert main(["run", str(scene), "-o", "run"]) == 3
+    error = capsys.readouterr().err
+    assert "is inf at t = 0.05" in error
+    assert "is readable up to t = 0.045 s" in error
+    assert json.loads(Path("run/summary.json").read_text())["status"] == "failed"
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["--version"])
+    assert stop.value.code == 0
+    assert f"fecloth {fc.__version__}" in capsys.readouterr().out

@@ -1,0 +1,157 @@
+"""Many steps in one compiled call are the steps of `CentralDifference`, to round-off."""
+
+import numba
+import numpy as np
+import pytest
+from conftest import affine
+
+import fecloth as fc
+from fecloth.integrators.central_difference_fused import shares
+
+CLOTH = {"width": 0.4, "height": 0.3, "h": 0.1}
+two_threads = pytest.mark.skipif(
+    numba.config.NUMBA_NUM_THREADS < 2, reason="Numba may start one thread only"
+)
+
+
+@pytest.mark.parametrize("pins", [[], ["left", fc.Slide("right", normal=(1.0, 0.5, 0.2))]])
+def test_equals_single_steps(pins, orthotropic, rng):
+    """Also where the start moves what is held; the time is that of the last step."""
+    cloth = fc.Cloth.rectangle(**CLOTH)
+    system = fc.System(cloth, orthotropic, [fc.Gravity((1, 2, 3)), fc.StVK()], pins, grain=0.3)
+    x = affine(cloth, [[1.1, 0.0], [0.0, 1.1], [0.0, 0.1]])
+    start = system.state(x, rng.standard_normal(x.shape), t=0.5)
+    kept = start.x.copy(), start.v.copy()
+    end = fc.many_steps(system, start, 1e-4, 200)
+    assert np.array_equal(kept, (start.x, start.v))
+    started = fc.State(start.t, start.x, system.constraints.hold(start.v, 0 * start.v))
+    *_, (slow, _) = fc.march(system, fc.CentralDifference(), started, 1e-4, 0.52)
+    assert end.t == pytest.approx(0.52, abs=1e-15)
+    assert abs(slow.x - start.x).max() > 0.01
+    np.testing.assert_allclose(end.x, slow.x, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(end.v, slow.v, rtol=0, atol=1e-9)
+    if pins:
+        left, right = cloth.nodes("left"), cloth.nodes("right")
+        assert np.array_equal(end.x[left], start.x[left])
+        assert abs((end.x - start.x)[right] @ [1.0, 0.5, 0.2]).max() < 1e-14
+
+
+@two_threads
+@pytest.mark.parametrize("steps", [1, 50, 51])
+@pytest.mark.parametrize("renumber", [True, False])
+def test_two_threads_give_the_bits_of_one(renumber, steps, orthotropic, rng):
+    """Also on a mesh numbered at random, where each part computes nearly all triangles."""
+    sheet = fc.Cloth.rectangle(1.0, 0.6, h=0.05)
+    order = rng.permutation(len(sheet.X))
+    triangles = np.argsort(order)[rng.permutation(sheet.triangles)]
+    cloth = fc.Cloth.from_arrays(sheet.X[order], triangles, renumber=renumber)
+    pins = [fc.Pin(lambda X: X[:, 0] < 0.01), fc.Slide(lambda X: X[:, 0] > 0.99, normal=(1, 2, 3))]
+    system = fc.System(cloth, orthotropic, [fc.StVK(), fc.Gravity()], pins)
+    x = affine(cloth, [[1.1, 0.0], [0.0, 1.1], [0.0, 0.1]])
+    start = system.state(x, rng.standard_normal(x.shape))
+    numba.set_num_threads(1)  # what the caller has chosen for its own loops
+    one, two, again = (fc.many_steps(system, start, 1e-4, steps, threads=t) for t in (1, 2, 2))
+    assert numba.get_num_threads() == 1
+    assert abs(one.x - start.x).max() > 1e-5
+    assert np.array_equal(one.x, two.x)
+    assert np.array_equal(one.v, two.v)
+    assert np.array_equal(two.x, again.x)
+    assert np.array_equal(two.v, again.v)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 7, 10_000])
+def test_every_node_has_one_owner_that_computes_all_around_it(threads, sheet):
+    held = np.sort(sheet.nodes("boundary"))
+    parts = shares(sheet, held, threads)
+    assert len(parts) == min(threads, len(sheet.X))
+    owners = np.concatenate([np.arange(begin, end) for *_, begin, end, _, _ in parts])
+    assert np.array_equal(owners, np.arange(len(sheet.X)))
+    for first, last, low, high, begin, end, first_held, last_held in parts:
+        around = ((sheet.stencil >= begin) & (sheet.stencil < end)).any(axis=1)
+        assert around[first:last].sum() == around.sum()
+        assert np.isin(sheet.stencil[first:last], np.arange(low, high)).all()
+        mine = held[(held >= begin) & (held < end)]
+        assert np.array_equal(held[first_held:last_held], mine)
+
+
+def test_two_parts_share_the_triangles_and_repeat_few():
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.02)
+    counts = np.diff(shares(cloth, np.zeros(0, int), 2)[:, :2], axis=1).ravel()
+    m = len(cloth.triangles)
+    assert m < counts.sum() < 1.05 * m
+    assert counts.max() < 0.53 * m
+
+
+def test_a_call_goes_on_where_the_one_before_ended(orthotropic, rng):
+    """Two calls are one of twice the steps, but for the round-off of the two half kicks."""
+    system = fc.System(fc.Cloth.rectangle(**CLOTH), orthotropic, [fc.StVK(), fc.Gravity()])
+    x = system.rest().x
+    start = system.state(1.1 * x, rng.standard_normal(x.shape))
+    half = fc.many_steps(system, start, 1e-4, 100)
+    end, whole = fc.many_steps(system, half, 1e-4, 100), fc.many_steps(system, start, 1e-4, 200)
+    assert end.t == pytest.approx(whole.t, abs=1e-15)
+    assert abs(whole.x - half.x).max() > 0.005
+    np.testing.assert_allclose(end.x, whole.x, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(end.v, whole.v, rtol=0, atol=1e-9)
+
+
+LOADS = [fc.PointForce("right", (1.0, 2.0, 3)), fc.PointForce((0.2, 0.1), (0.0, 0.3, 0.1))]
+LOADS += [fc.UserForce((0.3, 0, -1.0), per=per) for per in ("area", "mass", "node")]
+
+
+@pytest.mark.parametrize("load", LOADS)
+def test_constant_loads_are_those_of_single_steps(load, isotropic):
+    system = fc.System(fc.Cloth.rectangle(**CLOTH), isotropic, [load, fc.StVK()], ["left"])
+    start, method = system.state(1.05 * system.rest().x), fc.CentralDifference()
+    bare = fc.System(system.cloth, isotropic, [fc.StVK()], ["left"])
+    *_, (slow, _) = fc.march(system, method, start, 1e-4, 0.01)
+    end = fc.many_steps(system, start, 1e-4, 100)
+    assert abs(end.x - fc.many_steps(bare, start, 1e-4, 100).x).max() > 1e-5
+    np.testing.assert_allclose(end.x, slow.x, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(end.v, slow.v, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("terms", "options", "what"),
+    [
+        ([fc.Gravity()], {}, "0 StVK terms"),
+        ([fc.StVK(), fc.StVK()], {}, "2 StVK terms"),
+        ([fc.StVK(), fc.StrainRateDamping(0.1)], {}, "term StrainRateDamping"),
+        ([fc.NeoHookean()], {}, "term NeoHookean"),
+        ([fc.StVK(), fc.PointForce("left", ("t", 0, 0))], {}, "term PointForce"),
+        ([fc.StVK(), fc.PointForce("left", lambda t: [t, 0, 0])], {}, "term PointForce"),
+        ([fc.StVK(), fc.UserForce((0, 0, "x"))], {}, "term UserForce"),
+        ([fc.StVK(), fc.UserForce(lambda x, v, t: x)], {}, "term UserForce"),
+        ([fc.StVK()], {"mass": "consistent"}, "mass = 'consistent'"),
+        ([fc.StVK()], {"pins": [fc.Pin("left", lambda t: [t, 0, 0])]}, "pin 'left' is moved"),
+    ],
+)
+def test_refuses_what_it_cannot_do(terms, options, what, isotropic):
+    system = fc.System(fc.Cloth.rectangle(**CLOTH), isotropic, terms, **options)
+    with pytest.raises(fc.InputError, match=f"many_steps: {what}"):
+        fc.many_steps(system, system.rest(), 1e-4, 10)
+
+
+@pytest.mark.parametrize(("dt", "steps"), [(0.0, 1), (np.nan, 1), (1e-4, 0), (1e-4, 1.5)])
+def test_refuses_what_is_no_number_of_steps(dt, steps, isotropic):
+    system = fc.System(fc.Cloth.rectangle(**CLOTH), isotropic, [fc.StVK()])
+    with pytest.raises(fc.InputError, match="many_steps: (dt|steps) = "):
+        fc.many_steps(system, system.rest(), dt, steps)
+
+
+@pytest.mark.parametrize("threads", [0, 1.0, True, "2", 100_000])
+def test_refuses_what_is_no_number_of_threads(threads, isotropic):
+    system = fc.System(fc.Cloth.rectangle(**CLOTH), isotropic, [fc.StVK()])
+    with pytest.raises(fc.InputError, match="many_steps: threads = .*NUMBA_NUM_THREADS"):
+        fc.many_steps(system, system.rest(), 1e-4, 1, threads=threads)
+
+
+def test_a_step_beyond_the_limit_is_a_failure_and_no_state():
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.1)
+    fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
+    start = system.state(1.05 * system.rest().x)
+    dt = 3 * fc.critical_dt(system, start)
+    with pytest.raises(fc.StepFailed, match="not finite.*critical_dt") as failure:
+        fc.many_steps(system, start, dt, 2000)
+    assert failure.value.state is start

@@ -1,0 +1,167 @@
+"""Order, momentum and equivalences of every method."""
+
+import numpy as np
+import pytest
+from conftest import affine, flat, taut_start
+from support.linear_term import LinearDamping, LinearMembrane
+
+import fecloth as fc
+from fecloth.integrators.one_stage import METHODS
+from fecloth.verify import VerificationFailed, check_integrator
+
+ALL = [method() for method in METHODS.values()]
+TIGHT = fc.Newton(tolerance=1e-12)
+
+
+def named(method):
+    return type(method).__name__
+
+
+@pytest.mark.parametrize("tangent", ["symmetric", "exact"])
+@pytest.mark.parametrize("method", ALL, ids=named)
+def test_order_with_damping(method, tangent, small, isotropic):
+    damping = fc.StrainRateDamping(0.002, tangent=tangent)
+    system = fc.System(small, isotropic, [fc.StVK(), damping, fc.Gravity()], pins=["boundary"])
+    check_integrator(system, method, taut_start(system), t_end=0.005, steps=(40, 80, 160, 320))
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("method", ALL, ids=named)
+def test_order_with_moved_pins(method, mass, small, isotropic):
+    shake = fc.Pin("boundary", motion=lambda t: [0.0, 0.0, 0.01 * (1 - np.cos(60 * t))])
+    terms = [fc.StVK(), fc.StrainRateDamping(0.002), fc.Gravity()]
+    system = fc.System(small, isotropic, terms, pins=[shake], mass=mass)
+    check_integrator(system, method, taut_start(system), t_end=0.005, steps=(40, 80, 160, 320))
+
+
+def test_a_wrong_order_is_seen(small, isotropic):
+    class Claims(fc.BackwardEuler):
+        order = 2
+
+    system = fc.System(small, isotropic, [fc.StVK()], pins=["boundary"])
+    with pytest.raises(VerificationFailed, match="claimed 2"):
+        check_integrator(system, Claims(), taut_start(system), t_end=0.005)
+
+
+def momenta(system, state):
+    p = system.scalar_mass @ state.v
+    return p.sum(axis=0), np.cross(state.x, p).sum(axis=0)
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("method", ALL, ids=named)
+def test_momentum_of_a_free_cloth(method, mass, small, isotropic, rng):
+    system = fc.System(small, isotropic, [fc.StVK(), fc.StrainRateDamping(0.005)], mass=mass)
+    x = affine(small, [[1.1, 0.0], [0.1, 1.05], [0.0, 0.2]])
+    v = np.cross([1.0, 2.0, 3.0], x) + [0.5, -0.2, 0.1] + 0.05 * rng.standard_normal(x.shape)
+    state = system.state(x, v)
+    linear, angular = momenta(system, state)
+    for new, _ in fc.march(system, method, state, 2e-3, 0.04, solver="direct", newton=TIGHT):
+        now_linear, now_angular = momenta(system, new)
+        assert np.linalg.norm(now_linear - linear) < 1e-13 * system.nodal_mass.sum() * 40
+        if isinstance(method, fc.ImplicitMidpoint | fc.EnergyMomentum):
+            assert np.linalg.norm(now_angular - angular) < 1e-11 * np.linalg.norm(angular)
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_angular_momentum_that_backward_euler_loses(mass, small, isotropic):
+    """L₁ − L₀ = Σ x₁ × M (v₁ − v₀) + (x₁ − x₀) × M v₀ = 0 + dt Σ v₁ × M v₀."""
+    system = fc.System(small, isotropic, [fc.StVK(), fc.StrainRateDamping(0.005)], mass=mass)
+    x, dt = 1.1 * flat(small), 5e-3
+    state = system.state(x, np.cross([0.0, 0.0, 8.0], x))
+    for new, _ in fc.march(
+        system, fc.BackwardEuler(), state, dt, 0.03, solver="direct", newton=TIGHT
+    ):
+        loss = momenta(system, new)[1] - momenta(system, state)[1]
+        formula = dt * np.cross(new.v, system.scalar_mass @ state.v).sum(axis=0)
+        assert np.linalg.norm(formula) > 1e-4 * np.linalg.norm(momenta(system, state)[1])
+        assert np.linalg.norm(loss - formula) < 1e-9 * np.linalg.norm(formula)
+        state = new
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_linearised_step_is_backward_euler_on_a_linear_problem(mass, small, isotropic):
+    shake = fc.Pin("left", motion=lambda t: [0.0, 0.0, 0.05 * np.sin(20 * t)])
+    terms = [LinearMembrane(), LinearDamping(0.01), fc.Gravity()]
+    system = fc.System(small, isotropic, terms, pins=[shake], mass=mass)
+    start = taut_start(system, 1.2)
+    ends = [
+        fc.run(system, method, start, 5e-3, 0.03, solver="direct", newton=TIGHT).state
+        for method in (fc.BackwardEuler(), fc.LinearlyImplicitEuler())
+    ]
+    np.testing.assert_allclose(ends[0].x, ends[1].x, atol=1e-12)
+    np.testing.assert_allclose(ends[0].v, ends[1].v, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("method", "factor"),
+    [
+        (fc.BackwardEuler(), lambda z: 1 / (1 - z)),
+        (fc.LinearlyImplicitEuler(), lambda z: 1 / (1 - z)),
+        (fc.ImplicitMidpoint(), lambda z: (1 + z / 2) / (1 - z / 2)),
+    ],
+    ids=lambda value: named(value) if hasattr(value, "order") else "",
+)
+def test_amplification_of_one_mode(method, factor, small, isotropic):
+    """The growth of an eigenmode in one step is the method's rational function of iω dt."""
+    import scipy.linalg
+
+    system = fc.System(small, isotropic, [LinearMembrane()], pins=["boundary"])
+    rest = affine(small, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]])
+    free = system.free
+    K = system.stiffness(system.state(rest)).toarray()[np.ix_(free, free)]
+    M = system.mass.toarray()[np.ix_(free, free)]
+    values, modes = scipy.linalg.eigh(K, M)
+    for mode in (0, len(values) // 2, -1):
+        omega, dt = np.sqrt(values[mode]), 2e-3
+        shape = np.zeros(3 * len(small.X))
+        shape[free] = modes[:, mode]
+        shape = shape.reshape(-1, 3)
+        start = system.state(rest + shape * 1e-2)
+        (end, _) = next(fc.march(system, method, start, dt, dt, solver="direct", newton=TIGHT))
+        z = factor(1j * omega * dt) * 1e-2  # x + i v / ω… of the mode is multiplied by R(iω dt)
+        weight = (M @ modes[:, mode], free)
+        position = weight[0] @ (end.x - rest).ravel()[weight[1]]
+        velocity = weight[0] @ end.v.ravel()[weight[1]]
+        assert position == pytest.approx(z.real, abs=1e-11)
+        assert velocity / omega == pytest.approx(-z.imag, abs=1e-11)
+
+
+def test_renumbering_and_rotation_change_nothing(small, isotropic, rng):
+    """Taut scene, direct solver: only the growth of round-off separates the runs."""
+    terms = [fc.StVK(), fc.StrainRateDamping(0.002)]
+
+    def end(cloth, turn, order):
+        system = fc.System(cloth, isotropic, terms, pins=["boundary"])
+        start = taut_start(system)
+        state = system.state(start.x @ turn.T, start.v @ turn.T)
+        run = fc.run(
+            system, fc.ImplicitMidpoint(), state, 2e-3, 0.04, solver="direct", newton=TIGHT
+        )
+        x = np.empty_like(run.state.x)
+        x[order] = run.state.x
+        return x
+
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    shuffle = rng.permutation(len(small.X))  # new node i is old node shuffle[i]
+    inverse = np.argsort(shuffle)
+    triangles = inverse[small.triangles][rng.permutation(len(small.triangles))]
+    sets = {"boundary": inverse[small.nodes("boundary")]}
+    other = fc.Cloth.from_arrays(small.X[shuffle], triangles, sets)
+    plain = end(small, np.eye(3), np.arange(len(small.X)))
+    turned = end(small, turn, np.arange(len(small.X)))
+    renumbered = end(other, np.eye(3), shuffle[other.source_nodes])
+    np.testing.assert_allclose(turned, plain @ turn.T, atol=1e-11)
+    np.testing.assert_allclose(renumbered, plain, atol=1e-11)
+
+
+def test_linearised_step_starts_from_the_last_change(isotropic):
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.02)
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    method = fc.LinearlyImplicitEuler()
+    chosen, _ = fc.solver_for(system, method, 1e-3, "pcg")
+    cold = warm = 0
+    for _, info in fc.march(system, method, taut_start(system), 1e-3, 0.02, solver=chosen):
+        warm += info.counts.linear
+        cold += method.step(system, info.old, info.dt, chosen).counts.linear
+    assert warm < 0.95 * cold

@@ -1,0 +1,154 @@
+"""Pattern, slots and products of the 3×3-block matrix against dense arrays and SciPy."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from fecloth.errors import InputError
+from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
+
+relaxed = settings(max_examples=50, deadline=None)  # the first example compiles
+
+
+@st.composite
+def stencils_of(draw):
+    """(n, stencils): node numbers of 1 to 4 nodes a row, of up to three terms."""
+    n = draw(st.integers(1, 9))
+    shapes = st.tuples(st.integers(0, 6), st.integers(1, 4))
+    node = st.integers(0, n - 1)
+    one = shapes.flatmap(lambda shape: hnp.arrays(np.int32, shape, elements=node))
+    return n, draw(st.lists(one, max_size=3))
+
+
+def coupled(n, stencils):
+    """(n, n) bool, by the definition: any two nodes of one row, and every node with itself."""
+    table = np.eye(n, dtype=bool)
+    for row in (row for stencil in stencils for row in stencil):
+        table[np.ix_(row, row)] = True
+    return table
+
+
+def filled(pattern, rng):
+    """A matrix of random blocks."""
+    return BlockMatrix(pattern, rng.standard_normal((len(pattern.indices), 3, 3)))
+
+
+def dense(A):
+    """(3n, 3n), block by block."""
+    n = len(A.pattern)
+    full = np.zeros((n, 3, n, 3))
+    for i in range(n):
+        for s in range(A.pattern.indptr[i], A.pattern.indptr[i + 1]):
+            full[i, :, A.pattern.indices[s], :] = A.values[s]
+    return full.reshape(3 * n, 3 * n)
+
+
+@relaxed
+@given(stencils_of())
+def test_union_couples_exactly_the_nodes_of_each_row(given_):
+    n, stencils = given_
+    pattern = BlockPattern.union(n, stencils)
+    table = np.zeros((n, n), int)
+    np.add.at(table, (pattern.rows, pattern.indices), 1)
+    assert np.array_equal(table, coupled(n, stencils).astype(int))  # each pair once
+    assert len(pattern) == n
+    for i in range(n):
+        row = pattern.indices[pattern.indptr[i] : pattern.indptr[i + 1]]
+        assert (np.diff(row) > 0).all()
+
+
+@relaxed
+@given(stencils_of())
+def test_slots_lead_to_the_pair(given_):
+    n, stencils = given_
+    pattern = BlockPattern.union(n, stencils)
+    for stencil in stencils:
+        slots = pattern.slots(stencil)
+        m, k = stencil.shape
+        assert slots.shape == (m, k, k)
+        assert np.array_equal(pattern.rows[slots], np.repeat(stencil[:, :, None], k, axis=2))
+        assert np.array_equal(pattern.indices[slots], np.repeat(stencil[:, None], k, axis=1))
+    assert np.array_equal(pattern.indices[pattern.diagonal], np.arange(n))
+    assert np.array_equal(pattern.rows[pattern.diagonal], np.arange(n))
+
+
+@relaxed
+@given(stencils_of(), st.integers(0, 2**32 - 1))
+def test_product_and_scipy_are_the_dense_matrix(given_, seed):
+    n, stencils = given_
+    rng = np.random.default_rng(seed)
+    A, x = filled(BlockPattern.union(n, stencils), rng), rng.standard_normal((n, 3))
+    full = dense(A)
+    converted = A.to_scipy()
+    assert isinstance(converted, sparse.bsr_matrix)
+    assert converted.blocksize == (3, 3)
+    assert np.array_equal(converted.toarray(), full)
+    np.testing.assert_allclose((A @ x).ravel(), full @ x.ravel(), rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose((A @ x).ravel(), converted @ x.ravel(), rtol=1e-13, atol=1e-13)
+
+
+def test_a_product_over_a_mesh_meets_scipy(sheet, rng):
+    A = filled(BlockPattern.union(len(sheet.X), [sheet.stencil]), rng)
+    x = rng.standard_normal((len(sheet.X), 3))
+    np.testing.assert_allclose(A @ x, (A.to_scipy() @ x.ravel()).reshape(-1, 3), atol=1e-13)
+
+
+def test_pattern_of_a_mesh_is_its_edges_and_nodes(sheet):
+    """2 edges + n blocks; by Euler's formula a sheet without holes has n + m − 1 edges."""
+    n, m = len(sheet.X), len(sheet.triangles)
+    pattern = BlockPattern.union(n, [sheet.stencil])
+    assert len(pattern.indices) == 2 * (n + m - 1) + n
+    again = BlockPattern.union(n, [sheet.stencil, sheet.stencil, sheet.triangles])
+    assert np.array_equal(again.indices, pattern.indices)
+    assert np.array_equal(again.indptr, pattern.indptr)
+
+
+def test_without_stencils_only_the_diagonal_is_left():
+    pattern = BlockPattern.union(4, [])
+    assert pattern.indices.tolist() == [0, 1, 2, 3]
+    assert pattern.indptr.tolist() == [0, 1, 2, 3, 4]
+
+
+def test_zeros_and_a_copy_to_scipy(rng):
+    pattern = BlockPattern.union(3, [np.array([[0, 2]], np.int32)])
+    A = BlockMatrix.zeros(pattern)
+    assert A.values.shape == (5, 3, 3)
+    assert not A.values.any()
+    A.values[:] = rng.standard_normal((5, 3, 3))
+    before = dense(A)
+    converted = A.to_scipy()
+    A.values[:] = 0.0
+    assert np.array_equal(converted.toarray(), before)
+
+
+def test_add_mass_adds_the_mass_times_the_identity(sheet, rng):
+    mass = sheet.mass("consistent")
+    A = filled(BlockPattern.union(len(sheet.X), [sheet.stencil]), rng)
+    before = A.to_scipy()
+    rows = np.repeat(np.arange(len(sheet.X)), np.diff(mass.indptr))
+    pairs = np.column_stack([rows, mass.indices]).astype(np.int32)
+    slots = np.ascontiguousarray(A.pattern.slots(pairs)[:, 0, 1])
+    add_mass(slots, mass.data, 2.5, A.values)
+    added = (A.to_scipy() - before).toarray()
+    np.testing.assert_allclose(added, np.kron(2.5 * mass.toarray(), np.eye(3)), atol=1e-14)
+
+
+def test_a_pair_that_is_not_coupled_is_refused():
+    pattern = BlockPattern.union(4, [np.array([[0, 1]], np.int32)])
+    with pytest.raises(InputError, match=r"nodes \[0, 3\]: are not all coupled"):
+        pattern.slots(np.array([[0, 1], [0, 3]], np.int32))
+
+
+def test_scipy_and_products_are_copies_in_floats():
+    pattern = BlockPattern.union(3, [np.array([[0, 1]], np.int32)])
+    A = BlockMatrix.zeros(pattern)
+    A.values[pattern.diagonal] = 0.5 * np.eye(3)
+    before = pattern.indices.copy()
+    made = A.to_scipy()
+    made.eliminate_zeros()
+    made.indices[:] = 0
+    assert np.array_equal(pattern.indices, before)
+    assert (A @ np.ones((3, 3), int) == 0.5).all()

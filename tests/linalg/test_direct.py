@@ -1,0 +1,86 @@
+"""PARDISO and SuperLU: analysis, pivots, refinement, memory."""
+
+import gc
+
+import numpy as np
+import pytest
+from support.matrices import difference, load, needs_pardiso, relative, sheet
+
+from fecloth.errors import IndefiniteMatrix, SolveFailed
+from fecloth.linalg import direct, mkl_pardiso, scalar_csr, select
+
+pardiso = pytest.param("pardiso", marks=needs_pardiso)
+
+
+@pytest.mark.parametrize("name", [pardiso, "superlu"])
+def test_the_analysis_is_kept_with_the_pattern(name, monkeypatch):
+    built = []
+
+    class Counted(scalar_csr.ScalarRows):
+        def __init__(self, *args, **kwargs):
+            built.append(1)
+            super().__init__(*args, **kwargs)
+
+    monkeypatch.setattr(direct, "ScalarRows", Counted)
+    solver, A = select.named(name), sheet(m=6)
+    for factor in (1.0, 2.0, 3.0):
+        A.values[...] *= factor
+        solver.prepare(A)
+    assert sum(built) == 1
+    solver.prepare(sheet(m=6))
+    assert sum(built) == 2
+
+
+def test_a_zero_pivot_is_indefinite_for_superlu_though_rows_can_be_interchanged():
+    A = sheet()
+    i = A.pattern.diagonal[0]
+    A.values[i] = [[0, 1, 0], [1, 0, 0], [0, 0, 1]]
+    others = (A.pattern.rows == 0) | (A.pattern.indices == 0)
+    others[i] = False
+    A.values[others] = 0
+    with pytest.raises(IndefiniteMatrix):
+        select.SuperLU().prepare(A)
+
+
+def test_direct_solvers_accept_round_off_but_state_it():
+    A = sheet(mass=1e-6)
+    b = np.ones((len(A.pattern), 3))  # the softest direction: A x cancels to 1e-6 of its parts
+    solver = select.direct()
+    solver.prepare(A)
+    x, info = solver.solve(b, rtol=1e-10)
+    assert 1e-10 < info.residual < 1e-7
+    assert info.iterations == 2
+    assert difference(x, 1e6 * b) < 1e-6
+
+
+def test_refinement_corrects_a_poor_factor(monkeypatch):
+    A = sheet()
+    solver = select.SuperLU()
+    solver.prepare(A)
+    exact = solver._apply
+    monkeypatch.setattr(solver, "_apply", lambda b: exact(b) * (1 + 1e-6))
+    x, info = solver.solve(load(A), rtol=1e-10)
+    assert info.iterations == 1
+    assert relative(A, x, load(A)) < 1e-10
+    monkeypatch.setattr(solver, "_apply", lambda b: exact(b) * 1.5)
+    with pytest.raises(SolveFailed, match=r"relative residual 1.25e-01, asked 1.00e-10"):
+        solver.solve(load(A), rtol=1e-10)
+
+
+@needs_pardiso
+def test_pardiso_frees_its_memory(monkeypatch):
+    phases = []
+    call = mkl_pardiso.pardiso
+
+    def watched(phase, *args):
+        phases.append(phase)
+        return call(phase, *args)
+
+    monkeypatch.setattr(mkl_pardiso, "pardiso", watched)
+    solver = select.Pardiso()
+    solver.prepare(sheet(m=5))
+    solver.prepare(sheet(m=6))
+    assert phases == [11, 22, -1, 11, 22]
+    del solver
+    gc.collect()
+    assert phases == [11, 22, -1, 11, 22, -1]

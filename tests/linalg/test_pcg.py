@@ -1,0 +1,116 @@
+"""Conjugate gradients: their counts of iterations against theory, and what they refuse."""
+
+import numpy as np
+import pytest
+from support.matrices import load, relative, sheet
+
+from fecloth.errors import IndefiniteMatrix, InputError, SolveFailed
+from fecloth.linalg import select
+from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
+
+
+@pytest.mark.parametrize("signs", [(-1, 1, 1), (1, 1, -1), (-1, -1, 1), (1, -1, -1), (1, 1, 0)])
+def test_block_jacobi_refuses_an_indefinite_block(signs):
+    A = sheet()
+    A.values[A.pattern.diagonal[40]] = np.diag(signs)
+    with pytest.raises(IndefiniteMatrix, match="node 40"):
+        select.PCG().prepare(A)
+
+
+def test_unconverged_conjugate_gradients_state_their_residual():
+    A = sheet(mass=1e-4)
+    solver = select.PCG(max_iterations=5)
+    solver.prepare(A)
+    with pytest.raises(SolveFailed, match=r"max_iterations = 5.*relative residual") as caught:
+        solver.solve(load(A), rtol=1e-8)
+    assert not isinstance(caught.value, IndefiniteMatrix)
+    assert 1e-8 < caught.value.residual < 100
+    assert f"{caught.value.residual:.2e}" in str(caught.value)
+    assert caught.value.asked == 1e-8
+
+
+def test_conjugate_gradients_stop_where_round_off_does():
+    A = sheet(mass=1e-5)
+    solver = select.PCG()
+    solver.prepare(A)
+    with pytest.raises(SolveFailed, match="round-off") as caught:
+        solver.solve(load(A), rtol=1e-17)
+    assert 1e-17 < caught.value.residual < 1e-9
+
+
+def test_warm_start_needs_fewer_iterations():
+    A = sheet(mass=1e-3)
+    b = load(A)
+    solver = select.PCG()
+    solver.prepare(A)
+    x, cold = solver.solve(b, rtol=1e-6)
+    start = x.copy()
+    _, same = solver.solve(b, rtol=1e-6, guess=x)
+    y, warm = solver.solve(1.001 * b, rtol=1e-6, guess=x)
+    assert same.iterations == 0
+    assert 0 < warm.iterations < 0.7 * cold.iterations
+    assert relative(A, y, 1.001 * b) <= 1e-6
+    np.testing.assert_array_equal(x, start)
+
+
+def spectrum(values):
+    """Pairs of nodes [[I, s Q], [s Qᵀ, I]], Q a rotation: eigenvalues 1 ± s, diagonal blocks I."""
+    n = 2 * len(values)
+    pairs = np.arange(n, dtype=np.int32).reshape(-1, 2)
+    A = BlockMatrix.zeros(BlockPattern.union(n, [pairs]))
+    slots = A.pattern.slots(pairs)
+    rng = np.random.default_rng(0)
+    for slot, s in zip(slots, values, strict=True):
+        Q = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        A.values[slot[0, 0]] = A.values[slot[1, 1]] = np.eye(3)
+        A.values[slot[0, 1]], A.values[slot[1, 0]] = s * Q, s * Q.T
+    return A
+
+
+@pytest.mark.parametrize("distinct", [1, 3, 6])
+def test_iterations_equal_the_number_of_distinct_eigenvalues(distinct):
+    A = spectrum(np.repeat(np.linspace(0.2, 0.9, distinct), 20))  # 1 ± s: 2 · distinct of them
+    solver = select.PCG()
+    solver.prepare(A)
+    _, info = solver.solve(load(A), rtol=1e-9)
+    assert info.iterations == 2 * distinct
+
+
+def test_iterations_obey_chebyshev_bound_and_come_near_it():
+    s = 0.998
+    A = spectrum(s * np.cos(np.pi * (np.arange(400) + 0.5) / 800))
+    kappa = (1 + s) / (1 - s)
+    solver = select.PCG()
+    solver.prepare(A)
+    for rtol in (1e-2, 1e-4, 1e-6):
+        _, info = solver.solve(load(A), rtol=rtol)
+        # The bound holds for the A-norm of the error; the residual adds a factor √κ.
+        bound = 0.5 * np.sqrt(kappa) * np.log(2 * np.sqrt(kappa) / rtol)
+        assert 0.2 * bound < info.iterations < bound
+
+
+def test_block_jacobi_removes_any_scale_of_the_nodes():
+    A = spectrum(np.linspace(-0.5, 0.5, 50))
+    rng = np.random.default_rng(4)
+    T = rng.normal(size=(100, 3, 3)) * 10.0 ** rng.uniform(-4, 4, size=(100, 1, 1))
+    i, j = A.pattern.rows, A.pattern.indices
+    A.values[...] = T[i] @ A.values @ T[j].transpose(0, 2, 1)
+    b = np.einsum("ncd,nd->nc", T, load(A))
+    solver = select.PCG()
+    solver.prepare(A)
+    x, info = solver.solve(b, rtol=1e-8)
+    assert info.iterations < 45  # κ = 3; the scalar diagonal leaves thousands
+    assert relative(A, x, b) <= 1e-8
+
+
+def test_misuse_is_refused():
+    A = sheet(m=5)
+    solver = select.PCG()
+    with pytest.raises(InputError, match="prepare"):
+        solver.solve(load(A))
+    solver.prepare(A)
+    for rtol in (0.0, -1e-3, 1.0, np.nan):
+        with pytest.raises(InputError, match="rtol"):
+            solver.solve(load(A), rtol=rtol)
+    with pytest.raises(InputError, match=r"\(75,\).*\(25, 3\)"):
+        solver.solve(load(A).ravel())

@@ -1,0 +1,27 @@
+import numpy as np
+import pytest
+
+from fecloth.linalg.reductions import dot, mean, rms, size, squared, weighted
+
+
+@pytest.fixture
+def arrays():
+    rng = np.random.default_rng(3)
+    return rng.uniform(0.5, 2.0, 50), *rng.standard_normal((2, 50, 3))
+
+
+def test_sums_are_numpys(arrays):
+    w, a, b = arrays
+    assert dot(a, b) == pytest.approx((a * b).sum(), rel=1e-13)
+    assert weighted(w, a, b) == pytest.approx((w[:, None] * a * b).sum(), rel=1e-13)
+    assert squared(a) == pytest.approx((a**2).sum(), rel=1e-13)
+    assert size(a) == pytest.approx(np.sqrt((a**2).sum()), rel=1e-13)
+    assert mean(w, a) == pytest.approx(np.average(a, axis=0, weights=w), rel=1e-13)
+    assert rms(w, a) == pytest.approx(np.sqrt(np.average((a**2).sum(axis=1), weights=w)), rel=1e-13)
+
+
+def test_what_is_not_finite_is_seen(arrays):
+    _, a, b = arrays
+    a[7, 2] = np.nan
+    assert np.isnan([dot(a, b), squared(a), size(a)]).all()
+    assert dot(np.zeros((0, 3)), np.zeros((0, 3))) == size(np.zeros((0, 3))) == 0

@@ -1,0 +1,242 @@
+"""What all linear solvers promise; which one is taken for what."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from support.matrices import (
+    HAS_PARDISO,
+    difference,
+    indefinite,
+    load,
+    missing,
+    needs_pardiso,
+    reference,
+    relative,
+    sheet,
+)
+
+from fecloth.errors import IndefiniteMatrix, InputError, SolveFailed
+from fecloth.linalg import mkl_pardiso, select
+from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
+
+pardiso = pytest.param("pardiso", marks=needs_pardiso)
+SYMMETRIC = [pardiso, "superlu", "pcg"]
+GENERAL = [pardiso, "superlu"]
+BOTH = [
+    pytest.param("pardiso", True, marks=needs_pardiso),
+    pytest.param("pardiso", False, marks=needs_pardiso),
+    ("superlu", True),
+    ("superlu", False),
+    ("pcg", True),
+]
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_symmetric_solvers_agree_with_scipy(name):
+    A = sheet(pinned=range(14))
+    b = load(A)
+    solver = select.named(name, symmetric=True)
+    solver.prepare(A)
+    x, info = solver.solve(b, rtol=1e-12)
+    assert difference(x, reference(A, b)) < 1e-8
+    assert (solver.name, solver.symmetric, info.name) == (name, True, name)
+    assert min(info.seconds_factor, info.seconds_solve) > 0
+
+
+@pytest.mark.parametrize("name", GENERAL)
+def test_general_solvers_agree_with_scipy(name):
+    A = sheet(pinned=range(14), skew=0.3)
+    b = load(A)
+    solver = select.named(name, symmetric=False)
+    solver.prepare(A)
+    x, info = solver.solve(b)
+    assert not solver.symmetric
+    assert info.residual < 1e-12
+    assert difference(x, reference(A, b)) < 1e-8
+
+
+@pytest.mark.parametrize("rtol", [0.3, 1e-2, 1e-6, 1e-12])
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_stated_residual_is_the_true_one(name, rtol):
+    A = sheet(pinned=[3, 20])
+    b = load(A)
+    solver = select.named(name)
+    solver.prepare(A)
+    x, info = solver.solve(b, rtol=rtol)
+    assert info.residual <= rtol
+    assert info.residual == pytest.approx(relative(A, x, b), rel=1e-6, abs=1e-14)
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_values_rewritten_in_place_are_prepared_anew(name):
+    A = sheet(seed=0)
+    b = load(A)
+    solver = select.named(name)
+    solver.prepare(A)
+    before, _ = solver.solve(b)
+    A.values[...] = sheet(seed=5, pinned=[7]).values
+    solver.prepare(A)
+    after, _ = solver.solve(b, rtol=1e-12)
+    assert difference(after, before) > 0.1
+    assert difference(after, reference(A, b)) < 1e-8
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_one_solver_serves_several_right_sides_and_keeps_its_results(name):
+    A = sheet()
+    solver = select.named(name)
+    solver.prepare(A)
+    b, c = load(A, 1), load(A, 2)
+    x, _ = solver.solve(b, rtol=1e-12)
+    y, _ = solver.solve(c, rtol=1e-12)
+    assert difference(x, reference(A, b)) < 1e-8
+    assert difference(y, reference(A, c)) < 1e-8
+    np.testing.assert_array_equal(b, load(A, 1))
+
+
+@pytest.mark.parametrize(("name", "symmetric"), BOTH)
+def test_a_new_pattern_is_analysed(name, symmetric):
+    solver = select.named(name, symmetric)
+    # The same number of nodes and of blocks, other neighbours: nothing but `is` can tell.
+    first = sheet(m=9)
+    order = np.random.default_rng(3).permutation(81)
+    bare = first.to_scipy().tocsr()
+    dofs = (3 * order[:, None] + np.arange(3)).ravel()
+    shuffled = bare[dofs][:, dofs].tobsr((3, 3))
+    shuffled.sort_indices()
+    second = BlockMatrix(BlockPattern(shuffled.indptr, shuffled.indices), shuffled.data)
+    assert len(second.pattern.indices) == len(first.pattern.indices)
+    for A in (first, second, sheet(m=12), first):
+        solver.prepare(A)
+        x, _ = solver.solve(load(A), rtol=1e-12)
+        assert difference(x, reference(A, load(A))) < 1e-8
+
+
+@pytest.mark.parametrize("kind", ["block", "smooth"])
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_indefinite_matrix_is_refused(name, kind):
+    A = indefinite(kind)
+    eigenvalues = np.linalg.eigvalsh(A.to_scipy().toarray())
+    assert eigenvalues[0] < 0 < eigenvalues[3]
+    if kind == "smooth":
+        assert np.linalg.eigvalsh(A.values[A.pattern.diagonal]).min() > 0
+    solver = select.named(name)
+
+    def attempt():
+        solver.prepare(A)
+        solver.solve(load(A))
+
+    with pytest.raises(IndefiniteMatrix, match=name):
+        attempt()
+    # The solver is not broken by it.
+    A.values[...] = sheet().values
+    solver.prepare(A)
+    x, _ = solver.solve(load(A), rtol=1e-12)
+    assert difference(x, reference(A, load(A))) < 1e-8
+
+
+@pytest.mark.parametrize("name", GENERAL)
+def test_general_solvers_take_an_indefinite_matrix(name):
+    A = indefinite("block")
+    solver = select.named(name, symmetric=False)
+    solver.prepare(A)
+    x, _ = solver.solve(load(A))
+    assert difference(x, reference(A, load(A))) < 1e-8
+
+
+@pytest.mark.parametrize(("name", "symmetric"), BOTH)
+def test_singular_matrix_is_refused(name, symmetric):
+    A = sheet(mass=0.0)  # translations cost nothing
+    solver = select.named(name, symmetric)
+
+    def attempt():
+        solver.prepare(A)
+        solver.solve(np.ones((len(A.pattern), 3)))  # has no solution
+
+    with pytest.raises(SolveFailed):
+        attempt()
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_no_load_no_motion(name):
+    A = sheet()
+    solver = select.named(name)
+    solver.prepare(A)
+    x, info = solver.solve(np.zeros((len(A.pattern), 3)), guess=load(A))
+    assert not x.any()
+    assert (info.iterations, info.residual) == (0, 0.0)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(("name", "symmetric"), BOTH)
+def test_numbers_that_are_not_finite_are_refused(name, symmetric, bad):
+    A = sheet(m=8)
+    solver = select.named(name, symmetric)
+    solver.prepare(A)
+    b = load(A)
+    b[5, 1] = bad
+    with pytest.raises(SolveFailed, match="b is not finite"):
+        solver.solve(b)
+    for slot in (A.pattern.diagonal[30], A.pattern.diagonal[30] + 1):
+        wrong = BlockMatrix(A.pattern, A.values.copy())
+        wrong.values[slot, 1, 2] = bad
+
+        def attempt(wrong=wrong):
+            solver.prepare(wrong)
+            solver.solve(load(A))
+
+        with pytest.raises(SolveFailed, match="finite") as caught:
+            attempt()
+        assert not isinstance(caught.value, IndefiniteMatrix)
+        solver.prepare(A)
+        solver.solve(load(A))
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_after_a_failed_prepare_there_is_nothing_to_solve_with(name):
+    A = sheet()
+    solver = select.named(name)
+    solver.prepare(A)
+    A.values[A.pattern.diagonal[9]] = np.nan
+    with pytest.raises(SolveFailed):
+        solver.prepare(A)
+    with pytest.raises(InputError, match="prepare"):
+        solver.solve(load(A))
+
+
+def test_named_refuses_what_it_cannot_give(monkeypatch):
+    with pytest.raises(InputError, match="direct, pardiso, superlu, pcg"):
+        select.named("mumps", True)
+    with pytest.raises(InputError, match="symmetric matrices only"):
+        select.named("pcg", symmetric=False)
+    monkeypatch.setattr(mkl_pardiso, "routine", missing)
+    with pytest.raises(InputError, match=r"no MKL.*pip install pypardiso"):
+        select.named("pardiso", True)
+
+
+def test_direct_falls_back_to_superlu(monkeypatch):
+    assert select.direct().name == ("pardiso" if HAS_PARDISO else "superlu")
+    monkeypatch.setattr(mkl_pardiso, "routine", missing)
+    assert select.direct().name == "superlu"
+    assert select.named("direct", False).name == "superlu"
+    assert not select.direct(symmetric=False).symmetric
+
+
+def test_choice_states_its_numbers():
+    solver, reason = select.choose(1e3, 26_000, True)
+    assert solver.name == "pcg"
+    # 0.45 · ½ · √1000 · ln 200 = 37.7; 45 + 0.37 · √26000 = 104.7
+    counts = "about 38 iterations of it predicted, a factorisation costs about 105"
+    assert reason == f"to start with; {counts}"
+    general, why = select.choose(1.0, 26_000, False)
+    assert general.name == select.direct().name
+    assert not general.symmetric
+    assert "not symmetric" in why
+
+
+def test_import_does_not_load_the_mkl():
+    code = "import sys, fecloth.linalg.select; print('pypardiso' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "False"

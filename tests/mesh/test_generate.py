@@ -1,0 +1,136 @@
+"""Shapes and numberings: patterns, sizes, quality."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.meshed import PATTERNS, STRUCTURED, areas, length, refused
+
+from fecloth.errors import InputError
+from fecloth.mesh.generate import checked, disk, quality, rectangle, renumbered
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+@pytest.mark.parametrize("sides", [(1.0, 1.0, 0.1), (2.0, 0.7, 0.13), (0.3, 1.1, 0.3)])
+def test_rectangle_area_and_sets(pattern, sides):
+    width, height, h = sides
+    mesh = rectangle(width, height, h, pattern)
+    assert mesh.X.dtype == np.float64
+    assert mesh.triangles.dtype == np.int32
+    assert (areas(mesh) > 0).all()
+    assert areas(mesh).sum() == pytest.approx(width * height, rel=1e-13)
+    x, y = mesh.X.T
+    expected = {"left": x == 0, "right": x == width, "bottom": y == 0, "top": y == height}
+    for name, mask in expected.items():
+        assert mesh.node_sets[name].tolist() == np.flatnonzero(mask).tolist()
+        side = height if name in ("left", "right") else width
+        assert length(mesh, name) == pytest.approx(side, rel=1e-13)
+    union = np.unique(np.concatenate([mesh.node_sets[name] for name in expected]))
+    assert mesh.node_sets["boundary"].tolist() == union.tolist()
+    assert length(mesh, "boundary") == pytest.approx(2 * (width + height), rel=1e-13)
+    corners = {tuple(p) for p in mesh.X[mesh.node_sets["corners"]]}
+    assert corners == {(0, 0), (width, 0), (width, height), (0, height)}
+
+
+@pytest.mark.parametrize(("pattern", "per_cell"), [("right", 2), ("cross", 4)])
+def test_cells_follow_the_rounded_counts(pattern, per_cell):
+    mesh = rectangle(1.0, 0.5, 0.3, pattern)  # round(3.33) by round(1.67)
+    assert len(mesh.triangles) == 3 * 2 * per_cell
+    assert len(rectangle(1.0, 0.01, 1.0, pattern).triangles) == per_cell
+
+
+def test_right_has_one_diagonal_direction():
+    mesh = rectangle(1.0, 1.0, 0.25, "right")
+    steps = np.concatenate([mesh.X[np.roll(mesh.triangles, -k, 1)[:, 0]] for k in range(3)])
+    steps = np.concatenate([mesh.X[mesh.triangles[:, (k + 1) % 3]] for k in range(3)]) - steps
+    diagonal = steps[(steps != 0).all(axis=1)]
+    assert (diagonal[:, 0] * diagonal[:, 1] > 0).all()
+
+
+def test_equilateral_is_equilateral_inside_when_the_sides_fit():
+    h, rows = 0.1, 7
+    mesh = rectangle(1.0, rows * h * math.sqrt(0.75), h, "equilateral")
+    q = quality(mesh.X, mesh.triangles)
+    assert np.count_nonzero(q > 1 - 1e-12) == rows * (2 * 10 - 1)
+    assert np.count_nonzero(q < 0.9) == 2 * rows  # half triangles, one at each end of a row
+
+
+def test_gmsh_meshes_are_good_deterministic_and_of_size_h():
+    mesh, again = rectangle(1, 1, 0.05), rectangle(1, 1, 0.05)
+    assert np.array_equal(mesh.X, again.X)
+    assert np.array_equal(mesh.triangles, again.triangles)
+    assert quality(mesh.X, mesh.triangles).mean() > 0.98
+    edge = math.sqrt(4 / math.sqrt(3) / len(mesh.triangles))
+    assert edge == pytest.approx(0.05, rel=0.1)
+
+
+def test_disk():
+    mesh = disk(0.5, 0.05)
+    rim = mesh.node_sets["boundary"]
+    assert np.hypot(*mesh.X[rim].T) == pytest.approx(0.5, abs=1e-12)
+    assert length(mesh, "boundary") == pytest.approx(math.pi, rel=2e-3)
+    assert areas(mesh).sum() == pytest.approx(math.pi / 4, rel=4e-3)
+
+
+@pytest.mark.parametrize("value", [0, -0.1, math.nan, math.inf, "0.1", None, True])
+def test_bad_lengths_are_refused(value):
+    for name, call in {
+        "width": lambda: rectangle(value, 1, 0.1),
+        "height": lambda: rectangle(1, value, 0.1),
+        "h": lambda: rectangle(1, 1, value, "right"),
+        "radius": lambda: disk(value, 0.1),
+    }.items():
+        refused([f"{name} = {value!r}", "> 0"], error=InputError, by=call)
+
+
+def test_h_out_of_range_and_unknown_pattern():
+    refused(["h = 3 m", "at most 2 m"], 2, 1, 3, error=InputError, by=rectangle)
+    refused(["h = 0.6 m", "at most 0.5 m"], 0.5, 0.6, error=InputError, by=disk)
+    refused(["triangles", "at least"], 1, 1, 1e-6, error=InputError, by=rectangle)
+    what = ["pattern = 'Rihgt'", "equilateral", "Did you mean 'right'?"]
+    refused(what, 1, 1, 0.1, "Rihgt", error=InputError, by=rectangle)
+
+
+def shuffled(mesh, seed):
+    rng = np.random.default_rng(seed)
+    old = rng.permutation(len(mesh.X))
+    new = np.argsort(old)
+    t = new[mesh.triangles][rng.permutation(len(mesh.triangles))]
+    nodes = {name: new[s] for name, s in mesh.node_sets.items()}
+    edges = {name: new[s] for name, s in mesh.edge_sets.items()}
+    return checked(mesh.X[old], t, nodes, edges)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from(STRUCTURED), st.integers(0, 2**32 - 1))
+def test_renumbered_is_a_permutation_that_keeps_the_mesh(pattern, seed):
+    mesh = shuffled(rectangle(1.0, 0.7, 0.2, pattern), seed)
+    new, nodes, triangles = renumbered(mesh)
+    assert sorted(nodes) == list(range(len(mesh.X)))
+    assert sorted(triangles) == list(range(len(mesh.triangles)))
+    assert np.array_equal(new.X, mesh.X[nodes])
+    assert np.array_equal(nodes[new.triangles], mesh.triangles[triangles])
+    assert (np.diff(new.triangles.min(axis=1)) >= 0).all()
+    for name, members in mesh.node_sets.items():
+        assert (np.diff(new.node_sets[name]) > 0).all()
+        assert sorted(nodes[new.node_sets[name]]) == members.tolist()
+    for name, pairs in mesh.edge_sets.items():
+        back = {frozenset(p) for p in nodes[new.edge_sets[name]].tolist()}
+        assert back == {frozenset(p) for p in pairs.tolist()}
+    again = checked(new.X, new.triangles, new.node_sets, new.edge_sets)
+    assert np.array_equal(again.triangles, new.triangles)
+
+
+def test_renumbered_narrows_the_band():
+    mesh = rectangle(1, 1, 0.03)
+    band = [np.ptp(m.triangles, axis=1).max() for m in (mesh, renumbered(mesh)[0])]
+    assert band[1] < 0.1 * band[0]
+    assert band[1] < 3 * math.sqrt(len(mesh.X))
+
+
+def test_quality_of_known_triangles():
+    X = np.array([[0, 0], [1, 0], [0, 1], [0.5, math.sqrt(0.75)]])
+    q = quality(X, np.array([[0, 1, 3], [0, 1, 2], [0, 2, 1]]))
+    assert q == pytest.approx([1, math.sqrt(0.75), -math.sqrt(0.75)])

@@ -1,0 +1,263 @@
+"""Mesh files: groups and sets, sizes, numberings, and what is refused."""
+
+import math
+
+import meshio
+import numpy as np
+import pytest
+from support.meshed import MESHES, QUAD_T, QUAD_X, areas, length, refused
+
+from fecloth.errors import InputError
+from fecloth.mesh.generate import quality, read, rectangle
+
+
+@pytest.mark.parametrize(
+    ("name", "groups", "area"),
+    [
+        ("square", {"left": 1, "right": 1, "top": 1, "bottom": 1}, 1.0),
+        ("disk", {"rim": math.pi}, math.pi / 4),
+        ("flag", {"hoist": 1, "top": 1.5, "bottom": 1.5, "fly": 2 * math.hypot(0.5, 0.2)}, 1.4),
+        ("panel", {"hem": 0.5, "cuffs": 0.44, "neck": 0.14 * math.pi}, None),
+        ("graded", {"left": 1, "right": 1, "top": 1, "bottom": 1}, 1.0),
+    ],
+)
+def test_committed_geometries(name, groups, area):
+    mesh = read(MESHES / f"{name}.geo")
+    for group, expected in groups.items():
+        assert length(mesh, group) == pytest.approx(expected, rel=0.02)
+        assert set(mesh.node_sets[group]) == set(mesh.edge_sets[group].ravel())
+    if name == "panel":
+        area = 0.5 * 0.48 + 0.8 * 0.22 - math.pi * 0.07**2
+    assert areas(mesh).sum() == pytest.approx(area, rel=0.01)
+    assert quality(mesh.X, mesh.triangles).min() > 0.5
+
+
+def test_points_and_surfaces_become_node_sets():
+    flag = read(MESHES / "flag.geo", h=0.2)
+    assert flag.X[flag.node_sets["hoist_top"]].tolist() == [[0, 1]]
+    assert flag.X[flag.node_sets["hoist_bottom"]].tolist() == [[0, 0]]
+    assert flag.node_sets["sheet"].tolist() == list(range(len(flag.X)))
+    assert "sheet" not in flag.edge_sets
+    disk_file = read(MESHES / "disk.geo", h=0.2)
+    assert disk_file.X[disk_file.node_sets["centre"]].tolist() == [[0, 0]]
+
+
+def test_graded_grows_by_ten():
+    mesh = read(MESHES / "graded.geo", h=0.01)
+    size = np.sqrt(areas(mesh))
+    middle = np.linalg.norm(mesh.X[mesh.triangles].mean(axis=1), axis=1)
+    assert 6 < size[middle > 1.2].mean() / size[middle < 0.05].mean() < 14
+
+
+@pytest.mark.parametrize("name", ["square", "flag", "graded"])
+def test_h_sets_the_size(name):
+    sizes = (0.016, 0.008) if name == "graded" else (0.08, 0.04)
+    coarse, fine = (read(MESHES / f"{name}.geo", h=h) for h in sizes)
+    assert 3 < len(fine.triangles) / len(coarse.triangles) < 5
+
+
+def geo(tmp_path, old="", new="", extra=""):
+    text = (MESHES / "square.geo").read_text()
+    assert old in text
+    path = tmp_path / "s.geo"
+    path.write_text(text.replace(old, new) + extra)
+    return path
+
+
+def test_h_without_a_constant_bounds_all_sizes(tmp_path):
+    header = 'DefineConstant[ h = {0.05, Min 0.0005, Max 1, Name "Parameters/h"} ];'
+    path = geo(tmp_path, header, "h = 0.3;")
+    own, fine, coarse = read(path), read(path, h=0.1), read(path, h=0.5)
+    assert len(coarse.triangles) < len(own.triangles) < len(fine.triangles)
+    assert math.sqrt(4 / math.sqrt(3) / len(fine.triangles)) == pytest.approx(0.1, rel=0.1)
+    plain = geo(tmp_path, header, "DefineConstant[ h = 0.3 ];")
+    assert len(read(plain, h=0.1).triangles) == len(fine.triangles)
+
+
+def test_bad_h_for_a_file():
+    square = MESHES / "square.geo"
+    refused(["h = 2 m", "at most 1 m", "square.geo"], square, h=2.0, by=read, error=InputError)
+    refused(["h = -1"], square, h=-1, by=read, error=InputError)
+    msh = MESHES / "square_22.msh"
+    refused(["h = 0.1", "only a .geo", "square_22.msh"], msh, h=0.1, by=read, error=InputError)
+
+
+def test_groups_unnamed_empty_unknown_and_shared(tmp_path):
+    extra = (
+        'Physical Curve(77) = {1, 2};\nPhysical Point(78) = {3};\nPhysical Surface("b") = {1};\n'
+    )
+    mesh = read(geo(tmp_path, extra=extra))
+    assert length(mesh, "curve_77") == pytest.approx(2)
+    assert mesh.X[mesh.node_sets["point_78"]].tolist() == [[1, 1]]
+    assert len(mesh.node_sets["b"]) == len(mesh.X)
+    empty = geo(tmp_path, extra='Physical Curve("ghost") = {};\n')
+    refused(["curve group 'ghost' is empty", "s.geo"], empty, by=read)
+    refused(["'lost' is empty"], geo(tmp_path, extra='Physical Point("lost") = {99};\n'), by=read)
+
+
+def test_a_file_may_define_its_own_boundary(tmp_path):
+    mesh = read(geo(tmp_path, '"left"', '"boundary"'))
+    assert length(mesh, "boundary") == pytest.approx(1)
+
+
+def test_construction_points_and_curves_are_dropped_unless_named(tmp_path):
+    extra = "Point(9) = {3, 3, 1, h};\nPoint(10) = {4, 3, 1, h};\nLine(9) = {9, 10};\n"
+    mesh = read(geo(tmp_path, extra=extra))
+    assert mesh.X.max() == 1
+    named = geo(tmp_path, extra=extra + 'Physical Point("far") = {9};\n')
+    refused(["'far' names 1 nodes outside all triangles"], named, by=read)
+
+
+def test_geo_that_gmsh_refuses_or_half_reads(tmp_path):
+    refused(["cannot read", "s.geo"], geo(tmp_path, extra="Point(9) = {0, 0;\n"), by=read)
+    extra = 'Physical Point("a") = {1}; Physical Point("b") = {2};'
+    refused(["last line", "new line"], geo(tmp_path, extra=extra), by=read)
+    refused(["Triangle 6"], geo(tmp_path, extra="Mesh.ElementOrder = 2;\n"), by=read)
+    refused(["Quadrilateral 4"], geo(tmp_path, extra="Recombine Surface {1};\n"), by=read)
+
+
+def test_both_msh_versions_agree():
+    a, b = read(MESHES / "square_22.msh"), read(MESHES / "square_41.msh")
+    assert np.array_equal(a.X, b.X)
+    assert np.array_equal(a.triangles, b.triangles)
+    for x, y in ((a.node_sets, b.node_sets), (a.edge_sets, b.edge_sets)):
+        assert sorted(x) == sorted(y)
+        assert all(np.array_equal(x[name], y[name]) for name in x)
+    assert a.node_sets.keys() >= {"left", "right", "top", "bottom", "corners", "sheet", "boundary"}
+
+
+MSH = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+1 5 "hem"
+2 6 "sheet"
+$EndPhysicalNames
+$Nodes
+5
+10 0 0 0
+20 1 0 0
+30 1 1 0
+40 0 1 0
+50 7 7 7
+$EndNodes
+$Elements
+3
+1 1 2 5 1 10 20
+7 2 2 6 1 10 20 30
+9 2 2 6 1 10 30 40
+$EndElements
+"""
+
+
+def test_messages_use_the_numbers_of_the_file(tmp_path):
+    path = tmp_path / "s.msh"
+    path.write_text(MSH)
+    mesh = read(path)
+    assert mesh.X.tolist() == QUAD_X  # node 50 belongs to no element
+    assert mesh.edge_sets["hem"].tolist() == [[0, 1]]
+    path.write_text(MSH.replace("10 30 40\n$End", "10 40 30\n$End"))
+    refused(["1 inverted triangles", "triangle 9 (nodes 10, 40, 30)", "s.msh"], path, by=read)
+    path.write_text(MSH.replace('2\n1 5 "hem"', '3\n1 5 "hem"\n1 8 "ghost"'))
+    refused(["'ghost' is empty"], path, by=read)
+    path.write_text(MSH.replace("10 30 40\n$End", "10 30 99\n$End"))
+    refused(["cannot read", "99"], path, by=read)
+
+
+def test_repeated_triangles_of_a_surface_in_two_groups(tmp_path):
+    two = MSH.replace('2\n1 5 "hem"', '3\n2 7 "again"\n1 5 "hem"').replace("\n3\n1 1", "\n5\n1 1")
+    copies = "11 2 2 7 1 10 20 30\n12 2 2 7 1 10 30 40\n$EndElements"
+    path = tmp_path / "two.msh"
+    path.write_text(two.replace("$EndElements", copies))
+    mesh = read(path)
+    assert len(mesh.triangles) == 2
+    assert mesh.node_sets["again"].tolist() == mesh.node_sets["sheet"].tolist() == [0, 1, 2, 3]
+    same = two.replace("\n5\n1 1", "\n4\n1 1").replace('3\n2 7 "again"\n', "2\n")
+    path.write_text(same.replace("$EndElements", "11 2 2 6 1 10 20 30\n$EndElements"))
+    refused(["1 duplicate triangles", "triangle 11 (nodes 10, 20, 30)"], path, by=read)
+
+
+def saved(tmp_path, name, cells, points=None, **extra):
+    path = tmp_path / name
+    points = np.array(QUAD_X if points is None else points, dtype=float)
+    if points.shape[1] == 2:
+        points = np.c_[points, 0 * points[:, 0]]
+    meshio.Mesh(points, cells, **extra).write(path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".obj", ".ply", ".off", ".inp"])
+def test_round_trip_through_meshio(tmp_path, suffix):
+    mesh = rectangle(1.0, 0.5, 0.2)
+    back = read(saved(tmp_path, f"s{suffix}", [("triangle", mesh.triangles)], mesh.X))
+    np.testing.assert_allclose(back.X, mesh.X, atol=1e-6 if suffix == ".ply" else 1e-12)
+    assert np.array_equal(back.triangles, mesh.triangles)
+    assert np.array_equal(back.edge_sets["boundary"], mesh.edge_sets["boundary"])
+
+
+def test_stl_shares_nodes_again(tmp_path):
+    mesh = rectangle(1.0, 0.5, 0.25, "cross")
+    back = read(saved(tmp_path, "s.stl", [("triangle", mesh.triangles)], mesh.X))
+    assert len(back.X) == len(mesh.X)
+    assert areas(back).sum() == pytest.approx(0.5)
+
+
+def test_meshio_sets_through_a_file(tmp_path):
+    cells = [("line", [[0, 1], [1, 2]]), ("triangle", QUAD_T)]
+    sets = {"cell_sets": {"half": [[], [1]], "side": [[1], []]}, "point_sets": {"pin": [3]}}
+    mesh = read(saved(tmp_path, "s.inp", cells, **sets))
+    assert mesh.node_sets["pin"].tolist() == [3]
+    assert mesh.node_sets["half"].tolist() == [0, 2, 3]
+    assert mesh.edge_sets["side"].tolist() == [[1, 2]]
+    assert mesh.node_sets["boundary"].tolist() == [0, 1, 2, 3]
+
+
+def test_meshio_names_in_field_data():
+    cells = [("line", [[0, 1], [1, 2]]), ("triangle", QUAD_T)]
+    named = meshio.Mesh(
+        np.array(QUAD_X),
+        cells,
+        cell_sets={"half": [[], [1]], "side": [[1], []], "none": [[], []]},
+        cell_data={"gmsh:physical": [[5, 6], [5, 5]]},
+        field_data={"hem": np.array([5, 1]), "sheet": np.array([5, 2])},
+        point_sets={"pin": [3]},
+    )
+    from fecloth.mesh.read import _meshio_sets
+
+    nodes, edges = _meshio_sets(named, "s")
+    assert {name: np.unique(np.concatenate(v)).tolist() for name, v in nodes.items() if v} == {
+        "half": [0, 2, 3],
+        "side": [1, 2],
+        "hem": [0, 1],
+        "sheet": [0, 1, 2, 3],
+        "pin": [3],
+    }
+    assert nodes["none"] == []
+    assert [edges[name][0].tolist() for name in ("side", "hem")] == [[[1, 2]], [[0, 1]]]
+
+
+def test_cells_that_are_not_triangles(tmp_path):
+    quad = saved(tmp_path, "q.vtu", [("quad", [[0, 1, 2, 3]])])
+    refused(["1 quad", "3-node triangles", "q.vtu"], quad, by=read)
+    lines = saved(tmp_path, "l.vtu", [("line", [[0, 1]])])
+    refused(["no triangles"], lines, by=read)
+
+
+def test_stray_nodes_of_other_formats(tmp_path):
+    X = [*QUAD_X, [5, 5]]
+    stray = saved(tmp_path, "s.vtu", [("triangle", QUAD_T)], X)
+    refused(["1 nodes used by no triangle", "node 4"], stray, by=read)
+    vertex = saved(tmp_path, "v.vtu", [("vertex", [[4]]), ("triangle", QUAD_T)], X)
+    assert len(read(vertex).X) == 4
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    refused(["no such file", "nothing.msh"], tmp_path / "nothing.msh", by=read)
+    odd = tmp_path / "sheet.docx"
+    odd.write_text("x")
+    refused(["unknown suffix '.docx'", ".vtu"], odd, by=read)
+    for name in ("broken.vtu", "broken.obj", "broken.stl", "broken.vtk"):
+        path = tmp_path / name
+        path.write_text("rubbish")
+        refused([name], path, by=read)

@@ -1,0 +1,356 @@
+"""Static equilibrium: closed forms, quadratic convergence, and what has none is reported."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from conftest import flat
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, minimize_scalar
+from support.inflated import enclosed, shooting
+
+import fecloth as fc
+from fecloth.nonlinear.static_newton import Search
+from fecloth.verify import observed_order
+from studies.references.closed_forms import hanging_strip, hanging_strip_mean
+
+DOWN = fc.Gravity((0.0, 0.0, -9.81))
+
+
+def solved(system, state, **options):
+    """The equilibrium and its iterations; its residual is recomputed here."""
+    iterations = []
+    found = fc.equilibrium(system, state, report=iterations.append, **options)
+    f = system.constraints.project(system.force(found))
+    scale = sum(np.linalg.norm(part) for part in loads(system, found))
+    assert np.linalg.norm(f) < max(1e-8 * scale, 1e-11)  # of about 1e3 N/m × 1 m, rounded
+    assert not found.v.any()
+    assert found.t == state.t
+    return found, iterations
+
+
+def loads(system, state):
+    for term in system.bound:
+        f = np.zeros_like(state.x)
+        term.add_force(state.x, 0 * state.x, state.t, f)
+        yield system.constraints.project(f)
+
+
+# --- solutions known otherwise --------------------------------------------------------------------
+
+
+def test_hanging_strip_meets_the_closed_form():
+    errors = []
+    for h in (0.1, 0.05, 0.025):
+        cloth = fc.Cloth.rectangle(0.2, 1.0, h=h, pattern="right")
+        fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=20.0)  # 10 % strain at the clamp
+        terms = [fc.StVK(), fc.Gravity((0.0, -9.81, 0.0))]
+        system = fc.System(cloth, fabric, terms, pins=["top"])
+        found, iterations = solved(system, system.rest())
+        assert len(iterations) < 10
+        down = system.rest().x[:, 1] - found.x[:, 1]
+        mean = np.vdot(system.nodal_mass, down) / system.nodal_mass.sum()
+        errors.append(abs(mean / hanging_strip_mean(1.0, 20.0, 0.2) - 1))
+    assert errors[-1] < 1e-3
+    exact = hanging_strip(1 - cloth.X[:, 1], 1.0, 20.0, 0.2)
+    np.testing.assert_allclose(down, exact, rtol=0, atol=0.003 * exact.max())
+    np.testing.assert_allclose(observed_order([4, 2, 1], errors), 2.0, atol=0.1)
+
+
+@pytest.mark.parametrize("kind", ["symmetric", "exact"])
+def test_pressurised_disk_from_the_flat_meets_the_exact_membrane(kind):
+    height, volume = shooting(500.0)
+    cloth = fc.Cloth.disk(0.5, 0.025)
+    fabric = fc.Fabric(0.2, 1000.0, 0.3)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.Pressure(500.0, kind)], pins=["boundary"])
+    found, iterations = solved(system, system.rest())
+    assert len(iterations) < 30
+    assert iterations[0].shift > 0  # flat: no stiffness across
+    assert (cloth.interpolator(np.zeros((1, 2))) @ found.x)[0, 2] == pytest.approx(height, rel=5e-3)
+    assert enclosed(cloth, found.x) == pytest.approx(volume, rel=3e-3)
+
+
+@pytest.mark.parametrize("rigidity", [1e-3, 1e-5])
+def test_square_hung_by_its_corners_with_bending(rigidity):
+    """From the flat state at rest, 1 478 triangles; the four corners carry the weight."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.04)
+    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=rigidity)
+    corners = fc.Pin(lambda X: (abs(X - 0.5) > 0.5 - 1e-9).all(axis=1))
+    terms = [fc.StVK(), fc.HingeBending(), DOWN]
+    system = fc.System(cloth, fabric, terms, pins=[corners])
+    found, iterations = solved(system, system.rest())
+    assert 1000 < len(cloth.triangles) <= 2000
+    assert len(iterations) < 60
+    carried = -system.force(found)[system.constraints.nodes]
+    np.testing.assert_allclose(carried.sum(axis=0), [0, 0, 0.2 * 9.81], atol=1e-7)
+    assert -0.5 < found.x[:, 2].min() < -0.02
+    # a minimum of the energy: nearby admissible states have more
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        noise = system.constraints.project(rng.standard_normal(found.x.shape))
+        other = system.state(found.x + 1e-4 * noise)
+        assert sum(system.energies(other).values()) > sum(system.energies(found).values())
+
+
+def test_a_cloth_that_starts_squeezed():
+    """In compression the tangent is indefinite: the definite one and σ M lead out of it."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1)
+    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-4)
+    pin = fc.Pin(lambda X: (abs(X[:, 0] - 0.5) > 0.5 - 1e-9) & (X[:, 1] > 1 - 1e-9))
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.HingeBending(), DOWN], pins=[pin])
+    x = flat(cloth)
+    x[:, 0] *= 0.8
+    _, iterations = solved(system, system.state(x))
+    assert len(iterations) < 60
+    assert iterations[-1].shift == 0
+
+
+def test_gas_couples_all_nodes():
+    """What is found also balances the plain pressure p₀ V₀/V less the ambient one."""
+    cloth = fc.Cloth.disk(0.5, 0.05)
+    fabric = fc.Fabric(0.2, 1000.0, 0.3)
+    terms = [fc.StVK(), fc.Gas(pressure=103325.0, volume=0.02)]
+    system = fc.System(cloth, fabric, terms, pins=["boundary"])
+    x = flat(cloth)
+    x[:, 2] = 0.05 * (1 - np.sum(cloth.X**2, axis=1) / 0.25)
+    x[cloth.nodes("boundary"), 2] = 0.0
+    found, iterations = solved(system, system.state(x))
+    assert quadratic(iterations)  # with the dense part left out it is not
+    p = 103325.0 * 0.02 / enclosed(cloth, found.x) - 101325.0
+    blown = fc.System(cloth, fabric, [fc.StVK(), fc.Pressure(p)], pins=["boundary"])
+    f, (pull, push) = blown.force(found), loads(blown, found)
+    assert np.linalg.norm(system.constraints.project(f)) < 1e-5 * np.linalg.norm(push)
+    assert np.linalg.norm(pull) > 0.1
+
+
+def test_slides_move_in_their_plane_only():
+    """A strip between a wall and a slide is stretched by its weight along the slide's plane."""
+    cloth = fc.Cloth.rectangle(0.2, 1.0, h=0.1, pattern="right")
+    fabric = fc.Fabric(0.2, 20.0, 0.3)
+    terms = [fc.StVK(), fc.Gravity((0.0, -9.81, 0.0))]
+    slide = fc.Slide("top", normal=(0, 1, 0))
+    corner = fc.Pin(lambda X: (X[:, 0] < 1e-9) & (X[:, 1] < 1e-9))
+    hold = fc.Slide(lambda X: (X[:, 0] < 1e-9) & (X[:, 1] > 1e-9) & (X[:, 1] < 1), normal=(1, 0, 0))
+    system = fc.System(cloth, fabric, terms, pins=[slide, corner, hold])
+    found, _ = solved(system, system.rest())
+    top = cloth.nodes("top")
+    np.testing.assert_array_equal(found.x[top, 1], 1.0)
+    assert np.ptp(found.x[top, 0]) < 0.2 - 1e-4  # contracts across, as Poisson has it
+
+
+# --- loads that grow in steps ---------------------------------------------------------------------
+
+
+def strip(load, cells, bending=1e-3):
+    """A strip 1 m long, one cell wide, under a follower pressure of `load` B_eff/L³.
+
+    Two columns of nodes are held: the slope is zero half-way between them, where the length
+    counts from. Its thickness of 5 mm keeps it from stretching.
+    """
+    h = 1 / (cells - 0.5)
+    effective = 1 / np.linalg.inv(fc.bending_tensor("cross"))[0, 0]
+    fabric = fc.Fabric(0.1, 12 * bending / 0.005**2, bending_rigidity=bending)
+    cloth = fc.Cloth.rectangle(cells * h, h, h, "cross")
+    pressure = fc.Pressure(load * effective * bending, tangent="exact")
+    clamp = fc.Pin(lambda X: X[:, 0] < 1.01 * h)
+    return fc.System(cloth, fabric, [fc.StVK(), fc.HingeBending(), pressure], pins=[clamp])
+
+
+def blown_elastica(load):
+    """Position of the tip of the inextensible strip under a follower pressure, and its angle.
+
+    What lies between a point and the tip carries p times their distance d, across it, at its
+    middle, so B κ = p d²/2. From the tip this is an initial value problem; what it gives is turned
+    so that the clamp lies along x.
+    """
+
+    def rates(s, y):  # from the tip backwards, along x there: position and angle
+        return [-np.cos(y[2]), -np.sin(y[2]), -load * (y[0] ** 2 + y[1] ** 2) / 2]
+
+    x, z, angle = solve_ivp(rates, (0, 1), [0, 0, 0], rtol=1e-10, atol=1e-12).y[:, -1]
+    end = -complex(x, z) * np.exp(-1j * angle)
+    return np.array([end.real, 0.0, end.imag]), np.degrees(-angle)
+
+
+@pytest.mark.parametrize(("load", "least"), [(20.0, 150), (60.0, 230)])
+def test_a_follower_pressure_turns_a_strip_round(load, least):
+    """The tip meets the elastica's at first order in h, as the clamp does."""
+    expected, turn = blown_elastica(load)
+    assert turn > least
+    errors = []
+    for cells in (40, 80):
+        system = strip(load, cells)
+        found, iterations = solved(system, system.rest(), load_steps=10)
+        assert [it.load for it in iterations if it.number == 1] == pytest.approx(
+            np.arange(1, 11) / 10
+        )
+        tip = found.x[system.cloth.nodes("right")].mean(axis=0)
+        tip[[0, 1]] -= 0.5 / (cells - 0.5)
+        errors.append(np.linalg.norm(tip - expected))
+    assert errors[1] < min(0.012, 0.6 * errors[0])
+
+
+def test_what_fails_at_once_is_found_in_steps():
+    system = strip(60.0, 40)
+    with pytest.raises(fc.EquilibriumFailed, match="more load_steps"):
+        fc.equilibrium(system, system.rest())
+    whole, iterations = solved(system, system.rest(), load_steps=2, max_iterations=25)
+    increments = np.diff([0.0] + sorted({it.load for it in iterations}))
+    assert increments.min() < 0.25  # halved where 25 iterations did not do, and
+    assert (np.diff(increments) > 1e-9).any()  # grown again
+    fine, _ = solved(system, system.rest(), load_steps=40)
+    np.testing.assert_allclose(whole.x, fine.x, atol=1e-7)
+
+
+def limit_pressure():
+    """Largest p a/μ that a neo-Hookean disk of radius a, held at its rim, can bear.
+
+    The membrane of `test_pressure.shooting` with S₁ = μ (1 − 1/(λ₁⁴λ₂²)) and S₂ likewise. With
+    p = μ = 1 an integration from the centre with the stretch λ₀ ends at the rim r = R = a: each
+    λ₀ gives one p a/μ, and their largest is the limit.
+    """
+
+    def rates(R, y):
+        r, h, _ = y
+        Q, l2 = np.hypot(h, r * r / 2), r / R
+        l1 = brentq(lambda l1: l1 - 1 / (l1**3 * l2**2) - Q / R, 1e-2, 1e3, xtol=1e-13)
+        dr, dz = l1 * h / Q, -l1 * r * r / 2 / Q
+        return [dr, (1 - 1 / (l2**4 * l1**2)) * r / R + r * dz, dz]
+
+    def rim(R, y):
+        return y[0] - R
+
+    rim.terminal = True
+
+    def pressure(stretch):
+        start = [stretch * 1e-6, 1e-6 * stretch * (1 - stretch**-6), 0.0]
+        return solve_ivp(rates, (1e-6, 100), start, events=rim, rtol=1e-8, atol=1e-10).t[-1]
+
+    best = minimize_scalar(lambda l0: -pressure(l0), bounds=(1.2, 4), method="bounded")
+    return -best.fun
+
+
+def test_load_steps_end_at_the_limit_load():
+    """A rubber membrane bears no more than a limit pressure; what was reached is told."""
+    shear, radius = 1000.0 / 3, 0.5
+    cloth = fc.Cloth.disk(radius, 0.05)
+    fabric = fc.Fabric(0.2, 3 * shear, 0.5)
+    terms = [fc.NeoHookean(), fc.Pressure(2.2 * shear / radius)]
+    system = fc.System(cloth, fabric, terms, pins=["boundary"])
+    with pytest.raises(fc.EquilibriumFailed, match=r"ended at 0\.\d+ of the loads: ") as failure:
+        fc.equilibrium(system, system.rest(), load_steps=5, max_iterations=25)
+    reached = failure.value.load
+    assert 2.2 * reached == pytest.approx(limit_pressure(), rel=0.01)
+    pull, load = loads(system, failure.value.state)
+    assert np.linalg.norm(pull + reached * load) < 1e-8 * np.linalg.norm(load)
+
+
+def test_every_load_grows_in_steps():
+    """Each step balances its part of the loads; at the end it is what is found at once."""
+    cloth = fc.Cloth.disk(0.5, 0.1)
+    fabric = fc.Fabric(0.2, 1000.0, 0.3)
+    wind = fc.Wind((0.0, 0.0, 5.0), normal=1.2)
+    gas = fc.Gas(pressure=103325.0, volume=0.02)
+    hang = [DOWN, fc.PointForce((0.1, 0.0), (0, 0, -0.5)), fc.UserForce((0, "0.1 * x", 1.0))]
+    x = flat(cloth)
+    x[:, 2] = 0.05 * (1 - np.sum(cloth.X**2, axis=1) / 0.25)
+    x[cloth.nodes("boundary"), 2] = 0.0
+    for outside in ([gas], hang, [wind], [fc.Pressure(50.0)]):
+        system = fc.System(cloth, fabric, [fc.StVK(), *outside], pins=["boundary"])
+        assert [getattr(t, "load", False) for t in system.bound] == [False] + [True] * len(outside)
+        whole, _ = solved(system, system.state(x))
+        steps, iterations = solved(system, system.state(x), load_steps=4)
+        assert {it.load for it in iterations} == {0.25, 0.5, 0.75, 1.0}
+        assert all(it.residual < 1e-8 for it, after in pairwise(iterations) if after.number == 1)
+        np.testing.assert_allclose(steps.x, whole.x, atol=1e-7)
+
+
+def test_part_of_the_loads_has_its_part_of_the_potential(isotropic):
+    """What the line search compares is the potential of the forces: −∂/∂x of it, at any part."""
+    cloth = fc.Cloth.disk(0.5, 0.1)
+    terms = [fc.StVK(), DOWN, fc.Gas(pressure=103325.0, volume=0.02)]
+    system = fc.System(cloth, isotropic, terms, pins=["boundary"])
+    search = Search(system, system.rest(), fc.linear.SuperLU(symmetric=True))
+    x = flat(cloth)
+    x[:, 2] = 0.05 * (1 - np.sum(cloth.X**2, axis=1) / 0.25)
+    for search.load in (0.25, 1.0):
+        f, _ = search.forces(x)
+        step = 1e-6 * f / abs(f).max()
+        slope = search.potential(x + step) - search.potential(x - step)
+        assert slope == pytest.approx(-2 * np.vdot(f, step), rel=1e-6)
+
+
+# --- convergence ----------------------------------------------------------------------------------
+
+
+def quadratic(iterations):
+    """Each of the last exact full steps squares the residual, down to round-off."""
+    r = np.array([it.residual for it in iterations if it.shift == 0 and it.length == 1])
+    r = r[r < 0.05]
+    pairs = [(a, b) for a, b in pairwise(r) if a > 1e-7]
+    return len(pairs) >= 2 and all(b < max(20 * a**2, 1e-9) for a, b in pairs)
+
+
+def test_convergence_is_quadratic_near_the_solution():
+    cloth = fc.Cloth.disk(0.5, 0.05)
+    fabric = fc.Fabric(0.2, 1000.0, 0.3)
+    for load in (DOWN, fc.Pressure(500.0)):
+        system = fc.System(cloth, fabric, [fc.StVK(), load], pins=["boundary"])
+        _, iterations = solved(system, system.rest())
+        assert quadratic(iterations)
+
+
+def test_the_solution_starts_solved(isotropic):
+    """A second call takes no iteration; nor does a cloth without any load."""
+    cloth = fc.Cloth.disk(0.5, 0.1)
+    for terms in ([fc.StVK(), DOWN], [fc.StVK()]):
+        system = fc.System(cloth, isotropic, terms, pins=["boundary"])
+        found, _ = solved(system, system.rest())
+        again, iterations = solved(system, found)
+        assert iterations == []
+        np.testing.assert_array_equal(again.x, found.x)
+
+
+def test_superlu_finds_the_same(isotropic):
+    cloth = fc.Cloth.disk(0.5, 0.1)
+    system = fc.System(cloth, isotropic, [fc.StVK(), DOWN], pins=["boundary"])
+    one, other = (solved(system, system.rest(), solver=name)[0] for name in ("direct", "superlu"))
+    np.testing.assert_allclose(one.x, other.x, atol=1e-8)
+
+
+# --- what has no equilibrium ----------------------------------------------------------------------
+
+
+def test_an_unpinned_cloth_under_gravity_is_reported(sheet, isotropic):
+    system = fc.System(sheet, isotropic, [fc.StVK(), DOWN])
+    iterations = []
+    with pytest.raises(fc.EquilibriumFailed, match="nothing holds the cloth") as failure:
+        fc.equilibrium(system, system.rest(), report=iterations.append)
+    assert len(iterations) < 30
+    way = failure.value.state.x - system.rest().x
+    assert (way[:, 2] < -5).all()
+
+
+def test_slack_triangles_are_counted(isotropic):
+    """Cut short on its way, a squeezed cloth without bending says how much of it is slack."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.2)
+    system = fc.System(cloth, isotropic, [fc.StVK(), DOWN], pins=["left"])
+    state = system.state(0.8 * flat(cloth))
+    with pytest.raises(fc.EquilibriumFailed, match=r"in 1 iterations; \d+ of \d+ triangles") as e:
+        fc.equilibrium(system, state, max_iterations=1)
+    assert "bending stiffness" in str(e.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"tolerance": 0.0}, r"equilibrium: tolerance = 0.0: must lie in \(0, 1\)"),
+        ({"max_iterations": 0}, "max_iterations = 0: must be an integer >= 1"),
+        ({"load_steps": 2.5}, "load_steps = 2.5: must be an integer >= 1"),
+        ({"solver": "pcg"}, "solver = 'pcg': must be direct, pardiso or superlu"),
+    ],
+)
+def test_refusals(sheet, isotropic, options, said):
+    system = fc.System(sheet, isotropic, [fc.StVK()])
+    with pytest.raises(fc.InputError, match=said):
+        fc.equilibrium(system, system.rest(), **options)

@@ -1,0 +1,224 @@
+"""Newton's iteration: convergence, indefinite tangents, its stopping rule."""
+
+import numpy as np
+import pytest
+from conftest import affine, flat, rough
+
+import fecloth as fc
+from fecloth.nonlinear import newton
+from fecloth.simulation.resolve import solver_for
+
+
+@pytest.fixture(scope="module")
+def arc():
+    """A sheet bent into an arc without strain, about to fall: compressed within one step."""
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.05)
+    X = cloth.X
+    x = np.column_stack([np.sin(X[:, 0]), 1 - np.cos(X[:, 0]), X[:, 1]])
+    return cloth, x
+
+
+def steps(arc, terms, definiteness, method=None, dt=0.02, count=15, **options):
+    cloth, x = arc
+    system = fc.System(cloth, fc.Fabric(0.15, 500.0, 0.3), terms, pins=["left"])
+    options = fc.Newton(definiteness=definiteness, **options)
+    marching = fc.march(
+        system,
+        method or fc.BackwardEuler(),
+        system.state(x),
+        dt,
+        count * dt,
+        solver="direct",
+        newton=options,
+    )
+    return [(state, info.counts) for state, info in marching]
+
+
+def residuals(system, method, state, dt, guess, count=6):
+    """Residual after 1, 2, 3, … iterations of the first step."""
+    options = fc.Newton(tolerance=1e-13, reuse=False)
+    solver, _ = solver_for(system, method, dt, "direct", options)
+    stage = method.stage(state, dt)
+    work = newton._Work(system, stage, solver)
+    q, norms, shift = guess, [], 0.0
+    R = work.first_residual(q)
+    for _ in range(count):
+        norms.append(np.linalg.norm(R) / work.scale)
+        q, R, shift = work.iterate(q, R, 1e-12 * work.scale, shift)
+    return np.array(norms)
+
+
+def test_quadratic_convergence_on_a_taut_cloth(sheet, isotropic, rng):
+    system = fc.System(sheet, isotropic, [fc.StVK()], pins=["boundary"])
+    x = affine(sheet, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]])
+    start = system.state(x, system.constraints.project(rng.standard_normal(x.shape)))
+    norms = residuals(system, fc.BackwardEuler(), start, 0.01, np.zeros_like(x))
+    tail = norms[(norms < 1e-1) & (norms > 1e-11)]
+    assert len(tail) >= 2
+    assert (tail[1:] < 20 * tail[:-1] ** 2).all()
+
+
+@pytest.mark.parametrize(("tangent", "fast"), [("exact", True), ("symmetric", False)])
+def test_the_symmetric_damping_tangent_costs_quadratic_convergence(
+    tangent, fast, sheet, isotropic, rng
+):
+    terms = [fc.StVK(), fc.StrainRateDamping(0.02, tangent=tangent)]
+    system = fc.System(sheet, isotropic, terms, pins=["boundary"])
+    x = affine(sheet, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]])
+    start = system.state(x, system.constraints.project(0.2 * rng.standard_normal(x.shape)))
+    norms = residuals(system, fc.BackwardEuler(), start, 0.01, np.zeros_like(x))
+    quadratic = norms[4] < 20 * norms[3] ** 2
+    assert quadratic == fast
+    assert norms[5] < 1e-13
+
+
+def test_none_fails_where_the_cloth_is_compressed_and_says_what_to_do(arc):
+    with pytest.raises(fc.StepFailed, match=r"not positive definite.*on_failure.*smaller dt"):
+        steps(arc, [fc.StVK(), fc.Gravity()], "none")
+
+
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.ImplicitMidpoint()])
+@pytest.mark.parametrize("damping", [[], [fc.StrainRateDamping(0.02)]], ids=["free", "damped"])
+def test_added_mass_carries_it_through_compression(arc, damping, method):
+    terms = [fc.StVK(), fc.Gravity(), *damping]
+    counts = [c for _, c in steps(arc, terms, "on_failure", method, dt=0.01, count=30)]
+    assert sum(c.modified for c in counts) > 0
+    assert all(c.residual <= 1e-6 for c in counts)
+
+
+def test_added_mass_converges_faster_than_clamping(arc):
+    terms = [fc.StVK(), fc.Gravity()]
+    shifted = sum(c.newton for _, c in steps(arc, terms, "on_failure"))
+    clamped = sum(c.newton for _, c in steps(arc, terms, "clamp", max_iterations=1000))
+    assert shifted < 0.8 * clamped
+
+
+def test_on_failure_changes_nothing_where_nothing_fails(sheet, isotropic):
+    system = fc.System(sheet, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    start = system.state(1.05 * flat(sheet))
+    runs = []
+    for definiteness in ("none", "on_failure"):
+        options = fc.Newton(definiteness=definiteness)
+        marching = fc.march(system, fc.BackwardEuler(), start, 0.01, 0.1, newton=options)
+        runs.append([(state.x, info.counts) for state, info in marching])
+    for (x, a), (y, b) in zip(*runs, strict=True):
+        assert np.array_equal(x, y)
+        assert (a.newton, a.linear) == (b.newton, b.linear)
+        assert b.modified == 0
+
+
+def turning(sheet, isotropic, damping):
+    """A stretched cloth at the start of a large step in which it turns by a quarter radian."""
+    system = fc.System(sheet, isotropic, [fc.StVK(), *damping])
+    x = 1.01 * flat(sheet)
+    stage = fc.BackwardEuler().stage(system.state(x, np.cross([0.0, 0.0, 5.0], x)), 0.05)
+    solver, _ = solver_for(system, fc.BackwardEuler(), 0.05, "direct")
+    work = newton._Work(system, stage, solver)
+    q = np.zeros_like(x)
+    R = work.first_residual(q)
+    return work, q, R, work.direction(q, R, 0.0, 0.0)
+
+
+def test_the_search_cuts_a_step_that_is_too_long_for_the_potential(sheet, isotropic):
+    work, q, R, step = turning(sheet, isotropic, [])
+    new, _ = work.search(q, R, 40 * step, 0.0)
+    taken = np.linalg.norm(new) / np.linalg.norm(step)
+    assert 0 < taken < 20
+    assert work.potential(new) < work.potential(q)
+    assert work.potential(40 * step) > work.potential(q)
+
+
+def test_the_search_cuts_a_step_at_whose_end_the_residual_pushes_back(sheet, isotropic):
+    work, q, R, step = turning(sheet, isotropic, [fc.StrainRateDamping(0.01)])
+    long = 8 * step
+    new, R_new = work.search(q, R, long, 0.0)
+    assert 0 < np.linalg.norm(new) / np.linalg.norm(step) < 8
+    assert np.vdot(R_new, long) <= 0.8 * abs(np.vdot(R, long)) < np.vdot(work.residual(long), long)
+
+
+@pytest.mark.parametrize("damping", [[], [fc.StrainRateDamping(0.02)]], ids=["free", "damped"])
+def test_good_steps_may_increase_the_residual(damping, arc):
+    cloth, x = arc
+    terms = [fc.StVK(), fc.Gravity(), *damping]
+    system = fc.System(cloth, fc.Fabric(0.15, 500.0, 0.3), terms, pins=["left"])
+    norms = residuals(system, fc.BackwardEuler(), system.state(x), 0.02, np.zeros_like(x), 80)
+    assert (norms[1:] > 1.01 * norms[:-1]).any()
+    assert norms[-1] < 1e-3
+
+
+def test_an_uphill_direction_is_no_improvement(sheet, isotropic):
+    work, q, R, step = turning(sheet, isotropic, [])
+    assert np.vdot(R, step) < 0
+    assert work.search(q, R, -1e-3 * step, 0.0) is None
+
+
+@pytest.mark.parametrize("dt", [1e-7, 1e-5, 1e-3])
+def test_small_steps_move_the_cloth(sheet, isotropic, dt):
+    """The tolerance is relative to the forces; an absolute one freezes a cloth at small dt."""
+    system = fc.System(sheet, isotropic, [fc.StVK(), fc.Gravity()])
+    end = fc.run(system, fc.BackwardEuler(), system.rest(), dt, 5 * dt).state
+    assert end.v == pytest.approx(np.broadcast_to([0, 0, -9.81 * 5 * dt], end.v.shape), rel=1e-9)
+
+
+def test_forces_of_any_size(sheet, rng):
+    """Stiffness, mass and gravity times 1e6: the same motion in the same iterations."""
+    runs = []
+    for factor in (1.0, 1e6):
+        fabric = fc.Fabric(0.2 * factor, 1000.0 * factor, 0.3)
+        system = fc.System(sheet, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
+        start = system.state(1.02 * flat(sheet))
+        runs.append(fc.run(system, fc.ImplicitMidpoint(), start, 2e-3, 0.04, solver="direct"))
+    assert runs[0].newton == runs[1].newton
+    assert runs[0].state.x == pytest.approx(runs[1].state.x, abs=1e-9)
+
+
+def test_a_cloth_at_rest_without_load_is_solved(sheet, isotropic, rng):
+    """Its only force is round-off: asking for less than that would never end."""
+    system = fc.System(sheet, isotropic, [fc.StVK()])
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    start = system.state(flat(sheet) @ turn + 100.0)
+    for state, info in fc.march(system, fc.BackwardEuler(), start, 0.01, 0.05):
+        assert np.abs(state.x - start.x).max() < 1e-10
+        assert info.counts.newton <= 3
+
+
+def test_the_last_residual_is_that_of_the_equation(sheet, isotropic, rng):
+    """M a − f, written out for backward Euler."""
+    system = fc.System(sheet, isotropic, [fc.StVK(), fc.StrainRateDamping(0.01)], pins=["left"])
+    start = system.state(rough(sheet, rng, 0.003))
+    dt = 1e-3
+    new, info = next(fc.march(system, fc.BackwardEuler(), start, dt, dt))
+    inertia = system.scalar_mass @ (new.v - start.v) / dt
+    R = system.constraints.project(inertia - system.force(new))
+    scale = np.linalg.norm(system.force(start))  # of the first iterate, without damping yet
+    assert np.linalg.norm(R) == pytest.approx(info.counts.residual * scale, rel=1e-3)
+    assert info.counts.residual <= 1e-6
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"tolerance": np.nan}, "tolerance"),
+        ({"forcing": 1.0}, "forcing"),
+        ({"max_iterations": 0}, "max_iterations"),
+        ({"reuse": 1}, "reuse = 1: must be True or False"),
+        ({"definiteness": "clamped"}, "none, clamp, on_failure"),
+    ],
+)
+def test_options_out_of_range(options, message):
+    with pytest.raises(fc.InputError, match=message):
+        fc.Newton(**options)
+
+
+def test_a_step_so_long_that_the_mass_hardly_counts_is_solved():
+    """A cantilever in one step of 100 s: no multiple of the mass makes up for its bending."""
+    strip = fc.Cloth.rectangle(0.5, 0.1, h=0.05, pattern="equilateral")
+    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-3)
+    system = fc.System(strip, fabric, [fc.StVK(), fc.HingeBending(), fc.Gravity()], ["left"])
+    newton = fc.Newton(tolerance=1e-9)
+    run = fc.run(system, fc.BackwardEuler(), system.rest(), 100.0, 100.0, newton=newton)
+    assert run.newton < 100
+    end = fc.equilibrium(system, run.state).x
+    np.testing.assert_allclose(run.state.x, end, atol=1e-5)
+    assert end[:, 2].min() < -0.02

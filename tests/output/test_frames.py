@@ -1,0 +1,338 @@
+"""Frames as meshio, VTK and ParaView read them, and what a killed run leaves behind."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.errors import InputError
+from fecloth.output.frames import Frames, fields, read_frame, write_vtk
+from fecloth.runs.folder import RunFolder
+
+POINT_DATA = {"displacement", "velocity"}
+KINEMATIC = {"green_strain", "principal_stretches", "quality"}
+MATERIAL = {"stress_resultants", "energy_density"}
+
+
+@pytest.fixture(scope="module")
+def system():
+    cloth = fc.Cloth.rectangle(0.6, 0.4, h=0.1, pattern="equilateral")
+    fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=900.0, poisson_ratio=0.3)
+    return fc.System(cloth, fabric, [fc.StVK(), fc.TensorCondition(50.0), fc.Gravity()])
+
+
+@pytest.fixture(scope="module")
+def states(system):
+    rng = np.random.default_rng(3)
+    start = system.rest()
+    return [
+        system.state(start.x + 0.01 * rng.standard_normal(start.x.shape), rng.random(start.x.shape))
+        for _ in range(3)
+    ]
+
+
+def at(state, t):
+    return replace(state, t=t)
+
+
+def listed(pvd):
+    """(time, file) of a .pvd."""
+    entries = ET.parse(pvd).getroot().iter("DataSet")
+    return [(float(e.get("timestep")), pvd.parent / e.get("file")) for e in entries]
+
+
+# --- what a frame shows ---------------------------------------------------------------------------
+
+
+def test_uniform_stretch_has_its_closed_form(system):
+    F = np.array([[1.1, 0.25], [-0.1, 0.9], [0.2, 0.3]])
+    _, cells = fields(system, system.state(system.cloth.X @ F.T))
+    C = F.T @ F - np.eye(2)
+    E = C / 2
+    Y, nu, k = 900.0, 0.3, 50.0
+    S = Y / (1 - nu**2) * ((1 - nu) * E + nu * np.trace(E) * np.eye(2)) + 2 * k * C
+    W = Y / (2 * (1 - nu**2)) * ((1 - nu) * np.sum(E * E) + nu * np.trace(E) ** 2)
+    W += k / 2 * np.sum(C * C)
+    expected = {
+        "green_strain": [E[0, 0], E[1, 1], E[0, 1]],
+        "principal_stretches": np.linalg.svd(F)[1][::-1],
+        "stress_resultants": [S[0, 0], S[1, 1], S[0, 1]],
+        "energy_density": W,
+    }
+    for name, value in expected.items():
+        np.testing.assert_allclose(cells[name], np.broadcast_to(value, cells[name].shape), 1e-11)
+
+
+def test_cell_data_belongs_to_its_triangle(system):
+    """One node moved: only the triangles around it are strained; and W adds up to the energy."""
+    node = len(system.cloth.X) // 2
+    x = system.rest().x
+    x[node, 0] += 0.01
+    points, cells = fields(system, system.state(x))
+    around = (system.cloth.triangles == node).any(axis=1)
+    for name in ("green_strain", "stress_resultants"):
+        np.testing.assert_array_equal(np.abs(cells[name]).max(axis=1) > 1e-12, around)
+    energies = system.energies(system.state(x))
+    stored = system.cloth.weights.sum(axis=1) @ cells["energy_density"]
+    assert stored == pytest.approx(energies["StVK"] + energies["TensorCondition"], rel=1e-12)
+    moved = np.zeros_like(x)
+    moved[node, 0] = 0.01
+    np.testing.assert_allclose(points["displacement"], moved, atol=1e-15)
+    np.testing.assert_array_equal(cells["quality"], system.cloth.quality)
+
+
+def test_without_a_membrane_there_is_no_stress(system):
+    bare = fc.System(system.cloth, system.fabric, [fc.Gravity()])
+    assert set(fields(bare, bare.rest())[1]) == KINEMATIC
+
+
+# --- read back ------------------------------------------------------------------------------------
+
+
+def test_meshio_reads_the_same_numbers(system, states, tmp_path):
+    write_vtk(tmp_path / "swing", system.cloth, states, system)
+    mesh = meshio.read(tmp_path / "swing_000001.vtu")
+    points, cells = fields(system, states[1])
+    np.testing.assert_array_equal(mesh.points, states[1].x)
+    np.testing.assert_array_equal(mesh.cells_dict["triangle"], system.cloth.triangles)
+    assert set(mesh.point_data) == POINT_DATA
+    assert set(mesh.cell_data) == KINEMATIC | MATERIAL
+    for name, value in points.items():
+        np.testing.assert_array_equal(mesh.point_data[name], value)
+    for name, value in cells.items():
+        np.testing.assert_array_equal(mesh.cell_data[name][0], value)
+
+
+def test_blocks_beyond_the_first_and_full_last_blocks_read_back(
+    system, states, tmp_path, monkeypatch
+):
+    pyvista = pytest.importorskip("pyvista")
+    size = 24 * len(system.cloth.X)
+    for block in (size, size // 3, 256):  # one full block, three, many and a rest
+        monkeypatch.setattr("fecloth.output.vtu_writer.BLOCK", block)
+        write_vtk(tmp_path / "a", system.cloth, states[0])
+        mesh = meshio.read(tmp_path / "a_000000.vtu")
+        grid = pyvista.read(tmp_path / "a_000000.vtu")
+        for points, v in (
+            (mesh.points, mesh.point_data["velocity"]),
+            (grid.points, grid.point_data["velocity"]),
+        ):
+            np.testing.assert_array_equal(points, states[0].x)
+            np.testing.assert_array_equal(v, states[0].v)
+
+
+def test_vtk_reads_the_same_numbers_names_and_times(system, states, tmp_path):
+    pyvista = pytest.importorskip("pyvista")
+    times = [0.0, 0.1, 0.30000000000000004]
+    series = [at(state, t) for state, t in zip(states, times, strict=True)]
+    pvd = write_vtk(tmp_path / "swing", system.cloth, series, system)
+    reader = pyvista.PVDReader(pvd)
+    assert reader.time_values == times
+    reader.set_active_time_point(2)
+    grid = reader.read()[0]
+    points, cells = fields(system, states[2])
+    np.testing.assert_array_equal(grid.points, states[2].x)
+    np.testing.assert_array_equal(grid.cells.reshape(-1, 4)[:, 1:], system.cloth.triangles)
+    assert set(grid.celltypes) == {pyvista.CellType.TRIANGLE}
+    for name, value in points.items():
+        np.testing.assert_array_equal(grid.point_data[name], value)
+    for name, value in cells.items():
+        np.testing.assert_array_equal(grid.cell_data[name], value)
+    assert grid.field_data["TimeValue"].tolist() == [times[2]]
+    strain = grid.GetCellData().GetArray("green_strain")
+    assert [strain.GetComponentName(i) for i in range(3)] == ["E11", "E22", "E12"]
+
+
+def test_lists_name_every_frame_at_its_time(system, states, tmp_path):
+    times = [0.25, 1 / 3, 2.0]
+    series = (at(state, t) for state, t in zip(states, times, strict=True))  # streamed
+    pvd = write_vtk(tmp_path / "out" / 'a "b" & c', system.cloth, series)
+    files = [tmp_path / "out" / f'a "b" & c_00000{i}.vtu' for i in range(3)]
+    assert listed(pvd) == list(zip(times, files, strict=True))
+    assert all(file.is_file() for file in files)
+    text = json.loads((tmp_path / "out" / 'a "b" & c.vtu.series').read_text())
+    assert text == {
+        "file-series-version": "1.0",
+        "files": [{"name": f.name, "time": t} for f, t in zip(files, times, strict=True)],
+    }
+    assert set(meshio.read(files[0]).cell_data) == KINEMATIC  # no system, no stress
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_a_generator_is_streamed(system, states, tmp_path):
+    def endless():
+        for i in range(3):
+            assert len(list(tmp_path.glob("a_*.vtu"))) == i
+            yield states[0]
+
+    write_vtk(tmp_path / "a.pvd", system.cloth, endless())
+    assert len(list(tmp_path.glob("a_*.vtu"))) == 3
+
+
+def test_what_is_no_state_of_the_cloth_is_refused(system, states, tmp_path):
+    other = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+    with pytest.raises(InputError, match=r"shape \(9, 3\)"):
+        write_vtk(tmp_path / "a", other, states)
+    with pytest.raises(InputError, match=r"tuple.*State"):
+        write_vtk(tmp_path / "a", system.cloth, [(states[0], None)])
+    with pytest.raises(InputError, match="at least one"):
+        write_vtk(tmp_path / "a", system.cloth, [])
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_frame_read_back_is_the_state(system, states, tmp_path):
+    state = at(states[0], 0.1 + 0.2)
+    file = Frames(tmp_path / "a", system.cloth, system).add(state)
+    back = read_frame(file, system.cloth)
+    assert back.t == state.t
+    np.testing.assert_array_equal(back.x, state.x)
+    np.testing.assert_array_equal(back.v, state.v)
+    back.x[0] = 0.0  # its own writable arrays
+
+
+def test_a_frame_of_something_else_is_refused(system, states, tmp_path):
+    cloth = system.cloth
+    file = Frames(tmp_path / "a", cloth).add(states[0])
+    with pytest.raises(InputError, match=f"{len(cloth.X)} nodes: the cloth has 9"):
+        read_frame(file, fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right"))
+    flipped = fc.Cloth.from_arrays(cloth.X, cloth.triangles[::-1], renumber=False)
+    with pytest.raises(InputError, match="join other nodes"):
+        read_frame(file, flipped)
+    plain, text = tmp_path / "plain.vtu", file.read_text()
+    meshio.write(plain, meshio.Mesh(states[0].x, [("triangle", cloth.triangles)]))
+    with pytest.raises(InputError, match="no velocity"):
+        read_frame(plain, cloth)
+    plain.write_text(text.replace("TimeValue", "Time"))
+    with pytest.raises(InputError, match="no TimeValue"):
+        read_frame(plain, cloth)
+    for broken in (text[: len(text) // 2], "", "hello"):
+        plain.write_text(broken)
+        with pytest.raises(InputError, match=r"plain.vtu: cannot be read"):
+            read_frame(plain, cloth)
+    with pytest.raises(InputError, match=r"none.vtu: cannot be read"):
+        read_frame(tmp_path / "none.vtu", cloth)
+
+
+# --- killed ---------------------------------------------------------------------------------------
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+import numpy as np
+import fecloth as fc
+from fecloth.output import Frames
+from fecloth.runfolder import RunFolder
+
+cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
+x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+whole_write, calls = Path.write_bytes, 0
+
+def die_at(moment):
+    def write(path, data):  # half of the bytes of the file in question, and then the end
+        global calls
+        calls += 1
+        if calls < moment:
+            return whole_write(path, data)
+        whole_write(path, data[: len(data) // 2])
+        os.kill(os.getpid(), signal.SIGKILL)
+    Path.write_bytes = write
+
+def write_frames(path, forever=False):
+    folder = RunFolder.create(path)
+    frames, rows = Frames(folder.path / "swing", cloth), folder.table("steps.csv")
+    for i in range(10**9):
+        rows.add({"step": i, "t": 0.1 * i})
+        frames.add(fc.State(0.1 * i, x, x))
+        if i == 4 and forever:
+            print("running", flush=True)
+
+place = Path(sys.argv[1])
+for moment in range(4, 13):
+    child = os.fork()
+    if not child:
+        die_at(moment)
+        write_frames(place / f"moment{moment}")
+    os.waitpid(child, 0)
+write_frames(place / "killed", forever=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory):
+    """Folders of runs killed in the middle of each kind of write, and one killed from outside."""
+    if not hasattr(os, "fork"):
+        pytest.skip("needs fork and SIGKILL")
+    place = tmp_path_factory.mktemp("killed")
+    process = subprocess.Popen([sys.executable, "-c", KILLED, place], stdout=subprocess.PIPE)
+    assert process.stdout.readline() == b"running\n"
+    process.kill()
+    assert process.wait() == -signal.SIGKILL
+    process.stdout.close()
+    return sorted(place.iterdir())
+
+
+def test_killed_runs_leave_lists_that_open(killed):
+    assert len(killed) == 10
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
+    for folder in killed:
+        entries = listed(folder / "swing.pvd")
+        series = json.loads((folder / "swing.vtu.series").read_text())["files"]
+        for i, (t, file) in enumerate(entries):
+            assert (t, file.name) == (0.1 * i, f"frame_{i:06d}.vtu")
+            assert read_frame(file, cloth).t == t
+        assert all((folder / entry["name"]).is_file() for entry in series)
+        assert len(entries) - len(series) in (0, 1)
+        assert len(entries) >= (5 if folder.name == "killed" else 1)
+
+
+def test_killed_runs_leave_readable_rows(killed):
+    for folder in killed:
+        with (folder / "steps.csv").open(newline="") as stream:
+            rows = list(csv.DictReader(stream))
+        assert len(rows) >= len(listed(folder / "swing.pvd"))
+        assert [int(row["step"]) for row in rows] == list(range(len(rows)))
+        assert [float(row["t"]) for row in rows] == [0.1 * i for i in range(len(rows))]
+
+
+def test_overwrite_clears_what_a_killed_run_left(killed):
+    folder = next(path for path in killed if path.name == "moment4")
+    assert list(folder.rglob("*.part"))  # half a frame
+    RunFolder.create(folder, overwrite=True)
+    assert not list(folder.iterdir())
+
+
+# --- disk full ------------------------------------------------------------------------------------
+
+
+def test_a_full_disk_names_the_file_and_keeps_the_old_one(system, states, tmp_path, monkeypatch):
+    frames = Frames(tmp_path / "a", system.cloth)
+    frames.add(states[0])
+
+    def full(path, data):
+        with path.open("wb") as stream:
+            stream.write(data[:10])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(InputError) as failed:
+        frames.add(states[1])
+    assert str(failed.value) == (
+        f"{tmp_path / 'frames' / 'frame_000001.vtu'} cannot be written: No space left on device. "
+        "Free space or choose another folder."
+    )
+    monkeypatch.undo()
+    assert not list(tmp_path.rglob("*.part"))
+    assert len(listed(tmp_path / "a.pvd")) == len(frames.times) == 1

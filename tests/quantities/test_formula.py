@@ -1,0 +1,197 @@
+"""Formulas: their values, and that nothing but arithmetic gets through."""
+
+from __future__ import annotations
+
+import ast
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fecloth.errors import InputError
+from fecloth.quantities.formula import FUNCTIONS, Formula, smoothstep
+
+VALUES = [
+    ("0.1*sin(2*pi*t)", lambda t: 0.1 * np.sin(2 * np.pi * t)),
+    ("-t**2 + 3/(1 + t) - +2", lambda t: -(t**2) + 3 / (1 + t) - 2),
+    ("2**-t", lambda t: 2.0**-t),
+    ("where(0.2 < t <= 0.5, 1, -1)", lambda t: np.where((t > 0.2) & (t <= 0.5), 1, -1)),
+    ("where(not (t > 0.2 and t < 0.5 or t > 0.9), t, 0)",
+     lambda t: np.where(((t > 0.2) & (t < 0.5)) | (t > 0.9), 0, t)),
+    ("min(t, 0.5) + max(t, 0.25)", lambda t: np.minimum(t, 0.5) + np.maximum(t, 0.25)),
+    ("smoothstep(0.25, 0.75, t)", lambda t: smoothstep(0.25, 0.75, t)),
+    ("floor(4*t) + sign(t - 0.5) + abs(t - 1)",
+     lambda t: np.floor(4 * t) + np.sign(t - 0.5) + np.abs(t - 1)),
+    ("exp(-t)*cos(t) + tanh(t) + tan(t) + sqrt(t) + log(1 + t)",
+     lambda t: np.exp(-t) * np.cos(t) + np.tanh(t) + np.tan(t) + np.sqrt(t) + np.log(1 + t)),
+    ("1e-3", lambda t: np.full_like(t, 1e-3)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "expected"), VALUES, ids=[text for text, _ in VALUES])
+def test_value_of_arrays_and_of_scalars(text, expected):
+    t = np.linspace(0, 1, 41)
+    formula = Formula(text, ("t",))
+    assert formula(t=t) == pytest.approx(expected(t), rel=1e-14, abs=1e-14)
+    assert formula(t=t).shape == t.shape
+    assert type(formula(t=0.3)) is float
+    assert formula(t=0.3) == pytest.approx(float(expected(np.float64(0.3))), rel=1e-14)
+
+
+def test_variables_broadcast_and_the_result_may_be_written_to():
+    value = Formula("X + Y", ("X", "Y"))(X=np.arange(3.0)[:, None], Y=np.arange(2.0))
+    assert value.tolist() == [[0, 1], [1, 2], [2, 3]]
+    constant = Formula("2", ("X", "Y"))(X=np.zeros(4), Y=0.0)
+    constant[0] = 1.0
+    assert constant.tolist() == [1, 2, 2, 2]
+
+
+def test_condition():
+    formula = Formula("0 < X < 1 and not Y > 3 or X > 5", ("X", "Y"), condition=True)
+    inside = formula(X=[0.5, 0.5, 2.0, 6.0], Y=[0.0, 4.0, 0.0, 9.0])
+    assert inside.dtype == bool
+    assert inside.tolist() == [True, False, False, True]
+    assert Formula("t > 1", ("t",), condition=True)(t=2.0) is True
+
+
+def test_formula_survives_pickling():
+    formula = Formula("2*t", ("t",))
+    assert pickle.loads(pickle.dumps(formula)) == formula
+    assert pickle.loads(pickle.dumps(formula))(t=3.0) == 6.0
+
+
+def test_integers_are_doubles():
+    """Python's own integers would make 10**(10**2)*… slow and huge."""
+    assert Formula("7**99*7**99")() == 7.0**99 * 7.0**99
+    assert Formula("1/2 + 10**-2")() == 0.51
+
+
+REFUSED = [
+    ("__import__('os').system('true')", "no known function"),
+    ("t.real", "not allowed"),
+    ("t.__class__", "not allowed"),
+    ("lambda: 1", "not allowed"),
+    ("[t for t in (1, 2)]", "not allowed"),
+    ("(t for t in (1, 2))", "not allowed"),
+    ("t if t < 1 else 2", "not allowed"),
+    ("(t, 1)", "not allowed"),
+    ("t[0]", "not allowed"),
+    ("f'{t}'", "not allowed"),
+    ("(t := 3)", "not allowed"),
+    ("t // 2", "not allowed"),
+    ("t @ t", "not allowed"),
+    ("~1", "not allowed"),
+    ("await t", "no expression|not allowed"),
+    ("eval('1')", "no known function: 'eval'"),
+    ("(sin)(t)(t)", "no known function"),
+    ("sin", "the function sin without its argument"),
+    ("sin + 1", "the function sin"),
+    ("sin()", "sin takes 1 argument"),
+    ("sin(t, t)", "sin takes 1 argument"),
+    ("min(t)", "min takes 2 arguments"),
+    ("sin(x=t)", "sin takes 1 argument"),
+    ("sin(*t)", "not allowed"),
+    ("9**9**9", "an exponent beyond 100: '9\\*\\*9'"),
+    ("t**101", "an exponent beyond 100: '101'"),
+    ("t**-101", "an exponent beyond 100"),
+    ("t**(1/0)", "an exponent beyond 100"),
+    ("t**where(1 < 2, 200, 1)", "an exponent beyond 100"),
+    ("1e999", "no finite number"),
+    ("1" + "0" * 400, "no finite number"),
+    ("1j", "no finite number"),
+    ("True", "no finite number"),
+    ("'a'", "no finite number"),
+    ("None", "no finite number"),
+    ("t < 1", "a comparison where a number must stand"),
+    ("1 + (t < 1)", "a comparison where a number must stand: 't < 1'"),
+    ("not t", "a comparison where a number"),
+    ("where(t, 1, 2)", "a condition such as X < 0.01 must stand here: 't'"),
+    ("where((t < 1) & (t > 0), 1, 2)", "Join conditions by and, or"),
+    ("where(t == 1, 1, 2)", "compare by < <= > >=.*For equality"),
+    ("where(t is t, 1, 2)", "compare by"),
+    ("t^2", "Powers are written \\*\\*"),
+    ("sin(t", "no expression"),
+    ("", "no expression"),
+    ("import os", "no expression"),
+    ("t = 3", "no expression"),
+    ("t; t", "no expression"),
+    ("a\0b", "no expression"),
+    ("(" * 240 + "t" + ")" * 240, "no expression|nested"),
+    ("-" * 300 + "t", "nested more than"),
+    ("t" + "+t" * 200, "nested more than"),
+    ("where(" + "not " * 110 + "t < 1, 1, 2)", "nested more than"),
+    ("t+" * 300 + "t", "601 characters are more than 500"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "message"), REFUSED, ids=[text[:30] for text, _ in REFUSED])
+def test_everything_else_is_refused(text, message):
+    with pytest.raises(InputError, match=f"(?s)formula .*{message}") as caught:
+        Formula(text, ("t",))
+    assert "numbers, t, pi, + - * / **, sin" in caught.value.allowed
+
+
+def test_message_names_formula_piece_allowed_names_and_the_nearest():
+    with pytest.raises(InputError) as caught:
+        Formula("0.1*sin(2*pi*tme)", ("time", "X"))
+    assert str(caught.value) == (
+        "Formula: formula '0.1*sin(2*pi*tme)', unknown name 'tme': 'tme': allowed are numbers, "
+        f"time, X, pi, + - * / **, {', '.join(FUNCTIONS)}. Did you mean 'time'?"
+    )
+    with pytest.raises(InputError, match="Did you mean 'sqrt'"):
+        Formula("sqr(t)", ("t",))
+
+
+@pytest.mark.parametrize("text", ["t", "1", "sin(t)", "t and 1"])
+def test_a_condition_must_be_one(text):
+    with pytest.raises(InputError, match="a condition such as"):
+        Formula(text, ("t",), condition=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "at"),
+    [("1/t", "inf at t = 0"), ("log(t)", "-inf at t = 0"), ("sqrt(-t)", "nan at t = 1")],
+)
+def test_value_that_is_not_finite_is_refused_where_it_arises(text, at):
+    with pytest.raises(InputError, match=at):
+        Formula(text, ("t",))(t=np.array([0.0, 1.0]))
+    with pytest.raises(InputError, match="is inf: must be finite"):
+        Formula("1/0")()
+
+
+def test_where_may_hide_what_is_not_finite():
+    assert Formula("where(t > 0, 1/t, 0)", ("t",))(t=np.array([0.0, 2.0])).tolist() == [0.0, 0.5]
+
+
+NUMBERS = st.sampled_from(["t", "X", "pi", "2", "0.5", "3"])
+
+
+def _grow(inner):
+    return st.one_of(
+        st.tuples(inner, st.sampled_from("+-*"), inner).map(lambda p: f"({p[0]} {p[1]} {p[2]})"),
+        st.tuples(st.sampled_from(["sin", "cos", "tanh", "abs"]), inner).map(
+            "{0[0]}({0[1]})".format
+        ),
+        inner.map("-{}".format),
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.recursive(NUMBERS, _grow, max_leaves=12))
+def test_value_is_pythons(text):
+    t, X = 0.3, -1.7
+    names = {name: getattr(np, name) for name in ("sin", "cos", "tanh", "abs", "pi")}
+    expected = eval(compile(ast.parse(text, mode="eval"), "", "eval"), names | {"t": t, "X": X})
+    assert Formula(text, ("t", "X"))(t=t, X=X) == pytest.approx(float(expected), rel=1e-12)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text(alphabet="tX0123456789.+-*/()<>=, sincowher_'\"[]{}:;#\\\n@&|^~%", max_size=40))
+def test_any_text_is_a_formula_or_refused(text):
+    try:
+        value = Formula(text, ("t", "X"))
+        value(t=0.5, X=np.array([0.25, 2.0]))
+    except InputError:
+        pass

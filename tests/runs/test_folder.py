@@ -1,0 +1,159 @@
+"""The folder of a run: its tables, summary and log, what is refused, what a full disk leaves."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.errors import InputError
+from fecloth.output.frames import Frames
+from fecloth.runs.folder import RunFolder, Table, peak_memory, versions
+
+
+def fill(folder, system, state):
+    Frames(folder.path / "swing", system.cloth, system).add(state)
+    for name in ("steps.csv", "energies.csv", "observed.csv"):
+        with folder.table(name) as table:
+            table.add({"t": 0.0})
+    folder.summary({"steps": 1})
+    folder.text("scene.resolved.toml", "dt = 0.01\n")
+    folder.log("done")
+
+
+def test_a_folder_that_is_not_empty_is_refused(tmp_path):
+    (tmp_path / "note").touch()
+    with pytest.raises(InputError) as refused:
+        RunFolder.create(tmp_path)
+    assert str(tmp_path) in str(refused.value)
+    assert "--overwrite" in str(refused.value)
+    assert (tmp_path / "note").exists()
+
+
+def test_overwrite_leaves_foreign_files_alone(small, isotropic, tmp_path):
+    system = fc.System(small, isotropic, [fc.StVK()])
+    fill(RunFolder.create(tmp_path / "run"), system, system.rest())
+    foreign = {"mine.pvd", "mine.vtu", "steps.csv.bak", "frames/mine.vtu", "other.vtu.series"}
+    for name in foreign:
+        (tmp_path / "run" / name).write_text("mine")
+    again = RunFolder.create(tmp_path / "run", overwrite=True)
+    left = {p.relative_to(again.path).as_posix() for p in again.path.rglob("*") if p.is_file()}
+    assert left == foreign
+    (again.path / "frames" / "mine.vtu").unlink()
+    fill(again, system, system.rest())
+    RunFolder.create(again.path, overwrite=True)
+    assert not (again.path / "frames").exists()
+
+
+def test_what_is_cut_short_while_it_overwrites_can_be_overwritten(
+    small, isotropic, tmp_path, monkeypatch
+):
+    system = fc.System(small, isotropic, [fc.StVK()])
+    unlink = Path.unlink
+
+    def killed(path):
+        if not left:
+            raise KeyboardInterrupt
+        left.pop()
+        unlink(path)
+
+    fill(RunFolder.create(tmp_path / "run"), system, system.rest())
+    while any((tmp_path / "run").iterdir()):  # by one file at a time
+        left = [None]
+        with monkeypatch.context() as patched, contextlib.suppress(KeyboardInterrupt):
+            patched.setattr(Path, "unlink", killed)
+            RunFolder.create(tmp_path / "run", overwrite=True)
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="cannot be written: Not a directory"):
+        RunFolder.create(tmp_path / "file", overwrite=True)
+
+
+def test_rows_keep_their_numbers_and_keys(tmp_path):
+    row = {"t": np.float64(0.1) + 0.2, "n": np.int64(3), "reaction:top, left.x": float("nan")}
+    with Table(tmp_path / "steps.csv") as table:
+        table.add(row)
+        with pytest.raises(InputError, match=r"steps\.csv: keys extra"):
+            table.add(row | {"extra": 1})
+        table.add(dict(reversed(row.items())))
+    with (tmp_path / "steps.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [list(map(float, r.values())) for r in rows] == [
+        pytest.approx(list(row.values()), nan_ok=True, rel=0, abs=0)
+    ] * 2
+
+
+def test_summary_is_strict_json(tmp_path):
+    folder = RunFolder.create(tmp_path / "run")
+    folder.summary({"old": 1})
+    values = {"n": np.int64(3), "residual": np.nan, "x": np.ones(2), "ok": True, "at": tmp_path}
+    folder.summary(values | {"seconds": {"solve": np.float64(0.5)}, "peak": None})
+
+    def refuse(constant):
+        raise AssertionError(constant)
+
+    assert json.loads((folder.path / "summary.json").read_text(), parse_constant=refuse) == {
+        "n": 3,
+        "residual": None,
+        "x": [1.0, 1.0],
+        "ok": True,
+        "at": str(tmp_path),
+        "seconds": {"solve": 0.5},
+        "peak": None,
+    }
+
+
+def test_log_lines_add_up(tmp_path):
+    folder = RunFolder.create(tmp_path / "run")
+    folder.log("first")
+    folder.log("zweite: µ")
+    lines = (folder.path / "run.log").read_text(encoding="utf-8").splitlines()
+    assert [line.split(" ", 1)[1] for line in lines] == ["first", "zweite: µ"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_row_that_does_not_fit_names_its_table():
+    table = Table(Path("/dev/full"))
+    with pytest.raises(InputError, match="/dev/full cannot be written: No space left"):
+        table.add({"t": 0.0})
+    table.close()  # nothing waits to be written
+
+
+def test_a_row_that_fits_in_part_leaves_nothing(tmp_path):
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    table = Table(tmp_path / "t.csv")
+    table.add({"t": 0.0})
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (10, limits[1]))
+        with pytest.raises(InputError, match="File too large"):
+            table.add({"t": 123456.789})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, before)
+    assert table.path.read_text() == "t\n0.0\n"
+    table.add({"t": 1.0})
+    table.close()
+    assert table.path.read_text() == "t\n0.0\n1.0\n"
+
+
+def test_versions_and_memory():
+    found = versions()
+    assert {"fecloth", "python", "numpy", "scipy", "scikit-fem", "gmsh", "platform"} <= set(found)
+    assert found["numpy"] == np.__version__
+    block = np.ones(8_000_000)
+    peak = peak_memory()
+    if peak is None:
+        pytest.skip("not on Windows")
+    physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert block.nbytes < peak * 1e6 < physical

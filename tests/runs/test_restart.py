@@ -1,0 +1,541 @@
+"""A run that is broken off and goes on: bit for bit the unbroken one, or refused."""
+
+import json
+import multiprocessing
+import os
+import random
+import shutil
+import signal
+import time
+import tracemalloc
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from support.rundirs import written
+
+import fecloth as fc
+from fecloth.cli.main import main
+from fecloth.integrators.explicit import EXPLICIT
+from fecloth.integrators.one_stage import METHODS
+from fecloth.output import write_ahead_log
+from fecloth.output.frames import Frames, read_frame
+from fecloth.runs import restart
+from fecloth.runs.folder import TABLES
+from fecloth.runs.recorder import Recorder
+from fecloth.runs.run_scene import run_scene
+from fecloth.scene.scene import load
+from fecloth.system.system import State
+
+TEXT = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.5
+h = 0.1
+pattern = "cross"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 1000.0
+bending_rigidity = 1e-3
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "HingeBending"
+[[terms]]
+type = "StrainRateDamping"
+time = 0.001
+[[terms]]
+type = "Gravity"
+[[pins]]
+where = "left"
+[[probes]]
+name = "tip"
+where = "right"
+"""
+RUNS = {
+    "midpoint": """[time]
+method = "implicit_midpoint"
+dt = 0.002
+t_end = 0.25
+[solver]
+linear = "direct"
+[output]
+every = 0.02
+restart_steps = 20
+""",
+    "BDF2": """[time]
+method = "bdf2"
+dt = 0.002
+t_end = 0.25
+[output]
+every_steps = 7
+restart_every = 0.03
+""",
+    "Adaptive(BDF2)": """[time]
+method = "bdf2"
+rtol = 2e-3
+t_end = 0.4
+[solver]
+linear = "direct"
+[output]
+frames = 20
+restart_steps = 9
+""",
+    "AtLimit": """[time]
+method = "central_difference"
+t_end = 0.06
+[output]
+every = 0.01
+restart_steps = 50
+""",
+    "Adaptive(CentralDifference)": """[time]
+method = "central_difference"
+rtol = 1e-2
+t_end = 0.06
+[output]
+every_steps = 33
+restart_every = 0.01
+""",
+}
+SERVER = multiprocessing.get_context("forkserver")
+SERVER.set_forkserver_preload(["fecloth.runs.run_scene"])
+
+
+RUNS["vtkhdf"] = RUNS["AtLimit"].replace("every = 0.01", 'every_steps = 16\nformat = "vtkhdf"')
+RUNS["two threads"] = """[time]
+method = "implicit_midpoint"
+dt = 0.002
+t_end = 0.08
+[solver]
+linear = "pardiso"
+[output]
+every = 0.02
+restart_steps = 5
+"""
+
+
+def go(scene, folder, resume, threads=1):
+    os.environ["MKL_NUM_THREADS"] = str(threads)  # read when the MKL is loaded, in the run
+    run_scene(load(scene), folder, resume=resume)
+
+
+def started(scene, folder, resume=False, threads=1):
+    child = SERVER.Process(target=go, args=(str(scene), str(folder), resume, threads))
+    child.start()
+    return child
+
+
+def killed(child, folder, steps):
+    """End it without a warning, some time after so many steps; whether it was still running."""
+    rows, limit = folder / "steps.csv", time.monotonic() + 60
+    while child.is_alive() and time.monotonic() < limit:
+        if rows.exists() and rows.read_bytes().count(b"\n") > steps:
+            time.sleep(random.uniform(0, 0.02))
+            os.kill(child.pid, signal.SIGKILL)
+            break
+        time.sleep(0.001)
+    child.join(60)
+    return child.exitcode == -signal.SIGKILL
+
+
+def broken_off(scene, folder, steps, resume, threads):
+    """Kill a run, or the rest of one, before its last step; again where that had come first."""
+    kept = folder.with_name("kept")
+    if resume:
+        shutil.copytree(folder, kept)
+    for _ in range(10):
+        there = killed(started(scene, folder, resume, threads), folder, steps)
+        if there and restart.find(folder).state.t < load(scene).time.t_end:
+            return
+        shutil.rmtree(folder)
+        if resume:
+            shutil.copytree(kept, folder)
+    pytest.fail("the run has ended ten times before the signal came")
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "sheet.toml"
+    path.write_text(TEXT + RUNS["midpoint"])
+    return path
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
+    if name == "vtkhdf":
+        pytest.importorskip("h5py")
+    if name == "two threads":
+        pytest.importorskip("pypardiso")
+    threads = 1 + (name == "two threads")
+    scene, whole, broken = tmp_path / "sheet.toml", tmp_path / "whole", tmp_path / "broken"
+    fine = "h = 0.015" if threads > 1 else "h = 0.1"  # of 26,000 unknowns both threads have a part
+    scene.write_text((TEXT + RUNS[name]).replace("h = 0.1", fine))
+    child = started(scene, whole, threads=threads)
+    child.join(60)
+    assert child.exitcode == 0
+    steps = (whole / "steps.csv").read_bytes().count(b"\n") - 1
+    assert steps >= 40
+    shares = [random.uniform(0.1, 0.8)]
+    if name == "Adaptive(BDF2)":  # it breaks off twice
+        shares = random.uniform(0.1, 0.4), random.uniform(0.5, 0.9)
+    for number, share in enumerate(shares):
+        broken_off(scene, broken, share * steps, number > 0, threads)
+    last = started(scene, broken, True, threads)
+    last.join(60)
+    assert last.exitcode == 0
+    assert "the last bits" not in (broken / "run.log").read_text()
+    made_on = restart.read(restart.files(broken)[0]).made_on
+    assert made_on["threads"] == ("2" if threads > 1 else made_on["threads"])
+    expected, found = written(whole), written(broken)
+    assert found.keys() == expected.keys()
+    assert [file for file in expected if found[file] != expected[file]] == []
+
+
+def test_a_run_that_is_killed_while_it_closes_is_closed(scene, tmp_path, monkeypatch):
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    scene.write_text(TEXT + RUNS["AtLimit"])
+    run_scene(load(scene), tmp_path / "whole")
+    with monkeypatch.context() as patched:
+        patched.setattr(Recorder, "close", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run_scene(load(scene), tmp_path / "out")
+    assert not (tmp_path / "out" / "summary.json").exists()
+    outcome = run_scene(load(scene), tmp_path / "out", resume=True)
+    told = json.loads((tmp_path / "out" / "summary.json").read_text())
+    wanted = json.loads((tmp_path / "whole" / "summary.json").read_text())
+    different = ("seconds", "peak_memory_MB")
+    assert {k: v for k, v in told.items() if k not in different} == {
+        k: v for k, v in wanted.items() if k not in different
+    }
+    assert outcome.status == "done"
+    assert (tmp_path / "out" / "report.html").exists()
+    assert written(tmp_path / "out") == written(tmp_path / "whole")
+    with pytest.raises(fc.InputError, match="has come to 0.06 s already"):
+        run_scene(load(scene), tmp_path / "out", resume=True)
+
+
+def go_and_die(scene, folder):
+    """Killed while the bytes of the seventh frame go to their places in run.vtkhdf."""
+    made = []
+
+    def half(path, size, places, data):
+        made.append(path)
+        if len(made) == 6:  # the first frame makes the file
+            make(path, size, places[: len(places) // 2], data)
+            os.kill(os.getpid(), signal.SIGKILL)
+        make(path, size, places, data)
+
+    make, write_ahead_log._make = write_ahead_log._make, half
+    go(scene, folder, False)
+
+
+def test_a_run_that_is_killed_within_a_frame_of_vtkhdf_goes_on(tmp_path):
+    pytest.importorskip("h5py")
+    scene, whole, broken = tmp_path / "sheet.toml", tmp_path / "whole", tmp_path / "broken"
+    scene.write_text(TEXT + RUNS["vtkhdf"].replace("restart_steps = 50", "restart_steps = 40"))
+    run_scene(load(scene), whole)
+    child = SERVER.Process(target=go_and_die, args=(str(scene), str(broken)))
+    child.start()
+    child.join(60)
+    assert child.exitcode == -signal.SIGKILL
+    assert (broken / "run.vtkhdf.redo").exists()
+    run_scene(load(scene), broken, resume=True)
+    assert written(broken) == written(whole)
+
+
+def test_no_restart_file_goes_before_the_next_would_survive_a_power_cut(
+    scene, tmp_path, monkeypatch
+):
+    synced, missed, folder = {}, [], tmp_path / "out"
+    real_fsync, real_unlink = os.fsync, Path.unlink
+
+    def fsync(file):
+        real_fsync(file)
+        told = os.fstat(file)
+        synced[told.st_ino] = told.st_size
+
+    def unlink(path, missing_ok=False):
+        if path.suffix == ".npz":
+            found = restart.read(restart.files(folder)[0])
+            needed = [*folder.glob("*.csv"), *folder.glob("run.*"), restart.files(folder)[0]]
+            needed += [folder / f"frames/frame_{i:06d}.vtu" for i in range(found.frames)]
+            needed += [folder, folder / "frames", folder / "restart"]
+            files = [file for file in needed if file.name != "run.log"]
+            missed.extend(f for f in files if synced.get(f.stat().st_ino) != f.stat().st_size)
+        real_unlink(path, missing_ok)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    monkeypatch.setattr(Path, "unlink", unlink)
+    run_scene(load(scene, ["time.t_end=0.16"]), folder)
+    assert [path.name for path in restart.files(folder)] == [
+        "restart_000000080.npz",
+        "restart_000000060.npz",
+    ]
+    assert missed == []
+
+
+def test_a_spoilt_vtkhdf_is_refused_and_no_other_file_is_touched(scene, tmp_path):
+    pytest.importorskip("h5py")
+    scene.write_text(TEXT + RUNS["vtkhdf"])
+    interrupted(scene, tmp_path / "out", 70)
+    file = tmp_path / "out" / "run.vtkhdf"
+    file.write_bytes(file.read_bytes()[:2000])
+    before = {f.name: f.read_bytes() for f in (tmp_path / "out").rglob("*.*")}
+    with pytest.raises(fc.InputError, match=r"run.vtkhdf cannot be read.*--overwrite"):
+        go(scene, tmp_path / "out", resume=True)
+    changed = {n for n, d in before.items() if d != next((tmp_path / "out").rglob(n)).read_bytes()}
+    assert changed <= {"run.log", "scene.resolved.toml", *TABLES}
+
+
+# --- what goes on, and what does not --------------------------------------------------------------
+
+
+def interrupted(scene, folder, after, resume=False):
+    """A run that is asked to stop after a step, as by Ctrl-C."""
+
+    def report(info):
+        if info.step == after:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    return run_scene(load(scene), folder, report=report, resume=resume)
+
+
+UNASKED = TEXT + RUNS["AtLimit"].replace("restart_steps = 50\n", "")
+
+
+def test_an_interrupted_run_goes_on_without_restart_steps(scene, tmp_path):
+    scene.write_text(UNASKED)
+    run_scene(load(scene), tmp_path / "whole")
+    outcome = interrupted(scene, tmp_path / "broken", 37)
+    assert outcome.status == "interrupted"
+    assert [f.name for f in restart.files(tmp_path / "broken")] == ["restart_000000037.npz"]
+    assert main(["run", str(scene), "--resume", str(tmp_path / "broken"), "--quiet"]) == 0
+    whole, broken = written(tmp_path / "whole"), written(tmp_path / "broken")
+    assert {name: whole[name] == broken.get(name) for name in whole} == dict.fromkeys(whole, True)
+
+
+def test_an_interruption_between_two_restarts_costs_no_bit(scene, tmp_path):
+    """With a kept factor the run goes back to the last regular restart."""
+    run_scene(load(scene), tmp_path / "whole")
+    interrupted(scene, tmp_path / "broken", 33)
+    assert [restart.read(f).exact for f in restart.files(tmp_path / "broken")] == [False, True]
+    go(scene, tmp_path / "broken", resume=True)
+    assert written(tmp_path / "broken") == written(tmp_path / "whole")
+    summary = json.loads((tmp_path / "broken" / "summary.json").read_text())
+    expected = json.loads((tmp_path / "whole" / "summary.json").read_text())
+    for key in ("steps", "newton", "linear", "factorisations", "frames", "ledger", "status"):
+        assert summary[key] == expected[key]
+
+
+def test_what_there_is_not_to_go_on_from_is_told(scene, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene.write_text(UNASKED)
+    resume = ["run", str(scene), "--resume", "out"]
+    assert main(resume) == 2
+    told = capsys.readouterr().err
+    assert "--resume out: there is no such folder" in told
+    assert "--overwrite" not in told
+    (tmp_path / "out").mkdir()
+    assert main(resume) == 2
+    assert "out holds no restart file" in capsys.readouterr().err
+    t = run_scene(load(scene), "out", overwrite=True).summary["t"]
+    assert main(resume) == 2
+    assert f"the run in out is complete up to t = {t:g} s" in capsys.readouterr().err
+
+
+def test_an_interrupted_run_tells_from_where_it_will_go_on(scene, tmp_path, monkeypatch, capsys):
+    """Its solver has kept a factor at step 33, so it goes back to step 30."""
+    monkeypatch.chdir(tmp_path)
+    outcome = interrupted(scene, "out", 33)
+    found = restart.find(Path("out"))
+    assert outcome.resumes == found.state.t < outcome.summary["t"]
+    log = (tmp_path / "out" / "run.log").read_text()
+    assert f"after 33 steps; --resume goes on from {found.state.t:g} s" in log
+    monkeypatch.setattr(main, "run_scene", lambda *_: outcome)
+    assert main(["run", str(scene), "-o", "out", "--quiet"]) == 4
+    words = f"--resume out goes on from t = {found.state.t:g} s, the last at which its solver"
+    assert words in capsys.readouterr().err
+
+
+def test_a_balance_that_had_come_apart_is_not_told_again(scene, tmp_path):
+    scene.write_text(TEXT + RUNS["midpoint"])
+    coarse = [
+        "time.dt=0.02",
+        "time.t_end=2",
+        "fabric.tensile_stiffness=2e4",
+        "output.restart_steps=1",
+    ]
+    told = []
+
+    def stop(info):
+        if told:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    first = run_scene(load(scene, coarse), tmp_path / "out", report=stop, warn=told.append)
+    assert (first.status, len(told)) == ("interrupted", 1)
+    assert first.warning in told[0]
+    run_scene(load(scene, coarse), tmp_path / "out", resume=True, warn=told.append)
+    assert len(told) == 1
+    assert (tmp_path / "out" / "run.log").read_text().count("warning: step ") == 1
+
+
+def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys):
+    scene.write_text(UNASKED)
+    folder = tmp_path / "out"
+    interrupted(scene, folder, 20)
+    before = written(folder)
+    resume = ["run", str(scene), "--quiet", "--resume", str(folder)]
+    changed = ["--set", "fabric.areal_density=0.3", "--set", "terms.1.type=QuadraticBending"]
+    assert main(resume + changed) == 2
+    told = capsys.readouterr().err
+    assert "fabric.areal_density = 0.2 there, 0.3 here" in told
+    assert "terms.1.type = HingeBending there, QuadraticBending here" in told
+    assert main([*resume, "--set", "time.t_end=0.001"]) == 2
+    assert "has come to" in capsys.readouterr().err
+    assert main([*resume, "--overwrite"]) == 2
+    assert written(folder) == before
+    assert main([*resume, "--set", "time.t_end=0.08"]) == 0
+    assert read_frame(max((folder / "frames").iterdir()), load(scene).mesh()).t == 0.08
+
+
+def test_a_broken_restart_file_is_passed_over_or_refused(scene, tmp_path):
+    scene.write_text(TEXT + RUNS["AtLimit"])
+    run_scene(load(scene), tmp_path / "whole")
+    run_scene(load(scene), tmp_path / "out")
+    newest = restart.files(tmp_path / "out")[0]
+    data = newest.read_bytes()
+    for place in (len(data) // 2, 200):
+        newest.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+        with pytest.raises(fc.InputError, match="cannot be read"):
+            restart.read(newest)
+    newest.write_bytes(data[:-100])
+    go(tmp_path / "sheet.toml", tmp_path / "out", resume=True)
+    assert written(tmp_path / "out") == written(tmp_path / "whole")
+    for file in restart.files(tmp_path / "out"):
+        file.write_bytes(b"")
+    with pytest.raises(fc.InputError, match="cannot be read"):
+        restart.find(tmp_path / "out")
+
+
+def test_a_table_that_has_lost_rows_is_refused(scene, tmp_path):
+    scene.write_text(UNASKED)
+    interrupted(scene, tmp_path / "out", 20)
+    (tmp_path / "out" / "steps.csv").write_text("step,t\n1,0.1\n")
+    with pytest.raises(fc.InputError, match="steps.csv has lost rows"):
+        go(scene, tmp_path / "out", resume=True)
+
+
+def test_another_mesh_behind_the_same_name_is_refused(scene, tmp_path):
+    meshio.write(tmp_path / "sheet.vtu", mesh_of(h=0.25))
+    shape = TEXT.index("[fabric]")
+    file = '[cloth]\nshape = "file"\npath = "sheet.vtu"\n'
+    scene.write_text(
+        file
+        + UNASKED[shape:].replace('"left"', '"boundary"', 1).split("[[probes]]")[0]
+        + RUNS["AtLimit"].replace("restart_steps = 50\n", "")
+    )
+    interrupted(scene, tmp_path / "out", 5)
+    meshio.write(tmp_path / "sheet.vtu", mesh_of(h=0.2))
+    with pytest.raises(fc.InputError, match="the mesh, or the frame"):
+        go(scene, tmp_path / "out", resume=True)
+
+
+def mesh_of(h):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=h, pattern="right")
+    points = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    return meshio.Mesh(points, {"triangle": cloth.triangles})
+
+
+def test_what_a_failed_run_had_reached_is_kept(scene, tmp_path):
+    scene.write_text(TEXT + RUNS["midpoint"].replace("0.002", "0.02"))
+    overrides = ["solver.max_iterations=2", "output.restart_steps=1"]
+    outcome = run_scene(load(scene, overrides), tmp_path / "out")
+    assert outcome.status == "failed"
+    found = restart.find(tmp_path / "out")
+    assert found.state.t == pytest.approx(outcome.summary["t"])
+    assert found.memory.step == outcome.summary["steps"]
+
+
+EVERY = [
+    *((cls(), 0.01) for cls in METHODS.values()),
+    *((cls(beyond_limit=True), 0.001) for cls in EXPLICIT.values()),
+    (fc.Adaptive(fc.Newmark(), rtol=1e-4), None),
+    (fc.CentralDifference(), None),
+]
+
+
+@pytest.mark.parametrize(("method", "dt"), EVERY, ids=lambda m: type(m).__name__)
+def test_march_goes_on_from_a_memory_that_was_written(method, dt, isotropic, tmp_path):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
+    start, run = system.state(system.rest().x, t=0.1), (dt, 0.153)
+    solver = "pcg" if system.symmetric and getattr(method, "symmetric", True) else "direct"
+    options = {"solver": solver, "newton": fc.Newton(reuse=False)}
+    whole = list(fc.march(system, method, start, *run, **options))
+    state, info = whole[len(whole) // 2]
+    arrays = []
+    packed = json.dumps(restart._packed(info.memory, arrays))
+    memory = restart._unpacked(json.loads(packed), arrays)
+    rest = list(fc.march(system, method, state, *run, **options, memory=memory))
+    assert [i.step for _, i in rest] == [i.step for _, i in whole[len(whole) // 2 + 1 :]]
+    for one, other in zip(rest, whole[len(whole) // 2 + 1 :], strict=True):
+        assert one[0].t == other[0].t
+        np.testing.assert_array_equal(one[0].x, other[0].x)
+        np.testing.assert_array_equal(one[0].v, other[0].v)
+
+
+def test_a_memory_is_refused_where_it_does_not_fit(isotropic):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
+    state, info = next(fc.march(system, fc.BackwardEuler(), system.rest(), 0.01, 0.05))
+    with pytest.raises(fc.InputError, match=r"must be > 0.01"):
+        next(fc.march(system, fc.BackwardEuler(), state, 0.01, 0.01, memory=info.memory))
+    with pytest.raises(fc.InputError, match="the method that Auto chose"):
+        next(fc.march(system, fc.Auto(), state, t_end=0.05, memory=info.memory))
+
+
+def test_frames_take_no_memory(tmp_path):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=1.0, pattern="right")
+    x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    frames = Frames(tmp_path / "run", cloth)
+
+    def grown(first, last):
+        before = tracemalloc.take_snapshot()
+        for t in range(first, last):
+            frames.add(State(float(t), x, x))
+        after = tracemalloc.take_snapshot()
+        mine = [tracemalloc.Filter(True, "*fecloth*")]
+        change = after.filter_traces(mine).compare_to(before.filter_traces(mine), "filename")
+        return sum(one.size_diff for one in change)
+
+    tracemalloc.start()
+    try:
+        grown(0, 20)
+        assert grown(20, 220) < 200 * 16
+    finally:
+        tracemalloc.stop()
+    listed = json.loads((tmp_path / "run.vtu.series").read_text())["files"]
+    assert [entry["time"] for entry in listed] == list(range(220))
+
+
+def test_a_solver_that_has_dropped_is_a_new_one(isotropic):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.1, pattern="cross")
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
+    used, _ = fc.solver_for(system, fc.BDF2(), 0.2)
+    for _ in fc.march(system, fc.BDF2(), system.rest(), 0.2, 2.0, solver=used):
+        pass
+    assert set(used.linear._solvers) == {"pcg", "direct"}
+    used.drop()
+    new, _ = fc.solver_for(system, fc.BDF2(), 0.2)
+    assert used.kept == new.kept
+    told, expected = (dict(vars(one.linear)) for one in (used, new))
+    for each in (told, expected):
+        each["_solvers"] = sorted(each["_solvers"])
+        for key in ("_price", "_make", "_solver", "prepared"):
+            del each[key]
+    assert told == expected

@@ -1,0 +1,418 @@
+"""Ten mistakes of a new user: each ends in words that name cause and remedy, and loses nothing.
+
+Mistakes of the command line itself are in test_cli.py, what is foretold in test_foresight.py, how
+runs go on in test_restart.py.
+"""
+
+import json
+import multiprocessing
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from support.rundirs import hdf_values, written
+
+import fecloth as fc
+from fecloth.cli.main import main
+from fecloth.runs import recorder, restart
+
+TEXT = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.5
+h = 0.1
+pattern = "cross"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 1000.0
+bending_rigidity = 1e-3
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "HingeBending"
+[[terms]]
+type = "Gravity"
+[[pins]]
+where = "left"
+[time]
+method = "bdf2"
+dt = 0.002
+t_end = 0.08
+[output]
+every_steps = 2
+restart_steps = 5
+"""
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "sheet.toml"
+    path.write_text(TEXT)
+    return path
+
+
+def told(capsys, *arguments):
+    """The exit status and what stood on stderr."""
+    status = main(["run", "sheet.toml", "-o", "out", *arguments])
+    error = capsys.readouterr().err
+    assert "Traceback" not in error
+    return status, " ".join(error.split())
+
+
+# --- in the scene ---------------------------------------------------------------------------------
+
+REFUSED = {
+    "misspelt key": ("fabric.areal_densty=0.2", "unknown key", "mean 'areal_density'?"),
+    "h in mm": ("cloth.h=50", "cloth.h = 50 m: must be at most 1 m", "in mm, write 0.05"),
+    "negative density": ("fabric.areal_density=-0.2", "areal_density = -0.2", "number > 0 [kg/m²]"),
+    "unknown pin set": ("pins.0.where=lefd", "node set 'lefd': must be one of", "mean 'left'?"),
+    "missing mesh": ("cloth={shape='file', path='a.msh'}", "'a.msh'", "no such file. Look into /"),
+    "mesh nearby": ("cloth={shape='file', path='shet.toml'}", "no such", "mean 'sheet.toml'?"),
+    "explicit dt": ("time.method='central_difference'", "must be at most 0.0007", "Leave dt out"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_mistake_in_a_scene_is_refused(name, scene, capsys):
+    override, cause, remedy = REFUSED[name]
+    status, words = told(capsys, "--set", override)
+    assert status == 2
+    assert words.startswith("error: sheet.toml")
+    assert cause in words
+    assert remedy in words.partition(cause)[2] or remedy in words
+    assert [f.name for f in Path().iterdir()] == ["sheet.toml"]
+
+
+UNITS = {
+    "g/m²": ("fabric.areal_density=200", "meant in g/m², write 0.2"),
+    "kN/m": ("fabric.tensile_stiffness=1", "meant in kN/m, write 1000"),
+    "µN m": ("fabric.bending_rigidity=20", "meant in µN m, write 2e-05"),
+    "ms": ("time.dt=2", "meant in ms, write 0.002"),
+}
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_a_wrong_unit_is_told_before_the_first_step_and_in_the_log(name, scene, capsys):
+    override, remedy = UNITS[name]
+    _, words = told(capsys, "--set", override, "--set", "time.t_end=0.002")
+    assert f"warning: {override.split('.')[1].replace('=', ' = ')}" in words
+    assert remedy in words
+    assert remedy in Path("out/run.log").read_text()
+
+
+@pytest.mark.parametrize("suffix", [".vtu", "_22.msh", "_41.msh"])
+def test_not_a_number_in_a_mesh_is_refused_with_its_node(suffix, scene, capsys):
+    if suffix == ".vtu":
+        cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+        points = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+        points[3, 1] = np.nan
+        meshio.write("bad.vtu", meshio.Mesh(points, {"triangle": cloth.triangles}))
+    else:
+        lines = (
+            (Path(fc.__file__).parents[1] / "meshes" / f"square{suffix}").read_text().split("\n")
+        )
+        node = lines.index("$Nodes") + {"_22.msh": 2, "_41.msh": 4}[suffix]
+        lines[node] = " ".join([*lines[node].split()[:-3], "nan", "0", "0"])
+        Path("bad.msh").write_text("\n".join(lines))
+    (bad,) = Path().glob("bad.*")
+    status, words = told(capsys, "--set", f"cloth={{shape='file', path='{bad}'}}")
+    assert status == 2
+    assert bad.name in words
+    assert "1 nodes with non-finite coordinates: node" in words
+    assert "Correct them." in words
+    assert not Path("out").exists()
+
+
+def test_an_implicit_dt_too_large_is_doubted(scene, capsys):
+    large = "--set", "time.dt=0.02", "--set", "time.t_end=0.5"
+    status, words = told(capsys, "--set", "time.method=implicit_midpoint", *large)
+    assert status == 0
+    assert "the energy balance is off by" in words
+    assert "do not trust this motion; take a smaller dt" in words
+
+
+def test_an_implicit_dt_too_large_fails_with_all_that_was_good(scene, capsys):
+    large = "--set", "time.dt=0.05", "--set", "time.t_end=2"
+    status, words = told(capsys, "--set", "time.method=newmark", *large)
+    assert status == 3
+    assert "failed: step" in words
+    assert "Take a smaller dt. out is readable up to" in words
+    summary = json.loads(Path("out/summary.json").read_text())
+    assert len(list(Path("out/frames").glob("*.vtu"))) == summary["frames"] > 1
+    assert restart.find(Path("out")).state.t <= summary["t"]
+    readable(Path("out"))
+
+
+# --- the folder -----------------------------------------------------------------------------------
+
+
+def test_a_folder_that_exists_is_kept(scene, capsys):
+    assert main(["run", "sheet.toml", "-o", "out", "--quiet", "--set", "time.t_end=0.01"]) == 0
+    before = written("out")
+    status, words = told(capsys)
+    assert status == 2
+    assert "output folder out: is not empty" in words
+    assert "-o, or pass --overwrite" in words
+    assert "--resume out to go on with it" in words
+    assert written("out") == before
+
+
+SERVER = multiprocessing.get_context("forkserver")
+SERVER.set_forkserver_preload(["fecloth.cli.main"])
+
+
+def enter(folder, arguments, file_size):
+    """What a process does: the command in that folder, its words into the file "told"."""
+    os.chdir(folder)
+    os.environ["MKL_NUM_THREADS"] = "1"
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run behind
+    for number in (1, 2):
+        os.dup2(os.open("told", os.O_WRONLY | os.O_CREAT | os.O_APPEND), number)
+    if file_size:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_FSIZE, (file_size, file_size))
+    sys.exit(main(["run", *arguments, "--quiet"]))
+
+
+def process(*arguments, file_size=None):
+    child = SERVER.Process(target=enter, args=(os.getcwd(), arguments, file_size))
+    child.start()
+    return child
+
+
+def ended(child):
+    """Its exit status and what it has told."""
+    child.join(60)
+    told = Path("told").read_text()
+    assert "Traceback" not in told
+    return child.exitcode, " ".join(told.split())
+
+
+def when(condition, child):
+    end = time.monotonic() + 60
+    while not condition() and child.is_alive() and time.monotonic() < end:
+        time.sleep(0.002)
+
+
+def test_two_runs_in_one_folder_are_refused_and_a_killed_one_is_no_obstacle(scene, capsys):
+    pytest.importorskip("fcntl")
+    long = "--set", "time.t_end=500"
+    first = process("sheet.toml", "-o", "out", *long)
+    when(lambda: Path("out/restart/restart_000000005.npz").exists(), first)
+    for asked in (["--resume", "out"], ["-o", "out", "--overwrite"]):
+        assert main(["run", "sheet.toml", *asked, *long]) == 2
+        error = capsys.readouterr().err
+        assert f"folder out: another run writes there: process {first.pid} on" in error
+        assert "Wait for its end, or choose another folder" in error
+    assert first.is_alive()
+    first.kill()
+    first.join()
+    later = restart.find(Path("out")).state.t + 0.01
+    assert main(["run", "sheet.toml", "--resume", "out", "--set", f"time.t_end={later}"]) == 0
+
+
+# --- the disk -------------------------------------------------------------------------------------
+
+FULL = """
+set -e
+mkdir small && mount -t tmpfs -o size={size}k none small
+status=0; {python} -m fecloth run sheet.toml -o small/out --quiet {options} || status=$?
+cp -r small/out before
+mount -o remount,size=4m small
+again=0; {python} -m fecloth run sheet.toml --resume small/out --quiet {options} || again=$?
+cp -r small/out after
+echo $status $again > statuses
+"""
+
+
+def small_disk(size, *options):
+    """Run on a disk of so many kB, copy what is left, make room, resume; what stood on stderr."""
+    script = FULL.format(size=size, python=sys.executable, options=" ".join(options))
+    command = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", script]
+    environment = os.environ | {"MKL_NUM_THREADS": "1"}
+    return subprocess.run(command, capture_output=True, text=True, env=environment).stderr
+
+
+def can_mount():
+    command = ["unshare", "--user", "--map-root-user", "--mount"]
+    command += ["mount", "-t", "tmpfs", "none", "/mnt"]
+    return (
+        bool(shutil.which("unshare"))
+        and not subprocess.run(command, capture_output=True).returncode
+    )
+
+
+@pytest.mark.skipif(not can_mount(), reason="this system lets no user mount a small disk")
+@pytest.mark.parametrize("form", ["vtu", "vtkhdf"])
+def test_a_full_disk_costs_nothing(form, scene):
+    if form == "vtkhdf":
+        pytest.importorskip("h5py")
+    options = "--set", f"output.format={form}", "--set", "solver.linear=superlu"
+    assert main(["run", "sheet.toml", "-o", "whole", "--quiet", *options]) == 0
+    error = small_disk(random.randrange(250, 550), *options)
+    assert Path("statuses").read_text() == "3 0\n", error
+    assert "Traceback" not in error
+    assert "cannot be written: No space left on device. Free space or choose another" in error
+    assert "--resume small/out goes on from its last restart file" in error
+    assert not list(Path("before").rglob("*.part"))
+    assert not list(Path("before").rglob("*.redo"))
+    readable(Path("before"))
+    assert written("after") == written("whole")
+
+
+def readable(folder):
+    """Every file of a run that names itself whole can be read."""
+    cloth = fc.scene.load("sheet.toml").mesh()
+    for file in folder.glob("frames/*.vtu"):
+        fc.read_frame(file, cloth)
+    for file in restart.files(folder):
+        restart.read(file)
+    for file in folder.glob("*.csv"):
+        rows = file.read_text().splitlines()
+        assert {row.count(",") for row in rows} == {rows[0].count(",")}
+        assert file.read_text().endswith("\n")
+    if (hdf := folder / "run.vtkhdf").exists():
+        times = np.frombuffer(hdf_values(hdf)["VTKHDF/Steps/Values"])
+        assert len(times) == len(set(times)) > 1
+
+
+def test_a_step_that_cannot_be_written_is_none(scene, capsys):
+    """A frame fails, the restart file then written does not: it is that of the step before."""
+    steps = "--set", "output.restart_steps=50", "--set", "solver.linear=superlu"
+    steps += "--set", "solver.reuse=false"
+    assert main(["run", "sheet.toml", "-o", "whole", "--quiet", *steps]) == 0
+    blocked = Path("out/frames/frame_000010.vtu.part")
+
+    def block(info):
+        blocked.mkdir(exist_ok=True)
+
+    outcome = fc.runner.run_scene(fc.scene.load("sheet.toml", steps[1::2]), "out", report=block)
+    assert outcome.status == "failed"
+    assert "frame_000010.vtu cannot be written" in str(outcome.error)
+    assert restart.files(Path("out"))[0].name == "restart_000000019.npz"
+    assert outcome.summary["steps"] == 19
+    readable(Path("out"))
+    blocked.rmdir()
+    assert main(["run", "sheet.toml", "--resume", "out", "--quiet", *steps]) == 0
+    whole, broken = written("whole"), written("out")
+    assert broken.pop("restart/restart_000000019.npz")
+    assert whole.pop("restart/restart_000000000.npz")  # of three the last two are kept
+    assert broken == whole
+
+
+@pytest.mark.parametrize("name", ["summary.json", "frames/frame_000004.vtu"])
+def test_what_cannot_be_written_at_the_end_is_told(name, scene, capsys):
+    def block(info):
+        if info.step == 7:
+            Path(f"out/{name}.part").mkdir()
+            os.kill(os.getpid(), signal.SIGINT)
+
+    outcome = fc.runner.run_scene(fc.scene.load("sheet.toml"), "out", report=block)
+    assert outcome.status == "failed"
+    assert f"{name} cannot be written: Is a directory. Choose another folder" in str(outcome.error)
+    assert restart.files(Path("out"))[0].name == "restart_000000007.npz"
+
+
+def test_a_disk_without_room_for_a_start_says_so(scene):
+    pytest.importorskip("resource")
+    assert main(["run", "sheet.toml", "-o", "warm", "--quiet"]) == 0  # machine code is kept
+    kept = written("warm")
+    for folder, *more in (["out"], ["empty"], ["warm", "--overwrite"]):
+        Path("empty").mkdir(exist_ok=True)
+        status, words = ended(process("sheet.toml", "-o", folder, *more, file_size=5000))
+        assert status == 3
+        assert "frame_000000.vtu cannot be written: File too large. Raise the limit" in words
+    assert not Path("out").exists()
+    for folder in ("empty", "warm"):
+        assert not list(Path(folder).iterdir())
+        assert main(["run", "sheet.toml", "-o", folder, "--quiet"]) == 0
+        assert written(folder) == kept
+
+
+def test_a_folder_without_restart_files_is_not_said_to_be_resumed(scene, capsys):
+    Path("sheet.toml").write_text(TEXT.replace("restart_steps = 5", ""))
+    assert main(["run", "sheet.toml", "-o", "out", "--quiet", "--set", "time.t_end=0.01"]) == 0
+    status, words = told(capsys)
+    assert status == 2
+    assert "is not empty. Choose another folder with -o, or pass --overwrite" in words
+    assert "--resume" not in words
+
+
+# --- interrupted ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_an_interrupted_run_says_how_to_go_on(name, scene):
+    if not hasattr(signal, name):
+        pytest.skip(f"no {name} here")
+    one = "--set", "solver.linear=superlu", "--set", "solver.reuse=false"
+    assert main(["run", "sheet.toml", "-o", "whole", "--quiet", *one]) == 0
+    child = process("sheet.toml", "-o", "out", *one)
+    when(lambda: Path("out/run.log").exists(), child)
+    time.sleep(random.uniform(0, 0.1))
+    os.kill(child.pid, getattr(signal, name))
+    status, words = ended(child)
+    if status != 0:  # it was too late
+        assert status == 4
+        assert "--resume out goes on from there" in words
+        assert main(["run", "sheet.toml", "--resume", "out", "--quiet", *one]) == 0
+    assert written("out") == written("whole")
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="who knows when it meshes")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_an_interruption_before_the_first_step_leaves_nothing(name, scene):
+    mesh = "--set", "cloth.h=0.004", "--set", "cloth.pattern='unstructured'"
+    child = process("sheet.toml", "-o", "out", *mesh)
+    when(lambda: "gmsh" in Path(f"/proc/{child.pid}/maps").read_text(), child)
+    time.sleep(random.uniform(0.0, 0.5))
+    os.kill(child.pid, getattr(signal, name))
+    assert ended(child) == (4, "interrupted; run it again")
+    assert not Path("out").exists()
+
+
+def fails(info):
+    if info.step == 17:
+        raise OSError("the terminal has gone")
+
+
+def asks_twice(info):
+    if info.step == 17:
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.parametrize(("report", "error"), [(fails, OSError), (asks_twice, KeyboardInterrupt)])
+def test_what_breaks_a_run_from_outside_leaves_a_restart(report, error, scene):
+    with pytest.raises(error, match=r"has gone|at once; --resume goes on"):
+        fc.runner.run_scene(fc.scene.load("sheet.toml"), "out", report=report)
+    assert restart.files(Path("out"))[0].name == "restart_000000017.npz"
+    assert main(["run", "sheet.toml", "-o", "whole", "--quiet"]) == 0
+    assert main(["run", "sheet.toml", "--resume", "out", "--quiet"]) == 0
+    assert written("out") == written("whole")
+
+
+def test_a_report_that_fails_leaves_the_cause_of_a_failure(scene, monkeypatch):
+    def fails(folder, summary, frame):
+        raise ValueError("no such number in JSON")
+
+    monkeypatch.setattr(recorder, "write_report", fails)
+    cut = ["solver.max_iterations=1", "solver.tolerance=1e-12"]
+    outcome = fc.runner.run_scene(fc.scene.load("sheet.toml", cut), "out")
+    assert outcome.status == "failed"
+    assert "did not converge" in str(outcome.error)
+    *_, end, report = Path("out/run.log").read_text().splitlines()
+    assert f"failed at t = 0 s after 0 steps: {outcome.error}" in end
+    assert "warning: no report: no such number in JSON" in report
+    assert json.loads(Path("out/summary.json").read_text())["error"] == str(outcome.error)

@@ -1,0 +1,123 @@
+"""Scenes and meshes that were spoilt at random: each is built, or refused in words."""
+
+import copy
+import tempfile
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import fecloth as fc
+from fecloth.scene import toml_text
+from fecloth.scene.scene import load
+
+SCENES = Path(__file__).parents[2] / "studies" / "scenes"
+NAMES = ("swing", "hanging_strip", "dome")
+VALUES = st.one_of(
+    st.sampled_from([0, -1, True, "", "nonsense", [], [1.0, "x"], {}, {"type": "StVK"}, "../x"]),
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.integers(-(10**12), 10**12),
+)
+
+
+def places(data, path=()):
+    """The path of every key and item of nested tables."""
+    items = data.items() if isinstance(data, dict) else enumerate(data)
+    for key, value in items:
+        yield (*path, key)
+        if isinstance(value, (dict, list)) and value:
+            yield from places(value, (*path, key))
+
+
+def spoilt(data, path, how, value):
+    """A copy in which the place is deleted, misspelt, off by powers of ten or replaced."""
+    data = copy.deepcopy(data)
+    at = data
+    for key in path[:-1]:
+        at = at[key]
+    old = at[path[-1]]
+    if how == "delete":
+        del at[path[-1]]
+    elif how == "misspell" and isinstance(at, dict):
+        at[f"{path[-1]}x"] = at.pop(path[-1])
+    elif how == "scale" and isinstance(old, float):
+        at[path[-1]] = old * 10.0 ** (len(str(value)) - 9)
+    else:
+        at[path[-1]] = value
+    return data
+
+
+def refused(make):
+    """The words in which it was refused, "" if it was not."""
+    try:
+        make()
+    except fc.InputError as error:
+        return str(error)
+    return ""
+
+
+@settings(
+    max_examples=300,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(data=st.data())
+def test_a_spoilt_scene_is_built_or_refused_in_words(data, tmp_path):
+    name = data.draw(st.sampled_from(NAMES))
+    scene = tomllib.loads((SCENES / f"{name}.toml").read_text())
+    scene["cloth"]["h"] = 0.25
+    path = data.draw(st.sampled_from(sorted(places(scene), key=str)))
+    how = data.draw(st.sampled_from(["delete", "misspell", "scale", "replace"]))
+    bad = spoilt(scene, path, how, data.draw(VALUES))
+    file = tmp_path / "scene.toml"
+    try:
+        file.write_text(toml_text.written(bad))
+    except (TypeError, ValueError, AttributeError):
+        return  # no TOML says that
+    before = sorted(tmp_path.iterdir())
+    refusal = refused(lambda: load(file).build())
+    assert refusal == "" or len(refusal) > 20
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "text", ["5 m", "0 s", "-1e999 N/m", "1e-9 us", ["1 cm", 0, "1 g"], "3 1/s", "2 t", "5 µ", "²"]
+)
+@pytest.mark.parametrize("name", NAMES)
+def test_text_with_a_unit_at_any_key_is_read_or_refused_in_words(name, text, tmp_path):
+    scene = tomllib.loads((SCENES / f"{name}.toml").read_text())
+    file = tmp_path / "scene.toml"
+    refusals = []
+    for path in places(scene):
+        file.write_text(toml_text.written(spoilt(scene, path, "replace", text)), encoding="utf-8")
+        refusals.append(refused(lambda: load(file)))
+    assert all(refusal == "" or len(refusal) > 20 for refusal in refusals)
+    assert any("one of the units" in refusal for refusal in refusals)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(cut=st.integers(0, 10**6), byte=st.integers(0, 255), twice=st.booleans())
+def test_a_spoilt_mesh_file_is_read_or_refused_in_words(cut, byte, twice):
+    source = next(iter(sorted((Path(__file__).parents[2] / "meshes").glob("*.msh"))))
+    raw = bytearray(source.read_bytes())
+    raw[cut % len(raw)] = byte
+    if twice:
+        raw = raw[: cut % len(raw)]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "bad.msh"
+        file.write_bytes(raw)
+        refusal = refused(lambda: fc.Cloth.read(file))
+    assert refusal == "" or "bad.msh" in refusal
+
+
+@pytest.mark.parametrize("key", ["tensile_stiffness", "areal_density"])
+@pytest.mark.parametrize("value", [1e300, 1e-300])
+def test_constants_beyond_all_measure_are_refused(key, value, tmp_path):
+    scene = tomllib.loads((SCENES / "swing.toml").read_text())
+    scene["cloth"]["h"], scene["fabric"][key] = 0.25, value
+    file = tmp_path / "scene.toml"
+    file.write_text(toml_text.written(scene))
+    assert f"fabric.{key} = {value}: must be between 1e-12 and 1e+12" in refused(lambda: load(file))

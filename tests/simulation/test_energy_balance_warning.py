@@ -1,0 +1,115 @@
+"""What a run says of its own energy: nothing without reason, and the pins' motion where that is."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.simulation.energy_ledger import doubt
+from fecloth.simulation.motion_jumps import jumping
+
+BUMP = np.pi / 20
+
+
+@pytest.fixture(scope="module")
+def small():
+    return fc.Cloth.rectangle(0.6, 0.3, h=0.1, pattern="right")
+
+
+def moved(cloth, motion, *terms, where="left", tension=200.0):
+    return fc.System(cloth, fc.Fabric(0.2, tension, 0.3), terms, [fc.Pin(where, motion=motion)])
+
+
+def bump(t):
+    """Up and down again by 5 cm, after 0.1 s."""
+    return [0.0, 0.0, 0.05 * np.sin(20 * (t - 0.1)) ** 2 if 0.1 < t < 0.1 + BUMP else 0.0]
+
+
+@pytest.mark.parametrize("method", [fc.BDF2(), fc.GeneralizedAlpha()], ids=str)
+def test_a_sheet_that_its_pins_have_moved_has_no_energy_from_nothing(method, small):
+    """The pins give and take back: what is left moves the hanging sheet, a step of 5 ms apart."""
+    terms = [fc.StVK(), fc.StrainRateDamping(time=0.005), fc.Gravity()]
+    system = moved(small, bump, *terms, where="top")
+    start = fc.equilibrium(system, system.rest())
+    ledgers, ledger = [], fc.Ledger.open(system, start)
+    for _, info in fc.march(system, method, start, 5e-3, 0.4, solver="direct"):
+        ledger = ledger.after(system, method, info.old, info.result)
+        ledgers.append(ledger)
+    most = max(one.kinetic for one in ledgers)
+    assert most > 0.01
+    assert all(one.kinetic < 1.2 * one.available + 1e-3 * most for one in ledgers)
+
+
+@pytest.mark.parametrize("terms", [[fc.StVK()], [fc.StVK(), fc.StrainRateDamping(time=0.005)]])
+@pytest.mark.parametrize("where", ["left", "boundary"])
+def test_sheets_that_are_shaken_without_end_are_not_stopped(where, terms, small):
+    system = moved(small, lambda t: (0, 0, 0.05 * np.sin(20 * t) ** 2), *terms, where=where)
+    result = fc.run(system, fc.BDF2(), system.rest(), 4e-3, 0.6, most_growth=1.5)
+    assert result.times[-1] == 0.6
+    assert result.doubt == ""
+
+
+def test_a_motion_that_jumps_is_named_and_no_smaller_dt(small):
+    system = moved(small, lambda t: (-1.0 if t > 0.0512 else 0.0, 0.0, 0.0), fc.StVK())
+    with pytest.raises(fc.StepFailed, match="motion of the pin 'left' jumps") as failed:
+        fc.run(system, fc.BDF2(), system.rest(), 5e-3, 0.2, most_stretch=2.0)
+    assert "smaller dt" not in str(failed.value)
+
+
+def test_a_smooth_motion_is_not_said_to_jump(small):
+    """Up to steps of a sixth of its period; from rest, and asked at no time before the start."""
+    asked = []
+
+    def shake(t):
+        asked.append(t)
+        return 0.0, 0.0, np.sin(20 * t) + 3.0 * t
+
+    system = moved(small, shake, fc.StVK())
+    for t in np.linspace(0.0, 0.5, 23):
+        assert jumping(system, t, 2 * np.pi / 20 / 6, 0) == ""
+    assert min(asked) > -1e-4
+    kink = moved(small, lambda t: (0.0, 0.0, max(0.0, t - 0.09)), fc.StVK())
+    assert jumping(kink, 0.08, 0.04, 2) == "left"
+    assert jumping(kink, 0.16, 0.04, 2) == "left"  # two steps after it
+    assert jumping(kink, 0.20, 0.04, 2) == ""
+
+
+def test_a_balance_that_does_not_close_is_told_in_python(small):
+    """The midpoint rule without damping on a sheet that folds, in steps that are far too long."""
+    system = moved(small, None, fc.StVK(), fc.Gravity(), tension=2e4)
+    run = system, fc.ImplicitMidpoint(), system.rest()
+    with pytest.warns(fc.FeclothWarning, match="energy balance is off by"):
+        result = fc.run(*run, 0.02, 0.5, most_growth=np.inf)
+    assert "do not trust this motion" in result.doubt
+    with warnings.catch_warnings(action="error"):
+        assert fc.run(*run, 5e-4, 0.02).doubt == ""
+
+
+def test_round_off_is_not_doubted(small):
+    """2e-27 J of a sheet that hangs at rest are those of its last digits; 2e-12 J are not."""
+    system = moved(small, None, fc.StVK(), fc.Gravity())
+    opened = fc.Ledger.open(system, system.rest())
+    for off, told in ((2e-27, False), (2e-12, True)):
+        ledger = replace(opened, t=1.0, kinetic=off)
+        assert bool(doubt(system, ledger, ledger.turnover, 0.0)) == told
+    assert doubt(system, opened, 0.0, 0.0) == ""
+
+
+@pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.BDF2()], ids=str)
+def test_a_stiff_sheet_at_rest_is_neither_stopped_nor_doubted(method, small):
+    """Round-off rings in it, unlike anything that has been given."""
+    fabric = fc.Fabric(0.2, 5e4, 0.3, bending_rigidity=1e-5)
+    system = fc.System(small, fabric, [fc.StVK(), fc.HingeBending()], ["left"])
+    result = fc.run(system, method, system.rest(), 1e-3, 0.3)
+    assert result.energies["kinetic"].max() < 1e-20
+    assert result.doubt == ""
+
+
+def test_a_term_that_tells_nothing_is_not_doubted(small):
+    """A user's force without a potential, as the remainder is all that it does."""
+    system = moved(small, None, fc.StVK())
+    ledger = replace(fc.Ledger.open(system, system.rest()), t=1.0, kinetic=1.0)
+    assert doubt(system, ledger, 1.0, 0.0)
+    assert doubt(system, replace(ledger, silent=True), 1.0, 0.0) == ""

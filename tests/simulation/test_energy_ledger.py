@@ -1,0 +1,151 @@
+"""The energy ledger closes; reactions, probes, sag and area are what they say."""
+
+import numpy as np
+import pytest
+from conftest import affine, flat, taut_start
+from support.linear_term import LinearDamping, LinearMembrane
+
+import fecloth as fc
+from fecloth.integrators.one_stage import METHODS
+from fecloth.simulation.probes import area
+from studies.references.time_problems import CASES
+
+ALL = [method() for method in METHODS.values()]
+TIGHT = fc.Newton(tolerance=1e-12)
+
+
+def named(method):
+    return type(method).__name__
+
+
+def shake(t):
+    return [0.02 * np.sin(30 * t), 0.0, 0.05 * np.sin(40 * t)]
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("method", ALL, ids=named)
+def test_ledger_closes_on_a_linear_problem(method, mass, isotropic):
+    """Moved and fixed pins, damping, gravity: nothing is left unexplained."""
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1)
+    terms = [LinearMembrane(), LinearDamping(0.01), fc.Gravity()]
+    pins = [fc.Pin("left", motion=shake), "right"]
+    system = fc.System(cloth, isotropic, terms, pins, mass=mass)
+    start = system.state(affine(cloth, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]]))
+    result = fc.run(system, method, start, 5e-3, 0.2, solver="direct", newton=TIGHT)
+    energies = result.energies
+    flow = abs(energies["pins"]).max() + energies["dissipated:LinearDamping"].max()
+    assert flow > 1e-3
+    assert abs(energies["remainder"]).max() < 1e-10 * abs(energies["total"]).max()
+    if isinstance(method, fc.ImplicitMidpoint | fc.EnergyMomentum):
+        assert not energies["numerical"].any()
+    else:
+        assert energies["numerical"][-1] > 1e-4
+    if method.order == 1:
+        assert (np.diff(energies["numerical"]) >= 0).all()
+    assert (np.diff(energies["dissipated:LinearDamping"]) >= 0).all()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_ledger_remainder_on_a_nonlinear_problem(name, isotropic, record_property):
+    """Of second order in dt, as is the quadrature of the forces' work over a step.
+
+    Nothing for energy–momentum; of first order for the linearised step, whose force is none that
+    the cloth has.
+    """
+    cloth, method = fc.Cloth.rectangle(0.4, 0.3, h=0.1), CASES[name]
+    terms = [fc.StVK(), fc.StrainRateDamping(2e-4), fc.Gravity()]
+    system = fc.System(cloth, isotropic, terms, pins=["left", "right"])
+    taut = taut_start(system)
+    start, left = system.state(taut.x, system.constraints.project(taut.v)), []
+    for dt in (1e-4, 5e-5):
+        run = fc.run(system, method, start, dt, 0.01, solver="direct", newton=TIGHT)
+        remainder, kinetic = run.energies["remainder"], run.energies["kinetic"]
+        left.append(float(abs(remainder).max() / kinetic.max()))
+    record_property("remainder", left)
+    print(f"{name}: remainder over kinetic energy {left[0]:.1e}, {left[1]:.1e} at half the step")
+    if name == "energy_momentum":
+        assert max(left) < 1e-9
+    else:
+        assert left[1] < 5e-3
+        order = 1 if name == "linearly_implicit_euler" else 2
+        assert left[1] < left[0] / 2 ** (order - 0.15)
+
+
+def test_reactions_carry_the_weight_at_rest(isotropic):
+    """Hanging at rest after strong damping: the pin holds the weight, to Newton's tolerance."""
+    cloth = fc.Cloth.rectangle(0.3, 0.5, h=0.1)
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity((0, -9.81, 0))], pins=["top"])
+    result = fc.run(system, fc.BackwardEuler(), system.rest(), 10.0, 50.0, solver="direct")
+    weight = 9.81 * 0.2 * cloth.area
+    assert result.observed["reaction:top.y"][-1] == pytest.approx(weight, rel=1e-6)
+    assert result.observed["reaction:top.x"][-1] == pytest.approx(0.0, abs=1e-6 * weight)
+
+
+def test_reaction_drives_a_rigidly_moved_cloth(isotropic):
+    """A cloth all of whose nodes are moved alike: the reaction is m a of the motion."""
+    cloth = fc.Cloth.rectangle(0.3, 0.3, h=0.1)
+    pin = fc.Pin(lambda X: X[:, 0] > -1, motion=lambda t: [0.0, 0.0, 0.5 * 3.0 * t**2], name="all")
+    system = fc.System(cloth, isotropic, [fc.StVK()], pins=[pin])
+    result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), 0.01, 0.1, solver="direct")
+    mass = system.nodal_mass.sum()
+    np.testing.assert_allclose(result.observed["reaction:all.z"][1:], 3.0 * mass, rtol=1e-6)
+    np.testing.assert_allclose(result.state.v[:, 2], 0.3, rtol=1e-8)
+    np.testing.assert_allclose(result.energies["pins"][-1], 0.5 * mass * 0.3**2, rtol=1e-6)
+
+
+def test_probes_follow_material_points(isotropic):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.1)
+    system = fc.System(cloth, isotropic, [fc.Gravity()], pins=[])
+    probes = [fc.Probe("point", point=(0.33, 0.21)), fc.Probe("edge", where="right")]
+    start = system.state(flat(cloth) + [0.0, 0.0, 2.0], np.tile([1.0, 0.0, 0.0], (len(cloth.X), 1)))
+    result = fc.run(system, fc.ImplicitMidpoint(), start, 0.01, 0.1, probes=probes)
+    t = result.times
+    np.testing.assert_allclose(result.observed["point.x"], 0.33 + t, atol=1e-12)
+    np.testing.assert_allclose(result.observed["point.y"], 0.21, atol=1e-12)
+    np.testing.assert_allclose(result.observed["point.z"], 2 - 4.905 * t**2, atol=1e-9)
+    np.testing.assert_allclose(result.observed["edge.x"], 1 + t, atol=1e-12)
+    np.testing.assert_allclose(result.observed["sag"], 4.905 * t**2, atol=1e-9)
+    np.testing.assert_allclose(result.observed["mean_displacement.x"], t, atol=1e-12)
+    np.testing.assert_allclose(result.observed["area"], 0.5, rtol=1e-12)
+
+
+def test_area_of_an_affine_map():
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.2)
+    F = np.array([[1.1, 0.3], [0.0, 0.9], [0.2, 0.0]])
+    expected = 0.5 * np.sqrt(np.linalg.det(F.T @ F))
+    assert area(cloth, affine(cloth, F)) == pytest.approx(expected, rel=1e-13)
+
+
+def test_a_probe_needs_one_place():
+    with pytest.raises(fc.InputError, match="either"):
+        fc.Probe("nowhere")
+
+
+@pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.BackwardEuler()])
+def test_a_start_that_moves_what_is_fixed_is_stopped_by_the_pins(method, isotropic):
+    """The pinned nodes' kinetic energy is taken by the pins (midpoint), or half by the method."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.25)
+    system = fc.System(cloth, isotropic, [fc.StVK()], pins=["left"])
+    start = system.state(system.rest().x, np.tile([0.0, 0.0, 1.0], (len(cloth.X), 1)))
+    lost = 0.5 * system.nodal_mass[cloth.nodes("left")].sum()
+    newton = fc.Newton(tolerance=1e-12)
+    result = fc.run(system, method, start, 1e-5, 1e-5, solver="direct", newton=newton)
+    taken = -result.energies["pins"][-1] + result.energies["numerical"][-1]
+    assert taken == pytest.approx(lost, rel=1e-2)
+    assert abs(result.energies["remainder"][-1]) < 1e-3 * lost
+
+
+@pytest.mark.parametrize(
+    ("probes", "message"),
+    [
+        ([fc.Probe("a", "left"), fc.Probe("a", "right")], "probe 'a' stands twice"),
+        ([fc.Probe("mean_displacement", "right")], "is the name of a column of every run"),
+        (["left"], "must be a list of Probe"),
+        (fc.Probe("a", "left"), "must be a list of Probe"),
+    ],
+)
+def test_probes_that_would_hide_a_column_are_refused(probes, message, isotropic):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5)
+    system = fc.System(cloth, isotropic, [fc.StVK()])
+    with pytest.raises(fc.InputError, match=message):
+        fc.run(system, fc.BackwardEuler(), system.rest(), 0.01, 0.02, probes=probes)

@@ -1,0 +1,180 @@
+"""The loop over time: its times, its failures, and closed forms that it must meet."""
+
+import re
+
+import numpy as np
+import pytest
+from conftest import flat
+
+import fecloth as fc
+from fecloth.simulation.step_times import step_times
+from fecloth.verify import observed_order
+from studies.references import closed_forms, falling_disk
+
+
+def test_step_times_end_exactly():
+    assert step_times(0.0, 0.1, 1.0)[-1] == 1.0
+    assert len(step_times(0.0, 0.1, 1.0)) == 10
+    np.testing.assert_allclose(step_times(0.5, 0.2, 1.0), [0.7, 0.9, 1.0])
+    assert len(step_times(0.0, 1e-3, 0.2)) == 200
+
+
+@pytest.mark.parametrize(("dt", "t_end"), [(0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (0.1, 0.0)])
+def test_step_times_refuse(dt, t_end):
+    with pytest.raises(fc.InputError, match="march"):
+        step_times(0.0, dt, t_end)
+
+
+def hanging(h, stiffness=100.0, areal_density=0.5):
+    """A strip of unit length, hanging at rest from its top, and its mean downward displacement."""
+    cloth = fc.Cloth.rectangle(0.25, 1.0, h=h)
+    fabric = fc.Fabric(areal_density=areal_density, tensile_stiffness=stiffness)
+    terms = [fc.StVK(), fc.Gravity((0.0, -9.81, 0.0))]
+    system = fc.System(cloth, fabric, terms, pins=["top"])
+    result = fc.run(system, fc.BackwardEuler(), system.rest(), 100.0, 300.0, solver="direct")
+    down = -(result.state.x - flat(cloth))[:, 1]
+    return cloth, result.state, system.nodal_mass @ down / system.nodal_mass.sum()
+
+
+def test_hanging_strip_meets_the_closed_form():
+    """Strain of 5 % at the top; the mass-weighted mean displacement converges at order 2."""
+    exact = closed_forms.hanging_strip_mean(1.0, 100.0, 0.5)
+    sizes = [0.1, 0.05, 0.025, 0.0125]
+    errors = [abs(hanging(h)[2] - exact) for h in sizes]
+    ratios = np.array(errors[:-1]) / np.array(errors[1:])
+    assert ((ratios > 3.2) & (ratios < 4.8)).all(), ratios
+    assert errors[1] < 1e-3 * exact  # h = L/20
+    assert observed_order(sizes, errors).mean() == pytest.approx(2.0, abs=0.15)
+
+
+def test_hanging_strip_along_its_length():
+    cloth, state, _ = hanging(0.05)
+    down = closed_forms.hanging_strip(1.0 - cloth.X[:, 1], 1.0, 100.0, 0.5)
+    np.testing.assert_allclose(-(state.x - flat(cloth))[:, 1], down, atol=1e-3 * down.max())
+    np.testing.assert_allclose(state.x[:, 0], cloth.X[:, 0], atol=1e-3 * down.max())
+
+
+def test_trampoline_meets_the_radial_solution(isotropic):
+    """2,000 triangles; the mean deflection to the front's arrival at the centre and past it."""
+    cloth = fc.Cloth.disk(0.5, h=0.03)
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), 2e-3, 0.2)
+    exact = falling_disk.trampoline(result.times[1:]).mean_deflection
+    mean = -result.observed["mean_displacement.z"][1:]
+    assert abs(mean - exact).max() < 0.01 * exact.max()
+
+
+def test_lowest_wave_of_a_strip_has_its_frequency():
+    """ν = 0 strip fixed at one end: the mode follows the standing wave for a quarter period."""
+    length, Y, rho = 1.0, 1000.0, 0.2
+    cloth = fc.Cloth.rectangle(length, 0.1, h=0.02, pattern="right")
+    system = fc.System(cloth, fc.Fabric(rho, Y), [fc.StVK()], pins=["left"])
+    period = 2 * np.pi / closed_forms.strip_wave_frequency(length, Y, rho)
+    x = flat(cloth)
+    x[:, 0] += closed_forms.strip_wave(cloth.X[:, 0], 0.0, length, Y, rho, 1e-6)
+    quarter = period / 8
+    result = fc.run(
+        system, fc.ImplicitMidpoint(), system.state(x), quarter / 50, quarter, solver="direct"
+    )
+    expected = closed_forms.strip_wave(cloth.X[:, 0], quarter, length, Y, rho, 1e-6)
+    got = result.state.x[:, 0] - cloth.X[:, 0]
+    np.testing.assert_allclose(got, expected, atol=2e-3 * 1e-6)
+
+
+def test_solver_choices_agree(isotropic):
+    cloth = fc.Cloth.disk(0.5, h=0.1)
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    ends = [
+        fc.run(system, fc.ImplicitMidpoint(), system.rest(), 2e-3, 0.05, solver=solver).state.x
+        for solver in ("superlu", "pcg", "auto", "direct")
+    ]
+    for x in ends[1:]:
+        np.testing.assert_allclose(x, ends[0], atol=1e-7)
+
+
+def test_auto_says_what_it_chose(isotropic):
+    cloth = fc.Cloth.disk(0.5, h=0.1)
+    system = fc.System(cloth, isotropic, [fc.StVK()], pins=["boundary"])
+    _, small = fc.solver_for(system, fc.ImplicitMidpoint(), 1e-4)
+    _, large = fc.solver_for(system, fc.BackwardEuler(), 10.0)
+    few, price = (int(number) for number in re.findall(r"about (\d+)", small))
+    many, _ = (int(number) for number in re.findall(r"about (\d+)", large))
+    assert few < price < many
+    assert small.startswith("pcg (to start with; ")
+
+
+def test_failure_carries_the_last_good_state(isotropic):
+    """One Newton iteration cannot solve a violent step: the error says where and what to do."""
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1)
+    system = fc.System(cloth, isotropic, [fc.StVK()], pins=["left"])
+    start = system.state(
+        flat(cloth), 50 * np.random.default_rng(0).standard_normal((len(cloth.X), 3))
+    )
+    steps = fc.march(
+        system, fc.BackwardEuler(), start, 0.1, 1.0, newton=fc.Newton(max_iterations=1)
+    )
+    with pytest.raises(fc.StepFailed, match="step 1 from t = 0 s with dt = 0.1 s") as failure:
+        next(steps)
+    assert failure.value.state is start
+    assert failure.value.stretch == pytest.approx(1.0)
+    assert "smaller dt" in str(failure.value)
+
+
+def test_a_value_that_is_not_finite_is_an_error_at_its_step(isotropic):
+    from fecloth.terms.loads.gravity import BoundGravity
+
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1)
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()])
+    poisoned = next(term for term in system.bound if isinstance(term, BoundGravity))
+    states = fc.march(system, fc.LinearlyImplicitEuler(), system.rest(), 0.01, 0.1)
+    next(states)
+    poisoned.weight[0, 0] = np.nan
+    with pytest.raises(fc.StepFailed, match="step 2"):
+        next(states)
+
+
+def test_a_scene_evaluates_only_what_it_names(isotropic, monkeypatch):
+    """Gravity and a pin: no membrane kernel is called."""
+    from fecloth.terms.loops.membrane import BoundMembrane
+
+    calls = []
+    monkeypatch.setattr(BoundMembrane, "add_force", lambda *a: calls.append(a))
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1)
+    system = fc.System(cloth, isotropic, [fc.Gravity()], pins=["left"])
+    fc.run(system, fc.BackwardEuler(), system.rest(), 0.01, 0.05)
+    assert system.names == ("Gravity",)
+    assert not calls
+
+
+@pytest.mark.parametrize(
+    ("method", "dt", "message"),
+    [
+        (fc.BackwardEuler, 0.1, "must be a method such as BackwardEuler"),
+        ("midpoint", 0.1, "method 'midpoint'"),
+        (fc.BackwardEuler(), "0.1", r"dt = '0.1': must be a number \[s\]"),
+        (fc.BackwardEuler(), None, r"dt = None: must .* leave it out and let Adaptive\(method\)"),
+        (fc.BackwardEuler(), 1e-9, r"dt = 1e-09 s: makes 1e\+09 steps, .* at most 1e\+08"),
+        ("auto", None, r"method 'auto': must be a method such as BackwardEuler\(\) or Auto\(\)"),
+    ],
+)
+def test_what_cannot_be_marched_is_refused(method, dt, message, isotropic):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5)
+    system = fc.System(cloth, isotropic, [fc.StVK()])
+    for function in (fc.run, lambda *a: next(fc.march(*a))):
+        with pytest.raises(fc.InputError, match=message):
+            function(system, method, system.rest(), dt, 1.0)
+
+
+def test_auto_takes_no_solver_of_one_method(isotropic):
+    system = fc.System(fc.Cloth.rectangle(1.0, 1.0, h=0.5), isotropic, [fc.StVK()])
+    solver, _ = fc.solver_for(system, fc.BackwardEuler(), 0.01)
+    with pytest.raises(fc.InputError, match=r"must be a name such as \"auto\" with Auto\(\)"):
+        next(fc.march(system, fc.Auto(), system.rest(), t_end=1.0, solver=solver))
+
+
+def test_a_cloth_without_loads_stays_and_its_round_off_is_no_blow_up():
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="cross")
+    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.HingeBending()], ["boundary"])
+    result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt=0.002, t_end=0.1)
+    assert 0 < result.energies["kinetic"].max() < 1e-24

@@ -1,0 +1,134 @@
+"""Auto: the method that is foretold to be faster, what it costs to find out, and what is said."""
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.nonlinear.newton import NewtonFailed
+from fecloth.simulation import method_choice
+from fecloth.simulation.resolve import settled
+
+
+def sheet(h=0.1, stiffness=20.0, damping=None, **options):
+    """A square, stretched by a tenth, held around: taut, and in motion across."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=h)
+    terms = [fc.StVK(), fc.Gravity(), *([fc.StrainRateDamping(damping)] if damping else [])]
+    system = fc.System(cloth, fc.Fabric(0.2, stiffness, 0.3), terms, ["boundary"], **options)
+    return system, system.state(system.rest().x * [1.1, 1.1, 1.0])
+
+
+def chosen(system, state, rtol=1e-3, t_end=1.0, **options):
+    """Name of the method that is taken, and what is said."""
+    method, _, why = settled(system, fc.Auto(rtol), state, None, t_end, **options)
+    return type(method.method).__name__, why
+
+
+def test_a_soft_taut_membrane_goes_to_the_explicit_method():
+    name, why = chosen(*sheet())
+    assert name == "CentralDifference"
+    assert "no linear solver" in why
+    assert why.index("foretold: CentralDifference") < why.index("GeneralizedAlpha")
+
+
+@pytest.mark.parametrize(
+    "case",
+    [{"damping": 0.02}, {"stiffness": 1e6}, {"stiffness": 2e4, "h": 0.03}],
+    ids=["damped", "stiff", "stiff and fine"],
+)
+def test_what_only_tiny_explicit_steps_resolve_goes_to_the_implicit_method(case):
+    name, why = chosen(*sheet(**case), rtol=0.1)
+    assert name == "GeneralizedAlpha"
+    assert why.index("foretold: GeneralizedAlpha") < why.index("CentralDifference")
+
+
+def test_a_consistent_mass_leaves_no_choice():
+    name, why = chosen(*sheet(mass="consistent"))
+    assert name == "GeneralizedAlpha"
+    assert "a consistent mass leaves no explicit method" in why
+
+
+def test_what_newton_cannot_solve_goes_to_the_explicit_method(monkeypatch):
+    def fails(*_):
+        raise NewtonFailed("never", 1.0, "")
+
+    monkeypatch.setattr(fc.GeneralizedAlpha, "step", fails)
+    name, why = chosen(*sheet(stiffness=1e6))
+    assert name == "CentralDifference"
+    assert "GeneralizedAlpha failed" in why
+
+
+@pytest.mark.parametrize("case", [{}, {"damping": 0.02}], ids=["explicit", "implicit"])
+def test_the_run_is_bit_for_bit_that_of_the_method_alone(case):
+    """The trial leaves no trace: neither in the state, nor in the solver."""
+    system, state = sheet(**case)
+    result = fc.run(system, fc.Auto(1e-2), state, t_end=0.05)
+    alone = fc.run(system, result.method, state, t_end=0.05)
+    assert isinstance(result.method, fc.Adaptive)
+    assert result.method.rtol == 1e-2
+    assert np.array_equal(result.times, alone.times)
+    assert np.array_equal(result.state.x, alone.state.x)
+    assert "foretold" in result.solver
+    assert type(result.method.method).__name__ in result.solver
+
+
+def counting_clock(monkeypatch):
+    """Every step takes a second."""
+    ticks = itertools.count()
+    clock = SimpleNamespace(perf_counter=lambda: float(next(ticks)))
+    monkeypatch.setattr(method_choice, "time", clock)
+
+
+def test_the_forecast_is_the_number_of_steps_where_each_takes_a_second(monkeypatch):
+    counting_clock(monkeypatch)
+    system, state = sheet(damping=0.02)
+    explicit = fc.Adaptive(fc.CentralDifference(), rtol=1.0)  # all steps at the stability limit
+    trial = method_choice._trial(system, state, 0.1, explicit, None, 10, np.inf)
+    steps = sum(1 for _ in fc.march(system, explicit, state, t_end=0.1))
+    assert steps > 100
+    assert trial.seconds == pytest.approx(steps, rel=0.05)
+    assert trial.dt == pytest.approx(0.1 / steps, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("rival", "steps"),
+    [(1e9, 1), (np.inf, 12), (0.0, method_choice.FEWEST)],
+    ids=["far cheaper than the other", "nothing known of the other", "far dearer"],
+)
+def test_a_trial_takes_no_more_steps_than_it_needs(monkeypatch, rival, steps):
+    counting_clock(monkeypatch)
+    monkeypatch.setattr(method_choice, "SHARE", 0.05 if rival < np.inf else 1.0)
+    system, state = sheet(damping=0.02)
+    taken = []
+
+    class Counted(fc.Adaptive):
+        def step(self, *arguments):
+            taken.append(1)
+            return super().step(*arguments)
+
+    method = Counted(fc.GeneralizedAlpha(), 1e-3)
+    solver, _ = fc.solver_for(system, method, 1e-3)
+    method_choice._trial(system, state, 1.0, method, solver, 12, rival)
+    assert len(taken) == steps
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"rtol": -1.0}, r"rtol = -1.0: must be a number >= 0"),
+        ({"rtol": 0.0}, r"rtol = atol = 0: one of them must be > 0"),
+    ],
+)
+def test_refuses_tolerances(given, says):
+    with pytest.raises(fc.InputError, match=says):
+        fc.Auto(**given)
+
+
+def test_refuses_a_step_and_a_dt():
+    system, state = sheet(h=0.5)
+    with pytest.raises(fc.InputError, match="is for march and run"):
+        fc.Auto().step(system, state, 0.1, None)
+    with pytest.raises(fc.InputError, match=r"must be left out: Auto chooses its steps"):
+        fc.run(system, fc.Auto(), state, dt=0.1, t_end=1.0)

@@ -1,0 +1,187 @@
+"""Explicit runs take steps near their limit, are refused beyond it, and end early if they grow."""
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.run import MOST_GROWTH
+from fecloth.simulation.stability_limited import FRACTION, LASTS, AtLimit
+from fecloth.terms.loops.membrane import largest_stretch, principal_stretches
+
+
+@pytest.fixture(scope="module")
+def sheet():
+    cloth = fc.Cloth.rectangle(0.5, 0.25, h=0.125, pattern="cross")
+    fabric = fc.Fabric(0.2, tensile_stiffness=200.0, poisson_ratio=0.3)
+    return cloth, fabric
+
+
+def pulled(sheet, to, during):
+    """A sheet whose right side is drawn to so many times its length."""
+    cloth, fabric = sheet
+
+    def motion(t):
+        part = np.clip(t / during, 0.0, 1.0)
+        return (0.5 * (to - 1) * part, 0.0, 0.0)
+
+    pins = ["left", fc.Pin("right", motion)]
+    return fc.System(cloth, fabric, [fc.StVK(), fc.MassDamping(5.0)], pins)
+
+
+@pytest.mark.parametrize("method", [fc.CentralDifference(), fc.SymplecticEuler()], ids=repr)
+def test_without_a_dt_the_step_is_a_part_of_the_limit(sheet, method):
+    system = fc.System(*sheet, [fc.StVK(), fc.Gravity()], ["left"])
+    start = system.rest()
+    limit = fc.critical_dt(system, start, method)
+    infos = [info for _, info in fc.march(system, method, start, t_end=0.01)]
+    assert infos[0].dt == pytest.approx(FRACTION * limit, rel=0.03)
+    assert infos[0].dt < limit
+    assert infos[-1].t == 0.01
+
+
+def test_the_step_follows_a_cloth_that_stiffens(sheet):
+    """At twice its length a membrane is far stiffer: the first step would not do at the end."""
+    method, system = fc.CentralDifference(), pulled(sheet, 2.0, 2.0)
+    infos = [info for _, info in fc.march(system, method, system.rest(), t_end=2.0)]
+    first, last = infos[0].dt, infos[-2].dt
+    assert len(infos) > LASTS
+    assert last < 0.6 * first
+    assert last < fc.critical_dt(system, infos[-1].result.state, method)
+    with pytest.raises(fc.StepFailed):
+        list(fc.march(system, method, system.rest(), first, t_end=2.0))
+
+
+def test_a_dt_beyond_the_limit_is_refused(sheet):
+    system = fc.System(*sheet, [fc.StVK()], ["left"])
+    start, method = system.rest(), fc.CentralDifference()
+    limit = fc.critical_dt(system, start, method)
+    with pytest.raises(fc.InputError, match=rf"at most {limit:.4g} s.*beyond_limit=True") as error:
+        next(fc.march(system, method, start, 1.01 * limit, 1.0))
+    assert "implicit" in str(error.value)
+    next(fc.march(system, method, start, 0.99 * limit, 1.0))
+    next(fc.march(system, fc.CentralDifference(beyond_limit=True), start, 1.01 * limit, 1.0))
+
+
+def test_forward_euler_has_no_step_on_a_sheet_without_damping(sheet):
+    system = fc.System(*sheet, [fc.StVK()], ["left"])
+    with pytest.raises(fc.InputError, match=r"no dt is stable: .*Take CentralDifference or Sym"):
+        next(fc.march(system, fc.ForwardEuler(), system.rest(), 1e-9, 1e-8))
+    with pytest.raises(fc.InputError, match=r"has no stable step to choose\. Take CentralDiff"):
+        next(fc.march(system, fc.ForwardEuler(), system.rest(), t_end=1.0))
+
+
+@pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.CentralDifference, "no method"])
+def test_only_explicit_methods_have_such_a_step(method):
+    with pytest.raises(fc.InputError, match="has no stable step to choose"):
+        AtLimit(method)
+
+
+def test_a_stretch_beyond_the_bound_ends_the_run(sheet):
+    system = pulled(sheet, 3.0, 0.2)
+    march = fc.march(system, fc.BackwardEuler(), system.rest(), 0.01, 0.3, most_stretch=2.0)
+    with pytest.raises(fc.StepFailed, match=r"stretched to .* times, beyond 2") as failure:
+        list(march)
+    good = failure.value.state
+    assert 0.05 < good.t < 0.15
+    assert largest_stretch(system.cloth, good.x) <= 2.0
+
+
+def test_largest_stretch(sheet, rng):
+    cloth, _ = sheet
+    x = rng.standard_normal((len(cloth.X), 3))
+    assert largest_stretch(cloth, x) == pytest.approx(principal_stretches(cloth, x).max(), 1e-12)
+    x[3, 1] = np.nan
+    assert np.isnan(largest_stretch(cloth, x))
+
+
+def test_growth_from_nothing_ends_the_run_long_before_it_overflows(sheet):
+    """Just beyond the limit of a fall: the energy is out of hand before the numbers are."""
+    system = fc.System(*sheet, [fc.StVK(), fc.Gravity()], ["left"])
+    start, method = system.rest(), fc.CentralDifference(beyond_limit=True)
+    dt = 1.05 * fc.critical_dt(system, start, method)
+    with pytest.raises(fc.StepFailed, match=r"the method has made the rest") as failure:
+        fc.run(system, method, start, dt, 2.0)
+    good = failure.value.state
+    assert largest_stretch(system.cloth, good.x) < 3.0
+    weight = 9.81 * system.nodal_mass
+    fallen = weight @ (start.x - good.x)[:, 2]
+    kinetic = 0.5 * system.nodal_mass @ (good.v**2).sum(axis=1)
+    assert kinetic < 2 * MOST_GROWTH * abs(fallen)
+
+
+@pytest.mark.parametrize("name", ["wind", "pins", "spin"])
+def test_available_energy_bounds_the_kinetic_one(sheet, name):
+    """By loads without energy, by moved pins, from the start: it is never found too small."""
+    cloth, fabric = sheet
+    loads = [fc.Wind((0.0, 3.0, 8.0), normal=1.0)] if name == "wind" else []
+    shake = fc.Pin("left", lambda t: (0.0, 0.0, 0.05 * np.sin(20 * t)))
+    pins = {"wind": ["left"], "pins": [shake], "spin": []}[name]
+    system = fc.System(cloth, fabric, [fc.StVK(), *loads], pins)
+    rest = system.rest()
+    start = system.state(rest.x, np.column_stack([-rest.x[:, 1], rest.x[:, 0], 0 * rest.x[:, 0]]))
+    ledger = Ledger.open(system, start if name == "spin" else rest)
+    method, shares = fc.EnergyMomentum(), []
+    begin = start if name == "spin" else rest
+    for _, info in fc.march(system, method, begin, 2e-3, 0.3):
+        ledger = ledger.after(system, method, info.old, info.result)
+        shares.append(ledger.kinetic / ledger.available)
+    assert 0.2 < max(shares) < 1.01
+
+
+class Push:
+    """A user's load that tells neither an energy nor its work."""
+
+    name = "Push"
+    symmetric, has_energy, dissipative, velocity_dependent = True, False, False, False
+
+    def stencil(self, cloth):
+        return None
+
+    def bind(self, panel, slots):
+        return self
+
+    def add_force(self, x, v, t, f):
+        f[:, 2] += t
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite):
+        pass
+
+    def rate_bounds(self, mass):
+        return 0.0, 0.0
+
+
+def test_a_load_that_tells_nothing_is_no_blow_up(sheet):
+    """The energy that it gives is not known, so no motion is too fast."""
+    system = fc.System(*sheet, [Push()])
+    result = fc.run(system, fc.BackwardEuler(), system.rest(), 0.01, 0.1)
+    assert result.energies["kinetic"][-1] > 100 * result.energies["kinetic"][1] > 0
+
+
+@pytest.mark.parametrize("term", [fc.StVK(), fc.NeoHookean("compressible")], ids=repr)
+@pytest.mark.parametrize("method", [fc.CentralDifference(), fc.SymplecticEuler()], ids=repr)
+def test_a_cloth_let_go_from_a_stretch_stays_stable(sheet, term, method):
+    """It is stiffest at another time than at the start: at rest, or when it has sprung back."""
+    system = fc.System(*sheet, [term], ["left"])
+    start = system.state(1.1 * system.rest().x)
+    result = fc.run(system, method, start, t_end=0.3)
+    assert abs(result.energies["remainder"]).max() < 0.5 * result.energies["kinetic"].max()
+    assert np.diff(result.times).max() < 1.02 * fc.critical_dt(system, system.rest(), method)
+
+
+def test_newmark_beyond_its_limit_is_refused_likewise(sheet):
+    """With 2β < γ it has one, as central differences have, where β = 0."""
+    system = fc.System(*sheet, [fc.StVK()], ["left"])
+    start, method = system.rest(), fc.Newmark(0.1, 0.5)
+    limit = fc.critical_dt(system, start, method)
+    with pytest.raises(fc.InputError, match=rf"at most {limit:.4g} s.*Newmark\(beyond_limit=True"):
+        next(fc.march(system, method, start, 1.01 * limit, 1.0))
+    next(fc.march(system, method, start, 0.99 * limit, 1.0))
+    next(fc.march(system, fc.Newmark(0.1, 0.5, beyond_limit=True), start, 1.01 * limit, 1.0))
+    next(fc.march(system, fc.Newmark(), start, 100 * limit, 100.0))
+
+
+@pytest.mark.parametrize("cls", [fc.CentralDifference, fc.ForwardEuler, fc.Newmark])
+def test_beyond_limit_is_true_or_false(cls):
+    with pytest.raises(fc.InputError, match=rf"{cls.__name__}: beyond_limit = 'yes': must be True"):
+        cls(beyond_limit="yes")

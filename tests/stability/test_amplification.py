@@ -1,0 +1,115 @@
+"""The spectral radius of every registered method's own step, against textbook formulas."""
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.integrators.explicit import EXPLICIT
+from fecloth.integrators.one_stage import METHODS
+from fecloth.stability.amplification_matrix import amplification
+
+OMEGA_DT = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 1.9, 3.0, 10.0, 30.0, 100.0])
+ALL = {**METHODS, **EXPLICIT}
+
+
+def rates(w, z):
+    """λ dt of the oscillator, (2,)."""
+    root = np.sqrt(complex(z**2 - 1))
+    return w * np.array([-z + root, -z - root])
+
+
+def bdf2(w, z):
+    """(3/2 − λ dt) μ² − 2 μ + ½ = 0."""
+    root = np.sqrt(1 + 2 * rates(w, z))
+    return np.concatenate([(2 + root), (2 - root)]) / np.tile(3 - 2 * rates(w, z), 2)
+
+
+def midpoint(w, z):
+    return (1 + rates(w, z) / 2) / (1 - rates(w, z) / 2)
+
+
+def generalized_alpha(rho):
+    """Chung and Hulbert's parameters in the equations of (x, v, a), solved as a whole."""
+    am, af = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
+    return newmark(0.25 * (1 - am + af) ** 2, 0.5 - am + af, am, af)
+
+
+def newmark(beta, gamma, am=0.0, af=0.0):
+    def roots(w, z):
+        k, d = w**2, 2 * z * w
+        new = [[1, 0, -beta], [0, 1, -gamma], [(1 - af) * k, (1 - af) * d, 1 - am]]
+        old = [[1, 1, 0.5 - beta], [0, 1, 1 - gamma], [-af * k, -af * d, -am]]
+        return np.linalg.eigvals(np.linalg.solve(new, old))
+
+    return roots
+
+
+ROOTS = {
+    "backward_euler": lambda w, z: 1 / (1 - rates(w, z)),
+    "linearly_implicit_euler": lambda w, z: 1 / (1 - rates(w, z)),
+    "implicit_midpoint": midpoint,
+    "energy_momentum": midpoint,
+    "newmark": midpoint,
+    "generalized_alpha": generalized_alpha(0.5),
+    "bdf2": bdf2,
+    "forward_euler": lambda w, z: 1 + rates(w, z),
+    "symplectic_euler": lambda w, z: np.roots([1, w**2 + 2 * z * w - 2, 1 - 2 * z * w]),
+    # x'' by differences of x, and the force at v + dt a = x − x₋ + dt²/2 a₋
+    "central_difference": lambda w, z: np.roots([1, w**2 + 3 * z * w - 2, 1 - 4 * z * w, z * w]),
+}
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.1, 0.5, 1.0])
+@pytest.mark.parametrize("name", ALL)
+def test_every_method_meets_its_closed_form(name, zeta):
+    found = amplification(name, OMEGA_DT, zeta)
+    expected = [abs(ROOTS[name](w, zeta)).max() for w in OMEGA_DT]
+    # at ζ = 1 two eigenvalues meet, and round-off enters by its root
+    np.testing.assert_allclose(found, expected, rtol=1e-8 if zeta < 1 else 3e-7, atol=1e-8)
+
+
+OTHERS = {
+    fc.GeneralizedAlpha(0.0): generalized_alpha(0.0),
+    fc.GeneralizedAlpha(0.8): generalized_alpha(0.8),
+    fc.GeneralizedAlpha(1.0): generalized_alpha(1.0),
+    fc.Newmark(0.36, 0.7): newmark(0.36, 0.7),
+    fc.Newmark(0.1, 0.5): newmark(0.1, 0.5),
+}
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.1, 0.5])
+@pytest.mark.parametrize("method", OTHERS, ids=repr)
+def test_other_parameters(method, zeta):
+    found = amplification(method, OMEGA_DT, zeta)
+    expected = [abs(OTHERS[method](w, zeta)).max() for w in OMEGA_DT]
+    np.testing.assert_allclose(found, expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize("method", [*ALL, fc.Newmark(0.1, 0.5), fc.Newmark(0.2, 0.6)], ids=repr)
+@pytest.mark.parametrize("zeta", [0.05, 0.3])
+def test_growth_begins_at_the_limit_that_the_method_states(method, zeta):
+    """The limit is that of `critical_dt` on the oscillator; A-stable methods never grow."""
+    corner = fc.Cloth.from_arrays(np.eye(3)[:, 1:], [[0, 1, 2]])
+    omega = 3.0
+    fabric = fc.Fabric(3 / corner.area, 1.0)  # 1 kg a node
+    spring = fc.Tether([0, 1, 2], (0, 0, 0), omega**2, 2 * zeta * omega)
+    system = fc.System(corner, fabric, [spring])
+    limit = omega * fc.critical_dt(system, system.rest(), method)
+    if np.isinf(limit):
+        assert amplification(method, OMEGA_DT, zeta).max() < 1
+    else:
+        below, above = amplification(method, limit * np.array([1 - 1e-5, 1 + 1e-5]), zeta)
+        assert below < 1 < above
+
+
+def test_numbers_and_arrays():
+    one = fc.stability.amplification(fc.BackwardEuler, 1.0)
+    assert isinstance(one, float)
+    many = amplification(fc.BackwardEuler(), [1.0, 2.0], [[0.0], [0.1], [0.2]])
+    assert many.shape == (3, 2)
+    assert many[0, 0] == one
+    for wrong in ((0.0, 0.0), (1.0, -0.1), (np.nan, 0.0), (1.0, np.inf)):
+        with pytest.raises(fc.InputError, match="amplification"):
+            amplification("bdf2", *wrong)
+    with pytest.raises(fc.InputError, match="method = 'leapfrog': must be one of backward_euler"):
+        amplification("leapfrog", 1.0)

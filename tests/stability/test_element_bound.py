@@ -1,0 +1,111 @@
+"""The bound by elements is never unsafe: for every term, alone and on a membrane, on any mesh."""
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.stability.critical_step import critical_dt, element_bound
+
+FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1.0)
+
+
+def left(X):
+    return X[:, 0] < 1e-9
+
+
+def longer(y):
+    return np.linalg.norm(y[:, 1] - y[:, 0], axis=1) - 0.1
+
+
+def chain(cloth):
+    """A user's condition between neighbours in the numbering of the nodes."""
+    nodes = np.arange(len(cloth.X))
+    return fc.Condition(longer, np.column_stack([nodes[:-1], nodes[1:]]), 300.0, 0.05)
+
+
+TERMS = {
+    "StVK": lambda c: fc.StVK(),
+    "NeoHookean": lambda c: fc.NeoHookean(),
+    "TensionField": lambda c: fc.TensionField(),
+    "TensorCondition": lambda c: fc.TensorCondition(100.0),
+    "BaraffWitkin": lambda c: fc.BaraffWitkin(),
+    "structural": lambda c: fc.Springs(damping=1e-3),
+    "van_gelder": lambda c: fc.Springs(kind="van_gelder", damping=1e-3),
+    "biquadratic": lambda c: fc.Springs(kind="biquadratic", damping=1e-3),
+    "HingeBending": lambda c: fc.HingeBending(),
+    "QuadraticBending": lambda c: fc.QuadraticBending(),
+    "BendingDamping": lambda c: fc.BendingDamping(0.1),
+    "StrainRateDamping": lambda c: fc.StrainRateDamping(0.01),
+    "MassDamping": lambda c: fc.MassDamping(3.0),
+    "Tether": lambda c: fc.Tether(np.arange(0, len(c.X), 3), (0, 0, 1), 200.0, 0.5),
+    "Condition": chain,
+    "UserForce": lambda c: fc.UserForce(("-50 * x", "0", "-20 * z - 3 * vz")),
+    "Drag": lambda c: fc.Drag(2.0, law="linear"),
+    "Wind": lambda c: fc.Wind((3.0, 1.0, 2.0), 2.0, tangent="exact"),
+    "Pressure": lambda c: fc.Pressure(500.0),
+    "exact Pressure": lambda c: fc.Pressure(500.0, tangent="exact"),
+    "Gravity": lambda c: fc.Gravity(),
+    "PointForce": lambda c: fc.PointForce([0], (0, 0, 1)),
+}
+NO_BOUND = {"Gas"}  # at rest it has no volume
+
+
+def slivers():
+    """Rows of right triangles with one node moved, so that one triangle's angle is 3°."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.2, pattern="right")
+    X, middle = cloth.X.copy(), np.argmin(np.sum((cloth.X - 0.4) ** 2, axis=1))
+    X[middle, 0] += 0.18
+    return fc.Cloth.from_arrays(X, cloth.triangles)
+
+
+MESHES = {
+    **{
+        pattern: fc.Cloth.rectangle(1.0, 0.6, h=0.2, pattern=pattern)
+        for pattern in ("right", "cross", "equilateral", "unstructured")
+    },
+    "disk": fc.Cloth.disk(0.5, 0.15),
+    "sliver": slivers(),
+}
+
+
+def test_no_term_is_left_out():
+    known = set(fc.terms.__all__)
+    tested = {type(make(MESHES["right"])).__name__ for make in TERMS.values()} - {"Condition"}
+    assert tested | NO_BOUND == known
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+@pytest.mark.parametrize("name", TERMS)
+def test_it_is_never_unsafe(name, mesh):
+    cloth = MESHES[mesh]
+    term = TERMS[name](cloth)
+    for terms in ([term], [fc.StVK(), term]):
+        for options in ({}, {"pins": [fc.Pin(left)]}, {"mass": "consistent"}):
+            system = fc.System(cloth, FABRIC, terms, **options)
+            limit, bound = critical_dt(system, system.rest()), element_bound(system)
+            assert bound <= limit * (1 + 1e-9)
+            if not options and len(terms) == 2 and mesh != "sliver":
+                assert bound > 0.35 * limit  # and worth something
+
+
+@pytest.mark.parametrize("name", ["StVK", "structural", "StrainRateDamping", "Tether", "Wind"])
+@pytest.mark.parametrize(
+    "method", [fc.CentralDifference(), fc.Newmark(0.1, 0.5), fc.Newmark(0.2, 0.7)], ids=repr
+)
+def test_nor_for_other_methods(name, method):
+    cloth = MESHES["unstructured"]
+    system = fc.System(cloth, FABRIC, [fc.StVK(), TERMS[name](cloth)])
+    assert 0 < element_bound(system, method) <= critical_dt(system, system.rest(), method)
+
+
+@pytest.mark.parametrize("h", [0.1, 0.05])
+@pytest.mark.parametrize("terms", [[fc.StVK()], [fc.StVK(), fc.HingeBending()]], ids=len)
+def test_it_is_within_one_and_a_half_on_good_gmsh_meshes(terms, h):
+    soft = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-4)
+    for cloth in (fc.Cloth.rectangle(1.0, 0.7, h=h), fc.Cloth.disk(0.5, h)):
+        corners = cloth.X[cloth.triangles]
+        a, b = (np.roll(corners, -k, axis=1) - corners for k in (1, 2))
+        cosine = np.sum(a * b, axis=2) / np.linalg.norm(a, axis=2) / np.linalg.norm(b, axis=2)
+        assert np.degrees(np.arccos(cosine)).min() > 30
+        system = fc.System(cloth, soft, terms)
+        assert 1 <= critical_dt(system, system.rest()) / element_bound(system) < 1.5

@@ -1,0 +1,66 @@
+"""Each study's --quick form; `pytest -m study` runs them, the plain test run leaves them out."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+MODULE = [sys.executable, "-m"]
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    """Where the quick forms write, for choose.py to read."""
+    return tmp_path_factory.mktemp("out")
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(
+    ("study", "says"),
+    [
+        ("benchmarks.kernels", "figures met"),
+        ("benchmarks.terms", "StVK"),
+        ("models.hinge_bias", "derived"),
+        ("models.homogenised_moduli", "power of"),
+        ("benchmarks.linear_solvers", "auto over the best"),
+        ("benchmarks.method_choice", "auto over the best"),
+        ("laws", "9 pictures"),
+        ("benchmarks.mujoco", "figures met"),
+    ],
+)
+def test_quick(study, says, out):
+    command = [*MODULE, f"studies.{study}", "--quick"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    print(done.stdout)
+    (out / f"{study}.txt").write_text(done.stdout)
+    assert says in done.stdout
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(
+    "study", ["convergence", "models", "simplify", "work_precision", "stability"]
+)
+def test_quick_report(study, out):
+    """Studies on the harness: the exit code is 1 if a finding is missed."""
+    folder = out / study
+    command = [*MODULE, f"studies.{study}", "--quick", "--out", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=ROOT)
+    print(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
+    report = (folder / "report.md").read_text()
+    assert ": met" in report
+    assert ",error," not in (folder / "results.csv").read_text()
+
+
+@pytest.mark.study
+def test_the_picture(tmp_path):
+    pytest.importorskip("pyvista")
+    picture = tmp_path / "drape.png"
+    command = [*MODULE, "studies.drape", "--quick", "--picture", str(picture)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("drape coefficient") == 3
+    assert picture.stat().st_size > 20_000

@@ -1,0 +1,44 @@
+"""What the folder of a run holds, to be compared with that of another run."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+
+from fecloth.runs import restart
+
+
+def written(folder):
+    """What must not differ, by file: all but what has the time of day or the process in it."""
+    folder = Path(folder)
+    files = (file for file in folder.rglob("*") if file.is_file())
+    skipped = ("run.log", "summary.json")
+    files = [f for f in files if f.name not in skipped and f.suffix != ".html"]
+    found = {str(file.relative_to(folder)): file.read_bytes() for file in files}
+    if "run.vtkhdf" in found:  # its values: HDF5 lays a file that was cut out in another way
+        found["run.vtkhdf"] = hdf_values(folder / "run.vtkhdf")
+    return found | {str(f.relative_to(folder)): record(f) for f in restart.files(folder)}
+
+
+def hdf_values(file):
+    """All arrays of an HDF5 file, as bytes."""
+    h5py, found = pytest.importorskip("h5py"), {}
+    with h5py.File(file) as read:
+        found["NSteps"] = read["VTKHDF/Steps"].attrs["NSteps"]
+        arrays = {name for name in names(read) if isinstance(read[name], h5py.Dataset)}
+        return found | {name: read[name][:].tobytes() for name in arrays}
+
+
+def names(read):
+    """Of all that an HDF5 file holds."""
+    found = []
+    read.visit(found.append)
+    return found
+
+
+def record(file):
+    """A restart file without the machine: MKL's threads are known where a test has loaded it."""
+    arrays = []
+    packed = restart._packed(dataclasses.replace(restart.read(file), made_on={}), arrays)
+    return json.dumps(packed), [array.tobytes() for array in arrays]

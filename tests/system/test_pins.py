@@ -1,0 +1,128 @@
+"""Pins in a run, and their prescribed motion."""
+
+import numpy as np
+import pytest
+from conftest import flat
+
+import fecloth as fc
+from fecloth.integrators.one_stage import METHODS
+from fecloth.system.constraints import Constraints
+
+ALL = [method() for method in METHODS.values()]
+
+
+def end_of_run(cloth, fabric, pins, method=ALL[0], t=0.0, **options):
+    """State after four steps of 5 ms from `t`, with gravity and a start out of the plane."""
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=pins, **options)
+    start = system.state(flat(cloth) + [0.0, 0.0, 0.7], np.full((len(cloth.X), 3), 0.1), t)
+    return start, fc.run(system, method, start, 5e-3, t + 0.02, solver="direct").state
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("method", ALL, ids=lambda m: type(m).__name__)
+def test_a_fixed_pin_stays_to_the_last_bit(method, mass, small, isotropic):
+    start, end = end_of_run(small, isotropic, ["left", fc.Pin([3])], method, mass=mass)
+    held = np.union1d(small.nodes("left"), [3])
+    others = np.setdiff1d(np.arange(len(small.X)), held)
+    assert np.array_equal(end.x[held], start.x[held])
+    assert not end.v[held].any()
+    assert abs(end.x - start.x)[others].max(axis=1).min() > 1e-5
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("method", ALL, ids=lambda m: type(m).__name__)
+def test_a_moved_pin_is_where_its_motion_says(method, mass, small, isotropic):
+    """Only the changes of the motion count, from the run's own start time."""
+
+    def motion(t):
+        return np.array([np.sin(9 * t), 5.0, 0.3 * t])
+
+    def velocity(t):
+        return np.array([9 * np.cos(9 * t), 0.0, 0.3])
+
+    pins = [fc.Pin("left", motion, velocity)]
+    start, end = end_of_run(small, isotropic, pins, method, t=0.3, mass=mass)
+    held = small.nodes("left")
+    expected = start.x[held] + motion(0.32) - motion(0.3)
+    np.testing.assert_allclose(end.x[held], expected, rtol=0, atol=4e-15)
+    assert np.array_equal(end.v[held], np.tile(velocity(0.32), (len(held), 1)))
+
+
+def test_a_motion_for_each_node_of_a_set(small, isotropic):
+    """(k, 3), in the order of the set's nodes: the edge turns about its lower end."""
+    left = small.nodes("left")
+    height = small.X[left, 1]
+
+    def turn(t):
+        zero = np.zeros_like(height)
+        return np.column_stack([zero, height * np.cos(t), height * np.sin(t)])
+
+    start, end = end_of_run(small, isotropic, [fc.Pin(left, turn)])
+    expected = start.x[left] + turn(0.02) - turn(0.0)
+    np.testing.assert_allclose(end.x[left], expected, rtol=0, atol=1e-15)
+    speed = np.column_stack([0 * height, -height * np.sin(0.02), height * np.cos(0.02)])
+    np.testing.assert_allclose(end.v[left], speed, atol=1e-10)
+
+
+def test_velocity_by_central_difference_or_as_given():
+    """The difference over ± 1e-5 s errs by 1e-10/6 of the third derivative."""
+    pin = fc.Pin("left", lambda t: [np.sin(7 * t), t**2, 2.0])
+    for t in (0.0, 0.4, 3.0):
+        assert pin.speed(t) == pytest.approx([7 * np.cos(7 * t), 2 * t, 0.0], abs=7**3 * 1e-10)
+        assert pin.displacement(t) == pytest.approx([np.sin(7 * t), t**2, 2.0], abs=1e-15)
+    told = fc.Pin("left", lambda t: [t, 0.0, 0.0], velocity=lambda t: [1.0, 0.0, t])
+    assert told.speed(0.5).tolist() == [1.0, 0.0, 0.5]
+    assert not fc.Pin("left").speed(1.0).any()
+    assert not fc.Pin("left").displacement(1.0).any()
+
+
+@pytest.mark.parametrize("value", [[1.0, 2.0], 3.0, [0.0, np.nan, 0.0], np.zeros((1, 1, 3))])
+@pytest.mark.parametrize("name", ["motion", "velocity"])
+def test_a_motion_that_gives_no_three_finite_numbers(name, value):
+    functions = {"motion": lambda t: np.zeros(3)} | {name: lambda t: value}
+    pin = fc.Pin("left", **functions)
+    with pytest.raises(fc.InputError, match=rf"Pin\('left'\): {name}\(0.5\) = .*: must be three"):
+        pin.displacement(0.5) + pin.speed(0.5)
+
+
+def test_a_motion_for_each_node_follows_the_given_order(small):
+    motion = {5: [1.0, 0.0, 0.0], 2: [0.0, 2.0, 0.0]}
+    pin = fc.Pin([5, 2], motion=lambda t: t * np.array([motion[5], motion[2]]))
+    x, v = Constraints.bind([pin], small).target(0.0, 1.0, flat(small))
+    for node, way in motion.items():
+        assert x[node] - flat(small)[node] == pytest.approx(way)
+        assert v[node] == pytest.approx(way)
+
+
+def test_motions_that_cannot_be_bound(small):
+    with pytest.raises(fc.InputError, match="velocity without a motion"):
+        fc.Pin("left", velocity=lambda t: [0.0, 0.0, 0.0])
+    with pytest.raises(
+        fc.InputError, match=r"motion of shape \(2, 3\): must be \(3,\) or \(3, 3\)"
+    ):
+        Constraints.bind([fc.Pin([1, 2, 3], motion=lambda t: np.zeros((2, 3)))], small)
+
+
+@pytest.mark.parametrize("method", [fc.CentralDifference(), fc.BDF2()], ids=repr)
+def test_a_motion_is_asked_for_from_the_start_on(method, small, isotropic):
+    """One that has no value before, as √t³; its difference does not reach back either."""
+    asked = []
+
+    def motion(t):
+        asked.append(t)
+        return [0.0, 0.0, (t - 0.5) ** 1.5]  # complex before t = 0.5
+
+    pins = [fc.Pin("left", lambda t: motion(0.5 + t))]
+    system = fc.System(small, isotropic, [fc.StVK()], pins)
+    end = fc.run(system, method, system.rest(), 1e-6, 5e-6).state  # less than the difference
+    assert min(asked) >= 0.5
+    left = small.nodes("left")
+    assert end.x[left, 2] == pytest.approx(5e-6**1.5)
+    far = fc.Pin("left", lambda t: [t**1.5, t**2, 0.0])
+    assert far.speed(1.0, since=1.0) == pytest.approx([1.5, 2.0, 0.0], abs=1e-9)
+
+
+def test_a_motion_that_is_no_motion_says_why():
+    for motion, words in ((lambda t: (0, 0, "a"), "could not convert"), (lambda: 0, "argument")):
+        with pytest.raises(fc.InputError, match=rf"Pin\('left'\): motion\(0.5\): .*{words}"):
+            fc.Pin("left", motion).displacement(0.5)

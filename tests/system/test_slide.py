@@ -1,0 +1,305 @@
+"""Slides: constraint, reaction, the directions left, in every method; prescribed motions."""
+
+import numpy as np
+import pytest
+from conftest import flat, rough
+from support.linear_term import LinearDamping, LinearMembrane
+
+import fecloth as fc
+from fecloth.integrators.one_stage import METHODS
+
+ALL = [method() for method in METHODS.values()]
+TIGHT = fc.Newton(tolerance=1e-12)
+SLOPED = np.array([1.0, -2.0, 2.0]) / 3
+
+
+def named(method):
+    return type(method).__name__
+
+
+# --- the projector --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("length", [1e-200, 1.0, 3.0, 1e200])
+def test_projectors(length, rng):
+    d = rng.standard_normal(3)
+    d /= np.linalg.norm(d)
+    line = fc.Slide("left", direction=tuple(length * d)).projector
+    plane = fc.Slide("left", normal=tuple(length * d)).projector
+    np.testing.assert_allclose(line, np.outer(d, d), atol=1e-15)
+    np.testing.assert_allclose(plane, np.eye(3) - np.outer(d, d), atol=1e-15)
+    assert not fc.Pin("left").projector.any()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({}, r"Slide\('left'\): neither of direction and normal: needs one"),
+        ({"direction": (1, 0, 0), "normal": (0, 1, 0)}, "both of direction and normal"),
+        (
+            {"direction": (0, 0, 0)},
+            r"direction = \(0, 0, 0\): must be three finite .* not all zero",
+        ),
+        ({"normal": (0.0, np.nan, 1.0)}, "normal = .*: must be three finite numbers"),
+        ({"normal": (0.0, 1.0)}, "normal = .*: must be three finite numbers"),
+        ({"normal": "z"}, "normal = 'z': must be three finite numbers"),
+    ],
+)
+def test_refusals(arguments, said):
+    with pytest.raises(fc.InputError, match=said):
+        fc.Slide("left", **arguments)
+
+
+def test_a_node_has_one_pin_or_slide(small):
+    with pytest.raises(fc.InputError, match="held by more than one pin"):
+        fc.System(small, fc.Fabric(0.2, 1e3), [], ["left", fc.Slide("bottom", normal=(0, 1, 0))])
+
+
+def test_each_node_has_its_own_groups_projector(small):
+    """The groups stand in any order, and their nodes too."""
+    first, second = small.nodes("right"), small.nodes("left")[::-1]
+    slides = [fc.Slide(first, normal=(0, 0, 1)), fc.Slide(second, direction=(0, 1, 0))]
+    constraints = fc.System(small, fc.Fabric(0.2, 1e3), [], slides).constraints
+    for group, slide in ((first, slides[0]), (second, slides[1])):
+        at = np.searchsorted(constraints.nodes, group)
+        assert (constraints.projectors[at] == slide.projector).all()
+
+
+# --- in a run -------------------------------------------------------------------------------------
+
+SLIDES = [
+    {"direction": (0, 1, 0)},
+    {"normal": (1, 0, 0)},
+    {"direction": tuple(SLOPED)},
+    {"normal": tuple(SLOPED)},
+]
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("slide", SLIDES, ids=str)
+@pytest.mark.parametrize("method", ALL, ids=named)
+def test_nodes_leave_their_line_or_plane_in_no_method(method, slide, mass, small, isotropic):
+    slide = fc.Slide("left", **slide)
+    terms = [fc.StVK(), fc.StrainRateDamping(0.01), fc.Gravity((2.0, -3.0, -9.81))]
+    system = fc.System(small, isotropic, terms, [slide], mass=mass)
+    result = fc.run(system, method, system.rest(), 5e-3, 0.05, solver="direct", newton=TIGHT)
+    left, state, rest = small.nodes("left"), result.state, system.rest()
+    across = np.eye(3) - slide.projector
+    assert abs((state.x - rest.x)[left] @ across).max() < 1e-15
+    assert abs(state.v[left] @ across).max() < 1e-15
+    assert np.linalg.norm((state.x - rest.x)[left] @ slide.projector, axis=1).min() > 1e-3
+    reaction = np.array([result.observed[f"reaction:left.{c}"][-1] for c in "xyz"])
+    assert np.linalg.norm(reaction) > 0.01
+    np.testing.assert_allclose(slide.projector @ reaction, 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("method", ALL, ids=named)
+def test_down_an_inclined_plane(method, mass, small, isotropic):
+    """All nodes on it: acceleration P g, velocity P g t, and the plane carries −(I − P) m g."""
+    slide = fc.Slide(lambda X: X[:, 0] > -1, normal=tuple(SLOPED), name="plane")
+    g = np.array([0.0, 0.0, -9.81])
+    system = fc.System(small, isotropic, [fc.StVK(), fc.Gravity()], [slide], mass=mass)
+    x = flat(small) @ frame_of(SLOPED)
+    result = fc.run(system, method, system.state(x), 0.01, 0.1, solver="direct", newton=TIGHT)
+    speed = 0.1 * slide.projector @ g
+    np.testing.assert_allclose(result.state.v, np.tile(speed, (len(x), 1)), atol=1e-9)
+    weight = 0.2 * small.area * g
+    reaction = [result.observed[f"reaction:plane.{c}"][-1] for c in "xyz"]
+    np.testing.assert_allclose(reaction, slide.projector @ weight - weight, rtol=1e-9)
+
+
+def frame_of(normal):
+    """(3, 3) rows: two axes across the normal, and the normal."""
+    first = np.cross(normal, [0.0, 0.0, 1.0])
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(normal, first), normal])
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("solver", ["direct", "pcg"])
+def test_uniaxial_tension_between_two_slides(solver, turned, small, isotropic, rng):
+    """The sides contract freely: E22 = −ν E11, and the force is Y E11 λ times the width.
+
+    Backward Euler at 0.02 s takes 4/5 of the slowest mode at each of 30 steps after the pull.
+    """
+    turn = np.eye(3)
+    if turned:
+        turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    axis, across, normal = turn
+    corner = np.argmin(np.abs(small.X).sum(axis=1))
+    left = np.setdiff1d(small.nodes("left"), corner)
+    inside = np.setdiff1d(np.arange(len(small.X)), [*left, corner, *small.nodes("right")])
+    pull = 0.05
+    pins = [
+        fc.Pin([corner], name="corner"),
+        fc.Slide(left, direction=tuple(across), name="left"),
+        fc.Slide("right", lambda t: pull * min(t, 0.4) / 0.4 * axis, direction=tuple(across)),
+        fc.Slide(inside, normal=tuple(normal)),
+    ]
+    system = fc.System(small, isotropic, [fc.StVK()], pins)
+    start = system.state(flat(small) @ turn)
+    newton = fc.Newton(tolerance=1e-10)
+    result = fc.run(system, fc.BackwardEuler(), start, 0.02, 1.0, solver=solver, newton=newton)
+    stretch = 1 + pull / 0.4
+    strain = (stretch**2 - 1) / 2
+    thin = np.sqrt(1 - 2 * 0.3 * strain)
+    expected = (flat(small) * [stretch, thin, 0.0]) @ turn
+    np.testing.assert_allclose(result.state.x, expected, atol=1e-8)
+    reaction = np.array([result.observed[f"reaction:right.{c}"][-1] for c in "xyz"])
+    force = 1000.0 * strain * stretch * 0.3
+    np.testing.assert_allclose(reaction, force * axis, atol=1e-6 * force)
+
+
+def test_only_the_motion_across_counts(small, isotropic):
+    """A rail that moves along itself leaves its nodes alone."""
+    slide = fc.Slide("left", lambda t: [0.1 * t, 7.0 * t, 0.0], direction=(0, 1, 0))
+    system = fc.System(small, isotropic, [fc.StVK()], [slide])
+    result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), 0.01, 0.02, solver="direct")
+    left = small.nodes("left")
+    np.testing.assert_allclose(result.state.x[left, 0], 0.002, atol=1e-15)
+    assert abs(result.state.x[left, 1] - small.X[left, 1]).max() < 1e-3
+    np.testing.assert_allclose(result.state.v[left, 0], 0.1, rtol=1e-9)
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("method", ALL, ids=named)
+def test_ledger_closes_with_a_moved_slide(method, mass, isotropic):
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1)
+    shake = fc.Slide("left", lambda t: [0.02 * np.sin(30 * t), 9.0, 0.0], normal=tuple(SLOPED))
+    terms = [LinearMembrane(), LinearDamping(0.01), fc.Gravity()]
+    pins = [shake, fc.Slide("right", direction=(1, 2, 0))]
+    system = fc.System(cloth, isotropic, terms, pins, mass=mass)
+    result = fc.run(system, method, system.rest(), 5e-3, 0.2, solver="direct", newton=TIGHT)
+    energies = result.energies
+    assert abs(energies["pins"]).max() > 1e-3
+    assert abs(energies["remainder"]).max() < 1e-10 * abs(energies["total"]).max()
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("method", ALL, ids=named)
+def test_prescribed_acceleration_is_that_of_the_motion(method, mass, small, isotropic):
+    """A cloth moved by its edge at the acceleration that gravity has: no strain, no force.
+
+    The free nodes fall, the pinned ones are moved along with them; a wrong acceleration at the
+    pins would reach the free nodes through the consistent mass, and the reaction at once.
+    """
+    g, v0 = np.array([1.0, -2.0, -9.81]), np.array([0.3, 0.0, 0.1])
+    # the Euler methods' own fall is ½ g t (t + dt); the motion must be theirs
+    lag = 0.0 if method.order == 2 else 5e-3
+    pin = fc.Pin(
+        "left", lambda t: v0 * t + 0.5 * g * t * (t + lag), lambda t: v0 + g * t, name="edge"
+    )
+    slide = fc.Slide("right", pin.motion, pin.velocity, normal=tuple(SLOPED), name="rail")
+    system = fc.System(small, isotropic, [fc.StVK(), fc.Gravity(tuple(g))], [pin, slide], mass=mass)
+    start = system.state(flat(small), np.tile(v0, (len(small.X), 1)))
+    result = fc.run(system, method, start, 5e-3, 0.05, solver="direct", newton=TIGHT)
+    np.testing.assert_allclose(result.state.v, np.tile(v0 + 0.05 * g, (len(start.x), 1)), atol=1e-9)
+    weight = 0.2 * small.area * 9.81
+    for group in ("edge", "rail"):
+        for c in "xyz":
+            assert abs(result.observed[f"reaction:{group}.{c}"][1:]).max() < 1e-8 * weight
+
+
+def test_pressure_is_symmetric_where_the_edge_slides_in_one_plane(isotropic, rng):
+    cloth = fc.Cloth.disk(0.5, h=0.15)
+    inner = np.setdiff1d(np.arange(len(cloth.X)), cloth.nodes("boundary"))
+    x = flat(cloth)
+    x[inner] += 0.05 * rng.standard_normal((len(inner), 3))
+    for pins, symmetric in (([fc.Slide("boundary", normal=(0, 0, 1))], True), ([], False)):
+        system = fc.System(cloth, isotropic, [fc.Pressure(50.0, tangent="exact")], pins)
+        K, Z = system.stiffness(system.state(x)), system.admissible
+        K = (Z.T @ K @ Z).toarray()
+        gap = abs(K - K.T).max() / abs(K).max()
+        assert (gap < 1e-14) if symmetric else (gap > 0.1)
+
+
+# --- the degrees of freedom left ------------------------------------------------------------------
+
+
+def test_free_dofs_with_slides_along_the_axes(small, isotropic):
+    slides = [fc.Slide([4], direction=(0, 3, 0)), fc.Slide([2], normal=(0, 0, -1)), fc.Pin([7])]
+    system = fc.System(small, isotropic, [fc.StVK()], slides)
+    held = {3 * 4, 3 * 4 + 2, 3 * 2 + 2, 21, 22, 23}
+    assert set(system.free.tolist()) == set(range(3 * len(small.X))) - held
+    Z = system.admissible.toarray()
+    assert set(np.flatnonzero(Z.any(axis=1)).tolist()) == set(system.free.tolist())
+    np.testing.assert_allclose(Z.T @ Z, np.eye(len(system.free)), atol=1e-15)
+
+
+def test_free_dofs_of_an_oblique_slide_are_refused(small, isotropic):
+    system = fc.System(small, isotropic, [fc.StVK()], [fc.Slide([4], normal=(1, 1, 0))])
+    with pytest.raises(fc.InputError, match="node 4 slides along no axis.*System.admissible"):
+        _ = system.free
+    Z = system.admissible.toarray()
+    assert Z.shape == (3 * len(small.X), 3 * len(small.X) - 1)
+    np.testing.assert_allclose(Z.T @ Z, np.eye(Z.shape[1]), atol=1e-15)
+    np.testing.assert_allclose(Z[12] + Z[13], 0.0, atol=1e-15)  # no motion along (1, 1, 0)
+
+
+def test_frequencies_know_no_axes(small, isotropic, rng):
+    """The same slides seen from a turned frame leave the same eigenvalues."""
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    x = rough(small, rng)
+    spectra = []
+    for Q in (np.eye(3), turn):
+        slides = [
+            fc.Slide("left", direction=tuple(Q[1])),
+            fc.Slide("right", normal=tuple(Q[0])),
+        ]
+        system = fc.System(small, isotropic, [fc.StVK()], slides)
+        Z = system.admissible
+        spectra.append(
+            np.linalg.eigvalsh((Z.T @ system.stiffness(system.state(x @ Q)) @ Z).toarray())
+        )
+    np.testing.assert_allclose(*spectra, atol=1e-11 * spectra[0].max())
+
+
+# --- in a scene -----------------------------------------------------------------------------------
+
+SCENE = """
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25 }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }]
+time = { method = "implicit_midpoint", dt = 0.01, t_end = 0.1 }
+[[pins]]
+where = "left"
+normal = [1, 0, 0]
+[[pins]]
+inside = "X > 0.99"
+direction = [0, 1, 0.5]
+motion = ["0.1 * t", "0", "0"]
+name = "rail"
+"""
+
+
+def test_slides_of_a_scene(tmp_path):
+    from fecloth.scene.scene import load
+
+    (path := tmp_path / "scene.toml").write_text(SCENE)
+    scene = load(path)
+    groups = scene.build().system.constraints.groups
+    assert groups["left"][0] == fc.Slide("left", normal=(1.0, 0.0, 0.0))
+    rail, _ = groups["rail"]
+    assert isinstance(rail, fc.Slide)
+    assert (rail.direction, rail.normal) == ((0.0, 1.0, 0.5), None)
+    assert rail.motion(2.0) == pytest.approx([0.2, 0.0, 0.0])
+    (again := tmp_path / "again.toml").write_text(scene.to_toml())
+    assert load(again) == scene
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("pins.0.direction=[1, 0, 0]", "pins.0: direction and normal are given: give exactly one"),
+        ("pins.0.normal=[0, 0, 0]", r"pins.0.normal = \(0.0, 0.0, 0.0\): must be three finite"),
+        ("pins.0.normal=[0, 1]", r"pins.0.normal = \[0, 1\]: must be a list of 3 finite numbers"),
+        ("pins.0.normals=[0, 1]", "unknown key.*Did you mean 'normal'"),
+    ],
+)
+def test_mistakes_in_a_scene(tmp_path, override, said):
+    from fecloth.scene.scene import load
+
+    (path := tmp_path / "scene.toml").write_text(SCENE)
+    with pytest.raises(fc.SceneError, match=said):
+        load(path, [override])

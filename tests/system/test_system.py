@@ -1,0 +1,197 @@
+"""The assembled operators: sums over terms, masses, free dofs, bounds, and what is refused."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+import skfem
+from conftest import affine, rough
+from scipy.sparse.linalg import eigsh
+
+import fecloth as fc
+from fecloth.linalg.block_matrix import BlockMatrix
+
+MASSES = ["lumped", "consistent"]
+TERMS = [fc.Gravity((1, 0, 0)), fc.StVK(), fc.StrainRateDamping(0.01), fc.Gravity((0, 0, -9.81))]
+
+
+@pytest.fixture(params=MASSES)
+def system(request, sheet, orthotropic):
+    return fc.System(sheet, orthotropic, TERMS, pins=["left"], mass=request.param)
+
+
+@pytest.fixture
+def state(system, rng):
+    return system.state(rough(system.cloth, rng), rng.standard_normal((len(system.cloth.X), 3)))
+
+
+def test_terms_that_stand_twice_are_numbered(system, state):
+    assert system.names == ("Gravity.1", "StVK", "StrainRateDamping", "Gravity.2")
+    energies = system.energies(state)
+    assert list(energies) == ["kinetic", "Gravity.1", "StVK", "Gravity.2"]  # damping has none
+    for name, term in zip(system.names, TERMS, strict=True):
+        if name in energies:
+            alone = fc.System(system.cloth, system.fabric, [term]).energies(state)
+            assert energies[name] == alone[type(term).__name__]
+    assert energies["Gravity.1"] != energies["Gravity.2"]
+
+
+def test_force_is_the_sum_over_terms(system, state):
+    """Pins do not enter it."""
+    alone = [fc.System(system.cloth, system.fabric, [term]).force(state) for term in TERMS]
+    force = system.force(state)
+    assert force.shape == (len(system.cloth.X), 3)
+    np.testing.assert_allclose(force, sum(alone), atol=1e-13 * abs(force).max())
+    assert all(abs(f[system.constraints.nodes]).max() > 0 for f in alone)
+
+
+def test_operators_have_all_nodes_and_are_symmetric(system, state):
+    n = 3 * len(system.cloth.X)
+    for operator in (system.stiffness(state), system.damping(state), system.mass):
+        assert operator.shape == (n, n)
+        assert sparse.issparse(operator)
+        assert abs(operator).max() > 0
+        assert abs(operator - operator.T).max() < 1e-13 * abs(operator).max()
+    assert system.symmetric
+    exact = [fc.StVK(), fc.StrainRateDamping(0.01, tangent="exact")]
+    general = fc.System(system.cloth, system.fabric, exact)
+    K = general.stiffness(state)
+    assert not general.symmetric
+    assert abs(K - K.T).max() > 1e-3 * abs(K).max()
+
+
+def test_assembled_matrix_is_the_weighted_sum(system, state):
+    J = BlockMatrix.zeros(system.pattern)
+    J.values[:] = 7.0  # `assemble` starts from zero
+    got = system.assemble(J, state, wx=0.3, wv=0.02, wa=5.0).to_scipy()
+    K, D, M = system.stiffness(state), system.damping(state), system.mass
+    expected = 0.3 * K + 0.02 * D + 5.0 * M
+    assert abs(got - expected).max() < 1e-13 * abs(expected).max()
+    again = system.add_tangents(J, state, wa=2.0).to_scipy()
+    assert abs(again - got - 2.0 * M).max() < 1e-13 * abs(expected).max()
+
+
+def test_mass_meets_scikit_fem(sheet, orthotropic):
+    """∫ ρ u·v dA in the vector space of scikit-fem; the lumped mass has its row sums."""
+    basis = skfem.Basis(sheet.mesh, skfem.ElementVector(skfem.ElementTriP1(), dim=3), intorder=2)
+    density = orthotropic.areal_density
+    form = skfem.BilinearForm(lambda u, v, w: density * (u * v).sum(axis=0))
+    expected = form.assemble(basis)
+    consistent = fc.System(sheet, orthotropic, [], mass="consistent")
+    lumped = fc.System(sheet, orthotropic, [fc.StVK()])
+    assert abs(consistent.mass - expected).max() < 1e-17
+    J = BlockMatrix.zeros(consistent.pattern)  # Newton's matrix has room for it without a term
+    assembled = consistent.assemble(J, consistent.rest(), wa=2.0).to_scipy()
+    assert abs(assembled - 2 * expected).max() < 1e-17
+    rows = np.asarray(expected.sum(axis=1)).ravel()
+    np.testing.assert_allclose(lumped.mass.toarray(), np.diag(rows), atol=1e-17)
+    np.testing.assert_allclose(np.repeat(lumped.nodal_mass, 3), rows, rtol=1e-12)
+    np.testing.assert_allclose(np.repeat(consistent.nodal_mass, 3), rows, rtol=1e-12)
+
+
+def test_kinetic_energy_of_a_turning_sheet(sheet, orthotropic):
+    """½ ρ ω² ∫ |X|² dA = ½ ρ ω² (w³h + wh³)/3 about a corner, exact for the consistent mass."""
+    x = affine(sheet, np.eye(3)[:, :2])
+    energy = {}
+    for mass in MASSES:
+        system = fc.System(sheet, orthotropic, [], mass=mass)
+        state = system.state(x, np.cross([0, 0, 4.0], x))
+        energy[mass] = system.energies(state)["kinetic"]
+    exact = 0.5 * 0.15 * 16 * (0.6 + 0.6**3) / 3
+    assert energy["consistent"] == pytest.approx(exact, rel=1e-12)
+    assert energy["lumped"] == pytest.approx(exact, rel=0.02)
+    assert energy["lumped"] > exact * (1 + 1e-4)
+
+
+def test_free_dofs_are_all_but_the_pinned(system):
+    held = {3 * i + c for i in system.cloth.nodes("left") for c in range(3)}
+    every = set(range(3 * len(system.cloth.X)))
+    assert set(system.free.tolist()) == every - held
+    assert np.array_equal(system.free, np.sort(system.free))
+
+
+def largest(A, M):
+    return eigsh(A, M=M.tocsc(), k=1, which="LA", return_eigenvectors=False, tol=1e-10)[0]
+
+
+@pytest.mark.parametrize("mass", MASSES)
+@pytest.mark.parametrize("shape", ["unstructured", "right", "cross", "slivers", "graded"])
+def test_rate_bounds_are_upper_bounds(shape, mass, orthotropic):
+    if shape == "slivers":
+        source = fc.Cloth.rectangle(1.0, 1.0, 0.2, "unstructured")
+        cloth = fc.Cloth.from_arrays(source.X * [1.0, 0.1], source.triangles)
+    elif shape == "graded":
+        source = fc.Cloth.rectangle(1.0, 1.0, 0.1, "right")
+        cloth = fc.Cloth.from_arrays(source.X**2, source.triangles)
+    else:
+        cloth = fc.Cloth.rectangle(1.0, 0.6, 0.12, shape)
+    terms = [fc.StVK(), fc.TensorCondition(100.0), fc.StrainRateDamping(0.01), fc.Gravity()]
+    system = fc.System(cloth, orthotropic, terms, mass=mass)
+    rest = system.rest()
+    stiffness, damping = system.rate_bounds()
+    true = largest(system.stiffness(rest), system.mass)
+    assert true <= stiffness * (1 + 1e-9)
+    true_damping = largest(system.damping(rest), system.mass)
+    assert true_damping <= damping * (1 + 1e-9)
+    if shape in ("unstructured", "right", "cross"):  # and not idle
+        assert stiffness < 2.5 * true
+        assert damping < 2.5 * true_damping
+
+
+def test_rest_and_states_are_copies(system):
+    rest = system.rest()
+    assert rest.t == 0
+    assert np.array_equal(rest.x[:, :2], system.cloth.X)
+    assert not rest.x[:, 2].any()
+    assert not rest.v.any()
+    x = rest.x + 1.0
+    state = system.state(x, t=2)
+    x[:] = np.nan
+    assert np.array_equal(state.x, rest.x + 1.0)
+    assert not state.v.any()
+    assert state.t == 2.0
+
+
+@pytest.mark.parametrize("name", ["x", "v"])
+@pytest.mark.parametrize("change", ["short", "flat", "nan", "inf"])
+def test_states_that_are_refused(system, name, change):
+    given = {"x": system.rest().x, "v": system.rest().v}
+    bad = {"short": given[name][1:], "flat": given[name].ravel()}.get(change, given[name])
+    if change in ("nan", "inf"):
+        bad[3, 1] = float(change)
+    said = f"System.state: {name} of shape .*: must be finite and of shape "
+    with pytest.raises(fc.InputError, match=said):
+        system.state(**(given | {name: bad}))
+
+
+def test_what_is_no_term_or_names_no_node(sheet, isotropic):
+    for term in (3, "StVK", None):
+        with pytest.raises(fc.InputError, match=rf"System\(terms=...\): term {term!r}: must be"):
+            fc.System(sheet, isotropic, [fc.StVK(), term])
+    for pin in ("lft", fc.Pin("lft")):
+        with pytest.raises(fc.InputError, match="node set 'lft'.* Did you mean 'left'"):
+            fc.System(sheet, isotropic, [fc.StVK()], pins=[pin])
+    with pytest.raises(fc.InputError, match="choice of nodes is empty"):
+        fc.System(sheet, isotropic, [fc.StVK()], pins=[fc.Pin(lambda X: X[:, 0] > 9)])
+    with pytest.raises(fc.InputError, match="held by more than one pin"):
+        fc.System(sheet, isotropic, [fc.StVK()], pins=["left", "boundary"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"terms": [fc.StVK]}, r"System\(terms=...\): term <class"),
+        ({"terms": fc.StVK()}, r"must be a list, as in \[StVK\(\)\]"),
+        ({"terms": [], "pins": "left"}, "pins = 'left': must be a list"),
+        ({"terms": [], "pins": [3]}, "pin 3: must be such as Pin"),
+        ({"terms": [], "mass": "diagonal"}, "mass = 'diagonal'"),
+    ],
+)
+def test_what_cannot_be_a_system_is_refused_at_once(arguments, message, sheet, isotropic):
+    with pytest.raises(fc.InputError, match=message):
+        fc.System(sheet, isotropic, **arguments)
+
+
+def test_a_state_has_a_time(sheet, isotropic):
+    system = fc.System(sheet, isotropic, [])
+    with pytest.raises(fc.InputError, match=r"t = nan: must be finite"):
+        system.state(system.rest().x, t=np.nan)

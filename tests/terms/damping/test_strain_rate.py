@@ -1,0 +1,108 @@
+"""Strain-rate damping: tangents, the term that is dropped, power, rigid motions."""
+
+import numpy as np
+import pytest
+from conftest import flat, rough
+from support import oracle
+
+import fecloth as fc
+from fecloth.terms.loops.membrane import deformation_gradient
+from fecloth.verify import VerificationFailed, check_term
+
+
+def test_meets_the_scikit_fem_form(sheet, orthotropic, rng):
+    system = fc.System(sheet, orthotropic, [fc.StrainRateDamping(0.02)])
+    state = system.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
+    expected = oracle.viscous_force(sheet, 0.02 * orthotropic.moduli(), state.x, state.v)
+    force = system.force(state)
+    assert np.linalg.norm(force - expected) < 1e-12 * np.linalg.norm(expected)
+    power = system.bound[0].power(state.x, state.v, 0.0)
+    assert power == pytest.approx(-np.vdot(force, state.v), rel=1e-12)
+    assert power > 0
+
+
+def test_exact_tangents():
+    check_term(fc.StrainRateDamping(0.01, tangent="exact"))
+
+
+def test_symmetric_tangent_is_exact_in_v_only():
+    check_term(fc.StrainRateDamping(0.01), tangents=("v",))
+    with pytest.raises(VerificationFailed, match="x-tangent"):
+        check_term(fc.StrainRateDamping(0.01), tangents=("x",))
+
+
+def test_what_the_symmetric_tangent_drops(sheet, orthotropic, rng):
+    """exact − symmetric = Bᵀ τℂ₀ B(Ḟ), computed here from scikit-fem's derivative of Ė."""
+    x, v = rough(sheet, rng), rng.standard_normal((len(sheet.X), 3))
+    exact = fc.System(sheet, orthotropic, [fc.StrainRateDamping(0.02, tangent="exact")])
+    symmetric = fc.System(sheet, orthotropic, [fc.StrainRateDamping(0.02)])
+    state = exact.state(x, v)
+    K = symmetric.stiffness(state).toarray()
+    assert abs(K - K.T).max() < 1e-12 * abs(K).max()
+    dropped = exact.stiffness(state).toarray() - K
+    assert abs(dropped - dropped.T).max() > 0.1 * abs(dropped).max()
+    # ∂Ė/∂x · u = sym(∇uᵀ Ḟ) = the strain rate of u seen from Ḟ, contracted with τℂ₀ and B(F)ᵀ
+    u = rng.standard_normal(x.shape)
+    F, H, U = (deformation_gradient(sheet, y)[:, 0] for y in (x, v, u))
+    change = 0.5 * (np.swapaxes(U, 1, 2) @ H + np.swapaxes(H, 1, 2) @ U)
+    C11, C22, C66, C12, _, _ = 0.02 * orthotropic.moduli()
+    S = np.empty_like(change)
+    S[:, 0, 0] = C11 * change[:, 0, 0] + C12 * change[:, 1, 1]
+    S[:, 1, 1] = C12 * change[:, 0, 0] + C22 * change[:, 1, 1]
+    S[:, 0, 1] = S[:, 1, 0] = 2 * C66 * change[:, 0, 1]
+    expected = np.zeros_like(x)
+    contribution = np.einsum("e,eij,eaj->eai", sheet.weights[:, 0], F @ S, sheet.gradients[:, 0])
+    np.add.at(expected, sheet.stencil, contribution)
+    np.testing.assert_allclose(
+        (dropped @ u.ravel()).reshape(-1, 3), expected, atol=1e-11 * abs(expected).max()
+    )
+
+
+def test_named_law_gives_the_moduli(sheet, orthotropic, rng):
+    plain = fc.Fabric(0.2, 1000.0)
+    by_law = fc.System(sheet, orthotropic, [fc.StrainRateDamping(0.02, fc.TensorCondition(250.0))])
+    twin = fc.System(sheet, plain, [fc.StrainRateDamping(0.02)])
+    state = twin.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
+    np.testing.assert_allclose(by_law.force(state), twin.force(state), rtol=1e-12)
+
+
+def test_rigid_motion_is_not_damped(sheet, orthotropic, rng):
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    spin, x = rng.standard_normal(3), flat(sheet) @ turn
+    system = fc.System(sheet, orthotropic, [fc.StrainRateDamping(0.02)])
+    state = system.state(x, np.cross(spin, x) + [1.0, -2.0, 0.5])
+    stretching = system.state(x, x)
+    assert abs(system.force(state)).max() < 1e-12 * abs(system.force(stretching)).max()
+
+
+def test_zero_resultant_and_moment(sheet, orthotropic, rng):
+    system = fc.System(sheet, orthotropic, [fc.StrainRateDamping(0.02)])
+    state = system.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
+    force = system.force(state)
+    size = np.abs(force).sum()
+    assert np.abs(force.sum(axis=0)).max() < 1e-14 * size
+    assert np.abs(np.cross(state.x, force).sum(axis=0)).max() < 1e-14 * size
+
+
+def test_definite_part_is_symmetric_and_semidefinite(sheet, orthotropic, rng):
+    from fecloth.linalg.block_matrix import BlockMatrix
+
+    system = fc.System(sheet, orthotropic, [fc.StrainRateDamping(0.02, tangent="exact")])
+    state = system.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
+    J = BlockMatrix.zeros(system.pattern)
+    A = system.assemble(J, state, wx=1.0, wv=0.3, definite=True).to_scipy().toarray()
+    assert abs(A - A.T).max() < 1e-12 * abs(A).max()
+    assert np.linalg.eigvalsh(A)[0] > -1e-10 * abs(A).max()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"time": -1.0}, "time = -1.0"),
+        ({"time": 1.0, "tangent": "x"}, "exact"),
+        ({"time": 1.0, "law": 3}, "law = 3"),
+    ],
+)
+def test_refusals(arguments, said):
+    with pytest.raises(fc.InputError, match=said):
+        fc.StrainRateDamping(**arguments)

@@ -1,0 +1,230 @@
+"""Drag: force on a plate, tangents, power, terminal speed, ledger; refusals of drag and wind."""
+
+import numpy as np
+import pytest
+from conftest import affine, flat, rough
+from support.fast_states import fast_states
+
+import fecloth as fc
+from fecloth.integrators.one_stage import METHODS
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.verify import VerificationFailed, check_term, observed_order
+
+LAWS = ("linear", "quadratic")
+TIGHT = fc.Newton(tolerance=1e-12)
+G, RHO = 9.81, 0.2
+
+
+def square(w, law):
+    """|w| w or w."""
+    return np.linalg.norm(w) * w if law == "quadratic" else w
+
+
+# --- force and tangents ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("pattern", ["unstructured", "cross"])
+def test_a_plate_that_moves_without_turning(pattern, law, isotropic):
+    """The closed form on its whole deformed area, through its centre."""
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.17, pattern=pattern)
+    F = np.array([[1.1, 0.3], [0.0, 0.9], [0.2, -0.4]])
+    area = 0.6 * np.cross(F[:, 0], F[:, 1])
+    size = np.linalg.norm(area)
+    n, v, u = area / size, np.array([1.0, -2.0, 3.0]), np.array([4.0, 0.5, 0.0])
+    for term, w in ((fc.Drag(0.7, 0.2, law), v), (fc.Wind(tuple(u), 0.7, 0.2, law), v - u)):
+        across = np.dot(w, n) * n
+        expected = -size * (0.7 * square(across, law) + 0.2 * square(w - across, law))
+        system = fc.System(cloth, isotropic, [term])
+        x = affine(cloth, F)
+        force = system.force(system.state(x, np.tile(v, (len(x), 1))))
+        np.testing.assert_allclose(force.sum(axis=0), expected, rtol=1e-12)
+        moment = np.cross(F @ [0.5, 0.3], expected)
+        np.testing.assert_allclose(np.cross(x, force).sum(axis=0), moment, rtol=1e-11)
+
+
+@pytest.mark.parametrize("coefficients", [(1.0, 0.0), (0.0, 1.0), (0.7, 0.3)])
+@pytest.mark.parametrize("law", LAWS)
+def test_exact_tangents(law, coefficients):
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
+    states = list(fast_states(cloth)) if law == "quadratic" else None
+    check_term(fc.Drag(*coefficients, law, tangent="exact"), cloth, states=states)
+    check_term(fc.Drag(*coefficients, law), cloth, states=states, tangents=("v",))
+    with pytest.raises(VerificationFailed, match="x-tangent"):
+        check_term(fc.Drag(*coefficients, law), cloth, states=states, tangents=("x",))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_definite_part_is_symmetric_and_semidefinite(law, sheet, isotropic, rng):
+    term = fc.Wind((3.0, 1.0, 0.0), 0.7, 0.1, law, tangent="exact")
+    system = fc.System(sheet, isotropic, [term])
+    state = system.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
+    J = BlockMatrix.zeros(system.pattern)
+    A = system.assemble(J, state, wx=1.0, wv=0.3, definite=True).to_scipy().toarray()
+    assert abs(A - A.T).max() < 1e-14 * abs(A).max()
+    assert np.linalg.eigvalsh(A)[0] > -1e-12 * abs(A).max()
+    exact = system.assemble(J, state, wx=1.0, wv=0.3).to_scipy().toarray()
+    assert abs(exact - exact.T).max() > 1e-3 * abs(exact).max()
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_power_is_lost_to_the_air_and_brought_by_it(law, sheet, isotropic, rng):
+    x, v = rough(sheet, rng), rng.standard_normal((len(sheet.X), 3))
+    still = fc.System(sheet, isotropic, [fc.Drag(0.7, 0.1, law)])
+    force = still.force(still.state(x, v))
+    assert still.bound[0].power(x, v, 0.0) == pytest.approx(-np.vdot(force, v), rel=1e-12)
+    assert not hasattr(still.bound[0], "supply")
+    windy = fc.System(sheet, isotropic, [fc.Wind((3.0, "2 * z", 1.0), 0.7, 0.1, law)])
+    lost, brought = (getattr(windy.bound[0], name)(x, v, 0.0) for name in ("power", "supply"))
+    force = windy.force(windy.state(x, v))
+    assert lost > 0
+    assert brought - lost == pytest.approx(np.vdot(force, v), rel=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_rate_bound_holds_and_is_near(law, sheet, isotropic):
+    system = fc.System(sheet, isotropic, [fc.Wind((1.0, 2.0, 3.0), 0.7, 0.1, law)])
+    _, bound = system.rate_bounds()
+    D = system.damping(system.rest()).toarray()
+    m = np.repeat(system.nodal_mass, 3)
+    largest = np.linalg.eigvalsh(D / np.sqrt(np.outer(m, m)))[-1]
+    assert largest <= bound * (1 + 1e-12) < 2 * largest
+
+
+def test_a_turned_and_shifted_state(sheet, isotropic, rng):
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    system = fc.System(sheet, isotropic, [fc.Drag(0.7, 0.1)])
+    x, v = rough(sheet, rng), rng.standard_normal((len(sheet.X), 3))
+    force = system.force(system.state(x, v))
+    moved = system.force(system.state(x @ turn + [3.0, -1.0, 2.0], v @ turn))
+    np.testing.assert_allclose(moved, force @ turn, atol=1e-12 * abs(force).max())
+
+
+# --- closed forms ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_fall_of_a_level_plate_to_its_terminal_velocity(law, sheet, isotropic):
+    """ρ v′ = ρ g − k vᵖ: v = v∞ tanh(g t/v∞) with v∞ = √(ρ g/k), or v∞ (1 − e^(−k t/ρ))."""
+    k = 0.7
+    system = fc.System(sheet, isotropic, [fc.StVK(), fc.Drag(k, 0.1, law), fc.Gravity()])
+    limit = np.sqrt(RHO * G / k) if law == "quadratic" else RHO * G / k
+    errors = []
+    for dt in (0.02, 0.01):
+        end = fc.run(
+            system, fc.ImplicitMidpoint(), system.rest(), dt, 0.2, solver="direct", newton=TIGHT
+        ).state
+        exact = limit * (
+            np.tanh(G * 0.2 / limit) if law == "quadratic" else -np.expm1(-k / RHO * 0.2)
+        )
+        assert np.ptp(end.v, axis=0).max() < 1e-10  # it stays a plate
+        errors.append(abs(end.v[0, 2] + exact))
+    assert errors[-1] < 1e-3 * limit
+    assert observed_order([2, 1], errors) == pytest.approx(2.0, abs=0.15)
+    end = fc.run(system, fc.BackwardEuler(), system.rest(), 0.1, 8.0, solver="direct", newton=TIGHT)
+    np.testing.assert_allclose(end.state.v[:, 2], -limit, rtol=1e-8)
+
+
+# --- the balance of momentum and of energy, step by step ------------------------------------------
+
+
+@pytest.mark.parametrize("term", ["drag", "wind"])
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("method", ["backward_euler", "implicit_midpoint"])
+def test_momentum_of_a_falling_sheet_changes_by_the_force_of_the_stage(
+    method, law, term, sheet, isotropic, rng
+):
+    """m Δv = dt (m g + Σ F) at the stage, in every step, whatever the sheet's shape.
+
+    What Newton leaves is at most 1e-13 of the step's forces, ‖M a‖ + Σ ‖f_term‖ at its first
+    iterate; that is up to 500 N here, of a stiff membrane, and over n nodes adds up to √n of it.
+    """
+    loads = {"drag": fc.Drag(0.7, 0.1, law), "wind": fc.Wind((2.0, "z", 1.0), 0.7, 0.1, law)}
+    system = fc.System(sheet, isotropic, [fc.StVK(), loads[term], fc.Gravity()])
+    load = fc.System(sheet, isotropic, [loads[term]])
+    start = system.state(rough(sheet, rng, 0.002), rng.standard_normal((len(sheet.X), 3)))
+    mass, dt = system.nodal_mass, 0.005
+    for _, info in fc.march(
+        system, METHODS[method](), start, dt, 0.05, solver="direct", newton=fc.Newton(1e-13)
+    ):
+        change = mass @ (info.result.state.v - info.old.v)
+        pushed = load.force(info.result.stage).sum(axis=0) + mass.sum() * np.array([0, 0, -G])
+        assert np.linalg.norm(load.force(info.result.stage).sum(axis=0)) > 0.01 * mass.sum() * G
+        left = 1e-13 * 500.0 * np.sqrt(len(mass))
+        assert left < 1e-9 * mass.sum() * G
+        np.testing.assert_allclose(change, dt * pushed, rtol=1e-13, atol=dt * left)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("method", ["backward_euler", "implicit_midpoint"])
+def test_ledger_of_a_falling_plate_closes_to_round_off(method, law, sheet, isotropic, rng):
+    """A tilted plate: no strain, so nothing of the method's is left over."""
+    terms = [fc.StVK(), fc.Wind((2.0, -1.0, "t"), 0.7, 0.1, law), fc.Gravity()]
+    system = fc.System(sheet, isotropic, terms)
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    start = system.state(flat(sheet) @ turn)
+    result = fc.run(system, METHODS[method](), start, 0.01, 0.3, solver="direct", newton=TIGHT)
+    flow = result.energies["work:Wind"][-1], result.energies["dissipated:Wind"][-1]
+    assert min(flow) > 0.05
+    assert abs(result.energies["remainder"]).max() < 1e-10 * max(flow)
+
+
+def test_linearly_implicit_step_of_a_linear_drag_closes_too(sheet, isotropic):
+    terms = [fc.StVK(), fc.Drag(0.7, 0.7, "linear"), fc.Gravity((1.0, 0.0, -G))]
+    system = fc.System(sheet, isotropic, terms)
+    result = fc.run(
+        system, fc.LinearlyImplicitEuler(), system.rest(), 0.01, 0.3, solver="direct", newton=TIGHT
+    )
+    assert abs(result.energies["remainder"]).max() < 1e-11
+    assert result.energies["dissipated:Drag"][-1] > 0.05
+
+
+# --- what is refused, and scenes ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: fc.Drag(-1.0), "Drag: normal = -1.0: must be finite and >= 0"),
+        (lambda: fc.Drag(0.0), "normal = tangential = 0"),
+        (lambda: fc.Drag(1.0, law="cubic"), 'law = \'cubic\': must be "quadratic" or "linear"'),
+        (lambda: fc.Drag(1.0, tangent="x"), 'tangent = \'x\': must be "symmetric" or "exact"'),
+        (lambda: fc.Wind((1.0, 2.0), 1.0), r"Wind: velocity = \(1.0, 2.0\): must be three"),
+        (lambda: fc.Wind("x", 1.0), "velocity = .*'x'.*: must be three"),
+        (lambda: fc.Wind((1.0, np.nan, 0.0), 1.0), "velocity = .*nan.*: must be three"),
+        (lambda: fc.Wind((1.0, "q", 0.0), 1.0), "formula 'q', unknown name 'q'"),
+        (
+            lambda: fc.Wind((1.0, 0.0, 0.0), 1.0, gusts=-0.1),
+            "gusts = -0.1: must be finite and >= 0",
+        ),
+        (lambda: fc.Wind((1, 0, 0), 1.0, gusts=0.1, gust_length=0.0), "gust_length = 0.0"),
+        (lambda: fc.Wind((1, 0, 0), 1.0, gusts=0.1, seed=-1), "seed = -1: must lie in"),
+        (lambda: fc.Wind((1, "t", 0), 1.0, gusts=0.1), "gusts of a wind that is not uniform"),
+    ],
+)
+def test_refusals(make, said):
+    with pytest.raises(fc.InputError, match=said):
+        make()
+
+
+def test_a_scene_can_name_them(tmp_path):
+    from fecloth.scene.scene import load
+
+    text = """
+    cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25 }
+    fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+    terms = [
+        { type = "StVK" },
+        { type = "Drag", normal = 0.7 },
+        { type = "Wind", velocity = ["2 * z", 0, "t"], normal = 0.7, law = "linear" },
+        { type = "Wind", velocity = [5, 0, 0], normal = 0.7, gusts = 0.2, seed = 4 },
+    ]
+    time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }
+    """
+    (path := tmp_path / "scene.toml").write_text(text)
+    scene = load(path)
+    terms = scene.build().system.terms
+    assert terms[1:3] == (fc.Drag(0.7), fc.Wind(("2 * z", 0.0, "t"), 0.7, law="linear"))
+    assert terms[3] == fc.Wind((5.0, 0.0, 0.0), 0.7, gusts=0.2, seed=4)
+    (again := tmp_path / "again.toml").write_text(scene.to_toml())
+    assert load(again) == scene

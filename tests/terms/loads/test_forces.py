@@ -1,0 +1,336 @@
+"""Mass damping, point forces and forces of the user's own."""
+
+import numpy as np
+import pytest
+from conftest import rough
+
+import fecloth as fc
+from fecloth.integrators.one_stage import METHODS
+from fecloth.verify import check_term, observed_order
+
+TIGHT = fc.Newton(tolerance=1e-12)
+
+
+# --- mass damping ---------------------------------------------------------------------------------
+
+
+def test_mass_damping_is_minus_rate_times_the_momentum(sheet, isotropic, rng):
+    check_term(fc.MassDamping(3.0))
+    system = fc.System(sheet, isotropic, [fc.MassDamping(3.0)])
+    x, v = rough(sheet, rng), rng.standard_normal((len(sheet.X), 3))
+    force = system.force(system.state(x, v))
+    np.testing.assert_allclose(force, -3.0 * system.mass.dot(v.ravel()).reshape(-1, 3), rtol=1e-12)
+    assert system.bound[0].power(x, v, 0.0) == pytest.approx(-np.vdot(force, v), rel=1e-13)
+    assert system.rate_bounds() == pytest.approx((0.0, 3.0), rel=1e-12)
+
+
+def slowed(method, z, steps):
+    """v after the steps of v̇ = −(z/dt) v from v = 1, each method's formula written out."""
+    trapezoid = (1 - z / 2) / (1 + z / 2)
+    if method is fc.BDF2:  # 3/2 v₁ − 2 v₀ + ½ v₋ = −z v₁
+        v = [1.0, trapezoid]
+        for _ in range(steps - 1):
+            v.append((2 * v[-1] - v[-2] / 2) / (1.5 + z))
+        return v[-1]
+    if method is fc.GeneralizedAlpha:  # ρ∞ = ½: α_m = 0, α_f = 1/3, γ = 5/6; a is dt v̇
+        v, a = 1.0, -z
+        for _ in range(steps):
+            old, a0 = v, a
+            a = -z * (old + a0 / 9) / (1 + 5 / 9 * z)
+            v = old + a0 / 6 + 5 / 6 * a
+        return v
+    return (trapezoid if method().order == 2 else 1 / (1 + z)) ** steps
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+def test_a_free_cloth_loses_its_momentum_by_each_methods_own_factor(method, mass, sheet, isotropic):
+    """e^(−α t): (1 − α dt/2)/(1 + α dt/2) a step by midpoint, 1/(1 + α dt) by the Euler methods."""
+    rate, dt, v = 3.0, 0.02, np.array([1.0, -2.0, 0.5])
+    system = fc.System(sheet, isotropic, [fc.StVK(), fc.MassDamping(rate)], mass=mass)
+    start = system.state(system.rest().x, np.tile(v, (len(sheet.X), 1)))
+    result = fc.run(system, method(), start, dt, 0.2, solver="direct", newton=TIGHT)
+    left = slowed(method, rate * dt, 10)
+    np.testing.assert_allclose(result.state.v, np.tile(left * v, (len(sheet.X), 1)), rtol=1e-8)
+    assert left == pytest.approx(np.exp(-rate * 0.2), rel=1e-3 if method().order == 2 else 0.03)
+    lost = result.energies["dissipated:MassDamping"][-1] + result.energies["numerical"][-1]
+    kinetic = result.energies["kinetic"]
+    assert lost == pytest.approx(kinetic[0] - kinetic[-1], rel=1e-10)
+
+
+def test_a_mode_decays_at_half_the_rate(isotropic):
+    """A stretched strip's longitudinal mode: envelope e^(−α t/2), frequency √(ω² − α²/4)."""
+    cloth = fc.Cloth.rectangle(1.0, 0.1, h=0.1, pattern="right")
+    every = lambda X: (X[:, 0] > 1e-9) & (X[:, 0] < 1 - 1e-9)  # noqa: E731
+    rate, fabric = 20.0, fc.Fabric(0.2, 1000.0, 0.0)
+    pins = ["left", "right", fc.Slide(every, direction=(1, 0, 0))]
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.MassDamping(rate)], pins)
+    K, Z = system.stiffness(system.rest()), system.admissible
+    M = (Z.T @ system.mass @ Z).toarray()
+    values, vectors = np.linalg.eig(np.linalg.solve(M, (Z.T @ K @ Z).toarray()))
+    lowest = np.argmin(values.real)
+    omega, mode = np.sqrt(values.real[lowest]), (Z @ vectors.real[:, lowest]).reshape(-1, 3)
+    damped = np.sqrt(omega**2 - rate**2 / 4)
+    t = 4.25 * np.pi / damped  # over two periods, to where an error of the phase shows
+    amplitude = 1e-6 / abs(mode).max()
+    start = system.state(system.rest().x + amplitude * mode, -rate / 2 * amplitude * mode)
+    errors = []
+    for steps in (40, 80):
+        end = fc.run(
+            system, fc.ImplicitMidpoint(), start, t / steps, t, solver="direct", newton=TIGHT
+        ).state
+        left = np.vdot(end.x - system.rest().x, mode) / np.vdot(mode, mode) / amplitude
+        errors.append(abs(left - np.exp(-rate * t / 2) * np.cos(damped * t)))
+    assert errors[-1] < 0.02
+    assert observed_order([2, 1], errors) == pytest.approx(2.0, abs=0.15)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
+def test_what_is_no_rate(rate):
+    with pytest.raises(fc.InputError, match="MassDamping: rate = .*: must be finite and > 0"):
+        fc.MassDamping(rate)
+
+
+# --- point forces ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("where", "at"),
+    [
+        ("right", None),
+        ([3, 7, 11], None),
+        (lambda X: X[:, 1] > 0.5, None),
+        ((0.33, 0.21), [0.33, 0.21]),
+    ],
+)
+def test_the_resultant_of_a_point_force_is_the_force(where, at, sheet, isotropic, rng):
+    F = np.array([1.0, -2.0, 0.5])
+    check_term(fc.PointForce("left", tuple(F)), tangents=("x", "v"))
+    system = fc.System(sheet, isotropic, [fc.PointForce(where, tuple(F))])
+    state = system.state(system.rest().x, rng.standard_normal((len(sheet.X), 3)))
+    force = system.force(state)
+    np.testing.assert_allclose(force.sum(axis=0), F, rtol=1e-13)
+    loaded = np.flatnonzero(force.any(axis=1))
+    if at is None:
+        assert loaded.tolist() == np.sort(sheet.nodes(where)).tolist()
+        np.testing.assert_allclose(force[loaded], np.tile(F / len(loaded), (len(loaded), 1)))
+    else:
+        assert len(loaded) == 3
+        moment = np.cross([*at, 0.0], F)
+        np.testing.assert_allclose(np.cross(state.x, force).sum(axis=0), moment, rtol=1e-12)
+    power = system.bound[0].supply(state.x, state.v, 0.0)
+    assert power == pytest.approx(np.vdot(force, state.v), rel=1e-12)
+
+
+def test_strip_pulled_at_its_end(isotropic):
+    """F = Y E λ b with E = (λ² − 1)/2, for ν = 0."""
+    cloth = fc.Cloth.rectangle(1.0, 0.2, h=0.1, pattern="right")
+    fabric = fc.Fabric(0.2, 1000.0, 0.0)
+    stretch = 1.05
+    force = 1000.0 * (stretch**2 - 1) / 2 * stretch * 0.2
+    right = cloth.nodes("right")
+    ends = [  # half as much for the two corners of the end as for the node between them
+        fc.PointForce([int(i)], (force * (0.5 if abs(Y - 0.1) > 0.05 else 1.0) / 2, 0, 0))
+        for i, Y in zip(right, cloth.X[right, 1], strict=True)
+    ]
+    system = fc.System(cloth, fabric, [fc.StVK(), *ends], ["left"])
+    result = fc.run(
+        system, fc.BackwardEuler(), system.rest(), 1e4, 1e4, solver="direct", newton=TIGHT
+    )
+    np.testing.assert_allclose(result.state.x[:, 0], stretch * cloth.X[:, 0], atol=1e-9)
+
+
+def test_the_work_of_a_timed_force_is_in_the_ledger(sheet, isotropic):
+    """On a cloth that falls freely in one piece: F(t) = m (a, 2 a t, 0) a node each."""
+    system = fc.System(sheet, isotropic, [fc.StVK()])
+    nodal = [
+        fc.PointForce([i], lambda t, m=m: m * np.array([3.0, 6.0 * t, 0.0]))
+        for i, m in enumerate(system.nodal_mass)
+    ]
+    system = fc.System(sheet, isotropic, [fc.StVK(), *nodal])
+    result = fc.run(
+        system, fc.ImplicitMidpoint(), system.rest(), 0.02, 0.2, solver="direct", newton=TIGHT
+    )
+    work = sum(v for name, v in result.energies.items() if name.startswith("work:PointForce"))
+    np.testing.assert_allclose(
+        result.state.v, np.tile([0.6, 0.12, 0.0], (len(sheet.X), 1)), atol=1e-9
+    )
+    assert work[-1] == pytest.approx(0.5 * 0.12 * (0.6**2 + 0.12**2), rel=1e-8)
+    assert abs(result.energies["remainder"]).max() < 1e-11
+
+
+# --- forces of the user's own ---------------------------------------------------------------------
+
+
+def spring(x, v, t):
+    """Towards the axis z, with a swirl and a damping that is not linear."""
+    swirl = np.cross([0.0, 0.0, 1.5], x)
+    return -3.0 * x * (1 + np.sum(x**2, axis=1))[:, None] + swirl - 0.2 * v * abs(v) * (1 + t)
+
+
+def slopes(x, v, t):
+    r2 = np.sum(x**2, axis=1)[:, None, None]
+    turn = np.array([[0.0, -1.5, 0.0], [1.5, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    of_x = -3.0 * (np.eye(3) * (1 + r2) + 2 * x[:, :, None] * x[:, None, :]) + turn
+    return of_x, -0.4 * (1 + t) * abs(v)[:, :, None] * np.eye(3)
+
+
+WRITTEN = (
+    "-3 * x * (1 + x**2 + y**2 + z**2) - 1.5 * y - 0.2 * vx * abs(vx) * (1 + t)",
+    "-3 * y * (1 + x**2 + y**2 + z**2) + 1.5 * x - 0.2 * vy * abs(vy) * (1 + t)",
+    "-3 * z * (1 + x**2 + y**2 + z**2) - 0.2 * vz * abs(vz) * (1 + t)",
+)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [{"force": spring}, {"force": spring, "derivatives": slopes}, {"force": WRITTEN}],
+    ids=["differences", "derivatives", "formulas"],
+)
+@pytest.mark.parametrize("per", ["area", "mass", "node"])
+def test_a_force_of_ones_own(per, arguments, sheet, isotropic, rng):
+    system = fc.System(sheet, isotropic, [fc.UserForce(**arguments, per=per, tangent="exact")])
+    amount = {"area": sheet.load(), "mass": 0.2 * sheet.load(), "node": np.ones(len(sheet.X))}[per]
+    state = system.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)), t=0.7)
+    expected = amount[:, None] * spring(state.x, state.v, 0.7)
+    force = system.force(state)
+    np.testing.assert_allclose(force, expected, rtol=1e-12, atol=1e-15)
+    power = system.bound[0].supply(state.x, state.v, 0.7)
+    assert power == pytest.approx(np.vdot(force, state.v), rel=1e-12)
+    for operator, exact in zip(
+        (system.stiffness, system.damping), slopes(state.x, state.v, 0.7), strict=True
+    ):
+        blocks = operator(state).toarray().reshape(len(amount), 3, len(amount), 3)
+        got = np.einsum("aiaj->aij", blocks)
+        expected = -amount[:, None, None] * exact
+        np.testing.assert_allclose(got, expected, atol=1e-8 * abs(expected).max())
+        assert np.count_nonzero(blocks) == np.count_nonzero(got)
+
+
+@pytest.mark.parametrize("derivatives", [None, slopes])
+def test_tangents_of_ones_own_force(derivatives):
+    """All velocities away from zero, where v |v| has a kink."""
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
+    from fecloth.verify import trial_states
+
+    states = [(name, x, v + 20.0) for name, x, v in trial_states(cloth)]
+    term = fc.UserForce(spring, derivatives=derivatives, tangent="exact")
+    check_term(term, cloth, states=states)
+
+
+def test_symmetric_and_definite_parts(sheet, isotropic, rng):
+    from fecloth.linalg.block_matrix import BlockMatrix
+
+    exact, plain = (
+        fc.System(sheet, isotropic, [fc.UserForce(lambda x, v, t: -spring(x, v, t), tangent=kind)])
+        for kind in ("exact", "symmetric")
+    )
+    state = exact.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
+    K = exact.stiffness(state).toarray()
+    assert (exact.symmetric, plain.symmetric) == (False, True)
+    assert abs(K - K.T).max() > 0.1 * abs(K).max()
+    np.testing.assert_allclose(plain.stiffness(state).toarray(), (K + K.T) / 2, atol=1e-12)
+    J = BlockMatrix.zeros(exact.pattern)
+    for weights, lowest in (({"wx": 1.0}, 0.0), ({"wx": -1.0}, 1e-3)):
+        A = exact.assemble(J, state, **weights, definite=True).to_scipy().toarray()
+        assert abs(A - A.T).max() < 1e-15
+        assert np.linalg.eigvalsh(A)[0] >= lowest - 1e-15
+
+
+def test_a_well_swings_every_node_alike(sheet, isotropic):
+    """g = −ω² (x − X) per mass: x − X = u cos ωt for a cloth that is not strained."""
+    omega, u = 5.0, np.array([0.1, -0.2, 0.3])
+    parts = tuple(f"-25 * ({c} - {o})" for c, o in zip("xyz", ("X", "Y", "0"), strict=True))
+    system = fc.System(sheet, isotropic, [fc.StVK(), fc.UserForce(parts, per="mass")])
+    assert system.rate_bounds()[0] >= omega**2
+    start = system.state(system.rest().x + u)
+    errors = []
+    for dt in (0.02, 0.01):
+        end = fc.run(
+            system, fc.ImplicitMidpoint(), start, dt, 0.4, solver="direct", newton=TIGHT
+        ).state
+        moved = end.x - system.rest().x
+        assert np.ptp(moved, axis=0).max() < 1e-9
+        errors.append(np.linalg.norm(moved[0] - u * np.cos(omega * 0.4)))
+    assert errors[-1] < 1e-3
+    assert observed_order([2, 1], errors) == pytest.approx(2.0, abs=0.15)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (
+            lambda: fc.PointForce("left", (1.0, 2.0)),
+            "PointForce: force = .*: must be three numbers",
+        ),
+        (
+            lambda: fc.PointForce("left", ("x", 0, 0)),
+            "PointForce: force: formula 'x', unknown name",
+        ),
+        (lambda: fc.PointForce("left", (np.inf, 0, 0)), "force = inf: must be a finite number"),
+        (lambda: fc.UserForce("x"), "UserForce: force = 'x': must be three finite"),
+        (lambda: fc.UserForce((1.0, np.nan, 0.0)), "UserForce: force = .*nan"),
+        (lambda: fc.UserForce(("__import__('os')", 0, 0)), "no known function"),
+        (lambda: fc.UserForce((0, 0, 0), per="edge"), 'per = \'edge\': must be "area" or "mass"'),
+        (lambda: fc.UserForce((0, 0, 0), tangent="x"), "tangent = 'x'"),
+    ],
+)
+def test_refusals(make, said):
+    with pytest.raises(fc.InputError, match=said):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("term", "said"),
+    [
+        (fc.PointForce("lft", (0, 0, 1)), "node set 'lft'"),
+        (fc.PointForce((0.5, 0.5, 0.5), (0, 0, 1)), "point .*: must be two finite numbers"),
+        (fc.PointForce((5.0, 0.5), (0, 0, 1)), "5"),
+    ],
+)
+def test_places_that_the_cloth_does_not_have(term, said, sheet, isotropic):
+    with pytest.raises(fc.InputError, match=said):
+        fc.System(sheet, isotropic, [term])
+
+
+@pytest.mark.parametrize(
+    ("force", "said"),
+    [
+        (lambda x, v, t: x[:, :2], "force of shape .* at t = 0: must be finite and of shape"),
+        (lambda x, v, t: x / 0.0 * x, "force of shape"),
+        (("1 / t", 0, 0), "formula '1 / t' is inf at"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*:RuntimeWarning")
+def test_a_force_that_is_none_is_refused_when_asked(force, said, sheet, isotropic):
+    system = fc.System(sheet, isotropic, [fc.UserForce(force)])
+    with pytest.raises(fc.InputError, match=said):
+        system.force(system.rest())
+
+
+def test_scenes_can_name_them(tmp_path):
+    from fecloth.scene.scene import load
+
+    text = """
+    cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25 }
+    fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+    terms = [
+        { type = "StVK" },
+        { type = "MassDamping", rate = 2 },
+        { type = "PointForce", where = "right", force = [0, "t", 1] },
+        { type = "PointForce", where = [0.5, 0.25], force = [0, 0, 1] },
+        { type = "UserForce", force = ["-x", 0, "-3 * vz"], per = "mass" },
+    ]
+    time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }
+    """
+    (path := tmp_path / "scene.toml").write_text(text)
+    scene = load(path)
+    terms = scene.build().system.terms
+    assert terms[1:3] == (fc.MassDamping(2.0), fc.PointForce("right", (0.0, "t", 1.0)))
+    assert terms[3] == fc.PointForce((0.5, 0.25), (0.0, 0.0, 1.0))
+    assert terms[4] == fc.UserForce(("-x", 0.0, "-3 * vz"), per="mass")
+    (again := tmp_path / "again.toml").write_text(scene.to_toml())
+    assert load(again) == scene
+    (wrong := tmp_path / "wrong.toml").write_text(text.replace('"-x"', '"-q"'))
+    with pytest.raises(fc.SceneError, match="terms.4: formula '-q', unknown name 'q'"):
+        load(wrong)

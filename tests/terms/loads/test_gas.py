@@ -1,0 +1,176 @@
+"""Gas under the cloth: its volume, its tangent with the dense part, equilibrium, Boyle's law."""
+
+import math
+
+import numpy as np
+import pytest
+from conftest import flat, rough
+from support.inflated import NU, RADIUS, STIFFNESS, enclosed, shooting
+
+import fecloth as fc
+from fecloth.linalg import select
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.verify import VerificationFailed, check_term
+
+
+def dome(cloth, height):
+    x = flat(cloth)
+    x[:, 2] = height * (1 - np.sum(cloth.X**2, axis=1) / RADIUS**2)
+    x[cloth.nodes("boundary"), 2] = 0.0
+    return x
+
+
+def domes(cloth):
+    """Rough domes, a compressed one and a steep one, all with a volume."""
+    rng = np.random.default_rng(3)
+    x = dome(cloth, 0.2)
+    noise, v = rng.standard_normal((2, *x.shape))
+    return [
+        ("rough", x + 0.01 * noise, v),
+        ("compressed", 0.3 * x + 0.003 * noise, v),
+        ("steep", x * [1, 1, 5] + 0.01 * noise, v),
+    ]
+
+
+GASES = [
+    fc.Gas(300.0, 0.1, ambient=100.0),
+    fc.Gas(300.0, 0.1, ambient=100.0, exponent=1.4, origin=(0.1, -0.2, -0.05)),
+]
+
+
+@pytest.mark.parametrize("gas", GASES, ids=["isothermal", "adiabatic"])
+def test_derivatives_with_the_dense_part(gas):
+    cloth = fc.Cloth.disk(RADIUS, h=0.2)
+    check_term(gas, cloth=cloth, states=domes(cloth))
+
+
+def test_the_check_sees_a_missing_dense_part(monkeypatch):
+    from fecloth.terms.loads.gas import BoundGas
+
+    cloth = fc.Cloth.disk(RADIUS, h=0.2)
+    whole = BoundGas.dense
+    monkeypatch.setattr(BoundGas, "dense", lambda self, x, t: (0.0, whole(self, x, t)[1]))
+    with pytest.raises(VerificationFailed, match="x-tangent"):
+        check_term(GASES[0], cloth=cloth, states=domes(cloth))
+
+
+def test_volume_is_that_above_the_plane_of_the_rim(isotropic, rng):
+    cloth = fc.Cloth.disk(RADIUS, h=0.15)
+    x = dome(cloth, 0.2)
+    for shift in (np.zeros(3), np.array([3.0, -1.0, 2.0])):
+        system = fc.System(cloth, isotropic, [fc.Gas(1.0, 1.0, origin=tuple(shift))])
+        assert system.bound[0].enclosed(x + shift) == pytest.approx(enclosed(cloth, x), rel=1e-12)
+
+
+def test_pressure_and_gas_push_alike_inside(isotropic):
+    cloth = fc.Cloth.disk(RADIUS, h=0.15)
+    x = dome(cloth, 0.2)
+    V = enclosed(cloth, x)
+    inner = np.setdiff1d(np.arange(len(x)), cloth.nodes("boundary"))
+    terms = fc.Gas(2 * 300.0, V / 2, ambient=250.0), fc.Pressure(50.0)
+    gas, pressure = (fc.System(cloth, isotropic, [t]).force(fc.State(0, x, 0 * x)) for t in terms)
+    np.testing.assert_allclose(gas[inner], pressure[inner], atol=1e-12)
+
+
+@pytest.mark.parametrize("solver", [select.direct(), select.SuperLU(), select.PCG()])
+def test_updated_solves_with_the_rank_one_parts(solver, sheet, isotropic, rng):
+    system = fc.System(sheet, isotropic, [fc.StVK()])
+    J = BlockMatrix.zeros(system.pattern)
+    system.assemble(J, system.state(1.02 * flat(sheet)), wx=0.01, wa=100.0)
+    updates = [(c, rng.standard_normal((len(sheet.X), 3))) for c in (3.0, 0.5)]
+    b = rng.standard_normal((len(sheet.X), 3))
+    solver.prepare(J)
+    x, infos = select.updated(solver, updates, b, 1e-12)
+    full = J.to_scipy().toarray() + sum(c * np.outer(u, u) for c, u in updates)
+    np.testing.assert_allclose(full @ x.ravel(), b.ravel(), atol=1e-8 * abs(b).max())
+    assert len(infos) == 3
+
+
+def inflated(gas, elements, dt=1e5):
+    """One step of a day, to the static solution, from a dome."""
+    cloth = fc.Cloth.disk(RADIUS, RADIUS / elements)
+    fabric = fc.Fabric(0.2, STIFFNESS, NU)
+    system = fc.System(cloth, fabric, [fc.StVK(), gas], pins=["boundary"])
+    start, newton = system.state(dome(cloth, 0.15)), fc.Newton(tolerance=1e-9, reuse=False)
+    method = fc.BackwardEuler()
+    return system, fc.run(system, method, start, dt, dt, solver="direct", newton=newton)
+
+
+def test_a_gas_inflates_the_membrane_to_the_exact_equilibrium():
+    """At the volume of the shooting solution the gas has just that solution's pressure."""
+    height, V = shooting(500.0)
+    gas = fc.Gas(2 * (500.0 + 800.0), V / 2, ambient=800.0)
+    system, run = inflated(gas, 20)
+    assert system.bound[1].enclosed(run.state.x) == pytest.approx(V, rel=3e-3)
+    centre = run.state.x[np.argmin(np.linalg.norm(system.cloth.X, axis=1)), 2]
+    assert centre == pytest.approx(height, rel=5e-3)
+    assert run.newton < 15  # quadratic: without the dense part it takes far longer, or fails
+
+
+def test_newton_needs_the_dense_part(monkeypatch):
+    _, V = shooting(500.0)
+    gas = fc.Gas(2 * (500.0 + 800.0), V / 2, ambient=800.0)
+    counts = [inflated(gas, 8)[1].newton]
+    monkeypatch.setattr(fc.System, "dense", lambda self, state: [])
+    try:
+        counts.append(inflated(gas, 8)[1].newton)
+    except fc.StepFailed:
+        counts.append(math.inf)
+    assert counts[1] >= counts[0] + 4  # linear convergence instead of quadratic
+
+
+@pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.LinearlyImplicitEuler()])
+def test_a_bouncing_gas_keeps_its_energy(method):
+    """With the exact tangent the linearised step keeps pace with backward Euler's losses."""
+    _, V = shooting(500.0)
+    cloth = fc.Cloth.disk(RADIUS, h=0.1)
+    gas = fc.Gas(900.0, V, ambient=500.0, exponent=1.4)
+    fabric = fc.Fabric(0.2, STIFFNESS, NU)
+    system = fc.System(cloth, fabric, [fc.StVK(), gas], pins=["boundary"])
+    left = []
+    for dt in (1e-3, 5e-4):
+        run = fc.run(system, method, system.state(dome(cloth, 0.15)), dt, 0.05, solver="direct")
+        left.append(abs(run.energies["remainder"]).max())
+    scale = run.energies["kinetic"].max()
+    assert left[1] < 0.05 * scale
+    assert left[1] < left[0] / 1.6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"pressure": 0.0, "volume": 1.0}, "pressure = 0.0: must be finite and > 0"),
+        ({"pressure": 1.0, "volume": np.nan}, "volume = nan"),
+        ({"pressure": 1.0, "volume": 1.0, "ambient": -1.0}, "ambient = -1.0"),
+        ({"pressure": 1.0, "volume": 1.0, "exponent": 0.0}, "exponent = 0.0"),
+        ({"pressure": 1.0, "volume": 1.0, "origin": (0.0, 1.0)}, "origin"),
+    ],
+)
+def test_refusals(arguments, said):
+    with pytest.raises(fc.InputError, match=said):
+        fc.Gas(**arguments)
+
+
+def test_a_flat_start_is_a_failed_step(isotropic):
+    cloth = fc.Cloth.disk(RADIUS, h=0.2)
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gas(900.0, 0.1)], pins=["boundary"])
+    with pytest.raises(fc.StepFailed, match="not finite"):
+        fc.run(system, fc.BackwardEuler(), system.rest(), 1e-3, 1e-2)
+    assert math.isinf(system.energies(system.rest())["Gas"])
+    system.force(system.state(rough(cloth, np.random.default_rng(0))))
+
+
+def test_a_scene_with_a_flat_gas_is_refused(tmp_path):
+    from fecloth.scene.scene import load
+
+    text = """
+    cloth = { shape = "disk", radius = 0.5, h = 0.2 }
+    fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+    terms = [{ type = "StVK" }, { type = "Gas", pressure = 1e5, volume = 0.1 }]
+    pins = [{ where = "boundary", motion = [0, 0, "0.1 * t"] }]
+    time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }
+    """
+    (path := tmp_path / "scene.toml").write_text(text)
+    with pytest.raises(fc.SceneError, match=r"terms: Gas: has no finite force at the start.*dome"):
+        load(path).build()
+    load(path, ["start={position=['X', 'Y', '0.1*(0.25-X**2-Y**2)']}"]).build()

@@ -1,0 +1,264 @@
+"""Baraff and Witkin's conditions: their definition, the softening of p = 1, tangents, grain."""
+
+import numpy as np
+import pytest
+from conftest import affine, flat, rough
+
+import fecloth as fc
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.verify import VerificationFailed, check_term
+
+TERMS = {
+    "published": fc.BaraffWitkin((3e5, 2e5), 4e4, area_exponent=1.0),
+    "material": fc.BaraffWitkin(),
+    "stretched": fc.BaraffWitkin(rest=(0.9, 1.2)),
+}
+STATES = {
+    "biaxial": [[1.1, 0.0], [0.0, 1.2], [0.0, 0.0]],
+    "simple shear": [[1.0, 0.4], [0.0, 1.0], [0.0, 0.0]],
+    "turned": [[0.0, -1.1], [0.0, 0.2], [1.05, 0.1]],
+}
+
+
+@pytest.fixture
+def moving(sheet, rng):
+    return rough(sheet, rng), rng.standard_normal((len(sheet.X), 3))
+
+
+def conditions(triangle, rest, p, x):
+    """a, and (C_u, C_v, C_s) of one triangle: w_u, w_v by eq. 9, from edges and (u, v)."""
+    d1, d2 = triangle[1] - triangle[0], triangle[2] - triangle[0]
+    determinant = d1[0] * d2[1] - d2[0] * d1[1]
+    e1, e2 = x[1] - x[0], x[2] - x[0]
+    wu = (e1 * d2[1] - e2 * d1[1]) / determinant
+    wv = (-e1 * d2[0] + e2 * d1[0]) / determinant
+    a = abs(determinant) / 2
+    C = [np.linalg.norm(wu) - rest[0], np.linalg.norm(wv) - rest[1], wu @ wv]
+    return a, a**p * np.array(C)
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_energy_is_its_definition(name, sheet, orthotropic, moving):
+    term = TERMS[name]
+    k = [*(term.stretch or orthotropic.tensile), term.shear or orthotropic.shear]
+    expected = 0.0
+    for triangle in sheet.triangles:
+        _, C = conditions(sheet.X[triangle], term.rest, term.area_exponent, moving[0][triangle])
+        expected += 0.5 * np.sum(k * C**2)
+    system = fc.System(sheet, orthotropic, [term])
+    energy = system.energies(system.state(moving[0]))["BaraffWitkin"]
+    assert energy == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_derivatives(name):
+    check_term(TERMS[name])
+
+
+def test_derivatives_with_damping():
+    check_term(fc.BaraffWitkin(damping=0.01, tangent="exact"))
+    check_term(fc.BaraffWitkin(damping=0.01), tangents=("v",))
+    with pytest.raises(VerificationFailed, match="x-tangent"):
+        check_term(fc.BaraffWitkin(damping=0.01), tangents=("x",))
+
+
+def test_what_the_published_tangent_drops(sheet, orthotropic, moving):
+    """exact − published = Σ k_d ∂C (∂Ċ/∂x)ᵀ, the first part of eq. 12, and nothing else.
+
+    Its product with u is Σ_r k_d ∂C_r d/ds Ċ_r(x + s u, v) at s = 0; Ċ_r is itself a derivative
+    of C_r along v, and here both come from differences of the definition.
+    """
+    tau, x, v = 0.02, *moving
+    system = fc.System(sheet, orthotropic, [fc.BaraffWitkin(damping=tau, tangent="exact")])
+    published = fc.System(sheet, orthotropic, [fc.BaraffWitkin(damping=tau)])
+    state = system.state(x, v)
+    kept = published.stiffness(state).toarray()
+    assert abs(kept - kept.T).max() < 1e-12 * abs(kept).max()
+    dropped = system.stiffness(state).toarray() - kept
+    assert abs(dropped - dropped.T).max() > 0.1 * abs(dropped).max()
+    assert abs(system.damping(state) - published.damping(state)).max() == 0.0
+
+    u = np.random.default_rng(3).standard_normal(x.shape)
+    k = np.array([*orthotropic.tensile, orthotropic.shear])
+    expected, s, e = np.zeros_like(x), 1e-4, np.eye(9).reshape(9, 3, 3)
+    for nodes in sheet.triangles:
+
+        def C(y, nodes=nodes):
+            return conditions(sheet.X[nodes], (1.0, 1.0), 0.5, y)[1]
+
+        y, p, q = x[nodes], s * u[nodes], s * v[nodes]
+        change = (C(y + p + q) - C(y + p - q) - C(y - p + q) + C(y - p - q)) / (4 * s * s)
+        gradient = np.array([(C(y + s * d) - C(y - s * d)) / (2 * s) for d in e])  # (9, 3)
+        expected[nodes] += (gradient @ (tau * k * change)).reshape(3, 3)
+    got = (dropped @ u.ravel()).reshape(-1, 3)
+    np.testing.assert_allclose(got, expected, atol=1e-4 * abs(expected).max())
+
+
+def test_published_tangent_keeps_the_part_with_the_second_derivative(sheet, orthotropic, moving):
+    """Without velocity the damping has no ∂d/∂x; with it, the published one is not zero."""
+    damped = fc.System(sheet, orthotropic, [fc.BaraffWitkin(damping=0.02)])
+    plain = fc.System(sheet, orthotropic, [fc.BaraffWitkin()])
+    x, v = moving
+    still = damped.stiffness(damped.state(x)) - plain.stiffness(plain.state(x))
+    assert abs(still).max() < 1e-12 * abs(plain.stiffness(plain.state(x))).max()
+    run = damped.stiffness(damped.state(x, v)) - plain.stiffness(plain.state(x))
+    assert abs(run).max() > 1.0
+
+
+def test_refinement_softens_the_published_one():
+    """p = 1: tensile stiffness k a, so a quarter on half the edge; p = ½: none of it."""
+    fabric = fc.Fabric(0.2, 1000.0)
+    published = fc.BaraffWitkin((3e5, 2e5), 4e4, area_exponent=1.0)
+    for h in (0.1, 0.05):
+        a = 0.5 * h * h
+        C = fc.plane_moduli(published, fabric, "right", h)
+        np.testing.assert_allclose(C, a * np.diag([3e5, 2e5, 4e4]), atol=1e-9 * a * 3e5)
+    material = fc.BaraffWitkin((300.0, 200.0), 40.0)
+    for h in (0.1, 0.05):
+        C = fc.plane_moduli(material, fabric, "right", h)
+        np.testing.assert_allclose(C, np.diag([300.0, 200.0, 40.0]), atol=1e-9 * 300)
+
+
+def test_agrees_at_rest_with_stvk_without_poisson(sheet):
+    fabric = fc.Fabric(0.2, (2000.0, 900.0), 0.0, 60.0)
+    one, other = (fc.System(sheet, fabric, [term]) for term in (fc.BaraffWitkin(), fc.StVK()))
+    turn = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))[0]
+    state = one.state(flat(sheet) @ turn)
+    K = other.stiffness(state)
+    assert abs(one.stiffness(state) - K).max() < 1e-11 * abs(K).max()
+    np.testing.assert_allclose(fc.BaraffWitkin().moduli(fabric), fc.StVK().moduli(fabric))
+
+
+@pytest.mark.parametrize("name", STATES)
+@pytest.mark.parametrize("grain", [0.0, 0.6])
+def test_uniform_states_along_the_grain(name, grain, orthotropic):
+    """Energy, nodal equilibrium and stress of F with the warp at an angle, from the definition."""
+    cloth, F = fc.Cloth.rectangle(1.0, 0.5, h=0.17), np.array(STATES[name])
+    system = fc.System(cloth, orthotropic, [fc.BaraffWitkin()], grain=grain)
+
+    def W(F):
+        wu = F @ [np.cos(grain), np.sin(grain)]
+        wv = F @ [-np.sin(grain), np.cos(grain)]
+        k = np.array([*orthotropic.tensile, orthotropic.shear])
+        C = np.array([np.linalg.norm(wu) - 1, np.linalg.norm(wv) - 1, wu @ wv])
+        return 0.5 * np.sum(k * C**2)
+
+    x = affine(cloth, F, (0.3, -0.2, 0.5))
+    assert system.energies(system.state(x))["BaraffWitkin"] == pytest.approx(0.5 * W(F), rel=1e-12)
+    force = system.force(system.state(x))
+    inner = np.ones(len(cloth.X), bool)
+    inner[cloth.nodes("boundary")] = False
+    assert abs(force[inner]).max() < 1e-12 * 2000
+    # P = F S in the material axes, against the derivative of W
+    out = np.zeros((len(cloth.triangles), 4))
+    system.bound[0].add_stress(x, out)
+    turn = np.array([[np.cos(grain), -np.sin(grain)], [np.sin(grain), np.cos(grain)]])
+    S = turn @ np.array([[out[0, 0], out[0, 2]], [out[0, 2], out[0, 1]]]) @ turn.T
+    s, basis = 1e-6, np.eye(6).reshape(6, 3, 2)
+    P = np.array([(W(F + s * d) - W(F - s * d)) / (2 * s) for d in basis]).reshape(3, 2)
+    np.testing.assert_allclose(F @ S, P, atol=1e-6 * abs(P).max())
+    np.testing.assert_allclose(out[:, 3], W(F), rtol=1e-11)
+
+
+def test_fabrics_by_region(orthotropic):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.1, pattern="right")
+    X, triangles = cloth.X, cloth.triangles
+    right = X[triangles].mean(axis=1)[:, 0] > 0.5
+    regions = {"a": np.flatnonzero(~right), "b": np.flatnonzero(right)}
+    cloth = fc.Cloth.from_arrays(X, triangles, regions=regions)
+    other = fc.Fabric(0.3, 500.0)
+    system = fc.System(cloth, {"a": orthotropic, "b": other}, [fc.BaraffWitkin()])
+    x = affine(cloth, [[1.1, 0.0], [0.0, 1.2], [0.0, 0.0]])
+    expected = 0.25 * 0.5 * (2000 * 0.1**2 + 900 * 0.2**2 + 500 * 0.1**2 + 500 * 0.2**2)
+    energy = system.energies(system.state(x))["BaraffWitkin"]
+    assert energy == pytest.approx(expected, rel=1e-11)
+
+
+def test_rest_stretches_are_free_of_force(sheet, orthotropic):
+    system = fc.System(sheet, orthotropic, [fc.BaraffWitkin(rest=(0.9, 1.2))])
+    state = system.state(affine(sheet, [[0.9, 0.0], [0.0, 0.0], [0.0, 1.2]]))
+    assert abs(system.force(state)).max() < 1e-10
+
+
+def test_internal_forces_and_rigid_motion(sheet, orthotropic, moving, rng):
+    system = fc.System(sheet, orthotropic, [fc.BaraffWitkin(damping=0.02)])
+    state = system.state(*moving)
+    force = system.force(state)
+    size = np.abs(force).sum()
+    assert np.abs(force.sum(axis=0)).max() < 1e-14 * size
+    assert np.abs(np.cross(state.x, force).sum(axis=0)).max() < 1e-14 * size
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    moved = system.state(state.x @ turn + [1.0, -2.0, 3.0], state.v @ turn)
+    np.testing.assert_allclose(system.force(moved), force @ turn, atol=1e-10 * abs(force).max())
+    x, spin = flat(sheet) @ turn, rng.standard_normal(3)
+    rigid = system.force(system.state(x, np.cross(spin, x) + [0.3, 0.1, 2.0]))
+    assert abs(rigid).max() < 1e-10 * abs(force).max()
+    power = system.bound[0].power(state.x, state.v, 0.0)
+    plain = fc.System(sheet, orthotropic, [fc.BaraffWitkin()]).force(state)
+    assert power == pytest.approx(np.vdot(plain - force, state.v), rel=1e-11)
+
+
+def test_definite_tangent(sheet, orthotropic, rng):
+    system = fc.System(sheet, orthotropic, [fc.BaraffWitkin(damping=0.01, tangent="exact")])
+    x = 0.5 * flat(sheet) + 0.02 * rng.standard_normal((len(sheet.X), 3))
+    state = system.state(x, rng.standard_normal(x.shape))
+    J = BlockMatrix.zeros(system.pattern)
+    exact = system.assemble(J, state, wx=1.0, wv=0.1).to_scipy().toarray()
+    assert np.linalg.eigvalsh(0.5 * (exact + exact.T))[0] < -1.0
+    definite = system.assemble(J, state, wx=1.0, wv=0.1, definite=True).to_scipy().toarray()
+    assert abs(definite - definite.T).max() < 1e-12 * abs(definite).max()
+    assert np.linalg.eigvalsh(definite)[0] > -1e-10 * abs(definite).max()
+
+
+def test_rate_bounds_are_never_below(orthotropic):
+    import scipy.linalg
+
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.2)
+    for term in (fc.BaraffWitkin(damping=0.03), fc.BaraffWitkin(rest=(0.9, 1.1))):
+        system = fc.System(cloth, orthotropic, [term])
+        M, rest = system.mass.toarray(), system.rest()
+        bounds = system.bound[0].rate_bounds(system.nodal_mass)
+        for A, bound in zip((system.stiffness(rest), system.damping(rest)), bounds, strict=True):
+            largest = scipy.linalg.eigh(A.toarray(), M, eigvals_only=True)[-1]
+            assert largest <= bound * (1 + 1e-12)
+
+
+def test_moduli_serve_strain_rate_damping(sheet, orthotropic):
+    term = fc.StrainRateDamping(0.01, law=fc.BaraffWitkin())
+    assert fc.System(sheet, orthotropic, [term]).bound[0].viscosity[0, 3] == 0.0
+    with pytest.raises(fc.InputError, match="depend on the mesh"):
+        TERMS["published"].moduli(orthotropic)
+
+
+def test_a_scene_may_name_it(tmp_path):
+    from fecloth.scene.scene import load
+
+    path = tmp_path / "scene.toml"
+    path.write_text("""
+    cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25, pattern = "right" }
+    fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+    time = { method = "linearly_implicit_euler", dt = 0.01, t_end = 0.02 }
+    [[terms]]
+    type = "BaraffWitkin"
+    stretch = [3e5, 2e5]
+    shear = 4e4
+    area_exponent = 1.0
+    damping = 0.01
+    """)
+    expected = fc.BaraffWitkin((3e5, 2e5), 4e4, area_exponent=1.0, damping=0.01)
+    assert tuple(load(path).build().system.terms) == (expected,)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"area_exponent": 1.0}, "needs both"),
+        ({"stretch": (1.0, -2.0)}, "two numbers >= 0"),
+        ({"rest": (1.0,)}, "two numbers"),
+        ({"damping": -1.0}, "damping = -1.0"),
+        ({"tangent": "published"}, "symmetric, exact"),
+    ],
+)
+def test_refusals(arguments, said):
+    with pytest.raises(fc.InputError, match=said):
+        fc.BaraffWitkin(**arguments)

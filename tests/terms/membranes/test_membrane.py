@@ -1,0 +1,212 @@
+"""The compiled membrane loop against scikit-fem forms, edge inner products and closed forms."""
+
+import numpy as np
+import pytest
+from conftest import affine, flat, rough
+from support import oracle
+
+import fecloth as fc
+from fecloth import Fabric
+from fecloth.terms.loops.green_strain import clamped
+from fecloth.terms.loops.membrane import deformation_gradient, eigenvalue_bound
+from fecloth.verify import VerificationFailed, check_term
+
+LAWS = [fc.StVK(), fc.TensorCondition(250.0)]
+PATTERNS = ["unstructured", "right", "cross", "equilateral"]
+
+
+def relative(a, b):
+    return np.linalg.norm(a - b) / np.linalg.norm(b)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+def test_meets_the_scikit_fem_forms(law, sheet, orthotropic, rng):
+    system = fc.System(sheet, orthotropic, [law])
+    state = system.state(rough(sheet, rng))
+    moduli = law.moduli(orthotropic)
+    energy = system.energies(state)[type(law).__name__]
+    assert energy == pytest.approx(oracle.energy(sheet, moduli, state.x), rel=1e-12)
+    assert relative(system.force(state), oracle.force(sheet, moduli, state.x)) < 1e-12
+    difference = system.stiffness(state) - oracle.stiffness(sheet, moduli, state.x)
+    assert abs(difference).max() < 1e-12 * abs(system.stiffness(state)).max()
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+def test_derivatives(law):
+    check_term(law)
+
+
+def test_check_term_sees_a_wrong_force(monkeypatch):
+    from fecloth.terms.loops.membrane import BoundMembrane
+
+    right = BoundMembrane.add_force
+
+    def wrong(self, x, v, t, f):
+        right(self, x, v, t, f)
+        f *= 1.001
+
+    monkeypatch.setattr(BoundMembrane, "add_force", wrong)
+    with pytest.raises(VerificationFailed, match="force of StVK"):
+        check_term(fc.StVK())
+
+
+def test_deformation_tensor_from_edge_inner_products(sheet, rng):
+    """C = FᵀF − I from the Gram matrix of the deformed edges (a, b) and data of the rest edges."""
+    x = rough(sheet, rng)
+    i, j, k = sheet.triangles.T
+    rest = np.stack([sheet.X[j] - sheet.X[i], sheet.X[k] - sheet.X[i]], axis=-1)  # (v, w)
+    a, b = x[j] - x[i], x[k] - x[i]
+    gram = np.empty((len(a), 2, 2))
+    gram[:, 0, 0], gram[:, 1, 1] = np.sum(a * a, axis=1), np.sum(b * b, axis=1)
+    gram[:, 0, 1] = gram[:, 1, 0] = np.sum(a * b, axis=1)
+    inverse = np.linalg.inv(rest)
+    C = np.swapaxes(inverse, 1, 2) @ gram @ inverse - np.eye(2)
+    F = deformation_gradient(sheet, x)[:, 0]
+    E = 0.5 * (np.swapaxes(F, 1, 2) @ F - np.eye(2))
+    np.testing.assert_allclose(C, 2 * E, rtol=0, atol=1e-13 * abs(E).max())
+
+
+def test_tensor_condition_is_stvk_without_poisson(sheet, rng):
+    k = 250.0
+    twin = fc.Fabric(areal_density=0.2, tensile_stiffness=4 * k)
+    one = fc.System(sheet, twin, [fc.TensorCondition(k)])
+    other = fc.System(sheet, twin, [fc.StVK()])
+    state = one.state(rough(sheet, rng))
+    assert one.energies(state)["TensorCondition"] == pytest.approx(
+        other.energies(state)["StVK"], rel=1e-13
+    )
+    assert relative(one.force(state), other.force(state)) < 1e-13
+    assert abs(one.stiffness(state) - other.stiffness(state)).max() < 1e-9
+
+
+def test_tensor_condition_energy_is_its_definition(sheet, rng):
+    k, x = 250.0, rough(sheet, rng)
+    F = deformation_gradient(sheet, x)[:, 0]
+    C = np.swapaxes(F, 1, 2) @ F - np.eye(2)
+    expected = np.sum(0.5 * k * np.sum(C * C, axis=(1, 2)) * sheet.weights[:, 0])
+    system = fc.System(sheet, fc.Fabric(0.2, 1.0), [fc.TensorCondition(k)])
+    assert system.energies(system.state(x))["TensorCondition"] == pytest.approx(expected, rel=1e-13)
+
+
+UNIFORM = {
+    "biaxial": [[1.1, 0.0], [0.0, 1.2], [0.0, 0.0]],
+    "uniaxial": [[1.3, 0.0], [0.0, 1.0], [0.0, 0.0]],
+    "simple shear": [[1.0, 0.4], [0.0, 1.0], [0.0, 0.0]],
+    "turned": [[0.0, -1.1], [0.0, 0.2], [1.05, 0.1]],
+}
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+@pytest.mark.parametrize("name", UNIFORM)
+def test_uniform_states(pattern, name, orthotropic):
+    """Stress and energy of a homogeneous state, from the definitions, on any mesh."""
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.17, pattern=pattern)
+    F = np.array(UNIFORM[name])
+    system = fc.System(cloth, orthotropic, [fc.StVK()])
+    x = affine(cloth, F, (0.3, -0.2, 0.5))
+    E = 0.5 * (F.T @ F - np.eye(2))
+    warp, weft = orthotropic.tensile
+    nu12, nu21 = 0.2, 0.2 * weft / warp
+    S11 = (warp * E[0, 0] + nu21 * warp * E[1, 1]) / (1 - nu12 * nu21)
+    S22 = (weft * E[1, 1] + nu12 * weft * E[0, 0]) / (1 - nu12 * nu21)
+    S12 = 2 * 60.0 * E[0, 1]
+    W = 0.5 * (S11 * E[0, 0] + S22 * E[1, 1] + 2 * S12 * E[0, 1])
+    out = np.zeros((len(cloth.triangles), 4))
+    system.bound[0].add_stress(x, out)
+    scale = max(abs(S11), abs(S22), abs(S12))
+    np.testing.assert_allclose(
+        out[:, :3], np.tile([S11, S22, S12], (len(out), 1)), atol=1e-12 * scale
+    )
+    assert system.energies(system.state(x))["StVK"] == pytest.approx(W * 0.5, rel=1e-12)
+    inner = np.ones(len(cloth.X), bool)
+    inner[cloth.nodes("boundary")] = False
+    force = system.force(system.state(x))
+    assert abs(force[inner]).max() < 1e-12 * scale  # in equilibrium inside
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+def test_rigid_motion_gives_nothing(law, sheet, orthotropic, rng):
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    system = fc.System(sheet, orthotropic, [law])
+    state = system.state(flat(sheet) @ turn + [1.0, 2.0, 3.0])
+    assert abs(system.force(state)).max() < 1e-12 * 2000
+    assert abs(system.energies(state)[type(law).__name__]) < 1e-24
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+def test_zero_resultant_and_moment(law, sheet, orthotropic, rng):
+    system = fc.System(sheet, orthotropic, [law])
+    state = system.state(rough(sheet, rng))
+    force = system.force(state)
+    size = np.abs(force).sum()
+    assert np.abs(force.sum(axis=0)).max() < 1e-14 * size
+    assert np.abs(np.cross(state.x, force).sum(axis=0)).max() < 1e-14 * size
+
+
+def test_nodal_force_is_the_flux_through_the_dual_cell(sheet, orthotropic, rng):
+    """The lecture's finite volumes: f_i = ∮ P N dS around the median-dual cell of node i.
+
+    Inside each triangle the cell of a node is bounded by the two segments from the centroid to
+    the middles of the edges at that node. P is constant there, so the flux through them is P times
+    the sum of their normals.
+    """
+    system = fc.System(sheet, orthotropic, [fc.StVK()])
+    x = rough(sheet, rng)
+    F = deformation_gradient(sheet, x)[:, 0]
+    S = np.zeros((len(F), 4))
+    system.bound[0].add_stress(x, S)
+    stress = np.stack([S[:, [0, 2]], S[:, [2, 1]]], axis=1)
+    P = F @ stress
+    corners = sheet.X[sheet.triangles]
+    centroid = corners.mean(axis=1)
+    flux = np.zeros_like(x)
+    for a in range(3):
+        own, after, before = (corners[:, (a + s) % 3] for s in (0, 1, 2))
+        # walking counter-clockwise around the node: middle of the edge to `after`, the centroid,
+        # middle of the edge to `before`; the outward normal of a segment (s1, s2) is (s2, −s1)
+        path = 0.5 * (own + before) - 0.5 * (own + after)
+        via = (centroid - 0.5 * (own + after)) + (0.5 * (own + before) - centroid)
+        np.testing.assert_allclose(path, via, atol=1e-15)
+        normal = np.column_stack([via[:, 1], -via[:, 0]])
+        np.add.at(flux, sheet.triangles[:, a], np.einsum("eij,ej->ei", P, normal))
+    force = system.force(system.state(x))
+    np.testing.assert_allclose(flux, force, atol=1e-12 * abs(force).max())
+
+
+def test_clamp_keeps_the_tensile_part(rng):
+    for _ in range(50):
+        S = rng.standard_normal((2, 2))
+        S = S + S.T
+        value, vector = np.linalg.eigh(S)
+        expected = vector @ np.diag(np.maximum(value, 0)) @ vector.T
+        got = clamped((S[0, 0], S[1, 1], S[0, 1]), 0.0)
+        np.testing.assert_allclose(got, expected[[0, 1, 0], [0, 1, 1]], atol=1e-14)
+        assert clamped((S[0, 0], S[1, 1], S[0, 1]), -np.inf) == (S[0, 0], S[1, 1], S[0, 1])
+
+
+def test_definite_tangent_is_semidefinite_and_touches_nothing_in_tension(sheet, orthotropic, rng):
+    from fecloth.linalg.block_matrix import BlockMatrix
+
+    system = fc.System(sheet, orthotropic, [fc.StVK()])
+    J = BlockMatrix.zeros(system.pattern)
+    crumpled = system.state(0.5 * flat(sheet) + 0.02 * rng.standard_normal(flat(sheet).shape))
+    exact = system.assemble(J, crumpled, wx=1.0).to_scipy().toarray()
+    definite = system.assemble(J, crumpled, wx=1.0, definite=True).to_scipy().toarray()
+    assert np.linalg.eigvalsh(exact)[0] < -1.0
+    assert np.linalg.eigvalsh(definite)[0] > -1e-10 * abs(definite).max()
+    taut = system.state(affine(sheet, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]]))
+    exact = system.assemble(J, taut, wx=1.0).values.copy()
+    assert np.array_equal(system.assemble(J, taut, wx=1.0, definite=True).values, exact)
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_eigenvalue_bound_is_never_below(pattern, orthotropic):
+    import scipy.linalg
+
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.2, pattern=pattern)
+    system = fc.System(cloth, orthotropic, [fc.StVK()])
+    K, M = system.stiffness(system.rest()).toarray(), system.mass.toarray()
+    largest = scipy.linalg.eigh(K, M, eigvals_only=True)[-1]
+    bound = eigenvalue_bound(system.panel, system.panel.each(Fabric.moduli), system.nodal_mass)
+    assert largest <= bound * (1 + 1e-12)
+    assert bound < 2.5 * largest

@@ -1,0 +1,207 @@
+"""Neo-Hookean membranes: derivatives, closed forms in uniform states, convexity and its limit."""
+
+import numpy as np
+import pytest
+from conftest import affine, flat, rough
+
+import fecloth as fc
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.terms.membranes import neo_hookean
+from fecloth.verify import check_term, trial_states
+
+RUBBER = fc.Fabric(0.2, 900.0, 0.3)
+LAWS = [fc.NeoHookean(), fc.NeoHookean("compressible")]
+EXACT = {"incompressible": neo_hookean.incompressible, "compressible": neo_hookean.compressible}
+names = pytest.mark.parametrize("law", LAWS, ids=lambda law: law.kind)
+
+
+def stress_of(law, C, mu, lam):
+    """S and W from C alone, by the textbook's formulas."""
+    J, inverse = np.sqrt(np.linalg.det(C)), np.linalg.inv(C)
+    if law.kind == "incompressible":
+        return mu * (np.eye(2) - inverse / J**2), mu / 2 * (np.trace(C) + J**-2 - 3)
+    W = mu / 2 * (np.trace(C) - 2) - mu * np.log(J) + lam / 2 * np.log(J) ** 2
+    return mu * (np.eye(2) - inverse) + lam * np.log(J) * inverse, W
+
+
+def constants(law):
+    """μ and λ of RUBBER, from its Y = 900 N/m and ν = 0.3."""
+    if law.kind == "incompressible":
+        return 300.0, None
+    return 900.0 / 2.6, 900.0 * 0.3 / 0.91
+
+
+def tensor(voigt):
+    return np.array([[voigt[0], voigt[2]], [voigt[2], voigt[1]]])
+
+
+def matrix(C):
+    C11, C22, C66, C12, C16, C26 = C
+    return np.array([[C11, C12, C16], [C12, C22, C26], [C16, C26, C66]])
+
+
+@names
+def test_derivatives(law):
+    """In the usual states; but J = 0.12, not 0.05, in the degenerate one: an energy with a pole at
+    J = 0 has no finite differences across it, and the sweep's first steps must not reach it."""
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
+    *states, (name, _, v) = trial_states(cloth)
+    sheared = affine(cloth, [[1.0, 1.5], [0.0, 0.12], [0.0, 0.0]])
+    check_term(law, cloth, RUBBER, [*states, (name, sheared, v)])
+
+
+def test_derivatives_with_given_constants_beyond_the_convex_range():
+    law = fc.NeoHookean("compressible", mu=200.0, lam=2000.0)
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
+    (_, x, v), *_ = trial_states(cloth)
+    check_term(law, cloth, RUBBER, states=[("stretched", 2.5 * x, v)], scales=[1.0])
+
+
+@names
+@pytest.mark.parametrize("F", [[[1.3, 0.2], [0.1, 0.8], [0, 0.3]], [[0.2, 0], [0, 2], [0, 0]]])
+def test_uniform_states(law, F, sheet):
+    system = fc.System(sheet, RUBBER, [law])
+    F = np.array(F, dtype=float)
+    S, W = stress_of(law, F.T @ F, *constants(law))
+    out = np.zeros((len(sheet.triangles), 4))
+    system.bound[0].add_stress(affine(sheet, F), out)
+    expected = np.tile([S[0, 0], S[1, 1], S[0, 1], W], (len(out), 1))
+    np.testing.assert_allclose(out, expected, rtol=1e-12, atol=1e-13 * abs(expected).max())
+
+
+@names
+def test_uniaxial_tension_has_the_tensile_stiffness(law):
+    """The lateral stretch that frees the sides: force per width and strain go to Y = 900 N/m."""
+    from scipy.optimize import brentq
+
+    def sides(w, e):
+        return stress_of(law, np.diag([(1 + e) ** 2, w**2]), *constants(law))[0][1, 1]
+
+    for e in (1e-4, 1e-5):
+        w = brentq(sides, 0.9, 1.1, args=(e,), xtol=1e-15)
+        S, _ = stress_of(law, np.diag([(1 + e) ** 2, w**2]), *constants(law))
+        assert (1 + e) * S[0, 0] / e == pytest.approx(900.0, rel=3 * e)
+        if law.kind == "incompressible":  # Treloar: μ (λ − 1/λ²), and the width is λ^(−1/2)
+            assert (1 + e) * S[0, 0] == pytest.approx(300 * (1 + e - (1 + e) ** -2), rel=1e-8)
+            assert w == pytest.approx((1 + e) ** -0.5, rel=1e-12)
+
+
+@names
+def test_resists_collapse_where_stvk_gives_way(law, sheet):
+    """Compressed along the warp: the force of StVK falls to nothing, this one grows like 1/s."""
+
+    def pushes(term, s):
+        system = fc.System(sheet, RUBBER, [term])
+        out = np.zeros((len(sheet.triangles), 4))
+        system.bound[0].add_stress(affine(sheet, [[s, 0], [0, 1], [0, 0]]), out)
+        return -s * out[0, 0]  # first Piola–Kirchhoff
+
+    assert pushes(fc.StVK(), 0.01) < 0.1 * pushes(fc.StVK(), 0.5)
+    assert pushes(law, 1e-2) > 5 * pushes(law, 1e-1) > 5 * pushes(law, 0.5)
+
+
+@names
+def test_rigid_motion_gives_nothing(law, sheet, rng):
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    system = fc.System(sheet, RUBBER, [law])
+    state = system.state(flat(sheet) @ turn + [1.0, 2.0, 3.0])
+    assert abs(system.force(state)).max() < 1e-12 * 900
+    assert abs(system.energies(state)["NeoHookean"]) < 1e-24
+
+
+@names
+def test_zero_resultant_and_moment_and_objectivity(law, sheet, rng):
+    system = fc.System(sheet, RUBBER, [law])
+    state = system.state(rough(sheet, rng))
+    force = system.force(state)
+    size = np.abs(force).sum()
+    assert np.abs(force.sum(axis=0)).max() < 1e-14 * size
+    assert np.abs(np.cross(state.x, force).sum(axis=0)).max() < 1e-14 * size
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    turned = system.force(system.state(state.x @ turn + [3.0, -1.0, 2.0]))
+    np.testing.assert_allclose(turned, force @ turn, atol=1e-11 * np.abs(force).max())
+
+
+def test_incompressible_is_convex_in_E(rng):
+    for _ in range(300):
+        F = rng.standard_normal((3, 2)) * rng.uniform(0.3, 2.0)
+        E = 0.5 * (F.T @ F - np.eye(2))
+        C = EXACT["incompressible"]((E[0, 0], E[1, 1], E[0, 1]), np.array([300.0]))[2]
+        assert np.linalg.eigvalsh(matrix(C))[0] > 0
+
+
+def test_compressible_is_convex_up_to_its_limit_and_made_so_beyond(rng):
+    """ln J = μ/λ is where the smallest eigenvalue of ℂ changes sign; `convex` acts only beyond."""
+    mu, lam = constants(LAWS[1])
+    c = np.array([mu, lam])
+    assert np.exp(mu / lam) == pytest.approx(3.2, rel=0.01)
+    for sign, log_J in ((1, 0.999 * mu / lam), (-1, 1.001 * mu / lam), (1, -2.0), (-1, 3.0)):
+        for _ in range(20):
+            C = rng.standard_normal((2, 2))
+            C = C @ C.T + 0.1 * np.eye(2)
+            C *= np.exp(log_J) / np.sqrt(np.linalg.det(C))
+            E = tuple(np.array([C[0, 0] - 1, C[1, 1] - 1, C[0, 1]]) / 2)
+            W, S, exact = neo_hookean.compressible(E, c)
+            assert np.sign(np.linalg.eigvalsh(matrix(exact))[0]) == sign
+            same_W, same_S, made = neo_hookean.convex(E, c)
+            assert (same_W, same_S) == (W, S)
+            if sign > 0:
+                np.testing.assert_allclose(made, exact, rtol=1e-12)
+                continue
+            # independent: eigenvalues in the metric of C, that is of LᵀℂL with C = L Lᵀ
+            L = np.linalg.cholesky(C)
+            basis = [L @ np.array(b) @ L.T for b in ([[1, 0], [0, 0]], [[0, 0], [0, 1]])]
+            basis.append(L @ np.array([[0, 1], [1, 0]]) @ L.T / np.sqrt(2))
+            V = np.array([[b[0, 0], b[1, 1], 2 * b[0, 1]] for b in basis])
+            value, vector = np.linalg.eigh(V @ matrix(exact) @ V.T)
+            expected = vector @ np.diag(np.maximum(value, 0)) @ vector.T
+            scale = abs(value).max()
+            np.testing.assert_allclose(V @ matrix(made) @ V.T, expected, atol=1e-10 * scale)
+
+
+def test_definite_tangent_is_semidefinite_far_beyond_the_limit(sheet, rng):
+    system = fc.System(sheet, RUBBER, [fc.NeoHookean("compressible", mu=200.0, lam=2000.0)])
+    J = BlockMatrix.zeros(system.pattern)
+    state = system.state(3.0 * flat(sheet) + 0.02 * rng.standard_normal((len(sheet.X), 3)))
+    exact = system.assemble(J, state, wx=1.0).to_scipy().toarray()
+    definite = system.assemble(J, state, wx=1.0, definite=True).to_scipy().toarray()
+    assert np.linalg.eigvalsh(exact)[0] < -1e-3 * abs(exact).max()
+    assert np.linalg.eigvalsh(definite)[0] > -1e-10 * abs(definite).max()
+    taut = system.state(affine(sheet, [[1.02, 0.0], [0.0, 1.03], [0.0, 0.0]]))
+    exact = system.assemble(J, taut, wx=1.0).values.copy()
+    definite = system.assemble(J, taut, wx=1.0, definite=True).values
+    np.testing.assert_allclose(definite, exact, atol=1e-12 * abs(exact).max())
+
+
+@names
+def test_frequency_bound(law, sheet):
+    import scipy.linalg
+
+    system = fc.System(sheet, RUBBER, [law])
+    K, M = system.stiffness(system.rest()).toarray(), system.mass.toarray()
+    assert scipy.linalg.eigh(K, M, eigvals_only=True)[-1] <= system.rate_bounds()[0] * (1 + 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"kind": "other"}, "kind = 'other'"),
+        ({"mu": 0.0}, "mu = 0.0"),
+        ({"kind": "compressible", "mu": 1.0, "lam": -1.0}, "lam = -1.0"),
+        ({"kind": "compressible", "mu": 1.0}, "give both or neither"),
+        ({"mu": 1.0, "lam": 1.0}, "lam is given"),
+    ],
+)
+def test_refusals(arguments, said):
+    with pytest.raises(fc.InputError, match=said):
+        fc.NeoHookean(**arguments)
+
+
+def test_refuses_a_fabric_that_it_cannot_mean(sheet, orthotropic):
+    with pytest.raises(fc.InputError, match="law is isotropic"):
+        fc.System(sheet, orthotropic, [fc.NeoHookean()])
+    with pytest.raises(fc.InputError, match="shear_stiffness = 10.0: must be"):
+        fc.System(sheet, fc.Fabric(0.2, 900.0, 0.3, 10.0), [fc.NeoHookean()])
+    with pytest.raises(fc.InputError, match="poisson_ratio = -0.2"):
+        fc.System(sheet, fc.Fabric(0.2, 900.0, -0.2), [fc.NeoHookean("compressible")])
+    fc.System(sheet, orthotropic, [fc.NeoHookean(mu=100.0)])  # its own constants

@@ -1,0 +1,340 @@
+"""Spring networks: Hooke, Provot's classes, Van Gelder, Delingette = StVK, homogenised moduli."""
+
+import numpy as np
+import pytest
+from conftest import affine, flat, rough
+
+import fecloth as fc
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.terms.springs.networks import BEND, EDGE, SHEAR, WARP, WEFT, edges, structural
+from fecloth.verify import check_term
+
+SQUARE = fc.Fabric(0.2, 1000.0, 0.3)
+KINDS = ("structural", "van_gelder", "biquadratic")
+
+
+def spring_energy(net, k, cloth, x):
+    i, j = net.nodes.T
+    stretch = np.linalg.norm(x[j] - x[i], axis=1) - np.linalg.norm(cloth.X[j] - cloth.X[i], axis=1)
+    return 0.5 * np.sum(k * stretch**2)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives(kind):
+    check_term(fc.Springs(kind, damping=0.01, tangent="exact"), fabric=SQUARE)
+
+
+def test_derivatives_of_the_classes():
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1, pattern="right")
+    springs = fc.Springs(shear=70.0, bend=30.0, damping=0.02, tangent="exact")
+    check_term(springs, cloth)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_internal_forces_and_rigid_motion(kind, sheet, rng):
+    system = fc.System(sheet, SQUARE, [fc.Springs(kind, damping=0.01)])
+    state = system.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
+    force = system.force(state)
+    size = np.abs(force).sum()
+    assert np.abs(force.sum(axis=0)).max() < 1e-14 * size
+    assert np.abs(np.cross(state.x, force).sum(axis=0)).max() < 1e-14 * size
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    moved = system.state(state.x @ turn + [1.0, -2.0, 3.0], state.v @ turn)
+    np.testing.assert_allclose(system.force(moved), force @ turn, atol=1e-10 * abs(force).max())
+    x, spin = flat(sheet) @ turn, rng.standard_normal(3)
+    rigid = system.force(system.state(x, np.cross(spin, x) + [0.3, 0.1, 2.0]))
+    assert abs(rigid).max() < 1e-10 * abs(force).max()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_definite_tangent(kind, sheet, rng):
+    system = fc.System(sheet, SQUARE, [fc.Springs(kind, damping=0.01, tangent="exact")])
+    x = 0.5 * flat(sheet) + 0.02 * rng.standard_normal((len(sheet.X), 3))
+    crumpled = system.state(x, rng.standard_normal(x.shape))
+    J = BlockMatrix.zeros(system.pattern)
+    exact = system.assemble(J, crumpled, wx=1.0, wv=0.1).to_scipy().toarray()
+    assert abs(exact - exact.T).max() > 1e-3 * abs(exact).max()
+    assert np.linalg.eigvalsh(0.5 * (exact + exact.T))[0] < -1.0
+    definite = system.assemble(J, crumpled, wx=1.0, wv=0.1, definite=True).to_scipy().toarray()
+    assert abs(definite - definite.T).max() < 1e-14 * abs(definite).max()
+    assert np.linalg.eigvalsh(definite)[0] > -1e-10 * abs(definite).max()
+    taut = system.state(affine(sheet, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]]))
+    exact = system.assemble(J, taut, wx=1.0).values.copy()
+    assert np.array_equal(system.assemble(J, taut, wx=1.0, definite=True).values, exact)
+
+
+def test_edges_of_an_unstructured_mesh(sheet, rng):
+    """Every edge once, Hooke's energy, one k for all: √3/2 Y, or what is given."""
+    pairs = {tuple(sorted(p)) for t in sheet.triangles for p in zip(t, np.roll(t, 1), strict=True)}
+    net = structural(sheet)
+    assert {tuple(sorted(p)) for p in net.nodes.tolist()} == pairs
+    assert len(net.nodes) == len(pairs)
+    assert (net.kind == EDGE).all()
+    x = rough(sheet, rng)
+    for springs, k in ((fc.Springs(), 0.75**0.5 * 1000.0), (fc.Springs(stiffness=70.0), 70.0)):
+        system = fc.System(sheet, SQUARE, [springs])
+        expected = spring_energy(net, k, sheet, x)
+        assert system.energies(system.state(x))["Springs"] == pytest.approx(expected, rel=1e-13)
+
+
+def test_classes_on_a_grid():
+    """4 × 3 cells of 0.1 × 0.1: Provot's counts, lengths and directions."""
+    cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1, pattern="right")
+    net = structural(cloth, bend=1.0)
+    counts = {kind: int(np.sum(net.kind == kind)) for kind in (EDGE, WARP, WEFT, SHEAR, BEND)}
+    assert counts == {EDGE: 0, WARP: 16, WEFT: 15, SHEAR: 24, BEND: 3 * 4 + 5 * 2}
+    length = np.hypot(*net.vectors.T)
+    expected = np.select([net.kind == SHEAR, net.kind == BEND], [0.1 * 2**0.5, 0.2], 0.1)
+    np.testing.assert_allclose(length, expected, rtol=1e-12)
+    assert (abs(net.vectors[net.kind == WARP][:, 1]) < 1e-15).all()
+    slopes = np.sign(np.prod(net.vectors[net.kind == SHEAR], axis=1))
+    assert sorted(slopes) == [-1.0] * 12 + [1.0] * 12
+    pairs = {tuple(sorted(p)) for p in net.nodes.tolist()}
+    assert len(pairs) == len(net.nodes)  # none twice
+
+
+def test_other_meshes_have_no_classes(sheet):
+    for cloth in (sheet, fc.Cloth.rectangle(0.4, 0.3, h=0.1, pattern="equilateral")):
+        assert (structural(cloth).kind == EDGE).all()
+        for wrong in ({"shear": 1.0}, {"bend": 1.0}):
+            with pytest.raises(fc.InputError, match="needs a grid"):
+                fc.System(cloth, SQUARE, [fc.Springs(**wrong)])
+
+
+def test_van_gelder_is_area_over_length_squared(sheet, rng):
+    """k of each edge, summed triangle by triangle."""
+    k = {}
+    for triangle in sheet.triangles.tolist():
+        a, b, c = sheet.X[triangle]
+        area = 0.5 * ((b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0])
+        for i in range(3):
+            pair = tuple(sorted((triangle[i], triangle[(i + 1) % 3])))
+            length = np.linalg.norm(sheet.X[pair[0]] - sheet.X[pair[1]])
+            k[pair] = k.get(pair, 0.0) + 1000.0 * area / length**2
+    net, x = edges(sheet), rough(sheet, rng)
+    stiffness = np.array([k[tuple(sorted(pair))] for pair in net.nodes.tolist()])
+    system = fc.System(sheet, SQUARE, [fc.Springs("van_gelder")])
+    energy = system.energies(system.state(x))["Springs"]
+    assert energy == pytest.approx(spring_energy(net, stiffness, sheet, x), rel=1e-13)
+
+
+@pytest.mark.parametrize("pattern", ["unstructured", "right", "cross", "equilateral"])
+@pytest.mark.parametrize("nu", [0.0, 0.3, -0.4])
+def test_biquadratic_springs_are_stvk(pattern, nu, rng):
+    cloth = fc.Cloth.rectangle(1.0, 0.7, h=0.15, pattern=pattern)
+    fabric = fc.Fabric(0.2, 1000.0, nu)
+    springs = fc.System(cloth, fabric, [fc.Springs("biquadratic")])
+    membrane = fc.System(cloth, fabric, [fc.StVK()])
+    state = membrane.state(rough(cloth, rng))
+    energy = membrane.energies(state)["StVK"]
+    assert springs.energies(state)["Springs"] == pytest.approx(energy, rel=1e-12)
+    for of in (lambda system: system.force(state), lambda system: system.stiffness(state)):
+        assert abs(of(springs) - of(membrane)).max() < 1e-12 * abs(of(membrane)).max()
+
+
+def test_damping_of_biquadratic_springs_is_strain_rate_damping(sheet, rng):
+    """k_d = τ k on l² is τ ℂ on Ė."""
+    springs = fc.System(sheet, SQUARE, [fc.Springs("biquadratic", damping=0.02)])
+    membrane = fc.System(sheet, SQUARE, [fc.StVK(), fc.StrainRateDamping(0.02)])
+    state = membrane.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
+    expected = membrane.force(state)
+    assert abs(springs.force(state) - expected).max() < 1e-12 * abs(expected).max()
+
+
+def test_damping_along_the_axis():
+    """Two nodes that part at 3 m/s and pass each other at 4 m/s: only the first is resisted."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=1.0, pattern="right")
+    system = fc.System(cloth, SQUARE, [fc.Springs("van_gelder", damping=0.1)])
+    v = np.zeros((4, 3))
+    right = cloth.nodes("right")
+    v[right] = [3.0, 0.0, 4.0]
+    state = system.state(flat(cloth), v)
+    k_side, k_diagonal = 500.0, 1000.0 / 2  # Y A / l², one triangle; two at the diagonal
+    diagonal = 0.5 * 0.1 * k_diagonal * 3.0  # n·v = 3/√2, its X component 3/2
+    force = system.force(state)
+    assert -force[right, 0].sum() == pytest.approx(2 * 0.1 * k_side * 3.0 + diagonal, rel=1e-12)
+    assert abs(force[:, 2]).max() == 0.0
+    power = system.bound[0].power(state.x, state.v, 0.0)
+    assert power == pytest.approx(-np.vdot(force, v), rel=1e-12)
+
+
+def test_ledger_of_damped_springs_closes(sheet):
+    """Its energy and its damping are booked apart, also by a method with damping of its own."""
+    system = fc.System(sheet, SQUARE, [fc.Springs(damping=0.02), fc.Gravity()], pins=["left"])
+    x = flat(sheet) * [1.05, 1.0, 1.0]
+    for method, share in ((fc.ImplicitMidpoint(), 2e-3), (fc.BackwardEuler(), 2e-2)):
+        result = fc.run(system, method, system.state(x), dt=0.001, t_end=0.05)
+        lost = result.energies["dissipated:Springs"][-1]
+        assert lost > 0.1 * result.energies["Springs"][0]
+        assert abs(result.energies["remainder"][-1]) < share * lost
+
+
+def test_ledger_tells_energy_and_damping_of_one_term_apart(sheet):
+    """Biquadratic springs with damping are two terms in one: every column as of the two."""
+    one, two = (
+        fc.System(sheet, SQUARE, [*terms, fc.Gravity()], pins=["left"])
+        for terms in (
+            [fc.Springs("biquadratic", damping=0.02)],
+            [fc.StVK(), fc.StrainRateDamping(0.02)],
+        )
+    )
+    x = flat(sheet) * [1.05, 1.0, 1.0]
+    a, b = (
+        fc.run(system, fc.BackwardEuler(), system.state(x), dt=0.005, t_end=0.05).energies
+        for system in (one, two)
+    )
+    assert b["numerical"][-1] > 1e-3
+    for mine, other in (
+        ("numerical", "numerical"),
+        ("Springs", "StVK"),
+        ("dissipated:Springs", "dissipated:StrainRateDamping"),
+        ("kinetic", "kinetic"),
+    ):
+        np.testing.assert_allclose(a[mine], b[other], rtol=1e-4, atol=1e-9)
+
+
+def test_newton_does_not_take_damped_springs_for_a_potential(sheet):
+    """A line search on the energy alone would be blind to the damping force."""
+    from types import SimpleNamespace
+
+    from fecloth.nonlinear.newton import _Work
+
+    solver = SimpleNamespace(linear=None, matrix=None, options=fc.Newton(), kept=None)
+    for damping, expected in ((0.0, True), (0.01, False)):
+        system = fc.System(sheet, SQUARE, [fc.Springs(damping=damping)])
+        assert _Work(system, None, solver).has_potential is expected
+
+
+@pytest.mark.parametrize("pattern", ["unstructured", "right", "equilateral"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_rate_bounds_are_never_below(kind, pattern):
+    import scipy.linalg
+
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.2, pattern=pattern)
+    system = fc.System(cloth, SQUARE, [fc.Springs(kind, damping=0.03)])
+    K, D = (A(system.rest()).toarray() for A in (system.stiffness, system.damping))
+    M = system.mass.toarray()
+    for matrix, bound in zip((K, D), system.bound[0].rate_bounds(system.nodal_mass), strict=True):
+        largest = scipy.linalg.eigh(matrix, M, eigvals_only=True)[-1]
+        assert largest <= bound * (1 + 1e-12)
+        assert bound < 4 * largest
+
+
+# --- which material a network is ------------------------------------------------------------------
+
+
+def test_moduli_of_the_equilateral_lattice():
+    """ν = 1/3, Y = 2 k/√3."""
+    k = 137.0
+    C = fc.plane_moduli(fc.Springs(stiffness=k), SQUARE, "equilateral")
+    Y, nu = 2 * k / 3**0.5, 1 / 3
+    expected = Y / (1 - nu**2) * np.array([[1, nu, 0], [nu, 1, 0], [0, 0, 0.5 * (1 - nu)]])
+    np.testing.assert_allclose(C, expected, atol=1e-10 * k)
+
+
+def test_moduli_of_square_lattices():
+    """k along the sides, q along both diagonals of each cell, b from node to next but one."""
+    k, q, b = 137.0, 41.0, 17.0
+    plain = fc.plane_moduli(fc.Springs(stiffness=k, shear=0.0), SQUARE, "right")
+    np.testing.assert_allclose(plain, np.diag([k, k, 0.0]), atol=1e-10 * k)
+    # a spring with unit vector n gives k l²/A n_i n_j n_k n_l; l² = 2 h² and 4 h²
+    C = fc.plane_moduli(fc.Springs(stiffness=k, shear=q, bend=b), SQUARE, "right")
+    expected = [[k + q + 4 * b, q, 0], [q, k + q + 4 * b, 0], [0, 0, q]]
+    np.testing.assert_allclose(C, expected, atol=1e-10 * k)
+
+
+def test_moduli_of_the_right_diagonal_grid():
+    """Van Gelder's k: Y on the sides, Y/2 on the one diagonal: not isotropic, not orthotropic."""
+    C = fc.plane_moduli(fc.Springs("van_gelder"), SQUARE, "right")
+    expected = 1000.0 * np.array([[1.25, 0.25, 0.25], [0.25, 1.25, 0.25], [0.25, 0.25, 0.25]])
+    np.testing.assert_allclose(C, expected, atol=1e-10 * 1000)
+
+
+def test_derived_stiffness():
+    """On a grid C33 = G, C11 − C12 = Y₁, C22 − C12 = Y₂; on equilateral triangles Y is Y."""
+    cotton = fc.Fabric(0.2, (2000.0, 900.0), 0.2, 60.0)
+    for pattern in ("right", "cross"):
+        C = fc.plane_moduli(fc.Springs(), cotton, pattern)
+        expected = [[2060.0, 60.0, 0], [60.0, 960.0, 0], [0, 0, 60.0]]
+        np.testing.assert_allclose(C, expected, atol=1e-10 * 2000)
+    for kind in ("structural", "van_gelder"):
+        C = fc.plane_moduli(fc.Springs(kind), SQUARE, "equilateral")
+        np.testing.assert_allclose(C[:2, :2], [[1125.0, 375.0], [375.0, 1125.0]], rtol=1e-10)
+
+
+@pytest.mark.parametrize("pattern", ["right", "cross", "equilateral"])
+def test_moduli_of_a_continuum_are_its_own(pattern, orthotropic):
+    c11, c22, c66, c12, _, _ = orthotropic.moduli()
+    C = fc.plane_moduli(fc.StVK(), orthotropic, pattern)
+    expected = [[c11, c12, 0], [c12, c22, 0], [0, 0, c66]]
+    np.testing.assert_allclose(C, expected, atol=1e-10 * c11)
+
+
+def test_moduli_count_the_relaxation_inside_a_period(monkeypatch):
+    """Rows that are stiff and soft by turns: in series, not in parallel."""
+    from fecloth.terms.springs.networks import Net
+
+    k1, k2 = 100.0, 300.0
+
+    def alternating(self, panel, given):
+        y = panel.cloth.X[self.nodes, 1]
+        row = np.round(y / (0.1 * 0.75**0.5)).astype(int)
+        return np.where(row[:, 0] == row[:, 1], 0.0, np.where(row.min(axis=1) % 2, k1, k2))
+
+    monkeypatch.setattr(Net, "stiffness", alternating)
+    C = fc.plane_moduli(fc.Springs(), SQUARE, "equilateral")
+    series = 2 * k1 * k2 / (k1 + k2)
+    # two springs of 60° for each node: C22 = 2 k l² s⁴ / A with A = √3/2 l²
+    assert C[1, 1] == pytest.approx(2 * series * 0.75**2 / 0.75**0.5, rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"kind": "cable"}, "van_gelder"),
+        ({"stiffness": -1.0}, "stiffness = -1.0"),
+        ({"kind": "van_gelder", "stiffness": 3.0}, "Leave it out"),
+        ({"damping": float("nan")}, r"damping = nan: must be >= 0 \[s\]"),
+        ({"tangent": "x"}, "symmetric, exact"),
+    ],
+)
+def test_refusals(arguments, said):
+    with pytest.raises(fc.InputError, match=said):
+        fc.Springs(**arguments)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_networks_without_directions_refuse_an_orthotropic_fabric(kind, sheet, orthotropic):
+    with pytest.raises(fc.InputError):
+        fc.System(sheet, orthotropic, [fc.Springs(kind)])
+    if kind == "structural":
+        fc.System(sheet, orthotropic, [fc.Springs(kind, stiffness=100.0)])
+
+
+def test_a_scene_may_name_them(tmp_path):
+    from fecloth.scene.scene import load
+
+    text = """
+    [cloth]
+    shape = "rectangle"
+    width = 1.0
+    height = 1.0
+    h = 0.2
+    pattern = "right"
+    [fabric]
+    areal_density = 0.2
+    tensile_stiffness = 1000.0
+    [[terms]]
+    type = "Springs"
+    kind = "structural"
+    shear = 30.0
+    damping = 0.01
+    [time]
+    method = "backward_euler"
+    dt = 0.01
+    t_end = 0.02
+    """
+    path = tmp_path / "springs.toml"
+    path.write_text(text)
+    system = load(path).build().system
+    assert tuple(system.terms) == (fc.Springs(shear=30.0, damping=0.01),)

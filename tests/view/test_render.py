@@ -1,0 +1,195 @@
+"""fecloth render: pictures and movies without a display."""
+
+import os
+from contextlib import contextmanager
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.cli.main import main
+from fecloth.output.frame_reader import Frame
+from fecloth.output.frames import Frames
+from fecloth.view.checker_pattern import material, side
+
+pytest.importorskip("pyvista")
+imageio = pytest.importorskip("imageio.v2")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Five frames of a sheet that swings down from its left edge."""
+    folder = tmp_path_factory.mktemp("run")
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.15)
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK(), fc.Gravity()], pins=["left"])
+    frames = Frames(folder / "run", cloth, system)
+    frames.add(system.rest())
+    for state, _ in fc.march(system, fc.BackwardEuler(), system.rest(), dt=0.1, t_end=0.4):
+        frames.add(state)
+    return folder
+
+
+@pytest.fixture
+def draw(run, tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+
+    def draw(name, *more):
+        target = tmp_path / name
+        assert main(["render", str(run), "-o", str(target), "--size", "320x240", *more]) == 0
+        return target
+
+    return draw
+
+
+def cloth_of(image):
+    """Where the picture is coloured, above the colour bar."""
+    return np.ptp(image[:200, :, :3].astype(int), axis=2) > 40
+
+
+def test_pictures_show_the_cloth_at_their_times(draw):
+    first, last = (imageio.imread(draw(f"{t}.png", "--time", t)) for t in ("0", "0.4"))
+    assert first.shape[:2] == (240, 320)
+    shown = [cloth_of(image) for image in (first, last)]
+    assert all(0.03 < mask.mean() < 0.8 for mask in shown)
+    rows = [np.mean(np.nonzero(mask)[0]) for mask in shown]
+    assert rows[1] > rows[0] + 15  # it has fallen
+    assert np.array_equal(imageio.imread(draw("end.png")), last)
+    for mask in shown:  # all of it is in the picture
+        assert not mask[0].any()
+        assert not mask[:, [0, -1]].any()
+
+
+def test_a_tall_picture_has_room_for_its_words(draw):
+    picture = imageio.imread(draw("tall.png", "--size", "390x844"))[..., :3]
+    dark = picture.max(axis=2) < 110
+    assert dark[730:].sum() > 50  # title and ends of the colour bar
+    assert not dark[:, [0, 1, -2, -1]].any()
+
+
+def test_checks_are_those_of_a_weave(draw):
+    """Of four squares two have one dark thread and one has two; there is no colour bar."""
+    picture = imageio.imread(draw("checks.png", "--field", "checks"))[..., :3]
+    red, blue = picture[..., 0].astype(float), picture[..., 2].astype(float)
+    two, one = red < 0.5 * blue, (red > 0.6 * blue) & (red < 0.85 * blue)
+    assert two.sum() > 1000
+    assert 1.6 < one.sum() / two.sum() < 2.4
+    assert not (picture[..., 1] > 1.2 * blue).any()  # the green and yellow of a colour bar
+
+
+def test_the_squares_follow_the_material():
+    X = np.array([[0.0, 0.0], [0.3, 0.1]])
+    moved = np.array([[2.0, 1.0, 0.5], [1.0, 1.0, 1.0]])
+    frame = Frame(0.0, moved, None, {"displacement": moved - np.c_[X, [0, 0]]}, {})
+    assert material(frame) == pytest.approx(X)
+    assert [side(scale * X) for scale in (1, 3, 10)] == [0.02, 0.05, 0.2]
+
+
+def test_checks_need_the_displacement():
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5)
+    frame = Frame(0.0, np.c_[cloth.X, 0 * cloth.X[:, 0]], cloth.triangles, {}, {})
+    with pytest.raises(fc.InputError, match="needs frames with a displacement"):
+        material(frame)
+
+
+def test_the_colours_are_the_field(draw):
+    """At rest nothing is fast; the free edge is the fastest later: dark, and dark to bright."""
+    rest, moving = (
+        imageio.imread(draw(f"{t}.png", "--time", t, "--field", "speed")).astype(int)
+        for t in ("0", "0.1")
+    )
+    at_rest = rest[:200][cloth_of(rest)]
+    assert at_rest[:, 2].mean() > 1.5 * at_rest[:, 1].mean()  # the dark end of viridis is purple
+    green = moving[:200][cloth_of(moving)]
+    assert green[:, 1].max() > at_rest[:, 1].max() + 40
+
+
+def test_a_gif_has_all_frames_and_they_differ(draw):
+    frames = imageio.mimread(draw("run.gif"))
+    assert len(frames) == 5
+    shown = [cloth_of(frame)[40:] for frame in frames]  # below the words, which differ anyhow
+    assert all((a ^ b).mean() > 0.01 for a, b in pairwise(shown))
+
+
+def test_a_movie_has_all_frames(draw):
+    pytest.importorskip("imageio_ffmpeg")
+    with imageio.get_reader(draw("run.mp4", "--fps", "10")) as movie:
+        assert movie.count_frames() == 5
+        assert movie.get_meta_data()["fps"] == 10
+        assert movie.get_meta_data()["size"] == (320, 240)
+
+
+@pytest.mark.parametrize(
+    ("time", "told"),
+    [
+        ([], "t = 0.4 s"),
+        (["--time", "0.1"], "t = 0.1 s"),
+        (["--time", "99"], "t = 0.4 s, of the frame next to 99 s"),
+        (["--time", "0.12"], "t = 0.1 s, of the frame next to 0.12 s"),
+    ],
+)
+def test_the_time_of_a_picture_is_told(time, told, draw, capsys):
+    target = draw("a.png", *time)
+    assert capsys.readouterr().out == f"wrote {target}: {told}\n"
+
+
+@pytest.mark.parametrize(("name", "meant"), [("sped", "speed"), ("check", "checks"), ("zz", "")])
+def test_an_unknown_field_is_a_mistake(name, meant, run, tmp_path, capsys):
+    target = tmp_path / "a.png"
+    assert main(["render", str(run), "-o", str(target), "--field", name]) == 2
+    error = capsys.readouterr().err
+    assert "must be one of larger_stretch" in error
+    assert error.strip().endswith(f"Did you mean {meant!r}?" if meant else "checks")
+    assert not target.exists()
+
+
+# --- a full disk ----------------------------------------------------------------------------------
+
+
+@contextmanager
+def files_of_at_most(size):
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("name", ["run.mp4", "run.gif", "run.png"])
+def test_what_has_no_room_is_told_and_leaves_the_old_file(name, run, tmp_path, capsys):
+    if name == "run.mp4":
+        pytest.importorskip("imageio_ffmpeg")
+    target = tmp_path / name
+    target.write_text("old")
+    with files_of_at_most(2000):
+        status = main(["render", str(run), "-o", str(target), "--size", "320x240"])
+    told = capsys.readouterr()
+    assert (status, told.out) == (3, "")
+    assert f"failed: {target} cannot be written: File too large. Raise the limit" in told.err
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+    assert target.read_text() == "old"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a shell")
+@pytest.mark.parametrize(
+    ("reads", "words", "status", "told"),
+    [
+        ("cat > /dev/null", "x.mp4: No space left on device", 3, "device. Free space or choose"),
+        ("true", "x.mp4: No space left on device", 3, "device. Free space or choose"),
+        ("true", "Unknown encoder", 2, "ffmpeg ended with 7: Unknown encoder. Choose another"),
+    ],
+)
+def test_what_ffmpeg_ends_with_is_told(
+    reads, words, status, told, run, tmp_path, monkeypatch, capsys
+):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    script = tmp_path / "ffmpeg"
+    script.write_text(f"#!/bin/sh\n{reads}\necho '{words}' >&2\nexit 7\n")
+    script.chmod(0o755)
+    monkeypatch.setattr(ffmpeg, "get_ffmpeg_exe", lambda: str(script))
+    arguments = ["render", str(run), "-o", str(tmp_path / "run.mp4"), "--size", "320x240"]
+    assert main(arguments) == status
+    assert told in capsys.readouterr().err
+    assert [file.name for file in tmp_path.iterdir()] == ["ffmpeg"]

@@ -1,0 +1,325 @@
+"""fecloth view: what the page holds, and what a browser shows of it."""
+
+import base64
+import io
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from test_html_report import SCENE
+
+import fecloth as fc
+from fecloth.cli.main import main
+from fecloth.output.frame_reader import Frame, Series, field_values, straight
+from fecloth.output.frames import Frames, fields
+from fecloth.output.vtkhdf_writer import HdfFrames
+from fecloth.view import web_page
+from fecloth.view.svg_chart import chart
+
+Image = pytest.importorskip("PIL.Image")
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+def falling(element="P1"):
+    """A sheet that swings down from its left edge: (system, states)."""
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.15, element=element)
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK(), fc.Gravity()], pins=["left"])
+    steps = fc.march(system, fc.BackwardEuler(), system.rest(), dt=0.05, t_end=0.4)
+    return system, [system.rest(), *(state for state, info in steps)]
+
+
+@pytest.fixture(scope="module", params=["P1", "P2"])
+def run(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp(request.param)
+    system, states = falling(request.param)
+    frames = Frames(folder / "run", system.cloth, system)
+    for state in states:
+        frames.add(state)
+    assert main(["view", str(folder), "--no-open"]) == 0
+    return folder, system, states, (folder / "view.html").read_text(encoding="utf-8")
+
+
+def data_of(page):
+    return json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
+
+
+def shorts(text):
+    return np.frombuffer(base64.b64decode(text), "<u2").astype(float)
+
+
+def test_the_page_holds_the_motion_and_the_fields(run):
+    _, system, states, page = run
+    data = data_of(page)
+    assert data["times"] == [state.t for state in states]
+    assert data["start"] == len(states) - 1  # it opens at the end of the motion
+    low, span = np.array(data["low"]), np.subtract(data["high"], data["low"])
+    shown = low + span * shorts(data["points"]).reshape(len(states), -1, 3) / 65535
+    assert np.abs(shown - [state.x for state in states]).max() <= 0.51 * span.max() / 65535 + 1e-7
+    assert [field["title"] for field in data["fields"]] == [
+        *("larger stretch", "smaller stretch", "speed", "displacement", "energy density")
+    ]
+    speed = data["fields"][2]
+    values = speed["low"] + (speed["high"] - speed["low"]) * shorts(speed["values"]) / 65535
+    wanted = np.array([np.linalg.norm(state.v, axis=1) for state in states])
+    assert np.abs(values.reshape(wanted.shape) - wanted).max() <= 1e-4 * wanted.max()
+    assert speed["per"] == "node"
+    assert data["fields"][0]["per"] == "cell"
+    assert data["fields"][0]["count"] == data["cells"] == len(system.cloth.triangles)
+
+
+def test_the_page_holds_the_material_coordinates_in_squares(run):
+    _, system, _, page = run
+    checks = data_of(page)["checks"]
+    at = np.frombuffer(base64.b64decode(checks["material"]), "<f4").reshape(-1, 2)
+    assert checks["side"] == 0.05
+    assert checks["side"] * at == pytest.approx(system.cloth.X, abs=1e-6)
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_overflows_is_drawn_as_the_largest_that_does_not(run):
+    _, system, states, _ = run
+    frame = Frame(0.0, states[-1].x, system.cloth.cells, *fields(system, states[-1]))
+    energy = frame.cell_data["energy_density"]
+    energy[:4] = 9e58, 1e301, np.inf, np.nan  # beyond float32, beyond what may be subtracted
+    data = web_page.packed([frame], ["energy_density"])
+    (field,) = json.loads(json.dumps(data, allow_nan=False))["fields"]
+    assert (field["low"], field["high"]) == (energy[4:].min(), 9e58)
+    shown = shorts(field["values"])
+    assert np.all(shown[:4] == 65535)
+    assert np.all(shown[4:] == 0)
+    curve = np.array([0.0, 1.0, 2.0, 3.0]), np.array([1.0, 9e58, 1e308, -1e308])
+    assert chart("energy", {"W": curve}, "t [s]", "[J]").count("<path") == 1
+
+
+def test_it_opens_offline(run):
+    assert not re.search(r"https?://|\b(src|href)=|@import|url\(|fetch\(|import\(", run[3])
+
+
+def test_every_straight_triangle_is_drawn_once_and_as_oriented(run):
+    _, system, _, page = run
+    drawn = np.frombuffer(base64.b64decode(data_of(page)["triangles"]), "<u4").reshape(-1, 3)
+    a, b, c = np.moveaxis(system.cloth.X[drawn], 1, 0)
+    u, v = b - a, c - a
+    areas = (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2
+    assert np.all(areas > 0)
+    assert areas.sum() == pytest.approx(0.6)
+    whole = areas.reshape(len(system.cloth.triangles), -1).sum(axis=1)  # cell by cell, in order
+    assert whole == pytest.approx(system.cloth.weights.sum(axis=1))
+    assert len(drawn) == len(straight(system.cloth.cells))
+
+
+def test_one_file_and_many_hold_the_same(tmp_path):
+    pytest.importorskip("h5py")
+    system, states = falling()
+    many = Frames(tmp_path / "a" / "run", system.cloth, system)
+    one = HdfFrames(tmp_path / "b" / "run.vtkhdf", system.cloth, system)
+    for state in states:
+        many.add(state)
+        one.add(state)
+    a, b = Series.open(tmp_path / "a"), Series.open(tmp_path / "b")
+    assert a.times == b.times
+    for i in (0, 3, 8):
+        assert np.array_equal(a.read(i).cells, b.read(i).cells)
+        for name in ("larger_stretch", "speed", "height", "S11", "quality"):
+            assert np.array_equal(*(field_values(s.read(i), name) for s in (a, b)))
+
+
+def test_a_long_run_is_thinned_and_says_so(run, monkeypatch):
+    folder = run[0]
+    first, fields = Series.open(folder).read(0), 5
+    a_frame = 3 * len(first.points) + fields * max(len(first.points), len(first.cells))
+    monkeypatch.setattr(web_page, "MOST_BYTES", 4.5 * 8 / 3 * a_frame)  # 2 bytes each, base64
+    page = web_page.write_view(folder).read_text(encoding="utf-8")
+    times = data_of(page)["times"]
+    assert len(times) == 4
+    assert times[0] == 0.0
+    assert times[-1] == pytest.approx(0.4)
+    assert "of 9 frames" in page
+    monkeypatch.undo()
+    web_page.write_view(folder)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["view", "."], "holds no frames"),
+        (["render", ".", "-o", "a.png"], "holds no frames"),
+        (["render", ".", "-o", "a.avi"], "must end in .mp4, .gif, .png"),
+        (["render", ".", "-o", "a.png", "--size", "big"], "must be like 1280x720"),
+        (["render", ".", "-o", "a.mp4", "--size", "101x100"], "even for .mp4"),
+        (["render", ".", "-o", "a.gif", "--fps", "0"], "fps = 0"),
+        (["render", ".", "-o", "a.gif", "--time", "1"], "is for a .png"),
+    ],
+)
+def test_mistakes(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+# --- in a browser ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A headless Chromium of this machine."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip(f"needs one of {', '.join(BROWSERS)}")
+    options = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    with playwright.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=path, args=options)
+        yield browser
+        browser.close()
+
+
+class Page:
+    """view.html in the browser, with what went wrong there."""
+
+    def __init__(self, browser, file, width=390, height=700):
+        self.page = browser.new_page(viewport={"width": width, "height": height})
+        self.troubles = []
+        self.page.on("console", lambda message: self.troubles.append(message.text))
+        self.page.on("pageerror", lambda error: self.troubles.append(str(error)))
+        self.page.goto(file.resolve().as_uri())
+        self.page.wait_for_timeout(150)
+
+    def pixels(self):
+        shot = self.page.locator("canvas").screenshot()
+        return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
+
+    def cloth(self):
+        """Where the picture is coloured: the cloth; paper, ground and shadow are grey."""
+        return np.ptp(self.pixels(), axis=2) > 40
+
+    def slide(self, frame):
+        self.page.locator(".time").fill(str(frame))
+
+
+def rim(mask):
+    """Within two pixels of its edge: there each drawing of the same frame may differ."""
+    near = [np.roll(mask, shift, (0, 1)) for shift in np.ndindex(5, 5)]
+    return np.roll(np.any(near, axis=0) != np.all(near, axis=0), (-2, -2), (0, 1))
+
+
+def test_the_slider_moves_the_cloth(run, browser):
+    page = Page(browser, run[0] / "view.html")
+    assert "0.4 s" in page.page.locator(".now").inner_text()
+    last = page.cloth()
+    page.slide(0)
+    first = page.cloth()
+    assert 0.03 < first.mean() < 0.7
+    assert last.mean() > 0.01
+    assert (first ^ last).mean() > 0.02
+    rows = [np.mean(np.nonzero(mask)[0]) for mask in (first, last)]
+    assert rows[1] > rows[0] + 30  # it has fallen
+    assert page.page.locator(".now").inner_text() == "t = 0 s"
+    page.slide(8)
+    assert not ((page.cloth() ^ last) & ~rim(last)).any()
+    assert not page.troubles
+
+
+@pytest.mark.parametrize("run", ["P1"], indirect=True)
+def test_field_mouse_and_play(run, browser):
+    page = Page(browser, run[0] / "view.html")
+    page.slide(5)
+    before = page.pixels()
+    page.page.locator(".field").select_option(label="speed")
+    coloured = page.pixels()
+    assert (before != coloured).any(axis=2).mean() > 0.01
+    assert "m/s" in page.page.locator(".legend").inner_text()
+    page.page.mouse.move(200, 300)
+    page.page.mouse.down()
+    page.page.mouse.move(280, 300, steps=4)
+    page.page.mouse.up()
+    assert (page.pixels() != coloured).any(axis=2).mean() > 0.05
+    page.slide(8)
+    page.page.locator(".play").click()
+    page.page.wait_for_function('document.querySelector(".time").value == 0', timeout=5000)
+    page.page.wait_for_function('document.querySelector(".time").value > 0', timeout=5000)
+    assert not page.troubles
+
+
+@pytest.mark.parametrize("run", ["P1"], indirect=True)
+def test_checks_are_those_of_a_weave(run, browser):
+    """Of four squares one is white, two have one dark thread and one has two."""
+    page = Page(browser, run[0] / "view.html", 1280, 1600)
+    page.slide(8)
+    page.page.locator(".field").select_option(label="checks")
+    shown = page.pixels()
+    red, blue = shown[..., 0], shown[..., 2]
+    two, one = red < 0.5 * blue, (red > 0.6 * blue) & (red < 0.85 * blue)
+    assert two.sum() > 1000
+    assert 1.6 < one.sum() / two.sum() < 2.4
+    assert page.page.locator(".legend").inner_text().strip() == "squares of 0.05 m"
+    page.page.locator(".field").select_option(label="speed")
+    assert "m/s" in page.page.locator(".legend").inner_text()
+    assert page.page.locator(".ramp").is_visible()
+    assert not page.troubles
+
+
+@pytest.mark.parametrize("run", ["P1"], indirect=True)
+@pytest.mark.parametrize("width", [360, 1280])
+def test_it_fits_phone_and_desk(run, browser, width):
+    page = Page(browser, run[0] / "view.html", width)
+    wide = page.page.evaluate("document.documentElement.scrollWidth")
+    tall = page.page.evaluate("document.documentElement.scrollHeight")
+    assert wide <= width
+    assert tall <= 700
+    for name in (".play", ".time", ".field"):
+        box = page.page.locator(name).bounding_box()
+        assert box["height"] >= 30
+        assert box["x"] + box["width"] <= width
+    cloth = page.cloth()
+    assert cloth.any()
+    assert not cloth[[0, -1]].any()
+    assert not cloth[:, [0, -1]].any()
+
+
+@pytest.fixture(scope="module")
+def phone(browser, tmp_path_factory):
+    """report.html of a run on a phone, as a context that tests take pages of."""
+    folder = tmp_path_factory.mktemp("report")
+    (folder / "sheet.toml").write_text(SCENE, encoding="utf-8")
+    assert main(["run", str(folder / "sheet.toml"), "-o", str(folder / "run"), "--quiet"]) == 0
+    page = browser.new_page(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    page.goto((folder / "run" / "report.html").as_uri())
+    yield page
+    page.close()
+
+
+def swipe(page, across, along):
+    """One finger from the middle of the cloth, by so many pixels."""
+    box = page.locator("canvas").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    send = page.context.new_cdp_session(page).send
+    for k in range(11):
+        point = {"x": x + across * k / 10, "y": y + along * k / 10}
+        kind = "touchMove" if k else "touchStart"
+        send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [point]})
+    send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+
+def test_a_finger_on_the_cloth_turns_it_or_scrolls_the_report(phone):
+    before = phone.locator("canvas").screenshot()
+    swipe(phone, 120, 0)
+    assert phone.locator("canvas").screenshot() != before
+    assert phone.evaluate("scrollY") == 0
+    swipe(phone, 0, -200)
+    phone.wait_for_function("scrollY > 100", timeout=5000)
+
+
+def test_the_report_fits_a_phone_and_breaks_no_name(phone):
+    for summary in phone.locator("summary").all():
+        summary.click()
+    assert phone.evaluate("document.documentElement.scrollWidth") <= 390
+    lines = """cells => cells.map(cell => {
+        const range = document.createRange(); range.selectNodeContents(cell);
+        return range.getClientRects().length; })"""
+    counts = phone.locator("td:first-child").evaluate_all(lines)
+    assert len(counts) > 10
+    assert set(counts) == {1}
