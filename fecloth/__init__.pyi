@@ -22,7 +22,8 @@ from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, LinearlyImpl
 from .mesh.cloth import Cloth
 from .nonlinear.equilibrium import EquilibriumFailed, equilibrium
 from .nonlinear.options import Newton
-from .output.frames import Frames, fields, read_frame, write_vtk
+from .output.frame_arrays import fields
+from .output.frames import Frames, read_frame, write_vtk
 from .simulation.energy_ledger import Ledger
 from .simulation.error_control import Adaptive
 from .simulation.march import march

@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 import threading
-import warnings
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,21 +19,22 @@ from rich.console import Console
 from fecloth.cli.describe import described, sources
 from fecloth.cli.fabric_list import listed
 from fecloth.cli.progress import progress
-from fecloth.errors import FeclothError, FeclothWarning, InputError
+from fecloth.errors import FeclothError, InputError
 from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.atomic_files import DiskFull
 from fecloth.output.frame_reader import FIELDS, Series
 from fecloth.output.mesh_file import write_mesh
-from fecloth.runs.folder import versions
+from fecloth.runs.environment import versions
 from fecloth.runs.outcome import DONE, FAILED, closing, ledger_text, trouble
 from fecloth.runs.run_scene import run_scene, settled_scene
 from fecloth.scene import run_warnings
 from fecloth.scene.expectations import Verdict, check
-from fecloth.scene.problem import Built
+from fecloth.scene.plan import plan
+from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene, load
 from fecloth.simulation.march import StepInfo
-from fecloth.simulation.run import run
+from fecloth.simulation.run import collect
 from fecloth.view.checker_pattern import CHECKS
 from fecloth.view.render import render
 from fecloth.view.web_page import write_view
@@ -168,8 +168,8 @@ def _run(options) -> int:
     path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
     console = Console(stderr=True, quiet=options.quiet)
 
-    def announce(built: Built, why: str, told: list[str]) -> None:
-        lines = [*sources(built.system.fabric), *run_warnings.plan(built, why)]
+    def announce(problem: Problem, why: str, told: list[str]) -> None:
+        lines = [*sources(problem.system.fabric), *plan(problem, why)]
         lines += [f"warning: {doubt}" for doubt in told]
         console.print("\n".join(lines), highlight=False, soft_wrap=True)
 
@@ -238,12 +238,9 @@ def _check(options) -> int:
 
 
 def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
-    built = scene.build()
-    arguments = built.system, built.method, built.state, built.dt, built.t_end
-    options = {"probes": built.probes, "solver": built.linear, "newton": built.newton}
-    options["stops"] = built.stops
-    with warnings.catch_warnings(action="ignore", category=FeclothWarning):
-        result = run(*arguments, **options, report=report)
+    problem, solver, why = settled_scene(scene.build())
+    start = problem.system, problem.method, problem.ledger, problem.observer
+    result = collect(problem.march(solver), *start, why, report=report)
     if result.doubt:
         print(f"warning: {result.doubt}", file=sys.stderr)
     return check(scene.expect, result.times, result.observed, result.energies)
@@ -274,11 +271,11 @@ def _info(options) -> int:
         return 0
     if options.scene:
         scene = load(options.scene, options.set)
-        built = scene.build()
-        built, _, why = settled_scene(built)
-        lines = [*described(built.cloth), *sources(built.system.fabric)]
-        lines += run_warnings.plan(built, why)
-        lines += [f"warning: {doubt}" for doubt in run_warnings.doubts(built)]
+        problem = scene.build()
+        problem, _, why = settled_scene(problem)
+        lines = [*described(problem.cloth), *sources(problem.system.fabric)]
+        lines += plan(problem, why)
+        lines += [f"warning: {doubt}" for doubt in run_warnings.doubts(problem)]
         print("\n".join(lines))
         return 0
     for name, found in versions().items():

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from filelock import FileLock, Timeout
+
 from fecloth.errors import InputError
 
+LOCK = "run.lock"  # in the folder of a run while it runs
+_NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 _SPACE = "Free space or choose another folder."
 _REMEDIES = {  # of what is told with exit status 3
     errno.ENOSPC: _SPACE,
@@ -44,13 +47,30 @@ def replace_file(path: Path, data: bytes) -> None:
         part.write_bytes(data)
 
 
-def lengthen(path: Path, data: bytes, tail: int) -> None:
-    """The same with the old file's bytes, less the last `tail` of them, and the new ones."""
-    with in_one_go(path) as part:
-        shutil.copyfile(path, part)
-        with part.open("r+b") as stream:
-            stream.seek(-tail, os.SEEK_END)
-            stream.write(data)
+def append_in_place(path: Path, data: bytes, tail: int) -> None:
+    """Write `data` in the place of the last `tail` bytes of a file, in one write.
+
+    A killed process leaves the file as it was or with all the new bytes. The cost does not depend
+    on the size of the file.
+
+    Raises
+    ------
+    InputError
+        If the system refuses; the file then has its old bytes.
+    """
+    with writing(path), path.open("r+b", buffering=0) as stream:
+        place = stream.seek(-tail, os.SEEK_END)
+        end = stream.read(tail)
+        stream.seek(place)
+        try:
+            while data:  # an almost full disk takes a part
+                data = data[stream.write(data) :]
+        except BaseException:
+            with suppress(OSError):  # report the first error
+                stream.seek(place)
+                stream.write(end)
+                stream.truncate()
+            raise
 
 
 @contextmanager
@@ -83,34 +103,31 @@ def on_disk(*paths: Path) -> None:
 
 @contextmanager
 def alone(path: Path) -> Iterator[None]:
-    """Hold a run's folder, so that no other run writes into it meanwhile.
+    """Lock a run's folder against other runs, by a lock on the file `LOCK` in it.
 
-    The operating system's lock on the folder itself, which ends with the process however that
-    ends; nothing where there is none (Windows, some network drives).
+    The lock ends with the process, however that ends. A drive without locks is not locked.
 
     Raises
     ------
     InputError
-        If another run holds it.
+        If another run holds the lock.
     """
-    try:
-        import fcntl
-    except ImportError:
-        yield
-        return
+    lock = FileLock(path / LOCK, timeout=0)
     with writing(path):
-        folder = os.open(path, os.O_RDONLY)
-    try:
         try:
-            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
+            lock.acquire()
+        except Timeout as error:
             remedy = "Wait for its end, or choose another folder with -o."
             raise InputError(f"folder {path}", _holder(path), remedy=remedy) from error
-        except OSError:  # a drive without locks
-            pass
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+    try:
         yield
     finally:
-        os.close(folder)
+        with suppress(OSError):  # Windows removes it by the release
+            (path / LOCK).unlink()
+        lock.release()
 
 
 def _holder(path: Path) -> str:

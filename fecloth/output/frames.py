@@ -1,21 +1,8 @@
 """Frames for ParaView: one .vtu for each state, and a .pvd and a .vtu.series that hold the times.
 
-A frame's points are the current positions, so that it shows without a filter. Its arrays:
-
-    displacement          (n, 3)  x − (X, 0) [m]
-    velocity              (n, 3)  [m/s]
-    green_strain          (m, 3)  E11, E22, E12
-    principal_stretches   (m, 2)  smaller, larger
-    quality               (m,)    4√3 A / Σ l² of the reference triangle
-    stress_resultants     (m, 3)  S11, S22, S12 [N/m]
-    energy_density        (m,)    W [J/m²] per reference area
-
-1 is the warp and 2 the weft, wherever the grain of the system lays them (without a system, X and
-Y); ParaView shows the components by these names. Cell values are means over the reference
-triangle. Triangles of the element P2 are VTK's quadratic ones, `Cloth.cells`; ParaView draws them
-curved from a "Nonlinear Subdivision Level" of 1 on. The time stands in the field data as
-TimeValue, where VTK looks for it. Numbers are float64, compressed without loss, so that a frame
-read back is the state itself.
+A frame's points are the current positions, so that it shows without a filter; its arrays are those
+of `frame_arrays`. The time stands in the field data as TimeValue, where VTK looks for it. Numbers
+are float64, compressed without loss, so that a frame read back is the state itself.
 """
 
 from __future__ import annotations
@@ -30,68 +17,21 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
-from fecloth.output.atomic_files import lengthen, replace_file, writing
+from fecloth.output.atomic_files import append_in_place, replace_file, writing
+from fecloth.output.frame_arrays import fields, kinematics
 from fecloth.output.vtu_writer import LISTS, Arrays, encode_vtu
 from fecloth.system.system import State, System
-from fecloth.terms.loops.membrane import deformation_gradient, principal_stretches
 
 MESHIO = {"P1": "triangle", "P2": "triangle6"}
-
-
-# --- what a frame shows ---------------------------------------------------------------------------
-
-
-def fields(system: System, state: State) -> tuple[Arrays, Arrays]:
-    """Point data and cell data of a state, named and ordered as at the head of this file.
-
-    Stress resultants and energy density are summed over the membrane terms; a system without one
-    has neither.
-    """
-    points, cells = kinematics(system.cloth, state, system.panel.gradients)
-    membranes = [term for term in system.bound if hasattr(term, "add_stress")]
-    if membranes:
-        stress = np.zeros((len(system.cloth.triangles), 4))
-        for term in membranes:
-            term.add_stress(state.x, stress)
-        cells |= {"stress_resultants": stress[:, :3], "energy_density": stress[:, 3]}
-    return points, cells
-
-
-def kinematics(
-    cloth: Cloth, state: State, gradients: np.ndarray | None = None
-) -> tuple[Arrays, Arrays]:
-    """The point data and cell data that need no material.
-
-    `gradients` are those along warp and weft, `Panel.gradients`; left out, along X and Y.
-    """
-    moved = state.x.copy()
-    moved[:, :2] -= cloth.X
-    cells = {
-        "green_strain": _green_strain(cloth, state.x, gradients),
-        "principal_stretches": principal_stretches(cloth, state.x),
-        "quality": cloth.quality,
-    }
-    return {"displacement": moved, "velocity": state.v}, cells
-
-
-def _green_strain(cloth, x, gradients):
-    """(m, 3) means of E11, E22, E12 over each triangle."""
-    F = deformation_gradient(cloth, x, gradients)
-    share = cloth.weights / cloth.weights.sum(axis=1, keepdims=True)
-    C11, C22 = np.einsum("eq,eqij,eqij->je", share, F, F)
-    C12 = np.einsum("eq,eqi,eqi->e", share, F[..., 0], F[..., 1])
-    return np.column_stack([(C11 - 1) / 2, (C22 - 1) / 2, C12 / 2])
-
-
-# --- frames in a folder ---------------------------------------------------------------------------
 
 
 @dataclass(eq=False)
 class Frames:
     """Writes states as frames, one by one; after each the series on disk is whole.
 
-    Every file is replaced in one go, frames before the lists that name them, so that a run killed
-    at any moment leaves lists that open. In memory stay the times only, 8 bytes a frame.
+    A frame is written before the lists name it, and a list grows by one write in place: a run
+    killed at any moment leaves lists that open, and a frame costs the same however many there are.
+    In memory stay the times only, 8 bytes a frame.
 
     Attributes
     ----------
@@ -116,15 +56,17 @@ class Frames:
         """The file to open in ParaView."""
         return self._list(".pvd")
 
-    def add(self, state: State) -> Path:
+    def add(self, state: State, arrays: tuple[Arrays, Arrays] | None = None) -> Path:
         """Write the next frame and the lists; returns the frame's file.
+
+        `arrays` are the point and cell data, where `frame_arrays.fields` has made them already.
 
         Raises
         ------
         InputError
             If the state is not one of this cloth, or a file cannot be written.
         """
-        points, cells = self._fields(state)
+        points, cells = arrays or self._fields(state)
         file = self.path.parent / self._name(len(self.times))
         frame = encode_vtu(state.x, self.cloth.cells, state.t, points, cells)
         replace_file(file, frame)
@@ -173,7 +115,7 @@ class Frames:
             else:
                 entry = encode([last]).removeprefix(encode([]).removesuffix(tail))
                 between = b", " if suffix == ".vtu.series" else b""
-                lengthen(self._list(suffix), between + entry, len(tail))
+                append_in_place(self._list(suffix), between + entry, len(tail))
 
 
 def write_vtk(

@@ -32,7 +32,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.atomic_files import WriteError, writing
-from fecloth.output.frames import fields, kinematics
+from fecloth.output.frame_arrays import fields, kinematics
 from fecloth.output.vtu_writer import CELLS, Arrays
 from fecloth.output.write_ahead_log import anew, changed
 from fecloth.system.system import State, System
@@ -84,15 +84,17 @@ class HdfFrames:
         """The file to open in ParaView."""
         return self.path
 
-    def add(self, state: State) -> Path:
+    def add(self, state: State, arrays: tuple[Arrays, Arrays] | None = None) -> Path:
         """Append a frame; returns the file.
+
+        `arrays` are the point and cell data, where `frame_arrays.fields` has made them already.
 
         Raises
         ------
         InputError
             If the file cannot be written.
         """
-        shown = self.system and fields(self.system, state)
+        shown = arrays or (self.system and fields(self.system, state))
         points, cells = shown or kinematics(self.cloth, state)
         with (_more if self.times else _new)(self.path) as file:
             if not self.times:

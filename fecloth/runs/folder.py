@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
-import os
-import platform
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import datetime
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.output.atomic_files import replace_file, writing
+from fecloth.output.atomic_files import LOCK, replace_file, writing
+from fecloth.runs.csv_table import Table
 
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
 TEXTS = ("summary.json", "scene.resolved.toml", "run.log", "report.html", "view.html")
 TEXTS += ("run.vtkhdf", "run.vtkhdf.redo")
 LISTS = ("*.pvd", "*.vtu.series")  # only those that name frames/frame_…
-PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "numba", "pypardiso", "mkl")
 
 
 @dataclass(frozen=True)
@@ -98,7 +92,7 @@ class RunFolder:
         """Raise the `InputError` of `create` for a folder that is not empty; change nothing."""
         path = Path(path)
         with writing(path):
-            if not path.exists() or not any(path.iterdir()):
+            if not path.exists() or {LOCK} >= {file.name for file in path.iterdir()}:
                 return
             if not overwrite:
                 remedy = "Choose another folder with -o, or pass --overwrite to replace its run"
@@ -143,6 +137,7 @@ def begun(path: Path, made: bool) -> Iterator[None]:
         with suppress(OSError):
             _clear(path)
             if made:
+                (path / LOCK).unlink(missing_ok=True)
                 path.rmdir()
         raise
 
@@ -170,80 +165,6 @@ def _written(path):
         yield from (file for file in (path / name, path / f"{name}.part") if file.is_file())
 
 
-class Table:
-    """A .csv file of rows with equal keys, each handed to the system once `add` returns.
-
-    Numbers are written so that they read back as the same float64. A row for which there is no
-    room leaves nothing of itself.
-
-    Attributes
-    ----------
-    size
-        Bytes written.
-    """
-
-    def __init__(self, path: Path, kept: int | None = None):
-        self.path, self.size = path, kept or 0
-        self._header: tuple[str, ...] = ()
-        with writing(path):
-            if kept:
-                os.truncate(path, kept)
-                with path.open(newline="", encoding="utf-8") as stream:
-                    self._header = tuple(next(csv.reader(stream)))
-            self._stream = path.open("ab" if kept else "wb", buffering=0)
-
-    def add(self, row: Mapping[str, object]) -> None:
-        """Write one row.
-
-        Raises
-        ------
-        InputError
-            If its keys are not the first row's, or the file cannot be written.
-        """
-        header = self._header or tuple(row)
-        if row.keys() != set(header):
-            odd = ", ".join(sorted(row.keys() ^ set(header)))
-            raise InputError(f"keys {odd}", "must be those of the first row", str(self.path))
-        line = [row[key] for key in header]
-        data = _csv([line] if self._header else [header, line])
-        with writing(self.path):
-            try:
-                while data:  # a disk that is almost full takes a part
-                    data = data[self._stream.write(data) :]
-            except BaseException:
-                with suppress(OSError):  # that first one is told
-                    self.cut(self.size)
-                raise
-        self._header, self.size = header, self._stream.tell()
-
-    def cut(self, size: int) -> None:
-        """Take the bytes beyond the first `size` away."""
-        self._stream.truncate(size)
-        self._stream.seek(size)
-        self.size = size
-
-    def column(self, name: str) -> list[float]:
-        """The numbers of one column."""
-        with writing(self.path), self.path.open(newline="", encoding="utf-8") as stream:
-            return [float(row[name]) for row in csv.DictReader(stream)]
-
-    def close(self) -> None:
-        with writing(self.path):
-            self._stream.close()
-
-    def __enter__(self) -> Table:
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
-
-
-def _csv(rows) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue().encode()
-
-
 def _plain(value):
     """The same in JSON's types."""
     if isinstance(value, Mapping):
@@ -255,29 +176,3 @@ def _plain(value):
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, bool | int | str) else str(value)
-
-
-def versions() -> dict[str, str]:
-    """What a run ran on: fecloth, Python, the packages that are installed, the platform."""
-    found = {"python": platform.python_version(), "platform": platform.platform()}
-    for name in ("fecloth", *PACKAGES):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
-
-
-def peak_memory() -> float | None:
-    """The most memory this process has held so far [MB = 10⁶ bytes]; None on Windows."""
-    status = Path("/proc/self/status")
-    if status.exists():  # Linux: getrusage would count what the process that started this one held
-        for line in status.read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024 / 1e6
-    try:
-        import resource
-    except ImportError:
-        return None
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6

@@ -11,21 +11,22 @@ import numpy as np
 from fecloth.errors import FeclothError, InputError, StepFailed
 from fecloth.nonlinear.options import Solver
 from fecloth.output.atomic_files import WriteError, on_disk
+from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
-from fecloth.output.frames import Frames, fields
+from fecloth.output.frames import Frames
 from fecloth.output.vtkhdf_writer import HdfFrames
 from fecloth.runs import restart as restarts
-from fecloth.runs.folder import RunFolder, peak_memory, versions
+from fecloth.runs.environment import peak_memory, versions
+from fecloth.runs.folder import RunFolder
 from fecloth.runs.outcome import FAILED, INTERRUPTED, Outcome, sizes_of
 from fecloth.runs.restart import Restart
 from fecloth.runs.stopwatch import Watch
-from fecloth.scene.problem import Built
-from fecloth.simulation.energy_ledger import Ledger, doubt
-from fecloth.simulation.march import Memory, StepInfo, march
-from fecloth.simulation.probes import Observer
-from fecloth.simulation.run import balanced
-from fecloth.terms.loops.membrane import principal_stretches
-from fecloth.view.html_report import stretch_row, write_report
+from fecloth.runs.strain_statistics import stretch_row
+from fecloth.scene.problem import Problem
+from fecloth.simulation.energy_ledger import doubt
+from fecloth.simulation.march import StepInfo
+from fecloth.simulation.record_steps import Record, record_steps
+from fecloth.view.html_report import write_report
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
 _PCG = 'take linear = "pcg" in [solver], or a coarser mesh.'
@@ -39,20 +40,20 @@ class Recorder:
     def __init__(
         self,
         folder: RunFolder,
-        built: Built,
+        problem: Problem,
         watch: Watch,
         solver: Solver,
         scene: str,
         start: str,
         found: Restart | None = None,
     ):
-        self.folder, self.built, self.watch, self.solver = folder, built, watch, solver
+        self.folder, self.problem, self.watch, self.solver = folder, problem, watch, solver
         self.scene, self.start = scene, start
-        self.state, self.memory = built.state, Memory(0, built.state.t, None)
-        frames, name = FRAMES[built.frame_format]
-        self.frames = frames(folder.path / name, built.cloth, built.system)
-        self.ledger = Ledger.open(built.system, built.state)
-        self.observer = Observer.bind(built.system, built.state, built.probes)
+        self.state, self.memory = problem.state, problem.unstarted
+        frames, name = FRAMES[problem.frame_format]
+        self.frames = frames(folder.path / name, problem.cloth, problem.system)
+        self.ledger = problem.ledger
+        self.shown: Frame | None = None  # the last frame written
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
         self.turnover, self.doubted = 0.0, False
         self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
@@ -62,8 +63,8 @@ class Recorder:
                 self._go_on(found)
             else:
                 self._frame()
-                self._rows(self.observer.row(None, None))
-                if built.restarts:
+                self._rows(problem.observer.row(None, None))
+                if problem.restarts:
                     self.restart(regular=True)
 
     def _go_on(self, found: Restart) -> None:
@@ -86,7 +87,7 @@ class Recorder:
         restart = Restart(
             scene=self.scene,
             start=self.start,
-            method=str(self.built.method),
+            method=str(self.problem.method),
             state=self.state,
             memory=self.memory,
             ledger=self.ledger,
@@ -122,21 +123,18 @@ class Recorder:
 
     def to_end(self, report, warn, interrupted: threading.Event) -> None:
         """March until the end or until interrupted."""
-        built = self.built
-        if self.state.t >= built.t_end:  # it was killed while it closed
+        problem = self.problem
+        if self.state.t >= problem.t_end:  # it was killed while it closed
             return
-        run_ = built.system, built.method, self.state, built.dt, built.t_end
-        options = {"stops": built.stops, "solver": self.solver}
-        memory = self.memory if self.memory.step else None
-        steps = march(*run_, **options, memory=memory)
-        for state, info in steps:
-            with self.watch.phase("record"):
-                ledger = balanced(built.system, built.method, self.ledger, info)
-                observed = self.observer.row(info.old, info.result)
+        steps = problem.march(self.solver, self.state, self.memory)
+        start = problem.system, problem.method, self.ledger, problem.observer
+        for record in record_steps(steps, *start, turnover=self.turnover):
+            info = record.info
+            self.watch.add({"record": record.seconds})
             with self.watch.phase("output"):
                 with self._whole_or_not():
-                    self._take(state, info, ledger)
-                    self._rows(observed, info)
+                    self._take(record)
+                    self._rows(record.observed, info)
                     if self._due(info):
                         self._frame()
                 self._tell_doubt(info, warn)
@@ -157,10 +155,10 @@ class Recorder:
         self.folder.log(f"warning: {words}")
         warn(words)
 
-    def _take(self, state, info: StepInfo, ledger: Ledger) -> None:
-        self._count(info)
-        self.state, self.memory, self.ledger = state, info.memory, ledger
-        self.turnover = max(self.turnover, ledger.turnover)
+    def _take(self, record: Record) -> None:
+        self._count(record.info)
+        self.state, self.memory = record.state, record.info.memory
+        self.ledger, self.turnover = record.ledger, record.turnover
 
     @contextmanager
     def _whole_or_not(self) -> Iterator[None]:
@@ -179,7 +177,7 @@ class Recorder:
 
     def _restarts(self, info: StepInfo) -> bool:
         """Whether a restart file is due after the step."""
-        if not (every := self.built.restarts):
+        if not (every := self.problem.restarts):
             return False
         if isinstance(every, int):
             due = info.step % every == 0
@@ -187,17 +185,17 @@ class Recorder:
             times = np.array([info.old.t, info.t]) - info.memory.start
             before, now = np.floor(times / every + 1e-9)
             due = now > before
-        return due or info.t >= self.built.t_end
+        return due or info.t >= self.problem.t_end
 
     def _due(self, info: StepInfo) -> bool:
         """Whether the step ends at a frame."""
-        built = self.built
+        problem = self.problem
         due = (
-            info.t in built.stops
-            if built.frame_steps is None
-            else not info.step % built.frame_steps
+            info.t in problem.stops
+            if problem.frame_steps is None
+            else not info.step % problem.frame_steps
         )
-        return due or info.t >= built.t_end
+        return due or info.t >= problem.t_end
 
     def _count(self, info: StepInfo) -> None:
         counts = info.counts
@@ -223,23 +221,25 @@ class Recorder:
         return self.ledger.remainder / self.turnover if self.turnover else 0.0
 
     def _frame(self) -> None:
-        """The state as a frame, and the extremes of its strain."""
-        self.frames.add(self.state)
-        stretches = principal_stretches(self.built.cloth, self.state.x)
-        self.tables["strains"].add(stretch_row(self.state.t, stretches))
+        """Write the state as a frame, and the extremes of its strain."""
+        arrays = fields(self.problem.system, self.state)
+        self.frames.add(self.state, arrays)
+        self.shown = Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
+        self.tables["strains"].add(stretch_row(self.state.t, arrays[1]["principal_stretches"]))
 
     def _report(self, summary: dict) -> None:
-        """report.html; a run is none the worse for a page that cannot be made."""
-        system, state = self.built.system, self.state
+        """Write report.html; a failure to write it must not fail the run."""
+        system, state, frame = self.problem.system, self.state, self.shown
         try:
-            frame = Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
+            if frame is None or frame.points is not state.x:
+                frame = Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
             write_report(self.folder.path, summary, frame)
-        except Exception as failure:  # whatever it is, how the run ended is told already
+        except Exception as failure:  # of any kind: the summary is written already
             self.folder.log(f"warning: no report: {failure}")
 
     def doubt(self) -> str:
         """A sentence if the energy balance does not close."""
-        return doubt(self.built.system, self.ledger, self.turnover, self.built.state.t)
+        return doubt(self.problem.system, self.ledger, self.turnover, self.problem.state.t)
 
     def _summary(self, status: str, why: str, error: str | None, warning: str | None) -> dict:
         """What summary.json says."""
@@ -248,9 +248,9 @@ class Recorder:
             "error": error,
             "warning": warning,
             "t": self.state.t,
-            "t_end": self.built.t_end,
-            **sizes_of(self.built.system),
-            "method": str(self.built.method),
+            "t_end": self.problem.t_end,
+            **sizes_of(self.problem.system),
+            "method": str(self.problem.method),
             **self.counts,
             "frames": len(self.frames.times),
             "open": self.frames.opens.name,

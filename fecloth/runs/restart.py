@@ -24,7 +24,7 @@ from fecloth.integrators.explicit import LastForce
 from fecloth.integrators.newmark import Acceleration
 from fecloth.linalg.mkl_pardiso import threads
 from fecloth.output.atomic_files import on_disk, replace_file, writing
-from fecloth.runs.folder import versions
+from fecloth.runs.environment import versions
 from fecloth.runs.outcome import DONE
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_control import Control

@@ -9,7 +9,7 @@ import numpy as np
 
 from fecloth.errors import SceneError
 from fecloth.quantities.formula import nearest
-from fecloth.scene.tables import Expectation, Interest
+from fecloth.scene.probe_tables import Expectation, Interest
 
 Expected = Mapping[str, tuple[Expectation, ...]]
 

@@ -1,17 +1,20 @@
-"""What a scene says, as objects."""
+"""A problem: what a scene says, as objects."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fecloth.mesh.cloth import Cloth
-from fecloth.nonlinear.options import Newton
-from fecloth.simulation.probes import Probe
+from fecloth.nonlinear.options import Newton, Solver
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.march import Memory, StepInfo, march
+from fecloth.simulation.probes import Observer, Probe
 from fecloth.system.system import State, System
 
 
 @dataclass(frozen=True, eq=False)
-class Built:
+class Problem:
     """The objects of a scene, ready for `march`.
 
     Attributes
@@ -21,7 +24,9 @@ class Built:
     newton, linear
         Options of the nonlinear solve, and the choice of the linear solver.
     probes
-        For `run`.
+        As `run` takes them.
+    ledger, observer
+        The energies at the start, and what is recorded of each step.
     frame_steps, stops
         Steps between two frames of the output; or, where that is None, their times.
     frame_format
@@ -41,8 +46,26 @@ class Built:
     newton: Newton
     linear: str
     probes: tuple[Probe, ...]
+    ledger: Ledger
+    observer: Observer
     frame_steps: int | None
     stops: tuple[float, ...]
     frame_format: str = "vtu"
     note: str = ""
     restarts: int | float | None = None
+
+    @property
+    def unstarted(self) -> Memory:
+        """What `march` needs before the first step."""
+        return Memory(0, self.state.t, None)
+
+    def march(
+        self, solver: Solver, state: State | None = None, memory: Memory | None = None
+    ) -> Iterator[tuple[State, StepInfo]]:
+        """March to the end, from the start or from a later state with the `Memory` of its step.
+
+        With a memory `march` does not search the stable step: the scene was refused when it was
+        built if its dt is longer.
+        """
+        run = self.system, self.method, state or self.state, self.dt, self.t_end
+        return march(*run, stops=self.stops, solver=solver, memory=memory or self.unstarted)

@@ -3,44 +3,33 @@
 The same thing as the Python calls: the keys of a term, the fabric or the solver are the fields of
 the classes in `fecloth.terms`, of `Fabric` and of `Newton`, with the same units. Numbers are in SI,
 and so is what formulas give; text may be a number with another unit of the same quantity, as in
-``dt = "5 ms"`` (see `units`). The tables are described in `scenetables`, `scenefabric`,
-`scenestart` and `scenetime`.
+``dt = "5 ms"`` (see `units`). Each table is described where it is defined: `tables`,
+`fabric_table`, `pin_table`, `start_table`, `time_table`, `output_table` and `probe_tables`.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
 
 from fecloth.errors import InputError, SceneError
-from fecloth.fabric.panel import Panel
-from fecloth.homogenisation import bending_note
-from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
-from fecloth.output.frames import read_frame
 from fecloth.scene import tables, toml_text
-from fecloth.scene.expectations import refuse_times, refuse_unknown
+from fecloth.scene.build import build
+from fecloth.scene.error_words import errors_at, scene_error
+from fecloth.scene.expectations import refuse_times
 from fecloth.scene.fabric_table import FabricTable
-from fecloth.scene.problem import Built
+from fecloth.scene.output_table import Output
+from fecloth.scene.overrides import overridden
+from fecloth.scene.pin_table import PinTable
+from fecloth.scene.probe_tables import Expectations, Interest, ProbeTable
+from fecloth.scene.problem import Problem
 from fecloth.scene.start_table import Start
-from fecloth.scene.table_model import Table, as_tuples, exactly_one, scene_error, told_at
-from fecloth.scene.time_table import Output, Time
-from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.probes import Observer, Probe
-from fecloth.simulation.stability_limited import refuse_unstable
-from fecloth.simulation.step_times import step_times
-from fecloth.system.constraints import Constraints
-from fecloth.system.pins import DERIVATIVE_STEP, Pin
-from fecloth.system.system import State, System
-
-MOST_PLACES = 1_000_000  # times × nodes at which a motion of t, X, Y is evaluated before a run
+from fecloth.scene.table_model import Table, as_tuples, exactly_one
+from fecloth.scene.time_table import Time
 
 
 class Scene(Table):
@@ -59,14 +48,14 @@ class Scene(Table):
     fabrics: dict[str, FabricTable] | None = None
     grain_degrees: float | dict[str, float] = 0.0
     terms: tuple[tables.Term, ...] = ()
-    pins: tuple[tables.PinTable, ...] = ()
+    pins: tuple[PinTable, ...] = ()
     start: Start = Start(plane="xy")
     time: Time
     solver: tables.SolverTable = tables.SolverTable()
     output: Output = Output(frames=50)
-    probes: tuple[tables.ProbeTable, ...] = ()
-    expect: dict[str, tables.Expectations] = Field({})
-    interest: tables.Interest | None = None
+    probes: tuple[ProbeTable, ...] = ()
+    expect: dict[str, Expectations] = Field({})
+    interest: Interest | None = None
 
     _source: str = PrivateAttr("scene")
 
@@ -110,6 +99,11 @@ class Scene(Table):
             raise SceneError("no [expect] table", "nothing to check", self._source, remedy)
         refuse_times(self.expect, self.time.t_start, self.time.t_end, self._source)
 
+    @property
+    def source(self) -> str:
+        """The file and the overrides that the scene was read from, for messages."""
+        return self._source
+
     # --- to text ------------------------------------------------------------------------------
 
     def to_toml(self) -> str:
@@ -127,10 +121,10 @@ class Scene(Table):
 
     def mesh(self) -> Cloth:
         """The cloth alone; raises `SceneError` for one that cannot be meshed."""
-        with self._at("cloth"):
+        with errors_at("cloth", self._source):
             return self.cloth.cloth()
 
-    def build(self, cloth: Cloth | None = None) -> Built:
+    def build(self, cloth: Cloth | None = None) -> Problem:
         """Mesh the cloth (unless it is given), bind the terms and pins, place the start.
 
         Raises
@@ -140,134 +134,7 @@ class Scene(Table):
             overlap or leave a gap, pins that share a node, a formula that is not finite where it
             is needed, an unknown name in [expect].
         """
-        cloth = self.mesh() if cloth is None else cloth
-        pins, fabric, grain = self._pins(cloth), *self._cut(cloth)
-        with self._at("terms"):
-            given = [term.make() for term in self.terms]
-            system = System(cloth, fabric, given, pins, self.mass, grain)
-        state = self._start(system)
-        self._check_start(system, state)
-        method, dt = self.time.stepping()
-        self._check_method(system, state, method, dt)
-        probes = self._probes(cloth)
-        self._check_expected(system, state, probes)
-        return Built(
-            cloth=cloth,
-            system=system,
-            state=state,
-            method=method,
-            dt=dt,
-            t_end=self.time.t_end,
-            newton=self.solver.make(),
-            linear=self.solver.linear,
-            probes=probes,
-            frame_steps=self.output.steps(self.time),
-            stops=self.output.stops(self.time),
-            frame_format=self.output.format,
-            note=self._note(),
-            restarts=self.output.restart_steps or self.output.restart_every,
-        )
-
-    def _note(self) -> str:
-        """What [expect] should know of the mesh."""
-        pattern = getattr(self.cloth, "pattern", "")
-        return bending_note(pattern, [t.type for t in self.terms]) if self.expect else ""
-
-    def _cut(self, cloth: Cloth) -> tuple:
-        """The fabric and the grain [rad] as `System` takes them, each one or by region."""
-        fabric = self.fabric.make() if self.fabric else _each(self.fabrics, lambda t: t.make())
-        with self._at("fabric" if self.fabric else "fabrics"):
-            Panel.cut(cloth, fabric)
-        grain = _each(self.grain_degrees, math.radians)
-        with self._at("grain_degrees"):
-            Panel.cut(cloth, fabric, grain)
-        return fabric, grain
-
-    def _pins(self, cloth: Cloth) -> list[Pin]:
-        pins = []
-        for i, table in enumerate(self.pins):
-            with self._at(f"pins.{i}.{'inside' if table.where is None else 'where'}"):
-                X = cloth.X[cloth.nodes(table.pin().where)]
-            pins.append(table.pin(X))
-            if table.motion:
-                times = self._motion_times()
-                if table.by_place:  # some of them, lest n times k nodes be too many
-                    times = times[:: 1 + len(times) * len(X) // MOST_PLACES, None]
-                with self._at(f"pins.{i}.motion"):
-                    pins[-1].motion(times)
-        with self._at("pins"):
-            Constraints.bind(pins, cloth)
-        return pins
-
-    def _motion_times(self) -> np.ndarray:
-        """All times at which a motion is asked for, also by the difference for its velocity."""
-        start, end, dt = self.time.t_start, self.time.t_end, self.time.dt
-        dt = (end - start) / 1000 if dt == "auto" else dt
-        times = np.append(start, step_times(start, dt, end))
-        step = DERIVATIVE_STEP
-        before = np.maximum(times[1:] - step, start)
-        return np.concatenate([times, before, times[1:] + step])
-
-    def _start(self, system: System) -> State:
-        cloth, start = system.cloth, self.start
-        if start.frame:
-            with self._at("start.frame"):
-                return replace(read_frame(start.frame, cloth), t=self.time.t_start)
-        with self._at("start.position"):
-            x = start.x(cloth.X)
-        with self._at("start.velocity"):
-            v = start.v(cloth.X)
-        with self._at("start"):
-            return system.state(x, v, self.time.t_start)
-
-    def _check_start(self, system: System, state: State) -> None:
-        for name, term in zip(system.names, system.bound, strict=True):
-            f = np.zeros_like(state.x)
-            with self._at("terms"):
-                term.add_force(state.x, state.v, state.t, f)
-            if not np.isfinite(f).all():
-                allowed = "has no finite force at the start"
-                remedy = "Is the start degenerate? A Gas needs a volume: give it a dome."
-                raise SceneError(f"terms: {name}", allowed, self._source, remedy)
-
-    def _check_method(self, system: System, state: State, method, dt: float | None) -> None:
-        """Refuse a mass, a step or a linear solver that the method cannot have."""
-        if getattr(method, "explicit", False):
-            with self._at(""):  # the mass
-                method.check(system)
-        elif self.solver.linear != "auto":
-            symmetric = system.symmetric and getattr(method, "symmetric", True)
-            with self._at("solver.linear"):
-                select.named(self.solver.linear, symmetric or self.solver.definiteness == "clamp")
-        if dt:
-            insist = f'method = {{ type = "{self.time.method.type}", beyond_limit = true }}'
-            with self._at("time"):
-                refuse_unstable(system, method, state, dt, insist)
-
-    def _probes(self, cloth: Cloth) -> tuple[Probe, ...]:
-        probes = tuple(table.probe() for table in self.probes)
-        for i, probe in enumerate(probes):
-            with self._at(f"probes.{i}.{'where' if probe.point is None else 'point'}"):
-                probe.weights(cloth)
-        return probes
-
-    def _check_expected(self, system: System, state: State, probes: tuple[Probe, ...]) -> None:
-        if not (self.expect or self.interest):
-            return
-        observed = Observer.bind(system, state, probes).row(None, None)
-        names = sorted({*observed, *Ledger.open(system, state).row()} - {"t"})
-        refuse_unknown(self.expect, self.interest, names, self._source)
-
-    def _at(self, key: str) -> AbstractContextManager[None]:
-        """Refusals of the objects, told as what the scene says at `key`."""
-        return told_at(key, self._source)
-
-
-def _each(given: Any, function: Callable) -> Any:
-    """The function's value, or one for each region."""
-    if isinstance(given, Mapping):
-        return {name: function(value) for name, value in given.items()}
-    return function(given)
+        return build(self, self.mesh() if cloth is None else cloth)
 
 
 def load(
@@ -293,7 +160,7 @@ def load(
         valid key or name.
     """
     path, overrides = Path(path), tuple(overrides)
-    data = toml_text.overridden(toml_text.read(path), overrides)
+    data = overridden(toml_text.read(path), overrides)
     source = f"{path} with {', '.join(overrides)}" if overrides else str(path)
     try:
         scene = _scene(terms or {}).model_validate(data, context={"folder": path.parent})

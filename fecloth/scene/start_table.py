@@ -11,8 +11,8 @@ from pydantic import model_validator
 from fecloth.errors import InputError
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.units import LENGTH
+from fecloth.scene.field_types import File, OfPlace, Vector
 from fecloth.scene.table_model import Table, exactly_one
-from fecloth.scene.tables import File, OfPlace, Vector
 
 _PLANES = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}  # the axes of warp and weft
 

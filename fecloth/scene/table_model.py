@@ -7,17 +7,15 @@ A number may be text with a unit where the type of its key names what it measure
 from __future__ import annotations
 
 import dataclasses
-import re
-import reprlib
 import typing
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, ForwardRef, Literal, Union
 
 from pydantic import (
     BaseModel,
     ConfigDict,
     Discriminator,
+    PrivateAttr,
     Tag,
     ValidationError,
     create_model,
@@ -25,11 +23,10 @@ from pydantic import (
     model_validator,
 )
 
-from fecloth.errors import InputError, MeshError, SceneError
+from fecloth.errors import InputError
 from fecloth.quantities.formula import nearest
+from fecloth.scene.error_words import shortened
 from fecloth.scene.type_words import holds_tables, in_si, options, phrase, writable
-
-_KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
 
 
 class Table(BaseModel):
@@ -75,7 +72,7 @@ def _unknown(data: dict, fields: Mapping, shorthands: tuple[str, ...]) -> list[I
     known = (*fields, *shorthands)
     allowed = f"unknown key; the keys are {', '.join(known)}"
     return [
-        InputError(f"{key} = {_short(value)}", allowed, "", nearest(key, known))
+        InputError(f"{key} = {shortened(value)}", allowed, "", nearest(key, known))
         for key, value in data.items()
         if key not in fields
     ]
@@ -90,20 +87,26 @@ def _missing(data: dict, fields: Mapping) -> list[InputError]:
 
 
 class Made(Table):
-    """A table that stands for an object of the class `makes`, built when the table is read."""
+    """A table that stands for an object of the class `makes`, made once, when it is read.
+
+    What the class refuses is part of the validation.
+    """
 
     makes: ClassVar[type]
 
+    _object: Any = PrivateAttr()
+
     @model_validator(mode="after")
-    def _makeable(self):
-        self.make()
+    def _hold_object(self):
+        names = [field.name for field in dataclasses.fields(self.makes) if field.init]
+        values = {name: getattr(self, name) for name in names}
+        values = {k: v.make() if isinstance(v, Made) else v for k, v in values.items()}
+        self._object = self.makes(**values)
         return self
 
     def make(self):
-        """The object; its own refusals are part of the validation."""
-        names = [field.name for field in dataclasses.fields(self.makes) if field.init]
-        values = {name: getattr(self, name) for name in names}
-        return self.makes(**{k: v.make() if isinstance(v, Made) else v for k, v in values.items()})
+        """Return the object that the table holds."""
+        return self._object
 
 
 def table_of(cls: type, name: str = "", **more) -> type[Made]:
@@ -157,102 +160,3 @@ def exactly_one(table: Table, *keys: str) -> None:
     if len(given) != 1:
         what = f"{' and '.join(given)} are given" if given else f"{keys[0]} is missing"
         raise InputError(what, f"give exactly one of {', '.join(keys)}")
-
-
-# --- pydantic's errors in our words -------------------------------------------------------------
-
-
-def scene_error(error: ValidationError, data: Any, where: str) -> SceneError:
-    """The first mistake of the scene `data` from the file `where`, with the others' messages."""
-    found = (
-        told
-        for item in error.errors(include_url=False)
-        for told in _described(item, *_found(item["loc"], data))
-    )
-    first, *others = (SceneError(*told[:2], where, told[2]) for told in dict.fromkeys(found))
-    first.also = tuple(others)
-    return first
-
-
-def _described(item, key: str, written: Any) -> list[tuple[str, str, str]]:
-    """What, allowed and remedy of each mistake; `written` is what the file has at `key`."""
-    value, cause = item["input"], item.get("ctx", {}).get("error")
-    if isinstance(cause, InputError):
-        return [(placed(key, one, value), one.allowed, one.remedy) for one in (cause, *cause.also)]
-    return [_of_type(item, key, written, value)]
-
-
-def _of_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
-    if item["type"] == "kind":
-        return _kind(key, written, *item["msg"].split(": "))
-    listed = "tuple" in item["type"] and "." not in key
-    remedy = f"Write [[{key}]] above each of them." if listed else ""
-    return (
-        f"{key} = {_short(value)}",
-        f"must be a {'list of tables' if listed else 'table'}",
-        remedy,
-    )
-
-
-def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
-    allowed = f"must be one of {kinds}"
-    if isinstance(value, str):  # a name instead of a table with no more than that name
-        return f"{key} = {_short(value)}", allowed, nearest(value, kinds.split(", "))
-    if not isinstance(value, dict):
-        return f"{key} = {_short(value)}", f"must be a table whose {name} is one of {kinds}", ""
-    if name not in value:
-        return f"{key}.{name} is missing", allowed, ""
-    remedy = nearest(value[name], kinds.split(", "))
-    if key.startswith("terms"):
-        remedy = " ".join(filter(None, [remedy, _own(value[name])]))
-    return f"{key}.{name} = {_short(value[name])}", allowed, remedy
-
-
-def _own(name: Any) -> str:
-    """How Python code gives a type of term that is not the package's."""
-    if not (isinstance(name, str) and name.isidentifier()):
-        return ""
-    return f'One of your own: fecloth.scene.load("….toml", terms={{"{name}": {name}}}).'
-
-
-def placed(key: str, error: InputError, value: Any = None) -> str:
-    """What an `InputError` says about the table or value at `key`, with the dotted key in it."""
-    first = error.what.split(" ", 2)
-    if not error.what:
-        return f"{key} = {_short(value)}"
-    if len(first) > 1 and first[1] in ("=", "is") and _KEY.fullmatch(first[0]):
-        return f"{key}.{error.what}".removeprefix(".")
-    return f"{key}: {error.what}".removeprefix(": ")
-
-
-@contextmanager
-def told_at(key: str, where: str) -> Iterator[None]:
-    """Refusals of a scene's objects as what the scene `where` says at `key`."""
-    try:
-        yield
-    except SceneError:
-        raise
-    except InputError as error:
-        what = placed(key, error)
-        if isinstance(error, MeshError) and key == "cloth":  # where: the mesh file
-            what = f"{key}: {error.where}: {error.what}"
-        raise SceneError(what, error.allowed, where, error.remedy) from error
-
-
-def _short(value: Any) -> str:
-    return reprlib.repr(list(value) if isinstance(value, tuple) else value)
-
-
-def _found(location: tuple, data: Any) -> tuple[str, Any]:
-    """The dotted key of an error, and what stands there.
-
-    Pydantic's own entries, which name the kind of a table, are left out.
-    """
-    keys = []
-    for entry in location:
-        inside = isinstance(data, dict) and entry in data
-        inside |= isinstance(data, (list, tuple)) and isinstance(entry, int) and entry < len(data)
-        if inside:
-            data = data[entry]
-            keys.append(str(entry))
-    return ".".join(keys), data

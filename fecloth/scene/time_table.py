@@ -1,8 +1,7 @@
-"""The tables [time] and [output] of a scene file: a method, its steps, and when a frame is due."""
+"""The table [time] of a scene file: the method and its steps."""
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
@@ -10,9 +9,8 @@ from pydantic import Field, model_validator
 from fecloth.errors import InputError
 from fecloth.integrators.explicit import EXPLICIT
 from fecloth.integrators.one_stage import METHODS
-from fecloth.output.vtkhdf_writer import h5py
 from fecloth.quantities.units import RATE, SPEED, TIME
-from fecloth.scene.table_model import Table, exactly_one, one_of, table_of
+from fecloth.scene.table_model import Table, one_of, table_of
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.stability_limited import AtLimit
@@ -87,50 +85,3 @@ class Time(Table):
         if getattr(method, "explicit", False) and not given:
             return AtLimit(method), None
         return Adaptive(method, **given), None
-
-
-class Output(Table):
-    """Frames: their number (about), or the seconds or steps between two of them.
-
-    With `restart_steps` or `restart_every` a restart file at the start, after every so many steps
-    or seconds of the motion, and at the end.
-    """
-
-    frames: int | None = Field(None, ge=1)
-    every: Annotated[float | None, TIME] = Field(None, gt=0)
-    every_steps: int | None = Field(None, ge=1)
-    format: Literal["vtu", "vtkhdf"] = Field("vtu", description="a file a frame, or one for all")
-    restart_steps: int | None = Field(None, ge=1)
-    restart_every: Annotated[float | None, TIME] = Field(None, gt=0)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _default(cls, data: Any) -> Any:
-        given = not isinstance(data, dict) or data.keys() & {"frames", "every", "every_steps"}
-        return data if given else {"frames": 50} | data
-
-    @model_validator(mode="after")
-    def _one_spacing(self):
-        exactly_one(self, "frames", "every", "every_steps")
-        if self.restart_steps and self.restart_every:
-            exactly_one(self, "restart_steps", "restart_every")
-        if self.format == "vtkhdf":
-            h5py()
-        return self
-
-    def steps(self, time: Time) -> int | None:
-        """Steps between two frames, rounded to the nearest; None for frames at the `stops`."""
-        if self.every_steps or time.dt == "auto":
-            return self.every_steps
-        return max(1, round(self._seconds(time) / time.dt))
-
-    def stops(self, time: Time) -> tuple[float, ...]:
-        """Times of the frames at which a step must end, where the steps are chosen."""
-        if self.every_steps or time.dt != "auto":
-            return ()
-        seconds = self._seconds(time)
-        count = math.ceil((time.t_end - time.t_start) / seconds - 1e-9)
-        return tuple(time.t_start + seconds * i for i in range(1, count))
-
-    def _seconds(self, time: Time) -> float:
-        return self.every or (time.t_end - time.t_start) / (self.frames or 1)

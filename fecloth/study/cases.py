@@ -17,7 +17,7 @@ from pathlib import Path
 import fecloth
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
-from fecloth.runs.folder import versions
+from fecloth.runs.environment import versions
 from fecloth.study import processes, status
 from fecloth.study.processes import module_of
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fecloth.output.atomic_files import replace_file
-from fecloth.runs.folder import versions
+from fecloth.runs.environment import versions
 
 LONGEST = 300  # characters of a cell
 Row = Mapping[str, object]

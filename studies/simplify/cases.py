@@ -16,13 +16,14 @@ from fecloth import study
 from fecloth.errors import InputError
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.statistics import Counts
-from fecloth.runs.run_scene import compile_kernels
-from fecloth.scene.problem import Built
+from fecloth.runs.warm_up import compile_kernels
+from fecloth.scene.probe_tables import Interest
+from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene, load
-from fecloth.scene.tables import Interest
 from fecloth.simulation.probes import Observer
+from fecloth.simulation.record_steps import balanced
 from fecloth.simulation.resolve import settled
-from fecloth.simulation.run import balanced, columns
+from fecloth.simulation.run import columns
 
 COUNTED = ("newton", "linear", "factorisations")
 ENOUGH = 1.5  # CPU seconds of timing, after which a run is not repeated
@@ -60,7 +61,7 @@ def answer(
     return {"triangles": len(built.cloth.triangles), **row, "moved": moved.tolist()}
 
 
-def march(built: Built, most: float | None) -> dict:
+def march(built: Problem, most: float | None) -> dict:
     """The run that the scene describes; what it records is not in its seconds."""
     system, state, counts = built.system, built.state, dict.fromkeys(COUNTED, 0)
     ledger, observer = fc.Ledger.open(system, state), Observer.bind(system, state, built.probes)
@@ -84,7 +85,7 @@ def listed(rows: list[dict]) -> dict[str, list[float]]:
     return {name: values.tolist() for name, values in columns(rows).items()}
 
 
-def balance(built: Built) -> dict:
+def balance(built: Problem) -> dict:
     """The equilibrium under the loads at the end; two rows, the start and it."""
     if any(pin.motion for pin, _ in built.system.constraints.groups.values()):
         raise InputError("a pin moves", "equilibrium holds pins where they start", "needs.py")

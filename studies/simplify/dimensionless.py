@@ -24,7 +24,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
 import fecloth as fc
-from fecloth.scene.problem import Built
+from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene
 
 FIRST_ORDER = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler", "ForwardEuler")
@@ -40,7 +40,7 @@ class Numbers:
     """The sizes that a scene's terms have; see the head of this file."""
 
     scene: Scene
-    built: Built
+    built: Problem
 
     @classmethod
     def of(cls, scene: Scene) -> Numbers:

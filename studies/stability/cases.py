@@ -15,7 +15,7 @@ import fecloth as fc
 from fecloth import study
 from fecloth.integrators.explicit import EXPLICIT
 from fecloth.integrators.one_stage import METHODS
-from fecloth.scene.problem import Built
+from fecloth.scene.problem import Problem
 from fecloth.scene.scene import load
 
 ALL = {**METHODS, **EXPLICIT}
@@ -113,7 +113,7 @@ def _stiffest(fabric) -> float:
     return max(max(one.tensile) for one in fabrics)
 
 
-def march(scene: Built, method, dt: float | None) -> tuple[list[np.ndarray], fc.march]:
+def march(scene: Problem, method, dt: float | None) -> tuple[list[np.ndarray], fc.march]:
     """The positions at the quarters of the time, and the run."""
     start, end = scene.state.t, scene.t_end
     times, found = np.linspace(start, end, PARTS + 1)[1:], []
@@ -176,7 +176,7 @@ def made(energies: dict[str, np.ndarray]) -> float:
 SUMS = ("pins", "numerical", "total", "remainder")
 
 
-def apart(scene: Built, found: list[np.ndarray], exact: list[np.ndarray] | None) -> float:
+def apart(scene: Problem, found: list[np.ndarray], exact: list[np.ndarray] | None) -> float:
     """Largest rms distance at the quarters over the reference's largest displacement."""
     if exact is None:
         return math.nan

@@ -17,7 +17,7 @@ from fecloth.cli.main import main
 from fecloth.mesh.elements import quadratic
 from fecloth.mesh.flat_mesh import checked
 from fecloth.output.frames import read_frame
-from fecloth.runs import run_scene
+from fecloth.runs import run_scene, warm_up
 from fecloth.scene.scene import load
 from fecloth.stability.critical_step import critical_dt, element_bound
 from fecloth.verify import check_term, observed_order, trial_states
@@ -503,10 +503,8 @@ def test_a_scene_with_quadratic_triangles(tmp_path, capsys):
 def test_what_a_run_will_call_is_compiled_before_it(tmp_path, monkeypatch):
     file, seen = tmp_path / "s.toml", []
     file.write_text(SCENE)
-    monkeypatch.setattr(
-        run_scene, "run", lambda system, *_, **__: seen.append(system.cloth.element)
-    )
-    run_scene.compile_kernels(load(file).build())
+    monkeypatch.setattr(warm_up, "run", lambda system, *_, **__: seen.append(system.cloth.element))
+    warm_up.compile_kernels(load(file).build())
     assert set(seen) == {"P2"}
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.scene import run_warnings
+from fecloth.scene import dimensionless, plan, run_warnings
 from fecloth.scene.plausibility import odd
 from fecloth.scene.scene import load
 from studies.simplify.dimensionless import Numbers, table
@@ -142,13 +142,13 @@ def test_the_weight_over_the_bending_stiffness_is_told(
 )
 def test_no_weight_over_bending_stiffness_without_either_or_a_pin(missing, scene):
     built = load(scene, [missing]).build()
-    assert not any("weight over" in line for line in run_warnings.plan(built, "why"))
+    assert not any("weight over" in line for line in plan.plan(built, "why"))
 
 
 @pytest.mark.parametrize("angle", [0.01, 0.1, 0.5])
 def test_the_loss_of_a_swing_is_that_of_an_oscillator(angle):
     kept = fc.stability.amplification(fc.BackwardEuler(), angle, 0.0) ** (2 * math.pi / angle)
-    assert run_warnings.swing_loss(angle) == pytest.approx(1 - kept, rel=1e-9)
+    assert dimensionless.swing_loss(angle) == pytest.approx(1 - kept, rel=1e-9)
 
 
 def test_the_wave_runs_as_foretold():
@@ -159,16 +159,16 @@ def test_the_wave_runs_as_foretold():
     system = fc.System(cloth, fabric, [fc.StVK()], pins)
     x, pushed = system.rest().x, cloth.X[:, 0] < 0.2 - 1e-9
     v = np.column_stack([1e-3 * pushed, np.zeros((len(x), 2))])
-    t = 0.6 / run_warnings.wave_speed(fabric)
+    t = 0.6 / dimensionless.wave_speed(fabric)
     state = fc.run(system, fc.CentralDifference(), system.state(x, v), t_end=t).state
     front = cloth.X[state.v[:, 0] > 0.25e-3, 0].max()
     assert front == pytest.approx(0.2 + 0.6, abs=0.012)  # 1 - ν12 ν21 left out: 0.772
 
 
 MEASURED = """
-import fecloth as fc, fecloth.runner
-from fecloth.foresight import memory
-from fecloth.runfolder import peak_memory
+import fecloth as fc, fecloth.runs.run_scene
+from fecloth.scene.plan import memory
+from fecloth.runs.environment import peak_memory
 cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.008, pattern="right")
 system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity()], ["left"])
 fc.run(system, fc.BDF2(), system.rest(), dt=0.005, t_end=0.01, solver="direct")

@@ -9,8 +9,8 @@ import pytest
 
 import fecloth as fc
 from fecloth.errors import InputError
+from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import load
-from fecloth.scene.tables import Interest
 from fecloth.scene.toml_text import written
 from studies.simplify import __main__ as needs
 from studies.simplify import cases

@@ -12,8 +12,9 @@ from test_html_report import SCENE
 
 import fecloth as fc
 from fecloth.cli.main import main
+from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame, Series, field_values, straight
-from fecloth.output.frames import Frames, fields
+from fecloth.output.frames import Frames
 from fecloth.output.vtkhdf_writer import HdfFrames
 from fecloth.view import web_page
 from fecloth.view.svg_chart import chart
