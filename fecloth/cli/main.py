@@ -26,8 +26,8 @@ from fecloth.output.atomic_files import DiskFull
 from fecloth.output.frame_reader import FIELDS, Series
 from fecloth.output.mesh_file import write_mesh
 from fecloth.runs.environment import versions
-from fecloth.runs.outcome import DONE, FAILED, closing, ledger_text, trouble
-from fecloth.runs.run_scene import run_scene, settled_scene
+from fecloth.runs.outcome import DONE, FAILED, failure_message, finished_message, ledger_text
+from fecloth.runs.run_scene import resolve_scene, run_scene
 from fecloth.scene import run_warnings
 from fecloth.scene.expectations import Verdict, check
 from fecloth.scene.plan import plan
@@ -181,12 +181,12 @@ def _run(options) -> int:
         outcome = run_scene(scene, path, options.overwrite, announce, report, resume, warn)
     if not options.quiet:
         print(ledger_text(outcome.ledger))
-        print(closing(outcome))
+        print(finished_message(outcome))
     if outcome.warning:
         print(f"warning: {outcome.warning}", file=sys.stderr)
     if outcome.status == DONE:
         return 0
-    print(trouble(outcome), file=sys.stderr)
+    print(failure_message(outcome), file=sys.stderr)
     return SIMULATION_FAILED if outcome.status == FAILED else STOPPED
 
 
@@ -238,7 +238,7 @@ def _check(options) -> int:
 
 
 def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
-    problem, solver, why = settled_scene(scene.build())
+    problem, solver, why = resolve_scene(scene.build())
     start = problem.system, problem.method, problem.ledger, problem.observer
     result = collect(problem.march(solver), *start, why, report=report)
     if result.doubt:
@@ -272,10 +272,10 @@ def _info(options) -> int:
     if options.scene:
         scene = load(options.scene, options.set)
         problem = scene.build()
-        problem, _, why = settled_scene(problem)
+        problem, _, why = resolve_scene(problem)
         lines = [*described(problem.cloth), *sources(problem.system.fabric)]
         lines += plan(problem, why)
-        lines += [f"warning: {doubt}" for doubt in run_warnings.doubts(problem)]
+        lines += [f"warning: {doubt}" for doubt in run_warnings.find_warnings(problem)]
         print("\n".join(lines))
         return 0
     for name, found in versions().items():

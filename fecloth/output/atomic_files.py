@@ -12,7 +12,7 @@ from filelock import FileLock, Timeout
 
 from fecloth.errors import InputError
 
-LOCK = "run.lock"  # in the folder of a run while it runs
+LOCK = ".lock"  # in the folder of a run while it runs
 _NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 _SPACE = "Free space or choose another folder."
 _REMEDIES = {  # of what is told with exit status 3
@@ -30,7 +30,7 @@ class DiskFull(WriteError):
     """There is no room for a file, or none may be so large."""
 
     @staticmethod
-    def said(words: str) -> int | None:
+    def errno_in(words: str) -> int | None:
         """The error number of a full disk that another program's words end in, or None."""
         return next((number for number in _REMEDIES if os.strerror(number) in words), None)
 
@@ -43,7 +43,7 @@ def replace_file(path: Path, data: bytes) -> None:
     InputError
         If the system refuses; the old file is then untouched.
     """
-    with in_one_go(path) as part:
+    with replacing(path) as part:
         part.write_bytes(data)
 
 
@@ -74,7 +74,7 @@ def append_in_place(path: Path, data: bytes, tail: int) -> None:
 
 
 @contextmanager
-def in_one_go(path: Path) -> Iterator[Path]:
+def replacing(path: Path) -> Iterator[Path]:
     """A file to write, which then takes the place of the path."""
     part = path.with_name(path.name + ".part")
     with writing(path):
@@ -88,7 +88,7 @@ def in_one_go(path: Path) -> Iterator[Path]:
             raise
 
 
-def on_disk(*paths: Path) -> None:
+def flush_to_disk(*paths: Path) -> None:
     """Wait until files, and the names that folders hold, would survive a power cut."""
     for path in paths:
         if path.is_dir() and os.name == "nt":
@@ -102,7 +102,7 @@ def on_disk(*paths: Path) -> None:
 
 
 @contextmanager
-def alone(path: Path) -> Iterator[None]:
+def locked(path: Path) -> Iterator[None]:
     """Lock a run's folder against other runs, by a lock on the file `LOCK` in it.
 
     The lock ends with the process, however that ends. A drive without locks is not locked.

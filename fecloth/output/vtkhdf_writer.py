@@ -34,7 +34,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.output.atomic_files import WriteError, writing
 from fecloth.output.frame_arrays import fields, kinematics
 from fecloth.output.vtu_writer import CELLS, Arrays
-from fecloth.output.write_ahead_log import anew, changed
+from fecloth.output.write_ahead_log import changing, replace_whole
 from fecloth.system.system import State, System
 
 CHUNK = 1 << 18  # bytes of a dataset that are compressed and read at a time
@@ -145,13 +145,13 @@ def _new(path: Path) -> Iterator:
     stream = io.BytesIO()
     with h5py().File(stream, "w") as file:
         yield file
-    anew(path, stream.getvalue())
+    replace_whole(path, stream.getvalue())
 
 
 @contextmanager
 def _more(path: Path) -> Iterator:
     """The file to change, without HDF5's lock: a ParaView that looks at it stops no run."""
-    with writing(path), changed(path) as stream, h5py().File(stream, "r+") as file:
+    with writing(path), changing(path) as stream, h5py().File(stream, "r+") as file:
         yield file
 
 

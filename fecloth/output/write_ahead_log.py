@@ -17,11 +17,11 @@ from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 
-from fecloth.output.atomic_files import on_disk, replace_file, writing
+from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
 
 
 @contextmanager
-def changed(path: Path) -> Iterator[io.RawIOBase]:
+def changing(path: Path) -> Iterator[io.RawIOBase]:
     """The file to read and write; what was written is in it once the block has ended well.
 
     Raises
@@ -35,7 +35,7 @@ def changed(path: Path) -> Iterator[io.RawIOBase]:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder) / "it"
     ...     _ = file.write_bytes(b"abcdef")
-    ...     with changed(file) as stream:
+    ...     with changing(file) as stream:
     ...         _ = stream.seek(2), stream.write(b"XY")
     ...         before = file.read_bytes()
     ...     print(before, file.read_bytes())
@@ -50,7 +50,7 @@ def changed(path: Path) -> Iterator[io.RawIOBase]:
         places = [(at, len(data)) for at, data in stream.changes]
         head = json.dumps([sha256(data).hexdigest(), stream.size, places])
         replace_file(_redo(path), head.encode() + b"\n" + data)
-        on_disk(_redo(path), path.parent)
+        flush_to_disk(_redo(path), path.parent)
         _reserve(path, stream.size)
         recover(path)
 
@@ -66,7 +66,7 @@ def recover(path: Path) -> None:
         redo.unlink()
 
 
-def anew(path: Path, data: bytes) -> None:
+def replace_whole(path: Path, data: bytes) -> None:
     """Replace the whole file; changes that were begun on the old one are forgotten."""
     with writing(path):
         _redo(path).unlink(missing_ok=True)
@@ -90,7 +90,7 @@ def _make(path: Path, size: int, places: list, data: memoryview) -> None:
             file.write(data[:count])
             data = data[count:]
         file.truncate(size)
-    on_disk(path)
+    flush_to_disk(path)
 
 
 def _redo(path: Path) -> Path:

@@ -28,7 +28,7 @@ class RunFolder:
 
     Everything is with the operating system as soon as it is given, row by row and line by line,
     and whole files are replaced in one go: a killed process loses nothing. A power cut may, but for
-    what restart files need, see `on_disk`.
+    what restart files need, see `flush_to_disk`.
 
     Examples
     --------
@@ -70,7 +70,7 @@ class RunFolder:
         return cls(path)
 
     @classmethod
-    def opened(cls, path: str | Path, tables: Mapping[str, int]) -> RunFolder:
+    def reopen(cls, path: str | Path, tables: Mapping[str, int]) -> RunFolder:
         """The folder of a run that goes on; its tables keep so many bytes, see `table`.
 
         Raises
@@ -129,7 +129,7 @@ class RunFolder:
 
 
 @contextmanager
-def begun(path: Path, made: bool) -> Iterator[None]:
+def removed_on_failure(path: Path, made: bool) -> Iterator[None]:
     """A run that cannot begin leaves nothing, nor the folder if it was made for it."""
     try:
         yield
@@ -144,14 +144,14 @@ def begun(path: Path, made: bool) -> Iterator[None]:
 
 def _clear(path):
     """Remove a run's files from a folder, and the folders in it that are then empty."""
-    for file in _written(path):
+    for file in _files_of_run(path):
         file.unlink()
     for inner in (path / "frames", path / "restart"):
         if inner.is_dir() and not inner.is_symlink() and not any(inner.iterdir()):
             inner.rmdir()
 
 
-def _written(path):
+def _files_of_run(path):
     """The files in a folder that fecloth wrote there; last those that make it known as a run's."""
     for pattern in LISTS:
         for file in [*path.glob(pattern), *path.glob(f"{pattern}.part")]:

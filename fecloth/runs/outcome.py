@@ -42,7 +42,7 @@ class Outcome:
     resumes: float | None = None
 
 
-def sizes_of(system: System) -> dict:
+def count_sizes(system: System) -> dict:
     """What there is of nodes, triangles and free dofs."""
     return {
         "nodes": len(system.cloth.X),
@@ -51,7 +51,7 @@ def sizes_of(system: System) -> dict:
     }
 
 
-def closing(outcome: Outcome) -> str:
+def finished_message(outcome: Outcome) -> str:
     """What a run has taken, and where it can be seen."""
     counts, seconds = outcome.summary, outcome.summary["seconds"]
     return (
@@ -60,7 +60,7 @@ def closing(outcome: Outcome) -> str:
     )
 
 
-def trouble(outcome: Outcome) -> str:
+def failure_message(outcome: Outcome) -> str:
     """Why a run ended before its end, what is left of it, and from where it goes on."""
     folder, t = outcome.folder, outcome.summary["t"]
     readable = f"{folder} is readable up to t = {t:g} s"

@@ -10,7 +10,7 @@ import numpy as np
 
 from fecloth.errors import FeclothError, InputError, StepFailed
 from fecloth.nonlinear.options import Solver
-from fecloth.output.atomic_files import WriteError, on_disk
+from fecloth.output.atomic_files import WriteError, flush_to_disk
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
 from fecloth.output.frames import Frames
@@ -18,12 +18,12 @@ from fecloth.output.vtkhdf_writer import HdfFrames
 from fecloth.runs import restart as restarts
 from fecloth.runs.environment import peak_memory, versions
 from fecloth.runs.folder import RunFolder
-from fecloth.runs.outcome import FAILED, INTERRUPTED, Outcome, sizes_of
+from fecloth.runs.outcome import FAILED, INTERRUPTED, Outcome, count_sizes
 from fecloth.runs.restart import Restart
 from fecloth.runs.stopwatch import Watch
 from fecloth.runs.strain_statistics import stretch_row
 from fecloth.scene.problem import Problem
-from fecloth.simulation.energy_ledger import doubt
+from fecloth.simulation.energy_ledger import imbalance_warning
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.view.html_report import write_report
@@ -55,25 +55,25 @@ class Recorder:
         self.ledger = problem.ledger
         self.shown: Frame | None = None  # the last frame written
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
-        self.turnover, self.doubted = 0.0, False
+        self.turnover, self.has_warned = 0.0, False
         self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
-        self.safe = 0  # frames that a power cut would leave
+        self.frames_on_disk = 0  # frames that a power cut would leave
         with watch.phase("output"):
             if found:
-                self._go_on(found)
+                self._resume(found)
             else:
                 self._frame()
                 self._rows(problem.observer.row(None, None))
                 if problem.restarts:
                     self.restart(regular=True)
 
-    def _go_on(self, found: Restart) -> None:
+    def _resume(self, found: Restart) -> None:
         """Where that run was, and no file of what it did later."""
         self.state, self.memory, self.ledger = found.state, found.memory, found.ledger
         self.turnover, self.counts = found.turnover, dict(found.counts)
-        self.doubted = bool(self.doubt())  # and told
+        self.has_warned = bool(self.doubt())  # and told
         self.frames.keep(self.tables["strains"].column("t"))
-        self.safe = len(self.frames.times)
+        self.frames_on_disk = len(self.frames.times)
         restarts.drop_later(self.folder.path, found)
         exactly = "" if found.exact else ", to the solver's tolerance: it had kept a factor"
         self.folder.log(f"goes on from step {found.memory.step} at {found.state.t:g} s{exactly}")
@@ -98,16 +98,18 @@ class Recorder:
             exact=regular or not self.solver.keeps,
             made_on=restarts.machine(),
         )
-        frames = self.frames.files(self.safe)
-        on_disk(*(table.path for table in self.tables.values()), *frames)
-        on_disk(*{file.parent for file in frames} - {self.folder.path})  # that one is, by `write`
+        frames = self.frames.files(self.frames_on_disk)
+        flush_to_disk(*(table.path for table in self.tables.values()), *frames)
+        flush_to_disk(
+            *{file.parent for file in frames} - {self.folder.path}
+        )  # that one is, by `write`
         restarts.write(self.folder.path, restart)
-        self.safe = len(self.frames.times)
+        self.frames_on_disk = len(self.frames.times)
 
-    def marched(self, report, warn, interrupted: threading.Event) -> FeclothError | None:
+    def march(self, report, warn, interrupted: threading.Event) -> FeclothError | None:
         """March, and return what ended it before its end; a restart file is left in any case."""
         try:
-            self.to_end(report, warn, interrupted)
+            self._march_to_end(report, warn, interrupted)
         except (StepFailed, InputError, MemoryError) as failure:  # a user's function, a full disk
             with suppress(InputError, MemoryError):
                 self.restart()
@@ -121,7 +123,7 @@ class Recorder:
             raise
         return None
 
-    def to_end(self, report, warn, interrupted: threading.Event) -> None:
+    def _march_to_end(self, report, warn, interrupted: threading.Event) -> None:
         """March until the end or until interrupted."""
         problem = self.problem
         if self.state.t >= problem.t_end:  # it was killed while it closed
@@ -132,13 +134,13 @@ class Recorder:
             info = record.info
             self.watch.add({"record": record.seconds})
             with self.watch.phase("output"):
-                with self._whole_or_not():
+                with self._all_or_nothing():
                     self._take(record)
                     self._rows(record.observed, info)
-                    if self._due(info):
+                    if self._is_frame_due(info):
                         self._frame()
-                self._tell_doubt(info, warn)
-                if regular := self._restarts(info):
+                self._warn_once(info, warn)
+                if regular := self._is_restart_due(info):
                     self.restart(regular)
             report(info)
             if interrupted.is_set():
@@ -146,11 +148,11 @@ class Recorder:
                     self.restart()
                 return
 
-    def _tell_doubt(self, info: StepInfo, warn) -> None:
+    def _warn_once(self, info: StepInfo, warn) -> None:
         """Tell of the first step at which the energy balance no longer closes."""
-        if self.doubted or not (words := self.doubt()):
+        if self.has_warned or not (words := self.doubt()):
             return
-        self.doubted = True
+        self.has_warned = True
         words = f"step {info.step}, at t = {info.t:g} s: {words}"
         self.folder.log(f"warning: {words}")
         warn(words)
@@ -161,7 +163,7 @@ class Recorder:
         self.ledger, self.turnover = record.ledger, record.turnover
 
     @contextmanager
-    def _whole_or_not(self) -> Iterator[None]:
+    def _all_or_nothing(self) -> Iterator[None]:
         """A step that cannot be written, or is broken off there, is taken back from all tables."""
         kept = {name: getattr(self, name) for name in ("state", "memory", "ledger", "turnover")}
         counts, frames = dict(self.counts), len(self.frames.times)
@@ -175,7 +177,7 @@ class Recorder:
                 self.tables[name].cut(size)
             raise
 
-    def _restarts(self, info: StepInfo) -> bool:
+    def _is_restart_due(self, info: StepInfo) -> bool:
         """Whether a restart file is due after the step."""
         if not (every := self.problem.restarts):
             return False
@@ -187,7 +189,7 @@ class Recorder:
             due = now > before
         return due or info.t >= self.problem.t_end
 
-    def _due(self, info: StepInfo) -> bool:
+    def _is_frame_due(self, info: StepInfo) -> bool:
         """Whether the step ends at a frame."""
         problem = self.problem
         due = (
@@ -239,7 +241,9 @@ class Recorder:
 
     def doubt(self) -> str:
         """A sentence if the energy balance does not close."""
-        return doubt(self.problem.system, self.ledger, self.turnover, self.problem.state.t)
+        return imbalance_warning(
+            self.problem.system, self.ledger, self.turnover, self.problem.state.t
+        )
 
     def _summary(self, status: str, why: str, error: str | None, warning: str | None) -> dict:
         """What summary.json says."""
@@ -249,7 +253,7 @@ class Recorder:
             "warning": warning,
             "t": self.state.t,
             "t_end": self.problem.t_end,
-            **sizes_of(self.problem.system),
+            **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
             "frames": len(self.frames.times),
@@ -261,7 +265,7 @@ class Recorder:
             "versions": versions(),
         }
 
-    def _resumes(self) -> float | None:
+    def _resume_time(self) -> float | None:
         """From where a run that ends here goes on [s]: earlier if its solver kept a factor."""
         with suppress(InputError, MemoryError):
             return restarts.find(self.folder.path).state.t
@@ -280,7 +284,7 @@ class Recorder:
         warning = self.doubt()
         summary = self._summary(status, why, str(error) if error else None, warning or None)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
-        resumes = self._resumes()
+        resumes = self._resume_time()
         if status == INTERRUPTED and resumes is not None:
             words += f"; --resume goes on from {resumes:g} s"
         try:

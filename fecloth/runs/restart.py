@@ -23,7 +23,7 @@ from fecloth.integrators.bdf2 import Change
 from fecloth.integrators.explicit import LastForce
 from fecloth.integrators.newmark import Acceleration
 from fecloth.linalg.mkl_pardiso import threads
-from fecloth.output.atomic_files import on_disk, replace_file, writing
+from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
 from fecloth.runs.environment import versions
 from fecloth.runs.outcome import DONE
 from fecloth.simulation.energy_ledger import Ledger
@@ -108,7 +108,7 @@ def write(folder: Path, restart: Restart) -> Path:
     named = {f"array_{i}": array for i, array in enumerate(arrays)}
     np.savez(stream, header=np.frombuffer(header.encode(), np.uint8), **named)
     replace_file(path, stream.getvalue())
-    on_disk(path, path.parent, folder)
+    flush_to_disk(path, path.parent, folder)
     with writing(path):
         for old in files(folder)[KEPT:]:
             old.unlink()

@@ -24,22 +24,22 @@ from pathlib import Path
 
 from fecloth.errors import InputError
 from fecloth.nonlinear.options import Solver
-from fecloth.output.atomic_files import alone, writing
+from fecloth.output.atomic_files import locked, writing
 from fecloth.runs import restart as restarts
-from fecloth.runs.folder import RunFolder, begun
+from fecloth.runs.folder import RunFolder, removed_on_failure
 from fecloth.runs.interruption import interruptible
-from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, Outcome, sizes_of
+from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, Outcome, count_sizes
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.restart import Restart
 from fecloth.runs.stopwatch import Watch
 from fecloth.runs.warm_up import compile_kernels
 from fecloth.scene.problem import Problem
-from fecloth.scene.run_warnings import doubts
+from fecloth.scene.run_warnings import find_warnings
 from fecloth.scene.scene import Scene
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.record_steps import trial_recorder
-from fecloth.simulation.resolve import settled
+from fecloth.simulation.resolve import resolve
 
 
 def run_scene(
@@ -76,7 +76,7 @@ def run_scene(
     path = Path(path)
     with ExitStack() as held:
         if path.is_dir():
-            held.enter_context(alone(path))
+            held.enter_context(locked(path))
         return _run_scene(scene, path, overwrite, announce, report, resume, warn, held)
 
 
@@ -95,26 +95,26 @@ def _run_scene(scene, path, overwrite, announce, report, resume, warn, held: Exi
     with watch.phase("compile"):
         compile_kernels(problem)
     with watch.phase("choose"):
-        problem, solver, why = settled_scene(_chosen(problem, found))
-    told = doubts(problem)
+        problem, solver, why = resolve_scene(_with_earlier_method(problem, found))
+    told = find_warnings(problem)
     announce(problem, why, told)
     with interruptible() as interrupted:
         if not held_before:
             with writing(path):
                 path.mkdir(parents=True, exist_ok=True)
-            held.enter_context(alone(path))
+            held.enter_context(locked(path))
         folder = (
-            RunFolder.opened(path, found.tables) if found else RunFolder.create(path, overwrite)
+            RunFolder.reopen(path, found.tables) if found else RunFolder.create(path, overwrite)
         )
-        with nullcontext() if found else begun(path, made=not held_before):
-            _head(folder, scene, problem, why, told)
+        with nullcontext() if found else removed_on_failure(path, made=not held_before):
+            _write_head(folder, scene, problem, why, told)
             recorder = Recorder(folder, problem, watch, solver, scene.to_toml(), start, found)
-        error = recorder.marched(report, warn, interrupted)
+        error = recorder.march(report, warn, interrupted)
         stopped = INTERRUPTED if recorder.state.t < problem.t_end else DONE
         return recorder.close(FAILED if error else stopped, why, error)
 
 
-def _head(folder, scene, problem, why, told: list[str]) -> None:
+def _write_head(folder, scene, problem, why, told: list[str]) -> None:
     """The scene, and the first lines of the log."""
     folder.text("scene.resolved.toml", scene.to_toml())
     folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
@@ -124,15 +124,15 @@ def _head(folder, scene, problem, why, told: list[str]) -> None:
             folder.log(line)
 
 
-def settled_scene(problem: Problem) -> tuple[Problem, Solver, str]:
+def resolve_scene(problem: Problem) -> tuple[Problem, Solver, str]:
     """The problem with the method that takes the steps, its solver, and why those."""
     record = trial_recorder(problem.system, problem.ledger, problem.observer)
     run_ = problem.system, problem.method, problem.state, problem.dt, problem.t_end
-    method, solver, why = settled(*run_, problem.linear, problem.newton, record)
+    method, solver, why = resolve(*run_, problem.linear, problem.newton, record)
     return replace(problem, method=method), solver, why
 
 
-def _chosen(problem: Problem, found: Restart | None) -> Problem:
+def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
     """With the method that an earlier part of the run has settled on."""
     if not found or not isinstance(problem.method, Auto):
         return problem
@@ -143,6 +143,6 @@ def _chosen(problem: Problem, found: Restart | None) -> Problem:
 
 
 def _sizes(problem: Problem) -> str:
-    sizes = sizes_of(problem.system)
+    sizes = count_sizes(problem.system)
     terms = ", ".join(problem.system.names) or "no terms"
     return f"{sizes['nodes']} nodes, {sizes['triangles']} triangles; {terms}"

@@ -14,28 +14,28 @@ BENDING = ("HingeBending", "QuadraticBending")
 
 
 def wave_speed(fabric: Fabric) -> float:
-    """√(Y / ((1 − ν₁₂ ν₂₁) ρ)) [m/s] along the stiffer direction: a wave that stretches it."""
+    """Speed √(Y / ((1 − ν₁₂ ν₂₁) ρ)) [m/s] of a stretching wave along the stiffer direction."""
     warp, weft = fabric.tensile
     across = 1 - fabric.poisson_ratio**2 * weft / warp
     return math.sqrt(max(warp, weft) / across / fabric.areal_density)
 
 
 def swing_loss(angle: float) -> float:
-    """Part of the amplitude that backward Euler takes in a period, with ω dt = angle.
+    """Part of the amplitude that backward Euler removes per period, with ω dt = angle.
 
-    A step keeps 1/√(1 + ω² dt²), and a period has 2π / (ω dt) of them.
+    Each step multiplies the amplitude by 1/√(1 + ω² dt²), and a period has 2π / (ω dt) steps.
     """
     return -math.expm1(-math.pi / angle * math.log1p(angle**2))
 
 
-def gravity(system: System) -> float:
-    """|g| [m/s²] of all `Gravity` terms."""
+def gravity_magnitude(system: System) -> float:
+    """Magnitude [m/s²] of the sum of all `Gravity` terms."""
     given = [t.acceleration for t in system.terms if type(t).__name__ == "Gravity"]
     return float(np.linalg.norm(np.sum(given, axis=0))) if given else 0.0
 
 
-def hanging(system: System) -> float:
-    """The distance on the cloth of the node farthest from the pins [m]; 0 where nothing holds."""
+def distance_from_pins(system: System) -> float:
+    """Distance on the cloth of the node farthest from the pins [m]; 0 without pins."""
     held = system.constraints.nodes
     if not len(held):
         return 0.0
@@ -43,26 +43,26 @@ def hanging(system: System) -> float:
     return float(distances.max())
 
 
-def heaviness(system: System) -> float:
-    """ρ g L³/B, weight over bending stiffness [-]; 0 where one of them or a pin is missing.
+def weight_over_stiffness(system: System) -> float:
+    """ρ g L³/B, weight over bending stiffness [-]; 0 if one of them or a pin is missing.
 
-    L is the `reach`, B the least of the rigidities. With 8 a cantilever would sink by its
-    length, were its deflection in proportion to the load.
+    L is the `unsupported_length`, B the smallest rigidity. At 8 the linear deflection of a
+    cantilever is its length.
     """
     known = [min(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
     if not (known and set(BENDING) & set(term_types(system))):
         return 0.0
-    weight = gravity(system) * system.nodal_mass.sum() / system.cloth.area
-    return weight * reach(system) ** 3 / min(known)
+    weight = gravity_magnitude(system) * system.nodal_mass.sum() / system.cloth.area
+    return weight * unsupported_length(system) ** 3 / min(known)
 
 
-def reach(system: System) -> float:
-    """How far the cloth reaches from its pins, twice that if they surround its middle [m]."""
-    return hanging(system) * (1 + surrounded(system))
+def unsupported_length(system: System) -> float:
+    """Distance of the cloth from its pins [m], doubled if the pins surround its middle."""
+    return distance_from_pins(system) * (1 + is_surrounded_by_pins(system))
 
 
-def surrounded(system: System) -> bool:
-    """Whether the middle of the cloth, the mean of its nodes, lies within the pins' convex hull."""
+def is_surrounded_by_pins(system: System) -> bool:
+    """Return whether the mean of the nodes lies within the convex hull of the pins."""
     X = system.cloth.X
     try:
         hull = ConvexHull(X[system.constraints.nodes])

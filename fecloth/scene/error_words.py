@@ -32,7 +32,9 @@ def _described(item, key: str, written: Any) -> list[tuple[str, str, str]]:
     """What, allowed and remedy of each mistake; `written` is what the file has at `key`."""
     value, cause = item["input"], item.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
-        return [(placed(key, one, value), one.allowed, one.remedy) for one in (cause, *cause.also)]
+        return [
+            (with_key(key, one, value), one.allowed, one.remedy) for one in (cause, *cause.also)
+        ]
     return [_of_type(item, key, written, value)]
 
 
@@ -69,7 +71,7 @@ def _own(name: Any) -> str:
     return f'One of your own: fecloth.scene.load("….toml", terms={{"{name}": {name}}}).'
 
 
-def placed(key: str, error: InputError, value: Any = None) -> str:
+def with_key(key: str, error: InputError, value: Any = None) -> str:
     """What an `InputError` says about the table or value at `key`, with the dotted key in it."""
     first = error.what.split(" ", 2)
     if not error.what:
@@ -87,7 +89,7 @@ def errors_at(key: str, where: str) -> Iterator[None]:
     except SceneError:
         raise
     except InputError as error:
-        what = placed(key, error)
+        what = with_key(key, error)
         if isinstance(error, MeshError) and key == "cloth":  # where: the mesh file
             what = f"{key}: {error.where}: {error.what}"
         raise SceneError(what, error.allowed, where, error.remedy) from error

@@ -16,7 +16,7 @@ _NAMED = (  # where a name may stand in place of a table, and the key of that ta
 )
 
 
-def overridden(data: dict, overrides: Iterable[str]) -> dict:
+def override(data: dict, overrides: Iterable[str]) -> dict:
     """A copy of the tables with values replaced, as by ``["time.dt=0.005", "terms.0.time=0.02"]``.
 
     Keys are TOML's dotted keys, with numbers (from 0) for the items of lists. Values are TOML; a
@@ -31,9 +31,9 @@ def overridden(data: dict, overrides: Iterable[str]) -> dict:
 
     Examples
     --------
-    >>> overridden({"time": {"dt": 0.1}, "terms": [{"k": 1}]}, ["time.dt=0.2", "terms.0.k=3"])
+    >>> override({"time": {"dt": 0.1}, "terms": [{"k": 1}]}, ["time.dt=0.2", "terms.0.k=3"])
     {'time': {'dt': 0.2}, 'terms': [{'k': 3}]}
-    >>> overridden({"fabric": "silk"}, ["fabric.areal_density=0.2"])
+    >>> override({"fabric": "silk"}, ["fabric.areal_density=0.2"])
     {'fabric': {'preset': 'silk', 'areal_density': 0.2}}
     """
     data = _copied(data)

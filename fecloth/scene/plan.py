@@ -9,14 +9,19 @@ import numpy as np
 
 from fecloth.linalg import select
 from fecloth.linalg.mkl_pardiso import threads
-from fecloth.scene.dimensionless import heaviness, reach, surrounded, wave_speed
+from fecloth.scene.dimensionless import (
+    is_surrounded_by_pins,
+    unsupported_length,
+    wave_speed,
+    weight_over_stiffness,
+)
 from fecloth.scene.problem import Problem
 from fecloth.stability.critical_step import element_bound
 from fecloth.system.system import System
 
 
 def plan(problem: Problem, why: str) -> list[str]:
-    """Sizes, terms, method, solver and why, threads, memory, weight, what explicit steps need."""
+    """Return lines on sizes, terms, method, solver, threads, memory, weight and explicit steps."""
     system = problem.system
     name = f"{'quadratic ' * (system.cloth.element == 'P2')}triangles"
     lines = [
@@ -41,7 +46,7 @@ def plan(problem: Problem, why: str) -> list[str]:
 
 
 def _steps(problem: Problem) -> str:
-    """dt, or how the steps are chosen."""
+    """Return dt, or how the steps are chosen, in words."""
     if problem.dt:
         return f"dt = {problem.dt:g} s"
     by = f"rtol = {problem.method.rtol:g}" if hasattr(problem.method, "rtol") else "stability"
@@ -50,35 +55,36 @@ def _steps(problem: Problem) -> str:
 
 def _needs(problem: Problem) -> str:
     if getattr(problem.method, "explicit", False):
-        return f"one thread, about {memory(problem.system, 'explicit'):.0f} MB"
-    iterated = memory(problem.system, "pcg")
+        return f"one thread, about {estimate_memory(problem.system, 'explicit'):.0f} MB"
+    iterated = estimate_memory(problem.system, "pcg")
     if problem.linear == "pcg":
         return f"one thread, about {iterated:.0f} MB"
     select.direct(problem.system.symmetric)  # loads the MKL, if there is one
-    factor = f"{threads() or 1} for factorisations, else one"
-    return f"threads: {factor}; about {iterated:.0f} MB, with a factor {memory(problem.system):.0f}"
+    count, factored = threads() or 1, estimate_memory(problem.system)
+    words = f"threads: {count} for factorisations, else one"
+    return f"{words}; about {iterated:.0f} MB, with a factor {factored:.0f}"
 
 
 def _heavy(system: System) -> Iterator[str]:
-    """The number by which README tells whether bending matters."""
-    number, length = heaviness(system), reach(system)
+    """Yield weight over bending stiffness, which tells whether bending matters."""
+    number, length = weight_over_stiffness(system), unsupported_length(system)
     if number:
         yield (
             f"weight over bending stiffness: ρ g L³/B = {number:.3g} with L = {length:.3g} m, "
             + (
                 "twice the reach from the pins around"
-                if surrounded(system)
+                if is_surrounded_by_pins(system)
                 else "the reach from the pins"
             )
         )
 
 
-def memory(system: System, solver: str = "direct") -> float:
-    """About what a run will hold at its peak [MB].
+def estimate_memory(system: System, solver: str = "direct") -> float:
+    """Estimate the peak memory of a run [MB].
 
-    The program, a node's arrays, a block's, and the factor's, which grows as b log₂ n with b
-    blocks on n nodes: fitted to peaks of 441 to 40,401 nodes, P1, with hinges and without, which
-    it meets within a tenth.
+    A constant for the program, and parts in proportion to the n nodes, the b matrix blocks and,
+    for a factor, b log₂ n; fitted within 10 % to peaks of 441 to 40,401 nodes, P1, with and
+    without hinges.
     """
     n, blocks = len(system.cloth.X), len(system.pattern.indices)
     held = 1500 * n

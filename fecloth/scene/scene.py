@@ -23,7 +23,7 @@ from fecloth.scene.error_words import errors_at, scene_error
 from fecloth.scene.expectations import refuse_times
 from fecloth.scene.fabric_table import FabricTable
 from fecloth.scene.output_table import Output
-from fecloth.scene.overrides import overridden
+from fecloth.scene.overrides import override
 from fecloth.scene.pin_table import PinTable
 from fecloth.scene.probe_tables import Expectations, Interest, ProbeTable
 from fecloth.scene.problem import Problem
@@ -115,7 +115,7 @@ class Scene(Table):
         if len(data["time"]["method"]) == 1:
             data["time"]["method"] = data["time"]["method"]["type"]
         data["expect"] = {k: v[0] if len(v) == 1 else v for k, v in data["expect"].items()}
-        return toml_text.written(data)
+        return toml_text.to_toml(data)
 
     # --- to objects ---------------------------------------------------------------------------
 
@@ -160,7 +160,7 @@ def load(
         valid key or name.
     """
     path, overrides = Path(path), tuple(overrides)
-    data = overridden(toml_text.read(path), overrides)
+    data = override(toml_text.read(path), overrides)
     source = f"{path} with {', '.join(overrides)}" if overrides else str(path)
     try:
         scene = _scene(terms or {}).model_validate(data, context={"folder": path.parent})

@@ -29,8 +29,8 @@ class Rotation(Table):
             raise InputError(f"axis = {list(self.axis)}", "must not be zero")
         return self
 
-    def applied(self, x: np.ndarray) -> np.ndarray:
-        """Rodrigues' formula for points (n, 3)."""
+    def apply(self, x: np.ndarray) -> np.ndarray:
+        """Rotate points (n, 3) by Rodrigues' formula."""
         axis = np.array(self.axis) / math.hypot(*self.axis)
         angle = math.radians(self.degrees)
         along = np.outer(x @ axis, axis)
@@ -38,9 +38,9 @@ class Rotation(Table):
 
 
 class Start(Table):
-    """Where the cloth starts: flat in a plane, or at formulas of X and Y, or where a run stopped.
+    """The start: flat in a plane, by formulas of X and Y, or from a frame of an earlier run.
 
-    `rotate` is applied to it, then `shift`; `velocity` is not rotated.
+    `rotate` is applied first, then `shift`; `velocity` is not rotated.
     """
 
     plane: Literal["xy", "xz", "yz"] | None = None
@@ -65,17 +65,17 @@ class Start(Table):
         return self
 
     def x(self, X: np.ndarray) -> np.ndarray:
-        """Positions (n, 3) [m] of material points (n, 2); not for a frame."""
+        """Return positions (n, 3) [m] of material points (n, 2); not for a frame."""
         x = np.zeros((len(X), 3))
         if self.position:
             x = _at(self.position, X)
         else:
             x[:, _PLANES[self.plane]] = X
-        x = self.rotate.applied(x) if self.rotate else x
+        x = self.rotate.apply(x) if self.rotate else x
         return x + self.shift if self.shift else x
 
     def v(self, X: np.ndarray) -> np.ndarray:
-        """Velocities (n, 3) [m/s]."""
+        """Return velocities (n, 3) [m/s]."""
         return _at(self.velocity, X) if self.velocity else np.zeros((len(X), 3))
 
 

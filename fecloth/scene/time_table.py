@@ -11,16 +11,15 @@ from fecloth.integrators.explicit import EXPLICIT
 from fecloth.integrators.one_stage import METHODS
 from fecloth.quantities.units import RATE, SPEED, TIME
 from fecloth.scene.table_model import Table, one_of, table_of
-from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
-from fecloth.simulation.stability_limited import AtLimit
+from fecloth.simulation.resolve import choose_steps
 
 MOST_STEPS = 10_000_000
 _METHODS = METHODS | EXPLICIT
 
 
 class AutoMethod(Table):
-    """``method = "auto"``: explicit or implicit, whichever is foretold to be faster."""
+    """``method = "auto"``: explicit or implicit, whichever is predicted to be faster."""
 
     type: Literal["auto"]
 
@@ -33,9 +32,9 @@ _MethodTable = one_of(
 class Time(Table):
     """The method and its step dt, from t_start to t_end [s].
 
-    With ``dt = "auto"`` the steps are chosen: by their error where `rtol` [1/s] or `atol` [m/s]
-    are given, as for `Adaptive`, and for implicit methods in any case; else, for explicit ones,
-    0.9 of the largest stable one.
+    With ``dt = "auto"`` explicit methods take 0.9 of their largest stable step. With `rtol` [1/s]
+    or `atol` [m/s], and for implicit methods always, the error determines the steps; see
+    `Adaptive`.
     """
 
     method: _MethodTable = Field(description=", ".join([*_METHODS, "auto"]))
@@ -79,9 +78,5 @@ class Time(Table):
         given = {k: getattr(self, k) for k in ("rtol", "atol") if getattr(self, k) is not None}
         if self.method.type == "auto":
             return Auto(**given), None
-        method = self.method.make()
-        if self.dt != "auto":
-            return method, self.dt
-        if getattr(method, "explicit", False) and not given:
-            return AtLimit(method), None
-        return Adaptive(method, **given), None
+        dt = None if self.dt == "auto" else self.dt
+        return choose_steps(self.method.make(), dt, given), dt

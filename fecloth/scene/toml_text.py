@@ -75,12 +75,12 @@ def _closest(name: str, names: Iterable[str]) -> str:
     return next(iter(difflib.get_close_matches(name, sorted(names), n=1)), "")
 
 
-def written(data: dict) -> str:
+def to_toml(data: dict) -> str:
     """Return nested dicts, lists, strings and numbers as TOML, without None and empty ones.
 
     Examples
     --------
-    >>> print(written({"mass": "lumped", "time": {"dt": 0.01}, "pins": []}))
+    >>> print(to_toml({"mass": "lumped", "time": {"dt": 0.01}, "pins": []}))
     mass = "lumped"
     <BLANKLINE>
     [time]

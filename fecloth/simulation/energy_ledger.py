@@ -159,7 +159,7 @@ class Ledger:
         }
 
 
-def doubt(system: System, ledger: Ledger, turnover: float, start: float) -> str:
+def imbalance_warning(system: System, ledger: Ledger, turnover: float, start: float) -> str:
     """In words that the energy balance of a run since `start` does not close, or "".
 
     Its remainder is beyond 5 % of the largest `turnover` [J] that there was, beyond `slight`, and
@@ -170,7 +170,7 @@ def doubt(system: System, ledger: Ledger, turnover: float, start: float) -> str:
     if ledger.silent or not (seconds > 0 and abs(remainder) > TRUSTED * turnover):
         return ""
     amounts = turnover, *ledger.potential.values(), *ledger.opening.values()
-    if not abs(remainder) > ROUND_OFF * sum(map(abs, amounts)) + slight(system, seconds):
+    if not abs(remainder) > ROUND_OFF * sum(map(abs, amounts)) + negligible_energy(system, seconds):
         return ""
     return (
         f"the energy balance is off by {remainder:.3g} J, where {turnover:.3g} J have "
@@ -178,7 +178,7 @@ def doubt(system: System, ledger: Ledger, turnover: float, start: float) -> str:
     )
 
 
-def slight(system: System, seconds: float) -> float:
+def negligible_energy(system: System, seconds: float) -> float:
     """Kinetic energy [J] of a cloth that creeps: ½ m (1e-6 L/T)², a millionth of L in the time T.
 
     m is its mass and L its largest extent; round-off and tolerances make less of one at rest.

@@ -14,9 +14,9 @@ from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.options import Newton, Solver
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.motion_jumps import jumping
-from fecloth.simulation.resolve import settled
+from fecloth.simulation.resolve import resolve
 from fecloth.simulation.stability_limited import refuse_unstable
-from fecloth.simulation.step_times import left, targets_of
+from fecloth.simulation.step_times import target_times, targets_after
 from fecloth.system.system import State, System
 from fecloth.terms.loops.membrane import largest_stretch, principal_stretches
 
@@ -113,11 +113,11 @@ def march(
     """
     refuse_arguments(system, method, state, newton, most_stretch)
     begin, resumed = memory or Memory(0, state.t, None), memory is not None
-    targets = left(targets_of(method, begin.start, dt, t_end, stops), state.t)
+    targets = targets_after(target_times(method, begin.start, dt, t_end, stops), state.t)
     if resumed and isinstance(method, Auto):
         raise InputError("memory with Auto()", "needs the method that Auto chose", "march")
     opening = replace(state, t=begin.start)
-    method, solver, _ = settled(system, method, opening, dt, t_end, solver, newton)
+    method, solver, _ = resolve(system, method, opening, dt, t_end, solver, newton)
     if not resumed:  # the limit is asked for at the start only
         refuse_unstable(system, method, state, dt)
     look = 8 if getattr(method, "explicit", False) else 1

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.simulation.energy_ledger import Ledger, slight
+from fecloth.simulation.energy_ledger import Ledger, negligible_energy
 from fecloth.simulation.march import Problem, StepInfo, step_failed
 from fecloth.simulation.probes import Observer
 from fecloth.system.system import State, System
@@ -109,4 +109,4 @@ def _noise(system: System, info: StepInfo) -> float:
     """
     speed = 64 * np.finfo(float).eps * np.abs(info.result.state.x).max() / info.dt
     rounded = 0.5 * float(system.nodal_mass.sum()) * speed**2
-    return max(rounded, slight(system, info.t - info.memory.start))
+    return max(rounded, negligible_energy(system, info.t - info.memory.start))

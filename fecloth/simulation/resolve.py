@@ -1,14 +1,15 @@
-"""What a run is settled on before its first step: the method, its solver, and why those."""
+"""The choices before the first step: who takes the steps, with which solver, and why."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from fecloth import validation
 from fecloth.errors import InputError, brief
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.options import Newton, Solver
+from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.stability_limited import AtLimit
 from fecloth.system.system import State, System
@@ -17,10 +18,10 @@ from fecloth.system.system import State, System
 def solver_for(
     system: System, method, dt: float, choice: str = "auto", options: Newton | None = None
 ) -> tuple[Solver, str]:
-    """The solver of a run, and in words why it was chosen.
+    """Return the solver of a run, and in words why it was chosen.
 
     `choice` is "auto", "direct", "pardiso", "superlu" or "pcg". "auto" starts with conjugate
-    gradients and goes over to a factorisation, and back, by the work it counts; see `cheapest`.
+    gradients and changes to a factorisation, and back, by the work it counts; see `auto_solver`.
     """
     validation.method(method)
     validation.number("dt", dt, 0.0, "solver_for")
@@ -45,7 +46,7 @@ def solver_for(
     return Solver(chosen, matrix, options), f"{chosen.name} ({why})"
 
 
-def settled(
+def resolve(
     system: System,
     method,
     state: State,
@@ -55,22 +56,22 @@ def settled(
     newton: Newton | None = None,
     record: Callable = lambda *step: None,
 ) -> tuple[object, Solver, str]:
-    """The method that takes the steps, its solver, and in words why those.
+    """Return the method that takes the steps, its solver, and in words why these.
 
-    `Auto` is replaced by its choice, and an explicit method that is given no dt by `AtLimit`;
-    `record(method, old, step)` is what follows each step, and counts in Auto's choice.
+    `Auto` is replaced by its choice, and an explicit method without dt by `AtLimit`;
+    `record(method, old, step)` is the work after each step, which counts in Auto's choice.
     """
     if isinstance(solver, Solver):
         if isinstance(method, Auto):
             allowed = 'must be a name such as "auto" with Auto(), whose methods need one each'
             raise InputError("solver = a Solver", allowed, "march")
-        return _stepping(method, dt), solver, "given"
+        return choose_steps(method, dt), solver, "given"
 
     def solver_of(one):
         return solver_for(system, one, dt or (t_end - state.t) / 1000, solver, newton)
 
     if not isinstance(method, Auto):
-        method = _stepping(method, dt)
+        method = choose_steps(method, dt)
         return method, *solver_of(method)
     way = system, state, t_end, lambda one: solver_of(one)[0], record
     method, why = method.settled(*way)
@@ -78,7 +79,16 @@ def settled(
     return method, solver, f"{reason}; {type(method.method).__name__} ({why})"
 
 
-def _stepping(method, dt):
-    """The method; an explicit one that is given no dt, with steps near its limit."""
-    explicit = getattr(method, "explicit", False) and not getattr(method, "chooses_dt", False)
-    return AtLimit(method) if dt is None and explicit else method
+def choose_steps(method, dt: float | None, tolerances: Mapping[str, float] | None = None):
+    """Return the method that takes steps of `dt`, or that chooses its steps where dt is None.
+
+    The one place that decides who chooses a step: an explicit method goes near its stability
+    limit (`AtLimit`) unless `tolerances` has `rtol` or `atol`; with a mapping, be it empty, any
+    other method is controlled by its error (`Adaptive`). Without one it is left as it is, and
+    `march` refuses it without a dt.
+    """
+    if dt is not None or getattr(method, "chooses_dt", False):
+        return method
+    if getattr(method, "explicit", False) and not tolerances:
+        return AtLimit(method)
+    return method if tolerances is None else Adaptive(method, **tolerances)

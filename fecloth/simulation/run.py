@@ -13,12 +13,12 @@ from fecloth import validation
 from fecloth.errors import FeclothWarning
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
-from fecloth.simulation.energy_ledger import Ledger, doubt
+from fecloth.simulation.energy_ledger import Ledger, imbalance_warning
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
-from fecloth.simulation.resolve import settled
-from fecloth.simulation.step_times import targets_of
+from fecloth.simulation.resolve import resolve
+from fecloth.simulation.step_times import target_times
 from fecloth.system.system import State, System
 
 
@@ -97,10 +97,10 @@ def run(
     validation.number("most_growth", most_growth, 0.0, "run", infinite=True)
     validation.function("report", report, "lambda info: print(info.t)", "run")
     opening = replace(state, t=memory.start) if memory else state
-    targets_of(method, opening.t, dt, t_end, stops)  # refuse them before anything else
+    target_times(method, opening.t, dt, t_end, stops)  # refuse them before anything else
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
     record = trial_recorder(system, ledger, observer)
-    method, chosen, why = settled(system, method, opening, dt, t_end, solver, newton, record)
+    method, chosen, why = resolve(system, method, opening, dt, t_end, solver, newton, record)
     validation.offers(method, ("theta", "numerical"), "run")
     options = {"stops": stops, "most_stretch": most_stretch, "memory": memory}
     steps = march(system, method, state, dt, t_end, solver=chosen, **options)
@@ -151,7 +151,7 @@ def collect(
         linear=counts.linear,
         solver=why,
         method=method,
-        doubt=doubt(system, ledger, turnover, start),
+        doubt=imbalance_warning(system, ledger, turnover, start),
     )
 
 

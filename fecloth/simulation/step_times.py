@@ -50,7 +50,7 @@ def step_times(t: float, dt: float, t_end: float, stops: Sequence[float] = ()) -
     return np.concatenate(pieces)
 
 
-def targets_of(method, t, dt, t_end, stops):
+def target_times(method, t, dt, t_end, stops):
     """When a step must end; refuses what is no method, and steps that none can take."""
     validation.method(method)
     if getattr(method, "explicit", False) and (dt is None or isinstance(dt, str)):
@@ -66,7 +66,7 @@ def targets_of(method, t, dt, t_end, stops):
     return end_times(t, t_end, stops)
 
 
-def left(targets, t):
+def targets_after(targets, t):
     """The targets after t."""
     if not targets[-1] > t:
         raise InputError(f"t_end = {targets[-1]}", f"must be > {t} [s]", "march")

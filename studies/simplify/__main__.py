@@ -26,7 +26,7 @@ from fecloth import study as harness
 from fecloth.errors import FeclothError
 from fecloth.output.atomic_files import replace_file
 from fecloth.scene.scene import load
-from fecloth.scene.toml_text import written
+from fecloth.scene.toml_text import to_toml
 from studies.simplify.cases import COUNTED, Answer, answer, changes, data_of, interest_of, scene_of
 from studies.simplify.dimensionless import Numbers
 from studies.simplify.dimensionless import table as numbers_of
@@ -64,7 +64,7 @@ class Study:
 
     @cached_property
     def text(self) -> str:
-        return written(self.data)
+        return to_toml(self.data)
 
     @cached_property
     def scene(self):
@@ -82,7 +82,7 @@ class Study:
         return Answer.of(row)
 
     def case(self, name: str, data: dict, static: bool = False) -> dict:
-        settings = {"scene": self.name, "variant": name, "text": written(data)}
+        settings = {"scene": self.name, "variant": name, "text": to_toml(data)}
         return settings | {"static": static, "repeats": self.repeats}
 
     def answers(self, cases: list[dict]) -> list[dict]:
@@ -170,7 +170,7 @@ def combined(study: Study, found: list[tuple[Variant, dict]]) -> tuple[dict, lis
 def reduced(study: Study, data: dict) -> dict:
     """Write reduced.toml, run what is in the file, and hold it against the full scene."""
     path = study.running["out"] / "reduced.toml"
-    replace_file(path, written(data).encode())
+    replace_file(path, to_toml(data).encode())
     case = study.case("reduced.toml", data_of(load(path)))
     (row,) = harness.run_cases([case], answer, **study.running | {"fresh": True})
     return study.held(row)

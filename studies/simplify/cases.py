@@ -22,7 +22,7 @@ from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene, load
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.record_steps import balanced
-from fecloth.simulation.resolve import settled
+from fecloth.simulation.resolve import resolve
 from fecloth.simulation.run import columns
 
 COUNTED = ("newton", "linear", "factorisations")
@@ -67,7 +67,7 @@ def march(built: Problem, most: float | None) -> dict:
     ledger, observer = fc.Ledger.open(system, state), Observer.bind(system, state, built.probes)
     rows, seconds, begin = [ledger.row() | observer.row(None, None)], 0.0, time.process_time()
     given = system, built.method, state, built.dt, built.t_end
-    method, solver, _ = settled(*given, built.linear, built.newton)
+    method, solver, _ = resolve(*given, built.linear, built.newton)
     first = begin
     for state, info in fc.march(system, method, *given[2:], solver=solver):  # noqa: B007
         seconds += time.process_time() - begin

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from fecloth.errors import FeclothError
-from fecloth.scene.toml_text import written
+from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.error_control import Adaptive
 from studies.simplify.cases import data_of, scene_of
 from studies.simplify.dimensionless import BENDING, DAMPINGS, MEMBRANES, Numbers
@@ -54,7 +54,7 @@ def _reach(variant: Variant, of: Numbers) -> float:
 
     On a coarser mesh ``inside = "X < 0.02"`` is another clamp.
     """
-    other = Numbers.of(scene_of(written(variant.apply(data_of(of.scene)))))
+    other = Numbers.of(scene_of(to_toml(variant.apply(data_of(of.scene)))))
     return abs(other.moved * other.L / (of.moved * of.L) - 1)
 
 

@@ -18,9 +18,9 @@ import fecloth as fc
 from fecloth import terms
 from fecloth.integrators.one_stage import METHODS
 from fecloth.output import frames
-from fecloth.scene.overrides import overridden
+from fecloth.scene.overrides import override
 from fecloth.scene.scene import Scene, load
-from fecloth.scene.toml_text import read, written
+from fecloth.scene.toml_text import read, to_toml
 from fecloth.simulation.stability_limited import AtLimit
 from studies.references.closed_forms import hanging_strip_mean, hanging_strip_tip
 from studies.references.falling_disk import trampoline
@@ -180,10 +180,10 @@ def test_rotation_keeps_lengths_and_the_axis():
     from fecloth.scene.start_table import Rotation
 
     x = np.random.default_rng(1).normal(size=(5, 3))
-    turned = Rotation(axis=(1.0, 2.0, -1.0), degrees=40.0).applied(x)
+    turned = Rotation(axis=(1.0, 2.0, -1.0), degrees=40.0).apply(x)
     np.testing.assert_allclose(turned @ turned.T, x @ x.T, atol=1e-14)
     np.testing.assert_allclose(turned @ [1, 2, -1], x @ [1, 2, -1], atol=1e-14)
-    sixty = Rotation(axis=(0.0, 0.0, 3.0), degrees=60.0).applied(np.eye(3))
+    sixty = Rotation(axis=(0.0, 0.0, 3.0), degrees=60.0).apply(np.eye(3))
     np.testing.assert_allclose(sixty[0], [0.5, math.sqrt(0.75), 0], atol=1e-15)
 
 
@@ -457,7 +457,7 @@ def test_overrides_replace_values_and_leave_the_rest(file):
 
 def test_overrides_do_not_touch_what_they_are_given():
     data = {"terms": [{"k": 1}]}
-    assert overridden(data, ["terms.0.k=2"]) == {"terms": [{"k": 2}]}
+    assert override(data, ["terms.0.k=2"]) == {"terms": [{"k": 2}]}
     assert data == {"terms": [{"k": 1}]}
 
 
@@ -539,7 +539,7 @@ VALUES = st.recursive(
 @given(st.dictionaries(TEXTS, VALUES, max_size=4))
 def test_any_tables_survive_the_writer(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "writer.toml"
-    path.write_text(written(data), encoding="utf-8", newline="")
+    path.write_text(to_toml(data), encoding="utf-8", newline="")
     assert read(path) == data
 
 
@@ -628,7 +628,7 @@ VALID = st.fixed_dictionaries(
 @given(VALID)
 def test_any_valid_scene_loads_again_to_an_equal_one(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "scene.toml"
-    path.write_text(written(data), encoding="utf-8", newline="")
+    path.write_text(to_toml(data), encoding="utf-8", newline="")
     scene = load(path)
     path.write_text(scene.to_toml(), encoding="utf-8", newline="")
     assert load(path) == scene
