@@ -1,4 +1,4 @@
-"""Files written whole or not at all, and folders that one process writes into at a time."""
+"""Files written whole or not at all, and folders locked for one process."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fecloth.errors import InputError
 LOCK = ".lock"  # in the folder of a run while it runs
 _NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 _SPACE = "Free space or choose another folder."
-_REMEDIES = {  # of what is told with exit status 3
+_REMEDIES = {  # errors with exit status 3
     errno.ENOSPC: _SPACE,
     getattr(errno, "EDQUOT", errno.ENOSPC): _SPACE,
     errno.EFBIG: "Raise the limit on the size of a file (ulimit -f), or choose another disk.",
@@ -23,20 +23,20 @@ _REMEDIES = {  # of what is told with exit status 3
 
 
 class WriteError(InputError):
-    """The system does not let a file be read or written."""
+    """The system refuses to read or write a file."""
 
 
 class DiskFull(WriteError):
-    """There is no room for a file, or none may be so large."""
+    """The disk is full, or a file reaches the allowed size."""
 
     @staticmethod
     def errno_in(words: str) -> int | None:
-        """The error number of a full disk that another program's words end in, or None."""
+        """Return the error number of a full disk in another program's message, or None."""
         return next((number for number in _REMEDIES if os.strerror(number) in words), None)
 
 
 def replace_file(path: Path, data: bytes) -> None:
-    """Write a file in one go: whoever opens it finds the old bytes or all the new ones.
+    """Replace a file in one go: a reader finds all old bytes or all new ones.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def append_in_place(path: Path, data: bytes, tail: int) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A file to write, which then takes the place of the path."""
+    """Yield a temporary file that replaces `path` at the end of the block."""
     part = path.with_name(path.name + ".part")
     with writing(path):
         try:
@@ -89,10 +89,10 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def flush_to_disk(*paths: Path) -> None:
-    """Wait until files, and the names that folders hold, would survive a power cut."""
+    """Wait until files, and the entries of folders, would survive a power cut."""
     for path in paths:
         if path.is_dir() and os.name == "nt":
-            continue  # Windows opens no folders
+            continue  # Windows cannot open folders
         with writing(path):
             file = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
             try:
@@ -131,7 +131,7 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def _holder(path: Path) -> str:
-    """Who writes there, as its log says."""
+    """Return which process writes there, by its log."""
     with suppress(OSError):
         lines = (path / "run.log").read_text(encoding="utf-8", errors="replace").splitlines()
         if found := [line for line in lines if " process " in line]:

@@ -8,10 +8,10 @@
     stress_resultants     (m, 3)  S11, S22, S12 [N/m]
     energy_density        (m,)    W [J/m²] per reference area
 
-1 is the warp and 2 the weft, wherever the grain of the system lays them (without a system, X and
-Y); ParaView shows the components by these names. Cell values are means over the reference
-triangle. Triangles of the element P2 are VTK's quadratic ones, `Cloth.cells`; ParaView draws them
-curved from a "Nonlinear Subdivision Level" of 1 on. from 1 on.
+1 is the warp and 2 the weft by the grain of the system (without a system, X and Y); ParaView shows
+the components by these names. Cell values are means over the reference triangle. Triangles of the
+element P2 are VTK's quadratic ones, `Cloth.cells`; ParaView draws them curved from a "Nonlinear
+Subdivision Level" of 1 on.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from fecloth.terms.loops.membrane import deformation_gradient, principal_stretch
 
 
 def fields(system: System, state: State) -> tuple[Arrays, Arrays]:
-    """Point data and cell data of a state, named and ordered as at the head of this file.
+    """Return the point data and cell data of a state, as listed at the head of this file.
 
     Stress resultants and energy density are summed over the membrane terms; a system without one
     has neither.
@@ -43,7 +43,7 @@ def fields(system: System, state: State) -> tuple[Arrays, Arrays]:
 def kinematics(
     cloth: Cloth, state: State, gradients: np.ndarray | None = None
 ) -> tuple[Arrays, Arrays]:
-    """The point data and cell data that need no material.
+    """Return the point data and cell data that need no material.
 
     `gradients` are those along warp and weft, `Panel.gradients`; left out, along X and Y.
     """

@@ -1,8 +1,8 @@
-"""Frames for ParaView: one .vtu for each state, and a .pvd and a .vtu.series that hold the times.
+"""Frames for ParaView: one .vtu for each state, listed with their times in .pvd and .vtu.series.
 
-A frame's points are the current positions, so that it shows without a filter; its arrays are those
-of `frame_arrays`. The time stands in the field data as TimeValue, where VTK looks for it. Numbers
-are float64, compressed without loss, so that a frame read back is the state itself.
+A frame's points are the current positions, so that no filter is needed; its arrays are those of
+`frame_arrays`. The time is in the field data as TimeValue, where VTK looks for it. Numbers are
+float64, compressed without loss: a frame read back is the state itself.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ MESHIO = {"P1": "triangle", "P2": "triangle6"}
 
 @dataclass(eq=False)
 class Frames:
-    """Writes states as frames, one by one; after each the series on disk is whole.
+    """Writes states as frames one by one; after each the series on disk is complete.
 
     A frame is written before the lists name it, and a list grows by one write in place: a run
     killed at any moment leaves lists that open, and a frame costs the same however many there are.
-    In memory stay the times only, 8 bytes a frame.
+    Memory: 8 bytes a frame for its time.
 
     Attributes
     ----------
     path
         Folder and name of the series: ``path``.pvd and ``path``.vtu.series list the frames.
     cloth, system
-        What is shown; without a system, no stress and no energy.
+        Mesh and terms; without a system, no stress and no energy.
     stem
         Frame i is ``stem``_00000i.vtu, relative to the folder.
     times
@@ -75,7 +75,7 @@ class Frames:
         return file
 
     def keep(self, times: Sequence[float]) -> None:
-        """Go on after an earlier run's frames of these times; its later ones are removed."""
+        """Continue after an earlier run's frames of these times; remove its later ones."""
         self.times = array("d", times)
         listed = [(self._name(i), t) for i, t in enumerate(self.times)]
         for suffix, encode, _ in LISTS:
@@ -86,7 +86,7 @@ class Frames:
                     file.unlink()
 
     def files(self, after: int) -> list[Path]:
-        """The frames from number `after` on, and the lists."""
+        """Return the frames from number `after` on, and the lists."""
         frames = [self.path.parent / self._name(i) for i in range(after, len(self.times))]
         return [*frames, *(self._list(suffix) for suffix, *_ in LISTS)]
 
@@ -96,18 +96,18 @@ class Frames:
     def _fields(self, state):
         shape = (len(self.cloth.X), 3)
         if not isinstance(state, State):
-            given = f"a {type(state).__name__}"
-            raise InputError(given, "must be a State", str(self.path), "Pass the states alone.")
+            what = f"a {type(state).__name__}"
+            raise InputError(what, "must be a State", str(self.path), "Pass the states alone.")
         if state.x.shape != shape or state.v.shape != shape:
-            given = f"a state with x {state.x.shape} and v {state.v.shape}"
-            raise InputError(given, f"must be of shape {shape} on this cloth", str(self.path))
+            what = f"a state with x {state.x.shape} and v {state.v.shape}"
+            raise InputError(what, f"must be of shape {shape} on this cloth", str(self.path))
         return kinematics(self.cloth, state) if self.system is None else fields(self.system, state)
 
     def _list(self, suffix: str) -> Path:
         return self.path.with_name(self.path.name + suffix)
 
     def _list_last(self) -> None:
-        """Name the last frame in the lists; the first one begins them."""
+        """Append the last frame to the lists; the first one creates them."""
         last = self._name(len(self.times) - 1), self.times[-1]
         for suffix, encode, tail in LISTS:
             if len(self.times) == 1:
@@ -121,7 +121,7 @@ class Frames:
 def write_vtk(
     path: str | Path, cloth: Cloth, states: State | Iterable[State], system: System | None = None
 ) -> Path:
-    """Write states as a series that opens in ParaView; returns the .pvd file.
+    """Write states as a series for ParaView; return the .pvd file.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def write_vtk(
         Folder and name: "out/swing" makes out/swing.pvd, out/swing.vtu.series and
         out/swing_000000.vtu and so on. Folders are made; files of these names are replaced.
     states
-        One state or any iterable; a generator is written as it goes.
+        One state or any iterable; a generator is written state by state.
     system
         Adds stress resultants and energy density.
 
@@ -165,12 +165,12 @@ def write_vtk(
 
 
 def read_frame(path: str | Path, cloth: Cloth) -> State:
-    """The state of a .vtu that fecloth wrote for the same cloth: t, x and v bit for bit.
+    """Read the state of a .vtu that fecloth wrote for the same cloth: t, x and v bit for bit.
 
     Raises
     ------
     InputError
-        If the file cannot be read, shows another mesh, or lacks the velocity or the time.
+        If the file cannot be read, has another mesh, or lacks the velocity or the time.
     """
     from meshio import vtu
 
@@ -178,7 +178,7 @@ def read_frame(path: str | Path, cloth: Cloth) -> State:
     where = str(path)
     try:
         mesh = vtu.read(path)
-    except Exception as error:  # meshio lets pass whatever a broken file provokes
+    except Exception as error:  # meshio raises errors of any kind for a broken file
         remedy = "Give a frame written by fecloth."
         raise InputError(f"cannot be read ({error})", where=where, remedy=remedy) from error
     cells = mesh.cells_dict.get(MESHIO[cloth.element], np.empty((0, cloth.cells.shape[1]), int))

@@ -14,10 +14,9 @@ from fecloth.output.atomic_files import writing
 
 
 class Table:
-    """A .csv file of rows with equal keys, each handed to the system once `add` returns.
+    """A .csv file of rows with equal keys, each handed to the system before `add` returns.
 
-    Numbers are written so that they read back as the same float64. A row for which there is no
-    room leaves nothing of itself.
+    Numbers read back as the same float64. A row that does not fit on the disk leaves no part.
 
     Attributes
     ----------
@@ -25,15 +24,16 @@ class Table:
         Bytes written.
     """
 
-    def __init__(self, path: Path, kept: int | None = None):
-        self.path, self.size = path, kept or 0
+    def __init__(self, path: Path, size: int | None = None):
+        """Open a new table, or an earlier one truncated to `size` bytes."""
+        self.path, self.size = path, size or 0
         self._header: tuple[str, ...] = ()
         with writing(path):
-            if kept:
-                os.truncate(path, kept)
+            if size:
+                os.truncate(path, size)
                 with path.open(newline="", encoding="utf-8") as stream:
                     self._header = tuple(next(csv.reader(stream)))
-            self._stream = path.open("ab" if kept else "wb", buffering=0)
+            self._stream = path.open("ab" if size else "wb", buffering=0)
 
     def add(self, row: Mapping[str, object]) -> None:
         """Write one row.
@@ -51,22 +51,22 @@ class Table:
         data = _csv([line] if self._header else [header, line])
         with writing(self.path):
             try:
-                while data:  # a disk that is almost full takes a part
+                while data:  # an almost full disk takes a part
                     data = data[self._stream.write(data) :]
             except BaseException:
-                with suppress(OSError):  # that first one is told
+                with suppress(OSError):  # report the first error
                     self.cut(self.size)
                 raise
         self._header, self.size = header, self._stream.tell()
 
     def cut(self, size: int) -> None:
-        """Take the bytes beyond the first `size` away."""
+        """Remove the bytes beyond the first `size`."""
         self._stream.truncate(size)
         self._stream.seek(size)
         self.size = size
 
     def column(self, name: str) -> list[float]:
-        """The numbers of one column."""
+        """Return the numbers of one column."""
         with writing(self.path), self.path.open(newline="", encoding="utf-8") as stream:
             return [float(row[name]) for row in csv.DictReader(stream)]
 

@@ -11,7 +11,7 @@ PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "numba", "pypardis
 
 
 def versions() -> dict[str, str]:
-    """What a run ran on: fecloth, Python, the packages that are installed, the platform."""
+    """Return the versions of fecloth, Python and installed packages, and the platform."""
     found = {"python": platform.python_version(), "platform": platform.platform()}
     for name in ("fecloth", *PACKAGES):
         try:
@@ -22,9 +22,9 @@ def versions() -> dict[str, str]:
 
 
 def peak_memory() -> float | None:
-    """The most memory this process has held so far [MB = 10⁶ bytes]; None on Windows."""
+    """Return the peak memory of this process so far [MB = 10⁶ bytes]; None on Windows."""
     status = Path("/proc/self/status")
-    if status.exists():  # Linux: getrusage would count what the process that started this one held
+    if status.exists():  # Linux: getrusage would count the memory of the parent process
         for line in status.read_text().splitlines():
             if line.startswith("VmHWM:"):
                 return int(line.split()[1]) * 1024 / 1e6

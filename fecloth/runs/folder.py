@@ -19,16 +19,16 @@ from fecloth.runs.csv_table import Table
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
 TEXTS = ("summary.json", "scene.resolved.toml", "run.log", "report.html", "view.html")
 TEXTS += ("run.vtkhdf", "run.vtkhdf.redo")
-LISTS = ("*.pvd", "*.vtu.series")  # only those that name frames/frame_…
+LISTS = ("*.pvd", "*.vtu.series")  # only those that list frames/frame_…
 
 
 @dataclass(frozen=True)
 class RunFolder:
     """Where one run writes; made by `create`.
 
-    Everything is with the operating system as soon as it is given, row by row and line by line,
-    and whole files are replaced in one go: a killed process loses nothing. A power cut may, but for
-    what restart files need, see `flush_to_disk`.
+    Each row and each line is handed to the operating system at once, and whole files are replaced
+    in one go: a killed process loses nothing. After a power cut only what restart files need is
+    safe; see `flush_to_disk`.
 
     Examples
     --------
@@ -45,7 +45,7 @@ class RunFolder:
     """
 
     path: Path
-    kept: Mapping[str, int] = field(default_factory=dict)
+    sizes: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def create(cls, path: str | Path, overwrite: bool = False) -> RunFolder:
@@ -71,7 +71,7 @@ class RunFolder:
 
     @classmethod
     def reopen(cls, path: str | Path, tables: Mapping[str, int]) -> RunFolder:
-        """The folder of a run that goes on; its tables keep so many bytes, see `table`.
+        """Return the folder of a run to continue; each table is truncated to its number of bytes.
 
         Raises
         ------
@@ -84,12 +84,12 @@ class RunFolder:
             with writing(file):
                 if file.stat().st_size < size:
                     what = f"{file} has lost rows"
-                    raise InputError(what, remedy="Run the scene anew with --overwrite.")
+                    raise InputError(what, remedy="Run the scene again with --overwrite.")
         return folder
 
     @staticmethod
     def refuse(path: str | Path, overwrite: bool = False) -> None:
-        """Raise the `InputError` of `create` for a folder that is not empty; change nothing."""
+        """Raise the `InputError` of `create` for a folder that is not empty, without a change."""
         path = Path(path)
         with writing(path):
             if not path.exists() or {LOCK} >= {file.name for file in path.iterdir()}:
@@ -97,20 +97,20 @@ class RunFolder:
             if not overwrite:
                 remedy = "Choose another folder with -o, or pass --overwrite to replace its run"
                 if any(path.glob("restart/restart_*.npz")):
-                    remedy += f", or --resume {path} to go on with it"
+                    remedy += f", or --resume {path} to continue it"
                 remedy += "."
                 raise InputError(f"output folder {path}", "is not empty", remedy=remedy)
             if not any((path / name).is_file() for name in ("scene.resolved.toml", *TABLES)):
                 remedy = "Choose another folder with -o."
                 what = f"output folder {path}"
-                raise InputError(what, "holds other things than a run", remedy=remedy)
+                raise InputError(what, "contains other files than a run's", remedy=remedy)
 
     def table(self, name: str) -> Table:
-        """A table, e.g. "steps.csv"; the first row's keys are its header.
+        """Open a table, e.g. "steps.csv", with the keys of its first row as header.
 
-        A new one; in a run that goes on, the rows that it keeps.
+        It is empty; in a continued run it has its earlier rows.
         """
-        return Table(self.path / name, self.kept.get(Path(name).stem))
+        return Table(self.path / name, self.sizes.get(Path(name).stem))
 
     def summary(self, values: Mapping) -> None:
         """Replace summary.json; arrays become lists and numbers that are not finite null."""
@@ -122,7 +122,7 @@ class RunFolder:
         replace_file(self.path / name, text.encode())
 
     def log(self, message: str) -> None:
-        """Add a line with the time of day to run.log."""
+        """Append a line with the time of day to run.log."""
         file = self.path / "run.log"
         with writing(file), file.open("a", encoding="utf-8") as stream:
             stream.write(f"{datetime.now().isoformat(timespec='milliseconds')} {message}\n")
@@ -130,7 +130,7 @@ class RunFolder:
 
 @contextmanager
 def removed_on_failure(path: Path, made: bool) -> Iterator[None]:
-    """A run that cannot begin leaves nothing, nor the folder if it was made for it."""
+    """Remove a run's files if the block raises, and the folder if it was `made` for the run."""
     try:
         yield
     except BaseException:
@@ -143,7 +143,7 @@ def removed_on_failure(path: Path, made: bool) -> Iterator[None]:
 
 
 def _clear(path):
-    """Remove a run's files from a folder, and the folders in it that are then empty."""
+    """Remove a run's files from a folder, and its folders of frames and restarts if empty."""
     for file in _files_of_run(path):
         file.unlink()
     for inner in (path / "frames", path / "restart"):
@@ -152,7 +152,7 @@ def _clear(path):
 
 
 def _files_of_run(path):
-    """The files in a folder that fecloth wrote there; last those that make it known as a run's."""
+    """Yield the files that fecloth wrote; last those by which a folder is recognised as a run's."""
     for pattern in LISTS:
         for file in [*path.glob(pattern), *path.glob(f"{pattern}.part")]:
             if b'"frames/frame_' in file.read_bytes():

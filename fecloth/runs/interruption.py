@@ -1,4 +1,4 @@
-"""Ctrl-C and other signals as a wish to stop between two steps."""
+"""Ctrl-C and other signals stop a run between two steps."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from contextlib import contextmanager
 
 @contextmanager
 def interruptible() -> Iterator[threading.Event]:
-    """Ctrl-C sets the event: a run stops between two steps; a second one at once.
+    """Yield an event that Ctrl-C sets, to stop between two steps; a second Ctrl-C stops at once.
 
-    So do SIGTERM and, where it is not ignored (nohup), the end of the terminal.
+    SIGTERM does the same and, unless it is ignored (nohup), the end of the terminal.
     """
-    asked = threading.Event()
+    requested = threading.Event()
 
-    def ask(number, frame):
-        if asked.is_set():
+    def request(number, frame):
+        if requested.is_set():
             raise KeyboardInterrupt("at once; --resume goes on from what it left")
-        asked.set()
+        requested.set()
 
     if threading.current_thread() is not threading.main_thread():
-        yield asked
+        yield requested
         return
     numbers = [signal.SIGINT, signal.SIGTERM]
     hangup = getattr(signal, "SIGHUP", None)
     if hangup and signal.getsignal(hangup) != signal.SIG_IGN:
         numbers.append(hangup)
-    before = {number: signal.signal(number, ask) for number in numbers}
+    before = {number: signal.signal(number, request) for number in numbers}
     try:
-        yield asked
+        yield requested
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

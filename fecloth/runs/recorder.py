@@ -1,4 +1,4 @@
-"""The files of a run while it marches: each step is in all of them or in none."""
+"""The files of a running scene: each step is in all of them or in none."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.view.html_report import write_report
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
-_PCG = 'take linear = "pcg" in [solver], or a coarser mesh.'
+_PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 _TABLES = ("steps", "energies", "observed", "strains")
 _COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
 
 
 class Recorder:
-    """The open files of a run and what it has counted."""
+    """The open files of a run, and its counts."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class Recorder:
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
         self.turnover, self.has_warned = 0.0, False
         self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
-        self.frames_on_disk = 0  # frames that a power cut would leave
+        self.frames_on_disk = 0  # frames that would survive a power cut
         with watch.phase("output"):
             if found:
                 self._resume(found)
@@ -68,20 +68,20 @@ class Recorder:
                     self.restart(regular=True)
 
     def _resume(self, found: Restart) -> None:
-        """Where that run was, and no file of what it did later."""
+        """Take the state of an earlier run, and remove what it wrote later."""
         self.state, self.memory, self.ledger = found.state, found.memory, found.ledger
         self.turnover, self.counts = found.turnover, dict(found.counts)
-        self.has_warned = bool(self.doubt())  # and told
+        self.has_warned = bool(self.doubt())
         self.frames.keep(self.tables["strains"].column("t"))
         self.frames_on_disk = len(self.frames.times)
         restarts.drop_later(self.folder.path, found)
-        exactly = "" if found.exact else ", to the solver's tolerance: it had kept a factor"
+        exactly = "" if found.exact else ", exact to the solver's tolerance only: a factor was lost"
         self.folder.log(f"goes on from step {found.memory.step} at {found.state.t:g} s{exactly}")
         if changed := restarts.differences(found):
             self.folder.log(f"the last bits may differ: {changed}")
 
     def restart(self, regular: bool = False) -> None:
-        """Write a restart file; a regular one drops what the solver has kept."""
+        """Write a restart file; a regular one drops the solver's factor first."""
         if regular:
             self.solver.drop()
         restart = Restart(
@@ -100,24 +100,23 @@ class Recorder:
         )
         frames = self.frames.files(self.frames_on_disk)
         flush_to_disk(*(table.path for table in self.tables.values()), *frames)
-        flush_to_disk(
-            *{file.parent for file in frames} - {self.folder.path}
-        )  # that one is, by `write`
+        # `write` flushes the folder of the run
+        flush_to_disk(*{file.parent for file in frames} - {self.folder.path})
         restarts.write(self.folder.path, restart)
         self.frames_on_disk = len(self.frames.times)
 
     def march(self, report, warn, interrupted: threading.Event) -> FeclothError | None:
-        """March, and return what ended it before its end; a restart file is left in any case."""
+        """March, and return the error that ended it early; leave a restart file in any case."""
         try:
             self._march_to_end(report, warn, interrupted)
-        except (StepFailed, InputError, MemoryError) as failure:  # a user's function, a full disk
+        except (StepFailed, InputError, MemoryError) as failure:  # InputError: also a full disk
             with suppress(InputError, MemoryError):
                 self.restart()
             self.state = getattr(failure, "state", None) or self.state
             if isinstance(failure, MemoryError):
                 return FeclothError(f"memory is full ({failure}). Close other programs, or {_PCG}")
             return failure
-        except BaseException:  # the second Ctrl-C; what report, or a user's term, raises
+        except BaseException:  # the second Ctrl-C; errors of report or of a user's term
             with suppress(InputError):
                 self.restart()
             raise
@@ -149,7 +148,7 @@ class Recorder:
                 return
 
     def _warn_once(self, info: StepInfo, warn) -> None:
-        """Tell of the first step at which the energy balance no longer closes."""
+        """Warn at the first step at which the energy balance no longer closes."""
         if self.has_warned or not (words := self.doubt()):
             return
         self.has_warned = True
@@ -164,21 +163,21 @@ class Recorder:
 
     @contextmanager
     def _all_or_nothing(self) -> Iterator[None]:
-        """A step that cannot be written, or is broken off there, is taken back from all tables."""
-        kept = {name: getattr(self, name) for name in ("state", "memory", "ledger", "turnover")}
+        """Remove a step from all tables if writing it fails or is interrupted."""
+        before = {name: getattr(self, name) for name in ("state", "memory", "ledger", "turnover")}
         counts, frames = dict(self.counts), len(self.frames.times)
         sizes = {name: table.size for name, table in self.tables.items()}
         try:
             yield
         except BaseException:
-            vars(self).update(kept, counts=counts)
+            vars(self).update(before, counts=counts)
             del self.frames.times[frames:]
             for name, size in sizes.items():
                 self.tables[name].cut(size)
             raise
 
     def _is_restart_due(self, info: StepInfo) -> bool:
-        """Whether a restart file is due after the step."""
+        """Return whether a restart file is due after the step."""
         if not (every := self.problem.restarts):
             return False
         if isinstance(every, int):
@@ -190,7 +189,7 @@ class Recorder:
         return due or info.t >= self.problem.t_end
 
     def _is_frame_due(self, info: StepInfo) -> bool:
-        """Whether the step ends at a frame."""
+        """Return whether the step ends at a frame."""
         problem = self.problem
         due = (
             info.t in problem.stops
@@ -219,7 +218,7 @@ class Recorder:
 
     @property
     def drift(self) -> float:
-        """What the energy balance is off by, relative to what has moved so far."""
+        """Remainder of the energy balance relative to the turnover so far."""
         return self.ledger.remainder / self.turnover if self.turnover else 0.0
 
     def _frame(self) -> None:
@@ -240,13 +239,13 @@ class Recorder:
             self.folder.log(f"warning: no report: {failure}")
 
     def doubt(self) -> str:
-        """A sentence if the energy balance does not close."""
+        """Return a sentence if the energy balance does not close, or ""."""
         return imbalance_warning(
             self.problem.system, self.ledger, self.turnover, self.problem.state.t
         )
 
     def _summary(self, status: str, why: str, error: str | None, warning: str | None) -> dict:
-        """What summary.json says."""
+        """Return the content of summary.json."""
         return {
             "status": status,
             "error": error,
@@ -266,13 +265,13 @@ class Recorder:
         }
 
     def _resume_time(self) -> float | None:
-        """From where a run that ends here goes on [s]: earlier if its solver kept a factor."""
+        """Return the time from which `--resume` goes on [s]; None without a restart file."""
         with suppress(InputError, MemoryError):
             return restarts.find(self.folder.path).state.t
         return None
 
     def close(self, status: str, why: str, error: FeclothError | None) -> Outcome:
-        """The last good state as a frame, the summary, the last line of the log."""
+        """Write the last good state as a frame, the summary, the last line of the log."""
         try:
             with self.watch.phase("output"):
                 if self.state.t > self.frames.times[-1] and not isinstance(error, WriteError):

@@ -1,14 +1,14 @@
-"""One run of a scene into a folder, which can be read at any moment and however the run ends.
+"""A scene run into a folder, which is readable at any moment, however the run ends.
 
 scene.resolved.toml   the scene with all defaults and overrides
 run.pvd, run.vtu.series, frames/*.vtu   for ParaView; or all in one, run.vtkhdf
 steps.csv      number, time, size, iterations, residual and energy drift of every step
 energies.csv   the ledger at every step
 observed.csv   probes, mean displacement, sag, area and reactions at every step
-restart/*.npz  from which the run goes on, as `restart` describes
+restart/*.npz  to continue the run, see `restart`
 strains.csv    extremes of the principal stretches at every frame
-report.html    what the run did, on a page for a browser
-summary.json   sizes, counts, seconds by phase, memory, versions, how it ended
+report.html    a page for the browser
+summary.json   sizes, counts, seconds by phase, memory, versions, outcome
 run.log        the same in words, with the time of day
 """
 
@@ -46,7 +46,7 @@ def run_scene(
     scene: Scene,
     path: str | Path,
     overwrite: bool = False,
-    announce: Callable[[Problem, str, list[str]], None] = lambda problem, why, told: None,
+    announce: Callable[[Problem, str, list[str]], None] = lambda problem, why, warnings: None,
     report: Callable[[StepInfo], None] = lambda info: None,
     resume: bool = False,
     warn: Callable[[str], None] = lambda words: None,
@@ -58,15 +58,13 @@ def run_scene(
     path, overwrite
         The folder; one that is not empty is refused unless `overwrite` is set.
     announce
-        Called with the problem, the choice of the solver, and what is to be doubted, before the
-        first step.
+        Called before the first step with the problem, the choice of the solver, and the warnings.
     report
         Called after every step.
     resume
-        Go on with the run in that folder from its last restart file; what it wrote after that is
-        taken away.
+        Continue the run in that folder from its last restart file; what it wrote later is removed.
     warn
-        Called at the first step at which the energy balance no longer closes, with words.
+        Called with a sentence at the first step at which the energy balance no longer closes.
 
     Raises
     ------
@@ -74,14 +72,14 @@ def run_scene(
         Before anything is written. Afterwards a failure is an `Outcome`.
     """
     path = Path(path)
-    with ExitStack() as held:
+    with ExitStack() as locks:
         if path.is_dir():
-            held.enter_context(locked(path))
-        return _run_scene(scene, path, overwrite, announce, report, resume, warn, held)
+            locks.enter_context(locked(path))
+        return _run_scene(scene, path, overwrite, announce, report, resume, warn, locks)
 
 
-def _run_scene(scene, path, overwrite, announce, report, resume, warn, held: ExitStack) -> Outcome:
-    watch, held_before = Watch(), path.is_dir()
+def _run_scene(scene, path, overwrite, announce, report, resume, warn, locks: ExitStack) -> Outcome:
+    watch, existed = Watch(), path.is_dir()
     if not resume:
         RunFolder.refuse(path, overwrite)
     found = restarts.find(path) if resume else None
@@ -96,36 +94,36 @@ def _run_scene(scene, path, overwrite, announce, report, resume, warn, held: Exi
         compile_kernels(problem)
     with watch.phase("choose"):
         problem, solver, why = resolve_scene(_with_earlier_method(problem, found))
-    told = find_warnings(problem)
-    announce(problem, why, told)
+    warnings = find_warnings(problem)
+    announce(problem, why, warnings)
     with interruptible() as interrupted:
-        if not held_before:
+        if not existed:
             with writing(path):
                 path.mkdir(parents=True, exist_ok=True)
-            held.enter_context(locked(path))
+            locks.enter_context(locked(path))
         folder = (
             RunFolder.reopen(path, found.tables) if found else RunFolder.create(path, overwrite)
         )
-        with nullcontext() if found else removed_on_failure(path, made=not held_before):
-            _write_head(folder, scene, problem, why, told)
+        with nullcontext() if found else removed_on_failure(path, made=not existed):
+            _write_head(folder, scene, problem, why, warnings)
             recorder = Recorder(folder, problem, watch, solver, scene.to_toml(), start, found)
         error = recorder.march(report, warn, interrupted)
         stopped = INTERRUPTED if recorder.state.t < problem.t_end else DONE
         return recorder.close(FAILED if error else stopped, why, error)
 
 
-def _write_head(folder, scene, problem, why, told: list[str]) -> None:
-    """The scene, and the first lines of the log."""
+def _write_head(folder, scene, problem, why, warnings: list[str]) -> None:
+    """Write the scene and the first lines of the log."""
     folder.text("scene.resolved.toml", scene.to_toml())
     folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
     folder.log(f"{_sizes(problem)}; solver {why}")
-    for line in (problem.note, *(f"warning: {doubt}" for doubt in told)):
+    for line in (problem.note, *(f"warning: {words}" for words in warnings)):
         if line:
             folder.log(line)
 
 
 def resolve_scene(problem: Problem) -> tuple[Problem, Solver, str]:
-    """The problem with the method that takes the steps, its solver, and why those."""
+    """Return the problem with the method that takes the steps, its solver, and why these."""
     record = trial_recorder(problem.system, problem.ledger, problem.observer)
     run_ = problem.system, problem.method, problem.state, problem.dt, problem.t_end
     method, solver, why = resolve(*run_, problem.linear, problem.newton, record)
@@ -133,13 +131,13 @@ def resolve_scene(problem: Problem) -> tuple[Problem, Solver, str]:
 
 
 def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
-    """With the method that an earlier part of the run has settled on."""
+    """Return the problem with the method that the earlier part of the run used."""
     if not found or not isinstance(problem.method, Auto):
         return problem
     for method in problem.method.candidates:
         if str(method) == found.method:
             return replace(problem, method=method)
-    raise InputError(f"the run went by {found.method}", "is none of Auto's methods")
+    raise InputError(f"the run used {found.method}", "is none of Auto's methods")
 
 
 def _sizes(problem: Problem) -> str:

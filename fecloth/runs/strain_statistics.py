@@ -8,10 +8,10 @@ STRETCHES = ("smallest", "1 %", "median", "99 %", "largest")
 
 
 def stretch_row(t: float, stretches: np.ndarray) -> dict[str, float]:
-    """A row of strains.csv: extremes and percentiles of the principal stretches (m, 2).
+    """Return a row of strains.csv for the principal stretches (m, 2), smaller and larger.
 
-    "1 %" is the stretch that one in a hundred triangles falls short of, by its smaller one; "99 %"
-    the one that as many exceed, by their larger one; the median is of the larger ones.
+    "1 %" is a percentile of the smaller stretches, "99 %" one of the larger; the median is that of
+    the larger stretches.
     """
     smaller, larger = np.asarray(stretches).T
     values = smaller.min(), np.percentile(smaller, 1), np.median(larger)

@@ -14,20 +14,20 @@ from fecloth.system.system import System
 
 
 def compile_kernels(problem: Problem) -> None:
-    """Compile what the run will call, on two triangles, so that no step pays for it.
+    """Compile what the run will call, on two triangles, before the first step.
 
-    Compiled code is kept on disk: a second run only loads it.
+    Compiled code is cached on disk; later runs load it.
     """
     whole, halves = problem.system, {"lower": [0], "upper": [1]}
     corners, triangles = [(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)]
     sets, element = {"left": [0, 3]}, whole.cloth.element
     cloth = Cloth.from_arrays(corners, triangles, sets, regions=halves, element=element)
-    fabric, *others = whole.panel.fabrics  # constants by triangle are an array of another layout
+    fabric, *others = whole.panel.fabrics  # constants by triangle have another array layout
     fabric = {"lower": fabric, "upper": others[0]} if others else fabric
-    # SuperLU compiles what PARDISO needs too, and does not load the MKL, which may not be needed
+    # SuperLU compiles all that PARDISO needs, without loading the MKL
     for linear in ("pcg", "superlu") if problem.linear == "auto" else (problem.linear,):
         with suppress(FeclothError), warnings.catch_warnings(action="ignore"):
-            # what fails there, or is doubted, says nothing about the scene
+            # failures and warnings there say nothing about the scene
             system = System(cloth, fabric, whole.terms, ["left"], whole.mass_kind)
             start = system.state(1.01 * system.rest().x)
             fields(system, start)

@@ -30,16 +30,16 @@ def swing_loss(angle: float) -> float:
 
 def gravity_magnitude(system: System) -> float:
     """Magnitude [m/s²] of the sum of all `Gravity` terms."""
-    given = [t.acceleration for t in system.terms if type(t).__name__ == "Gravity"]
-    return float(np.linalg.norm(np.sum(given, axis=0))) if given else 0.0
+    accelerations = [t.acceleration for t in system.terms if type(t).__name__ == "Gravity"]
+    return float(np.linalg.norm(np.sum(accelerations, axis=0))) if accelerations else 0.0
 
 
 def distance_from_pins(system: System) -> float:
     """Distance on the cloth of the node farthest from the pins [m]; 0 without pins."""
-    held = system.constraints.nodes
-    if not len(held):
+    pinned = system.constraints.nodes
+    if not len(pinned):
         return 0.0
-    distances, _ = cKDTree(system.cloth.X[held]).query(system.cloth.X)
+    distances, _ = cKDTree(system.cloth.X[pinned]).query(system.cloth.X)
     return float(distances.max())
 
 

@@ -17,19 +17,19 @@ _KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
 
 
 def scene_error(error: ValidationError, data: Any, where: str) -> SceneError:
-    """The first mistake of the scene `data` from the file `where`, with the others' messages."""
+    """Return the first mistake of the scene `data` from the file `where`, and the others in it."""
     found = (
-        told
+        words
         for item in error.errors(include_url=False)
-        for told in _described(item, *_found(item["loc"], data))
+        for words in _describe(item, *_found(item["loc"], data))
     )
-    first, *others = (SceneError(*told[:2], where, told[2]) for told in dict.fromkeys(found))
+    first, *others = (SceneError(*words[:2], where, words[2]) for words in dict.fromkeys(found))
     first.also = tuple(others)
     return first
 
 
-def _described(item, key: str, written: Any) -> list[tuple[str, str, str]]:
-    """What, allowed and remedy of each mistake; `written` is what the file has at `key`."""
+def _describe(item, key: str, written: Any) -> list[tuple[str, str, str]]:
+    """Return what, allowed and remedy of each mistake; `written` is the file's value at `key`."""
     value, cause = item["input"], item.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
         return [
@@ -52,7 +52,7 @@ def _of_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
 
 def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
     allowed = f"must be one of {kinds}"
-    if isinstance(value, str):  # a name instead of a table with no more than that name
+    if isinstance(value, str):  # a name may replace a table
         return f"{key} = {shortened(value)}", allowed, nearest(value, kinds.split(", "))
     if not isinstance(value, dict):
         return f"{key} = {shortened(value)}", f"must be a table whose {name} is one of {kinds}", ""
@@ -65,14 +65,14 @@ def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
 
 
 def _own(name: Any) -> str:
-    """How Python code gives a type of term that is not the package's."""
+    """Return a remedy for the name of a user's own term."""
     if not (isinstance(name, str) and name.isidentifier()):
         return ""
-    return f'One of your own: fecloth.scene.load("….toml", terms={{"{name}": {name}}}).'
+    return f'For a term of your own: fecloth.scene.load("….toml", terms={{"{name}": {name}}}).'
 
 
 def with_key(key: str, error: InputError, value: Any = None) -> str:
-    """What an `InputError` says about the table or value at `key`, with the dotted key in it."""
+    """Return the `what` of an `InputError` about the table or value at `key`, with that key."""
     first = error.what.split(" ", 2)
     if not error.what:
         return f"{key} = {shortened(value)}"
@@ -83,7 +83,7 @@ def with_key(key: str, error: InputError, value: Any = None) -> str:
 
 @contextmanager
 def errors_at(key: str, where: str) -> Iterator[None]:
-    """Refusals of a scene's objects as what the scene `where` says at `key`."""
+    """Turn an `InputError` of an object into a `SceneError` with the scene's file and key."""
     try:
         yield
     except SceneError:
@@ -101,9 +101,9 @@ def shortened(value: Any) -> str:
 
 
 def _found(location: tuple, data: Any) -> tuple[str, Any]:
-    """The dotted key of an error, and what stands there.
+    """Return the dotted key of an error, and the value there.
 
-    Pydantic's own entries, which name the kind of a table, are left out.
+    Entries that pydantic adds for the kind of a table are left out.
     """
     keys = []
     for entry in location:

@@ -35,9 +35,9 @@ def refuse_unknown(
     """
     paths = [name[:-2] for name in names if name.endswith(".x")]
     known = {"expect": names, "end": [*names, *paths, "displacement"]}
-    asked = [("expect", name) for name in expect]
-    asked += [(key, name) for key, given in interest or () for name in given]
-    for key, name in asked:
+    wanted = [("expect", name) for name in expect]
+    wanted += [(key, name) for key, columns in interest or () for name in columns]
+    for key, name in wanted:
         among = known.get(key, [*names, *paths])
         if name not in among:
             what = f"expect.{name}" if key == "expect" else f"interest.{key}: {name}"

@@ -29,11 +29,11 @@ class FabricTable(table_of(Fabric)):
             data = {"preset": data}
         if not isinstance(data, dict):
             return data
-        given = [key for key in cls.shorthands if key in data]
-        if len(given) > 1:
-            raise InputError(f"{given[0]} and {given[1]} are given", "give one of them")
-        rest = {key: value for key, value in data.items() if key not in given}
-        return {**_constants(given[0], data[given[0]]), **rest} if given else rest
+        used = [key for key in cls.shorthands if key in data]
+        if len(used) > 1:
+            raise InputError(f"{used[0]} and {used[1]} are given", "give one of them")
+        rest = {key: value for key, value in data.items() if key not in used}
+        return {**_constants(used[0], data[used[0]]), **rest} if used else rest
 
 
 def _constants(key: str, value: Any) -> dict:

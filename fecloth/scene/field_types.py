@@ -43,7 +43,7 @@ def _located(value: str, info: ValidationInfo) -> str:
 
 
 Name = Annotated[str, AfterValidator(_named)]
-File = Annotated[str, AfterValidator(_located)]  # absolute, so that a copy of the scene finds it
+File = Annotated[str, AfterValidator(_located)]  # absolute, for copies of the scene
 OfTimeAndPlace = formula_text("t", "X", "Y")
 OfPlace = formula_text("X", "Y")
 Where = formula_text("X", "Y", condition=True)

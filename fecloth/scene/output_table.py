@@ -14,9 +14,9 @@ from fecloth.scene.time_table import Time
 
 
 class Output(Table):
-    """Frames: their number (about), or the seconds or steps between two of them.
+    """Frames: their approximate number, or the seconds or steps between two of them.
 
-    With `restart_steps` or `restart_every` a restart file at the start, after every so many steps
+    `restart_steps` or `restart_every` ask for restart files: at the start, every that many steps
     or seconds of the motion, and at the end.
     """
 
@@ -30,8 +30,8 @@ class Output(Table):
     @model_validator(mode="before")
     @classmethod
     def _default(cls, data: Any) -> Any:
-        given = not isinstance(data, dict) or data.keys() & {"frames", "every", "every_steps"}
-        return data if given else {"frames": 50} | data
+        complete = not isinstance(data, dict) or data.keys() & {"frames", "every", "every_steps"}
+        return data if complete else {"frames": 50} | data
 
     @model_validator(mode="after")
     def _one_spacing(self):
@@ -43,13 +43,13 @@ class Output(Table):
         return self
 
     def steps(self, time: Time) -> int | None:
-        """Steps between two frames, rounded to the nearest; None for frames at the `stops`."""
+        """Return the steps between two frames, rounded; None for frames at the `stops`."""
         if self.every_steps or time.dt == "auto":
             return self.every_steps
         return max(1, round(self._seconds(time) / time.dt))
 
     def stops(self, time: Time) -> tuple[float, ...]:
-        """Times of the frames at which a step must end, where the steps are chosen."""
+        """Return the times of frames at which a step must end, if the method chooses dt."""
         if self.every_steps or time.dt != "auto":
             return ()
         seconds = self._seconds(time)

@@ -1,4 +1,4 @@
-"""Overrides: single values of a scene replaced, as by ``--set time.dt=0.005``."""
+"""Replacement of single values of a scene, as by ``--set time.dt=0.005``."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from fecloth.errors import SceneError
 from fecloth.quantities.units import is_quantity
 
 _WORD = re.compile(r"[A-Za-z_][\w./-]*")
-_NAMED = (  # where a name may stand in place of a table, and the key of that table which it is
+_NAMED = (  # where a name may replace a table, and the key of the table for that name
     (re.compile(r"fabric|fabrics\.[^.]+"), "preset"),
     (re.compile(r"time\.method"), "type"),
 )
 
 
 def override(data: dict, overrides: Iterable[str]) -> dict:
-    """A copy of the tables with values replaced, as by ``["time.dt=0.005", "terms.0.time=0.02"]``.
+    """Return the tables with values replaced, as by ``["time.dt=0.005", "terms.0.time=0.02"]``.
 
     Keys are TOML's dotted keys, with numbers (from 0) for the items of lists. Values are TOML; a
-    plain word that is none, such as ``time.method=backward_euler``, is taken as a string, and so is
-    a number with a unit, such as ``time.dt=5 ms``. Where a name stands for a table, as in
-    ``fabric = "silk"``, a key of that table leaves the rest to the name.
+    plain word, such as ``time.method=backward_euler``, and a number with a unit, such as
+    ``time.dt=5 ms``, are read as strings. If a name replaces a table, as in ``fabric = "silk"``,
+    an override of one key leaves the other keys to the name.
 
     Raises
     ------
     SceneError
-        For an override that cannot be read, or whose key leads through no table.
+        For an override that cannot be read, or a key inside a value that is no table.
 
     Examples
     --------
@@ -36,17 +36,17 @@ def override(data: dict, overrides: Iterable[str]) -> dict:
     >>> override({"fabric": "silk"}, ["fabric.areal_density=0.2"])
     {'fabric': {'preset': 'silk', 'areal_density': 0.2}}
     """
-    data = _copied(data)
+    data = _copy(data)
     for text in overrides:
         keys, value = _override(text)
         _set(data, keys, value, text)
     return data
 
 
-def _copied(value):
+def _copy(value):
     if isinstance(value, dict):
-        return {key: _copied(item) for key, item in value.items()}
-    return [_copied(item) for item in value] if isinstance(value, list) else value
+        return {key: _copy(item) for key, item in value.items()}
+    return [_copy(item) for item in value] if isinstance(value, list) else value
 
 
 def _override(text: str) -> tuple[list[str], object]:
@@ -94,7 +94,7 @@ def _set(data: dict, keys: list[str], value, text: str) -> None:
 
 
 def _table(value, key: str):
-    """The value, or the table that it stands for if it is a name."""
+    """Return the value, or the table that a name replaces."""
     for keys, name in _NAMED if isinstance(value, str) else ():
         if keys.fullmatch(key):
             return {name: value}

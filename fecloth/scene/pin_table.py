@@ -18,8 +18,8 @@ from fecloth.system.pins import Pin, Slide
 class PinTable(Table):
     """Nodes of a set (`where`) or with ``inside`` true, held fixed or moved by formulas of t.
 
-    The formulas may name the nodes' X and Y too; each node then moves by its own.
-    With a `direction` they slide along that line, with a `normal` in that plane.
+    The formulas may also depend on X and Y of each node. With a `direction` the nodes slide along
+    that line, with a `normal` in that plane.
     """
 
     where: str | None = None
@@ -38,14 +38,14 @@ class PinTable(Table):
             exactly_one(self, "direction", "normal")
         self._pin = pin = self._made()
         if self.motion and not self._names("t") and (self.by_place or pin.motion(0).any()):
-            allowed = "must depend on t: a pin is moved by the changes of its motion only"
+            allowed = "must depend on t: only changes of a motion move a pin"
             remedy = 'Write "0.1 * t", or move the cloth by shift in [start].'
             raise InputError(f"motion = {list(self.motion)}", allowed, "", remedy)
         return self
 
     @property
     def by_place(self) -> bool:
-        """Whether the motion is another from node to node."""
+        """Whether the motion depends on X or Y."""
         return self._names("X") or self._names("Y")
 
     def _names(self, variable: str) -> bool:

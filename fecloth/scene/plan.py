@@ -87,9 +87,9 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     without hinges.
     """
     n, blocks = len(system.cloth.X), len(system.pattern.indices)
-    held = 1500 * n
+    used = 1500 * n
     if solver != "explicit":
-        held += 72 * blocks
+        used += 72 * blocks
     if solver == "direct":
-        held += 47 * blocks * math.log2(n) + 23e6
-    return 200 + held / 1e6
+        used += 47 * blocks * math.log2(n) + 23e6
+    return 200 + used / 1e6

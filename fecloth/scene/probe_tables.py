@@ -1,4 +1,4 @@
-"""The tables [[probes]], [expect] and [interest] of a scene file: what is read off a run."""
+"""The tables [[probes]], [expect] and [interest] of a scene file: results of a run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fecloth.scene.field_types import Name
 from fecloth.scene.table_model import Table, exactly_one
 from fecloth.simulation.probes import Probe
 
-_TAKEN = ("mean_displacement", "reaction")  # columns that no probe may be called
+_TAKEN = ("mean_displacement", "reaction")  # names of columns of every run
 
 
 class ProbeTable(Table):
@@ -54,7 +54,9 @@ class Expectation(Table):
     def _one_tolerance(self):
         exactly_one(self, "relative", "absolute")
         if self.relative and self.value == 0:
-            raise InputError("relative is given", "nothing is relative to 0", "", "Use absolute.")
+            raise InputError(
+                "relative is given", "must not be used with value = 0", "", "Use absolute."
+            )
         return self
 
     @property
@@ -64,11 +66,11 @@ class Expectation(Table):
 
 
 class Interest(Table):
-    """What a scene is run for; `studies/simplify/` holds simpler scenes against it.
+    """The quantities for which a scene is run; `studies/simplify/` compares simpler scenes by them.
 
-    Names of probes and of columns, such as ``"tip"`` and ``"sag"``: their values at the `end`,
-    where also ``"displacement"``, the field, may stand, their course over the run as a `path`, and
-    the `period` of their swing. With nothing but `end` the way there does not matter.
+    Names of probes and of columns, such as ``"tip"`` and ``"sag"``: their values at the `end`
+    (there also ``"displacement"``, the field), their `path` over the run, and the `period` of
+    their swing. With `end` alone the motion before it does not matter.
     """
 
     end: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""A problem: what a scene says, as objects."""
+"""A problem: the objects of a scene."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Problem:
     ledger, observer
         The energies at the start, and what is recorded of each step.
     frame_steps, stops
-        Steps between two frames of the output; or, where that is None, their times.
+        Steps between two frames of the output, or None and their times.
     frame_format
         "vtu" or "vtkhdf".
     note
-        A line to say before the run, or "".
+        A line to print before the run, or "".
     restarts
         Steps (an int) or seconds between two restart files; None for none.
     """
@@ -62,10 +62,10 @@ class Problem:
     def march(
         self, solver: Solver, state: State | None = None, memory: Memory | None = None
     ) -> Iterator[tuple[State, StepInfo]]:
-        """March to the end, from the start or from a later state with the `Memory` of its step.
+        """March to the end from the start, or from a later state with the `Memory` of its step.
 
-        With a memory `march` does not search the stable step: the scene was refused when it was
-        built if its dt is longer.
+        With a memory `march` does not search the stable step again: `build` has refused a longer
+        dt.
         """
         run = self.system, self.method, state or self.state, self.dt, self.t_end
         return march(*run, stops=self.stops, solver=solver, memory=memory or self.unstarted)

@@ -1,8 +1,8 @@
 """Scenes: a strict TOML file that names a cloth, a fabric, terms, pins, a start and a method.
 
-The same thing as the Python calls: the keys of a term, the fabric or the solver are the fields of
-the classes in `fecloth.terms`, of `Fabric` and of `Newton`, with the same units. Numbers are in SI,
-and so is what formulas give; text may be a number with another unit of the same quantity, as in
+Scenes mirror the Python calls: the keys of a term, the fabric or the solver are the fields of the
+classes in `fecloth.terms`, of `Fabric` and of `Newton`, with the same units. Numbers and values of
+formulas are in SI; a text may be a number with another unit of the same dimension, as in
 ``dt = "5 ms"`` (see `units`). Each table is described where it is defined: `tables`,
 `fabric_table`, `pin_table`, `start_table`, `time_table`, `output_table` and `probe_tables`.
 """
@@ -33,16 +33,16 @@ from fecloth.scene.time_table import Time
 
 
 class Scene(Table):
-    """A scene file, checked; its tables hold what the file says and the defaults.
+    """A checked scene file: its tables with all defaults.
 
     `fabric` is that of the whole cloth, or `fabrics` has one for each region, as in
-    [fabrics.body]; `grain_degrees` is the angle of the warp from X, one or by region. `mass` left
-    out is "lumped", on a cloth of element "P2" "consistent".
-    Two scenes are equal if they say the same, whatever file they come from.
+    [fabrics.body]; `grain_degrees` is the angle of the warp from X, one or by region. The default
+    of `mass` is "lumped", on a cloth of element "P2" "consistent".
+    Two scenes are equal if their tables are equal, whatever their files.
     """
 
     title: str | None = None
-    mass: Literal["lumped", "consistent"] = "lumped"  # for P2 cloths consistent, see below
+    mass: Literal["lumped", "consistent"] = "lumped"  # "consistent" for P2, see below
     cloth: tables.Shape
     fabric: FabricTable | None = None
     fabrics: dict[str, FabricTable] | None = None
@@ -90,9 +90,9 @@ class Scene(Table):
         return self
 
     def require_expectations(self) -> None:
-        """Raise `SceneError` if [expect] is empty or asks for a time that the run does not pass.
+        """Raise `SceneError` if [expect] is empty or has a time outside the run.
 
-        For `check`, before the run; a run that is shortened by hand need not mind.
+        Called by `check`; `run` allows a run that is shorter than [expect].
         """
         if not self.expect:
             remedy = "Add one, as in: sag = { value = 0.1, relative = 0.01 }"
@@ -107,9 +107,9 @@ class Scene(Table):
     # --- to text ------------------------------------------------------------------------------
 
     def to_toml(self) -> str:
-        """The scene with all defaults written out; it loads again to an equal scene.
+        """Return the scene as TOML with all defaults; it loads again to an equal scene.
 
-        Paths are absolute, so that the text may lie in any folder.
+        Paths are absolute, so that the text can be in any folder.
         """
         data = self.model_dump(exclude_none=True)
         if len(data["time"]["method"]) == 1:
@@ -120,12 +120,12 @@ class Scene(Table):
     # --- to objects ---------------------------------------------------------------------------
 
     def mesh(self) -> Cloth:
-        """The cloth alone; raises `SceneError` for one that cannot be meshed."""
+        """Return the cloth alone; raise `SceneError` if it cannot be meshed."""
         with errors_at("cloth", self._source):
             return self.cloth.cloth()
 
     def build(self, cloth: Cloth | None = None) -> Problem:
-        """Mesh the cloth (unless it is given), bind the terms and pins, place the start.
+        """Mesh the cloth (unless given), bind the terms and pins, place the start.
 
         Raises
         ------
@@ -149,9 +149,9 @@ def load(
     overrides
         Values that replace those of the file, as in ``["time.dt=0.005", "terms.0.time=0.02"]``.
     terms
-        Types of terms of one's own, beside those of `fecloth.terms`: ``{"Winkler": Winkler}``, a
-        dataclass each, whose fields are the keys of its ``[[terms]]`` table. Only Python code can
-        give them: a scene names no code, so that a file from elsewhere runs none.
+        The user's own types of terms, beside those of `fecloth.terms`: ``{"Winkler": Winkler}``,
+        each a dataclass whose fields are the keys of its ``[[terms]]`` table. Only Python code can
+        add them: a scene names no code, so that a file from elsewhere runs none.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def load(
 
 
 def _scene(terms: Mapping[str, type]) -> type[Scene]:
-    """The class of the scenes that know these terms too."""
+    """Return the class of scenes that may also have these terms."""
     if not terms:
         return Scene
     return create_model("Scene", __base__=Scene, terms=(tuple[tables.terms_with(terms), ...], ()))

@@ -53,8 +53,8 @@ class Start(Table):
     @model_validator(mode="before")
     @classmethod
     def _default(cls, data: Any) -> Any:
-        given = not isinstance(data, dict) or {"plane", "position", "frame"} & set(data)
-        return data if given else {"plane": "xy", **data}
+        complete = not isinstance(data, dict) or {"plane", "position", "frame"} & set(data)
+        return data if complete else {"plane": "xy", **data}
 
     @model_validator(mode="after")
     def _one_place(self):

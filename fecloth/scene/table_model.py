@@ -1,7 +1,7 @@
-"""What a table of a scene may hold: pydantic models whose every mistake becomes a `SceneError`.
+"""Pydantic models of the tables of a scene; every mistake becomes a `SceneError`.
 
-A number may be text with a unit where the type of its key names what it measures, as in
-``Annotated[float, LENGTH]``; see `units`. A table holds it in SI.
+A number may be text with a unit if the type of its key names a dimension, as in
+``Annotated[float, LENGTH]``; see `units`. The model has it in SI.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from fecloth.scene.type_words import holds_tables, in_si, options, phrase, writa
 
 
 class Table(BaseModel):
-    """A table whose keys are the fields: an unknown or missing one is refused with its remedy."""
+    """A table whose keys are the fields; unknown and missing keys are refused with a remedy."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -40,7 +40,7 @@ class Table(BaseModel):
         arbitrary_types_allowed=True,
     )
 
-    shorthands: ClassVar[tuple[str, ...]] = ()  # keys that stand for others, resolved before
+    shorthands: ClassVar[tuple[str, ...]] = ()  # keys that are replaced by others before
 
     @model_validator(mode="before")
     @classmethod
@@ -110,10 +110,10 @@ class Made(Table):
 
 
 def table_of(cls: type, name: str = "", **more) -> type[Made]:
-    """The table of a dataclass: its fields are the keys; with a name, `type` is that name.
+    """Return the table of a dataclass: its fields are the keys; with a name, `type` is that name.
 
-    A field annotated ``object`` holds another term, as the law of a damping does. A field that
-    also takes a function takes all but that.
+    A field annotated ``object`` holds another term, such as the law of a damping. Functions are
+    removed from the types of fields.
     """
     hints = typing.get_type_hints(cls, include_extras=True)
     fields: dict[str, Any] = {"type": (Literal[name], ...)} if name else {}
@@ -132,7 +132,7 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
 
 
 def one_of(key: str, tables: Mapping[str, type[Table]]) -> Any:
-    """A table of one of several kinds, told apart by the string under `key`."""
+    """Return the type of a table of one of several kinds, distinguished by the string at `key`."""
 
     def tag(data):
         value = data.get(key) if isinstance(data, dict) else getattr(data, key, None)
@@ -142,21 +142,21 @@ def one_of(key: str, tables: Mapping[str, type[Table]]) -> Any:
     discriminator = Discriminator(
         tag,
         custom_error_type="kind",
-        custom_error_message=f"{key}: {', '.join(tables)}",  # read again by `_kind`
+        custom_error_message=f"{key}: {', '.join(tables)}",  # parsed by `error_words._kind`
     )
     return Annotated[Union[tagged], discriminator]  # noqa: UP007
 
 
 def as_tuples(value: Any) -> Any:
-    """Lists as tuples throughout, as frozen tables hold them."""
+    """Return the value with tuples in place of lists, for frozen tables."""
     if isinstance(value, dict):
         return {key: as_tuples(item) for key, item in value.items()}
     return tuple(as_tuples(item) for item in value) if isinstance(value, (list, tuple)) else value
 
 
 def exactly_one(table: Table, *keys: str) -> None:
-    """Refuse a table that has none of these keys, or several."""
-    given = [key for key in keys if getattr(table, key) is not None]
-    if len(given) != 1:
-        what = f"{' and '.join(given)} are given" if given else f"{keys[0]} is missing"
+    """Refuse a table with none or several of these keys."""
+    used = [key for key in keys if getattr(table, key) is not None]
+    if len(used) != 1:
+        what = f"{' and '.join(used)} are given" if used else f"{keys[0]} is missing"
         raise InputError(what, f"give exactly one of {', '.join(keys)}")

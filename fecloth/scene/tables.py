@@ -71,22 +71,27 @@ _TERMS = {
 
 
 def terms_with(own: Mapping[str, type]) -> Any:
-    """The table of a term, of a type of the package's or of one's own.
+    """Return the type of a [[terms]] table, for the package's terms and the user's own.
+
+    A term may hold another term (the law of a damping), so the tables refer to their union by the
+    name "Term", which is resolved at the end.
 
     Raises
     ------
     InputError
-        For an own type whose name is taken, or that is no dataclass with a `bind`.
+        For an own type with a name of the package, or that is no dataclass with a `bind`.
     """
     for name, cls in own.items():
         if name in _TERMS:
-            raise InputError(f"terms: {name!r}", "must not be a type of the package's", "load")
+            raise InputError(
+                f"terms: {name!r}", "must not be the name of a term of the package", "load"
+            )
         if not (isinstance(cls, type) and dataclasses.is_dataclass(cls) and hasattr(cls, "bind")):
             allowed = "must be the class of a term: a dataclass with stencil and bind"
             raise InputError(f"terms: {name!r} = {brief(cls)}", allowed, "load")
     tables = {name: table_of(cls, name) for name, cls in (_TERMS | dict(own)).items()}
     term = one_of("type", tables)
-    for table in tables.values():  # now that it is known, to those that hold another term
+    for table in tables.values():
         table.model_rebuild(_types_namespace={"Term": term})
     return term
 

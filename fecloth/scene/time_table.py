@@ -75,8 +75,8 @@ class Time(Table):
 
     def stepping(self) -> tuple[object, float | None]:
         """The method and dt, as `march` takes them."""
-        given = {k: getattr(self, k) for k in ("rtol", "atol") if getattr(self, k) is not None}
+        tolerances = {k: getattr(self, k) for k in ("rtol", "atol") if getattr(self, k) is not None}
         if self.method.type == "auto":
-            return Auto(**given), None
+            return Auto(**tolerances), None
         dt = None if self.dt == "auto" else self.dt
-        return choose_steps(self.method.make(), dt, given), dt
+        return choose_steps(self.method.make(), dt, tolerances), dt

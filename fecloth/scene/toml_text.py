@@ -1,4 +1,4 @@
-"""Scene files as text: TOML in, TOML out."""
+"""Reading and writing of TOML files."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import tomli_w
 
 from fecloth.errors import SceneError
 
-LARGEST = 1_000_000  # bytes; beyond it the file is some other kind of file
+LARGEST = 1_000_000  # bytes; larger files are no scenes
 
 
 def read(path: str | Path) -> dict:
-    """The tables of a TOML file.
+    """Return the tables of a TOML file.
 
     Raises
     ------
     SceneError
-        For a path that is no readable file, and for text that is not TOML, with its line.
+        For a path that is no readable file, and for text that is not TOML, with the line.
     """
     path = Path(path)
     text = _text(path)
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and integers without end
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and endless integers
         raise SceneError(f"not TOML ({error})", where=str(path)) from None
 
 
@@ -39,17 +39,17 @@ def _text(path: Path) -> str:
     except OSError as error:
         raise SceneError(f"cannot be read ({error.strerror})", where=where) from None
     if data is None:
-        allowed = f"a scene is a text of at most {LARGEST}"
+        allowed = f"a scene has at most {LARGEST}"
         raise SceneError(f"has {path.stat().st_size} bytes", allowed, where)
     try:
-        return data.decode("utf-8-sig")  # editors on Windows put a mark before the text
+        return data.decode("utf-8-sig")  # editors on Windows add a byte order mark
     except UnicodeDecodeError as error:
         what = f"is not UTF-8 text (byte {error.start})"
         raise SceneError(what, "must be a scene in TOML", where) from None
 
 
 def file_problem(path: Path) -> tuple[str, str] | None:
-    """Why a path is no regular file, and a remedy, the closest name in its folder; else None."""
+    """Return why a path is no regular file, and a remedy; None if it is one."""
     try:
         if path.is_file():
             return None
@@ -63,7 +63,7 @@ def file_problem(path: Path) -> tuple[str, str] | None:
 
 
 def _similar(path: Path) -> str:
-    """A remedy that names the closest file of that kind in the path's folder; empty if none is."""
+    """Return a remedy with the closest name of a file of that kind in the folder, or ""."""
     there = sorted(path.parent.iterdir())
     kind = (path.suffix, _closest(path.suffix, {one.suffix for one in there}))
     stems = {one.stem: one.name for one in there if not path.suffix or one.suffix in kind}

@@ -1,4 +1,4 @@
-"""What the type of a key says: what a file can hold of it, in which units, and that in words."""
+"""The type of a key: what a file can hold, in which units, and a description in words."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fecloth.quantities.units import Dimension, is_quantity, quantity
 
 
 def writable(hint: Any) -> Any:
-    """The part of a type that a file can hold: without functions."""
+    """Return the part of a type that a file can hold: without functions."""
     origin, args = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return Annotated[(writable(args[0]), *args[1:])]
@@ -26,29 +26,29 @@ def writable(hint: Any) -> Any:
 
 
 def dimensions(field: FieldInfo) -> list[Dimension]:
-    """What a field measures; several where that depends on other keys."""
+    """Return the dimensions of a field; several if they depend on other keys."""
     return [item for item in field.metadata if isinstance(item, Dimension)]
 
 
 def in_si(table: dict, fields: Mapping[str, FieldInfo]) -> dict:
-    """The table with each text that is a number with a unit as its value in SI.
+    """Return the table with every number with a unit converted to SI.
 
     Raises
     ------
     InputError
-        For a unit that the key does not take.
+        For a unit that the key does not allow.
     """
-    given = {key: field.default for key, field in fields.items()} | table
+    values = {key: field.default for key, field in fields.items()} | table
     read = dict(table)
     for key, value in table.items():
         for dimension in dimensions(fields[key]):
-            if dimension.holds(given):
+            if dimension.holds(values):
                 read[key] = _value(key, value, fields[key].annotation, dimension)
     return read
 
 
 def _value(key: str, value: Any, hint: Any, dimension: Dimension) -> Any:
-    """The value in SI if it is a text where the type has a number; of a list each item."""
+    """Convert text to SI if the type has a number; for a list, each item."""
     kinds = _kinds(hint)
     items = [get_args(kind)[0] for kind in kinds if get_origin(kind) is tuple]
     if isinstance(value, tuple) and items:
@@ -62,16 +62,16 @@ def _value(key: str, value: Any, hint: Any, dimension: Dimension) -> Any:
 
 
 def _kinds(hint: Any) -> list:
-    """The types that a type is one of, without marks."""
+    """Return the members of a union, without annotations."""
     if get_origin(hint) is Annotated:
         return _kinds(get_args(hint)[0])
     union = get_origin(hint) in (Union, types.UnionType)
     return [kind for arg in get_args(hint) for kind in _kinds(arg)] if union else [hint]
 
 
-# --- words for what a field takes ---------------------------------------------------------------
+# --- descriptions of fields ---------------------------------------------------------------------
 
-_WORDS = {  # for one and for several
+_WORDS = {  # singular and plural
     float: ("a finite number", "finite numbers"),
     int: ("a whole number", "whole numbers"),
     str: ("a string", "strings"),
@@ -81,7 +81,7 @@ _LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
 def phrase(field: FieldInfo) -> str:
-    """What the values of a field are, e.g. "a finite number > 0 [s]"."""
+    """Describe the values of a field, e.g. "a finite number > 0 [s]"."""
     kinds = _words(field.annotation) + _limits(field.metadata)
     inside = field.description or " or ".join(one.si for one in dimensions(field))
     return f"{kinds} [{inside}]" if inside else kinds
@@ -118,14 +118,14 @@ def _words(hint, many: bool = False) -> str:
 
 
 def options(hint) -> tuple[str, ...]:
-    """The words that a field takes, such as "auto"."""
+    """Return the literal words that a field allows, such as "auto"."""
     if get_origin(hint) is Literal:
         return get_args(hint)
     return tuple(option for arg in get_args(hint) for option in options(arg))
 
 
 def holds_tables(hint) -> bool:
-    """Whether a field's values are tables, or have tables in them."""
+    """Return whether a field's values are tables or contain tables."""
     if isinstance(hint, ForwardRef) or (isinstance(hint, type) and issubclass(hint, BaseModel)):
         return True
     return get_origin(hint) is not Literal and any(holds_tables(a) for a in get_args(hint))

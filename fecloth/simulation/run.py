@@ -1,4 +1,4 @@
-"""`run` marches and collects: the ledger, the probes' paths, the counts."""
+"""`run`: march to the end and collect the energies, the probes' paths and the counts."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ class Result:
     solver
         The linear solver and why it was chosen.
     method
-        What took the steps; `Auto`'s choice, and an explicit method's steps without dt.
+        The method that took the steps: `Auto`'s choice; `AtLimit` for an explicit one without dt.
     doubt
-        In words that the energy balance does not close, or "": see `record.doubt`.
+        A sentence if the energy balance does not close, or "": see `imbalance_warning`.
     """
 
     state: State
@@ -78,10 +78,10 @@ def run(
 ) -> Result:
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
 
-    Arguments as for `march`; `report` is called after every step. A step after which the cloth
-    has more kinetic energy than `most_growth` times what its start, its loads and its pins can
-    have given (`Ledger.available`) has failed too. Where the energy balance does not close, the
-    result says so in `doubt`, and a `FeclothWarning` does.
+    Arguments as for `march`; `report` is called after every step. The run also fails after two
+    steps in a row with more kinetic energy than `most_growth` times what the start, the loads and
+    the pins can have supplied (`Ledger.available`). If the energy balance does not close, `doubt`
+    of the result and a `FeclothWarning` say so.
 
     Examples
     --------
@@ -97,7 +97,7 @@ def run(
     validation.number("most_growth", most_growth, 0.0, "run", infinite=True)
     validation.function("report", report, "lambda info: print(info.t)", "run")
     opening = replace(state, t=memory.start) if memory else state
-    target_times(method, opening.t, dt, t_end, stops)  # refuse them before anything else
+    target_times(method, opening.t, dt, t_end, stops)  # refuse them first
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
     record = trial_recorder(system, ledger, observer)
     method, chosen, why = resolve(system, method, opening, dt, t_end, solver, newton, record)
@@ -156,10 +156,10 @@ def collect(
 
 
 def add_seconds(a: dict[str, float], b: dict[str, float]) -> dict[str, float]:
-    """Seconds by phase, summed."""
+    """Add seconds by phase."""
     return {key: a.get(key, 0.0) + b.get(key, 0.0) for key in {**a, **b}}
 
 
 def columns(rows: list[dict[str, float]]) -> dict[str, np.ndarray]:
-    """Rows of equal keys as one array for each key."""
+    """Return rows of equal keys as one array for each key."""
     return {key: np.array([row[key] for row in rows]) for key in rows[0] if key != "t"}

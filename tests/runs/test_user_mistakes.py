@@ -165,7 +165,7 @@ def test_a_folder_that_exists_is_kept(scene, capsys):
     assert status == 2
     assert "output folder out: is not empty" in words
     assert "-o, or pass --overwrite" in words
-    assert "--resume out to go on with it" in words
+    assert "--resume out to continue it" in words
     assert written("out") == before
 
 

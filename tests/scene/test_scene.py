@@ -407,7 +407,7 @@ NO_SCENES = [
     (b"a = " + b"[" * 5000, "not TOML"),
     (b"a = " + b"1" * 5000, "not TOML"),
     (b"", "cloth is missing: must be a table"),
-    (b"#" * 1_000_001, "has 1000001 bytes: a scene is a text of at most 1000000"),
+    (b"#" * 1_000_001, "has 1000001 bytes: a scene has at most 1000000"),
 ]
 
 
