@@ -65,7 +65,7 @@ def test_gmsh_leaves_the_signals_to_python():
     code = """
 import os, signal
 import gmsh
-from fecloth.meshing import rectangle
+from fecloth.mesh.generate import rectangle
 signal.signal(signal.SIGTERM, lambda *_: print("term"))
 signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
 initialize = gmsh.initialize

@@ -20,6 +20,7 @@ from fecloth.integrators.one_stage import METHODS
 from fecloth.output import frames
 from fecloth.scene.scene import Scene, load
 from fecloth.scene.toml_text import overridden, read, written
+from fecloth.simulation import probes
 from fecloth.simulation.stability_limited import AtLimit
 from studies.references.closed_forms import hanging_strip_mean, hanging_strip_tip
 from studies.references.falling_disk import trampoline
@@ -648,7 +649,7 @@ def test_interest_names_columns_probes_and_the_field(file):
 def test_every_column_of_a_run_may_be_expected(file):
     scene = load(file, ["expect={}"])
     built = scene.build()
-    observer = fc.observe.Observer.bind(built.system, built.state, built.probes)
+    observer = probes.Observer.bind(built.system, built.state, built.probes)
     names = [*observer.row(None, None), *fc.Ledger.open(built.system, built.state).row()]
     table = ", ".join(f"'{n}' = {{value = 1, relative = 1}}" for n in set(names) - {"t"})
     assert len(load(file, [f"expect={{{table}}}"]).build().probes) == 2
