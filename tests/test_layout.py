@@ -10,10 +10,9 @@ import pytest
 import fecloth
 
 PACKAGE = Path(fecloth.__file__).parent
-ORDER = (
-    "errors validation suggest jit quantities linalg mesh fabric terms system nonlinear "
-    "integrators stability simulation homogenisation verify output view scene runs study cli"
-).split()
+ROOMS = """errors validation suggest jit quantities linalg mesh fabric terms system nonlinear
+integrators stability simulation homogenisation verify output view scene runs study cli"""
+ORDER = ROOMS.split()
 ROOT_FILES = {"__init__", "__main__", "errors", "validation", "suggest", "jit"}
 ROOT_FILES |= {"homogenisation", "verify"}
 
