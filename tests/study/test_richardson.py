@@ -56,7 +56,7 @@ def test_a_scene_of_ones_own(tmp_path, monkeypatch):
     file.write_text(SCENE)
     options = study.arguments("Mine.", ["--scene", str(file), "--out", str(tmp_path / "out")])
     keep = lambda *_, tables, **__: made.update(tables) or 0  # noqa: E731
-    monkeypatch.setattr(study, "report", keep)
+    monkeypatch.setattr(richardson, "report", keep)
     assert richardson.of_scene(options) == 0
     space, time = next(iter(made.values()))
     assert (space["order"], time["order"]) == pytest.approx((2, 2), abs=0.15)
