@@ -1,4 +1,4 @@
-"""The hash of the sources that a case's outcome depends on."""
+"""Hash of the sources on which the result of a case depends."""
 
 from __future__ import annotations
 
@@ -12,31 +12,34 @@ from fecloth.study.processes import module_of
 
 
 @cache
-def source_of(file: str | Path) -> str:
-    """Hash of fecloth's sources, the clock's, the file's, its imports' and the scenes beside it."""
-    package, clock = Path(fecloth.__file__).parent, Path(__file__).with_name("timing.py")
+def source_hash(file: str | Path) -> str:
+    """Return the hash of the package and of what a study's file imports and reads.
+
+    Contents count, paths do not: the hash covers the sources of fecloth, the file, the files it
+    imports from the folder of its package, and the scenes in `scenes/` beside it or above it.
+    """
     root, module = module_of(Path(file).resolve())
     folders = [root.joinpath(*module.split(".")[:k]) for k in range(module.count(".") + 1)]
     scenes = sorted(scene for at in folders for scene in (at / "scenes").rglob("*.toml"))
-    own = (*sorted(_with_imports(Path(file))), *scenes, clock)
+    package = sorted(Path(fecloth.__file__).parent.rglob("*.py"))
     digest = hashlib.sha256()
-    for source in (*sorted(package.rglob("*.py")), *own):
+    for source in (*package, *sorted(_imported_files(Path(file))), *scenes):
         digest.update(source.read_bytes())
     return digest.hexdigest()
 
 
-def _with_imports(file: Path) -> set[Path]:
-    """The file and all that it imports, directly or not, from the folder that its package is in."""
+def _imported_files(file: Path) -> set[Path]:
+    """Return the file and what it imports, directly or not, from the folder of its package."""
     root, _ = module_of(file.resolve())
-    found, waiting = set(), [file.resolve()]
+    files, waiting = set(), [file.resolve()]
     while waiting:
         source = waiting.pop()
-        if source in found or not source.exists():
+        if source in files or not source.exists():
             continue
-        found.add(source)
+        files.add(source)
         for node in ast.walk(ast.parse(source.read_bytes())):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             if isinstance(node, ast.ImportFrom) and node.module:
                 names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
             waiting += [root.joinpath(*name.split(".")).with_suffix(".py") for name in names]
-    return found
+    return files

@@ -7,7 +7,7 @@ import sys
 import time
 
 import pytest
-from support.study_functions import cases, echo, square, troubled
+from support.study_functions import fail_or_return, four_cases, return_setting, square
 
 from fecloth import study
 from fecloth.errors import InputError
@@ -16,24 +16,24 @@ from fecloth.study.cases import Case
 
 def test_cases_are_run_once(tmp_path):
     log = tmp_path / "log"
-    first = study.run_cases(cases(log), square, tmp_path)
-    again = study.run_cases(cases(log), square, tmp_path)
+    first = study.run_cases(four_cases(log), square, tmp_path)
+    again = study.run_cases(four_cases(log), square, tmp_path)
     assert log.read_text().split() == ["3", "1", "2", "4"]
     assert first[2]["square"] == 4.0
     assert [row["square"] for row in again] == [9.0, 1.0, 4.0, 16.0]
     assert again[3]["path"] == [0.0, 4.0]
     assert {row["status"] for row in again} == {"ok"}
-    study.run_cases(cases(log)[:1], square, tmp_path, fresh=True)
+    study.run_cases(four_cases(log)[:1], square, tmp_path, fresh=True)
     assert log.read_text().split()[4:] == ["3"]
 
 
-def test_interrupted_study_goes_on(tmp_path):
+def test_an_interrupted_study_continues(tmp_path):
     log = tmp_path / "log"
     log.with_suffix(".stop").touch()
     with pytest.raises(KeyboardInterrupt):
-        study.run_cases(cases(log), square, tmp_path)
+        study.run_cases(four_cases(log), square, tmp_path)
     log.with_suffix(".stop").unlink()
-    rows = study.run_cases(cases(log), square, tmp_path)
+    rows = study.run_cases(four_cases(log), square, tmp_path)
     assert log.read_text().split() == ["3", "1", "2", "2", "4"]
     assert [row["square"] for row in rows] == [9.0, 1.0, 4.0, 16.0]
 
@@ -57,7 +57,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills")
-def test_killed_study_goes_on(tmp_path):
+def test_a_killed_study_continues(tmp_path):
     (tmp_path / "study.py").write_text(STUDY)
     command = [sys.executable, str(tmp_path / "study.py"), str(tmp_path)]
     options = {"text": True}
@@ -74,19 +74,19 @@ def test_killed_study_goes_on(tmp_path):
     assert log.read_text().split() == ["0", "1", "2", "2", "3"]
 
 
-def test_what_may_go_otherwise_is_run_again(tmp_path):
-    def kept(how):
-        return (tmp_path / "cache" / f"{Case.of(troubled, {'how': how}).key}.json").exists()
+def test_results_that_may_change_are_not_stored(tmp_path):
+    def is_stored(how):
+        return (tmp_path / "cache" / f"{Case.of(fail_or_return, {'how': how}).key}.json").exists()
 
     hows = ("step", "input", "memory", "bug")
-    study.run_cases([{"how": how} for how in hows], troubled, tmp_path)
-    assert [kept(how) for how in hows] == [True, True, False, False]
+    study.run_cases([{"how": how} for how in hows], fail_or_return, tmp_path)
+    assert [is_stored(how) for how in hows] == [True, True, False, False]
 
 
-def test_time_limit_is_kept_until_it_is_raised(tmp_path):
+def test_a_late_case_runs_again_only_with_a_longer_limit(tmp_path):
     def seconds(limit):
         begin = time.perf_counter()
-        study.run_cases([{"how": "ticking"}], troubled, tmp_path, time_limit=limit)
+        study.run_cases([{"how": "ticking"}], fail_or_return, tmp_path, time_limit=limit)
         return time.perf_counter() - begin
 
     assert seconds(0.3) >= 0.3
@@ -94,32 +94,35 @@ def test_time_limit_is_kept_until_it_is_raised(tmp_path):
     assert seconds(0.4) >= 0.4
 
 
-def test_key_depends_on_all(tmp_path):
-    key = Case.of(troubled, {"how": "no", "dt": 0.1}).key
-    assert Case.of(troubled, {"dt": 0.1, "how": "no"}).key == key
+def test_the_key_depends_on_settings_function_and_source(tmp_path):
+    key = Case.of(fail_or_return, {"how": "no", "dt": 0.1}).key
+    assert Case.of(fail_or_return, {"dt": 0.1, "how": "no"}).key == key
     others = [
-        Case.of(troubled, {"how": "no", "dt": 0.1000000001}),
-        Case.of(troubled, {"how": "no"}),
+        Case.of(fail_or_return, {"how": "no", "dt": 0.1000000001}),
+        Case.of(fail_or_return, {"how": "no"}),
         Case.of(square, {"how": "no", "dt": 0.1}),
         Case(
-            {"how": "no", "dt": 0.1}, Case.of(troubled, {}).file, "troubled", source="another text"
+            {"how": "no", "dt": 0.1},
+            Case.of(fail_or_return, {}).file,
+            "fail_or_return",
+            source="another text",
         ),
     ]
     assert len({key, *(case.key for case in others)}) == 5
 
 
-def test_settings_and_functions_that_do_not_work(tmp_path):
+def test_invalid_settings_and_functions_are_refused(tmp_path):
     with pytest.raises(InputError, match="JSON-able"):
-        study.run_cases([{"how": object()}], troubled, tmp_path)
+        study.run_cases([{"how": object()}], fail_or_return, tmp_path)
     with pytest.raises(InputError, match="no tuples"):
-        study.run_cases([{"how": (1, 2)}], troubled, tmp_path)
+        study.run_cases([{"how": (1, 2)}], fail_or_return, tmp_path)
     with pytest.raises(InputError, match="module-level"):
         study.run_cases([{"how": "no"}], lambda how: {}, tmp_path)
     with pytest.raises(InputError, match="returned how: a setting"):
-        study.run_cases([{"how": "no"}], echo, tmp_path)
+        study.run_cases([{"how": "no"}], return_setting, tmp_path)
 
 
-def test_kept_cases_tell_their_settings(tmp_path):
-    study.run_cases([{"how": "no"}], troubled, tmp_path)
+def test_stored_results_include_their_settings(tmp_path):
+    study.run_cases([{"how": "no"}], fail_or_return, tmp_path)
     (file,) = (tmp_path / "cache").iterdir()
     assert json.loads(file.read_text())["settings"] == {"how": "no"}

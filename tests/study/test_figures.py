@@ -7,12 +7,12 @@ from support.study_rows import rows_of_two
 from fecloth import study
 
 
-def test_figure(tmp_path):
+def test_a_figure_has_lines_crosses_and_slopes(tmp_path):
     pytest.importorskip("matplotlib")
     with study.figure(tmp_path, "errors", "time step [s]", "error [m]") as (figure, ax):
-        study.lines(ax, rows_of_two(), x="dt", y="error", by="method")
+        study.draw_lines(ax, rows_of_two(), x="dt", y="error", by="method")
         limits = ax.get_xlim(), ax.get_ylim()
-        study.slope_triangle(ax, 2)
+        study.draw_slope_triangle(ax, 2)
         assert (ax.get_xlim(), ax.get_ylim()) == limits
         _, right, top = np.log10(ax.patches[0].get_xy()[:3])
         left = np.log10(ax.patches[0].get_xy()[0])

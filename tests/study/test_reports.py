@@ -8,11 +8,11 @@ from support.study_rows import rows_of_two
 from fecloth import study
 
 
-def test_report_says_all(tmp_path, capsys):
-    options = study.arguments("Errors.\n\nMore.", ["--out", str(tmp_path), "--quick"])
+def test_a_report_holds_findings_tables_settings_and_versions(tmp_path, capsys):
+    options = study.parse_arguments("Errors.\n\nMore.", ["--out", str(tmp_path), "--quick"])
     findings = [study.Finding("order", 1.02, 0.9, 1.1), study.Finding("error", 0.3, high=0.1)]
     table = {"Orders": [{"method": "A", "order": 1.0234567}]}
-    missed = study.report(
+    missed = study.write_report(
         options,
         "Two methods",
         rows_of_two(),
@@ -45,7 +45,7 @@ def test_report_says_all(tmp_path, capsys):
     ):
         assert part in text
     assert missed == 1
-    assert study.report(options, "Two", rows_of_two(), findings=findings[:1]) == 0
+    assert study.write_report(options, "Two", rows_of_two(), findings=findings[:1]) == 0
     assert "error: 0.3 <= 0.1: MISSED" in capsys.readouterr().out
     head, *lines = (tmp_path / "results.csv").read_text().splitlines()
     assert head == "method,dt,error,status,cause"

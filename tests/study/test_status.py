@@ -1,7 +1,7 @@
 """A case that fails is a row with its status and its cause."""
 
 import pytest
-from support.study_functions import troubled
+from support.study_functions import fail_or_return
 
 from fecloth import study
 
@@ -17,8 +17,8 @@ from fecloth import study
         ("ticking", "time limit", "more than 0.05 s"),
     ],
 )
-def test_failure_is_a_row(tmp_path, how, status, cause):
-    rows = study.run_cases([{"how": how}, {"how": "no"}], troubled, tmp_path, time_limit=0.05)
+def test_a_failure_is_a_row_with_status_and_cause(tmp_path, how, status, cause):
+    rows = study.run_cases([{"how": how}, {"how": "no"}], fail_or_return, tmp_path, time_limit=0.05)
     assert rows[0]["status"] == status
     assert cause in rows[0]["cause"]
     assert rows[0]["how"] == how

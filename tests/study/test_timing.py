@@ -7,9 +7,9 @@ import pytest
 from fecloth import study
 
 
-def test_timed_takes_the_fastest_after_the_first():
+def test_the_fastest_call_after_the_first_counts():
     waits = iter((0.2, 0.05, 0.01, 0.05))
-    seconds = study.timed(lambda: time.sleep(next(waits)) or 7, repeats=3)
+    seconds = study.measure_seconds(lambda: time.sleep(next(waits)) or 7, repeats=3)
     assert 0.01 <= seconds.wall < 0.05
     assert seconds.cpu < seconds.wall
     assert seconds.first >= 0.2

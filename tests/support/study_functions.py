@@ -20,7 +20,7 @@ def square(x: float, log: str) -> dict:
     return {"square": np.float64(x * x), "path": np.arange(2) * x}
 
 
-def troubled(how: str) -> dict:
+def fail_or_return(how: str) -> dict:
     if how == "step":
         raise StepFailed("not finite", step=3, t=0.1, dt=0.01, remedy="Take a smaller dt.")
     if how == "solve":
@@ -37,19 +37,19 @@ def troubled(how: str) -> dict:
         time.sleep(60)
     if how == "ticking":
         while True:
-            study.tick()
+            study.check_time_limit()
     return {"value": 1.0}
 
 
-def environment(name: str) -> dict:
+def read_thread_limits(name: str) -> dict:
     import numba
 
     return {"threads": os.environ.get(name, ""), "numba": numba.config.NUMBA_NUM_THREADS}
 
 
-def echo(how: str) -> dict:
+def return_setting(how: str) -> dict:
     return {"how": how}
 
 
-def cases(log):
+def four_cases(log):
     return [{"x": float(x), "log": str(log)} for x in (3, 1, 2, 4)]
