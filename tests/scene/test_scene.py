@@ -661,7 +661,7 @@ def test_every_column_of_a_run_may_be_expected(file):
 
 @pytest.mark.parametrize("path", SCENES, ids=[path.stem for path in SCENES])
 def test_scene_of_the_studies_builds(path):
-    built = load(path, [] if path.stem == "flag" else ["cloth.h=0.1"]).build()
+    built = load(path, ["cloth.h=0.1"]).build()
     assert built.t_end / built.dt <= 1000
     assert load(path).expect
 
