@@ -191,7 +191,9 @@ def _content(value, seen: dict[int, int], attributes: tuple[str, ...]) -> tuple:
         return kind, *(_content(each, seen, attributes) for each in value)
     if isinstance(value, set | frozenset):
         return kind, *sorted(repr(_content(each, seen, ())) for each in value)
-    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+    if isinstance(value, np.ndarray):
+        if value.dtype.hasobject:
+            raise _UnknownContent(repr(value))
         return kind, value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, ModuleType):
         if id(value) in seen:
