@@ -164,10 +164,10 @@ def _march(built):
 
 
 def test_a_failing_variant_is_a_row_with_its_cause():
-    study = needs.Study("taut", data_of(load(NEEDS / "taut.toml")), 0.01, {"out": ""})
+    task = needs.Task("taut", data_of(load(NEEDS / "taut.toml")), 0.01, {"out": ""})
     row = {"scene": "taut", "variant": "x", "status": "failed", "cause": "it broke"}
-    assert study.held(row)["cause"] == "it broke"
-    variant = variants(study.data, study.interest)[0]
-    assert needs.candidates(study, [(variant, study.held(row))]) == []
-    assert needs.share("1%") == needs.share("0.01") == 0.01
+    assert task.compare(row)["cause"] == "it broke"
+    variant = variants(task.data, task.interest)[0]
+    assert needs.sort_candidates(task, [(variant, task.compare(row))]) == []
+    assert needs.parse_tolerance("1%") == needs.parse_tolerance("0.01") == 0.01
     assert cases.ratio(0.0, 0.0) == 0.0

@@ -131,7 +131,7 @@ def test_incompressible_is_convex_in_E(rng):
 
 
 def test_compressible_is_convex_up_to_its_limit_and_made_so_beyond(rng):
-    """ln J = μ/λ is where the smallest eigenvalue of ℂ changes sign; `convex_compressible` acts only beyond."""
+    """ln J = μ/λ is where the least eigenvalue of ℂ changes sign; only beyond is ℂ changed."""
     mu, lam = constants(LAWS[1])
     c = np.array([mu, lam])
     assert np.exp(mu / lam) == pytest.approx(3.2, rel=0.01)
