@@ -8,7 +8,7 @@ from conftest import affine
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.terms.loops.membrane import principal_stretches
+from fecloth.terms.kinematics import principal_stretches
 from fecloth.verify import (
     Sweep,
     VerificationFailed,

@@ -18,7 +18,7 @@ from fecloth.simulation.resolve import settled
 from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import left, targets_of
 from fecloth.system.system import State, System
-from fecloth.terms.loops.membrane import largest_stretch, principal_stretches
+from fecloth.terms.kinematics import largest_stretch, principal_stretches
 
 
 @dataclass(frozen=True, eq=False)
