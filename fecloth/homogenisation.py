@@ -181,7 +181,7 @@ def _patch(pattern, nx, ny):
     own, shift = np.array(triangles)[..., 0], np.array(triangles)[..., 1:]
     at = cell[:, None, None] + shift
     T = ((at[..., 0] * (ny + 1) + at[..., 1]) * len(nodes) + own).reshape(-1, 3)
-    hinges = Hinges.of(X, T)
+    hinges = Hinges.from_triangles(X, T)
     middle = 0.5 * (X[hinges.nodes[:, 0]] + X[hinges.nodes[:, 1]])
     return X, hinges, period, middle @ np.linalg.inv(period).T
 

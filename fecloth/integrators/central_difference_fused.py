@@ -20,8 +20,9 @@ from fecloth.errors import InputError, StepFailed
 from fecloth.jit import inner, kernel, threaded_kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.system import State, System
+from fecloth.terms.custom.force import BoundUserForce, Written
 from fecloth.terms.loads.gravity import BoundGravity
-from fecloth.terms.loads.point_force import BoundPointForce, BoundUserForce, Written
+from fecloth.terms.loads.point_force import BoundPointForce
 from fecloth.terms.loops import membrane
 from fecloth.terms.membranes import stvk
 from fecloth.terms.membranes.stvk import law

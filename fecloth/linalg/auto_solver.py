@@ -31,7 +31,7 @@ MARGIN = 0.9  # of the other's work: a trial that takes less is won
 LOADING = 1e7  # iterations times nodes that take as long as loading the MKL, 0.4 s
 
 
-class Cheapest:
+class AutoSolver:
     """`PCG` or a direct solver for a symmetric matrix; `name` is that of the one in use.
 
     Parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from fecloth.errors import InputError, is_number
-from fecloth.linalg.auto_solver import Cheapest
+from fecloth.linalg.auto_solver import AutoSolver
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.factor_reuse import Kept
 
@@ -76,18 +76,18 @@ class Solver:
 
     def begin(self, wx: float, wa: float) -> None:
         """A step with these weights begins: "auto" may take another linear solver for it."""
-        if isinstance(self.linear, Cheapest):
+        if isinstance(self.linear, AutoSolver):
             self.linear.begin(wx, wa)
 
     @property
     def keeps(self) -> bool:
         """Whether a step may depend on what the steps before have left in the solver."""
-        if isinstance(self.linear, Cheapest):
+        if isinstance(self.linear, AutoSolver):
             return True
         return getattr(self.linear, "name", "pcg") != "pcg" and self.options.reuse
 
     def drop(self) -> None:
         """Forget the steps before: those that follow do not depend on them."""
         self.kept.drop()
-        if isinstance(self.linear, Cheapest):
+        if isinstance(self.linear, AutoSolver):
             self.linear.drop()

@@ -307,7 +307,7 @@ def test_a_region_by_predicate_and_refusals():
     cloth = halves()
     chosen = cloth.region(lambda X: X[:, 0] > 0.6)
     np.testing.assert_array_equal(chosen, cloth.region("hem"))
-    with pytest.raises(fc.InputError, match="the choice of triangles is empty"):
+    with pytest.raises(fc.InputError, match="no triangle is selected"):
         cloth.region(lambda X: X[:, 0] > 2)
     with pytest.raises(fc.InputError, match="region 'x': must be one of body, hem"):
         cloth.region("x")

@@ -42,8 +42,8 @@ class MembraneLaw:
         (C11, C22, C66, C12, C16, C26)    ℂ = ∂S/∂E [N/m], on E11, E22 and 2 E12
 
     It is compiled by Numba: numbers, tuples and `math`, and what it calls is compiled itself
-    (`numba.njit`; `fecloth.terms.membrane.contract` gives ℂ : E). That takes a second or two for
-    each of force, tangent and definite tangent, in each process. Entries of c are best written
+    (`numba.njit`; `fecloth.terms.loops.membrane.contract` gives ℂ : E). That takes a second or two
+    for each of force, tangent and definite tangent, in each process. Entries of c are best written
     out: a law with a slice of c took three times as long. S and ℂ are held against differences
     near rest when the term is bound, and far from it by `fecloth.verify.check_term`.
 
