@@ -14,6 +14,7 @@ import meshio
 import numpy as np
 import pytest
 from support.rundirs import written
+from support.tiers import slow_except
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -163,7 +164,7 @@ def scene(tmp_path, monkeypatch):
     return path
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", slow_except(RUNS, "BDF2", "AtLimit"))
 def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     if name == "vtkhdf":
         pytest.importorskip("h5py")
@@ -234,6 +235,7 @@ def go_and_die(scene, folder):
     go(scene, folder, False)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_within_a_frame_of_vtkhdf_goes_on(tmp_path):
     pytest.importorskip("h5py")
     scene, whole, broken = tmp_path / "sheet.toml", tmp_path / "whole", tmp_path / "broken"
