@@ -52,9 +52,9 @@ def test_what_catches_what(kind, bases):
 def test_a_failed_solve_states_its_residual(kind):
     error = kind("CG stopped after 30 iterations", 2.5e-3, 1e-6)
     assert str(error) == (
-        "CG stopped after 30 iterations (relative residual 2.50e-03, asked 1.00e-06)"
+        "CG stopped after 30 iterations (relative residual 2.50e-03, required 1.00e-06)"
     )
-    assert (error.reason, error.residual, error.asked) == (
+    assert (error.reason, error.residual, error.rtol) == (
         "CG stopped after 30 iterations",
         2.5e-3,
         1e-6,
