@@ -39,7 +39,7 @@ def test_a_wrong_order_is_seen(small, isotropic):
         order = 2
 
     system = fc.System(small, isotropic, [fc.StVK()], pins=["boundary"])
-    with pytest.raises(VerificationFailed, match="claimed 2"):
+    with pytest.raises(VerificationFailed, match="expected 2"):
         check_integrator(system, Claims(), taut_start(system), t_end=0.005)
 
 

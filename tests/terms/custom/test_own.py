@@ -399,7 +399,7 @@ def test_check_integrator_catches_a_wrong_order(own, cloth, isotropic):
     theta = own.integrator.Theta
     claims = type("Claims", (theta,), {"order": 2})
     check_integrator(system, theta(0.6), start, 0.005)
-    with pytest.raises(VerificationFailed, match=r"order \[.* claimed 2"):
+    with pytest.raises(VerificationFailed, match=r"orders \[.* expected 2"):
         check_integrator(system, claims(0.6), start, 0.005)
     check_integrator(system, claims(0.5), start, 0.005)
 
