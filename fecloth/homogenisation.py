@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 
 import numpy as np
@@ -11,6 +10,7 @@ from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.hinges import Hinges
+from fecloth.suggest import did_you_mean
 from fecloth.system.system import System
 
 _H = np.sqrt(0.75)
@@ -169,9 +169,8 @@ def bending_note(pattern: str, terms: Iterable[str]) -> str:
 def _patch(pattern, nx, ny):
     """X, hinges, periods of nx × ny cells, and the middles of the edges counted in periods."""
     if pattern not in CELLS:
-        near = difflib.get_close_matches(str(pattern), CELLS, n=1, cutoff=0.0)[0]
         allowed = f"must be one of {', '.join(CELLS)}"
-        remedy = f"Did you mean {near!r}?"
+        remedy = did_you_mean(pattern, CELLS, cutoff=0.0)
         raise InputError(f"pattern = {pattern!r}", allowed, "bending_tensor", remedy)
     period, nodes, triangles = CELLS[pattern]
     i, j = np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), indexing="ij")

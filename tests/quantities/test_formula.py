@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fecloth.errors import InputError
-from fecloth.quantities.formula import FUNCTIONS, Formula, smoothstep
+from fecloth.quantities.formula import Formula
+from fecloth.quantities.formula_functions import FUNCTIONS, smoothstep
 
 VALUES = [
     ("0.1*sin(2*pi*t)", lambda t: 0.1 * np.sin(2 * np.pi * t)),

@@ -14,7 +14,7 @@ from fecloth.jit import kernel
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.formula import Formula
-from fecloth.quantities.time_function import Timed, VectorOfTime, vector
+from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import ACCELERATION, FORCE, LENGTH, PRESSURE
 
 STEP = 1e-5  # m and m/s: a central difference is then good to about 1e-10 of f'''/f'
@@ -82,7 +82,7 @@ class BoundPointForce:
 
     nodes: np.ndarray
     share: np.ndarray
-    force: Timed
+    force: TimeFunction
 
     name = "PointForce"
     load = True
