@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -54,7 +54,7 @@ class Formula:
     condition: bool = False
 
     def __post_init__(self):
-        _compiled(self.text, self.variables, self.condition)  # parsed and checked now
+        _ = self._value  # parsed and checked now, not at the first call
 
     @cached_property
     def _value(self) -> _Compiled:
@@ -72,6 +72,16 @@ class Formula:
             Where the value is not finite.
         """
         return self._value(values)
+
+    def at(self, *numbers: float) -> float:
+        """Value at one float for each variable, in their order: in a third of a call's time.
+
+        Raises
+        ------
+        InputError
+            If the value is not finite.
+        """
+        return self._value.at(numbers)
 
     def derivative(self, variable: str) -> Derivative:
         """The exact derivative by a variable, to be called as the formula itself.
@@ -114,8 +124,12 @@ class Derivative:
         return Derivative, (self.formula, self.variable)
 
     def __call__(self, **values: ArrayLike) -> float | np.ndarray:
-        """Value at the variables, as of a `Formula`; refused where it is not finite."""
+        """Value at the variables, as of a `Formula`; refused if it is not finite."""
         return self._value(values)
+
+    def at(self, *numbers: float) -> float:
+        """Value at one float for each variable, in their order; refused if not finite."""
+        return self._value.at(numbers)
 
 
 @dataclass(frozen=True)
@@ -130,15 +144,20 @@ class _Compiled:
     def __call__(self, values: Mapping[str, ArrayLike]) -> float | np.ndarray:
         given = [values[name] for name in self.variables]
         if _NUMBERS.issuperset(map(type, given)):
-            try:
-                value = self.of_numbers([*map(float, given)])
-                if math.isfinite(value):
-                    return value
-            except (ArithmeticError, ValueError):  # a part of it is not finite: as arrays
-                pass
-        return self._of_arrays([np.asarray(one, dtype=float) for one in given])
+            return self.at([*map(float, given)])
+        return self._of_arrays(given)
 
-    def _of_arrays(self, arrays: list[np.ndarray]) -> float | np.ndarray:
+    def at(self, numbers: Sequence[float]) -> float:
+        try:
+            value = self.of_numbers(numbers)
+            if math.isfinite(value):
+                return value
+        except (ArithmeticError, ValueError):  # a part of it is not finite
+            pass
+        return self._of_arrays(numbers)
+
+    def _of_arrays(self, given: Sequence[ArrayLike]) -> float | np.ndarray:
+        arrays = [np.asarray(one, dtype=float) for one in given]
         shape = np.broadcast_shapes(*(array.shape for array in arrays))
         with np.errstate(all="ignore"):
             value = np.broadcast_to(self.of_arrays(arrays), shape)

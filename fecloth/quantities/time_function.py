@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.quantities.formula import Formula
+from fecloth.quantities.formula import Derivative, Formula
 
 OfTime = float | str | Callable[[float], float]
 VectorOfTime = tuple[float | str, float | str, float | str] | Callable[[float], np.ndarray]
@@ -50,8 +51,13 @@ class TimeFunction:
         """The derivative by t: exact for formulas, a central difference of a function."""
         if not callable(self.parts):
             with suppress(InputError):
-                return np.array([_rate(part, t) for part in self.parts]).reshape(self.shape)
+                return np.array([_at(rate, t) for rate in self._rates]).reshape(self.shape)
         return difference_quotient(self, t)
+
+    @cached_property
+    def _rates(self) -> list[float | Derivative]:
+        parts = self.parts
+        return [part.derivative("t") if isinstance(part, Formula) else 0.0 for part in parts]
 
 
 def difference_quotient(function: Callable, t: float, since: float = -math.inf) -> np.ndarray:
@@ -106,9 +112,5 @@ def _part(value, name: str, where: str) -> float | Formula:
     return float(value)
 
 
-def _at(part: float | Formula, t: float) -> float:
-    return part(t=t) if isinstance(part, Formula) else part
-
-
-def _rate(part: float | Formula, t: float) -> float:
-    return part.derivative("t")(t=t) if isinstance(part, Formula) else 0.0
+def _at(part: float | Formula | Derivative, t: float) -> float:
+    return part if isinstance(part, float) else part.at(float(t))

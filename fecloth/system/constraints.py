@@ -88,14 +88,16 @@ class Constraints:
         v = np.zeros_like(x)
         if self._moved:
             x = x.copy()
-        for pin, nodes in self._moved:
-            x[nodes] += pin.displacement(t + dt) - pin.displacement(t)
-            v[nodes] = pin.speed(t + dt, since=t)
+        for group in self._moved:
+            before, after = group.displacement(t), group.displacement(t + dt)
+            speed = group.pin.speed(t + dt, since=t)
+            _prescribe(group.nodes, _rows(after - before), _rows(speed), x, v)
         return x, v
 
     @cached_property
-    def _moved(self) -> list[tuple[Pin, np.ndarray]]:
-        return [group for group in self.groups.values() if group[0].motion is not None]
+    def _moved(self) -> list[_MovedGroup]:
+        groups = self.groups.values()
+        return [_MovedGroup(pin, nodes) for pin, nodes in groups if pin.motion is not None]
 
     def free(self, n: int) -> np.ndarray:
         """The degrees of freedom 3 i + c of a cloth of n nodes that no pin constrains.
@@ -128,6 +130,25 @@ class Constraints:
         return sparse.csc_matrix((np.concatenate(data), (rows, columns)), shape=shape)
 
 
+class _MovedGroup:
+    """A pin with a motion and its nodes; the end of a step is the start of the next one."""
+
+    def __init__(self, pin: Pin, nodes: np.ndarray):
+        self.pin, self.nodes = pin, nodes
+        self._last: tuple[float, np.ndarray] | None = None
+
+    def displacement(self, t: float) -> np.ndarray:
+        """(3,) or (k, 3) [m], evaluated once for several calls with the same t."""
+        if self._last is None or self._last[0] != t:
+            self._last = t, self.pin.displacement(t)
+        return self._last[1]
+
+
+def _rows(value: np.ndarray) -> np.ndarray:
+    """(1, 3) or (k, 3)."""
+    return np.ascontiguousarray(value.reshape(-1, 3))
+
+
 def _free_name(name: str, taken) -> str:
     """The name, or name.2, name.3, … if it is in use."""
     number = 1
@@ -136,6 +157,16 @@ def _free_name(name: str, taken) -> str:
         number += 1
         free = f"{name}.{number}"
     return free
+
+
+@kernel
+def _prescribe(nodes, change, speed, x, v):
+    """x += change and v = speed at the nodes; one row is for all of them."""
+    for n in range(len(nodes)):
+        i, a, b = nodes[n], min(n, len(change) - 1), min(n, len(speed) - 1)
+        for k in range(3):
+            x[i, k] += change[a, k]
+            v[i, k] = speed[b, k]
 
 
 @kernel

@@ -88,6 +88,9 @@ class Motion:
 
     def _stacked(self, parts: Sequence[Formula | Derivative], t) -> np.ndarray:
         if not self.by_place:
+            if isinstance(t, float):
+                t = float(t)  # not NumPy's, which is slower
+                return np.array([part.at(t) for part in parts])
             return np.array([part(t=t) for part in parts]).T
         if self.X is None:
             raise InputError("a motion of X and Y", "has values at the nodes of a System only")
