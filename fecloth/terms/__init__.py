@@ -2,7 +2,8 @@
 
 What a user writes is a frozen description with its own parameters only. Its docstring gives the
 formula, then a paragraph that begins with "Source:" and one with "Valid". The page
-studies/laws/laws.md is made of them. It offers
+studies/laws/laws.md is made of them. Its numbers are in SI; a text such as "5 mm" has a unit, as in
+scenes. It offers
 
     elements                    those it supports, as ("P1", "P2"); left out, P1 alone
     stencil(cloth)              (m, k) nodes that it couples, or None
@@ -29,6 +30,7 @@ Shorter than all this are `Condition`, for an energy ½ k C² of some nodes, `Us
 on each node by itself, and `MembraneLaw`, for a membrane. studies/examples has a term and a law.
 """
 
+from fecloth.quantities.unit_fields import reads_units
 from fecloth.terms.bending.hinge import BendingDamping, HingeBending
 from fecloth.terms.bending.quadratic import QuadraticBending
 from fecloth.terms.custom.force import UserForce
@@ -69,3 +71,6 @@ __all__ = [
     "UserForce",
     "Wind",
 ]
+
+for _name in __all__:  # lengths, forces, ... may be texts such as "5 mm", as in scenes
+    reads_units(globals()[_name])
