@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.integrators.newmark import Newmark
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.integrators.with_memory import RememberedStep, WithMemory, holding
 from fecloth.nonlinear import newton
@@ -37,8 +38,7 @@ class BDF2(WithMemory):
     Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, III.5.
     """
 
-    order = 2
-    error_constant = 2 / 9  # at constant steps
+    traits = MethodTraits(order=2, error_constant=2 / 9)  # of the error at constant steps
 
     def stage(self, state: State, dt: float, last: Change) -> Stage:
         """The stage of a step from `state`, after the change that led there."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.errors import InputError
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.options import Solver
@@ -64,10 +65,6 @@ class EnergyMomentum:
     True
     """
 
-    order = 2
-    theta = 0.5
-    critical = 0.0, 0.0  # A-stable
-    error_constant = 1 / 12
     tangent: str = "exact"
 
     def __post_init__(self):
@@ -76,9 +73,9 @@ class EnergyMomentum:
             raise InputError(f"tangent = {self.tangent!r}", allowed, "EnergyMomentum")
 
     @property
-    def symmetric(self) -> bool:
-        """Whether the tangents of the forces between two states are symmetric."""
-        return self.tangent == "symmetric"
+    def traits(self) -> MethodTraits:
+        """A-stable; its matrix is symmetric if the tangents of the forces between states are."""
+        return MethodTraits(order=2, symmetric=self.tangent == "symmetric", error_constant=1 / 12)
 
     def stage(self, state: State, dt: float) -> Stage:
         """The stage of the midpoint rule."""
@@ -96,7 +93,7 @@ class EnergyMomentum:
         """One step from `state` over `dt` [s]."""
         end = arrival(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
-        over = over_step(system, state.x, self.symmetric)
+        over = over_step(system, state.x, self.traits.symmetric)
         q, counts = newton.solve(over, stage, solver, guess)
         x, v, a = stage.at(q)
         new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * a)

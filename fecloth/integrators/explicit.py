@@ -8,12 +8,13 @@ step, which puts moved pins where their motion is, exactly.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fecloth.errors import InputError, flag
 from fecloth.integrators.numerical_dissipation import taken
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival
 from fecloth.jit import kernel
 from fecloth.nonlinear.statistics import Counts
@@ -45,16 +46,17 @@ class TwoForceStep(Step):
 class Explicit:
     """What explicit methods share; `forces_at` is 0 for forces at the start, ½ at both ends."""
 
-    order: int
-    error_constant: float  # as in `StageMethod`
+    constants: MethodTraits
     forces_at: float
-    critical: tuple[float, float]  # (a, b): stable for a dt² k + b dt d < 1, k = ω², d = 2 ζ ω
-    theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
-    explicit = True
     beyond_limit: bool
 
     def __post_init__(self):
         flag("beyond_limit", self.beyond_limit, type(self).__name__)
+
+    @property
+    def traits(self) -> MethodTraits:
+        """The constants of the class, with the `beyond_limit` of this object."""
+        return replace(self.constants, beyond_limit=self.beyond_limit)
 
     def check(self, system: System) -> None:
         """Refuse a mass that would need a linear solve.
@@ -95,9 +97,8 @@ class ForwardEuler(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    critical = None  # its limit is of another form: see `critical_dt`
-    order = 1
-    error_constant = 1 / 2
+    # its limit is of another form: see `critical_dt`
+    constants = MethodTraits(order=1, explicit=True, error_constant=1 / 2, stability=None)
     forces_at = 0.0
     beyond_limit: bool = False
 
@@ -121,9 +122,7 @@ class SymplecticEuler(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    critical = 1 / 4, 1 / 2
-    order = 1
-    error_constant = 1 / 2
+    constants = MethodTraits(order=1, explicit=True, error_constant=1 / 2, stability=(1 / 4, 1 / 2))
     forces_at = 0.0
     beyond_limit: bool = False
 
@@ -170,9 +169,7 @@ class CentralDifference(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    critical = 1 / 4, 1.0
-    order = 2
-    error_constant = 1 / 6
+    constants = MethodTraits(order=2, explicit=True, error_constant=1 / 6, stability=(1 / 4, 1.0))
     forces_at = 0.5
     beyond_limit: bool = False
 
@@ -244,10 +241,3 @@ def divide(mass, f):
         inverse = 1.0 / mass[i]
         for k in range(3):
             f[i, k] *= inverse
-
-
-EXPLICIT = {
-    "forward_euler": ForwardEuler,
-    "symplectic_euler": SymplecticEuler,
-    "central_difference": CentralDifference,
-}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.errors import InputError, flag, is_number
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.integrators.with_memory import RememberedStep, WithMemory, blend, holding
 from fecloth.nonlinear import newton
@@ -111,21 +112,19 @@ class Newmark(AccelerationMethod):
         flag("beyond_limit", self.beyond_limit, "Newmark")
 
     @property
-    def order(self) -> int:
-        return 2 if self.gamma == 0.5 else 1
+    def traits(self) -> MethodTraits:
+        """Of second order for γ = ½, where damping does not widen the limit as it does for γ > ½.
 
-    @property
-    def critical(self) -> tuple[float, float]:
-        """(a, b) of `fecloth.stability`: damping widens the limit where γ > ½."""
-        return max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma
-
-    @property
-    def error_constant(self) -> float:
-        """|β − 1/6|, but no less than the 1/12 that the trapezoidal rule errs in v; γ = ½ only."""
-        if self.gamma != 0.5:
-            allowed = "has no estimate of its error in v, which is of first order"
-            raise InputError(f"gamma = {self.gamma!r}", allowed, "Newmark", "Take gamma = 0.5.")
-        return max(abs(self.beta - 1 / 6), 1 / 12)
+        The error constant is |β − 1/6|, but no less than 1/12, the error of the trapezoidal rule
+        in v. For γ > ½ the error in v is of first order, and there is no estimate of it.
+        """
+        second = self.gamma == 0.5
+        return MethodTraits(
+            order=2 if second else 1,
+            error_constant=max(abs(self.beta - 1 / 6), 1 / 12) if second else None,
+            stability=(max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma),
+            beyond_limit=self.beyond_limit,
+        )
 
     @property
     def parameters(self) -> tuple[float, float, float, float]:
@@ -155,7 +154,6 @@ class GeneralizedAlpha(AccelerationMethod):
         In [0, 1].
     """
 
-    order = 2
     rho_inf: float = 0.5
 
     def __post_init__(self):
@@ -172,10 +170,10 @@ class GeneralizedAlpha(AccelerationMethod):
         return alpha_m, alpha_f, 0.25 * (1 + lag) ** 2, 0.5 + lag
 
     @property
-    def error_constant(self) -> float:
-        """β − ½ (α_f − α_m) − 1/6, as the acceleration is that of a time (α_f − α_m) dt before."""
+    def traits(self) -> MethodTraits:
+        """Error constant β − ½ (α_f − α_m) − 1/6: a is that of a time (α_f − α_m) dt before."""
         alpha_m, alpha_f, beta, _ = self.parameters
-        return beta - 0.5 * (alpha_f - alpha_m) - 1 / 6
+        return MethodTraits(order=2, error_constant=beta - 0.5 * (alpha_f - alpha_m) - 1 / 6)
 
 
 def starting_acceleration(

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from fecloth.integrators.numerical_dissipation import taken_beyond
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.stage import Stage
 from fecloth.system.system import State, System
@@ -57,12 +58,13 @@ class RememberedStep(Step):
 
 
 class WithMemory:
-    """What these methods share: their energy balance; `error_constant` as in `StageMethod`."""
+    """Base class of methods with a memory: their energy balance.
 
-    order: int
-    error_constant: float
-    critical = 0.0, 0.0  # A-stable; otherwise as in `fecloth.stability`
-    theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
+    A subclass supplies `traits`, with θ = ½ as M Δv · v̄ is the change of the kinetic energy, and
+    `step` and `weights`.
+    """
+
+    traits: MethodTraits
 
     def numerical(self, system: System, old: State, step: RememberedStep) -> float:
         """Energy [J] that the method itself took in a step, by `losses.taken_beyond`."""

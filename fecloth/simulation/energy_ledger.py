@@ -94,7 +94,7 @@ class Ledger:
             potential=energies,
             dissipated=dissipated,
             work=work,
-            pins=self.pins + _pin_work(system, method.theta, old, step, inertia),
+            pins=self.pins + _pin_work(system, method.traits.theta, old, step, inertia),
             numerical=self.numerical + method.numerical(system, old, step),
             first=kinetic if self.first is None else self.first,
         )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.errors import InputError, SolveFailed, is_number
+from fecloth.integrators.protocol import MethodTraits, check_method
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.linalg.reductions import mean, rms
 from fecloth.nonlinear.newton import NewtonFailed
@@ -113,8 +114,6 @@ class Adaptive:
     rtol: float = 1e-3
     atol: float = 0.0
 
-    chooses_dt = True
-
     def __post_init__(self):
         for name in ("rtol", "atol"):
             value = getattr(self, name)
@@ -123,27 +122,18 @@ class Adaptive:
         if self.rtol == self.atol == 0:
             raise InputError("rtol = atol = 0", "one of them must be > 0", "Adaptive")
         method = self.method
-        chooses = getattr(method, "chooses_dt", False)
-        if isinstance(method, type) or chooses or not hasattr(method, "step"):
+        is_method = not isinstance(method, type) and hasattr(method, "step")
+        if is_method:
+            check_method(method, "Adaptive")
+        if not is_method or method.traits.chooses_dt:
             allowed = "must be a method such as BDF2(), and none that chooses its own steps"
             raise InputError(f"method {method!r}", allowed, "Adaptive")
         _ = self._rule, self._constant  # which refuse methods without a step or an estimate
 
     @property
-    def order(self) -> int:
-        return self.method.order
-
-    @property
-    def theta(self) -> float:
-        return self.method.theta
-
-    @property
-    def explicit(self) -> bool:
-        return getattr(self.method, "explicit", False)
-
-    @property
-    def symmetric(self) -> bool:
-        return getattr(self.method, "symmetric", True)
+    def traits(self) -> MethodTraits:
+        """Those of the method; the steps are chosen, of explicit ones below the limit."""
+        return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def check(self, system: System) -> None:
         """Refuse what the method refuses."""
@@ -167,7 +157,7 @@ class Adaptive:
         a, rate, c = acceleration(system, state), self.allowed(system, state), self._constant
         size = rms(system.diagonal_mass, a)
         dt = min(longest, rate / (c * size)) if size > 0 else longest
-        if self.order == 2:
+        if self.traits.order == 2:
             x = state.x + dt * state.v + 0.5 * dt**2 * a  # as the cloth falls past its pins
             ahead = State(state.t + dt, x, state.v + dt * a)
             ahead = held(system, ahead, arrival(system, state, dt))
@@ -201,7 +191,7 @@ class Adaptive:
                 if error <= 1:
                     memory = Control(self._next(dt, control, error), error, a, t, step.q)
                     return replace(step, q=memory, counts=replace(tried, rejected=rejected))
-            shorter = SAFETY * error ** (-1 / self.order) if error > 0 else SHORTEST
+            shorter = SAFETY * error ** (-1 / self.traits.order) if error > 0 else SHORTEST
             dt *= min(SAFETY, max(SHORTEST, shorter)) if math.isfinite(error) else SHORTEST
         raise NewtonFailed(
             f"no step is short enough: at {dt:.2g} s {reason}",
@@ -212,12 +202,12 @@ class Adaptive:
     def unseen(self, system: System, old: State, step: Step) -> float:
         """The error of what pins and loads do within a step, relative to the allowed one."""
         astray, pushed = unseen(system, old, step)
-        dt, p = step.state.t - old.t, self.order
+        dt, p = step.state.t - old.t, self.traits.order
         length = astray + self._constant * p * dt**2 * pushed  # a change by p a/dt, dt^(p + 1)
         return length / (dt * self.allowed(system, step.state))
 
     def _next(self, dt, control, error):
-        p, least = self.order, 1e-4
+        p, least = self.traits.order, 1e-4
         before = max(control.error, least)
         factor = SAFETY * max(error, least) ** (-0.7 / p) * before ** (0.4 / p)
         return dt * (1.0 if 1 <= factor < STAY else min(LONGEST, max(SHORTEST, factor)))
@@ -225,13 +215,16 @@ class Adaptive:
     @property
     def _rule(self):
         """The method; an explicit one never beyond its limit."""
-        return AtLimit(self.method) if self.explicit else self.method
+        return AtLimit(self.method) if self.traits.explicit else self.method
 
     @property
     def _constant(self) -> float:
-        constant = getattr(self.method, "error_constant", None)
+        constant = self.method.traits.error_constant
+        if constant is None:
+            what = f"method {self.method!r}"
+            raise InputError(what, "has no estimate of its error (error_constant)", "Adaptive")
         if not (is_number(constant) and constant > 0):
-            what = f"{type(self.method).__name__}.error_constant = {constant!r}"
+            what = f"{type(self.method).__name__}.traits.error_constant = {constant!r}"
             raise InputError(what, "must be a number > 0", "Adaptive")
         return constant
 
@@ -245,8 +238,9 @@ class Adaptive:
         new = step.state
         dt = new.t - old.t
         a, t = system.constraints.project((new.v - old.v) / dt), old.t + 0.5 * dt
-        change = a if self.order == 1 else (a - control.a) / (t - control.t)
-        error = self._constant * dt**self.order * rms(system.diagonal_mass, change)
+        order = self.traits.order
+        change = a if order == 1 else (a - control.a) / (t - control.t)
+        error = self._constant * dt**order * rms(system.diagonal_mass, change)
         error /= self.allowed(system, new)
         return a, t, error if math.isfinite(error) else math.inf
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError, SolveFailed, StepFailed
+from fecloth.integrators.protocol import check_method
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.options import Newton, Solver
 from fecloth.simulation.method_choice import Auto
@@ -120,7 +121,7 @@ def march(
     method, solver, _ = settled(system, method, opening, dt, t_end, solver, newton)
     if not resumed:  # the limit is asked for at the start only
         refuse_unstable(system, method, state, dt)
-    look = 8 if getattr(method, "explicit", False) else 1
+    look = 8 if method.traits.explicit else 1
     number, guess, good = begin.step, begin.q, state
     for target in targets:
         while state.t < target:
@@ -143,7 +144,7 @@ def march(
 
 def refuse_arguments(system, method, state, newton, most_stretch):
     """Refuse what is swapped, of another type or of another cloth."""
-    validation.method(method)
+    check_method(method)
     validation.of(system, state, "march")
     if newton is not None:
         validation.instance("newton", newton, Newton, "Newton(tolerance=1e-8)", "march")

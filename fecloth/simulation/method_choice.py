@@ -11,6 +11,7 @@ import numpy as np
 from fecloth.errors import InputError, SolveFailed
 from fecloth.integrators.explicit import CentralDifference
 from fecloth.integrators.newmark import GeneralizedAlpha
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.error_control import Adaptive
 from fecloth.system.system import State, System
@@ -71,7 +72,7 @@ class Auto:
     rtol: float = 1e-3
     atol: float = 0.0
 
-    chooses_dt = True
+    traits = MethodTraits(order=2, chooses_dt=True)
 
     def __post_init__(self):
         try:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from fecloth import validation
 from fecloth.errors import InputError, brief
+from fecloth.integrators.protocol import check_method, check_offers
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.options import Newton, Solver
@@ -22,20 +23,20 @@ def solver_for(
     `choice` is "auto", "direct", "pardiso", "superlu" or "pcg". "auto" starts with conjugate
     gradients and goes over to a factorisation, and back, by the work it counts; see `cheapest`.
     """
-    validation.method(method)
+    check_method(method)
     validation.number("dt", dt, 0.0, "solver_for")
-    if getattr(method, "explicit", False):
+    if method.traits.explicit:
         method.check(system)
         return Solver(None, None, options or Newton()), "no linear solver: explicit"
     if choice not in ("auto", *select.NAMES):
         allowed = f"must be one of auto, {', '.join(select.NAMES)}"
         raise InputError(f"solver = {brief(choice)}", allowed, "march")
     options = options or Newton()
-    symmetric = system.symmetric and getattr(method, "symmetric", True)
+    symmetric = system.symmetric and method.traits.symmetric
     symmetric |= options.definiteness == "clamp"  # clamped tangents all are
     if choice == "auto":
         stiffness, damping = system.rate_bounds()
-        validation.offers(method, ("weights",), 'march(solver="auto")')
+        check_offers(method, ("weights",), 'march(solver="auto")')
         wx, wv, wa = method.weights(dt)
         condition = 1 + (wx * stiffness + wv * damping) / wa
         chosen, why = select.choose(condition, len(system.cloth.X), symmetric)
@@ -80,5 +81,5 @@ def settled(
 
 def _stepping(method, dt):
     """The method; an explicit one that is given no dt, with steps near its limit."""
-    explicit = getattr(method, "explicit", False) and not getattr(method, "chooses_dt", False)
+    explicit = method.traits.explicit and not method.traits.chooses_dt
     return AtLimit(method) if dt is None and explicit else method

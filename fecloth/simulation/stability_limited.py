@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from fecloth.errors import InputError, brief
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.stability.critical_step import critical_dt, estimate
 from fecloth.system.system import State, System
@@ -63,28 +64,18 @@ class AtLimit:
 
     method: object
 
-    chooses_dt = True
-    explicit = True
-
     def __post_init__(self):
         method = self.method
-        explicit = getattr(method, "explicit", False) and not isinstance(method, type)
-        if not (explicit and getattr(method, "critical", None)):
+        traits = None if isinstance(method, type) else getattr(method, "traits", None)
+        if traits is None or not (traits.explicit and traits.stability) or traits.chooses_dt:
             allowed = "has no stable step to choose"
             remedy = "Take CentralDifference or SymplecticEuler."
             raise InputError(f"method {brief(self.method)}", allowed, "", remedy)
 
     @property
-    def order(self) -> int:
-        return self.method.order
-
-    @property
-    def error_constant(self) -> float:
-        return self.method.error_constant
-
-    @property
-    def theta(self) -> float:
-        return self.method.theta
+    def traits(self) -> MethodTraits:
+        """Those of the method; the steps are chosen, below its limit."""
+        return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def check(self, system: System) -> None:
         """Refuse what the method refuses."""
@@ -135,12 +126,12 @@ def refuse_unstable(system: System, method, state: State, dt: float, insist: str
 
     `insist` is how the user asks for it all the same, unless it is by `beyond_limit` in Python.
     """
-    if getattr(method, "beyond_limit", True):
+    traits = method.traits
+    if traits.beyond_limit:
         return
-    explicit = getattr(method, "explicit", False)
-    if explicit:
+    if traits.explicit:
         method.check(system)
-    if explicit and method.critical and dt <= estimate(system, state, method):
+    if traits.explicit and traits.stability and dt <= estimate(system, state, method):
         return
     limit = critical_dt(system, state, method)
     if dt <= limit:
@@ -150,9 +141,9 @@ def refuse_unstable(system: System, method, state: State, dt: float, insist: str
     allowed, remedy = f"must be at most {limit:.4g} s: beyond it {name} is unstable", "Leave dt out"
     if limit == 0:
         allowed = f"no dt is stable: {name} needs damping in every mode"
-    if not method.critical:
+    if not traits.stability:
         remedy = "Take CentralDifference or SymplecticEuler"
-    elif not explicit:
+    elif not traits.explicit:
         remedy = "Take beta >= gamma/2"
     remedy += f", take an implicit method, or insist with {insist}."
     raise InputError(f"dt = {dt:g} s", allowed, "march", remedy)

@@ -9,8 +9,7 @@ import numpy as np
 
 from fecloth.errors import InputError, floats
 from fecloth.fabric.fabric import Fabric
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.direct import SuperLU
 from fecloth.mesh.cloth import Cloth
@@ -70,7 +69,7 @@ def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
     """
     system = _oscillators(omega_dt, zeta)
     options = Newton(tolerance=1e-13)
-    symmetric = system.symmetric and getattr(method, "symmetric", True)
+    symmetric = system.symmetric and method.traits.symmetric
     solver = Solver(SuperLU(symmetric), BlockMatrix.zeros(system.pattern), options)
     start = State(0.0, *np.zeros((2, 3, 3)))
     memory = method.step(system, start, 1.0, solver, None).q
@@ -100,7 +99,8 @@ def the(method):
             raise InputError(f"method = {method!r}", allowed, "stability", remedy)
         method = known[method]
     made = method() if isinstance(method, type) else method
-    if not hasattr(made, "critical"):
+    traits = getattr(made, "traits", None)
+    if traits is None or traits.chooses_dt:
         allowed = "must be a method of one step size such as BDF2(), its class or its name"
         raise InputError(f"method = {method!r}", allowed, "stability")
     return made

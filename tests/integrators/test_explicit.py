@@ -7,7 +7,7 @@ from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
 
 import fecloth as fc
-from fecloth.integrators.explicit import EXPLICIT
+from fecloth.integrators import EXPLICIT
 from fecloth.scene.scene import load
 from fecloth.verify import check_integrator
 

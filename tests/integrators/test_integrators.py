@@ -6,7 +6,7 @@ from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
 
 import fecloth as fc
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import METHODS
 from fecloth.verify import VerificationFailed, check_integrator
 
 ALL = [method() for method in METHODS.values()]

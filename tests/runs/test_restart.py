@@ -17,8 +17,7 @@ from support.rundirs import written
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.output import write_ahead_log
 from fecloth.output.frames import Frames, read_frame
 from fecloth.runs import restart

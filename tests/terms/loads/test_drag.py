@@ -6,7 +6,7 @@ from conftest import affine, flat, rough
 from support.fast_states import fast_states
 
 import fecloth as fc
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import METHODS
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.verify import VerificationFailed, check_term, observed_order
 
