@@ -16,20 +16,21 @@ from fecloth.integrators.one_stage import (
 )
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
-from fecloth.integrators.with_memory import RememberedStep, WithMemory
+from fecloth.integrators.with_memory import WithMemory
 from fecloth.nonlinear.stage import Stage
+from fecloth.records import remembered
 
 __all__ = [
     "EXPLICIT",
     "METHODS",
     "MethodTraits",
-    "RememberedStep",
     "Stage",
     "StageMethod",
     "Step",
     "WithMemory",
     "arrival",
     "held",
+    "remembered",
 ]
 
 METHODS = {

@@ -16,13 +16,6 @@ from fecloth.nonlinear.stage import Stage, prescribed
 from fecloth.system.system import State, System
 
 
-@dataclass(frozen=True, eq=False)
-class BalancedStep(Step):
-    """A step with the force (n, 3) [N] that moved the cloth: no force of one state is it."""
-
-    force: np.ndarray
-
-
 @dataclass(frozen=True)
 class EnergyMomentum:
     """M (v₁ − v₀)/dt = f̄(x₀, x₁), x₁ = x₀ + dt (v₀ + v₁)/2; unknown q = v₁ − v₀.
@@ -89,16 +82,16 @@ class EnergyMomentum:
         """(wx, wv, wa) of J = wa M + wv D + wx K."""
         return 0.25 * dt, 0.5, 1.0 / dt
 
-    def step(self, system: System, state: State, dt: float, solver: Solver, guess=None) -> Step:
+    def step(self, system: System, state: State, dt: float, solver: Solver, memory=None) -> Step:
         """One step from `state` over `dt` [s]."""
         end = arrival(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
         over = over_step(system, state.x, self.traits.symmetric)
-        q, counts = newton.solve(over, stage, solver, guess)
+        q, counts = newton.solve(over, stage, solver, memory)
         x, v, a = stage.at(q)
         new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * a)
         mean = State(stage.t, x, v)
-        return BalancedStep(held(system, new, end), mean, q, counts, over.force(mean))
+        return Step(held(system, new, end), mean, q, counts, force=over.force(mean))
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Energy [J] that the method itself took in a step: none."""

@@ -18,29 +18,11 @@ from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival
 from fecloth.jit import kernel
 from fecloth.nonlinear.statistics import Counts
+from fecloth.records import remembered
 from fecloth.system.system import State, System
 
 # a step that overflows is reported by the loop over time, which finds it not finite
 quiet = np.errstate(over="ignore", invalid="ignore")
-
-
-@dataclass(frozen=True, eq=False)
-class TwoForceStep(Step):
-    """A step over the mean of two forces: at `begin`, and at `stage`, the end of the step."""
-
-    begin: State
-    accelerations: tuple[np.ndarray, np.ndarray]
-    mass: np.ndarray
-
-    @property
-    def force(self) -> np.ndarray:
-        """(n, 3) the mean of the two [N], M (a₀ + a₁)/2: they need not be evaluated again."""
-        return 0.5 * self.mass[:, None] * sum(self.accelerations)
-
-    @property
-    def stages(self) -> tuple[State, State]:
-        """Where the forces of the step were taken, equal in weight."""
-        return self.begin, self.stage
 
 
 class Explicit:
@@ -77,7 +59,7 @@ class Explicit:
             )
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the method itself took in a step, by `losses.taken`."""
+        """Energy [J] that the method itself took in a step, by `taken`."""
         return taken(system, old, step, self.forces_at)
 
 
@@ -102,7 +84,7 @@ class ForwardEuler(Explicit):
     forces_at = 0.0
     beyond_limit: bool = False
 
-    def step(self, system: System, state: State, dt: float, solver=None, guess=None) -> Step:
+    def step(self, system: System, state: State, dt: float, solver=None, memory=None) -> Step:
         """One step from `state` over `dt` [s]."""
         return _euler(self, system, state, dt, new_velocity=0.0)
 
@@ -126,7 +108,7 @@ class SymplecticEuler(Explicit):
     forces_at = 0.0
     beyond_limit: bool = False
 
-    def step(self, system: System, state: State, dt: float, solver=None, guess=None) -> Step:
+    def step(self, system: System, state: State, dt: float, solver=None, memory=None) -> Step:
         """One step from `state` over `dt` [s]."""
         return _euler(self, system, state, dt, new_velocity=1.0)
 
@@ -141,6 +123,7 @@ def _euler(method, system, state, dt, new_velocity):
     return Step(new, state, None, Counts(seconds={"force": time.perf_counter() - begin}))
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class LastForce:
     """What central differences keep from step to step: a = M⁻¹ f, and where f was taken."""
@@ -180,15 +163,15 @@ class CentralDifference(Explicit):
         state: State,
         dt: float,
         solver=None,
-        guess: LastForce | None = None,
+        memory: LastForce | None = None,
     ) -> Step:
-        """One step from `state` over `dt` [s]; `guess` is the q of the step that led there.
+        """One step from `state` over `dt` [s], after the step that left this memory.
 
         Without it the force at `state` is evaluated, as in the first step.
         """
         self.check(system)
         begin = time.perf_counter()
-        last = guess or LastForce(acceleration(system, state), state)
+        last = memory or LastForce(acceleration(system, state), state)
         end = arrival(system, state, dt)
         x, ahead, v = np.empty((3, *state.x.shape))
         move(state.x, state.v, last.a, dt, 0.5, x, ahead)
@@ -198,8 +181,8 @@ class CentralDifference(Explicit):
         system.constraints.put(v, end.v)
         new = State(at.t, x, v)
         counts = Counts(seconds={"force": time.perf_counter() - begin})
-        forces = last.at, (last.a, a), system.nodal_mass
-        return TwoForceStep(new, at, LastForce(a, at), counts, *forces)
+        forces = (last.at, last.a), (at, a)
+        return Step(new, at, LastForce(a, at), counts, accelerations=forces)
 
 
 def acceleration(system: System, state: State) -> np.ndarray:

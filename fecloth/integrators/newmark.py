@@ -8,14 +8,16 @@ import numpy as np
 
 from fecloth.errors import InputError, flag, is_number
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step, arrival, held
-from fecloth.integrators.with_memory import RememberedStep, WithMemory, blend, holding
+from fecloth.integrators.step import Step, arrival, blend, held
+from fecloth.integrators.with_memory import WithMemory, holding
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.options import Solver
 from fecloth.nonlinear.stage import Stage
+from fecloth.records import remembered
 from fecloth.system.system import State, System
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class Acceleration:
     """a (n, 3) [m/s²] at the end of the last step, as the method has it."""
@@ -29,7 +31,7 @@ class AccelerationMethod(WithMemory):
     x₁ = x₀ + dt v₀ + dt² ((½ − β) a₀ + β a₁),  v₁ = v₀ + dt ((1 − γ) a₀ + γ a₁);  unknown q = a₁.
     """
 
-    share: float | None = None  # as in `RememberedStep`
+    share: float | None = None  # as in `Step`
 
     @property
     def parameters(self) -> tuple[float, float, float, float]:
@@ -56,12 +58,12 @@ class AccelerationMethod(WithMemory):
         state: State,
         dt: float,
         solver: Solver,
-        guess: Acceleration | None = None,
+        memory: Acceleration | None = None,
     ) -> Step:
-        """One step from `state` over `dt` [s]; `guess` is the q of the step that led there."""
+        """One step from `state` over `dt` [s], after the step that left this memory."""
         alpha_m, alpha_f, _, gamma = self.parameters
         end = arrival(system, state, dt)
-        a = guess.a if guess else starting_acceleration(system, state, end, dt, solver)
+        a = memory.a if memory else starting_acceleration(system, state, end, dt, solver)
         moved = ((end.v - state.v) / dt - (1 - gamma) * a) / gamma  # a₁ of what the pins hold
         stage = self.stage(state, dt, a)
         at, a_m = blend(state, end, 1 - alpha_f), alpha_m * a + (1 - alpha_m) * moved
@@ -72,8 +74,8 @@ class AccelerationMethod(WithMemory):
         a_new = system.constraints.hold(q, moved)
         x, v, a_stage = stage.at(q)
         a_solved = a_stage if self.share is None else (new.v - state.v) / dt
-        solved = a_solved, state, system, self.share
-        return RememberedStep(new, State(stage.t, x, v), Acceleration(a_new), counts, *solved)
+        solved = {"ends": (system, state), "a": a_solved, "share": self.share}
+        return Step(new, State(stage.t, x, v), Acceleration(a_new), counts, **solved)
 
 
 @dataclass(frozen=True)

@@ -44,11 +44,11 @@ class StageMethod:
         stage = self.stage(State(0.0, nothing, nothing), dt)
         return stage.wx, stage.wv, stage.wa
 
-    def step(self, system: System, state: State, dt: float, solver: Solver, guess=None) -> Step:
+    def step(self, system: System, state: State, dt: float, solver: Solver, memory=None) -> Step:
         """One step from `state` over `dt` [s]."""
         end = arrival(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
-        q, counts = newton.solve(system, stage, solver, guess)
+        q, counts = newton.solve(system, stage, solver, memory)
         x, v, a = stage.at(q)
         new = State(state.t + dt, stage.x_end + stage.w_end * q, state.v + dt * a)
         return Step(held(system, new, end), State(stage.t, x, v), q, counts)
@@ -119,7 +119,7 @@ class LinearlyImplicitEuler:
         """(wx, wv, wa), scaled as backward Euler's."""
         return dt, 1.0, 1.0 / dt
 
-    def step(self, system: System, state: State, dt: float, solver: Solver, guess=None) -> Step:
+    def step(self, system: System, state: State, dt: float, solver: Solver, memory=None) -> Step:
         """One step from `state` over `dt` [s]; the linear system is solved to Newton's tolerance.
 
         The exact tangent is used unless it is found to be indefinite and the options allow the
@@ -128,11 +128,11 @@ class LinearlyImplicitEuler:
         end = arrival(system, state, dt)
         definite = solver.options.definiteness == "clamp"
         try:
-            dv, counts = _velocity_change(system, state, dt, solver, end, definite, guess)
+            dv, counts = _velocity_change(system, state, dt, solver, end, definite, memory)
         except IndefiniteMatrix:
             if definite or solver.options.definiteness == "none":
                 raise
-            dv, counts = _velocity_change(system, state, dt, solver, end, True, guess)
+            dv, counts = _velocity_change(system, state, dt, solver, end, True, memory)
         v = state.v + dv
         new = held(system, State(state.t + dt, state.x + dt * v, v), end)
         at_stage = State(new.t, new.x, v)  # the velocity that moved x, also at the pins

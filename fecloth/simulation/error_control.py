@@ -14,6 +14,7 @@ from fecloth.linalg.reductions import mean, rms
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.options import Solver
 from fecloth.nonlinear.statistics import Counts
+from fecloth.records import remembered
 from fecloth.simulation.stability_limited import AtLimit
 from fecloth.simulation.within_step import unseen
 from fecloth.system.system import State, System
@@ -26,6 +27,7 @@ QUIET = 0.1  # a step with less than this part of its error is looked into
 FAR = 10.0  # times the distance ahead at which the first step's error was looked for
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class Control:
     """What is handed from step to step.
@@ -38,15 +40,15 @@ class Control:
         That of the last step relative to what it was allowed, at most 1.
     a, t
         (n, 3) mean acceleration [m/s²] of the last step, and the time of its middle [s].
-    q
-        The method's own.
+    of_method
+        The memory of the method itself.
     """
 
     dt: float
     error: float
     a: np.ndarray
     t: float
-    q: object = None
+    of_method: object = None
 
 
 @dataclass(frozen=True)
@@ -171,14 +173,14 @@ class Adaptive:
         state: State,
         horizon: float,
         solver: Solver,
-        guess: Control | None = None,
+        memory: Control | None = None,
     ) -> Step:
         """One step from `state` over at most `horizon` [s], and to its end if that is near."""
-        control, tried = guess or self.start(system, state, horizon), Counts()
+        control, tried = memory or self.start(system, state, horizon), Counts()
         dt = _fitted(control.dt, horizon)
         for rejected in range(RETRIES):
             try:
-                step = self._rule.step(system, state, dt, solver, control.q)
+                step = self._rule.step(system, state, dt, solver, control.of_method)
                 a, t, error = self.error(system, state, step, control)
                 dt = step.state.t - state.t  # which may be less
             except (NewtonFailed, SolveFailed) as failure:
@@ -189,8 +191,9 @@ class Adaptive:
                     error = max(error, self.unseen(system, state, step))
                 reason = f"the error is {error:.3g} times the allowed one"
                 if error <= 1:
-                    memory = Control(self._next(dt, control, error), error, a, t, step.q)
-                    return replace(step, q=memory, counts=replace(tried, rejected=rejected))
+                    proposed = self._next(dt, control, error)
+                    after = Control(proposed, error, a, t, step.memory)
+                    return replace(step, memory=after, counts=replace(tried, rejected=rejected))
             shorter = SAFETY * error ** (-1 / self.traits.order) if error > 0 else SHORTEST
             dt *= min(SAFETY, max(SHORTEST, shorter)) if math.isfinite(error) else SHORTEST
         raise NewtonFailed(

@@ -13,6 +13,7 @@ from fecloth.errors import InputError, SolveFailed, StepFailed
 from fecloth.integrators.protocol import check_method
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.options import Newton, Solver
+from fecloth.records import remembered
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.motion_jumps import jumping
 from fecloth.simulation.resolve import settled
@@ -22,6 +23,7 @@ from fecloth.system.system import State, System
 from fecloth.terms.loops.membrane import largest_stretch, principal_stretches
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class Memory:
     """What `march` needs, beside the state, to go on as if it had never stopped.
@@ -30,13 +32,13 @@ class Memory:
     ----------
     step, start
         Steps so far, and the time at which the first of them began [s].
-    q
-        The method's own: `Step.q` of the last one.
+    of_method
+        `Step.memory` of the last step.
     """
 
     step: int
     start: float
-    q: object
+    of_method: object
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,7 @@ class StepInfo:
     step, t, dt
         Number (from 1), time reached and size [s].
     result
-        The method's `Step`: new state, the stage, the unknown, the counts.
+        The method's `Step`.
     old
         The state before it.
     memory
@@ -122,12 +124,12 @@ def march(
     if not resumed:  # the limit is asked for at the start only
         refuse_unstable(system, method, state, dt)
     look = 8 if method.traits.explicit else 1
-    number, guess, good = begin.step, begin.q, state
+    number, last_memory, good = begin.step, begin.of_method, state
     for target in targets:
         while state.t < target:
             number, size = number + 1, target - state.t
             try:
-                result = method.step(system, state, size, solver, guess)
+                result = method.step(system, state, size, solver, last_memory)
             except (NewtonFailed, SolveFailed) as failure:
                 raise step_failed(system, state, number, size, failure) from failure
             new = _arrived(result.state, target, size)
@@ -135,10 +137,10 @@ def march(
             if problem := _problem(system, new, most_stretch, number % look == 0 or last):
                 raise step_failed(system, good, number, new.t - state.t, problem)
             good = new if number % look == 0 else good
-            after = Memory(number, begin.start, result.q)
+            after = Memory(number, begin.start, result.memory)
             result = replace(result, state=new)
             info = StepInfo(number, new.t, new.t - state.t, state, result, after)
-            state, guess = new, result.q
+            state, last_memory = new, result.memory
             yield state, info
 
 

@@ -115,18 +115,18 @@ def _trial(
     system, state, t_end, method, solver, most: int, rival: float, record=lambda *step: None
 ) -> Trial:
     """So many first steps, or fewer if that is enough beside a rival of so many seconds."""
-    start, guess, seconds, sizes = state.t, None, [], []
+    start, memory, seconds, sizes = state.t, None, [], []
     trial = Trial(method, 0.0, math.inf)
     while len(sizes) < most and state.t < t_end and not _enough(trial, rival, seconds):
         begin = time.perf_counter()
         try:
-            step = method.step(system, state, t_end - state.t, solver, guess)
+            step = method.step(system, state, t_end - state.t, solver, memory)
         except (NewtonFailed, SolveFailed):
             return Trial(method, 0.0, math.inf)
         record(method, state, step)
         seconds.append(time.perf_counter() - begin)
         sizes.append(step.state.t - state.t)
-        state, guess = step.state, step.q
+        state, memory = step.state, step.memory
         last = slice(len(sizes) // 2, None)
         dt, each = float(np.mean(sizes[last])), float(np.median(seconds[last]))
         trial = Trial(method, dt, each * (t_end - start) / dt)

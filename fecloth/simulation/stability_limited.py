@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from fecloth.errors import InputError, brief
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
+from fecloth.records import remembered
 from fecloth.stability.critical_step import critical_dt, estimate
 from fecloth.system.system import State, System
 from fecloth.terms.loops.membrane import extreme_stretches
@@ -19,6 +20,7 @@ BEYOND = 1.02  # times the stretches met so far: the stiffness goes with their s
 LONGER = 1.05  # of the last step, at most: what was stiff at one time may be so again
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class Limited:
     """What is handed from step to step.
@@ -31,15 +33,15 @@ class Limited:
         Since the limit was asked for.
     least, largest
         Principal stretches of all triangles that were met so far.
-    q
-        The method's own memory.
+    of_method
+        The memory of the method itself.
     """
 
     dt: float
     steps: int
     least: float
     largest: float
-    q: object = None
+    of_method: object = None
 
 
 @dataclass(frozen=True)
@@ -91,16 +93,17 @@ class AtLimit:
         state: State,
         horizon: float,
         solver=None,
-        guess: Limited | None = None,
+        memory: Limited | None = None,
     ) -> Step:
         """One step from `state` over at most `horizon` [s]."""
-        limited = guess or self._started(system, state)
+        limited = memory or self._started(system, state)
         if limited.steps % LOOK == 0:
             limited = self._renewed(system, state, limited)
         parts = max(1, math.ceil(horizon / limited.dt - 1e-9))
         dt = horizon / parts if parts <= 2 else limited.dt
-        step = self.method.step(system, state, dt, solver, limited.q)
-        return replace(step, q=replace(limited, steps=limited.steps + 1, q=step.q))
+        step = self.method.step(system, state, dt, solver, limited.of_method)
+        after = replace(limited, steps=limited.steps + 1, of_method=step.memory)
+        return replace(step, memory=after)
 
     def _limit(self, system: System, state: State) -> float:
         return FRACTION * estimate(system, state, self.method)
@@ -118,7 +121,7 @@ class AtLimit:
         if not beyond and last.steps < LASTS:
             return last
         dt = min(self._limit(system, state), last.dt if beyond else LONGER * last.dt)
-        return Limited(dt, 0, min(least, last.least), max(largest, last.largest), last.q)
+        return Limited(dt, 0, min(least, last.least), max(largest, last.largest), last.of_method)
 
 
 def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:

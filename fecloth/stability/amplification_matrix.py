@@ -64,22 +64,22 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
 def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
     """(x, v, memory) at the end of a step of dt = 1 from those at its begin, one component of each.
 
-    The memory is every array (n, 3) in the `q` that a step hands on to the next one, in a fixed
-    order; for a method that takes q as a first guess only, its columns are zero.
+    The memory is every array (n, 3) in the memory that a step hands on to the next one, in a
+    fixed order; for a method that takes it as a first guess only, its columns are zero.
     """
     system = _oscillators(omega_dt, zeta)
     options = Newton(tolerance=1e-13)
     symmetric = system.symmetric and method.traits.symmetric
     solver = Solver(SuperLU(symmetric), BlockMatrix.zeros(system.pattern), options)
     start = State(0.0, *np.zeros((2, 3, 3)))
-    memory = method.step(system, start, 1.0, solver, None).q
+    memory = method.step(system, start, 1.0, solver, None).memory
     size = 2 + len(_arrays(memory))
     if size > start.x.size:
         raise InputError(f"method = {method!r}", "remembers too many arrays", "amplification")
     units = np.eye(size, start.x.size).reshape(size, 3, 3)  # of unit i: oscillator i has a 1
     start = State(0.0, units[0], units[1])
     step = method.step(system, start, 1.0, solver, _filled(memory, iter(units[2:])))
-    after = [step.state.x, step.state.v, *_arrays(step.q)]
+    after = [step.state.x, step.state.v, *_arrays(step.memory)]
     return np.array([y.ravel()[:size] for y in after])
 
 

@@ -39,15 +39,15 @@ class SDIRK2(integrators.WithMemory):  # for its energy balance
     def weights(self, dt):
         return fc.BackwardEuler().weights(self.gamma * dt)
 
-    def step(self, system, state, dt, solver, guess=None):
+    def step(self, system, state, dt, solver, memory=None):
         euler, h, rest = fc.BackwardEuler(), self.gamma * dt, (1 - self.gamma) * dt
-        a = euler.step(system, state, h, solver, guess)
+        a = euler.step(system, state, h, solver, memory)
         x, v = state.x + rest * a.state.v, state.v + rest / h * (a.state.v - state.v)
         end = integrators.arrival(system, state, rest)
         middle = integrators.held(system, fc.State(state.t + rest, x, v), end)
-        b = euler.step(system, middle, h, solver, a.q)
+        b = euler.step(system, middle, h, solver, a.memory)
         counts, slope = a.counts.plus(b.counts), (b.state.v - middle.v) / h
-        return integrators.RememberedStep(b.state, b.state, b.q, counts, slope, state, system)
+        return integrators.Step(b.state, b.state, b.memory, counts, ends=(system, state), a=slope)
 
 
 if __name__ == "__main__":

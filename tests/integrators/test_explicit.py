@@ -69,7 +69,7 @@ def growth(method, omega_dt, zeta, steps=400):
         (EULER, 0.1, 0.2),
         (EULER, 0.5, 1.0),
     ],
-    ids=lambda value: named(value) if hasattr(value, "order") else f"{value:.3g}",
+    ids=lambda value: named(value) if hasattr(value, "traits") else f"{value:.3g}",
 )
 def test_stability_limit_of_a_mode(method, zeta, limit):
     if method == CENTRAL and zeta:

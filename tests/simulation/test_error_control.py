@@ -80,10 +80,10 @@ def test_the_error_is_proportional_to_the_tolerance(swing, name, record_property
 class Fails(fc.ImplicitMidpoint):
     """A method whose Newton fails for steps beyond 1 ms."""
 
-    def step(self, system, state, dt, solver, guess=None):
+    def step(self, system, state, dt, solver, memory=None):
         if dt > 1e-3:
             raise NewtonFailed("too long", 1.0, "")
-        return super().step(system, state, dt, solver, guess)
+        return super().step(system, state, dt, solver, memory)
 
 
 def test_a_step_that_newton_cannot_solve_is_tried_shorter(swing):
