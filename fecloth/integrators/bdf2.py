@@ -11,7 +11,7 @@ from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.integrators.with_memory import WithMemory, holding
 from fecloth.nonlinear import newton
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage
 from fecloth.records import remembered
 from fecloth.system.system import State, System
@@ -56,7 +56,12 @@ class BDF2(WithMemory):
         return stage.wx, stage.wv, stage.wa
 
     def step(
-        self, system: System, state: State, dt: float, solver: Solver, memory: Change | None = None
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: SolverContext,
+        memory: Change | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s], after the step that left this memory."""
         if memory is None:

@@ -11,7 +11,7 @@ from fecloth.errors import InputError
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.nonlinear import newton
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, prescribed
 from fecloth.system.system import State, System
 
@@ -82,7 +82,9 @@ class EnergyMomentum:
         """(wx, wv, wa) of J = wa M + wv D + wx K."""
         return 0.25 * dt, 0.5, 1.0 / dt
 
-    def step(self, system: System, state: State, dt: float, solver: Solver, memory=None) -> Step:
+    def step(
+        self, system: System, state: State, dt: float, solver: SolverContext, memory=None
+    ) -> Step:
         """One step from `state` over `dt` [s]."""
         end = arrival(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)

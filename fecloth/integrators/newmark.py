@@ -11,7 +11,7 @@ from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, blend, held
 from fecloth.integrators.with_memory import WithMemory, holding
 from fecloth.nonlinear import newton
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage
 from fecloth.records import remembered
 from fecloth.system.system import State, System
@@ -57,7 +57,7 @@ class AccelerationMethod(WithMemory):
         system: System,
         state: State,
         dt: float,
-        solver: Solver,
+        solver: SolverContext,
         memory: Acceleration | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s], after the step that left this memory."""
@@ -179,7 +179,7 @@ class GeneralizedAlpha(AccelerationMethod):
 
 
 def starting_acceleration(
-    system: System, state: State, end: State, dt: float, solver: Solver
+    system: System, state: State, end: State, dt: float, solver: SolverContext
 ) -> np.ndarray:
     """a (n, 3) with M a = f along the free directions, and the first step's mean at the pins."""
     project, hold = system.constraints.project, system.constraints.hold

@@ -18,7 +18,7 @@ from fecloth.integrators.step import Step, arrival, held
 from fecloth.linalg import select
 from fecloth.linalg.reductions import dot
 from fecloth.nonlinear import newton
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, prescribed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.system import State, System
@@ -44,7 +44,9 @@ class StageMethod:
         stage = self.stage(State(0.0, nothing, nothing), dt)
         return stage.wx, stage.wv, stage.wa
 
-    def step(self, system: System, state: State, dt: float, solver: Solver, memory=None) -> Step:
+    def step(
+        self, system: System, state: State, dt: float, solver: SolverContext, memory=None
+    ) -> Step:
         """One step from `state` over `dt` [s]."""
         end = arrival(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
@@ -119,7 +121,9 @@ class LinearlyImplicitEuler:
         """(wx, wv, wa), scaled as backward Euler's."""
         return dt, 1.0, 1.0 / dt
 
-    def step(self, system: System, state: State, dt: float, solver: Solver, memory=None) -> Step:
+    def step(
+        self, system: System, state: State, dt: float, solver: SolverContext, memory=None
+    ) -> Step:
         """One step from `state` over `dt` [s]; the linear system is solved to Newton's tolerance.
 
         The exact tangent is used unless it is found to be indefinite and the options allow the

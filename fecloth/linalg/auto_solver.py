@@ -20,7 +20,8 @@ import numpy as np
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.direct import Pardiso, SuperLU
-from fecloth.linalg.pcg import PCG, SolveInfo, checked
+from fecloth.linalg.pcg import PCG
+from fecloth.linalg.protocol import SolveInfo, checked
 
 ASSEMBLY, OVERHEAD = 5.0, 3.0  # of a tangent; of a residual and what else belongs to an iteration
 SOLVES = {"pardiso": 8.0, "superlu": 30.0}  # that cost as much as a factorisation and one of them
@@ -46,7 +47,7 @@ class Cheapest:
         Makes the direct solver; called when one is needed first, as it may load the MKL.
     """
 
-    symmetric = True
+    symmetric = keeps_state = True
 
     def __init__(
         self,

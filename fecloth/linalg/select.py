@@ -1,8 +1,7 @@
 """Solvers of A x = b for a `BlockMatrix`, and the choice between them.
 
-All have ``prepare(A)``, which analyses the pattern when it is new and then factorises (or builds
-the preconditioner), and ``solve(b)``. A must stay as it was prepared until the last ``solve``.
-Every x that is returned has had its residual computed with A and found good.
+`linalg.protocol.LinearSolver` says what they offer. The residual of every x that is returned has
+been computed with A and found small enough.
 """
 
 from __future__ import annotations
@@ -14,7 +13,8 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.linalg.auto_solver import Cheapest
 from fecloth.linalg.direct import Pardiso, SuperLU
-from fecloth.linalg.pcg import PCG, SolveInfo
+from fecloth.linalg.pcg import PCG
+from fecloth.linalg.protocol import LinearSolver, SolveInfo
 
 NAMES = ("direct", "pardiso", "superlu", "pcg")
 
@@ -86,7 +86,9 @@ def _price(name: str, nodes: int) -> float:
     return 45 + 0.37 * root if name == "pardiso" else 100 + 10 * root
 
 
-def updated(solver, updates: list[tuple[float, np.ndarray]], b, rtol: float, guess=None):
+def updated(
+    solver: LinearSolver, updates: list[tuple[float, np.ndarray]], b, rtol: float, guess=None
+):
     """x (n, 3) of (A + Σ c u uᵀ) x = b for the A that was prepared, and the `SolveInfo`s.
 
     Sherman, Morrison and Woodbury: with y = A⁻¹ b and Z = A⁻¹ U,

@@ -11,8 +11,8 @@ from fecloth.errors import InputError, SolveFailed, is_number
 from fecloth.integrators.protocol import MethodTraits, check_method
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.linalg.reductions import mean, rms
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
-from fecloth.nonlinear.options import Solver
 from fecloth.nonlinear.statistics import Counts
 from fecloth.records import remembered
 from fecloth.simulation.stability_limited import AtLimit
@@ -172,7 +172,7 @@ class Adaptive:
         system: System,
         state: State,
         horizon: float,
-        solver: Solver,
+        solver: SolverContext,
         memory: Control | None = None,
     ) -> Step:
         """One step from `state` over at most `horizon` [s], and to its end if that is near."""

@@ -11,8 +11,9 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError, SolveFailed, StepFailed
 from fecloth.integrators.protocol import check_method
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
-from fecloth.nonlinear.options import Newton, Solver
+from fecloth.nonlinear.options import Newton
 from fecloth.records import remembered
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.motion_jumps import jumping
@@ -78,7 +79,7 @@ def march(
     t_end: float | None = None,
     *,
     stops: Sequence[float] = (),
-    solver: str | Solver = "auto",
+    solver: str | SolverContext = "auto",
     newton: Newton | None = None,
     most_stretch: float = 20.0,
     memory: Memory | None = None,
@@ -96,7 +97,7 @@ def march(
     t_end, stops
         End time, and times between at which a step must end [s].
     solver
-        "auto", "direct", "pardiso", "superlu", "pcg", or a `Solver` made by `solver_for`.
+        "auto", "direct", "pardiso", "superlu", "pcg", or a `SolverContext` made by `solver_for`.
     newton
         Options of the nonlinear solve.
     most_stretch
@@ -104,7 +105,7 @@ def march(
         its numbers overflow. Looked at after each implicit step and each eighth explicit one.
     memory
         `StepInfo.memory` of an earlier march with the same arguments, which goes on from its
-        state: bit for bit, if that had dropped what its solver kept at this step (`Solver.drop`).
+        state: bit for bit, if that called `SolverContext.drop` at this step.
 
     Raises
     ------

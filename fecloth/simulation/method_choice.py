@@ -97,8 +97,8 @@ class Auto:
     ) -> tuple[Adaptive, str]:
         """The method, and in words why.
 
-        `solver_of` makes the `Solver` for a method; `record(method, old, step)` does what will be
-        done after each step, which costs time as well.
+        `solver_of` makes the `SolverContext` for a method; `record(method, old, step)` does what
+        will be done after each step, which costs time as well.
         """
         implicit = self._candidate(GeneralizedAlpha())
         if system.mass_kind != "lumped":

@@ -13,7 +13,8 @@ from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.direct import SuperLU
 from fecloth.mesh.cloth import Cloth
-from fecloth.nonlinear.options import Newton, Solver
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.options import Newton
 from fecloth.quantities.formula import nearest
 from fecloth.system.system import State, System
 from fecloth.terms import Tether
@@ -70,7 +71,7 @@ def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
     system = _oscillators(omega_dt, zeta)
     options = Newton(tolerance=1e-13)
     symmetric = system.symmetric and method.traits.symmetric
-    solver = Solver(SuperLU(symmetric), BlockMatrix.zeros(system.pattern), options)
+    solver = SolverContext(SuperLU(symmetric), BlockMatrix.zeros(system.pattern), options)
     start = State(0.0, *np.zeros((2, 3, 3)))
     memory = method.step(system, start, 1.0, solver, None).memory
     size = 2 + len(_arrays(memory))
