@@ -21,7 +21,8 @@ import numpy as np
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.direct import Pardiso, SuperLU
-from fecloth.linalg.pcg import PCG, SolveInfo, checked
+from fecloth.linalg.pcg import PCG
+from fecloth.linalg.protocol import SolveInfo, checked
 
 # Work in iterations of PCG.
 ASSEMBLY = 5.0  # to assemble a tangent
@@ -51,7 +52,7 @@ class AutoSolver:
         the MKL.
     """
 
-    symmetric = True
+    symmetric = keeps_state = True
 
     def __init__(
         self,

@@ -11,9 +11,9 @@ from scipy.sparse.linalg import splu
 
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.jit import kernel
-from fecloth.linalg import mkl_pardiso, pcg
+from fecloth.linalg import mkl_pardiso
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
-from fecloth.linalg.pcg import SolveInfo
+from fecloth.linalg.protocol import SolveInfo, block_rows, checked, relative_residual
 from fecloth.linalg.scalar_csr import ScalarRows
 
 EPS = np.finfo(float).eps
@@ -29,7 +29,7 @@ class Pardiso:
         factorisation (type 11).
     """
 
-    name = "pardiso"
+    name, keeps_state = "pardiso", False
 
     def __init__(self, symmetric: bool = True):
         mkl_pardiso.routine()  # a missing library raises an error here and not in a time step
@@ -52,6 +52,12 @@ class Pardiso:
     ) -> tuple[np.ndarray, SolveInfo]:
         """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
         return _refined(self, b, rtol)
+
+    def begin(self, wx: float, wa: float) -> None:
+        """Nothing to do: every step is solved alike."""
+
+    def drop(self) -> None:
+        """Nothing to do: a solve depends on the prepared matrix only."""
 
     def _analyse(self, pattern: BlockPattern) -> None:
         self._pattern = None
@@ -96,7 +102,7 @@ class SuperLU:
         more time.
     """
 
-    name = "superlu"
+    name, keeps_state = "superlu", False
 
     def __init__(self, symmetric: bool = True):
         self.symmetric = symmetric
@@ -121,6 +127,12 @@ class SuperLU:
     ) -> tuple[np.ndarray, SolveInfo]:
         """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
         return _refined(self, b, rtol)
+
+    def begin(self, wx: float, wa: float) -> None:
+        """Nothing to do: every step is solved alike."""
+
+    def drop(self) -> None:
+        """Nothing to do: a solve depends on the prepared matrix only."""
 
     def _factor(self, transposed):
         failure = IndefiniteMatrix if self.symmetric else SolveFailed
@@ -159,14 +171,14 @@ def _refined(
         If the residual is larger.
     """
     begin = time.perf_counter()
-    b, bb = pcg.checked(solver._A, b, rtol)
+    b, bb = checked(solver._A, b, rtol)
     x, r, step, reached = np.zeros_like(b), b.copy(), 0, float(bb > 0.0)
     while not reached <= rtol and step <= steps:
         x += solver._apply(r)
-        reached = pcg.relative_residual(solver._A, b, bb, x, r)
+        reached = relative_residual(solver._A, b, bb, x, r)
         step += 1
     if not reached <= rtol:
-        roundoff = 32 * EPS * np.sqrt(_rounding(*pcg.block_rows(solver._A), b, x) / bb)
+        roundoff = 32 * EPS * np.sqrt(_rounding(*block_rows(solver._A), b, x) / bb)
         if not reached <= min(roundoff, 1e-6):
             raise SolveFailed(f"{solver.name}: A is singular or nearly singular", reached, rtol)
     refinements, seconds = max(step - 1, 0), time.perf_counter() - begin

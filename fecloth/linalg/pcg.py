@@ -7,42 +7,15 @@ and section 4.1.1 (block Jacobi). Matrices are given as the block rows of a `Blo
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.errors import IndefiniteMatrix, InputError, SolveFailed
+from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.jit import inner, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.linalg.reductions import squared
+from fecloth.linalg.protocol import SolveInfo, block_rows, checked, relative_residual
 
 CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
-
-
-@dataclass(frozen=True)
-class SolveInfo:
-    """Cost and accuracy of a solve.
-
-    Attributes
-    ----------
-    name
-        Name of the solver.
-    iterations
-        Iterations of conjugate gradients, or steps of refinement of a direct solver (mostly 0).
-    residual
-        ‖b − A x‖ / ‖b‖, computed with A and the returned x.
-    seconds_factor
-        Duration of the last ``prepare`` [s]: factorisation or preconditioner, and the analysis if
-        the pattern was new.
-    seconds_solve
-        Duration of this ``solve`` [s].
-    """
-
-    name: str
-    iterations: int
-    residual: float
-    seconds_factor: float
-    seconds_solve: float
 
 
 class PCG:
@@ -54,7 +27,7 @@ class PCG:
         A solve fails after this number of iterations.
     """
 
-    name, symmetric = "pcg", True
+    name, symmetric, keeps_state = "pcg", True, False
 
     def __init__(self, max_iterations: int = 10_000):
         self.max_iterations = max_iterations
@@ -96,6 +69,12 @@ class PCG:
         seconds = time.perf_counter() - begin
         return x, SolveInfo(self.name, iterations, reached, self._seconds, seconds)
 
+    def begin(self, wx: float, wa: float) -> None:
+        """Nothing to do: every step is solved alike."""
+
+    def drop(self) -> None:
+        """Nothing to do: a solve depends on the prepared matrix only."""
+
     def _iterate(self, x, threshold, limit):
         r, z, p, q = self._work
         rows = block_rows(self._A)
@@ -129,37 +108,6 @@ def _refuse_block(node, block):
     raise IndefiniteMatrix(
         f"pcg: {where} is not positive definite, its eigenvalues are {eigenvalues}"
     )
-
-
-def checked(A: BlockMatrix | None, b: np.ndarray, rtol: float) -> tuple[np.ndarray, float]:
-    """Validate b and `rtol`: b as a contiguous array of floats (n, 3), and ‖b‖²."""
-    if A is None:
-        raise InputError("no matrix", "call prepare(A) without error before solve", "solve")
-    if not 0 < rtol < 1:
-        raise InputError(f"rtol = {rtol!r}", "must be between 0 and 1", "solve")
-    b = np.ascontiguousarray(b, dtype=float)
-    if b.shape != (len(A.pattern), 3):
-        raise InputError(f"b of shape {b.shape}", f"must be ({len(A.pattern)}, 3)", "solve")
-    bb = squared(b)
-    if not np.isfinite(bb):
-        raise SolveFailed(f"b is not finite: ‖b‖² = {bb}, largest at node {_largest(b)}")
-    return b, bb
-
-
-def _largest(b):
-    return int(np.argmax(np.abs(b).sum(axis=1)))
-
-
-def block_rows(A: BlockMatrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The arrays indptr, indices and values of a matrix."""
-    return A.pattern.indptr, A.pattern.indices, A.values
-
-
-def relative_residual(
-    A: BlockMatrix, b: np.ndarray, bb: float, x: np.ndarray, r: np.ndarray
-) -> float:
-    """‖r‖ / ‖b‖ with bb = ‖b‖² > 0; writes r = b − A x to `r`."""
-    return float(np.sqrt(residual(*block_rows(A), b, x, r) / bb))
 
 
 @kernel
@@ -273,20 +221,3 @@ def invert_blocks(diagonal, values, inverse):
         inverse[i, 4] = c13 / det
         inverse[i, 5] = c12 / det
     return -1
-
-
-@kernel
-def residual(indptr, indices, values, b, x, r):
-    """r = b − A x; returns ‖r‖²."""
-    rr = 0.0
-    for i in range(len(b)):
-        r1, r2, r3 = b[i, 0], b[i, 1], b[i, 2]
-        for s in range(indptr[i], indptr[i + 1]):
-            j = indices[s]
-            x1, x2, x3 = x[j, 0], x[j, 1], x[j, 2]
-            r1 -= values[s, 0, 0] * x1 + values[s, 0, 1] * x2 + values[s, 0, 2] * x3
-            r2 -= values[s, 1, 0] * x1 + values[s, 1, 1] * x2 + values[s, 1, 2] * x3
-            r3 -= values[s, 2, 0] * x1 + values[s, 2, 1] * x2 + values[s, 2, 2] * x3
-        r[i, 0], r[i, 1], r[i, 2] = r1, r2, r3
-        rr += r1 * r1 + r2 * r2 + r3 * r3
-    return rr

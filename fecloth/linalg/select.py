@@ -1,9 +1,7 @@
 """Selection of a solver of A x = b for a `BlockMatrix`.
 
-Every solver has ``prepare(A)`` and ``solve(b)``. ``prepare`` analyses the pattern if it is new, and
-then factorises A or builds the preconditioner. A must not change between ``prepare`` and the last
-``solve``. Every solver computes the residual of the x that it returns with A, and raises an error
-if the residual is too large.
+`linalg.protocol.LinearSolver` says what they offer. The residual of every x that is returned has
+been computed with A and found small enough.
 """
 
 from __future__ import annotations
@@ -13,7 +11,8 @@ import math
 from fecloth.errors import InputError
 from fecloth.linalg.auto_solver import AutoSolver
 from fecloth.linalg.direct import Pardiso, SuperLU
-from fecloth.linalg.pcg import PCG, SolveInfo
+from fecloth.linalg.pcg import PCG
+from fecloth.linalg.protocol import SolveInfo
 
 NAMES = ("direct", "pardiso", "superlu", "pcg")
 

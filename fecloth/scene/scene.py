@@ -230,11 +230,11 @@ class Scene(Table):
 
     def _check_method(self, system: System, state: State, method, dt: float | None) -> None:
         """Refuse a mass, a step or a linear solver that the method cannot have."""
-        if getattr(method, "explicit", False):
+        if method.traits.explicit:
             with self._at(""):  # the mass
                 method.check(system)
         elif self.solver.linear != "auto":
-            symmetric = system.symmetric and getattr(method, "symmetric", True)
+            symmetric = system.symmetric and method.traits.symmetric
             with self._at("solver.linear"):
                 select.named(self.solver.linear, symmetric or self.solver.definiteness == "clamp")
         if dt:

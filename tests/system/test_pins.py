@@ -5,7 +5,7 @@ import pytest
 from conftest import flat
 
 import fecloth as fc
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import METHODS
 from fecloth.system.constraints import Constraints
 
 ALL = [method() for method in METHODS.values()]
