@@ -21,7 +21,7 @@ import numpy as np
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.vtu_writer import Arrays
 from fecloth.system.system import State, System
-from fecloth.terms.loops.membrane import deformation_gradient, principal_stretches
+from fecloth.terms.kinematics import deformation_gradient, principal_stretches
 
 
 def fields(system: System, state: State) -> tuple[Arrays, Arrays]:

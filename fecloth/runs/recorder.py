@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 import numpy as np
 
 from fecloth.errors import FeclothError, InputError, StepFailed
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.output.atomic_files import WriteError, flush_to_disk
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
@@ -42,7 +42,7 @@ class Recorder:
         folder: RunFolder,
         problem: Problem,
         watch: Watch,
-        solver: Solver,
+        solver: SolverContext,
         scene: str,
         start: str,
         found: Restart | None = None,
@@ -95,7 +95,7 @@ class Recorder:
             counts=self.counts,
             frames=len(self.frames.times),
             tables={name: table.size for name, table in self.tables.items()},
-            exact=regular or not self.solver.keeps,
+            exact=regular or not self.solver.keeps_state,
             made_on=restarts.machine(),
         )
         frames = self.frames.files(self.frames_on_disk)

@@ -23,7 +23,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from fecloth.errors import InputError
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.output.atomic_files import locked, writing
 from fecloth.runs import restart as restarts
 from fecloth.runs.folder import RunFolder, removed_on_failure
@@ -122,7 +122,7 @@ def _write_head(folder, scene, problem, why, warnings: list[str]) -> None:
             folder.log(line)
 
 
-def resolve_scene(problem: Problem) -> tuple[Problem, Solver, str]:
+def resolve_scene(problem: Problem) -> tuple[Problem, SolverContext, str]:
     """Return the problem with the method that takes the steps, its solver, and why these."""
     record = trial_recorder(problem.system, problem.ledger, problem.observer)
     run_ = problem.system, problem.method, problem.state, problem.dt, problem.t_end

@@ -27,7 +27,7 @@ from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import step_times
 from fecloth.system.constraints import Constraints
-from fecloth.system.pins import DERIVATIVE_STEP, Pin
+from fecloth.system.pins import Pin
 from fecloth.system.system import State, System
 
 if TYPE_CHECKING:
@@ -109,23 +109,21 @@ def _pin(number: int, table: PinTable, time: Time, cloth: Cloth, at: At) -> Pin:
     """Return the pin of a table after evaluating its motion at all times of the run."""
     with at(f"pins.{number}.{'inside' if table.where is None else 'where'}"):
         X = cloth.X[cloth.nodes(table.pin.where)]
-    pin = table.pin_at(X)
+    pin = table.pin.at(X)
     if pin.motion:
         times = _motion_times(time)
-        if table.by_place:  # some of them: n times k nodes may be too many
+        if pin.motion.by_place:  # at some of them, to limit the work
             times = times[:: 1 + len(times) * len(X) // MOST_PLACES, None]
         with at(f"pins.{number}.motion"):
-            pin.motion(times)
+            pin.motion.check(times)
     return pin
 
 
 def _motion_times(time: Time) -> np.ndarray:
-    """All times at which a run evaluates a motion, also for the difference in its velocity."""
+    """Return the start and the ends of all steps, at which a run needs a motion."""
     start, end = time.t_start, time.t_end
     dt = (end - start) / 1000 if time.dt == "auto" else time.dt
-    times = np.append(start, step_times(start, dt, end))
-    before = np.maximum(times[1:] - DERIVATIVE_STEP, start)
-    return np.concatenate([times, before, times[1:] + DERIVATIVE_STEP])
+    return np.append(start, step_times(start, dt, end))
 
 
 # --- the start ------------------------------------------------------------------------------------
@@ -163,11 +161,11 @@ def _check_method(
     scene: Scene, system: System, state: State, method, dt: float | None, at: At
 ) -> None:
     """Refuse a mass, a step or a linear solver that the method does not allow."""
-    if getattr(method, "explicit", False):
+    if method.traits.explicit:
         with at(""):  # the mass
             method.check(system)
     elif scene.solver.linear != "auto":
-        symmetric = system.symmetric and getattr(method, "symmetric", True)
+        symmetric = system.symmetric and method.traits.symmetric
         with at("solver.linear"):
             select.named(scene.solver.linear, symmetric or scene.solver.definiteness == "clamp")
     if dt:

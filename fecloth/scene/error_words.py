@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from fecloth.errors import InputError, MeshError, SceneError
-from fecloth.quantities.formula import nearest
+from fecloth.suggest import did_you_mean
 
 _KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
 
@@ -53,12 +53,12 @@ def _of_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
 def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
     allowed = f"must be one of {kinds}"
     if isinstance(value, str):  # a name may replace a table
-        return f"{key} = {shortened(value)}", allowed, nearest(value, kinds.split(", "))
+        return f"{key} = {shortened(value)}", allowed, did_you_mean(value, kinds.split(", "))
     if not isinstance(value, dict):
         return f"{key} = {shortened(value)}", f"must be a table whose {name} is one of {kinds}", ""
     if name not in value:
         return f"{key}.{name} is missing", allowed, ""
-    remedy = nearest(value[name], kinds.split(", "))
+    remedy = did_you_mean(value[name], kinds.split(", "))
     if key.startswith("terms"):
         remedy = " ".join(filter(None, [remedy, _own(value[name])]))
     return f"{key}.{name} = {shortened(value[name])}", allowed, remedy

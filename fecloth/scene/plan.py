@@ -54,7 +54,7 @@ def _steps(problem: Problem) -> str:
 
 
 def _needs(problem: Problem) -> str:
-    if getattr(problem.method, "explicit", False):
+    if problem.method.traits.explicit:
         return f"one thread, about {estimate_memory(problem.system, 'explicit'):.0f} MB"
     iterated = estimate_memory(problem.system, "pcg")
     if problem.linear == "pcg":

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fecloth.mesh.cloth import Cloth
-from fecloth.nonlinear.options import Newton, Solver
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.options import Newton
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory, StepInfo, march
 from fecloth.simulation.probes import Observer, Probe
@@ -60,7 +61,7 @@ class Problem:
         return Memory(0, self.state.t, None)
 
     def march(
-        self, solver: Solver, state: State | None = None, memory: Memory | None = None
+        self, solver: SolverContext, state: State | None = None, memory: Memory | None = None
     ) -> Iterator[tuple[State, StepInfo]]:
         """March to the end from the start, or from a later state with the `Memory` of its step.
 

@@ -24,9 +24,9 @@ from pydantic import (
 )
 
 from fecloth.errors import InputError
-from fecloth.quantities.formula import nearest
 from fecloth.scene.error_words import shortened
 from fecloth.scene.type_words import holds_tables, in_si, options, phrase, writable
+from fecloth.suggest import did_you_mean
 
 
 class Table(BaseModel):
@@ -64,7 +64,7 @@ class Table(BaseModel):
             if ours or holds_tables(field.annotation):
                 raise
             words = options(field.annotation)
-            remedy = nearest(value, words) if isinstance(value, str) else ""
+            remedy = did_you_mean(value, words) if isinstance(value, str) else ""
             raise InputError("", f"must be {phrase(field)}", "", remedy) from None
 
 
@@ -72,7 +72,7 @@ def _unknown(data: dict, fields: Mapping, shorthands: tuple[str, ...]) -> list[I
     known = (*fields, *shorthands)
     allowed = f"unknown key; the keys are {', '.join(known)}"
     return [
-        InputError(f"{key} = {shortened(value)}", allowed, "", nearest(key, known))
+        InputError(f"{key} = {shortened(value)}", allowed, "", did_you_mean(key, known))
         for key, value in data.items()
         if key not in fields
     ]

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
-from collections.abc import Iterable
 from pathlib import Path
 
 import tomli_w
 
 from fecloth.errors import SceneError
+from fecloth.suggest import closest
 
 LARGEST = 1_000_000  # bytes; larger files are no scenes
 
@@ -65,14 +64,10 @@ def file_problem(path: Path) -> tuple[str, str] | None:
 def _similar(path: Path) -> str:
     """Return a remedy with the closest name of a file of that kind in the folder, or ""."""
     there = sorted(path.parent.iterdir())
-    kind = (path.suffix, _closest(path.suffix, {one.suffix for one in there}))
+    kind = (path.suffix, closest(path.suffix, sorted({one.suffix for one in there})))
     stems = {one.stem: one.name for one in there if not path.suffix or one.suffix in kind}
-    close = _closest(path.stem, stems)
+    close = closest(path.stem, stems)
     return f"Did you mean {stems[close]!r}?" if close else ""
-
-
-def _closest(name: str, names: Iterable[str]) -> str:
-    return next(iter(difflib.get_close_matches(name, sorted(names), n=1)), "")
 
 
 def to_toml(data: dict) -> str:

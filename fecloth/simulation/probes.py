@@ -10,7 +10,6 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.errors import InputError
-from fecloth.integrators.numerical_dissipation import mean_force
 from fecloth.jit import kernel
 from fecloth.linalg.reductions import mean
 from fecloth.mesh.cloth import Cloth, Where
@@ -29,8 +28,10 @@ def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
         return {}
     dt = step.state.t - old.t
     constraints = system.constraints
-    a = getattr(step, "a", (step.state.v - old.v) / dt)
-    f = step.solved if hasattr(step, "solved") else mean_force(system, step)
+    if step.a is None:
+        a, f = (step.state.v - old.v) / dt, step.mean_force(system)
+    else:
+        a, f = step.a, step.solved_force
     residual = system.scalar_mass @ a - f
     residual[constraints.nodes] = constraints.held(residual)
     return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}

@@ -6,9 +6,11 @@ from collections.abc import Callable, Mapping
 
 from fecloth import validation
 from fecloth.errors import InputError, brief
+from fecloth.integrators.protocol import check_method, check_offers
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.nonlinear.options import Newton, Solver
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.options import Newton
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.stability_limited import AtLimit
@@ -17,33 +19,33 @@ from fecloth.system.system import State, System
 
 def solver_for(
     system: System, method, dt: float, choice: str = "auto", options: Newton | None = None
-) -> tuple[Solver, str]:
+) -> tuple[SolverContext, str]:
     """Return the solver of a run, and in words why it was chosen.
 
     `choice` is "auto", "direct", "pardiso", "superlu" or "pcg". "auto" starts with conjugate
     gradients and changes to a factorisation, and back, by the work it counts; see `auto_solver`.
     """
-    validation.method(method)
+    check_method(method)
     validation.number("dt", dt, 0.0, "solver_for")
-    if getattr(method, "explicit", False):
+    if method.traits.explicit:
         method.check(system)
-        return Solver(None, None, options or Newton()), "no linear solver: explicit"
+        return SolverContext(None, None, options or Newton()), "no linear solver: explicit"
     if choice not in ("auto", *select.NAMES):
         allowed = f"must be one of auto, {', '.join(select.NAMES)}"
         raise InputError(f"solver = {brief(choice)}", allowed, "march")
     options = options or Newton()
-    symmetric = system.symmetric and getattr(method, "symmetric", True)
+    symmetric = system.symmetric and method.traits.symmetric
     symmetric |= options.definiteness == "clamp"  # clamped tangents all are
     if choice == "auto":
         stiffness, damping = system.rate_bounds()
-        validation.offers(method, ("weights",), 'march(solver="auto")')
+        check_offers(method, ("weights",), 'march(solver="auto")')
         wx, wv, wa = method.weights(dt)
         condition = 1 + (wx * stiffness + wv * damping) / wa
         chosen, why = select.choose(condition, len(system.cloth.X), symmetric)
     else:
         chosen, why = select.named(choice, symmetric), "asked for"
     matrix = BlockMatrix.zeros(system.pattern)
-    return Solver(chosen, matrix, options), f"{chosen.name} ({why})"
+    return SolverContext(chosen, matrix, options), f"{chosen.name} ({why})"
 
 
 def resolve(
@@ -52,19 +54,19 @@ def resolve(
     state: State,
     dt: float | None,
     t_end: float,
-    solver: str | Solver = "auto",
+    solver: str | SolverContext = "auto",
     newton: Newton | None = None,
     record: Callable = lambda *step: None,
-) -> tuple[object, Solver, str]:
+) -> tuple[object, SolverContext, str]:
     """Return the method that takes the steps, its solver, and in words why these.
 
     `Auto` is replaced by its choice, and an explicit method without dt by `AtLimit`;
     `record(method, old, step)` is the work after each step, which counts in Auto's choice.
     """
-    if isinstance(solver, Solver):
+    if isinstance(solver, SolverContext):
         if isinstance(method, Auto):
             allowed = 'must be a name such as "auto" with Auto(), whose methods need one each'
-            raise InputError("solver = a Solver", allowed, "march")
+            raise InputError("solver = a SolverContext", allowed, "march")
         return choose_steps(method, dt), solver, "given"
 
     def solver_of(one):
@@ -87,8 +89,8 @@ def choose_steps(method, dt: float | None, tolerances: Mapping[str, float] | Non
     other method is controlled by its error (`Adaptive`). Without one it is left as it is, and
     `march` refuses it without a dt.
     """
-    if dt is not None or getattr(method, "chooses_dt", False):
+    if dt is not None or method.traits.chooses_dt:
         return method
-    if getattr(method, "explicit", False) and not tolerances:
+    if method.traits.explicit and not tolerances:
         return AtLimit(method)
     return method if tolerances is None else Adaptive(method, **tolerances)

@@ -11,6 +11,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import FeclothWarning
+from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.energy_ledger import Ledger, imbalance_warning
@@ -101,7 +102,7 @@ def run(
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
     record = trial_recorder(system, ledger, observer)
     method, chosen, why = resolve(system, method, opening, dt, t_end, solver, newton, record)
-    validation.offers(method, ("theta", "numerical"), "run")
+    check_offers(method, ("numerical",), "run")
     options = {"stops": stops, "most_stretch": most_stretch, "memory": memory}
     steps = march(system, method, state, dt, t_end, solver=chosen, **options)
     result = collect(steps, system, method, ledger, observer, why, most_growth, report)
