@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from numbers import Real
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 
 class FeclothError(Exception):
@@ -125,6 +127,8 @@ def is_number(value: object) -> bool:
 
 def floats(name: str, value: object, where: str) -> np.ndarray:
     """The value as an array of floating-point numbers; refused if it holds anything else."""
+    import numpy as np  # here, so that `fecloth --version` need not wait for it
+
     try:
         return np.array(value, dtype=float)
     except (TypeError, ValueError):
