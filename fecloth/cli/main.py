@@ -302,7 +302,7 @@ def _info_lines(options) -> list[str]:
 
         return listed()
     if options.schema:
-        from fecloth.scene.key_reference import json_schema
+        from fecloth.scene.json_schema import json_schema
 
         return [json_schema()]
     if options.terms is not None:
