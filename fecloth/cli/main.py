@@ -13,31 +13,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rich.console import Console
-
-from fecloth.cli.describe import described, sources
-from fecloth.cli.fabric_list import listed
-from fecloth.cli.progress import progress
 from fecloth.errors import FeclothError, InputError
-from fecloth.linalg import select
-from fecloth.mesh.cloth import Cloth
 from fecloth.output.atomic_files import DiskFull
-from fecloth.output.frame_reader import FIELDS, Series
-from fecloth.output.mesh_file import write_mesh
-from fecloth.runs.environment import versions
-from fecloth.runs.outcome import DONE, FAILED, failure_message, finished_message, ledger_text
-from fecloth.runs.run_scene import resolve_scene, run_scene
-from fecloth.scene import run_warnings
-from fecloth.scene.expectations import Verdict, check
-from fecloth.scene.plan import plan
-from fecloth.scene.problem import Problem
-from fecloth.scene.scene import Scene, load
-from fecloth.simulation.march import StepInfo
-from fecloth.simulation.run import collect
-from fecloth.view.checker_pattern import CHECKS
-from fecloth.view.render import render
-from fecloth.view.web_page import write_view
+
+# Each command imports what it needs when it runs, so that --version and --help answer at once.
+if TYPE_CHECKING:
+    from fecloth.scene.expectations import Verdict
+    from fecloth.scene.problem import Problem
+    from fecloth.scene.scene import Scene
+    from fecloth.simulation.march import StepInfo
 
 STATUS = """exit status:
   0  done
@@ -47,6 +33,10 @@ STATUS = """exit status:
   4  interrupted; --resume goes on
 """
 MISSED, BAD_INPUT, SIMULATION_FAILED, STOPPED = 1, 2, 3, 4
+FIELD_NAMES = (  # the keys of `frame_reader.FIELDS`, and the checker pattern
+    *("larger_stretch", "smaller_stretch", "speed", "displacement", "energy_density", "height"),
+    *("quality", "E11", "E22", "E12", "S11", "S22", "S12", "checks"),
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -118,8 +108,7 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "render", _render, "draw a run as a movie or a picture")
     sub.add_argument("folder", metavar="DIR", help="folder of a run")
     sub.add_argument("-o", "--output", metavar="FILE", required=True, help=".mp4, .gif or .png")
-    fields = ", ".join([*FIELDS, CHECKS])
-    sub.add_argument("--field", default="larger_stretch", help=f"one of {fields}")
+    sub.add_argument("--field", default="larger_stretch", help=f"one of {', '.join(FIELD_NAMES)}")
     sub.add_argument("--size", metavar="WxH", default="1280x720", help="pixels (1280x720)")
     sub.add_argument("--fps", type=float, help="frames a second (default: as the cloth moved)")
     sub.add_argument("--time", type=float, metavar="T", help="of a .png [s] (default: the last)")
@@ -137,6 +126,9 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("scene", nargs="?", help="a .toml file")
     sub.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     sub.add_argument("--fabrics", action="store_true", help="the published fabrics, with sources")
+    sub.add_argument("--schema", action="store_true", help="the JSON schema of scene files")
+    terms = "the terms of a scene; with a name, what that term takes"
+    sub.add_argument("--terms", nargs="?", const="", metavar="NAME", help=terms)
     return parser
 
 
@@ -162,15 +154,24 @@ def _scene_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options) -> int:
+    from rich.console import Console
+
+    from fecloth.cli.describe import sources
+    from fecloth.cli.progress import progress
+    from fecloth.runs.outcome import DONE, FAILED, failure_message, finished_message, ledger_text
+    from fecloth.runs.run_scene import run_scene
+    from fecloth.scene.plan import plan
+    from fecloth.scene.scene import load
+
     scene = load(options.scene, options.set)
     if options.resume and (options.output or options.overwrite):
         raise InputError("--resume", "needs neither -o nor --overwrite: it names the folder")
     path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
     console = Console(stderr=True, quiet=options.quiet)
 
-    def announce(problem: Problem, why: str, told: list[str]) -> None:
+    def announce(problem: Problem, why: str, warnings: list[str]) -> None:
         lines = [*sources(problem.system.fabric), *plan(problem, why)]
-        lines += [f"warning: {doubt}" for doubt in told]
+        lines += [f"warning: {words}" for words in warnings]
         console.print("\n".join(lines), highlight=False, soft_wrap=True)
 
     def warn(words: str) -> None:
@@ -194,6 +195,8 @@ def _run(options) -> int:
 
 
 def _view(options) -> int:
+    from fecloth.view.web_page import write_view
+
     file = write_view(options.folder)
     print(f"wrote {file}")
     if not options.no_open:
@@ -202,6 +205,8 @@ def _view(options) -> int:
 
 
 def _render(options) -> int:
+    from fecloth.view.render import render
+
     try:
         width, height = map(int, options.size.split("x"))
     except ValueError as error:
@@ -214,6 +219,8 @@ def _render(options) -> int:
 
 def _drawn(options) -> str:
     """Which time a picture shows."""
+    from fecloth.output.frame_reader import Series
+
     series, asked = Series.open(options.folder), options.time
     t = series.times[series.at(asked)]
     exact = asked is None or math.isclose(t, asked, rel_tol=1e-9, abs_tol=1e-12)
@@ -224,6 +231,11 @@ def _drawn(options) -> str:
 
 
 def _check(options) -> int:
+    from rich.console import Console
+
+    from fecloth.cli.progress import progress
+    from fecloth.scene.scene import load
+
     console, passed = Console(stderr=True, quiet=options.quiet), True
     for path in options.scenes:
         scene = load(path, options.set)
@@ -238,6 +250,10 @@ def _check(options) -> int:
 
 
 def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
+    from fecloth.runs.run_scene import resolve_scene
+    from fecloth.scene.expectations import check
+    from fecloth.simulation.run import collect
+
     problem, solver, why = resolve_scene(scene.build())
     start = problem.system, problem.method, problem.ledger, problem.observer
     result = collect(problem.march(solver), *start, why, report=report)
@@ -250,6 +266,11 @@ def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]
 
 
 def _mesh(options) -> int:
+    from fecloth.cli.describe import described
+    from fecloth.mesh.cloth import Cloth
+    from fecloth.output.mesh_file import write_mesh
+    from fecloth.scene.scene import load
+
     is_scene = Path(options.path).suffix == ".toml"
     if is_scene and options.h:
         raise InputError("--h", "is for mesh files", options.path, "Change cloth.h in the scene.")
@@ -266,20 +287,45 @@ def _mesh(options) -> int:
 
 
 def _info(options) -> int:
-    if options.fabrics:
-        print("\n".join(listed()))
-        return 0
-    if options.scene:
-        scene = load(options.scene, options.set)
-        problem = scene.build()
-        problem, _, why = resolve_scene(problem)
-        lines = [*described(problem.cloth), *sources(problem.system.fabric)]
-        lines += plan(problem, why)
-        lines += [f"warning: {doubt}" for doubt in run_warnings.find_warnings(problem)]
-        print("\n".join(lines))
-        return 0
-    for name, found in versions().items():
-        print(f"{name}: {found}")
-    print(f"processors: {os.cpu_count()}")
-    print(f"direct solver: {select.direct().name}")
+    lines = _info_lines(options)
+    print("\n".join(lines))
     return 0
+
+
+def _info_lines(options) -> list[str]:
+    """What `info` prints for these options."""
+    if options.fabrics:
+        from fecloth.cli.fabric_list import listed
+
+        return listed()
+    if options.schema:
+        from fecloth.scene.json_schema import json_schema
+
+        return [json_schema()]
+    if options.terms is not None:
+        from fecloth.cli.term_help import describe_terms
+
+        return describe_terms(options.terms)
+    return _plan(options) if options.scene else _versions()
+
+
+def _plan(options) -> list[str]:
+    """What a scene would do, and what may disappoint."""
+    from fecloth.cli.describe import described, sources
+    from fecloth.runs.run_scene import resolve_scene
+    from fecloth.scene.plan import plan
+    from fecloth.scene.run_warnings import find_warnings
+    from fecloth.scene.scene import load
+
+    problem, _, why = resolve_scene(load(options.scene, options.set).build())
+    lines = [*described(problem.cloth), *sources(problem.system.fabric), *plan(problem, why)]
+    return lines + [f"warning: {words}" for words in find_warnings(problem)]
+
+
+def _versions() -> list[str]:
+    """The versions of the packages, and the machine."""
+    from fecloth.linalg import select
+    from fecloth.runs.environment import versions
+
+    lines = [f"{name}: {number}" for name, number in versions().items()]
+    return [*lines, f"processors: {os.cpu_count()}", f"direct solver: {select.direct().name}"]
