@@ -116,12 +116,17 @@ class Springs:
             return edges(cloth)
         return structural(cloth, self.shear, self.bend)
 
+    def _stiffness(self, net: Net, panel: Panel) -> np.ndarray:
+        """Stiffness k (s,) of the springs of a network [N/m]."""
+        if self.kind == "van_gelder":
+            return net.van_gelder_stiffness(panel)
+        return net.structural_stiffness(panel, (self.stiffness, self.shear, self.bend))
+
     def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition:
         if self.kind == "biquadratic":
             return biquadratic.bind(panel, slots, self.damping, self.tangent)
         net = self._net(panel.cloth)
-        classes = self.stiffness, self.shear, self.bend
-        k = net.van_gelder(panel) if self.kind == "van_gelder" else net.stiffness(panel, classes)
+        k = self._stiffness(net, panel)
         rest_length = np.linalg.norm(net.vectors, axis=1)
         bound = bound_condition.bind(
             "Springs",
