@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 import numpy as np
 
 from fecloth.errors import FeclothError, InputError, StepFailed
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.output.atomic_files import WriteError, on_disk
 from fecloth.output.frame_reader import Frame
 from fecloth.output.frames import Frames, fields
@@ -41,7 +41,7 @@ class Recorder:
         folder: RunFolder,
         built: Built,
         watch: Watch,
-        solver: Solver,
+        solver: SolverContext,
         scene: str,
         start: str,
         found: Restart | None = None,
@@ -94,7 +94,7 @@ class Recorder:
             counts=self.counts,
             frames=len(self.frames.times),
             tables={name: table.size for name, table in self.tables.items()},
-            exact=regular or not self.solver.keeps,
+            exact=regular or not self.solver.keeps_state,
             made_on=restarts.machine(),
         )
         frames = self.frames.files(self.safe)

@@ -143,7 +143,7 @@ def conclude_time(rows: Rows) -> list[study.Finding]:
     """The order of each method in the time step."""
     found = []
     for family in families(rows, "problem", "method"):
-        claimed = CASES[family["method"]].order
+        claimed = CASES[family["method"]].traits.order
         what = f"{family['problem']}, {family['method']}: order in dt"
         value = order(path(rows, **family)[-2:], "dt", "end_error")
         found.append(study.Finding(what, value, claimed - TIME, claimed + TIME))

@@ -30,7 +30,7 @@ from fecloth.scene.toml_text import written
 from studies.simplify.cases import COUNTED, Answer, answer, changes, data_of, interest_of, scene_of
 from studies.simplify.dimensionless import Numbers
 from studies.simplify.dimensionless import table as table_of_numbers
-from studies.simplify.predictions import predicted
+from studies.simplify.predictions import predict_change
 from studies.simplify.variants import Variant, variants
 
 SCENES = Path(__file__).parents[1] / "scenes" / "needs"
@@ -116,7 +116,7 @@ def run_each_variant(task: Task) -> list[tuple[Variant, dict]]:
     found = []
     for variant, row in zip(tried, task.run(cases), strict=True):
         line = task.compare(row)
-        found.append((variant, {"predicted": predicted(variant, numbers)} | line))
+        found.append((variant, {"predicted": predict_change(variant, numbers)} | line))
     return found
 
 

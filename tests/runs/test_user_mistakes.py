@@ -19,6 +19,7 @@ import meshio
 import numpy as np
 import pytest
 from support.rundirs import hdf_values, written
+from support.tiers import slow_except
 
 import fecloth as fc
 from fecloth.cli.main import main
@@ -256,7 +257,7 @@ def can_mount():
 
 
 @pytest.mark.skipif(not can_mount(), reason="this system lets no user mount a small disk")
-@pytest.mark.parametrize("form", ["vtu", "vtkhdf"])
+@pytest.mark.parametrize("form", slow_except(["vtu", "vtkhdf"], "vtu"))
 def test_a_full_disk_costs_nothing(form, scene):
     if form == "vtkhdf":
         pytest.importorskip("h5py")
@@ -326,6 +327,7 @@ def test_what_cannot_be_written_at_the_end_is_told(name, scene, capsys):
     assert restart.files(Path("out"))[0].name == "restart_000000007.npz"
 
 
+@pytest.mark.slow
 def test_a_disk_without_room_for_a_start_says_so(scene):
     pytest.importorskip("resource")
     assert main(["run", "sheet.toml", "-o", "warm", "--quiet"]) == 0  # machine code is kept
@@ -354,7 +356,7 @@ def test_a_folder_without_restart_files_is_not_said_to_be_resumed(scene, capsys)
 # --- interrupted ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", slow_except(["SIGINT", "SIGTERM", "SIGHUP"], "SIGINT"))
 def test_an_interrupted_run_says_how_to_go_on(name, scene):
     if not hasattr(signal, name):
         pytest.skip(f"no {name} here")
@@ -373,7 +375,7 @@ def test_an_interrupted_run_says_how_to_go_on(name, scene):
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="who knows when it meshes")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("name", slow_except(["SIGINT", "SIGTERM"], "SIGINT"))
 def test_an_interruption_before_the_first_step_leaves_nothing(name, scene):
     mesh = "--set", "cloth.h=0.004", "--set", "cloth.pattern='unstructured'"
     child = process("sheet.toml", "-o", "out", *mesh)
