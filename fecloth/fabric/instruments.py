@@ -137,9 +137,8 @@ def _read(fields: Mapping, units: Mapping[str, float], unused: list[str], where:
     for name in fields:
         if name not in units and name not in unused:
             allowed = f"unknown field; those that are read are {', '.join(units)}"
-            raise InputError(
-                f"{name} = {fields[name]!r}", allowed, where, did_you_mean(name, units)
-            )
+            remedy = did_you_mean(name, units)
+            raise InputError(f"{name} = {fields[name]!r}", allowed, where, remedy)
     return {name: _pair(name, fields[name], units[name], where) for name in units if name in fields}
 
 
