@@ -68,7 +68,7 @@ def test_definite_part_is_symmetric_and_semidefinite(law, sheet, isotropic, rng)
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_power_is_lost_to_the_air_and_brought_by_it(law, sheet, isotropic, rng):
+def test_power_is_dissipated_power_and_work_of_the_wind(law, sheet, isotropic, rng):
     x, v = rough(sheet, rng), rng.standard_normal((len(sheet.X), 3))
     still = fc.System(sheet, isotropic, [fc.Drag(0.7, 0.1, law)])
     force = still.force(still.state(x, v))
@@ -82,7 +82,7 @@ def test_power_is_lost_to_the_air_and_brought_by_it(law, sheet, isotropic, rng):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_rate_bound_holds_and_is_near(law, sheet, isotropic):
+def test_rate_bound_is_an_upper_bound_and_sharp(law, sheet, isotropic):
     system = fc.System(sheet, isotropic, [fc.Wind((1.0, 2.0, 3.0), 0.7, 0.1, law)])
     _, bound = system.rate_bounds()
     D = system.damping(system.rest()).toarray()
@@ -169,7 +169,7 @@ def test_ledger_of_a_falling_plate_closes_to_round_off(method, law, sheet, isotr
     assert abs(result.energies["remainder"]).max() < 1e-10 * max(flow)
 
 
-def test_linearly_implicit_step_of_a_linear_drag_closes_too(sheet, isotropic):
+def test_ledger_of_linearly_implicit_steps_closes_for_linear_drag(sheet, isotropic):
     terms = [fc.StVK(), fc.Drag(0.7, 0.7, "linear"), fc.Gravity((1.0, 0.0, -G))]
     system = fc.System(sheet, isotropic, terms)
     result = fc.run(
@@ -198,16 +198,16 @@ def test_linearly_implicit_step_of_a_linear_drag_closes_too(sheet, isotropic):
             "gusts = -0.1: must be finite and >= 0",
         ),
         (lambda: fc.Wind((1, 0, 0), 1.0, gusts=0.1, gust_length=0.0), "gust_length = 0.0"),
-        (lambda: fc.Wind((1, 0, 0), 1.0, gusts=0.1, seed=-1), "seed = -1: must lie in"),
+        (lambda: fc.Wind((1, 0, 0), 1.0, gusts=0.1, seed=-1), "seed = -1: must be in"),
         (lambda: fc.Wind((1, "t", 0), 1.0, gusts=0.1), "gusts of a wind that is not uniform"),
     ],
 )
-def test_refusals(make, said):
+def test_invalid_arguments_are_rejected(make, said):
     with pytest.raises(fc.InputError, match=said):
         make()
 
 
-def test_a_scene_can_name_them(tmp_path):
+def test_scene_with_drag_and_wind(tmp_path):
     from fecloth.scene.scene import load
 
     text = """
