@@ -44,9 +44,7 @@ def slowed(method, z, steps):
 
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
-def test_mass_damping_momentum_decreases_by_the_factor_of_each_method(
-    method, mass, sheet, isotropic
-):
+def test_mass_damping_momentum_factor_of_each_method(method, mass, sheet, isotropic):
     """e^(−α t): (1 − α dt/2)/(1 + α dt/2) a step by midpoint, 1/(1 + α dt) by the Euler methods."""
     rate, dt, v = 3.0, 0.02, np.array([1.0, -2.0, 0.5])
     system = fc.System(sheet, isotropic, [fc.StVK(), fc.MassDamping(rate)], mass=mass)
