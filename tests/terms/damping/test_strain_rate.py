@@ -1,4 +1,4 @@
-"""Strain-rate damping: tangents, the term that is dropped, power, rigid motions."""
+"""Strain-rate damping: tangents, the omitted term, power, rigid motions."""
 
 import numpy as np
 import pytest

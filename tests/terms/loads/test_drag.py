@@ -1,4 +1,4 @@
-"""Drag: force on a plate, tangents, power, terminal speed, ledger; refusals of drag and wind."""
+"""Drag: force on a plate, tangents, power, terminal speed, ledger; invalid arguments."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def square(w, law):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("pattern", ["unstructured", "cross"])
 def test_a_plate_that_moves_without_turning(pattern, law, isotropic):
-    """The closed form on its whole deformed area, through its centre."""
+    """The force is the closed form for the deformed area, and acts at the centre."""
     cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.17, pattern=pattern)
     F = np.array([[1.1, 0.3], [0.0, 0.9], [0.2, -0.4]])
     area = 0.6 * np.cross(F[:, 0], F[:, 1])
@@ -134,7 +134,7 @@ def test_fall_of_a_level_plate_to_its_terminal_velocity(law, sheet, isotropic):
 def test_momentum_of_a_falling_sheet_changes_by_the_force_of_the_stage(
     method, law, term, sheet, isotropic, rng
 ):
-    """m Δv = dt (m g + Σ F) at the stage, in every step, whatever the sheet's shape.
+    """m Δv = dt (m g + Σ F) at the stage, in every step and for any shape of the sheet.
 
     What Newton leaves is at most 1e-13 of the step's forces, ‖M a‖ + Σ ‖f_term‖ at its first
     iterate; that is up to 500 N here, of a stiff membrane, and over n nodes adds up to √n of it.
@@ -158,7 +158,7 @@ def test_momentum_of_a_falling_sheet_changes_by_the_force_of_the_stage(
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("method", ["backward_euler", "implicit_midpoint"])
 def test_ledger_of_a_falling_plate_closes_to_round_off(method, law, sheet, isotropic, rng):
-    """A tilted plate: no strain, so nothing of the method's is left over."""
+    """A tilted plate has no strain, so that the method adds no numerical dissipation."""
     terms = [fc.StVK(), fc.Wind((2.0, -1.0, "t"), 0.7, 0.1, law), fc.Gravity()]
     system = fc.System(sheet, isotropic, terms)
     turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))

@@ -1,4 +1,4 @@
-"""Mass damping, point forces and forces of the user's own."""
+"""Mass damping, point forces and user-defined forces."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def slowed(method, z, steps):
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 def test_mass_damping_momentum_factor_of_each_method(method, mass, sheet, isotropic):
-    """e^(−α t): (1 − α dt/2)/(1 + α dt/2) a step by midpoint, 1/(1 + α dt) by the Euler methods."""
+    """e^(−α t): (1 − α dt/2)/(1 + α dt/2) for midpoint, 1/(1 + α dt) for Euler."""
     rate, dt, v = 3.0, 0.02, np.array([1.0, -2.0, 0.5])
     system = fc.System(sheet, isotropic, [fc.StVK(), fc.MassDamping(rate)], mass=mass)
     start = system.state(system.rest().x, np.tile(v, (len(sheet.X), 1)))
@@ -141,7 +141,7 @@ def test_strip_pulled_at_its_end(isotropic):
 
 
 def test_point_force_work_is_in_the_ledger(sheet, isotropic):
-    """On a cloth that falls freely in one piece: F(t) = m (a, 2 a t, 0) a node each."""
+    """On a free cloth in rigid motion, with F(t) = m (a, 2 a t, 0) at each node."""
     system = fc.System(sheet, isotropic, [fc.StVK()])
     nodal = [
         fc.PointForce([i], lambda t, m=m: m * np.array([3.0, 6.0 * t, 0.0]))
@@ -163,7 +163,7 @@ def test_point_force_work_is_in_the_ledger(sheet, isotropic):
 
 
 def spring(x, v, t):
-    """Towards the axis z, with a swirl and a damping that is not linear."""
+    """A force towards the axis z, with a swirl and nonlinear damping."""
     swirl = np.cross([0.0, 0.0, 1.5], x)
     return -3.0 * x * (1 + np.sum(x**2, axis=1))[:, None] + swirl - 0.2 * v * abs(v) * (1 + t)
 
@@ -209,7 +209,7 @@ def test_user_force_is_the_function_times_the_amount(per, arguments, sheet, isot
 
 @pytest.mark.parametrize("derivatives", [None, slopes])
 def test_user_force_tangents_are_exact(derivatives):
-    """All velocities away from zero, where v |v| has a kink."""
+    """All velocities are away from zero, where v |v| is not smooth."""
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
     from fecloth.verify import trial_states
 
@@ -238,7 +238,7 @@ def test_user_force_symmetric_and_definite_tangents(sheet, isotropic, rng):
 
 
 def test_user_force_harmonic_well_moves_all_nodes_equally(sheet, isotropic):
-    """g = −ω² (x − X) per mass: x − X = u cos ωt for a cloth that is not strained."""
+    """g = −ω² (x − X) per mass: x − X = u cos ωt for a cloth without strain."""
     omega, u = 5.0, np.array([0.1, -0.2, 0.3])
     parts = tuple(f"-25 * ({c} - {o})" for c, o in zip("xyz", ("X", "Y", "0"), strict=True))
     system = fc.System(sheet, isotropic, [fc.StVK(), fc.UserForce(parts, per="mass")])

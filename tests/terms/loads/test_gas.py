@@ -22,7 +22,7 @@ def dome(cloth, height):
 
 
 def domes(cloth):
-    """Rough domes, a compressed one and a steep one, all with a volume."""
+    """Random domes, a compressed one and a steep one, all with a positive volume."""
     rng = np.random.default_rng(3)
     x = dome(cloth, 0.2)
     noise, v = rng.standard_normal((2, *x.shape))
@@ -88,7 +88,7 @@ def test_solve_updated_includes_the_rank_one_parts(solver, sheet, isotropic, rng
 
 
 def inflated(gas, elements, dt=1e5):
-    """One step of a day, to the static solution, from a dome."""
+    """One step of a day from a dome, which gives the static solution."""
     cloth = fc.Cloth.disk(RADIUS, RADIUS / elements)
     fabric = fc.Fabric(0.2, STIFFNESS, NU)
     system = fc.System(cloth, fabric, [fc.StVK(), gas], pins=["boundary"])
@@ -98,7 +98,7 @@ def inflated(gas, elements, dt=1e5):
 
 
 def test_a_gas_inflates_the_membrane_to_the_exact_equilibrium():
-    """At the volume of the shooting solution the gas has just that solution's pressure."""
+    """At the volume of the reference solution the gas has the pressure of that solution."""
     height, V = shooting(500.0)
     gas = fc.Gas(2 * (500.0 + 800.0), V / 2, ambient=800.0)
     system, run = inflated(gas, 20)

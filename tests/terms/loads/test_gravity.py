@@ -24,7 +24,7 @@ def test_derivatives():
 
 @pytest.mark.parametrize("pattern", ["unstructured", "right", "cross", "equilateral"])
 def test_total_weight_and_its_point_of_attack(pattern, isotropic):
-    """ρ A g through the centre of the sheet, on any mesh."""
+    """The resultant is ρ A g and acts at the centre of the sheet, on any mesh."""
     cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.17, pattern=pattern)
     system = fc.System(cloth, isotropic, [fc.Gravity(ACCELERATION)])
     force, weight = system.force(system.rest()), DENSITY * AREA * np.array(ACCELERATION)

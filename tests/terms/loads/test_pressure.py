@@ -37,7 +37,7 @@ def test_symmetric_tangent_is_the_symmetric_part(sheet, isotropic, rng):
 
 
 def test_both_tangents_agree_away_from_the_edge(sheet, isotropic, rng):
-    """Where the edge is pinned, the pressure has the potential −p V."""
+    """With a pinned edge the pressure has the potential −p V."""
     inner = np.setdiff1d(np.arange(len(sheet.X)), sheet.nodes("boundary"))
     dofs = (3 * inner[:, None] + np.arange(3)).ravel()
     x = rough(sheet, rng)
@@ -52,7 +52,7 @@ def test_both_tangents_agree_away_from_the_edge(sheet, isotropic, rng):
 
 @pytest.mark.parametrize("pattern", ["unstructured", "right", "cross", "equilateral"])
 def test_a_plane_is_pushed_along_its_normal_in_the_middle(pattern, isotropic):
-    """p times the deformed area, through the centre, on any mesh and whatever Gmsh's order."""
+    """The resultant is p times the deformed area and acts at the centre, on any mesh."""
     cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.17, pattern=pattern)
     F = np.array([[1.1, 0.3], [0.0, 0.9], [0.2, -0.4]])
     x = affine(cloth, F)
@@ -150,7 +150,7 @@ def test_scene_with_pressure(tmp_path):
 
 
 def test_work_of_a_constant_pressure_is_p_times_the_volume(isotropic):
-    """On a pinned rim the work is p ΔV; midpoint's sum of it is exact to third order a step."""
+    """On a pinned rim the work is p ΔV; the midpoint sum has an error of third order."""
     cloth = fc.Cloth.disk(RADIUS, h=0.15)
     system = fc.System(cloth, isotropic, [fc.StVK(), fc.Pressure(50.0)], pins=["boundary"])
     newton = fc.Newton(tolerance=1e-11)
@@ -220,7 +220,7 @@ def inflated(p, elements, kind="symmetric"):
 
 
 def test_reference_agrees_with_hencky_at_small_slopes():
-    """Two independent solutions: they differ by the square of the slope, as p^(2/3)."""
+    """Two independent solutions differ by the square of the slope, that is by p^(2/3)."""
     gaps = []
     for p in (2.0, 0.25, 0.25 / 8):
         exact, series = shooting(p), hencky(p)
