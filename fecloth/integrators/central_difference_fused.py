@@ -20,7 +20,7 @@ from fecloth.errors import InputError, StepFailed
 from fecloth.jit import inner, kernel, threaded_kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.system import State, System
-from fecloth.terms.custom.force import BoundUserForce, Written
+from fecloth.terms.custom.force import BoundUserForce, FormulaForce
 from fecloth.terms.loads.gravity import BoundGravity
 from fecloth.terms.loads.point_force import BoundPointForce
 from fecloth.terms.membranes import stvk
@@ -137,8 +137,8 @@ def _is_constant(term) -> bool:
     """Whether it is a load that is the same at any x, v and t."""
     if isinstance(term, BoundPointForce):
         parts = term.force.parts
-    elif isinstance(term, BoundUserForce) and isinstance(term.given, Written):
-        parts = term.given.parts
+    elif isinstance(term, BoundUserForce) and isinstance(term.function, FormulaForce):
+        parts = term.function.parts
     else:
         return isinstance(term, BoundGravity)
     return not callable(parts) and all(isinstance(part, float) for part in parts)
