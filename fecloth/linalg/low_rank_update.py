@@ -6,10 +6,26 @@ import numpy as np
 
 
 def solve_updated(solver, updates: list[tuple[float, np.ndarray]], b, rtol: float, guess=None):
-    """x (n, 3) of (A + Σ c u uᵀ) x = b for the A that was prepared, and the `SolveInfo`s.
+    """Solve (A + Σ c u uᵀ) x = b, where A is the matrix that `solver` has prepared.
 
-    Sherman, Morrison and Woodbury: with y = A⁻¹ b and Z = A⁻¹ U,
-    x = y − Z (1/c + Uᵀ Z)⁻¹ Uᵀ y (Hager 1989, Updating the Inverse of a Matrix, eq. 2).
+    Sherman–Morrison–Woodbury formula: with y = A⁻¹ b and Z = A⁻¹ U,
+    x = y − Z (1/c + Uᵀ Z)⁻¹ Uᵀ y.
+    Source: Hager (1989), Updating the Inverse of a Matrix, eq. 2.
+
+    Parameters
+    ----------
+    updates
+        (c, u) of each update, u of shape (n, 3).
+    b
+        (n, 3) right-hand side.
+    rtol
+        Relative residual of each solve with A.
+    guess
+        (n, 3) initial y, or None.
+
+    Returns
+    -------
+    x (n, 3), and the `SolveInfo` of each solve with A.
     """
     x, info = solver.solve(b, rtol=rtol, guess=guess)
     if not updates:

@@ -10,7 +10,7 @@ from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.linalg.reductions import size
 from fecloth.nonlinear import line_search
 from fecloth.system.system import State, System
-from fecloth.terms.loops.membrane import principal_stretches
+from fecloth.terms.kinematics import principal_stretches
 
 GROWTH = 4.0  # of the shift, from one attempt to the next
 ATTEMPTS = 30

@@ -143,7 +143,7 @@ def conclude_time(rows: Rows) -> list[study.Finding]:
     """Return a finding for the order of each method in the time step."""
     findings = []
     for family in families(rows, "problem", "method"):
-        claimed = CASES[family["method"]].order
+        claimed = CASES[family["method"]].traits.order
         what = f"{family['problem']}, {family['method']}: order in dt"
         value = order(select_rows(rows, **family)[-2:], "dt", "end_error")
         findings.append(study.Finding(what, value, claimed - TIME, claimed + TIME))

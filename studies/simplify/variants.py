@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from fecloth.integrators.explicit import EXPLICIT
+from fecloth.integrators import EXPLICIT
 from fecloth.scene.tables import Interest
 from fecloth.simulation.error_control import Adaptive
 

@@ -13,8 +13,7 @@ import math
 from pathlib import Path
 
 from fecloth import study
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
 from studies.stability import cases
 from studies.stability.cases import ALL, BLOWN, ENERGY, ERROR, GROWTH, NEWTON, STABLE, WRONG
 from studies.stability.figures import draw_limits, draw_map

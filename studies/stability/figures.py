@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fecloth import study
-from fecloth.integrators.explicit import EXPLICIT
+from fecloth.integrators import EXPLICIT
 from studies.stability.cases import ALL, BLOWN, NEWTON, STABLE, WRONG
 
 LOOKS = {

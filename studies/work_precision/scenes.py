@@ -193,7 +193,7 @@ def runner(asked: Scene, method: str, step: float | None, linear: str) -> Callab
     if method == "many_steps":
         return lambda t_end: fused(asked, step, t_end)
     chosen = named(method, step)
-    dt = None if getattr(chosen, "chooses_dt", False) else step
+    dt = None if chosen.traits.chooses_dt else step
     return lambda t_end: marched(asked, chosen, dt, linear, t_end)
 
 
@@ -279,7 +279,7 @@ def own(path: str, digest: str, method: str, step: float | None) -> dict:
     """
     built = load(path).build()
     chosen = built.method if method == "own" else named(method, step)
-    dt = None if getattr(chosen, "chooses_dt", False) else step
+    dt = None if chosen.traits.chooses_dt else step
 
     def steps(t_end: float) -> tuple:
         counts, number, state = Counts(), 0, built.state

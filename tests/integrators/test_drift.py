@@ -9,8 +9,7 @@ import pytest
 from support.tiers import slow_except
 
 import fecloth as fc
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
 
 DT, STEPS = 8e-4, 10_000
 BANDS = {  # steps at DT, the band there, and the band over a fifth of the steps at DT/2

@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix
 
 import fecloth as fc
 from fecloth import terms
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import METHODS
 from fecloth.output import frames
 from fecloth.scene.scene import Scene, load
 from fecloth.scene.toml_text import overridden, read, written
@@ -774,7 +774,7 @@ def test_steps_by_a_number_or_chosen(file):
         (["time.dt='auto'", "time.rtol=0.0"], r"rtol = atol = 0: one of them must be > 0"),
         (
             ["time.dt='auto'", "time.method={type='newmark',gamma=0.6}"],
-            r"gamma = 0.6: has no estimate",
+            r"gamma=0.6, .*: has no estimate",
         ),
         (["time.dt='auto'", "time.method='forward_euler'"], "has no stable step to choose"),
     ],

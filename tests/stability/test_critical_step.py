@@ -6,8 +6,7 @@ from conftest import affine
 from scipy.linalg import eigh
 
 import fecloth as fc
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.stability import critical_step
 from fecloth.stability.critical_step import critical_dt, element_bound, estimate
 

@@ -14,7 +14,8 @@ import pytest
 from conftest import affine, rough
 
 import fecloth as fc
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import METHODS
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load
@@ -22,7 +23,7 @@ from fecloth.terms.custom.membrane_law import positive
 from fecloth.verify import VerificationFailed, check_integrator, check_term
 
 OWN = Path(__file__).parents[3] / "studies" / "examples"
-FILES = sorted(OWN.glob("[!_]*.py"))
+FILES = sorted(path for path in OWN.glob("*.py") if path.stem != "__init__")
 
 
 @pytest.fixture(scope="module")
@@ -397,9 +398,9 @@ def test_check_integrator_catches_a_wrong_order(own, cloth, isotropic):
     system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
     start = system.state(system.rest().x * [1.1, 1.1, 1])
     theta = own.integrator.Theta
-    claims = type("Claims", (theta,), {"order": 2})
+    claims = type("Claims", (theta,), {"traits": MethodTraits(order=2)})
     check_integrator(system, theta(0.6), start, 0.005)
-    with pytest.raises(VerificationFailed, match=r"order \[.* claimed 2"):
+    with pytest.raises(VerificationFailed, match=r"orders \[.* expected 2"):
         check_integrator(system, claims(0.6), start, 0.005)
     check_integrator(system, claims(0.5), start, 0.005)
 
@@ -407,17 +408,23 @@ def test_check_integrator_catches_a_wrong_order(own, cloth, isotropic):
 def test_a_method_says_what_it_lacks(own, swinging):
     system, start = swinging
     euler, theta = fc.BackwardEuler(), own.integrator.Theta
-    bare = type("Bare", (), {"step": euler.step})()
+    offers = {"step": euler.step, "traits": euler.traits}
+    bare = type("Bare", (), offers)()
     with pytest.raises(fc.InputError, match="method Bare: must have weights"):
         fc.run(system, bare, start, 1e-3, 2e-3)
-    with pytest.raises(fc.InputError, match="run: method Bare: must have theta, numerical"):
+    with pytest.raises(fc.InputError, match="run: method Bare: must have numerical"):
         fc.run(system, bare, start, 1e-3, 2e-3, solver="direct")
     assert len(list(fc.march(system, bare, start, 1e-3, 2e-3, solver="direct"))) == 2
 
-    for constant in (None, -0.04):
-        method = type("Own", (theta,), {"error_constant": constant})()
-        with pytest.raises(fc.InputError, match=f"Own.error_constant = {constant}: must be a num"):
-            fc.Adaptive(method, rtol=1e-2)
+    for traits, said in ({}, "must have traits"), ({"traits": {"order": 1}}, "must be a MethodTr"):
+        mute = type("Mute", (), {"step": euler.step} | traits)()
+        with pytest.raises(fc.InputError, match=said):
+            fc.run(system, mute, start, 1e-3, 2e-3)
+
+    for constant, said in (None, "has no estimate"), (-0.04, "error_constant = -0.04: must be a n"):
+        traits = MethodTraits(order=1, error_constant=constant)
+        with pytest.raises(fc.InputError, match=said):
+            fc.Adaptive(type("Own", (theta,), {"traits": traits})(), rtol=1e-2)
 
     def short(self, state, dt):
         return replace(theta.stage(self, state, dt), v=state.v[1:])
@@ -425,6 +432,17 @@ def test_a_method_says_what_it_lacks(own, swinging):
     cut = type("Cut", (theta,), {"stage": short})(0.5)
     with pytest.raises(fc.InputError, match=r"stage.v of shape \(19, 3\): must be \(20, 3\)"):
         fc.run(system, cut, start, 1e-3, 2e-3, solver="direct")
+
+
+def test_a_misspelt_trait_is_an_error_that_names_the_known_ones():
+    with pytest.raises(
+        fc.InputError, match=r"trait 'explict': is not known; the traits are order, "
+    ):
+        MethodTraits(order=1, explict=True)
+    with pytest.raises(TypeError, match="order"):
+        MethodTraits(theta=1.0)
+    with pytest.raises(fc.InputError, match="no explicit method is A-stable"):
+        MethodTraits(order=1, explicit=True)
 
 
 # --- in a scene -----------------------------------------------------------------------------------
