@@ -23,7 +23,7 @@ def out(tmp_path_factory):
         ("benchmarks.kernels", "figures met"),
         ("benchmarks.terms", "StVK"),
         ("models.hinge_bias", "derived"),
-        ("models.homogenised_moduli", "power of"),
+        ("models.homogenised_moduli", "exponent of h"),
         ("benchmarks.linear_solvers", "auto over the best"),
         ("benchmarks.method_choice", "auto over the best"),
         ("laws", "9 pictures"),
