@@ -106,7 +106,8 @@ def words(command: str) -> list[str]:
 
 
 README = read("README.md")
-SECTIONS = [section for page in NAMES for section in sections(page)]
+CURRENT = [page for page in NAMES if "CHANGELOG" not in page]  # that page names what is no more
+SECTIONS = [section for page in CURRENT for section in sections(page)]
 SPANS = [span for section in SECTIONS for span in section.spans]
 LINES = [line for section in SECTIONS for line in section.lines]
 COMMANDS = list(dict.fromkeys(command for section in SECTIONS for command in section.commands))
