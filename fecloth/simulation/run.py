@@ -60,6 +60,17 @@ class Result:
     method: object
     doubt: str = ""
 
+    def __repr__(self) -> str:
+        steps, t = len(self.times) - 1, self.times[-1]
+        remark = ", energy balance in doubt" if self.doubt else ""
+        return f"<Result of {steps} steps of {self.method} to t = {t:g} s{remark}>"
+
+    def _repr_html_(self) -> str:
+        """Return figures of the energies and the probes, for notebooks."""
+        from fecloth.view.notebook import result_figures  # not needed to run
+
+        return result_figures(repr(self), self.times, self.energies, self.observed)
+
 
 def run(
     system: System,

@@ -30,6 +30,9 @@ class State:
     x: np.ndarray
     v: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"<State of {len(self.x)} nodes at t = {self.t:g} s>"
+
 
 @dataclass(frozen=True, eq=False)
 class System:
@@ -274,6 +277,10 @@ class System:
         part = self.cloth.least_mass if self.mass_kind == "consistent" else 1.0
         bounds = [term.rate_bounds(part * self.diagonal_mass) for term in self.bound]
         return sum(b[0] for b in bounds), sum(b[1] for b in bounds)
+
+    def __repr__(self) -> str:
+        terms = ", ".join(self.names) or "no terms"
+        return f"<System of {len(self.cloth.X)} nodes, {len(self.constraints.nodes)} held: {terms}>"
 
 
 def _check_elements(terms, element: str) -> None:
