@@ -18,7 +18,7 @@ from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.integrators.with_memory import WithMemory
 from fecloth.nonlinear.stage import Stage
-from fecloth.records import remembered
+from fecloth.system.records import remembered
 
 __all__ = [
     "EXPLICIT",

@@ -15,7 +15,7 @@ from fecloth.errors import IndefiniteMatrix
 from fecloth.integrators.numerical_dissipation import bend
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
-from fecloth.linalg import select
+from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.linalg.reductions import dot
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
@@ -165,7 +165,7 @@ def _velocity_change(system, state, dt, solver, end, definite, guess):
     project, rtol = system.constraints.project, solver.options.tolerance
     start = None if guess is None else project(guess.copy())
     updates = [(dt * c, project(u)) for c, u in dense]
-    free, infos = select.updated(solver.linear, updates, project(b), rtol, start)
+    free, infos = solve_updated(solver.linear, updates, project(b), rtol, start)
     seconds["factor"] = infos[0].seconds_factor
     seconds["solve"] = sum(info.seconds_solve for info in infos)
     iterations = sum(info.iterations for info in infos)

@@ -15,18 +15,21 @@ from fecloth.linalg.reductions import squared
 
 @dataclass(frozen=True)
 class SolveInfo:
-    """What a solve took and what it reached.
+    """Cost and accuracy of a solve.
 
     Attributes
     ----------
+    name
+        Name of the solver.
     iterations
-        Of conjugate gradients; of iterative refinement in a direct solver (mostly 0).
+        Iterations of conjugate gradients, or steps of refinement of a direct solver (mostly 0).
     residual
-        ‖b − A x‖ / ‖b‖, computed with A from the x that is returned.
+        ‖b − A x‖ / ‖b‖, computed with A and the returned x.
     seconds_factor
-        The last ``prepare``: analysis if there was one, factorisation or preconditioner.
+        Duration of the last ``prepare`` [s]: factorisation or preconditioner, and the analysis if
+        the pattern was new.
     seconds_solve
-        This ``solve``.
+        Duration of this ``solve`` [s].
     """
 
     name: str
@@ -93,11 +96,11 @@ class LinearSolver(Protocol):
 
 
 def checked(A: BlockMatrix | None, b: np.ndarray, rtol: float) -> tuple[np.ndarray, float]:
-    """b as a contiguous array of floats that fits A, and ‖b‖²."""
+    """Validate b and `rtol`: b as a contiguous array of floats (n, 3), and ‖b‖²."""
     if A is None:
-        raise InputError("no matrix", "solve needs a prepare(A) that succeeded", "solve")
+        raise InputError("no matrix", "call prepare(A) without error before solve", "solve")
     if not 0 < rtol < 1:
-        raise InputError(f"rtol = {rtol!r}", "must lie in (0, 1)", "solve")
+        raise InputError(f"rtol = {rtol!r}", "must be between 0 and 1", "solve")
     b = np.ascontiguousarray(b, dtype=float)
     if b.shape != (len(A.pattern), 3):
         raise InputError(f"b of shape {b.shape}", f"must be ({len(A.pattern)}, 3)", "solve")
@@ -112,14 +115,14 @@ def _largest(b):
 
 
 def block_rows(A: BlockMatrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """indptr, indices and values, as the kernels take them."""
+    """The arrays indptr, indices and values of a matrix."""
     return A.pattern.indptr, A.pattern.indices, A.values
 
 
 def relative_residual(
     A: BlockMatrix, b: np.ndarray, bb: float, x: np.ndarray, r: np.ndarray
 ) -> float:
-    """‖r‖ / ‖b‖ with r = b − A x (out) and bb = ‖b‖² > 0."""
+    """‖r‖ / ‖b‖ with bb = ‖b‖² > 0; writes r = b − A x to `r`."""
     return float(np.sqrt(residual(*block_rows(A), b, x, r) / bb))
 
 

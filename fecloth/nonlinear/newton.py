@@ -7,8 +7,8 @@ import time
 import numpy as np
 
 from fecloth.errors import FeclothError, SolveFailed
-from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.linalg.reductions import dot, size
 from fecloth.nonlinear import line_search
 from fecloth.nonlinear.context import SolverContext
@@ -211,7 +211,7 @@ class _Work:
         forcing = min(0.5, max(self.options.forcing, 0.5 * goal / size(R)))
         project = self.system.constraints.project
         dense = [(self.stage.wx * c, project(u)) for c, u in self.system.dense(at)]
-        step, infos = select.updated(self.linear_solver, dense, -R, forcing)
+        step, infos = solve_updated(self.linear_solver, dense, -R, forcing)
         self.linear += sum(info.iterations for info in infos)
         self.seconds["factor"] += infos[0].seconds_factor if new else 0.0
         self.seconds["solve"] += sum(info.seconds_solve for info in infos)

@@ -24,7 +24,7 @@ from fecloth.simulation.energy_ledger import Ledger, doubt
 from fecloth.simulation.march import Memory, StepInfo, march
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.run import balanced
-from fecloth.terms.loops.membrane import principal_stretches
+from fecloth.terms.kinematics import principal_stretches
 from fecloth.view.html_report import stretch_row, write_report
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}

@@ -212,7 +212,7 @@ def _own(name: Any) -> str:
     """How Python code gives a type of term that is not the package's."""
     if not (isinstance(name, str) and name.isidentifier()):
         return ""
-    return f'One of your own: fecloth.scene.load("….toml", terms={{"{name}": {name}}}).'
+    return f'One of your own: fecloth.scene.scene.load("….toml", terms={{"{name}": {name}}}).'
 
 
 def placed(key: str, error: InputError, value: Any = None) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.linalg.reductions import dot
-from fecloth.records import remembered
+from fecloth.system.records import remembered
 from fecloth.system.system import State, System
 
 TRUSTED = 0.05  # of the energy that moved: a larger remainder is told

@@ -14,9 +14,9 @@ from fecloth.linalg.reductions import mean, rms
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
-from fecloth.records import remembered
 from fecloth.simulation.stability_limited import AtLimit
 from fecloth.simulation.within_step import unseen
+from fecloth.system.records import remembered
 from fecloth.system.system import State, System
 
 SAFETY = 0.9

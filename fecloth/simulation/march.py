@@ -14,14 +14,14 @@ from fecloth.integrators.protocol import check_method
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.options import Newton
-from fecloth.records import remembered
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.motion_jumps import jumping
 from fecloth.simulation.resolve import settled
 from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import left, targets_of
+from fecloth.system.records import remembered
 from fecloth.system.system import State, System
-from fecloth.terms.loops.membrane import largest_stretch, principal_stretches
+from fecloth.terms.kinematics import largest_stretch, principal_stretches
 
 
 @remembered

@@ -15,9 +15,9 @@ from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
-from fecloth.records import remembered
 from fecloth.system.constraints import Constraints, MatrixProjection
 from fecloth.system.pins import Pin
+from fecloth.system.records import remembered
 from fecloth.terms import protocol
 
 

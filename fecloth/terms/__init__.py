@@ -11,12 +11,13 @@ on each node by itself, and `MembraneLaw`, for a membrane. studies/examples has 
 
 from fecloth.terms.bending.hinge import BendingDamping, HingeBending
 from fecloth.terms.bending.quadratic import QuadraticBending
+from fecloth.terms.custom.force import UserForce
 from fecloth.terms.damping.mass import MassDamping
 from fecloth.terms.damping.strain_rate import StrainRateDamping
 from fecloth.terms.loads.drag import Drag
 from fecloth.terms.loads.gas import Gas
 from fecloth.terms.loads.gravity import Gravity
-from fecloth.terms.loads.point_force import PointForce, UserForce
+from fecloth.terms.loads.point_force import PointForce
 from fecloth.terms.loads.pressure import Pressure
 from fecloth.terms.loads.wind import Wind
 from fecloth.terms.membranes.baraff_witkin import BaraffWitkin

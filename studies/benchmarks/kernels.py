@@ -296,7 +296,7 @@ def first_step() -> list[Figure]:
         environment = os.environ | {"NUMBA_CACHE_DIR": folder}
         for what, limit in (("nothing compiled yet", 30), ("a second run", 4)):
             out = Path(folder) / what.replace(" ", "_")
-            command = [sys.executable, "-m", "fecloth", "run", str(SCENES / "flag.toml")]
+            command = [sys.executable, "-m", "fecloth", "run", str(SCENES / "benchmark_flag.toml")]
             command += ["-o", str(out), "--quiet", "--set", "time.t_end=0.05"]
             seconds = until_first_row(command, environment, out / "steps.csv")
             figures.append(Figure(f"flag scene: first step, {what}", seconds, "s", limit))

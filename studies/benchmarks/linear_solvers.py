@@ -68,7 +68,7 @@ def cases(quick: bool) -> dict[str, Case]:
     """The scenes; `quick` ends them early and takes a coarser sheet."""
     flag, swing, short, long = (0.2, 0.25, 0.03, 0.08) if quick else (0.6, 0.6, 0.1, 0.2)
     return {
-        "flag": scene("flag", f"time.t_end={flag}"),
+        "flag": scene("benchmark_flag", f"time.t_end={flag}"),
         "hanging strip": scene("hanging_strip"),
         "swing": scene("swing", f"time.t_end={swing}"),
         "dome": scene("dome"),

@@ -141,7 +141,7 @@ def cases(quick: bool) -> dict[str, Callable[[], Case]]:
     h, t = (1.6, 0.4) if quick else (1.0, 1.0)
     return {
         "trampoline": lambda: from_file("trampoline", 0.2 * t, f"cloth.h={0.02 * h}"),
-        "damped flag": lambda: from_file("flag", 0.4 * t, f"cloth.h={0.05 * h}"),
+        "damped flag": lambda: from_file("benchmark_flag", 0.4 * t, f"cloth.h={0.05 * h}"),
         "stiff strip": lambda: stiff_strip(0.5 * t, 0.02 * h),
         "swing, bending": lambda: bending_swing(0.3 * t, 0.01 * h),
         "dome": lambda: dome(0.3 * t, 0.025 * h),

@@ -118,7 +118,7 @@ def march(scene: Built, method, dt: float | None) -> tuple[list[np.ndarray], fc.
     times, found = np.linspace(start, end, PARTS + 1)[1:], []
 
     def look(info) -> None:
-        study.tick()
+        study.check_time_limit()
         if info.t in times:
             found.append(info.result.state.x)
 
@@ -239,7 +239,7 @@ def grows(system: fc.System, rest: fc.State, method, dt: float, steps: int) -> f
     sizes, late = [], 1e4 * TINY
     options = {"solver": "direct", "newton": EXACT} if method.traits.stability == (0.0, 0.0) else {}
     for state, _ in fc.march(system, method, start, dt, steps * dt, **options):
-        study.tick()
+        study.check_time_limit()
         sizes.append(np.linalg.norm(state.x - rest.x))
         if sizes[-1] > late:
             return math.inf

@@ -6,6 +6,7 @@ relative to the largest kinetic energy that the swing reaches.
 
 import numpy as np
 import pytest
+from support.tiers import slow_except
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
@@ -52,7 +53,7 @@ def changes(swing, name, dt, steps):
         yield (sum(system.energies(state).values()) - begin) / scale
 
 
-@pytest.mark.parametrize("name", BANDS)
+@pytest.mark.parametrize("name", slow_except(BANDS, "symplectic_euler", "central_difference"))
 def test_the_energy_stays_in_a_band(name, swing):
     """Which narrows with dt as the method's order says, and in which nothing drifts."""
     many, wide, narrow = BANDS[name]

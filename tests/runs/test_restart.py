@@ -15,6 +15,7 @@ import meshio
 import numpy as np
 import pytest
 from support.rundirs import written
+from support.tiers import slow_except
 
 import fecloth as fc
 from fecloth import integrators
@@ -23,12 +24,12 @@ from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.nonlinear.statistics import Counts
 from fecloth.output import write_ahead_log
 from fecloth.output.frames import Frames, read_frame
-from fecloth.records import remembered
 from fecloth.runs import restart
 from fecloth.runs.folder import TABLES
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load
+from fecloth.system.records import remembered
 from fecloth.system.system import State
 
 TEXT = """
@@ -166,7 +167,7 @@ def scene(tmp_path, monkeypatch):
     return path
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", slow_except(RUNS, "BDF2", "AtLimit"))
 def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     if name == "vtkhdf":
         pytest.importorskip("h5py")
@@ -237,6 +238,7 @@ def go_and_die(scene, folder):
     go(scene, folder, False)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_within_a_frame_of_vtkhdf_goes_on(tmp_path):
     pytest.importorskip("h5py")
     scene, whole, broken = tmp_path / "sheet.toml", tmp_path / "whole", tmp_path / "broken"
@@ -359,7 +361,7 @@ def test_an_interrupted_run_tells_from_where_it_will_go_on(scene, tmp_path, monk
     assert outcome.resumes == found.state.t < outcome.summary["t"]
     log = (tmp_path / "out" / "run.log").read_text()
     assert f"after 33 steps; --resume goes on from {found.state.t:g} s" in log
-    monkeypatch.setattr(main, "run_scene", lambda *_: outcome)
+    monkeypatch.setattr("fecloth.cli.main.run_scene", lambda *_: outcome)
     assert main(["run", str(scene), "-o", "out", "--quiet"]) == 4
     words = f"--resume out goes on from t = {found.state.t:g} s, the last at which its solver"
     assert words in capsys.readouterr().err

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from support.tiers import slow_except
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
@@ -54,10 +55,11 @@ def rms(system, y):
 
 CASES = {name: method() for name, method in {**METHODS, **EXPLICIT}.items()}
 del CASES["forward_euler"]  # no stable step
+QUICK = ("implicit_midpoint", "linearly_implicit_euler", "newmark", "generalized_alpha", "bdf2")
 SHIFT = {"symplectic_euler": 0.1, "central_difference": 1e-3}  # steps are shorter than the limit
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", slow_except(CASES, *QUICK))
 def test_the_error_is_proportional_to_the_tolerance(swing, name, record_property):
     system, start, exact = swing
     method = CASES[name]

@@ -9,11 +9,11 @@ import numpy as np
 
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, kernel
+from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth, Where
 from fecloth.quantities.time_function import Timed, VectorOfTime, vector
 from fecloth.quantities.units import DAMPER, LENGTH, PER_WIDTH
-from fecloth.terms.loops import bound_condition, condition
+from fecloth.terms.loops import bound_condition
 
 DERIVATIVE_STEP = 1e-5  # s; the speed of the point is a central difference
 
@@ -132,24 +132,4 @@ def offset(y, c, order, C, g, H):
         H[:] = 0.0
 
 
-@kernel
-def energy(K, R, nodes, c, ks, x):
-    return condition.energy(offset, K, R, nodes, c, ks, x)
-
-
-@kernel
-def power(K, R, nodes, c, kd, x, v):
-    return condition.power(offset, K, R, nodes, c, kd, x, v)
-
-
-@kernel
-def add_force(K, R, nodes, c, ks, kd, x, v, f):
-    condition.add_force(offset, K, R, nodes, c, ks, kd, x, v, f)
-
-
-@kernel
-def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
-    condition.add_tangent(offset, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
-
-
-KERNELS = bound_condition.Kernels(energy, power, add_force, add_tangent)
+KERNELS = bound_condition.kernels(offset)
