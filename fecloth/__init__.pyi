@@ -32,7 +32,8 @@ from .simulation.resolve import solver_for
 from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
 from .system.pins import Pin, Slide
-from .system.system import State, System
+from .system.state import State
+from .system.system import System
 from .terms import (
     BaraffWitkin,
     BendingDamping,

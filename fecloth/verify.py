@@ -13,7 +13,8 @@ from fecloth.fabric.fabric import Fabric
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.march import march
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 EXACT_ERROR = 1e-8  # a difference quotient with a smaller relative error is regarded as exact
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from fecloth.integrators.step import Step
 from fecloth.linalg.reductions import dot
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 def taken(system: System, old: State, step: Step, theta: float) -> float:

@@ -14,7 +14,9 @@ from fecloth.linalg import select
 from fecloth.linalg.reductions import size
 from fecloth.nonlinear.newton import round_off
 from fecloth.nonlinear.static_newton import EquilibriumFailed, Search
-from fecloth.system.system import State, System
+from fecloth.system.arguments import check_system
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 QUICK = 8  # iterations after which a load increment may grow again
 SMALLEST = 1 / 64  # of the first load increment
@@ -116,7 +118,7 @@ def equilibrium(
     >>> print(f"{1000 * sag:.0f} mm")
     38 mm
     """
-    validation.of(system, state, "equilibrium")
+    check_system(system, state, "equilibrium")
     validation.function(
         "report", report, "lambda iteration: print(iteration.residual)", "equilibrium"
     )

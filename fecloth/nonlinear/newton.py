@@ -15,7 +15,8 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.stage import Stage
 from fecloth.nonlinear.statistics import Counts
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 # Of Newton's matrix: what is added to it of its mass, and whether its tangents are made definite.
 SHIFTS = (0.0, *(4.0**n for n in range(-1, 8)))

@@ -9,7 +9,8 @@ from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.linalg.reductions import size
 from fecloth.nonlinear import line_search
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 from fecloth.terms.kinematics import principal_stretches
 
 GROWTH = 4.0  # of the shift, from one attempt to the next

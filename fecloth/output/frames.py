@@ -32,7 +32,8 @@ from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.atomic_files import lengthen, replace_file, writing
 from fecloth.output.vtu_writer import LISTS, Arrays, encode_vtu
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 from fecloth.terms.kinematics import deformation_gradient, principal_stretches
 
 MESHIO = {"P1": "triangle", "P2": "triangle6"}

@@ -27,7 +27,7 @@ from fecloth.runs.outcome import DONE
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory
 from fecloth.system.records import RECORDS, remembered
-from fecloth.system.system import State
+from fecloth.system.state import State
 
 FORMAT = 2
 FOLDER, PATTERN = "restart", "restart_*.npz"

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.probes import Probe
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 @dataclass(frozen=True, eq=False)

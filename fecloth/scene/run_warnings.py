@@ -16,7 +16,8 @@ from fecloth.linalg.mkl_pardiso import threads
 from fecloth.scene.plausibility import odd
 from fecloth.scene.problem import Built
 from fecloth.stability.critical_step import element_bound
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 POOR = 0.3  # quality of a triangle; 1 is equilateral, 0.87 half a square
 STRAINED = 0.2  # of a cloth that hangs: measured constants hold for a few per cent

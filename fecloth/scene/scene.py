@@ -38,7 +38,8 @@ from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import step_times
 from fecloth.system.constraints import Constraints
 from fecloth.system.pins import DERIVATIVE_STEP, Pin
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 MOST_PLACES = 1_000_000  # times × nodes at which a motion of t, X, Y is evaluated before a run
 

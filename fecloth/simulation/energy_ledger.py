@@ -10,7 +10,8 @@ import numpy as np
 
 from fecloth.linalg.reductions import dot
 from fecloth.system.records import remembered
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 TRUSTED = 0.05  # of the energy that moved: a larger remainder is told
 CREEP = 1e-6  # of its extent in all the time since the start: no motion to speak of

@@ -17,7 +17,8 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.stability_limited import AtLimit
 from fecloth.simulation.within_step import unseen
 from fecloth.system.records import remembered
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 SAFETY = 0.9
 SHORTEST, LONGEST = 0.2, 2.0  # of a step to the one before; BDF2 is stable below 1 + √2

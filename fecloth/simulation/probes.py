@@ -13,7 +13,8 @@ from fecloth.errors import InputError
 from fecloth.jit import kernel
 from fecloth.linalg.reductions import mean
 from fecloth.mesh.cloth import Cloth, Where
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 from fecloth.terms.loops.green_strain import gradient
 
 

@@ -19,7 +19,8 @@ from fecloth.simulation.march import Memory, Problem, StepInfo, march, refuse_ar
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.resolve import settled
 from fecloth.simulation.step_times import targets_of
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 MOST_GROWTH = 4.0  # of the kinetic energy that there can be: no usable step has shown more
 

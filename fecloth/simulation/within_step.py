@@ -6,7 +6,8 @@ import numpy as np
 
 from fecloth.integrators.step import Step
 from fecloth.linalg.reductions import rms
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 # Parts of a step at which it is looked into: uneven, lest a periodic motion hide between them.
 PINS = (np.arange(1, 17) + 0.2 * np.sin(np.arange(1, 17) ** 2)) / 17

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,18 +18,8 @@ from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.constraints import Constraints, MatrixProjection
 from fecloth.system.pins import Pin
-from fecloth.system.records import remembered
+from fecloth.system.state import State
 from fecloth.terms import protocol
-
-
-@remembered
-@dataclass(frozen=True, eq=False)
-class State:
-    """Time t [s], positions x (n, 3) [m] and velocities v (n, 3) [m/s]."""
-
-    t: float
-    x: np.ndarray
-    v: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +63,11 @@ class System:
     mass_kind: str = "lumped"
     grain: float | Mapping[str, float] = 0.0
 
-    def __init__(self, cloth, fabric, terms, pins=(), mass=None, grain=0.0):
+    def __init__(self, cloth, fabric, terms, pins=(), mass=None, grain=0.0, *, mass_kind=None):
+        """Bind the terms and pins; `mass_kind` is what `dataclasses.replace` calls `mass`."""
         terms = _several(terms, "terms", "StVK()", lambda term: hasattr(term, "bind"))
         pins = _several(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
+        mass = mass_kind if mass is None else mass
         mass = cloth.usual_mass if mass is None else mass
         _check_elements(terms, cloth.element)
         for name, value in (
@@ -160,6 +153,12 @@ class System:
         rows = np.repeat(np.arange(len(self.pattern)), np.diff(mass.indptr))
         pairs = np.column_stack([rows, mass.indices]).astype(np.int32)
         return np.ascontiguousarray(self.pattern.slots(pairs)[:, 0, 1])
+
+    def with_bound(self, bound: Iterable) -> System:
+        """A copy with other bound terms, such as those over a step; all else is shared."""
+        other = copy.copy(self)
+        other.__dict__["bound"] = tuple(bound)  # in place of the cached property
+        return other
 
     # --- states -------------------------------------------------------------------------------
 

@@ -30,7 +30,7 @@ from fecloth.runs.recorder import Recorder
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load
 from fecloth.system.records import remembered
-from fecloth.system.system import State
+from fecloth.system.state import State
 
 TEXT = """
 [cloth]
