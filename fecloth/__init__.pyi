@@ -17,8 +17,10 @@ from .integrators.bdf2 import BDF2
 from .integrators.central_difference_fused import many_steps
 from .integrators.energy_momentum import EnergyMomentum
 from .integrators.explicit import CentralDifference, ForwardEuler, SymplecticEuler
-from .integrators.newmark import GeneralizedAlpha, Newmark
-from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
+from .integrators.generalized_alpha import GeneralizedAlpha
+from .integrators.linearly_implicit_euler import LinearlyImplicitEuler
+from .integrators.newmark import Newmark
+from .integrators.one_stage import BackwardEuler, ImplicitMidpoint
 from .mesh.cloth import Cloth
 from .nonlinear.equilibrium import EquilibriumFailed, equilibrium
 from .nonlinear.options import Newton

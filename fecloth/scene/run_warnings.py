@@ -9,8 +9,10 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from fecloth.fabric.fabric import Fabric
-from fecloth.integrators.newmark import GeneralizedAlpha, Newmark
-from fecloth.integrators.one_stage import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
+from fecloth.integrators.generalized_alpha import GeneralizedAlpha
+from fecloth.integrators.linearly_implicit_euler import LinearlyImplicitEuler
+from fecloth.integrators.newmark import Newmark
+from fecloth.integrators.one_stage import BackwardEuler, ImplicitMidpoint
 from fecloth.linalg import select
 from fecloth.linalg.mkl_pardiso import threads
 from fecloth.scene.plausibility import odd
