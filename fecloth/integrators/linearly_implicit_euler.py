@@ -12,7 +12,6 @@ from fecloth.integrators.one_stage import StageMethod
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.linalg.low_rank_update import solve_updated
-from fecloth.linalg.reductions import dot
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
@@ -69,9 +68,9 @@ def _velocity_change(system, state, dt, solver, end, definite, guess):
     inertial[nodes] = system.constraints.held(end.v - state.v)
     system.assemble(J, state, wx=dt, definite=definite)
     dense = system.dense(state)
-    b = system.force(state) - J @ state.v - _times(dense, dt, state.v)
+    b = system.force(state) - J @ state.v - _times(system, dense, dt, state.v)
     system.add_tangents(J, state, wv=1.0, definite=definite)
-    b -= J @ dv + _times(dense, dt, dv) + system.scalar_mass @ (inertial / dt)
+    b -= J @ dv + _times(system, dense, dt, dv) + system.scalar_mass @ (inertial / dt)
     system.add_tangents(J, state, wa=1.0 / dt)
     system.project(J)
     seconds = {"assemble": time.perf_counter() - begin}
@@ -94,6 +93,6 @@ def _velocity_change(system, state, dt, solver, end, definite, guess):
     )
 
 
-def _times(dense, wx, v):
+def _times(system, dense, wx, v):
     """wx Σ c u (u · v)."""
-    return sum((wx * c * dot(u, v) * u for c, u in dense), np.zeros_like(v))
+    return sum((wx * c * system.sums.dot(u, v) * u for c, u in dense), np.zeros_like(v))

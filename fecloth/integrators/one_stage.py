@@ -9,7 +9,6 @@ import numpy as np
 from fecloth.integrators.numerical_dissipation import bend
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
-from fecloth.linalg.reductions import dot
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, prescribed
@@ -58,7 +57,7 @@ class StageMethod:
         if theta == 0.5:
             return 0.0
         dv = step.state.v - old.v
-        kinetic = dot(dv, system.scalar_mass @ dv)
+        kinetic = system.sums.dot(dv, system.scalar_mass @ dv)
         return (theta - 0.5) * (kinetic + bend(system, old, step.state))
 
 

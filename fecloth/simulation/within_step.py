@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth.integrators.step import Step
-from fecloth.linalg.reductions import rms
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -48,4 +47,4 @@ def _loads(system, state, t, dt):
 
     start, end = acceleration(0.0), acceleration(1.0)
     strays = (acceleration(s) - (start + s * (end - start)) for s in LOADS)
-    return max(rms(system.diagonal_mass, stray) for stray in strays)
+    return max(system.sums.rms(system.diagonal_mass, stray) for stray in strays)

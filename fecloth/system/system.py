@@ -6,6 +6,7 @@ import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sparse
@@ -14,7 +15,7 @@ from fecloth.errors import InputError, floats, is_number
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
-from fecloth.linalg.reductions import dot
+from fecloth.linalg.reductions import NodeSums
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.constraints import Constraints, MatrixProjection
 from fecloth.system.pins import Pin
@@ -81,6 +82,8 @@ class System:
             object.__setattr__(self, name, value)
         # now: errors should stand where made
         _ = self.scalar_mass, self._stencils, self.bound, self.constraints
+
+    sums: ClassVar[NodeSums] = NodeSums()  # all sums over nodes go through it
 
     # --- what is bound, once ------------------------------------------------------------------
 
@@ -195,7 +198,7 @@ class System:
 
     def energies(self, state: State) -> dict[str, float]:
         """{"kinetic": J, term name: J, …} of the terms that have an energy."""
-        kinetic = 0.5 * dot(state.v, self.scalar_mass @ state.v)
+        kinetic = 0.5 * self.sums.dot(state.v, self.scalar_mass @ state.v)
         potentials = {
             name: term.energy(state.x, state.t)
             for name, term in zip(self.names, self.bound, strict=True)
