@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import math
 from numbers import Real
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 
 class FeclothError(Exception):
@@ -139,6 +141,8 @@ def is_number(value: object) -> bool:
 
 def floats(name: str, value: object, where: str) -> np.ndarray:
     """Convert a value to an array of floats; raise `InputError` if this is impossible."""
+    import numpy as np  # imported here, so that `fecloth --version` is fast
+
     try:
         return np.array(value, dtype=float)
     except (TypeError, ValueError):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 
 import numpy as np
@@ -11,6 +10,7 @@ from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.hinges import Hinges
+from fecloth.suggest import did_you_mean
 from fecloth.system.system import System
 
 _SQUARE, _SKEW = np.eye(2), np.array([[1.0, 0.5], [0.0, np.sqrt(0.75)]])
@@ -198,9 +198,8 @@ def bending_note(pattern: str, terms: Iterable[str]) -> str:
 def _patch(pattern, nx, ny):
     """Nodes, hinges and periods of nx × ny cells, and the midpoints of the edges in periods."""
     if pattern not in CELLS:
-        close = difflib.get_close_matches(str(pattern), CELLS, n=1, cutoff=0.0)[0]
         allowed = f"must be one of {', '.join(CELLS)}"
-        remedy = f"Did you mean {close!r}?"
+        remedy = did_you_mean(pattern, CELLS, cutoff=0.0)
         raise InputError(f"pattern = {pattern!r}", allowed, "bending_tensor", remedy)
     period, nodes, triangles = CELLS[pattern]
     i, j = np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), indexing="ij")

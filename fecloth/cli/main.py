@@ -14,30 +14,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rich.console import Console
-
-from fecloth.cli.describe import described, sources
-from fecloth.cli.fabric_list import listed
-from fecloth.cli.progress import progress
 from fecloth.errors import FeclothError, FeclothWarning, InputError
-from fecloth.linalg import select
-from fecloth.mesh.cloth import Cloth
 from fecloth.output.atomic_files import DiskFull
-from fecloth.output.frame_reader import FIELDS, Series
-from fecloth.output.mesh_file import write_mesh
-from fecloth.runs.folder import versions
-from fecloth.runs.outcome import DONE, FAILED, closing, ledger_text, trouble
-from fecloth.runs.run_scene import run_scene, settled_scene
-from fecloth.scene import run_warnings
-from fecloth.scene.expectations import Verdict, check
-from fecloth.scene.problem import Built
-from fecloth.scene.scene import Scene, load
-from fecloth.simulation.march import StepInfo
-from fecloth.simulation.run import run
-from fecloth.view.checker_pattern import CHECKS
-from fecloth.view.render import render
-from fecloth.view.web_page import write_view
+
+# Each command imports what it needs when it runs, so that --version and --help answer at once.
+if TYPE_CHECKING:
+    from fecloth.scene.expectations import Verdict
+    from fecloth.scene.problem import Built
+    from fecloth.scene.scene import Scene
+    from fecloth.simulation.march import StepInfo
 
 STATUS = """exit status:
   0  done
@@ -47,6 +34,10 @@ STATUS = """exit status:
   4  interrupted; --resume goes on
 """
 MISSED, BAD_INPUT, SIMULATION_FAILED, STOPPED = 1, 2, 3, 4
+FIELD_NAMES = (  # the keys of `frame_reader.FIELDS`, and the checker pattern
+    *("larger_stretch", "smaller_stretch", "speed", "displacement", "energy_density", "height"),
+    *("quality", "E11", "E22", "E12", "S11", "S22", "S12", "checks"),
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -118,8 +109,7 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "render", _render, "draw a run as a movie or a picture")
     sub.add_argument("folder", metavar="DIR", help="folder of a run")
     sub.add_argument("-o", "--output", metavar="FILE", required=True, help=".mp4, .gif or .png")
-    fields = ", ".join([*FIELDS, CHECKS])
-    sub.add_argument("--field", default="larger_stretch", help=f"one of {fields}")
+    sub.add_argument("--field", default="larger_stretch", help=f"one of {', '.join(FIELD_NAMES)}")
     sub.add_argument("--size", metavar="WxH", default="1280x720", help="pixels (1280x720)")
     sub.add_argument("--fps", type=float, help="frames a second (default: as the cloth moved)")
     sub.add_argument("--time", type=float, metavar="T", help="of a .png [s] (default: the last)")
@@ -137,6 +127,9 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("scene", nargs="?", help="a .toml file")
     sub.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     sub.add_argument("--fabrics", action="store_true", help="the published fabrics, with sources")
+    sub.add_argument("--schema", action="store_true", help="the JSON schema of scene files")
+    terms = "the terms of a scene; with a name, what that term takes"
+    sub.add_argument("--terms", nargs="?", const="", metavar="NAME", help=terms)
     return parser
 
 
@@ -162,6 +155,15 @@ def _scene_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options) -> int:
+    from rich.console import Console
+
+    from fecloth.cli.describe import sources
+    from fecloth.cli.progress import progress
+    from fecloth.runs.outcome import DONE, FAILED, closing, ledger_text, trouble
+    from fecloth.runs.run_scene import run_scene
+    from fecloth.scene import run_warnings
+    from fecloth.scene.scene import load
+
     scene = load(options.scene, options.set)
     if options.resume and (options.output or options.overwrite):
         raise InputError("--resume", "needs neither -o nor --overwrite: it names the folder")
@@ -194,6 +196,8 @@ def _run(options) -> int:
 
 
 def _view(options) -> int:
+    from fecloth.view.web_page import write_view
+
     file = write_view(options.folder)
     print(f"wrote {file}")
     if not options.no_open:
@@ -202,6 +206,8 @@ def _view(options) -> int:
 
 
 def _render(options) -> int:
+    from fecloth.view.render import render
+
     try:
         width, height = map(int, options.size.split("x"))
     except ValueError as error:
@@ -214,6 +220,8 @@ def _render(options) -> int:
 
 def _drawn(options) -> str:
     """Which time a picture shows."""
+    from fecloth.output.frame_reader import Series
+
     series, asked = Series.open(options.folder), options.time
     t = series.times[series.at(asked)]
     exact = asked is None or math.isclose(t, asked, rel_tol=1e-9, abs_tol=1e-12)
@@ -224,6 +232,11 @@ def _drawn(options) -> str:
 
 
 def _check(options) -> int:
+    from rich.console import Console
+
+    from fecloth.cli.progress import progress
+    from fecloth.scene.scene import load
+
     console, passed = Console(stderr=True, quiet=options.quiet), True
     for path in options.scenes:
         scene = load(path, options.set)
@@ -238,6 +251,9 @@ def _check(options) -> int:
 
 
 def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
+    from fecloth.scene.expectations import check
+    from fecloth.simulation.run import run
+
     built = scene.build()
     arguments = built.system, built.method, built.state, built.dt, built.t_end
     options = {"probes": built.probes, "solver": built.linear, "newton": built.newton}
@@ -253,6 +269,11 @@ def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]
 
 
 def _mesh(options) -> int:
+    from fecloth.cli.describe import described
+    from fecloth.mesh.cloth import Cloth
+    from fecloth.output.mesh_file import write_mesh
+    from fecloth.scene.scene import load
+
     is_scene = Path(options.path).suffix == ".toml"
     if is_scene and options.h:
         raise InputError("--h", "is for mesh files", options.path, "Change cloth.h in the scene.")
@@ -269,20 +290,45 @@ def _mesh(options) -> int:
 
 
 def _info(options) -> int:
-    if options.fabrics:
-        print("\n".join(listed()))
-        return 0
-    if options.scene:
-        scene = load(options.scene, options.set)
-        built = scene.build()
-        built, _, why = settled_scene(built)
-        lines = [*described(built.cloth), *sources(built.system.fabric)]
-        lines += run_warnings.plan(built, why)
-        lines += [f"warning: {doubt}" for doubt in run_warnings.doubts(built)]
-        print("\n".join(lines))
-        return 0
-    for name, found in versions().items():
-        print(f"{name}: {found}")
-    print(f"processors: {os.cpu_count()}")
-    print(f"direct solver: {select.direct().name}")
+    lines = _info_lines(options)
+    print("\n".join(lines))
     return 0
+
+
+def _info_lines(options) -> list[str]:
+    """What `info` prints for these options."""
+    if options.fabrics:
+        from fecloth.cli.fabric_list import listed
+
+        return listed()
+    if options.schema:
+        from fecloth.scene.json_schema import json_schema
+
+        return [json_schema()]
+    if options.terms is not None:
+        from fecloth.cli.term_help import describe_terms
+
+        return describe_terms(options.terms)
+    return _plan(options) if options.scene else _versions()
+
+
+def _plan(options) -> list[str]:
+    """What a scene would do, and what may disappoint."""
+    from fecloth.cli.describe import described, sources
+    from fecloth.runs.run_scene import settled_scene
+    from fecloth.scene import run_warnings
+    from fecloth.scene.scene import load
+
+    built, _, why = settled_scene(load(options.scene, options.set).build())
+    lines = [*described(built.cloth), *sources(built.system.fabric)]
+    lines += run_warnings.plan(built, why)
+    return lines + [f"warning: {doubt}" for doubt in run_warnings.doubts(built)]
+
+
+def _versions() -> list[str]:
+    """The versions of the packages, and the machine."""
+    from fecloth.linalg import select
+    from fecloth.runs.folder import versions
+
+    lines = [f"{name}: {number}" for name, number in versions().items()]
+    return [*lines, f"processors: {os.cpu_count()}", f"direct solver: {select.direct().name}"]

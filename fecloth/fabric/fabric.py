@@ -11,6 +11,7 @@ import numpy as np
 
 from fecloth.errors import InputError, is_number
 from fecloth.fabric import instruments, presets
+from fecloth.quantities.unit_fields import reads_units
 from fecloth.quantities.units import AREAL, HYSTERESIS, MOMENT, PER_ANGLE, PER_WIDTH
 
 Pair = float | tuple[float, float]
@@ -18,9 +19,12 @@ Pair = float | tuple[float, float]
 MAX_CONSTANT = 1e12  # in SI units; larger constants, or smaller ones than its inverse, are errors
 
 
+@reads_units
 @dataclass(frozen=True)
 class Fabric:
     """Constants of a woven, knitted or coated sheet; SI, all stiffness per width.
+
+    Numbers are in SI; texts such as "150 g/m^2" may have the units of scenes.
 
     Parameters
     ----------
@@ -53,6 +57,8 @@ class Fabric:
     >>> fabric = Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.25)
     >>> fabric.shear
     400.0
+    >>> Fabric("150 g/m^2", ("20 N/cm", "9 N/cm"), shear_stiffness=60.0).tensile_stiffness
+    (2000.0, 900.0)
     """
 
     areal_density: Annotated[float, AREAL]

@@ -20,8 +20,8 @@ import math
 from collections.abc import Mapping
 
 from fecloth.errors import InputError, is_number
-from fecloth.quantities.formula import nearest
 from fecloth.quantities.units import GF
+from fecloth.suggest import did_you_mean
 
 Pair = tuple[float, float]
 
@@ -138,7 +138,8 @@ def _to_si(fields: Mapping, units: Mapping[str, float], unused: list[str], where
     for name in fields:
         if name not in units and name not in unused:
             allowed = f"unknown field; must be one of {', '.join(units)}"
-            raise InputError(f"{name} = {fields[name]!r}", allowed, where, nearest(name, units))
+            remedy = did_you_mean(name, units)
+            raise InputError(f"{name} = {fields[name]!r}", allowed, where, remedy)
     return {name: _pair(name, fields[name], units[name], where) for name in units if name in fields}
 
 

@@ -52,7 +52,7 @@ from functools import cache
 from importlib.resources import files
 
 from fecloth.errors import InputError
-from fecloth.quantities.formula import nearest
+from fecloth.suggest import did_you_mean
 
 
 def constants(name: str) -> dict:
@@ -66,7 +66,7 @@ def constants(name: str) -> dict:
     name = name if isinstance(name, str) else repr(name)  # a scene may have any type here
     if name not in _fabrics():
         allowed = f"must be one of {', '.join(names())}"
-        raise InputError(f"preset = {name!r}", allowed, "", nearest(name, names()))
+        raise InputError(f"preset = {name!r}", allowed, "", did_you_mean(name, names()))
     return dict(_fabrics()[name])
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.mesh.gmsh_import import check_positive, check_size, gmsh_plane
+from fecloth.suggest import did_you_mean
 
 
 def rectangle(width: float, height: float, h: float, pattern: str = "unstructured") -> FlatMesh:
@@ -53,9 +53,9 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
     check_positive("height", height, "rectangle")
     check_size(h, max(width, height), width * height, "rectangle")
     if pattern not in _PATTERNS:
-        close = difflib.get_close_matches(str(pattern), _PATTERNS, n=1, cutoff=0.0)[0]
         allowed = f"must be one of {', '.join(_PATTERNS)}"
-        raise InputError(f"pattern = {pattern!r}", allowed, "rectangle", f"Did you mean {close!r}?")
+        remedy = did_you_mean(pattern, _PATTERNS, cutoff=0.0)
+        raise InputError(f"pattern = {pattern!r}", allowed, "rectangle", remedy)
     X, triangles = _PATTERNS[pattern](float(width), float(height), float(h))
     return _with_side_sets(FlatMesh.checked(X, triangles, where="rectangle"), width, height)
 

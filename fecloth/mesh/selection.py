@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
-
 import numpy as np
 
 from fecloth.errors import InputError
+from fecloth.suggest import did_you_mean
 
 
 def nodes(cloth, where) -> np.ndarray:
@@ -17,7 +16,7 @@ def nodes(cloth, where) -> np.ndarray:
                 f"node set {where!r}",
                 f"must be one of {', '.join(sorted(cloth.node_sets)) or '(none)'}",
                 "Cloth.nodes",
-                _suggestion(where, cloth.node_sets),
+                did_you_mean(where, cloth.node_sets),
             )
         return cloth.node_sets[where]
     selected = np.atleast_1d(where(cloth.X) if callable(where) else where)
@@ -51,7 +50,7 @@ def triangles(cloth, where) -> np.ndarray:
         selected = cloth.triangle_sets[where]
     else:
         allowed = f"must be one of {', '.join(sorted(cloth.triangle_sets)) or '(none)'}"
-        close = _suggestion(where, cloth.triangle_sets)
+        close = did_you_mean(where, cloth.triangle_sets)
         raise InputError(f"region {where!r}", allowed, "Cloth.region", close)
     if not len(selected):
         raise InputError("no triangle is selected", "at least one is needed", "Cloth.region")
@@ -62,8 +61,3 @@ def _empty_selection(cloth) -> InputError:
     (left, low), (right, high) = cloth.X.min(axis=0), cloth.X.max(axis=0)
     span = f"The nodes have X from {left:.6g} to {right:.6g} m, Y from {low:.6g} to {high:.6g} m."
     return InputError("no node is selected", "at least one is needed", "Cloth.nodes", span)
-
-
-def _suggestion(name: str, names) -> str:
-    close = difflib.get_close_matches(name, list(names), n=1)
-    return f"Did you mean {close[0]!r}?" if close else ""

@@ -15,7 +15,7 @@ from fecloth.linalg.direct import SuperLU
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
-from fecloth.quantities.formula import nearest
+from fecloth.suggest import did_you_mean
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms import Tether
@@ -97,7 +97,7 @@ def the(method):
     if isinstance(method, str):
         if method not in known:
             allowed = f"must be one of {', '.join(known)}"
-            remedy = nearest(method, known)
+            remedy = did_you_mean(method, known)
             raise InputError(f"method = {method!r}", allowed, "stability", remedy)
         method = known[method]
     made = method() if isinstance(method, type) else method

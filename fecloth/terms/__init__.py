@@ -9,6 +9,7 @@ Shorter than all this are `Condition`, for an energy ½ k C² of some nodes, `Us
 on each node by itself, and `MembraneLaw`, for a membrane. studies/examples has a term and a law.
 """
 
+from fecloth.quantities.unit_fields import reads_units
 from fecloth.terms.bending.hinge import BendingDamping, HingeBending
 from fecloth.terms.bending.quadratic import QuadraticBending
 from fecloth.terms.custom.force import UserForce
@@ -49,3 +50,6 @@ __all__ = [
     "UserForce",
     "Wind",
 ]
+
+for _name in __all__:  # lengths, forces, ... may be texts such as "5 mm", as in scenes
+    reads_units(globals()[_name])

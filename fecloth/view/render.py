@@ -23,7 +23,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import DiskFull, in_one_go, replace_file
 from fecloth.output.frame_reader import FIELDS, Frame, Series, bounded, field_values, rim, straight
-from fecloth.quantities.formula import nearest
+from fecloth.suggest import did_you_mean
 from fecloth.view import checker_pattern
 from fecloth.view.checker_pattern import CHECKS
 from fecloth.view.web_page import PERCENT, View, view_of
@@ -106,7 +106,7 @@ def _check_arguments(target: Path, field, size, fps, time) -> None:
     if field not in (*FIELDS, CHECKS):
         names = *FIELDS, CHECKS
         allowed = f"must be one of {', '.join(names)}"
-        raise InputError(f"field {field!r}", allowed, remedy=nearest(field, names))
+        raise InputError(f"field {field!r}", allowed, remedy=did_you_mean(field, names))
     if target.suffix not in SUFFIXES:
         raise InputError(f"-o {target}", f"must end in {', '.join(SUFFIXES)}")
     if min(size) < 16 or max(size) > 8192 or (target.suffix == ".mp4" and any(s % 2 for s in size)):

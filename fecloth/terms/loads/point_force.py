@@ -11,7 +11,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
-from fecloth.quantities.time_function import Timed, VectorOfTime, vector
+from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import FORCE, LENGTH
 
 
@@ -76,7 +76,7 @@ class BoundPointForce:
 
     nodes: np.ndarray
     share: np.ndarray
-    force: Timed
+    force: TimeFunction
 
     name = "PointForce"
     load = True

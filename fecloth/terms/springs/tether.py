@@ -11,11 +11,9 @@ from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth, Where
-from fecloth.quantities.time_function import Timed, VectorOfTime, vector
+from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import DAMPER, LENGTH, PER_WIDTH
 from fecloth.terms.loops import bound_condition
-
-DERIVATIVE_STEP = 1e-5  # s; the speed of the point is a central difference
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,7 @@ class Tether:
 class BoundTether(bound_condition.BoundCondition):
     """`Tether` on a cloth; Ċ = v − ṗ, so that the loop sees velocities relative to the point."""
 
-    point: Timed = None
+    point: TimeFunction = None
 
     def table(self, x, t, order) -> np.ndarray:
         return np.tile(self.point(t), (len(self.nodes), 1))
@@ -103,8 +101,7 @@ class BoundTether(bound_condition.BoundCondition):
 
     def speed(self, t: float) -> np.ndarray:
         """(3,) ṗ [m/s]."""
-        step = DERIVATIVE_STEP
-        return (self.point(t + step) - self.point(t - step)) / (2 * step)
+        return self.point.rate(t)
 
     def supply(self, x, v, t) -> float:
         """Power of the hand, Σ f·ṗ [W]."""

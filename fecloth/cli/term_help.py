@@ -1,0 +1,43 @@
+"""What the terms of a scene take, as a page to read: `fecloth info --terms [NAME]`."""
+
+from __future__ import annotations
+
+import textwrap
+
+from fecloth.errors import InputError
+from fecloth.quantities.formula import nearest
+from fecloth.scene import docstrings
+from fecloth.scene.key_reference import fields, meanings, term_tables
+from fecloth.scene.table_model import Made
+from fecloth.scene.type_words import phrase
+
+WIDTH = 100
+
+
+def describe_terms(name: str) -> list[str]:
+    """Return lines about the term of this name, or with "" one line for each term.
+
+    Raises
+    ------
+    InputError
+        For a name that no term has.
+    """
+    tables = term_tables()
+    if not name:
+        wide = max(map(len, tables))
+        return [f"{key:<{wide}}  {', '.join(fields(tables[key]))}".rstrip() for key in tables]
+    if name not in tables:
+        allowed = f"must be one of {', '.join(tables)}"
+        raise InputError(f"--terms {name}", allowed, "", nearest(name, list(tables)))
+    text = docstrings.text(tables[name].makes)
+    lines = ["[[terms]]", f'type = "{name}"', "", *text.split("\n")]
+    return lines + [line for key in fields(tables[name]) for line in _describe(tables[name], key)]
+
+
+def _describe(table: type[Made], key: str) -> list[str]:
+    """Return the key, what it takes, its default and its meaning."""
+    field = table.model_fields[key]
+    usual = "required" if field.is_required() else f"default {field.default!r}"
+    words = meanings(table)[key]
+    meaning = textwrap.wrap(words, WIDTH, initial_indent="    ", subsequent_indent="    ")
+    return ["", f"{key}: {phrase(field)}; {usual}", *meaning]
