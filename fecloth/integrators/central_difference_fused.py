@@ -19,7 +19,9 @@ from fecloth import validation
 from fecloth.errors import InputError, StepFailed
 from fecloth.jit import inner, kernel, threaded_kernel
 from fecloth.mesh.cloth import Cloth
-from fecloth.system.system import State, System
+from fecloth.system.arguments import check_system
+from fecloth.system.state import State
+from fecloth.system.system import System
 from fecloth.terms.custom.force import BoundUserForce, FormulaForce
 from fecloth.terms.loads.gravity import BoundGravity
 from fecloth.terms.loads.point_force import BoundPointForce
@@ -70,7 +72,7 @@ def many_steps(system: System, state: State, dt: float, steps: int, threads: int
     >>> bool(abs(end.x - slow.x).max() < 1e-14)
     True
     """
-    validation.of(system, state, "many_steps")
+    check_system(system, state, "many_steps")
     _check(system, dt, steps, threads)
     elastic = _membrane(system)
     constraints, cloth = system.constraints, system.cloth

@@ -20,7 +20,8 @@ from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
 from fecloth.simulation.resolve import resolve
 from fecloth.simulation.step_times import target_times
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 @dataclass(frozen=True, eq=False)

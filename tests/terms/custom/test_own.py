@@ -23,7 +23,7 @@ from fecloth.terms.custom.membrane_law import positive
 from fecloth.verify import VerificationFailed, check_integrator, check_term
 
 OWN = Path(__file__).parents[3] / "studies" / "examples"
-FILES = sorted(path for path in OWN.glob("*.py") if path.stem != "__init__")
+FILES = sorted(OWN.glob("[!_]*.py"))
 
 
 @pytest.fixture(scope="module")
