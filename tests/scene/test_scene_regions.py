@@ -124,7 +124,7 @@ def test_overrides_reach_a_region(file):
         ({}, "fabrics.hem=3", "fabrics.hem = 3: must be a table"),
         ({}, "fabrics=3", "fabrics = 3: must be a table"),
         ({}, "fabrics.cuff={areal_density=1,tensile_stiffness=1}", "fabrics: region 'cuff': must"),
-        ({"fabric": REGIONS.split("[fabrics.hem]")[0]}, None, "lies in 0 of the regions body"),
+        ({"fabric": REGIONS.split("[fabrics.hem]")[0]}, None, "is in 0 of the regions body"),
         ({}, "grain_degrees='45'", "grain_degrees = '45': must be a finite number or a table of"),
         ({}, "grain_degrees=inf", "grain_degrees = inf: must be a finite number"),
         ({}, "grain_degrees.hem='x'", "grain_degrees"),
