@@ -20,7 +20,8 @@ import numpy as np
 
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.vtu_writer import Arrays
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 from fecloth.terms.kinematics import deformation_gradient, principal_stretches
 
 

@@ -20,7 +20,8 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.output.atomic_files import append_in_place, replace_file, writing
 from fecloth.output.frame_arrays import fields, kinematics
 from fecloth.output.vtu_writer import LISTS, Arrays, encode_vtu
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 MESHIO = {"P1": "triangle", "P2": "triangle6"}
 

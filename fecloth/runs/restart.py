@@ -21,12 +21,12 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.linalg.mkl_pardiso import threads
 from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
-from fecloth.records import RECORDS, remembered
 from fecloth.runs.environment import versions
 from fecloth.runs.outcome import DONE
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory
-from fecloth.system.system import State
+from fecloth.system.records import RECORDS, remembered
+from fecloth.system.state import State
 
 FORMAT = 2
 FOLDER, PATTERN = "restart", "restart_*.npz"
@@ -149,7 +149,7 @@ def _packed(value, arrays: list):
         return value.item()
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    remedy = "Mark its class with @remembered, from fecloth.records."
+    remedy = "Mark its class with @remembered, from fecloth.system.records."
     raise InputError(f"a {name}", "cannot be written to a restart file", remedy=remedy)
 
 

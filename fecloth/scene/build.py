@@ -28,7 +28,8 @@ from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import step_times
 from fecloth.system.constraints import Constraints
 from fecloth.system.pins import Pin
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 if TYPE_CHECKING:
     from fecloth.scene.scene import Scene

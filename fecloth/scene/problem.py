@@ -11,7 +11,8 @@ from fecloth.nonlinear.options import Newton
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory, StepInfo, march
 from fecloth.simulation.probes import Observer, Probe
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fecloth.integrators.newmark import GeneralizedAlpha, Newmark
-from fecloth.integrators.one_stage import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
+from fecloth.integrators.generalized_alpha import GeneralizedAlpha
+from fecloth.integrators.linearly_implicit_euler import LinearlyImplicitEuler
+from fecloth.integrators.newmark import Newmark
+from fecloth.integrators.one_stage import BackwardEuler, ImplicitMidpoint
 from fecloth.scene.dimensionless import (
     BENDING,
     distance_from_pins,
@@ -19,7 +21,7 @@ from fecloth.scene.dimensionless import (
 from fecloth.scene.plausibility import implausible_values
 from fecloth.scene.problem import Problem
 from fecloth.stability.critical_step import element_bound
-from fecloth.system.system import State
+from fecloth.system.state import State
 
 POOR = 0.3  # quality of a triangle; 1 is equilateral, 0.87 half a square
 STRAINED = 0.2  # strain of a hanging cloth; measured constants hold for a few per cent

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.linalg.reductions import dot
-from fecloth.records import remembered
-from fecloth.system.system import State, System
+from fecloth.system.records import remembered
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 TRUSTED = 0.05  # of the turnover; a larger remainder is warned of
 CREEP = 1e-6  # extents of the cloth since the start; slower is no motion
@@ -202,4 +202,4 @@ def _pin_work(system, theta, old, step, inertia):
     v = old.v + theta * (step.state.v - old.v)
     held_v, held_x = constraints.held(v), constraints.held(step.state.x - old.x)
     f = step.mean_force(system)[at]
-    return dot(inertia[at], held_v) - dot(f, held_x)
+    return system.sums.dot(inertia[at], held_v) - system.sums.dot(f, held_x)

@@ -11,9 +11,9 @@ import scipy.sparse as sparse
 
 from fecloth.errors import InputError
 from fecloth.jit import kernel
-from fecloth.linalg.reductions import mean
 from fecloth.mesh.cloth import Cloth, Where
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 from fecloth.terms.loops.green_strain import gradient
 
 
@@ -89,7 +89,7 @@ class Observer:
         row = {"t": state.t}
         for name, weights in self.probes.items():
             row |= _components(name, np.ravel(weights @ state.x))
-        row |= _components("mean_displacement", mean(mass, moved))
+        row |= _components("mean_displacement", self.system.sums.mean(mass, moved))
         row["sag"] = float(-moved[:, 2].min())
         row["area"] = area(self.system.cloth, state.x)
         held = reactions(self.system, old, step) if step is not None else {}

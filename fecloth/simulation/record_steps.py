@@ -11,7 +11,8 @@ import numpy as np
 from fecloth.simulation.energy_ledger import Ledger, negligible_energy
 from fecloth.simulation.march import Problem, StepInfo, step_failed
 from fecloth.simulation.probes import Observer
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 MOST_GROWTH = 4.0  # times the kinetic energy available: no usable step has shown more
 

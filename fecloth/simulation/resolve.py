@@ -14,7 +14,8 @@ from fecloth.nonlinear.options import Newton
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.stability_limited import AtLimit
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 def solver_for(

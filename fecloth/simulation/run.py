@@ -20,7 +20,8 @@ from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
 from fecloth.simulation.resolve import resolve
 from fecloth.simulation.step_times import target_times
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,17 @@ class Result:
     solver: str
     method: object
     doubt: str = ""
+
+    def __repr__(self) -> str:
+        steps, t = len(self.times) - 1, self.times[-1]
+        remark = ", energy balance in doubt" if self.doubt else ""
+        return f"<Result of {steps} steps of {self.method} to t = {t:g} s{remark}>"
+
+    def _repr_html_(self) -> str:
+        """Return figures of the energies and the probes, for notebooks."""
+        from fecloth.view.notebook import result_figures  # not needed to run
+
+        return result_figures(repr(self), self.times, self.energies, self.observed)
 
 
 def run(

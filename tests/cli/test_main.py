@@ -329,3 +329,12 @@ def test_version(capsys):
         main(["--version"])
     assert stop.value.code == 0
     assert f"fecloth {fc.__version__}" in capsys.readouterr().out
+
+
+def test_the_version_needs_no_numerical_package():
+    command = [sys.executable, "-X", "importtime", "-m", "fecloth", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == f"fecloth {fc.__version__}\n"
+    imported = {line.split("|")[-1].strip() for line in done.stderr.splitlines()}
+    assert "fecloth.cli.main" in imported
+    assert not imported & {"numpy", "scipy", "numba", "pydantic", "rich", "meshio"}

@@ -24,13 +24,13 @@ from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.nonlinear.statistics import Counts
 from fecloth.output import write_ahead_log
 from fecloth.output.frames import Frames, read_frame
-from fecloth.records import remembered
 from fecloth.runs import restart
 from fecloth.runs.folder import TABLES
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load
-from fecloth.system.system import State
+from fecloth.system.records import remembered
+from fecloth.system.state import State
 
 TEXT = """
 [cloth]

@@ -23,7 +23,7 @@ from fecloth.terms.custom.membrane_law import positive
 from fecloth.verify import VerificationFailed, check_integrator, check_term
 
 OWN = Path(__file__).parents[3] / "studies" / "examples"
-FILES = sorted(path for path in OWN.glob("*.py") if path.stem != "__init__")
+FILES = sorted(OWN.glob("[!_]*.py"))
 
 
 @pytest.fixture(scope="module")
@@ -70,11 +70,11 @@ def test_there_are_three():
     assert [path.stem for path in FILES] == ["integrator", "law", "term"]
 
 
-def test_the_readme_shows_the_law_as_it_is():
-    readme = (OWN.parents[1] / "README.md").read_text(encoding="utf-8")
-    law = (OWN / "law.py").read_text(encoding="utf-8")
-    for block in re.findall(r"^```python\n(.*?)^```", readme, re.MULTILINE | re.DOTALL):
-        assert "MembraneLaw" not in block or block in law
+def test_the_page_of_terms_shows_the_law_as_it_is():
+    page = OWN.parents[1] / "fecloth" / "terms" / "README.md"
+    law = next(path for path in FILES if "law" in path.stem).read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
+    assert block in law
 
 
 # --- a term ---------------------------------------------------------------------------------------
