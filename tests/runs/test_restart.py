@@ -529,7 +529,7 @@ def test_a_record_of_ones_own_must_be_marked():
     class Unmarked:
         f: float
 
-    with pytest.raises(fc.InputError, match="a Unmarked: cannot be kept .*@remembered"):
+    with pytest.raises(fc.InputError, match="a Unmarked: cannot be written .*@remembered"):
         restart._packed(Unmarked(1.0), [])
     with pytest.raises(fc.InputError, match="class Change: must have a name of its own.*bdf2"):
         remembered(dataclass(frozen=True)(type("Change", (), {})))

@@ -76,7 +76,7 @@ def told(capsys, *arguments):
 
 REFUSED = {
     "misspelt key": ("fabric.areal_densty=0.2", "unknown key", "mean 'areal_density'?"),
-    "h in mm": ("cloth.h=50", "cloth.h = 50 m: must be at most 1 m", "in mm, write 0.05"),
+    "h in mm": ("cloth.h=50", "cloth.h = 50 m: must be at most 1 m", "write 0.05 if you meant mm"),
     "negative density": ("fabric.areal_density=-0.2", "areal_density = -0.2", "number > 0 [kg/m²]"),
     "unknown pin set": ("pins.0.where=lefd", "node set 'lefd': must be one of", "mean 'left'?"),
     "missing mesh": ("cloth={shape='file', path='a.msh'}", "'a.msh'", "no such file. Look into /"),
