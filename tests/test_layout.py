@@ -11,7 +11,7 @@ import fecloth
 
 PACKAGE = Path(fecloth.__file__).parent
 ROOMS = """errors validation suggest jit quantities linalg mesh fabric terms system nonlinear
-integrators stability simulation homogenisation verify output view scene runs study cli"""
+integrators stability output view simulation homogenisation verify scene runs study cli"""
 ORDER = ROOMS.split()
 ROOT_FILES = {"__init__", "__main__", "errors", "validation", "suggest", "jit"}
 ROOT_FILES |= {"homogenisation", "verify"}
