@@ -161,4 +161,5 @@ def brief(value: object) -> str:
         kind = "the class" if isinstance(value, type) else "the function"
         return f"{kind} {value.__qualname__}, which is not called"
     text = repr(value)
-    return text if len(text) <= 60 and "\n" not in text else f"a {type(value).__name__}"
+    short = len(text) <= 60 and "\n" not in text and not text.startswith("<")
+    return text if short else f"a {type(value).__name__}"

@@ -386,3 +386,8 @@ class Cloth:
         True
         """
         return norms.h1_error(self, values, exact_gradient, order)
+
+    def __repr__(self) -> str:
+        kind = f"{len(self.X)} nodes, {len(self.triangles)} {self.element} triangles"
+        sets = ", ".join(sorted(self.node_sets)) or "none"
+        return f"<Cloth of {kind}, {self.area:.4g} m²; node sets: {sets}>"

@@ -32,8 +32,8 @@ G = Y / (2 * (1 + NU))
 HEAD = f"""# The laws
 
 One section for each term, made from its docstring by `python -m studies.laws`: formula, source,
-validity, cost, parameters. [Symbols and units](../README.md#symbols-units-signs) are those of the
-README; prices in time are relative to `StVK`.
+validity, cost, parameters. [Symbols and units](../../README.md#symbols-units-signs) are those of
+the README; prices in time are relative to `StVK`.
 
 The pictures of membranes and springs have the same axes. All are asked to be one fabric, Y =
 {Y:g} N/m and ν = {NU:g} (G = {G:.0f} N/m), and held against the straight lines Y (λ − 1) and G γ.

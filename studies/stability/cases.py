@@ -14,7 +14,7 @@ import scipy.linalg
 import fecloth as fc
 from fecloth import study
 from fecloth.integrators import EXPLICIT, METHODS
-from fecloth.scene.problem import Built
+from fecloth.scene.problem import Problem
 from fecloth.scene.scene import load
 
 ALL = {**METHODS, **EXPLICIT}
@@ -118,7 +118,7 @@ def _stiffest(fabric) -> float:
     return max(max(one.tensile) for one in fabrics)
 
 
-def march(scene: Built, method, dt: float | None) -> tuple[list[np.ndarray], fc.march]:
+def march(scene: Problem, method, dt: float | None) -> tuple[list[np.ndarray], fc.march]:
     """March; return the positions at the quarters of the time, and the run."""
     start, end = scene.state.t, scene.t_end
     times, positions = np.linspace(start, end, PARTS + 1)[1:], []
@@ -185,7 +185,7 @@ SUMS = ("pins", "numerical", "total", "remainder")
 
 
 def relative_error(
-    scene: Built, positions: list[np.ndarray], exact: list[np.ndarray] | None
+    scene: Problem, positions: list[np.ndarray], exact: list[np.ndarray] | None
 ) -> float:
     """Return the largest rms distance at the quarters over the largest displacement."""
     if exact is None:

@@ -308,7 +308,7 @@ def test_overwrite_replaces_runs_only(scene, capsys):
     Path("mine").mkdir()
     Path("mine/summary.json").write_text("keep")
     assert main(["run", str(scene), "-o", "mine", "--overwrite"]) == 2
-    assert "holds other things than a run" in capsys.readouterr().err
+    assert "contains other files than a run's" in capsys.readouterr().err
     assert Path("mine/summary.json").read_text() == "keep"
 
 
@@ -329,3 +329,12 @@ def test_version(capsys):
         main(["--version"])
     assert stop.value.code == 0
     assert f"fecloth {fc.__version__}" in capsys.readouterr().out
+
+
+def test_the_version_needs_no_numerical_package():
+    command = [sys.executable, "-X", "importtime", "-m", "fecloth", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == f"fecloth {fc.__version__}\n"
+    imported = {line.split("|")[-1].strip() for line in done.stderr.splitlines()}
+    assert "fecloth.cli.main" in imported
+    assert not imported & {"numpy", "scipy", "numba", "pydantic", "rich", "meshio"}

@@ -97,10 +97,10 @@ def test_a_mistake_in_a_scene_is_refused(name, scene, capsys):
 
 
 UNITS = {
-    "g/m²": ("fabric.areal_density=200", "meant in g/m², write 0.2"),
-    "kN/m": ("fabric.tensile_stiffness=1", "meant in kN/m, write 1000"),
-    "µN m": ("fabric.bending_rigidity=20", "meant in µN m, write 2e-05"),
-    "ms": ("time.dt=2", "meant in ms, write 0.002"),
+    "g/m²": ("fabric.areal_density=200", "If you meant g/m², write 0.2"),
+    "kN/m": ("fabric.tensile_stiffness=1", "If you meant kN/m, write 1000"),
+    "µN m": ("fabric.bending_rigidity=20", "If you meant µN m, write 2e-05"),
+    "ms": ("time.dt=2", "If you meant ms, write 0.002"),
 }
 
 
@@ -166,7 +166,7 @@ def test_a_folder_that_exists_is_kept(scene, capsys):
     assert status == 2
     assert "output folder out: is not empty" in words
     assert "-o, or pass --overwrite" in words
-    assert "--resume out to go on with it" in words
+    assert "--resume out to continue it" in words
     assert written("out") == before
 
 

@@ -1,4 +1,4 @@
-"""What the README tells a reader to type works: every block, command and code span of it.
+"""What the pages tell a reader to type works: every block, command and option in them.
 
 A command that `FILLED` and `SHORTER` do not know how to run fails by its name.
 """
@@ -16,19 +16,30 @@ from pathlib import Path
 from unittest import mock
 
 import pytest
-from support.readme import COMMANDS, LINES, ROOT, SECTIONS, SPANS, TEXT, words
+from support.pages import COMMANDS, LINES, README, ROOT, SECTIONS, SPANS, read, words
 
 from fecloth.cli import main as cli
 from fecloth.scene.scene import load
-from fecloth.scene.toml_text import written
+from fecloth.scene.toml_text import to_toml
 
+TESTED = (ROOT / "tests" / "studies" / "test_studies.py").read_text(encoding="utf-8")
 CI = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-STUDIES = sorted({words(c)[1] for c in COMMANDS if "python studies/" in c})
-OURS = [c for c in COMMANDS if re.match(r"(\.venv/bin/)?fecloth ", c)]
+STUDY = re.compile(r"\bpython3? -m studies\.([\w.]+)")
+STUDIES = sorted({STUDY.search(c)[1] for c in COMMANDS if STUDY.search(c)})
+OURS = [c for c in COMMANDS if re.match(r"(\.venv/bin/)?fecloth \w+ \S", c)]
+BARE = re.compile(r"fecloth (run|view|render|check|mesh|info|--version)")  # a command's name
 SCENE = ["cloth", "fabric", "terms", "time"]  # what a block needs to be a scene; else a fragment
 # what stands for a name of the reader's own, by command and word; and what makes runs short
 FILLED = {"DIR": "out/SCENE", "my.toml": "SCENE.toml", "mesh FILE": "meshes/square.geo"}
-FILLED |= {"render FILE": "swing.gif"}
+FILLED |= {"render FILE": "swing.gif", "NAME": "Wind"}
+ELSEWHERE = (  # commands that continuous integration runs, and those that need a network
+    "python3 -m venv .venv",
+    ".venv/bin/pip install",
+    ".venv/bin/pre-commit install",
+    ".venv/bin/python -m pytest -q",
+    "pytest",
+    "python -m fecloth.scene.key_reference",  # see tests/scene/test_key_reference.py
+)
 SHORTER = {
     "studies/scenes/flag.toml": ["cloth.h=0.1", "time.t_end=0.48"],
     "studies/scenes/drape.toml": ["cloth.h=0.02", "time.t_end=0.1"],
@@ -50,7 +61,7 @@ def is_scene(text):
 
 
 def blocks(language):
-    found = [(section.title, b) for section in SECTIONS for b in section.blocks]
+    found = [(f"{s.page}, {s.title}", b) for s in SECTIONS for b in s.blocks]
     return [pytest.param(b, id=title) for title, b in found if b.language == language]
 
 
@@ -77,7 +88,7 @@ def target(given):
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """A clone with the README's own scene and the runs that it speaks of."""
+    """A clone with the scene of the pages and the runs that they name."""
     folder = tmp_path_factory.mktemp("clone")
     for name in ("studies", "meshes"):
         (folder / name).symlink_to(ROOT / name)
@@ -108,15 +119,13 @@ def clone(runs, tmp_path, monkeypatch):
 # --- blocks ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "section", [s for s in SECTIONS if "```python" in s.text], ids=lambda section: section.title
-)
-def test_python_blocks_run(section, clone, capsys):
-    """In order, in one namespace; and the files that they name are there."""
-    names = {"__name__": "readme"}
-    for block in section.blocks:
+@pytest.mark.parametrize("page", sorted({s.page for s in SECTIONS if "```python" in s.text}))
+def test_python_blocks_run(page, clone, capsys):
+    """In order, in one namespace a page; and the files that they name are there."""
+    names = {"__name__": "page"}
+    for block in (b for s in SECTIONS if s.page == page for b in s.blocks):
         if block.language == "python":
-            exec(compile(block.text, f"README.md, {section.title}", "exec"), names)
+            exec(compile(block.text, page, "exec"), names)
             for name in re.findall(r"\"(out/[\w/.]+)\"", block.text):
                 assert list(clone.glob(f"{name}*")), f"{name} is not there"
     assert not re.search(r"\bnan\b", capsys.readouterr().out)
@@ -128,7 +137,7 @@ def test_toml_blocks_build(block, clone):
     data = tomllib.loads(block.text)
     if not is_scene(block.text):
         data = merged(tomllib.loads(MINIMAL), data)
-    (clone / "block.toml").write_text(written(data), encoding="utf-8")
+    (clone / "block.toml").write_text(to_toml(data), encoding="utf-8")
     scene = load(clone / "block.toml")
     if "expect" in data:
         scene.require_expectations()
@@ -163,7 +172,7 @@ def test_commands_run(command, clone):
     assert target(given).exists()
 
 
-@pytest.mark.parametrize("line", [line for line in LINES if re.match(r"(\S*/)?fecloth ", line)])
+@pytest.mark.parametrize("line", [line for line in LINES if re.match(r"(\S*/)?fecloth \w", line)])
 def test_options_said_of_a_command_are_its_own(line):
     assert options_in(line) <= fecloth_options(line.split()[1])
 
@@ -175,7 +184,10 @@ def options_in(text):
 def answer(run, *words):
     """What a program says to --help."""
     said = io.StringIO()
-    argv, environment = mock.patch("sys.argv", [*words, "--help"]), mock.patch.dict(os.environ)
+    argv, environment = (
+        mock.patch("sys.argv", [*(words or ["study"]), "--help"]),
+        mock.patch.dict(os.environ),
+    )
     with argv, environment, contextlib.redirect_stdout(said), pytest.raises(SystemExit):
         run()
     return said.getvalue()
@@ -184,20 +196,22 @@ def answer(run, *words):
 @lru_cache
 def study_options(study):
     """The options of a study that has some."""
-    if not re.search(r"\.(ArgumentP|arguments\()", (ROOT / study).read_text()):
+    path = ROOT / "studies" / study.replace(".", "/")
+    file = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
+    if not re.search(r"\.(ArgumentP|arguments\()", file.read_text()):
         return set()
-    return options_in(answer(lambda: runpy.run_path(str(ROOT / study), run_name="__main__"), study))
+    return options_in(answer(lambda: runpy.run_module(f"studies.{study}", run_name="__main__")))
 
 
 def fecloth_options(name):
     return options_in(answer(lambda: cli.main([name, "--help"])))
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if "python studies/" in c])
+@pytest.mark.filterwarnings("ignore:.*found in sys.modules")
+@pytest.mark.parametrize("command", [c for c in COMMANDS if STUDY.search(c)])
 def test_studies_are_run_by_ci_and_have_the_options(command):
-    assert "tests/test_studies.py" in CI
-    study = words(command)[1]
-    assert f'"{Path(study).name}"' in (ROOT / "tests" / "test_studies.py").read_text()
+    study = STUDY.search(command)[1]
+    assert f'"{study}"' in TESTED or f"studies.{study}" in TESTED
     assert options_in(command) <= study_options(study)
 
 
@@ -211,15 +225,19 @@ def test_options_named_alone_exist():
 def test_ci_installs_as_the_readme_says():
     """.ci/run takes these lines from here: it evaluates the first that matches its patterns."""
     patterns = re.findall(r"grep -m1 '(.*)' README.md", CI)
-    lines = [next(line for line in TEXT.splitlines() if re.search(p, line)) for p in patterns]
-    run = [part.strip() for line in lines for part in line.split(" && ")]
-    known = {*OURS, *(c for c in COMMANDS if "python studies/" in c)}
-    for command in COMMANDS:
-        assert command in known or command in run, f"no test runs: {command}"
+    lines = [next(line for line in README.splitlines() if re.search(p, line)) for p in patterns]
+    assert [line.split()[-1] for line in lines] == ["out/flag", "-q"]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_is_run_by_a_test(command):
+    known = command in OURS or STUDY.search(command) or BARE.fullmatch(command)
+    assert known or command.startswith(ELSEWHERE)
 
 
 def test_the_folder_of_a_run_holds_what_its_table_says(runs):
-    (table,) = re.findall(r"^\| file \| what \|\n(?:\|.*\n)+", TEXT, re.MULTILINE)
+    text = read("fecloth/runs/README.md")
+    (table,) = re.findall(r"^\| file \| what \|\n(?:\|.*\n)+", text, re.MULTILINE)
     cells = [row.split("|")[1] for row in table.splitlines()[2:]]
     told = {name for cell in cells for name in re.findall(r"`([^`]+)`", cell)}
     folder = runs / "out" / "SCENE"

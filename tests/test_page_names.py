@@ -1,4 +1,4 @@
-"""Names and numbers in the README are those of the package."""
+"""Names and numbers in the pages are those of the package."""
 
 import ast
 import builtins
@@ -9,11 +9,11 @@ import re
 import tomllib
 
 import pytest
-from support.readme import ANCHORS, ROOT, SPANS, TEXT
+from support.pages import NAMES, ROOT, SPANS, anchors, read
 
 import fecloth as fc
 from fecloth.cli import main as cli
-from fecloth.quantities import formula
+from fecloth.quantities import formula_functions
 from fecloth.scene import table_model
 from fecloth.simulation.march import StepInfo
 
@@ -21,7 +21,8 @@ from fecloth.simulation.march import StepInfo
 ROOTS = {"system": fc.System, "cloth": fc.Cloth, "fabric": fc.Fabric, "state": fc.State}
 ROOTS |= {"result": fc.Result, "info": StepInfo, "StepInfo": StepInfo}
 ROOTS |= {"fc": fc, "fecloth": fc, "C": None}
-ROOTS |= dict.fromkeys((*dir(builtins), *formula.FUNCTIONS))
+ROOTS |= dict.fromkeys((*dir(builtins), *formula_functions.FUNCTIONS))
+TEXT = "\n".join(map(read, NAMES))
 SOURCES = [path.read_text() for at in ("fecloth", "studies") for path in (ROOT / at).rglob("*.py")]
 CLASSES = set(re.findall(r"^class (\w+)", "\n".join([TEXT, *SOURCES]), re.MULTILINE))
 FILE = re.compile(r"\.(py|toml|csv|json|log|html|npz|pvd|vtu|geo|msh)$")
@@ -107,11 +108,19 @@ def test_keys_of_scenes_exist():
 
 def test_files_that_it_names_exist():
     named = {s for s in SPANS if re.fullmatch(r"(studies|meshes|tests|fecloth)/[\w./-]*", s)}
-    named |= set(re.findall(r"\]\(([^)#:]+)\)", TEXT))
     assert named
     for name in named:
         assert (ROOT / name).exists(), name
-    assert set(re.findall(r"\]\(#([^)]+)\)", TEXT)) <= ANCHORS
+
+
+@pytest.mark.parametrize("page", NAMES)
+def test_links_lead_somewhere(page):
+    for link in re.findall(r"\]\(([^):]+)\)", read(page)):
+        path, _, anchor = link.partition("#")
+        target = (ROOT / page).parent / path if path else ROOT / page
+        assert target.exists(), link
+        if anchor:
+            assert anchor in anchors(target.resolve().relative_to(ROOT).as_posix()), link
 
 
 def test_exit_codes():
@@ -133,9 +142,21 @@ def test_the_number_of_fabrics():
             assert count == len(fc.Fabric.presets())
 
 
-def test_its_folder_table_names_every_mesh_and_only_those():
-    line = next(line for line in TEXT.splitlines() if line.startswith("| `meshes/`"))
-    assert set(re.findall(r"`(\w+)`", line)) == {p.stem for p in (ROOT / "meshes").glob("*.geo")}
+def test_the_page_of_meshes_names_each_of_them():
+    named = re.findall(r"^\| `(\w+)` \|", read("meshes/README.md"), re.MULTILINE)
+    assert sorted(named) == sorted(p.stem for p in (ROOT / "meshes").glob("*.geo"))
+
+
+def test_the_page_of_studies_names_each_of_them():
+    text = read("studies/README.md")
+    for path in (ROOT / "studies").glob("*/__main__.py"):
+        assert f"`python -m studies.{path.parent.name}" in text
+
+
+def test_the_map_names_each_package():
+    text = read("fecloth/README.md")
+    for path in (ROOT / "fecloth").glob("*/__init__.py"):
+        assert f"`fecloth/{path.parent.name}/`" in text
 
 
 def test_the_fields_to_draw_exist(capsys):
@@ -148,4 +169,4 @@ def test_the_fields_to_draw_exist(capsys):
 def test_the_version_is_the_same_everywhere():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert project["version"] == fc.__version__
-    assert f"- {fc.__version__}" in TEXT.split("## Changelog")[1]
+    assert f"## {fc.__version__}" in read("fecloth/CHANGELOG.md")

@@ -1,0 +1,122 @@
+"""The reference of the keys, the JSON schema, and what `fecloth info` prints of them."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from fecloth.cli import main as cli
+from fecloth.output.frame_reader import FIELDS
+from fecloth.scene import key_reference
+from fecloth.scene.json_schema import json_schema, subclasses
+from fecloth.scene.table_model import Table
+from fecloth.view.checker_pattern import CHECKS
+
+SCENES = sorted((Path(__file__).parents[2] / "studies" / "scenes").rglob("*.toml"))
+
+
+@pytest.mark.parametrize("file", sorted(key_reference.pages()), ids=lambda file: file.parent.name)
+def test_the_pages_are_up_to_date(file):
+    expected = key_reference.pages()[file]
+    assert file.read_text(encoding="utf-8") == expected, "run python -m fecloth.scene.key_reference"
+
+
+def test_every_table_is_in_the_reference():
+    listed = {one for classes in key_reference.SECTIONS.values() for one in classes}
+    listed |= {*key_reference.term_tables().values(), *key_reference.method_tables().values()}
+    ours = {one for one in subclasses(Table) if one.__module__.startswith("fecloth.scene")}
+    bases = {one for one in ours if any(issubclass(other, one) for other in listed - {one})}
+    unnamed = {one.__name__ for one in ours - listed - bases}
+    assert unnamed <= {"Scene"} | {one.__name__ for one in listed}
+
+
+def test_every_key_has_a_meaning():
+    for classes in key_reference.SECTIONS.values():
+        for table in classes:
+            assert set(key_reference.fields(table)) <= set(key_reference.meanings(table))
+    for table in key_reference.term_tables().values():
+        assert set(key_reference.fields(table)) == set(key_reference.meanings(table))
+
+
+def allows(schema, value, root):
+    """Whether a value fits a JSON schema, as far as ours use the language."""
+    if "$ref" in schema:
+        schema = root["$defs"][schema["$ref"].rsplit("/", 1)[1]]
+    for key in ("anyOf", "oneOf"):
+        if key in schema and not any(allows(one, value, root) for one in schema[key]):
+            return False
+    if "const" in schema or "enum" in schema:
+        return value in schema.get("enum", [schema.get("const")])
+    kinds = {"string": str, "number": (int, float), "integer": int, "boolean": bool}
+    kinds |= {"array": list, "object": dict}
+    if "type" in schema and not isinstance(value, kinds[schema["type"]]):
+        return False
+    if isinstance(value, dict) and not set(schema.get("required", ())) <= set(value):
+        return False
+    if isinstance(value, dict) and "properties" in schema:
+        known = schema["properties"]
+        return all(key in known and allows(known[key], one, root) for key, one in value.items())
+    if isinstance(value, dict) and isinstance(schema.get("additionalProperties"), dict):
+        return all(allows(schema["additionalProperties"], one, root) for one in value.values())
+    if isinstance(value, list) and "items" in schema:
+        return all(allows(schema["items"], one, root) for one in value)
+    if isinstance(value, list) and "prefixItems" in schema:
+        return all(map(lambda s, one: allows(s, one, root), schema["prefixItems"], value))
+    return True
+
+
+@pytest.mark.parametrize("path", SCENES, ids=[path.stem for path in SCENES])
+def test_the_schema_allows_the_scenes(path):
+    schema = json.loads(json_schema())
+    assert allows(schema, tomllib.loads(path.read_text(encoding="utf-8")), schema)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"cloth": {"shape": "disk", "radius": 1.0, "h": 0.1, "widht": 1.0}},
+        {"time": {"method": "bdf3", "t_end": 1.0}},
+        {"terms": [{"type": "Gravitation"}]},
+        {"fabric": "interlok"},
+    ],
+)
+def test_the_schema_refuses(wrong):
+    schema, path = json.loads(json_schema()), SCENES[0].parent / "drape.toml"
+    data = tomllib.loads(path.read_text(encoding="utf-8"))
+    assert allows(schema, data, schema)
+    assert not allows(schema, data | wrong, schema)
+
+
+# --- fecloth info ---------------------------------------------------------------------------------
+
+
+def test_info_prints_the_schema_and_nothing_else(capsys):
+    assert cli.main(["info", "--schema"]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out) == json.loads(json_schema())
+    assert printed.err == ""
+
+
+def test_info_lists_the_terms(capsys):
+    assert cli.main(["info", "--terms"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(key_reference.term_tables())
+
+
+@pytest.mark.parametrize("name", key_reference.term_tables())
+def test_info_says_what_a_term_takes(name, capsys):
+    assert cli.main(["info", "--terms", name]) == 0
+    out = capsys.readouterr().out
+    assert f'type = "{name}"' in out
+    for key in key_reference.fields(key_reference.term_tables()[name]):
+        assert f"\n{key}: " in out
+
+
+def test_info_refuses_an_unknown_term(capsys):
+    assert cli.main(["info", "--terms", "Wnid"]) == 2
+    assert "Did you mean 'Wind'?" in capsys.readouterr().err
+
+
+def test_the_fields_of_a_picture_are_those_of_frames():
+    assert (*FIELDS, CHECKS) == cli.FIELD_NAMES

@@ -1,0 +1,43 @@
+"""What a notebook shows: one line for each object, figures for a result."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+import fecloth as fc
+
+
+@pytest.fixture(scope="module")
+def result():
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
+    probes = [fc.Probe("tip <1>", "right")]
+    return system, fc.run(system, fc.BDF2(), system.rest(), 0.01, 0.1, probes=probes)
+
+
+def test_a_line_says_what_an_object_is(result):
+    system, ended = result
+    sets = ", ".join(sorted(system.cloth.node_sets))
+    lines = {
+        f"<Cloth of 15 nodes, 16 P1 triangles, 0.5 m²; node sets: {sets}>": system.cloth,
+        "<System of 15 nodes, 3 held: StVK, Gravity>": system,
+        "<State of 15 nodes at t = 0.1 s>": ended.state,
+        "<Result of 10 steps of BDF2() to t = 0.1 s>": ended,
+    }
+    for line, one in lines.items():
+        assert repr(one) == line
+
+
+def test_a_result_is_figures_of_energies_and_probes(result):
+    page = result[1]._repr_html_()
+    assert page.count("<figure>") == 2
+    names = re.findall(r"<title>(.*?)</title>", page)
+    assert {"kinetic", "StVK", "Gravity", "sag", "tip &lt;1&gt;.z"} <= set(names)
+    assert not any("reaction" in name for name in names)
+    assert "nan" not in page
+
+
+def test_a_doubtful_result_says_so(result):
+    assert "in doubt" in repr(replace(result[1], doubt="off by 1 J"))
