@@ -1,4 +1,7 @@
-"""What went wrong, its value, its limit, where it stands, and the remedy."""
+"""Exceptions and warnings of fecloth, and checks of plain values.
+
+A message states the quantity with its value, the limit, the place, and the remedy.
+"""
 
 from __future__ import annotations
 
@@ -11,31 +14,31 @@ if TYPE_CHECKING:
 
 
 class FeclothError(Exception):
-    """Base of every error that fecloth raises on purpose."""
+    """Base class of all exceptions of fecloth."""
 
 
 class FeclothWarning(UserWarning):
-    """A result that is not to be trusted."""
+    """A warning that a result may be wrong or inaccurate."""
 
 
 class InputError(FeclothError, ValueError):
-    """A value that the user gave cannot be used.
+    """An argument or an input value that is not allowed.
 
     Parameters
     ----------
     what
         The quantity and its value, e.g. ``"areal_density = -0.2 kg/m²"``.
     allowed
-        The range or the choices, e.g. ``"must be > 0"``.
+        The allowed range or the allowed values, e.g. ``"must be > 0"``.
     where
-        File and key, or the call, in which the value stands.
+        The file and key, or the function, of the value.
     remedy
-        What to do.
+        A sentence that says how to correct it.
 
     Attributes
     ----------
     also
-        The other mistakes that were found with this one; the message has a line for each.
+        Other errors found in the same input. The message has one line for each.
     """
 
     also: tuple[InputError, ...] = ()
@@ -55,28 +58,32 @@ class InputError(FeclothError, ValueError):
 
 
 class MeshError(InputError):
-    """A mesh that cannot carry a cloth: the message names the triangles, nodes or groups."""
+    """An invalid mesh. The message names the triangles, nodes or groups."""
 
 
 class SceneError(InputError):
-    """A scene file with an unknown key, a wrong type or a value out of range."""
+    """An unknown key, a wrong type or a value out of range in a scene file."""
 
 
 class SolveFailed(FeclothError):
-    """A linear solve missed the relative residual it was asked for."""
+    """A linear solve that did not reach the required relative residual.
 
-    def __init__(self, reason: str, residual: float = float("nan"), asked: float = float("nan")):
-        self.reason, self.residual, self.asked = reason, residual, asked
-        known = (
-            ""
-            if math.isnan(residual)
-            else f" (relative residual {residual:.2e}, asked {asked:.2e})"
-        )
-        super().__init__(reason + known)
+    Attributes
+    ----------
+    reason
+        The cause, in words.
+    residual, rtol
+        The relative residual of the solution and the required one; NaN if there is none.
+    """
+
+    def __init__(self, reason: str, residual: float = float("nan"), rtol: float = float("nan")):
+        self.reason, self.residual, self.rtol = reason, residual, rtol
+        detail = f" (relative residual {residual:.2e}, required {rtol:.2e})"
+        super().__init__(reason if math.isnan(residual) else reason + detail)
 
 
 class IndefiniteMatrix(SolveFailed):
-    """A symmetric solver met a matrix that is not positive definite."""
+    """A matrix that is not positive definite, in a solver for definite matrices."""
 
 
 class StepFailed(FeclothError):
@@ -84,11 +91,18 @@ class StepFailed(FeclothError):
 
     Attributes
     ----------
-    step, t, dt, residual, stretch
-        Number and start time [s] of the step, its size [s], the relative residual that was
-        reached and the largest principal stretch of the last good state.
+    reason
+        The cause, in words.
+    step, t, dt
+        Number of the step, its start time [s] and its size [s].
+    residual
+        The smallest relative residual; NaN if there is none.
+    stretch, triangle
+        The largest principal stretch of the state at the start of the step, and its triangle.
     state
-        The last good state.
+        The state at the start of the step.
+    remedy
+        A sentence that says what to try.
     """
 
     def __init__(
@@ -121,13 +135,13 @@ class StepFailed(FeclothError):
 
 
 def is_number(value: object) -> bool:
-    """Whether it is a finite real number, and no text or boolean."""
+    """Whether the value is a finite real number; text and booleans are not."""
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def floats(name: str, value: object, where: str) -> np.ndarray:
-    """The value as an array of floating-point numbers; refused if it holds anything else."""
-    import numpy as np  # here, so that `fecloth --version` need not wait for it
+    """Convert a value to an array of floats; raise `InputError` if this is impossible."""
+    import numpy as np  # imported here, so that `fecloth --version` is fast
 
     try:
         return np.array(value, dtype=float)
@@ -136,13 +150,13 @@ def floats(name: str, value: object, where: str) -> np.ndarray:
 
 
 def flag(name: str, value: object, where: str) -> None:
-    """Refuse what is neither True nor False."""
+    """Raise `InputError` if a value is neither True nor False."""
     if not isinstance(value, bool):
         raise InputError(f"{name} = {brief(value)}", "must be True or False", where)
 
 
 def brief(value: object) -> str:
-    """The value in at most a line: large ones by their type, functions and classes by name."""
+    """Describe a value in one line: long values by their type, functions and classes by name."""
     if callable(value) and hasattr(value, "__qualname__"):
         kind = "the class" if isinstance(value, type) else "the function"
         return f"{kind} {value.__qualname__}, which is not called"

@@ -1,8 +1,7 @@
-"""Which homogeneous material a spring network or a hinge model on a periodic pattern is."""
+"""Homogenised stiffness of spring networks and hinge models on periodic mesh patterns."""
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 
 import numpy as np
@@ -11,14 +10,14 @@ from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.hinges import Hinges
+from fecloth.suggest import did_you_mean
 from fecloth.system.system import System
 
-_H = np.sqrt(0.75)
-_SQUARE, _SKEW = np.eye(2), np.array([[1.0, 0.5], [0.0, _H]])
+_SQUARE, _SKEW = np.eye(2), np.array([[1.0, 0.5], [0.0, np.sqrt(0.75)]])
 _A, _B, _C, _D, _O = (0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 0)
 
-# the periods as columns, the nodes of a cell, and its triangles: each corner is a node of the
-# cell that lies (i, j) cells further, written (node, i, j)
+# For each pattern: the period vectors as columns, the nodes of a cell, and the triangles of a cell.
+# A corner (node, i, j) is a node of the cell at the offset (i, j).
 CELLS = {
     "right": (_SQUARE, [[0.0, 0.0]], [(_A, _B, _C), (_A, _C, _D)]),
     "cross": (
@@ -31,20 +30,22 @@ CELLS = {
 
 
 def plane_moduli(term, fabric: Fabric, pattern: str, h: float = 0.1) -> np.ndarray:
-    """Homogenised moduli of a term at rest on an endless mesh of one pattern.
+    """Homogenised moduli of a term at rest on an infinite mesh of one pattern.
 
-    For a strain ε = (ε11, ε22, γ12) imposed on one period of area A, with the nodes of the period
-    free to move relative to it, the least energy is A/2 ε·ℂ ε. The energy of one period is that
-    of a patch of nx × ny periods at rest, ½ u·K u for the affine displacement εX plus one that is
-    the same in each period, differenced once in nx and once in ny: what the borders add depends
-    on the length of a border alone and drops out.
+    A strain ε = (ε11, ε22, γ12) is imposed on one period of area A. The nodes of the period may
+    move relative to the affine displacement. The minimum of the energy is then A/2 ε·ℂ ε.
+
+    The energy of one period is computed from patches of nx × ny periods at rest. The energy of a
+    patch is ½ u·K u, where u is the affine displacement εX plus a displacement that is equal in
+    all periods. The differences of this energy with respect to nx and to ny give the energy of one
+    period. The contribution of a border is proportional to its length and cancels.
 
     Parameters
     ----------
     term
-        A description such as ``Springs(kind="van_gelder")``.
+        A term such as ``Springs(kind="van_gelder")``.
     fabric
-        What the term is bound to.
+        The fabric of the term.
     pattern
         "right", "cross" or "equilateral".
     h
@@ -53,9 +54,14 @@ def plane_moduli(term, fabric: Fabric, pattern: str, h: float = 0.1) -> np.ndarr
     Returns
     -------
     (3, 3) array
-        ℂ [N/m] with C11, C22, C12 and C33 = ``[2, 2]`` (shear), in the order 11, 22, 12; C13 and
-        C23 couple stretch and shear. Isotropic if C11 = C22 = C12 + 2 C33 and C13 = C23 = 0; then
-        ν = C12/C11 and Y = C11 (1 − ν²).
+        ℂ [N/m] in the order 11, 22, 12: C11, C22, C12 and the shear modulus C33 = ``[2, 2]``. C13
+        and C23 couple stretch and shear. ℂ is isotropic if C11 = C22 = C12 + 2 C33 and
+        C13 = C23 = 0. Then ν = C12/C11 and Y = C11 (1 − ν²).
+
+    Raises
+    ------
+    InputError
+        For an unknown pattern.
 
     Examples
     --------
@@ -78,37 +84,38 @@ def plane_moduli(term, fabric: Fabric, pattern: str, h: float = 0.1) -> np.ndarr
 
 
 def _energy(term, fabric, pattern, h, sides):
-    """The quadratic form of a patch in ε and the displacements of the period's nodes."""
+    """Matrix of the energy of a patch in ε and the displacements of the nodes of the period."""
     cloth = Cloth.rectangle(*sides, h, pattern)
     system = System(cloth, fabric, [term])
     K = system.stiffness(system.rest())
-    D = _displacements(cloth.X, _kinds(cloth.X, pattern, h))
+    D = _displacements(cloth.X, _node_in_period(cloth.X, pattern, h))
     return D.T @ (K @ D)
 
 
-def _kinds(X, pattern, h):
-    """(n,) which node of the period each is; the two ends of a cut row count with it."""
+def _node_in_period(X, pattern, h):
+    """(n,) number in the period of each node; the two ends of an odd row belong to that row."""
     row = np.round(X[:, 1] / (0.5 * h if pattern == "cross" else h * np.sqrt(0.75)))
     return np.zeros(len(X), int) if pattern == "right" else row.astype(int) % 2
 
 
-def _displacements(X, kinds):
-    """(3 n, 3 + 2 q): ε11, ε22, γ12, then X and Y of each kind of node."""
-    n, q = len(X), kinds.max() + 1
+def _displacements(X, number):
+    """(3 n, 3 + 2 q) displacements for unit ε11, ε22, γ12, then for X and Y of each node number."""
+    n, q = len(X), number.max() + 1
     D = np.zeros((n, 3, 3 + 2 * q))
     D[:, 0, 0], D[:, 0, 2] = X[:, 0], 0.5 * X[:, 1]
     D[:, 1, 1], D[:, 1, 2] = X[:, 1], 0.5 * X[:, 0]
     for axis in (0, 1):
-        D[np.arange(n), axis, 3 + 2 * kinds + axis] = 1.0
+        D[np.arange(n), axis, 3 + 2 * number + axis] = 1.0
     return D.reshape(3 * n, -1)
 
 
 def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) -> np.ndarray:
-    """(3, 3) D [N m] of the unbounded pattern: ½ kᵀ D k per area, k = (κ11, κ22, 2 κ12).
+    """(3, 3) bending stiffness D [N m] of an infinite pattern: ½ kᵀ D k per area.
 
-    The energy of `HingeBending`, to second order about flat, of the deflection ½ X·κX plus a
-    periodic one, over the area of a cell, least over the periodic one. It does not depend on the
-    size of the cell: refinement does not bring the model nearer to the plate B (κ11² + κ22² + …).
+    k = (κ11, κ22, 2 κ12). The deflection is ½ X·κX plus a periodic deflection. The energy is that
+    of `HingeBending`, to second order about the flat state, per area of a cell. D is the minimum
+    over the periodic deflection. D does not depend on the size of the cell. Therefore refinement
+    does not make the model converge to the plate energy B (κ11² + κ22² + …).
 
     Parameters
     ----------
@@ -117,78 +124,103 @@ def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) ->
     rigidity
         B [N m], one number or (warp, weft) with the warp along X.
 
+    Raises
+    ------
+    InputError
+        For an unknown pattern.
+
     Examples
     --------
-    The free strip along X, and one that can neither curve across nor twist:
+    The rigidity of a free strip along X, and of a strip that cannot curve across X or twist:
 
     >>> D = bending_tensor("right")
     >>> float(1 / np.linalg.inv(D)[0, 0]), float(D[0, 0])
     (0.8, 1.0)
     """
-    X, hinges, period, place = _patch(pattern, 3, 3)
-    inside = ((place >= 1 - 1e-9) & (place < 2 - 1e-9)).all(axis=1)
+    X, hinges, period, position = _patch(pattern, 3, 3)
+    inside = ((position >= 1 - 1e-9) & (position < 2 - 1e-9)).all(axis=1)
     node = np.arange(len(X)) % len(CELLS[pattern][1])
     x, y = X.T
     curvature = 0.5 * np.stack([x * x, y * y, x * y], axis=1)
-    return _relaxed(hinges, inside, rigidity, curvature, node) / np.linalg.det(period)
+    energy = _relaxed_energy(hinges, inside, rigidity, curvature, node)
+    return energy / np.linalg.det(period)
 
 
 def strip_rigidity(pattern: str, across: int, rigidity: float | tuple[float, float] = 1.0) -> float:
-    """B_eff [N m] of a strip along X that is `across` cells wide, free at its two long edges.
+    """Effective rigidity B_eff [N m] of a strip along X with two free edges.
 
-    Its moment per width and curvature in pure bending: as in `bending_tensor`, but least over
-    every deflection with the period along X, and over the twist. Towards many cells it tends to
-    1/(D⁻¹)₁₁; the edges' missing hinges make it differ by about one part in `across`.
+    B_eff is the moment per width and curvature in pure bending. It is computed as in
+    `bending_tensor`, but as the minimum over all deflections that are periodic along X, and over
+    the twist. For many cells it tends to 1/(D⁻¹)₁₁. The relative difference is about 1/`across`,
+    because the edges have no hinges.
+
+    Parameters
+    ----------
+    pattern
+        "right", "cross" or "equilateral", as `Cloth.rectangle` takes it.
+    across
+        Width of the strip in cells, at least 1.
+    rigidity
+        B [N m], one number or (warp, weft) with the warp along X.
+
+    Raises
+    ------
+    InputError
+        For an unknown pattern, or `across` less than 1.
     """
     if across < 1:
         raise InputError(f"across = {across!r}", "must be at least 1", "strip_rigidity")
-    X, hinges, period, place = _patch(pattern, 3, across)
-    inside = (place[:, 0] >= 1 - 1e-9) & (place[:, 0] < 2 - 1e-9)
+    X, hinges, period, position = _patch(pattern, 3, across)
+    inside = (position[:, 0] >= 1 - 1e-9) & (position[:, 0] < 2 - 1e-9)
     row = np.arange(len(X)) % ((across + 1) * len(CELLS[pattern][1]))
     x, y = X.T
-    bent = _relaxed(hinges, inside, rigidity, 0.5 * np.stack([x * x, x * y], axis=1), row)
-    return float(1 / np.linalg.inv(bent)[0, 0] / (across * np.linalg.det(period)))
+    curvature = 0.5 * np.stack([x * x, x * y], axis=1)
+    energy = _relaxed_energy(hinges, inside, rigidity, curvature, row)
+    return float(1 / np.linalg.inv(energy)[0, 0] / (across * np.linalg.det(period)))
 
 
 def bending_note(pattern: str, terms: Iterable[str]) -> str:
-    """A line for a scene that expects values and bends by hinges on a pattern; else "".
+    """A note on the rigidity of hinges on a pattern, for scenes that expect values; else "".
 
     Examples
     --------
     >>> bending_note("right", ["StVK", "HingeBending"])
     'HingeBending on "right" bends along X as 0.80 B (narrow strip) to 1.00 B (wide), at any h'
     """
-    hinged = [name for name in terms if name in ("HingeBending", "QuadraticBending")]
-    if not hinged or pattern not in CELLS:
+    hinge_terms = [name for name in terms if name in ("HingeBending", "QuadraticBending")]
+    if not hinge_terms or pattern not in CELLS:
         return ""
     D = bending_tensor(pattern)
     span = f"{1 / np.linalg.inv(D)[0, 0]:.2f} B (narrow strip) to {D[0, 0]:.2f} B (wide)"
-    return f'{hinged[0]} on "{pattern}" bends along X as {span}, at any h'
+    return f'{hinge_terms[0]} on "{pattern}" bends along X as {span}, at any h'
 
 
 def _patch(pattern, nx, ny):
-    """X, hinges, periods of nx × ny cells, and the middles of the edges counted in periods."""
+    """Nodes, hinges and periods of nx × ny cells, and the midpoints of the edges in periods."""
     if pattern not in CELLS:
-        near = difflib.get_close_matches(str(pattern), CELLS, n=1, cutoff=0.0)[0]
         allowed = f"must be one of {', '.join(CELLS)}"
-        remedy = f"Did you mean {near!r}?"
+        remedy = did_you_mean(pattern, CELLS, cutoff=0.0)
         raise InputError(f"pattern = {pattern!r}", allowed, "bending_tensor", remedy)
     period, nodes, triangles = CELLS[pattern]
     i, j = np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), indexing="ij")
     corner = np.stack([i.ravel(), j.ravel()], axis=1) @ period.T
     X = (corner[:, None] + np.array(nodes)).reshape(-1, 2)
     cell = np.stack([i[:-1, :-1].ravel(), j[:-1, :-1].ravel()], axis=1)
-    own, shift = np.array(triangles)[..., 0], np.array(triangles)[..., 1:]
-    at = cell[:, None, None] + shift
-    T = ((at[..., 0] * (ny + 1) + at[..., 1]) * len(nodes) + own).reshape(-1, 3)
-    hinges = Hinges.of(X, T)
-    middle = 0.5 * (X[hinges.nodes[:, 0]] + X[hinges.nodes[:, 1]])
-    return X, hinges, period, middle @ np.linalg.inv(period).T
+    node, offset = np.array(triangles)[..., 0], np.array(triangles)[..., 1:]
+    cell_of_corner = cell[:, None, None] + offset
+    first = (cell_of_corner[..., 0] * (ny + 1) + cell_of_corner[..., 1]) * len(nodes)
+    T = (first + node).reshape(-1, 3)
+    hinges = Hinges.from_triangles(X, T)
+    midpoint = 0.5 * (X[hinges.nodes[:, 0]] + X[hinges.nodes[:, 1]])
+    return X, hinges, period, midpoint @ np.linalg.inv(period).T
 
 
-def _relaxed(hinges, inside, rigidity, fields, node):
-    """Energy matrix of the deflections `fields` (n, p), least over those that are the same at all
-    nodes of one number in `node` (n,)."""
+def _relaxed_energy(hinges, inside, rigidity, fields, node):
+    """Matrix (p, p) of the energy of the deflections `fields` (n, p), after relaxation.
+
+    The energy is minimised over additional deflections. These have one value for all nodes with
+    the same number in `node` (n,).
+    """
     warp, weft = np.broadcast_to(np.sqrt(rigidity), 2)
     e = hinges.vector / hinges.length[:, None]
     B = (warp * e[:, 1] ** 2 + weft * e[:, 0] ** 2) ** 2
@@ -199,6 +231,6 @@ def _relaxed(hinges, inside, rigidity, fields, node):
     free = np.zeros((len(g), node.max() + 1))
     np.add.at(free, (np.arange(len(g))[:, None], node[nodes]), g)
     directions, size, _ = np.linalg.svd(free, full_matrices=False)
-    reached = directions[:, size > 1e-9 * np.linalg.norm(g)]
-    rest = bent - reached @ (reached.T @ bent)
-    return rest.T @ rest
+    relaxable = directions[:, size > 1e-9 * np.linalg.norm(g)]
+    remainder = bent - relaxable @ (relaxable.T @ bent)
+    return remainder.T @ remainder

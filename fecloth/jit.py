@@ -1,20 +1,30 @@
 """Numba compilation with a disk cache that cannot go stale.
 
 Numba notices a change of the file that defines a kernel, not of a function in another file that
-the kernel calls. The cache folder is therefore named after a hash of every source file that
-holds kernels.
+the kernel calls. The cache folder is therefore named after a hash of every source file of the
+package that holds kernels, and a kernel with functions from outside the package is cached under a
+name with their `fingerprint`.
 """
 
 from __future__ import annotations
 
+import builtins
+import dis
 import hashlib
 import os
+import sys
 import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
 
 import numba
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from numba.core.types import Type
+
+OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy"}
 
 
 @cache
@@ -52,9 +62,10 @@ def kernel(function: Callable) -> Callable:
     """Compile a function over arrays and keep the machine code on disk (an entry point).
 
     Products and sums may be contracted to fused multiply-adds; no other liberty is taken, so NaN
-    and infinity survive and the result does not depend on the thread count.
+    and infinity survive and the result does not depend on the thread count. A kernel from outside
+    the package is compiled anew when its bytecode, its constants or its callees change.
     """
-    return _kept(function)
+    return _compile(function) if _is_of_package(function) else _compile_by_content(function)
 
 
 def threaded_kernel(function: Callable) -> Callable:
@@ -63,28 +74,154 @@ def threaded_kernel(function: Callable) -> Callable:
     The passes of such a loop must write nothing that another one reads or writes; then it keeps
     what `kernel` promises.
     """
-    return _kept(function, parallel=True)
-
-
-def _kept(function: Callable, **options) -> Callable:
-    user_choice = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = cache_folder()  # read by Numba while it decorates, not later
-    try:
-        options |= {"fastmath": {"contract"}, "error_model": "numpy"}
-        return numba.njit(cache=True, **options)(function)
-    finally:
-        numba.config.CACHE_DIR = user_choice
+    compile_function = _compile if _is_of_package(function) else _compile_by_content
+    return compile_function(function, parallel=True)
 
 
 def inner(function: Callable) -> Callable:
     """Compile a function that only kernels call: it is cached as a part of them."""
-    return numba.njit(fastmath={"contract"}, error_model="numpy")(function)
+    return numba.njit(**OPTIONS)(function)
 
 
-def loop(function: Callable) -> Callable:
-    """Compile a loop that takes a compiled law as its first argument.
+def insert(template: Callable, **functions: Callable) -> Callable:
+    """Copy a template, a plain function, with compiled `functions` for its globals of that name.
 
-    It is written out inside each entry point that calls it, so that the law is a plain call there:
-    a function handed over as a value would keep Numba from caching the entry point.
+    The compiled copy calls them directly. Numba caches such a copy on disk, but neither a closure
+    over a compiled function nor a function that takes one as an argument.
     """
-    return numba.njit(inline="always", error_model="numpy")(function)
+    if unknown := functions.keys() - set(template.__code__.co_names):
+        raise TypeError(f"{template.__qualname__} does not call {', '.join(sorted(unknown))}")
+    name = "-".join([template.__qualname__, *(each.__qualname__ for each in functions.values())])
+    return _copy(template, name, template.__globals__ | functions)
+
+
+def specialise(template: Callable, **functions: Callable) -> Callable:
+    """Compile a template as a `kernel`, with `functions` inserted (see `insert`).
+
+    The machine code is found again by the bytecode, the constants and the callees of all of them.
+    """
+    return _compile_by_content(insert(template, **functions))
+
+
+def _is_of_package(function: Callable) -> bool:
+    return str(function.__module__).partition(".")[0] == __name__.partition(".")[0]
+
+
+def _copy(function: Callable, qualified_name: str, names: dict) -> Callable:
+    """Copy a function with another name in the cache, and with `names` for its globals."""
+    code, closure = function.__code__, function.__closure__
+    copy = FunctionType(code, names, function.__name__, function.__defaults__, closure)
+    copy.__module__, copy.__doc__ = function.__module__, function.__doc__
+    copy.__kwdefaults__, copy.__qualname__ = function.__kwdefaults__, qualified_name
+    return copy
+
+
+def _compile_by_content(function: Callable, **options) -> Callable:
+    """Compile; Numba finds the machine code on disk by a name that holds the fingerprint."""
+    content = fingerprint(function)
+    if content is None:
+        return numba.njit(**OPTIONS, **options)(function)
+    name = f"{function.__qualname__}-{content}"
+    return _compile(_copy(function, name, function.__globals__), **options)
+
+
+def _compile(function: Callable, **options) -> Callable:
+    """Compile; Numba finds the machine code on disk by the function's name, line and bytecode."""
+    user_choice = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = cache_folder()  # read by Numba while it decorates, not later
+    try:
+        return numba.njit(cache=True, **OPTIONS, **options)(function)
+    finally:
+        numba.config.CACHE_DIR = user_choice
+
+
+# --- the content of a function --------------------------------------------------------------------
+
+
+class _UnknownContent(Exception):
+    """A function uses a value of which no process can tell whether it is the same in another."""
+
+
+def fingerprint(function: Callable) -> str | None:
+    """Hash of a function's bytecode, its constants and all compiled functions that it calls.
+
+    These are found through globals, modules and closures. It is None where that is not enough to
+    tell what is compiled: if a global is not yet defined, or is neither a number, an array, a
+    tuple of such, a compiled function nor a thing of Python, NumPy or Numba themselves. Then the
+    machine code must not be kept on disk.
+    """
+    try:
+        content = repr(_function_content(function, {}))
+    except _UnknownContent:
+        return None
+    return hashlib.sha256(content.encode()).hexdigest()[:16]
+
+
+def _function_content(function: FunctionType, seen: dict[int, int]) -> tuple:
+    """Describe a plain function by texts that are the same in every process.
+
+    `seen` numbers the functions and modules already met, which may call each other.
+    """
+    if id(function) in seen:
+        return ("seen", seen[id(function)])
+    seen[id(function)] = len(seen)
+    if function.__module__ not in sys.modules:  # Numba imports it to read the machine code
+        raise _UnknownContent(function.__module__)
+    code, names = function.__code__, builtins.__dict__ | function.__globals__
+    described, global_names, attributes = _describe_code(code)
+    values = []
+    try:
+        values += [names[name] for name in global_names]
+        values += [cell.cell_contents for cell in function.__closure__ or ()]
+    except (KeyError, ValueError) as error:  # not yet defined
+        raise _UnknownContent(str(error)) from error
+    contents = [_content(value, seen, attributes) for value in values]
+    kwdefaults = sorted((function.__kwdefaults__ or {}).items())
+    defaults = _content([function.__defaults__, kwdefaults], seen, ())
+    return function.__module__, described, defaults, *contents
+
+
+def _content(value, seen: dict[int, int], attributes: tuple[str, ...]) -> tuple:
+    """Describe a value that a function uses; of a module, only its `attributes`."""
+    kind = type(value).__qualname__
+    if isinstance(value, Dispatcher):
+        options = sorted(value.targetoptions.items())
+        return kind, _content(options, seen, ()), _function_content(value.py_func, seen)
+    if isinstance(value, tuple | list):
+        return kind, *(_content(each, seen, attributes) for each in value)
+    if isinstance(value, set | frozenset):
+        return kind, *sorted(repr(_content(each, seen, ())) for each in value)
+    if isinstance(value, np.ndarray):
+        if value.dtype.hasobject:
+            raise _UnknownContent(repr(value))
+        return kind, value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, ModuleType):
+        if id(value) in seen:
+            return ("seen", seen[id(value)])
+        seen[id(value)] = len(seen)
+        used = () if _is_of_library(value.__name__) else set(attributes) & vars(value).keys()
+        parts = (_content(vars(value)[name], seen, attributes) for name in sorted(used))
+        return kind, value.__name__, *parts
+    home = getattr(value, "__module__", None) or type(value).__module__
+    compiled = home.startswith("numba") and not isinstance(value, type | FunctionType | Type)
+    if compiled or not _is_of_library(home):
+        raise _UnknownContent(repr(value))
+    return kind, home, getattr(value, "__qualname__", repr(value))
+
+
+@cache
+def _describe_code(code: CodeType) -> tuple[tuple, tuple[str, ...], tuple[str, ...]]:
+    """Bytecode and constants; the names of the globals; those of all attributes and globals."""
+    nested = [_describe_code(each) for each in code.co_consts if isinstance(each, CodeType)]
+    plain = [each for each in code.co_consts if not isinstance(each, CodeType)]
+    names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
+    described = code.co_code, code.co_argcount, code.co_flags, names, _content(plain, {}, ())
+    loads = {i.argval for i in dis.get_instructions(code) if i.opname == "LOAD_GLOBAL"}
+    global_names = sorted(loads.union(*(each[1] for each in nested)))
+    attributes = sorted(set(code.co_names).union(*(each[2] for each in nested)))
+    return (described, *(each[0] for each in nested)), tuple(global_names), tuple(attributes)
+
+
+def _is_of_library(module: str) -> bool:
+    """Whether a module is of Python, NumPy or Numba, whose versions Numba itself looks at."""
+    return module.partition(".")[0] in ("builtins", "cmath", "math", "numba", "numpy")

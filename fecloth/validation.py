@@ -70,19 +70,3 @@ def instance(name: str, value: object, cls: type | tuple, example: str, where: s
     """Refuse what is not an object of the class."""
     if not isinstance(value, cls):
         raise InputError(f"{name} = {brief(value)}", f"must be such as {example}", where)
-
-
-def method(method: object) -> None:
-    """Refuse what is no method."""
-    if isinstance(method, type) or not hasattr(method, "step"):
-        allowed = "must be a method such as BackwardEuler() or Auto()"
-        remedy = "The method comes before the state." if isinstance(method, State) else ""
-        raise InputError(f"method {brief(method)}", allowed, "march", remedy)
-
-
-def offers(method: object, names: tuple[str, ...], where: str) -> None:
-    """Refuse a method, one of a user's own, without what `where` needs of it."""
-    if missing := [name for name in names if not hasattr(method, name)]:
-        remedy = "StageMethod and WithMemory are bases that have them."
-        what = f"method {type(method).__name__}"
-        raise InputError(what, f"must have {', '.join(missing)}", where, remedy)

@@ -1,4 +1,4 @@
-"""Checks by finite differences and step halving, for tests, studies and users' own terms."""
+"""Checks of derivatives and of orders of accuracy, for tests, studies and user-defined terms."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from fecloth.nonlinear.options import Newton
 from fecloth.simulation.march import march
 from fecloth.system.system import State, System
 
-FLOOR = 1e-8  # relative error below which a difference quotient counts as exact
+EXACT_ERROR = 1e-8  # a difference quotient with a smaller relative error is regarded as exact
 
 
 class VerificationFailed(FeclothError):
-    """A derivative is not the derivative, or an order is not the claimed one."""
+    """A derivative or an order of accuracy that is not the expected one."""
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """Relative errors of a central difference at the steps h, and the slope they show."""
+    """Relative errors of a central difference at a sequence of steps h, and their slope."""
 
     name: str
     h: np.ndarray
@@ -32,20 +32,23 @@ class Sweep:
 
     @property
     def slope(self) -> float:
-        """Slope in log–log over the steps before round-off takes over; 2 for a true derivative.
+        """Slope in log–log over the steps before round-off dominates; 2 for a correct derivative.
 
-        NaN if the largest step is already exact: the quantity is then linear along the direction.
+        It is NaN if the difference is exact at the largest step, that is for a linear quantity.
         """
         before = max(int(np.argmin(self.errors)), 1)
-        if self.errors[0] < FLOOR or before < 3:
+        if self.errors[0] < EXACT_ERROR or before < 3:
             return float("nan")
         slopes = -np.diff(np.log2(self.errors[: before + 1]))
         return float(np.median(slopes[: max(3, len(slopes) - 2)]))
 
     def check(self, context: str) -> None:
-        """Raise unless the error falls below 1e-5 with slope 2 ± 0.15, or vanishes at once."""
-        exact = self.errors[0] < FLOOR  # what grows from there is round-off
-        if not exact and not (abs(self.slope - 2) < 0.15 and self.errors.min() < 1e-5):
+        """Raise `VerificationFailed` unless the derivative is correct.
+
+        The error must fall below 1e-5 with slope 2 ± 0.15, or be exact at the largest step.
+        """
+        is_exact = self.errors[0] < EXACT_ERROR  # then the errors at smaller steps are round-off
+        if not is_exact and not (abs(self.slope - 2) < 0.15 and self.errors.min() < 1e-5):
             raise VerificationFailed(
                 f"{self.name} of {context} is not the derivative: slope {self.slope:.2f} instead "
                 f"of 2, smallest relative error {self.errors.min():.1e}, "
@@ -61,24 +64,23 @@ def check_term(
     tangents: Sequence[str] = ("x", "v"),
     scales: Sequence[float] = (1e-3, 1.0, 1e3),
 ) -> list[Sweep]:
-    """Hold a term's force against its energy, and its tangents against its force.
+    """Check the force of a term against its energy, and its tangents against its force.
 
-    Central differences over a sweep of steps must show slope 2 in each of the given states, by
-    default a random, a strongly compressed and a nearly degenerate one, at several scales of the
-    fabric's stiffness.
+    The errors of central differences must decrease with slope 2, in each state and at each scale
+    of the stiffness of the fabric.
 
     Parameters
     ----------
     term
-        A description such as ``StVK()``.
+        A term such as ``StVK()``.
     cloth, fabric
-        Left out: a small unstructured sheet and an orthotropic fabric.
+        Default: a small rectangle with the pattern "cross", and an orthotropic fabric.
     states
-        (name, x, v) each, x and v of shape (n, 3).
+        (name, x, v) of each state, x and v of shape (n, 3). Default: `trial_states`.
     tangents
-        Which of "x" and "v" are claimed to be exact.
+        The tangents that must be exact: "x", "v" or both.
     scales
-        Factors on the fabric's stiffness.
+        Factors of the stiffness of the fabric.
 
     Returns
     -------
@@ -88,7 +90,7 @@ def check_term(
     Raises
     ------
     VerificationFailed
-        If a slope is not 2, or all forces vanish: then nothing has been checked.
+        If a slope is not 2, or if a force is zero and therefore cannot be checked.
 
     Examples
     --------
@@ -107,35 +109,38 @@ def check_term(
                 sweep.check(f"{term!r} in the {name} state at stiffness × {scale:g}")
                 sweeps.append(sweep)
     if not sweeps:
-        raise VerificationFailed(f"{term!r}: no state or no scale was given, nothing is checked")
+        raise VerificationFailed(f"{term!r}: nothing is checked without a state and a scale")
     return sweeps
 
 
 def trial_states(cloth: Cloth, seed: int = 0) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """(name, x, v): random, compressed to a stretch of 0.3, and nearly degenerate."""
+    """Three states (name, x, v) for checks of derivatives.
+
+    They are random, compressed to a stretch of 0.3, and nearly degenerate.
+    """
     rng = np.random.default_rng(seed)
     flat = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
     size = np.sqrt(cloth.area / len(cloth.triangles))
     noise = rng.standard_normal((3, *flat.shape)) * size
     speed = rng.standard_normal(flat.shape)
-    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    rotation, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     sheared = np.array([[1.0, 0.0, 0.0], [1.5, 0.05, 0.0], [0.0, 0.0, 1.0]])
     return [
-        ("random", flat @ turn + 0.2 * noise[0], speed),
-        ("compressed", 0.3 * flat @ turn + 0.05 * noise[1], speed),
-        ("nearly degenerate", flat @ sheared @ turn + 0.005 * noise[2], speed),
+        ("random", flat @ rotation + 0.2 * noise[0], speed),
+        ("compressed", 0.3 * flat @ rotation + 0.05 * noise[1], speed),
+        ("nearly degenerate", flat @ sheared @ rotation + 0.005 * noise[2], speed),
     ]
 
 
 def _scaled(fabric: Fabric, factor: float) -> Fabric:
-    def times(value):
+    def scale_pair(value):
         return value if value is None else tuple(factor * v for v in np.atleast_1d(value))
 
     return replace(
         fabric,
-        tensile_stiffness=times(fabric.tensile),
+        tensile_stiffness=scale_pair(fabric.tensile),
         shear_stiffness=factor * fabric.shear,
-        bending_rigidity=times(fabric.bending),
+        bending_rigidity=scale_pair(fabric.bending),
     )
 
 
@@ -144,20 +149,20 @@ def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep
     direction = rng.standard_normal(state.x.shape)
     term, f = system.bound[0], system.force(state)
     size = np.sqrt(system.cloth.area / len(system.cloth.triangles))
-    force_of_a_shift = np.linalg.norm(system.stiffness(state) @ direction.ravel()) * size
-    if not np.linalg.norm(f) > 1e-10 * force_of_a_shift:
-        raise VerificationFailed(f"{term.name} gives no force: choose states that load it")
+    force_scale = np.linalg.norm(system.stiffness(state) @ direction.ravel()) * size
+    if not np.linalg.norm(f) > 1e-10 * force_scale:
+        raise VerificationFailed(f"{term.name} has no force: choose states in which it has one")
 
-    def moved(dx=0.0, dv=0.0):
+    def shifted(dx=0.0, dv=0.0):
         return State(state.t, state.x + dx * direction, state.v + dv * direction)
 
     sweeps = []
     if term.has_energy:
 
         def energy(h):
-            return np.array([term.energy(moved(h).x, state.t)])
+            return np.array([term.energy(shifted(h).x, state.t)])
 
-        f = system.force(replace(state, v=np.zeros_like(state.v)))  # without its own damping
+        f = system.force(replace(state, v=np.zeros_like(state.v)))  # without damping of the term
         slope = -np.array([np.vdot(f, direction)])
         sweeps.append(_sweep("force", energy, slope, np.linalg.norm(f), size))
     if "x" in tangents:
@@ -165,12 +170,12 @@ def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep
         for c, u in system.dense(state):
             exact -= c * float(np.vdot(u, direction)) * u.ravel()
         sweeps.append(
-            _sweep("x-tangent", lambda h: system.force(moved(h)).ravel(), exact, None, size)
+            _sweep("x-tangent", lambda h: system.force(shifted(h)).ravel(), exact, None, size)
         )
     if "v" in tangents:
         exact = -(system.damping(state) @ direction.ravel())
         sweeps.append(
-            _sweep("v-tangent", lambda h: system.force(moved(0.0, h)).ravel(), exact, None, 1.0)
+            _sweep("v-tangent", lambda h: system.force(shifted(0.0, h)).ravel(), exact, None, 1.0)
         )
     return sweeps
 
@@ -178,7 +183,7 @@ def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep
 def _sweep(
     name: str, function: Callable, exact: np.ndarray, scale: float | None, size: float
 ) -> Sweep:
-    """Errors of central differences of `function(h)` against `exact`, h = size/4, size/8, …"""
+    """Relative errors of central differences of `function(h)` for h = size/4, size/8, …"""
     h = size * 0.5 ** np.arange(2, 18)
     scale = scale or max(np.linalg.norm(exact), np.linalg.norm(function(0.0)) / size * 1e-6)
     errors = [np.linalg.norm((function(s) - function(-s)) / (2 * s) - exact) / scale for s in h]
@@ -186,7 +191,7 @@ def _sweep(
 
 
 def observed_order(h: Sequence[float], errors: Sequence[float]) -> np.ndarray:
-    """log(e_i / e_{i+1}) / log(h_i / h_{i+1}) between neighbouring resolutions.
+    """Orders log(e_i / e_{i+1}) / log(h_i / h_{i+1}) between successive resolutions.
 
     Examples
     --------
@@ -206,9 +211,22 @@ def check_integrator(
     tolerance: float = 0.15,
     solver: str = "direct",
 ) -> np.ndarray:
-    """Orders of a method in dt, from the change of the end state between step numbers.
+    """Check the order of a method in dt, from the end states for several numbers of steps.
 
-    Each step number must be twice the one before: ‖x_i − x_{i+1}‖ then falls by 2^order.
+    The differences ‖x_i − x_{i+1}‖ of successive end states decrease by the factor 2^order.
+
+    Parameters
+    ----------
+    system, method, state
+        The problem, the method with its claimed ``order``, and the initial state.
+    t_end
+        End time [s].
+    steps
+        Numbers of steps; each must be twice the previous one.
+    tolerance
+        Allowed difference between the last observed order and ``method.order``.
+    solver
+        Name of the linear solver.
 
     Returns
     -------
@@ -217,7 +235,7 @@ def check_integrator(
     Raises
     ------
     VerificationFailed
-        If the last of them misses ``method.order`` by more than `tolerance`.
+        If the last order differs from ``method.traits.order`` by more than `tolerance`.
     """
     newton = Newton(tolerance=1e-11)
     ends = []
@@ -228,6 +246,7 @@ def check_integrator(
         ends.append(np.concatenate([end.x, end.v * t_end]))
     changes = [np.linalg.norm(a - b) for a, b in pairwise(ends)]
     orders = observed_order(1 / np.asarray(steps[:-1]), changes)
-    if not abs(orders[-1] - method.order) <= tolerance:
-        raise VerificationFailed(f"{method!r}: order {orders}, claimed {method.order}")
+    claimed = method.traits.order
+    if not abs(orders[-1] - claimed) <= tolerance:
+        raise VerificationFailed(f"{method!r}: orders {orders}, expected {claimed}")
     return orders

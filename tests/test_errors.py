@@ -1,4 +1,4 @@
-"""What the messages say, and what the exceptions carry."""
+"""Messages and attributes of the exceptions."""
 
 import pickle
 
@@ -23,7 +23,7 @@ from fecloth.nonlinear.newton import NewtonFailed
     ],
 )
 @pytest.mark.parametrize("kind", [fc.InputError, fc.MeshError, fc.SceneError])
-def test_quantity_limit_place_and_remedy(kind, arguments, text):
+def test_input_error_message_has_value_limit_place_and_remedy(kind, arguments, text):
     error = kind(*arguments)
     assert str(error) == text
     padded = (*arguments, "", "", "")[:4]
@@ -41,7 +41,7 @@ def test_quantity_limit_place_and_remedy(kind, arguments, text):
         (fc.StepFailed, (fc.FeclothError,)),
     ],
 )
-def test_what_catches_what(kind, bases):
+def test_exceptions_have_the_documented_bases(kind, bases):
     for base in bases:
         assert issubclass(kind, base)
     if kind in (fc.SolveFailed, fc.IndefiniteMatrix, fc.StepFailed):
@@ -49,12 +49,12 @@ def test_what_catches_what(kind, bases):
 
 
 @pytest.mark.parametrize("kind", [fc.SolveFailed, fc.IndefiniteMatrix])
-def test_a_failed_solve_states_its_residual(kind):
+def test_solve_failed_states_its_residual(kind):
     error = kind("CG stopped after 30 iterations", 2.5e-3, 1e-6)
     assert str(error) == (
-        "CG stopped after 30 iterations (relative residual 2.50e-03, asked 1.00e-06)"
+        "CG stopped after 30 iterations (relative residual 2.50e-03, required 1.00e-06)"
     )
-    assert (error.reason, error.residual, error.asked) == (
+    assert (error.reason, error.residual, error.rtol) == (
         "CG stopped after 30 iterations",
         2.5e-3,
         1e-6,
@@ -68,7 +68,7 @@ def failed(**change):
     return fc.StepFailed("Newton did not converge", **(known | change))
 
 
-def test_a_failed_step_says_where_and_how_badly():
+def test_step_failed_states_step_residual_and_stretch():
     assert str(failed()) == (
         "step 12 from t = 0.11 s with dt = 0.01 s failed: Newton did not converge "
         "(relative residual 3.40e-02; most deformed triangle 77 with a principal stretch of "
@@ -85,10 +85,10 @@ def test_a_failed_step_says_where_and_how_badly():
     assert (error.state, error.remedy) == ("the last good one", "Take a smaller dt.")
 
 
-def test_a_failed_step_without_a_residual_does_not_name_one():
-    said = str(failed(residual=float("nan")))
-    assert "residual" not in said
-    assert "(most deformed triangle 77" in said
+def test_step_failed_without_residual_does_not_mention_it():
+    message = str(failed(residual=float("nan")))
+    assert "residual" not in message
+    assert "(most deformed triangle 77" in message
     assert str(fc.StepFailed("no step was taken")) == "no step was taken"
 
 
@@ -101,14 +101,14 @@ def test_a_failed_step_without_a_residual_does_not_name_one():
     ],
     ids=lambda error: type(error).__name__,
 )
-def test_errors_travel_between_processes(error):
+def test_errors_can_be_pickled(error):
     copy = pickle.loads(pickle.dumps(error))
     assert type(copy) is type(error)
     assert str(copy) == str(error)
     assert vars(copy) == vars(error)
 
 
-def test_newtons_failure_survives_pickling():
+def test_newton_failed_can_be_pickled():
     failure = pickle.loads(pickle.dumps(NewtonFailed("it stalled", 0.5, "Take a smaller dt.")))
     assert str(failure) == "it stalled (relative residual 5.00e-01). Take a smaller dt."
     assert (failure.reason, failure.residual) == ("it stalled", 0.5)
@@ -129,6 +129,6 @@ def test_newtons_failure_survives_pickling():
     ],
 )
 @pytest.mark.parametrize("value", ["0.01", True])
-def test_a_text_in_place_of_a_number_is_refused_with_words(make, value):
+def test_terms_with_text_in_place_of_a_number_are_rejected(make, value):
     with pytest.raises(fc.InputError, match=f"= {value!r}"):
         make(value)

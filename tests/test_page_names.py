@@ -13,7 +13,7 @@ from support.pages import NAMES, ROOT, SPANS, anchors, read
 
 import fecloth as fc
 from fecloth.cli import main as cli
-from fecloth.quantities import formula
+from fecloth.quantities import formula_functions
 from fecloth.scene import table_model
 from fecloth.simulation.march import StepInfo
 
@@ -21,7 +21,7 @@ from fecloth.simulation.march import StepInfo
 ROOTS = {"system": fc.System, "cloth": fc.Cloth, "fabric": fc.Fabric, "state": fc.State}
 ROOTS |= {"result": fc.Result, "info": StepInfo, "StepInfo": StepInfo}
 ROOTS |= {"fc": fc, "fecloth": fc, "C": None}
-ROOTS |= dict.fromkeys((*dir(builtins), *formula.FUNCTIONS))
+ROOTS |= dict.fromkeys((*dir(builtins), *formula_functions.FUNCTIONS))
 TEXT = "\n".join(map(read, NAMES))
 SOURCES = [path.read_text() for at in ("fecloth", "studies") for path in (ROOT / at).rglob("*.py")]
 CLASSES = set(re.findall(r"^class (\w+)", "\n".join([TEXT, *SOURCES]), re.MULTILINE))

@@ -1,4 +1,4 @@
-"""The checks themselves: they refuse what is wrong and pass what is right."""
+"""The checks of derivatives and orders detect errors and accept correct code."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from conftest import affine
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.terms.loops.membrane import principal_stretches
+from fecloth.terms.kinematics import principal_stretches
 from fecloth.verify import (
     Sweep,
     VerificationFailed,
@@ -22,7 +22,7 @@ ONE_SCALE = {"scales": (1.0,)}
 
 
 @dataclass(frozen=True)
-class Spoiled:
+class WithErrors:
     """Another term with its energy, force and tangents multiplied."""
 
     base: object
@@ -35,12 +35,12 @@ class Spoiled:
         return self.base.stencil(cloth)
 
     def bind(self, panel, slots):
-        return BoundSpoiled(self, self.base.bind(panel, slots))
+        return BoundWithErrors(self, self.base.bind(panel, slots))
 
 
 @dataclass(frozen=True, eq=False)
-class BoundSpoiled:
-    by: Spoiled
+class BoundWithErrors:
+    by: WithErrors
     bound: object
 
     def __getattr__(self, name):
@@ -65,38 +65,40 @@ EXACT = fc.StrainRateDamping(0.01, tangent="exact")
 
 
 @pytest.mark.parametrize(
-    ("term", "said"),
+    ("term", "message"),
     [
-        (Spoiled(fc.StVK(), energy=1.001), "^force of Spoiled"),
-        (Spoiled(fc.StVK(), force=-1.0, stiffness=-1.0), "^force of Spoiled"),
-        (Spoiled(fc.StVK(), stiffness=1.001), "^x-tangent of Spoiled"),
-        (Spoiled(fc.StVK(), stiffness=0.0), "^x-tangent of Spoiled"),
-        (Spoiled(EXACT, stiffness=1.001), "^x-tangent of Spoiled"),
-        (Spoiled(EXACT, damping=1.001), "^v-tangent of Spoiled"),
-        (Spoiled(EXACT, damping=0.0), "^v-tangent of Spoiled"),
-        (Spoiled(fc.Gravity(), energy=1.001), "^force of Spoiled"),
-        (Spoiled(fc.StVK(), force=0.0), "^StVK gives no force"),
-        (Spoiled(fc.StVK(), force=np.nan), "^StVK gives no force"),
-        (Spoiled(fc.StVK(), energy=np.nan), "^force of Spoiled"),
+        (WithErrors(fc.StVK(), energy=1.001), "^force of WithErrors"),
+        (WithErrors(fc.StVK(), force=-1.0, stiffness=-1.0), "^force of WithErrors"),
+        (WithErrors(fc.StVK(), stiffness=1.001), "^x-tangent of WithErrors"),
+        (WithErrors(fc.StVK(), stiffness=0.0), "^x-tangent of WithErrors"),
+        (WithErrors(EXACT, stiffness=1.001), "^x-tangent of WithErrors"),
+        (WithErrors(EXACT, damping=1.001), "^v-tangent of WithErrors"),
+        (WithErrors(EXACT, damping=0.0), "^v-tangent of WithErrors"),
+        (WithErrors(fc.Gravity(), energy=1.001), "^force of WithErrors"),
+        (WithErrors(fc.StVK(), force=0.0), "^StVK has no force"),
+        (WithErrors(fc.StVK(), force=np.nan), "^StVK has no force"),
+        (WithErrors(fc.StVK(), energy=np.nan), "^force of WithErrors"),
     ],
 )
-def test_check_term_refuses(term, said):
+def test_check_term_wrong_derivatives_are_rejected(term, message):
     check_term(term.base, **ONE_SCALE)
-    with pytest.raises(VerificationFailed, match=said):
+    with pytest.raises(VerificationFailed, match=message):
         check_term(term, **ONE_SCALE)
 
 
 def test_check_term_names_term_state_and_scale():
-    said = r"Spoiled\(base=StVK.* in the random state at stiffness × 0.001 .* slope .* instead of 2"
-    with pytest.raises(VerificationFailed, match=said):
-        check_term(Spoiled(fc.StVK(), stiffness=1.1))
+    message = (
+        r"WithErrors\(base=StVK.* in the random state at stiffness × 0.001 .* slope .* instead of 2"
+    )
+    with pytest.raises(VerificationFailed, match=message):
+        check_term(WithErrors(fc.StVK(), stiffness=1.1))
 
 
-def test_check_term_refuses_states_without_load(isotropic):
+def test_check_term_states_without_force_are_rejected(isotropic):
     sheet = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")  # exact in binary
     rest = fc.System(sheet, isotropic, []).rest()
     for term in (fc.StVK(), fc.StrainRateDamping(0.01)):
-        with pytest.raises(VerificationFailed, match="gives no force: choose states"):
+        with pytest.raises(VerificationFailed, match="has no force: choose states"):
             check_term(term, sheet, isotropic, states=[("rest", rest.x, rest.v)])
 
 
@@ -109,7 +111,7 @@ def test_check_term_runs_every_derivative_state_and_scale():
     assert len(check_term(EXACT, tangents=("v",), **ONE_SCALE)) == 3  # it has no energy
 
 
-def test_trial_states_are_what_they_are_called(sheet):
+def test_trial_states_have_the_properties_of_their_names(sheet):
     states = {name: principal_stretches(sheet, x) for name, x, _ in trial_states(sheet)}
     assert list(states) == ["random", "compressed", "nearly degenerate"]
     assert np.median(states["compressed"]) == pytest.approx(0.3, abs=0.1)
@@ -124,7 +126,7 @@ def test_trial_states_are_what_they_are_called(sheet):
 H = 0.1 * 0.5 ** np.arange(16)
 
 
-def test_a_sweep_passes_slope_two_and_round_off():
+def test_sweep_with_slope_two_or_round_off_is_accepted():
     """3 h² + 1e-15/h turns round at 5e-6; all errors below 1e-8 mean a linear function."""
     good = Sweep("force", H, 3 * H**2 + 1e-15 / H)
     good.check("it")
@@ -139,12 +141,12 @@ def test_a_sweep_passes_slope_two_and_round_off():
     [3 * H, 3 * H**3, 3 * H**2 + 1e-4, np.full(16, 1e-3), np.full(16, 1e-6), 1e-7 / H, H * np.nan],
     ids=["order 1", "order 3", "plateau", "constant", "small constant", "growing", "nan"],
 )
-def test_a_sweep_refuses_any_other_curve(errors):
+def test_sweep_with_another_slope_is_rejected(errors):
     with pytest.raises(VerificationFailed, match="^force of it is not the derivative: slope"):
         Sweep("force", H, errors).check("it")
 
 
-def test_a_sweep_refuses_to_stop_before_the_error_is_small():
+def test_sweep_with_large_smallest_error_is_rejected():
     with pytest.raises(VerificationFailed, match="slope 2.00 .* smallest relative error 1.2e-04"):
         Sweep("force", H[:5], 3 * H[:5] ** 2).check("it")
 
@@ -157,18 +159,18 @@ def test_observed_order_of_a_power_law():
     assert observed_order([2, 1], [1, 2]) == pytest.approx([-1])  # it grows, and integers do
 
 
-def test_check_integrator_returns_the_orders_and_holds_the_tolerance(isotropic):
+def test_check_integrator_returns_orders_and_checks_the_tolerance(isotropic):
     cloth = fc.Cloth.rectangle(0.4, 0.3, h=0.1, pattern="right")
     system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
     start = system.state(affine(cloth, [[1.1, 0], [0, 1.1], [0, 0]]))
     orders = check_integrator(system, fc.ImplicitMidpoint(), start, 0.005)
     assert orders.shape == (2,)
     assert orders[-1] == pytest.approx(2, abs=0.15)
-    with pytest.raises(VerificationFailed, match="ImplicitMidpoint.*claimed 2"):
+    with pytest.raises(VerificationFailed, match="ImplicitMidpoint.*expected 2"):
         check_integrator(system, fc.ImplicitMidpoint(), start, 0.005, tolerance=1e-9)
 
 
-def test_states_may_be_a_generator_and_must_be_some():
+def test_check_term_states_may_be_a_generator_but_not_empty():
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
     listed = check_term(fc.StVK(), cloth=cloth, states=(s for s in trial_states(cloth)))
     assert len(listed) == len(check_term(fc.StVK(), cloth=cloth))
@@ -177,8 +179,8 @@ def test_states_may_be_a_generator_and_must_be_some():
             check_term(fc.StVK(), cloth=cloth, **nothing)
 
 
-def test_round_off_is_no_force():
+def test_check_term_round_off_does_not_count_as_force():
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.05)
     rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-    with pytest.raises(VerificationFailed, match="gives no force"):
+    with pytest.raises(VerificationFailed, match="has no force"):
         check_term(fc.StVK(), cloth=cloth, states=[("rest", rest, 0 * rest)])

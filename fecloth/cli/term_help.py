@@ -5,11 +5,11 @@ from __future__ import annotations
 import textwrap
 
 from fecloth.errors import InputError
-from fecloth.quantities.formula import nearest
 from fecloth.scene import docstrings
 from fecloth.scene.key_reference import fields, meanings, term_tables
 from fecloth.scene.table_model import Made
 from fecloth.scene.type_words import phrase
+from fecloth.suggest import did_you_mean
 
 WIDTH = 100
 
@@ -28,7 +28,7 @@ def describe_terms(name: str) -> list[str]:
         return [f"{key:<{wide}}  {', '.join(fields(tables[key]))}".rstrip() for key in tables]
     if name not in tables:
         allowed = f"must be one of {', '.join(tables)}"
-        raise InputError(f"--terms {name}", allowed, "", nearest(name, list(tables)))
+        raise InputError(f"--terms {name}", allowed, "", did_you_mean(name, tables))
     text = docstrings.text(tables[name].makes)
     lines = ["[[terms]]", f'type = "{name}"', "", *text.split("\n")]
     return lines + [line for key in fields(tables[name]) for line in _describe(tables[name], key)]

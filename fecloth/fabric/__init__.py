@@ -1,1 +1,1 @@
-"""The constants of a fabric, published fabrics, instruments, and which fabric lies where."""
+"""Constants of fabrics: from tables, published data or instruments, and per region of a cloth."""

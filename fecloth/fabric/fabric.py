@@ -1,4 +1,4 @@
-"""One cloth's measured constants, in the textile field's words."""
+"""The measured constants of a fabric."""
 
 from __future__ import annotations
 
@@ -11,16 +11,20 @@ import numpy as np
 
 from fecloth.errors import InputError, is_number
 from fecloth.fabric import instruments, presets
+from fecloth.quantities.unit_fields import reads_units
 from fecloth.quantities.units import AREAL, HYSTERESIS, MOMENT, PER_ANGLE, PER_WIDTH
 
 Pair = float | tuple[float, float]
 
-MEASURABLE = 1e12  # in SI units; what is beyond it, or less than its inverse, is no fabric's
+MAX_CONSTANT = 1e12  # in SI units; larger constants, or smaller ones than its inverse, are errors
 
 
+@reads_units
 @dataclass(frozen=True)
 class Fabric:
     """Constants of a woven, knitted or coated sheet; SI, all stiffness per width.
+
+    Numbers are in SI; texts such as "150 g/m^2" may have the units of scenes.
 
     Parameters
     ----------
@@ -29,19 +33,19 @@ class Fabric:
     tensile_stiffness
         Y, tensile force per width and strain [N/m]; one number, or (warp, weft).
     poisson_ratio
-        ν₁₂: stretched along the warp by ε, the cloth contracts along the weft by ν₁₂ ε [-].
-        Admissible if ν₁₂² < Y₁/Y₂ (the plane stiffness is then positive definite).
+        ν₁₂ [-]: a cloth stretched along the warp by ε contracts along the weft by ν₁₂ ε.
+        ν₁₂² must be less than Y₁/Y₂, so that the plane stiffness is positive definite.
     shear_stiffness
-        G, shear force per width and shear angle [N/m]. Left out, an isotropic fabric has
-        G = Y / (2 (1 + ν)); a fabric with two tensile stiffnesses must state it.
+        G, shear force per width and shear angle [N/m]. Default for an isotropic fabric:
+        G = Y / (2 (1 + ν)). A fabric with two different tensile stiffnesses must state it.
     bending_rigidity
-        B, moment per width and curvature [N m]; one number, (warp, weft), or None: not known,
-        and a term that needs it says so.
+        B, moment per width and curvature [N m]; one number, (warp, weft), or None if unknown. A
+        term that needs it then raises an error.
     bending_hysteresis
-        2HB, what the moment per width differs between bending and unbending [N]. It is kept with
-        the fabric; no term models it.
+        2HB, difference of the moment per width between bending and unbending [N]. It is stored
+        only; no term uses it.
     source
-        Who measured it and how.
+        Who measured the constants, and how.
 
     Raises
     ------
@@ -53,6 +57,8 @@ class Fabric:
     >>> fabric = Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.25)
     >>> fabric.shear
     400.0
+    >>> Fabric("150 g/m^2", ("20 N/cm", "9 N/cm"), shear_stiffness=60.0).tensile_stiffness
+    (2000.0, 900.0)
     """
 
     areal_density: Annotated[float, AREAL]
@@ -64,13 +70,13 @@ class Fabric:
     source: str = ""
 
     def __post_init__(self):
-        _positive("areal_density", self.areal_density, "kg/m²")
+        _check_positive("areal_density", self.areal_density, "kg/m²")
         if not is_number(self.poisson_ratio):
             raise InputError(
                 f"poisson_ratio = {self.poisson_ratio!r}", "must be a number", "Fabric"
             )
         for value in self.tensile:
-            _positive("tensile_stiffness", value, "N/m")
+            _check_positive("tensile_stiffness", value, "N/m")
         warp, weft = self.tensile
         limit = math.sqrt(warp / weft)
         if not abs(self.poisson_ratio) < limit:
@@ -78,7 +84,7 @@ class Fabric:
                 f"poisson_ratio = {self.poisson_ratio!r}",
                 f"must lie between -{limit:.4g} and {limit:.4g} (ν₁₂² < Y₁/Y₂)",
                 "Fabric",
-                "Beyond it the cloth would gain energy by stretching.",
+                "Outside these limits stretching would release energy.",
             )
         if self.shear_stiffness is None and warp != weft:
             raise InputError(
@@ -87,15 +93,17 @@ class Fabric:
                 "Fabric",
                 "Give shear_stiffness, or one tensile stiffness for an isotropic fabric.",
             )
-        _positive("shear_stiffness", self.shear, "N/m")
+        _check_positive("shear_stiffness", self.shear, "N/m")
         for value in self.bending or ():
-            _positive("bending_rigidity", value, "N m")
+            _check_positive("bending_rigidity", value, "N m")
         for value in _pair("bending_hysteresis", self.bending_hysteresis) or ():
-            _positive("bending_hysteresis", value, "N")
+            _check_positive("bending_hysteresis", value, "N")
 
     @classmethod
     def preset(cls, name: str) -> Fabric:
-        """A published fabric; `presets` has their names, and where each number comes from.
+        """Create a published fabric; `presets` returns the names.
+
+        The sources of the numbers are in the module `fecloth.fabric.presets`.
 
         Raises
         ------
@@ -123,29 +131,29 @@ class Fabric:
         tensile: str = "secant",
         source: str = "KES-F",
     ) -> Fabric:
-        """Fabric from what Kawabata's instruments print, in their units.
+        """Create a fabric from the results of Kawabata's instruments (KES-F), in their units.
 
         Parameters
         ----------
         fields
-            W [mg/cm²], EMT [%], G [gf/(cm deg)], B [gf cm²/cm] and, if given, LT [-],
-            WT [gf cm/cm²] and 2HB [gf cm/cm]; one number or (warp, weft). Others of KES-F are
-            accepted and not read. Of G in two directions the mean is taken.
+            W [mg/cm²], EMT [%], G [gf/(cm deg)], B [gf cm²/cm] and optionally LT [-],
+            WT [gf cm/cm²] and 2HB [gf cm/cm]; one number or (warp, weft) each. Other fields of
+            KES-F are ignored. If G has two values, their mean is used.
         poisson_ratio
             ν₁₂, which KES-F does not measure.
         load
-            The greatest tensile load Fm [gf/cm]; 500 unless the instrument was set otherwise.
+            Largest tensile load Fm [gf/cm]. It is 500 in the standard setting of the instrument.
         tensile
-            ``"secant"``: Y bears Fm at EMT, Y = Fm / ((1 + ε)(ε + ε²/2)); ``"energy"``: Y stores
-            WT = LT Fm EMT / 2 at EMT, Y = 2 WT / (ε + ε²/2)². In the test the clamps hinder the
-            contraction across; that is neglected, as with ν = 0.
+            ``"secant"``: Y gives the load Fm at the extension EMT, Y = Fm / ((1 + ε)(ε + ε²/2)).
+            ``"energy"``: Y gives the energy WT = LT Fm EMT / 2 at EMT, Y = 2 WT / (ε + ε²/2)². In
+            the test the clamps prevent the lateral contraction. This is neglected, as with ν = 0.
         source
-            Kept with the fabric.
+            Text that is stored in the fabric.
 
         Raises
         ------
         InputError
-            For a field that is missing, unknown or not positive, or LT and WT that disagree.
+            For a field that is missing, unknown or not positive, or if LT and WT disagree.
 
         Notes
         -----
@@ -169,19 +177,20 @@ class Fabric:
         load: int = 100,
         source: str = "FAST",
     ) -> Fabric:
-        """Fabric from what the FAST instruments print, in their units.
+        """Create a fabric from the results of the FAST instruments, in their units.
 
         Parameters
         ----------
         fields
-            W [g/m²], E5, E20 or E100 [%] (that of `load`), EB5 [%] and the bending length C [mm];
-            one number or (warp, weft). Others of FAST are accepted and not read.
+            W [g/m²], E5, E20 or E100 [%] (the one of `load`), EB5 [%] and the bending length
+            C [mm]; one number or (warp, weft) each. Other fields of FAST are ignored.
         poisson_ratio
             ν₁₂, which FAST does not measure.
         load
-            5, 20 or 100 [gf/cm]: Y bears it at the extension of that name, as in `from_kes`.
+            5, 20 or 100 [gf/cm]. Y gives this load at the extension E5, E20 or E100, by the secant
+            formula of `from_kes`.
         source
-            Kept with the fabric.
+            Text that is stored in the fabric.
 
         Raises
         ------
@@ -203,12 +212,19 @@ class Fabric:
 
     @classmethod
     def sheet(cls, E: float, nu: float, thickness: float, rho: float) -> Fabric:
-        """Fabric of a homogeneous isotropic sheet: Y = E h, B = E h³ / (12 (1 − ν²)), ρ h.
+        """Create the fabric of a homogeneous isotropic sheet of thickness h.
+
+        Its constants are Y = E h, B = E h³ / (12 (1 − ν²)) and the areal density ρ h.
 
         Parameters
         ----------
         E, nu, thickness, rho
             Young's modulus [Pa], Poisson's ratio [-], thickness h [m], density [kg/m³].
+
+        Raises
+        ------
+        InputError
+            For E, thickness or density not positive, or nu outside (-1, 0.5].
 
         Examples
         --------
@@ -220,9 +236,9 @@ class Fabric:
             ("thickness", thickness, "m"),
             ("rho", rho, "kg/m³"),
         ):
-            _positive(name, value, unit, "Fabric.sheet")
+            _check_positive(name, value, unit, "Fabric.sheet")
         if not -1.0 < nu <= 0.5:
-            raise InputError(f"nu = {nu!r}", "must lie in (-1, 0.5]", "Fabric.sheet")
+            raise InputError(f"nu = {nu!r}", "must be in (-1, 0.5]", "Fabric.sheet")
         return cls(
             areal_density=rho * thickness,
             tensile_stiffness=E * thickness,
@@ -232,23 +248,28 @@ class Fabric:
 
     @property
     def tensile(self) -> tuple[float, float]:
-        """(Y₁, Y₂), warp and weft [N/m]."""
+        """(Y₁, Y₂), tensile stiffness along warp and weft [N/m]."""
         return _pair("tensile_stiffness", self.tensile_stiffness)
 
     @property
     def shear(self) -> float:
-        """G [N/m]."""
+        """Shear stiffness G [N/m]."""
         if self.shear_stiffness is not None:
             return self.shear_stiffness
         return self.tensile[0] / (2 * (1 + self.poisson_ratio))
 
     @property
     def bending(self) -> tuple[float, float] | None:
-        """(B₁, B₂), warp and weft [N m], or None."""
+        """(B₁, B₂), bending rigidity along warp and weft [N m], or None."""
         return _pair("bending_rigidity", self.bending_rigidity)
 
     def isotropic(self, where: str) -> tuple[float, float]:
-        """(Y [N/m], ν), for a term `where` that cannot have two directions.
+        """(Y [N/m], ν) for an isotropic law.
+
+        Parameters
+        ----------
+        where
+            Name of the law, for the error message.
 
         Raises
         ------
@@ -256,7 +277,7 @@ class Fabric:
             If the stiffness depends on the direction.
         """
         (warp, weft), nu = self.tensile, self.poisson_ratio
-        shear, remedy = warp / (2 * (1 + nu)), "StVK takes orthotropic fabrics."
+        shear, remedy = warp / (2 * (1 + nu)), "StVK supports orthotropic fabrics."
         if warp != weft:
             what = f"the fabric's tensile_stiffness = ({warp!r}, {weft!r})"
             raise InputError(what, "must be one number: the law is isotropic", where, remedy)
@@ -269,9 +290,9 @@ class Fabric:
     def moduli(self) -> np.ndarray:
         """Plane-stress moduli ℂ in the order (C11, C22, C66, C12, C16, C26) [N/m].
 
-        With ν₂₁ = ν₁₂ Y₂/Y₁ (symmetry): C11 = Y₁/(1 − ν₁₂ν₂₁), C22 = Y₂/(1 − ν₁₂ν₂₁),
-        C12 = ν₁₂ C22, C66 = G, acting on (E11, E22, 2 E12). Orthotropic plane stress as in
-        R. M. Jones, Mechanics of Composite Materials (1999), section 2.4.
+        They act on (E11, E22, 2 E12). With ν₂₁ = ν₁₂ Y₂/Y₁ (symmetry): C11 = Y₁/(1 − ν₁₂ν₂₁),
+        C22 = Y₂/(1 − ν₁₂ν₂₁), C12 = ν₁₂ C22, C66 = G, C16 = C26 = 0. Source: orthotropic plane
+        stress in R. M. Jones, Mechanics of Composite Materials (1999), section 2.4.
         """
         warp, weft = self.tensile
         nu = self.poisson_ratio
@@ -290,9 +311,9 @@ def _pair(name: str, value: Pair | None) -> tuple[float, float] | None:
     return tuple(value)
 
 
-def _positive(name: str, value: float, unit: str, where: str = "Fabric") -> None:
+def _check_positive(name: str, value: float, unit: str, where: str = "Fabric") -> None:
     if not (is_number(value) and value > 0):
         raise InputError(f"{name} = {value!r}", f"must be a finite number > 0 [{unit}]", where)
-    if not 1 / MEASURABLE <= value <= MEASURABLE:
-        allowed = f"must be between {1 / MEASURABLE:g} and {MEASURABLE:g} [{unit}]"
-        raise InputError(f"{name} = {value!r}", allowed, where, "Is it in SI units?")
+    if not 1 / MAX_CONSTANT <= value <= MAX_CONSTANT:
+        allowed = f"must be between {1 / MAX_CONSTANT:g} and {MAX_CONSTANT:g} [{unit}]"
+        raise InputError(f"{name} = {value!r}", allowed, where, "Is the value in SI units?")

@@ -1,4 +1,4 @@
-"""A cloth cut from its fabrics: which fabric each triangle is of, and where its warp runs."""
+"""A cloth with the fabric and the warp direction of each triangle."""
 
 from __future__ import annotations
 
@@ -15,18 +15,20 @@ from fecloth.mesh.cloth import Cloth
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """What a term is bound to; made by `cut`.
+    """A cloth with the fabric and the warp direction of each triangle; create it with `cut`.
+
+    Terms are bound to a panel.
 
     Attributes
     ----------
     cloth
         The reference mesh.
     fabrics
-        The fabrics of its regions.
+        The fabrics of the regions.
     region
-        (m,) index of each triangle's fabric.
+        (m,) index of the fabric of each triangle.
     grain
-        (m,) angle of the warp from the X axis [rad].
+        (m,) angle from the X axis to the warp in each triangle [rad].
     """
 
     cloth: Cloth
@@ -41,28 +43,39 @@ class Panel:
         fabric: Fabric | Mapping[str, Fabric],
         grain: float | Mapping[str, float] = 0.0,
     ) -> Panel:
-        """One fabric for all, or one for each named region; likewise the grain angle [rad].
+        """Assign fabrics and warp directions to the triangles of a cloth.
+
+        Parameters
+        ----------
+        cloth
+            The reference mesh.
+        fabric
+            One fabric, or the name of each region → its fabric.
+        grain
+            Angle from the X axis to the warp [rad], or the name of each region → its angle.
 
         Raises
         ------
         InputError
-            For a region that the cloth does not have, regions that overlap or leave a gap, what
-            is no fabric, or an angle that is not finite.
+            For an unknown region, a triangle that is in no region or in several, a value that is
+            not a `Fabric`, or an angle that is not finite.
         """
         fabrics, region = _by_region(cloth, fabric, "fabric")
-        for one in fabrics:
-            if not isinstance(one, Fabric):
+        for value in fabrics:
+            if not isinstance(value, Fabric):
                 allowed = 'must be a Fabric, or {"region": Fabric, ...}'
-                raise InputError(f"fabric = {one!r}", allowed, "System")
-        angles, lies = _by_region(cloth, grain, "grain")
+                raise InputError(f"fabric = {value!r}", allowed, "System")
+        angles, angle_index = _by_region(cloth, grain, "grain")
         for angle in angles:
             if not isinstance(angle, float | int | np.number) or not np.isfinite(angle):
                 raise InputError(f"grain = {angle!r}", "must be a finite angle [rad]", "System")
-        angle = np.array(angles, dtype=float)[lies]
-        return cls(cloth, fabrics, region, angle)
+        return cls(cloth, fabrics, region, np.array(angles, dtype=float)[angle_index])
 
     def each(self, constants: Callable[[Fabric], np.ndarray]) -> np.ndarray:
-        """(m, p) of ``constants(fabric) -> (p,)``, the triangles' own; one fabric takes one row."""
+        """(m, p) constants of each triangle, from a function ``constants(fabric) -> (p,)``.
+
+        For one fabric the result is a view of a single row.
+        """
         rows = np.array([np.atleast_1d(constants(fabric)) for fabric in self.fabrics], dtype=float)
         if len(rows) == 1:
             return np.broadcast_to(rows, (len(self.region), rows.shape[1]))
@@ -70,33 +83,36 @@ class Panel:
 
     @cached_property
     def density(self) -> np.ndarray:
-        """(m,) mass per reference area [kg/m²]."""
+        """(m,) mass per reference area of each triangle [kg/m²]."""
         return self.each(lambda fabric: fabric.areal_density)[:, 0]
 
     @cached_property
     def gradients(self) -> np.ndarray:
-        """(m, q, k, 2), ∂N_a along warp and weft [1/m], so that F, E and S are the fabric's."""
+        """(m, q, k, 2) derivatives of N_a along warp and weft [1/m].
+
+        With them F, E and S refer to the directions of the fabric.
+        """
         if not self.grain.any():
             return self.cloth.gradients
         c, s = np.cos(self.grain), np.sin(self.grain)
-        turn = np.array([[c, -s], [s, c]])  # columns: warp and weft in X and Y
-        return np.ascontiguousarray(np.einsum("eqai,ije->eqaj", self.cloth.gradients, turn))
+        rotation = np.array([[c, -s], [s, c]])  # columns: warp and weft in X and Y
+        return np.ascontiguousarray(np.einsum("eqai,ije->eqaj", self.cloth.gradients, rotation))
 
 
-def _by_region(cloth: Cloth, given, name: str) -> tuple[tuple, np.ndarray]:
-    """The values that occur, and (m,) index of each triangle's own."""
-    if not isinstance(given, Mapping):
-        return (given,), np.zeros(len(cloth.triangles), int)
+def _by_region(cloth: Cloth, values, name: str) -> tuple[tuple, np.ndarray]:
+    """The different values, and the index (m,) of the value of each triangle."""
+    if not isinstance(values, Mapping):
+        return (values,), np.zeros(len(cloth.triangles), int)
     where = f"System({name}=...)"
-    if not given:
+    if not values:
         raise InputError(f"{name} = {{}}", "must name a region", where)
-    inside = np.zeros((len(given), len(cloth.triangles)), bool)
-    for row, region in zip(inside, given, strict=True):
+    inside = np.zeros((len(values), len(cloth.triangles)), bool)
+    for row, region in zip(inside, values, strict=True):
         row[cloth.region(region)] = True
-    times = inside.sum(axis=0)
-    if (times != 1).any():
-        bad = int(np.flatnonzero(times != 1)[0])
-        what = f"triangle {bad} lies in {times[bad]} of the regions {', '.join(given)}"
+    count = inside.sum(axis=0)
+    if (count != 1).any():
+        bad = int(np.flatnonzero(count != 1)[0])
+        what = f"triangle {bad} is in {count[bad]} of the regions {', '.join(values)}"
         remedy = f"The cloth has the regions {', '.join(sorted(cloth.triangle_sets))}."
         raise InputError(what, f"each triangle needs one {name}", where, remedy)
-    return tuple(given.values()), inside.argmax(axis=0)
+    return tuple(values.values()), inside.argmax(axis=0)

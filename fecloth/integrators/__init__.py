@@ -1,1 +1,50 @@
-"""Time integrators. Each file is one rule that takes one step."""
+"""Time integrators: each is the rule that takes one step.
+
+A method of your own needs the names that this package exports; `integrators.protocol` says what it
+must offer.
+"""
+
+from fecloth.integrators.bdf2 import BDF2
+from fecloth.integrators.energy_momentum import EnergyMomentum
+from fecloth.integrators.explicit import CentralDifference, ForwardEuler, SymplecticEuler
+from fecloth.integrators.newmark import GeneralizedAlpha, Newmark
+from fecloth.integrators.one_stage import (
+    BackwardEuler,
+    ImplicitMidpoint,
+    LinearlyImplicitEuler,
+    StageMethod,
+)
+from fecloth.integrators.protocol import MethodTraits
+from fecloth.integrators.step import Step, arrival, held
+from fecloth.integrators.with_memory import WithMemory
+from fecloth.nonlinear.stage import Stage
+from fecloth.records import remembered
+
+__all__ = [
+    "EXPLICIT",
+    "METHODS",
+    "MethodTraits",
+    "Stage",
+    "StageMethod",
+    "Step",
+    "WithMemory",
+    "arrival",
+    "held",
+    "remembered",
+]
+
+METHODS = {
+    "backward_euler": BackwardEuler,
+    "linearly_implicit_euler": LinearlyImplicitEuler,
+    "implicit_midpoint": ImplicitMidpoint,
+    "energy_momentum": EnergyMomentum,
+    "newmark": Newmark,
+    "generalized_alpha": GeneralizedAlpha,
+    "bdf2": BDF2,
+}
+
+EXPLICIT = {
+    "forward_euler": ForwardEuler,
+    "symplectic_euler": SymplecticEuler,
+    "central_difference": CentralDifference,
+}

@@ -7,14 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.integrators.newmark import Newmark
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
-from fecloth.integrators.with_memory import RememberedStep, WithMemory, holding
+from fecloth.integrators.with_memory import WithMemory, holding
 from fecloth.nonlinear import newton
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage
+from fecloth.records import remembered
 from fecloth.system.system import State, System
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class Change:
     """Step size [s], Δx and Δv (n, 3) of the last step."""
@@ -37,8 +40,7 @@ class BDF2(WithMemory):
     Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, III.5.
     """
 
-    order = 2
-    error_constant = 2 / 9  # at constant steps
+    traits = MethodTraits(order=2, error_constant=2 / 9)  # of the error at constant steps
 
     def stage(self, state: State, dt: float, last: Change) -> Stage:
         """The stage of a step from `state`, after the change that led there."""
@@ -54,18 +56,24 @@ class BDF2(WithMemory):
         return stage.wx, stage.wv, stage.wa
 
     def step(
-        self, system: System, state: State, dt: float, solver: Solver, guess: Change | None = None
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: SolverContext,
+        memory: Change | None = None,
     ) -> Step:
-        """One step from `state` over `dt` [s]; `guess` is the q of the step that led there."""
-        if guess is None:
+        """One step from `state` over `dt` [s], after the step that left this memory."""
+        if memory is None:
             first = Newmark().step(system, state, dt, solver)
-            return replace(first, q=_change(state, first.state))
-        end, stage = arrival(system, state, dt), self.stage(state, dt, guess)
+            return replace(first, memory=_change(state, first.state))
+        end, stage = arrival(system, state, dt), self.stage(state, dt, memory)
         stage = holding(system, stage, end, stage.a + stage.wa * (end.v - state.v))
-        q, counts = newton.solve(system, stage, solver, guess.dv)
+        q, counts = newton.solve(system, stage, solver, memory.dv)
         _, v, a = stage.at(q)
         new = held(system, State(end.t, stage.x_end + stage.w_end * q, v), end)
-        return RememberedStep(new, new, _change(state, new), counts, a, state, system, 1.0)
+        change = _change(state, new)
+        return Step(new, new, change, counts, ends=(system, state), a=a, share=1.0)
 
 
 def _change(old, new):

@@ -20,12 +20,12 @@ from fecloth.errors import InputError, StepFailed
 from fecloth.jit import inner, kernel, threaded_kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.system import State, System
+from fecloth.terms.custom.force import BoundUserForce, Written
 from fecloth.terms.loads.gravity import BoundGravity
-from fecloth.terms.loads.point_force import BoundPointForce, BoundUserForce, Written
-from fecloth.terms.loops import membrane
+from fecloth.terms.loads.point_force import BoundPointForce
 from fecloth.terms.membranes import stvk
-from fecloth.terms.membranes.stvk import law
 
+add_force = stvk.KERNELS.add_force
 TERMS = "the terms must be one StVK, and constant loads: Gravity, PointForce, UserForce of numbers"
 
 
@@ -192,7 +192,7 @@ def kick_and_drift(K, Q, nodes, G, w, c, at, P, inverse_mass, load, kick, drift,
         for k in range(3):
             f[i, k] = load[i, k]
     own = slice(first, last)
-    membrane.add_force(law, K, Q, nodes[own], G[own], w[own], c[own], x, f)
+    add_force(K, Q, nodes[own], G[own], w[own], c[own], x, f)
     for n in range(part[6], part[7]):
         i = at[n]
         f1, f2, f3 = f[i, 0], f[i, 1], f[i, 2]

@@ -8,18 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.errors import InputError
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.nonlinear import newton
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, prescribed
 from fecloth.system.system import State, System
-
-
-@dataclass(frozen=True, eq=False)
-class BalancedStep(Step):
-    """A step with the force (n, 3) [N] that moved the cloth: no force of one state is it."""
-
-    force: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -64,10 +58,6 @@ class EnergyMomentum:
     True
     """
 
-    order = 2
-    theta = 0.5
-    critical = 0.0, 0.0  # A-stable
-    error_constant = 1 / 12
     tangent: str = "exact"
 
     def __post_init__(self):
@@ -76,9 +66,9 @@ class EnergyMomentum:
             raise InputError(f"tangent = {self.tangent!r}", allowed, "EnergyMomentum")
 
     @property
-    def symmetric(self) -> bool:
-        """Whether the tangents of the forces between two states are symmetric."""
-        return self.tangent == "symmetric"
+    def traits(self) -> MethodTraits:
+        """A-stable; its matrix is symmetric if the tangents of the forces between states are."""
+        return MethodTraits(order=2, symmetric=self.tangent == "symmetric", error_constant=1 / 12)
 
     def stage(self, state: State, dt: float) -> Stage:
         """The stage of the midpoint rule."""
@@ -92,16 +82,18 @@ class EnergyMomentum:
         """(wx, wv, wa) of J = wa M + wv D + wx K."""
         return 0.25 * dt, 0.5, 1.0 / dt
 
-    def step(self, system: System, state: State, dt: float, solver: Solver, guess=None) -> Step:
+    def step(
+        self, system: System, state: State, dt: float, solver: SolverContext, memory=None
+    ) -> Step:
         """One step from `state` over `dt` [s]."""
         end = arrival(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
-        over = over_step(system, state.x, self.symmetric)
-        q, counts = newton.solve(over, stage, solver, guess)
+        over = over_step(system, state.x, self.traits.symmetric)
+        q, counts = newton.solve(over, stage, solver, memory)
         x, v, a = stage.at(q)
         new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * a)
         mean = State(stage.t, x, v)
-        return BalancedStep(held(system, new, end), mean, q, counts, over.force(mean))
+        return Step(held(system, new, end), mean, q, counts, force=over.force(mean))
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Energy [J] that the method itself took in a step: none."""

@@ -8,53 +8,37 @@ step, which puts moved pins where their motion is, exactly.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fecloth.errors import InputError, flag
 from fecloth.integrators.numerical_dissipation import taken
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival
 from fecloth.jit import kernel
 from fecloth.nonlinear.statistics import Counts
+from fecloth.records import remembered
 from fecloth.system.system import State, System
 
 # a step that overflows is reported by the loop over time, which finds it not finite
 quiet = np.errstate(over="ignore", invalid="ignore")
 
 
-@dataclass(frozen=True, eq=False)
-class TwoForceStep(Step):
-    """A step over the mean of two forces: at `begin`, and at `stage`, the end of the step."""
-
-    begin: State
-    accelerations: tuple[np.ndarray, np.ndarray]
-    mass: np.ndarray
-
-    @property
-    def force(self) -> np.ndarray:
-        """(n, 3) the mean of the two [N], M (a₀ + a₁)/2: they need not be evaluated again."""
-        return 0.5 * self.mass[:, None] * sum(self.accelerations)
-
-    @property
-    def stages(self) -> tuple[State, State]:
-        """Where the forces of the step were taken, equal in weight."""
-        return self.begin, self.stage
-
-
 class Explicit:
     """What explicit methods share; `forces_at` is 0 for forces at the start, ½ at both ends."""
 
-    order: int
-    error_constant: float  # as in `StageMethod`
+    constants: MethodTraits
     forces_at: float
-    critical: tuple[float, float]  # (a, b): stable for a dt² k + b dt d < 1, k = ω², d = 2 ζ ω
-    theta = 0.5  # of the pins' work: M Δv · v̄ is the change of the kinetic energy
-    explicit = True
     beyond_limit: bool
 
     def __post_init__(self):
         flag("beyond_limit", self.beyond_limit, type(self).__name__)
+
+    @property
+    def traits(self) -> MethodTraits:
+        """The constants of the class, with the `beyond_limit` of this object."""
+        return replace(self.constants, beyond_limit=self.beyond_limit)
 
     def check(self, system: System) -> None:
         """Refuse a mass that would need a linear solve.
@@ -75,7 +59,7 @@ class Explicit:
             )
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the method itself took in a step, by `losses.taken`."""
+        """Energy [J] that the method itself took in a step, by `taken`."""
         return taken(system, old, step, self.forces_at)
 
 
@@ -95,13 +79,12 @@ class ForwardEuler(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    critical = None  # its limit is of another form: see `critical_dt`
-    order = 1
-    error_constant = 1 / 2
+    # its limit is of another form: see `critical_dt`
+    constants = MethodTraits(order=1, explicit=True, error_constant=1 / 2, stability=None)
     forces_at = 0.0
     beyond_limit: bool = False
 
-    def step(self, system: System, state: State, dt: float, solver=None, guess=None) -> Step:
+    def step(self, system: System, state: State, dt: float, solver=None, memory=None) -> Step:
         """One step from `state` over `dt` [s]."""
         return _euler(self, system, state, dt, new_velocity=0.0)
 
@@ -121,13 +104,11 @@ class SymplecticEuler(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    critical = 1 / 4, 1 / 2
-    order = 1
-    error_constant = 1 / 2
+    constants = MethodTraits(order=1, explicit=True, error_constant=1 / 2, stability=(1 / 4, 1 / 2))
     forces_at = 0.0
     beyond_limit: bool = False
 
-    def step(self, system: System, state: State, dt: float, solver=None, guess=None) -> Step:
+    def step(self, system: System, state: State, dt: float, solver=None, memory=None) -> Step:
         """One step from `state` over `dt` [s]."""
         return _euler(self, system, state, dt, new_velocity=1.0)
 
@@ -142,6 +123,7 @@ def _euler(method, system, state, dt, new_velocity):
     return Step(new, state, None, Counts(seconds={"force": time.perf_counter() - begin}))
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class LastForce:
     """What central differences keep from step to step: a = M⁻¹ f, and where f was taken."""
@@ -170,9 +152,7 @@ class CentralDifference(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    critical = 1 / 4, 1.0
-    order = 2
-    error_constant = 1 / 6
+    constants = MethodTraits(order=2, explicit=True, error_constant=1 / 6, stability=(1 / 4, 1.0))
     forces_at = 0.5
     beyond_limit: bool = False
 
@@ -183,15 +163,15 @@ class CentralDifference(Explicit):
         state: State,
         dt: float,
         solver=None,
-        guess: LastForce | None = None,
+        memory: LastForce | None = None,
     ) -> Step:
-        """One step from `state` over `dt` [s]; `guess` is the q of the step that led there.
+        """One step from `state` over `dt` [s], after the step that left this memory.
 
         Without it the force at `state` is evaluated, as in the first step.
         """
         self.check(system)
         begin = time.perf_counter()
-        last = guess or LastForce(acceleration(system, state), state)
+        last = memory or LastForce(acceleration(system, state), state)
         end = arrival(system, state, dt)
         x, ahead, v = np.empty((3, *state.x.shape))
         move(state.x, state.v, last.a, dt, 0.5, x, ahead)
@@ -201,8 +181,8 @@ class CentralDifference(Explicit):
         system.constraints.put(v, end.v)
         new = State(at.t, x, v)
         counts = Counts(seconds={"force": time.perf_counter() - begin})
-        forces = last.at, (last.a, a), system.nodal_mass
-        return TwoForceStep(new, at, LastForce(a, at), counts, *forces)
+        forces = (last.at, last.a), (at, a)
+        return Step(new, at, LastForce(a, at), counts, accelerations=forces)
 
 
 def acceleration(system: System, state: State) -> np.ndarray:
@@ -244,10 +224,3 @@ def divide(mass, f):
         inverse = 1.0 / mass[i]
         for k in range(3):
             f[i, k] *= inverse
-
-
-EXPLICIT = {
-    "forward_euler": ForwardEuler,
-    "symplectic_euler": SymplecticEuler,
-    "central_difference": CentralDifference,
-}

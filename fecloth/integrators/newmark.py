@@ -7,14 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.errors import InputError, flag, is_number
-from fecloth.integrators.step import Step, arrival, held
-from fecloth.integrators.with_memory import RememberedStep, WithMemory, blend, holding
+from fecloth.integrators.protocol import MethodTraits
+from fecloth.integrators.step import Step, arrival, blend, held
+from fecloth.integrators.with_memory import WithMemory, holding
 from fecloth.nonlinear import newton
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage
+from fecloth.records import remembered
 from fecloth.system.system import State, System
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class Acceleration:
     """a (n, 3) [m/s²] at the end of the last step, as the method has it."""
@@ -28,7 +31,7 @@ class AccelerationMethod(WithMemory):
     x₁ = x₀ + dt v₀ + dt² ((½ − β) a₀ + β a₁),  v₁ = v₀ + dt ((1 − γ) a₀ + γ a₁);  unknown q = a₁.
     """
 
-    share: float | None = None  # as in `RememberedStep`
+    share: float | None = None  # as in `Step`
 
     @property
     def parameters(self) -> tuple[float, float, float, float]:
@@ -54,13 +57,13 @@ class AccelerationMethod(WithMemory):
         system: System,
         state: State,
         dt: float,
-        solver: Solver,
-        guess: Acceleration | None = None,
+        solver: SolverContext,
+        memory: Acceleration | None = None,
     ) -> Step:
-        """One step from `state` over `dt` [s]; `guess` is the q of the step that led there."""
+        """One step from `state` over `dt` [s], after the step that left this memory."""
         alpha_m, alpha_f, _, gamma = self.parameters
         end = arrival(system, state, dt)
-        a = guess.a if guess else starting_acceleration(system, state, end, dt, solver)
+        a = memory.a if memory else starting_acceleration(system, state, end, dt, solver)
         moved = ((end.v - state.v) / dt - (1 - gamma) * a) / gamma  # a₁ of what the pins hold
         stage = self.stage(state, dt, a)
         at, a_m = blend(state, end, 1 - alpha_f), alpha_m * a + (1 - alpha_m) * moved
@@ -71,8 +74,8 @@ class AccelerationMethod(WithMemory):
         a_new = system.constraints.hold(q, moved)
         x, v, a_stage = stage.at(q)
         a_solved = a_stage if self.share is None else (new.v - state.v) / dt
-        solved = a_solved, state, system, self.share
-        return RememberedStep(new, State(stage.t, x, v), Acceleration(a_new), counts, *solved)
+        solved = {"ends": (system, state), "a": a_solved, "share": self.share}
+        return Step(new, State(stage.t, x, v), Acceleration(a_new), counts, **solved)
 
 
 @dataclass(frozen=True)
@@ -111,21 +114,19 @@ class Newmark(AccelerationMethod):
         flag("beyond_limit", self.beyond_limit, "Newmark")
 
     @property
-    def order(self) -> int:
-        return 2 if self.gamma == 0.5 else 1
+    def traits(self) -> MethodTraits:
+        """Of second order for γ = ½, where damping does not widen the limit as it does for γ > ½.
 
-    @property
-    def critical(self) -> tuple[float, float]:
-        """(a, b) of `fecloth.stability`: damping widens the limit where γ > ½."""
-        return max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma
-
-    @property
-    def error_constant(self) -> float:
-        """|β − 1/6|, but no less than the 1/12 that the trapezoidal rule errs in v; γ = ½ only."""
-        if self.gamma != 0.5:
-            allowed = "has no estimate of its error in v, which is of first order"
-            raise InputError(f"gamma = {self.gamma!r}", allowed, "Newmark", "Take gamma = 0.5.")
-        return max(abs(self.beta - 1 / 6), 1 / 12)
+        The error constant is |β − 1/6|, but no less than 1/12, the error of the trapezoidal rule
+        in v. For γ > ½ the error in v is of first order, and there is no estimate of it.
+        """
+        second = self.gamma == 0.5
+        return MethodTraits(
+            order=2 if second else 1,
+            error_constant=max(abs(self.beta - 1 / 6), 1 / 12) if second else None,
+            stability=(max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma),
+            beyond_limit=self.beyond_limit,
+        )
 
     @property
     def parameters(self) -> tuple[float, float, float, float]:
@@ -155,7 +156,6 @@ class GeneralizedAlpha(AccelerationMethod):
         In [0, 1].
     """
 
-    order = 2
     rho_inf: float = 0.5
 
     def __post_init__(self):
@@ -172,14 +172,14 @@ class GeneralizedAlpha(AccelerationMethod):
         return alpha_m, alpha_f, 0.25 * (1 + lag) ** 2, 0.5 + lag
 
     @property
-    def error_constant(self) -> float:
-        """β − ½ (α_f − α_m) − 1/6, as the acceleration is that of a time (α_f − α_m) dt before."""
+    def traits(self) -> MethodTraits:
+        """Error constant β − ½ (α_f − α_m) − 1/6: a is that of a time (α_f − α_m) dt before."""
         alpha_m, alpha_f, beta, _ = self.parameters
-        return beta - 0.5 * (alpha_f - alpha_m) - 1 / 6
+        return MethodTraits(order=2, error_constant=beta - 0.5 * (alpha_f - alpha_m) - 1 / 6)
 
 
 def starting_acceleration(
-    system: System, state: State, end: State, dt: float, solver: Solver
+    system: System, state: State, end: State, dt: float, solver: SolverContext
 ) -> np.ndarray:
     """a (n, 3) with M a = f along the free directions, and the first step's mean at the pins."""
     project, hold = system.constraints.project, system.constraints.hold

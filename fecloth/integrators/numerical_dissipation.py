@@ -29,7 +29,7 @@ def taken(system: System, old: State, step: Step, theta: float) -> float:
     return energy - _columns_miss(system, old, step)
 
 
-def taken_beyond(system: System, old: State, step) -> float:
+def taken_beyond(system: System, old: State, step: Step) -> float:
     """Energy [J] that a method itself took which solved M a = f(stage), not for the mean force.
 
     With f̄ the mean of the old and new force, and d, v̄ and ° as in `taken`,
@@ -40,7 +40,7 @@ def taken_beyond(system: System, old: State, step) -> float:
     is left unsolved stays in the ledger's remainder.
     """
     dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
-    beyond = system.scalar_mass @ (step.a - dv / dt) + step.force - step.solved
+    beyond = system.scalar_mass @ (step.a - dv / dt) + step.mean_force(system) - step.solved_force
     energy = _between_velocities(system, old, step) + dot(beyond, system.constraints.project(dx))
     return energy - _columns_miss(system, old, step)
 
@@ -54,26 +54,13 @@ def _between_velocities(system, old, step):
 
 def _columns_miss(system, old, step):
     """What the ledger's columns miss of the work of their forces: mean of d·(Δx − dt v)."""
-    dt, dx, stages = step.state.t - old.t, step.state.x - old.x, stages_of(step)
+    dt, dx, stages = step.state.t - old.t, step.state.x - old.x, step.stages
     return sum(dot(column_forces(system, at), dx - dt * at.v) for at in stages) / len(stages)
 
 
 def bend(system: System, old: State, new: State) -> float:
     """Δx·K Δx [J] as the change of the conservative force along Δx."""
     return dot(conservative(system, old) - conservative(system, new), new.x - old.x)
-
-
-def stages_of(step) -> tuple[State, ...]:
-    """Where the ledger takes the forces of a step, equal in weight."""
-    return getattr(step, "stages", (step.stage,))
-
-
-def mean_force(system: System, step) -> np.ndarray:
-    """(n, 3) force [N] that moved the cloth over a step: its own, or the mean of its stages'."""
-    if hasattr(step, "force"):
-        return step.force
-    stages = stages_of(step)
-    return sum(system.force(at) for at in stages) / len(stages)
 
 
 def column_forces(system: System, state: State) -> np.ndarray:

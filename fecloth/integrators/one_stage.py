@@ -1,9 +1,7 @@
 """Time integrators: each is the rule that takes one step, a few lines on the stage equation.
 
-A method knows nothing of the terms. It offers ``step(system, state, dt, solver, guess)``, its
-``order``, and ``weights(dt)`` = (wx, wv, wa) of its system matrix; for the ledger of `run` also
-`theta` and ``numerical(system, old, step)``. `StageMethod` and `memory.WithMemory` are bases for
-methods of one's own, as in studies/examples.
+A method knows nothing of the terms; `integrators.protocol` says what it offers. `StageMethod` and
+`WithMemory` are base classes for your own methods, as in studies/examples.
 """
 
 from __future__ import annotations
@@ -14,35 +12,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.errors import IndefiniteMatrix
-from fecloth.integrators.bdf2 import BDF2
-from fecloth.integrators.energy_momentum import EnergyMomentum
-from fecloth.integrators.newmark import GeneralizedAlpha, Newmark
 from fecloth.integrators.numerical_dissipation import bend
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
-from fecloth.linalg import select
+from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.linalg.reductions import dot
 from fecloth.nonlinear import newton
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, prescribed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.system import State, System
 
 
 class StageMethod:
-    """A method with one stage: ``stage(state, dt)`` and the end of the step, linear in q.
+    """Base class of a method with one stage; a subclass supplies `traits` and `stage`.
 
-    `theta` says where between old and new state the forces are balanced: over a step with free
-    nodes M Δv · v_θ = f · Δx with v_θ = v + θ Δv, so that for energies quadratic in x the method
-    dissipates (θ − ½)(Δv·M Δv + Δx·K Δx) by itself. A step's error in x is `error_constant` times
-    dt^(p + 1) times the derivative of that order, p = `order`, up to the sign.
+    `traits.theta` says where between old and new state the forces are balanced: over a step with
+    free nodes M Δv · v_θ = f · Δx with v_θ = v + θ Δv, so that for energies quadratic in x the
+    method dissipates (θ − ½)(Δv·M Δv + Δx·K Δx) by itself.
     """
 
-    order: int
-    theta: float
-    critical = 0.0, 0.0  # A-stable; otherwise as in `fecloth.stability`
-    error_constant: float
+    traits: MethodTraits
 
     def stage(self, state: State, dt: float) -> Stage:
+        """The stage of a step from `state` over `dt` [s], and the end of the step, linear in q."""
         raise NotImplementedError
 
     def weights(self, dt: float) -> tuple[float, float, float]:
@@ -51,11 +44,13 @@ class StageMethod:
         stage = self.stage(State(0.0, nothing, nothing), dt)
         return stage.wx, stage.wv, stage.wa
 
-    def step(self, system: System, state: State, dt: float, solver: Solver, guess=None) -> Step:
+    def step(
+        self, system: System, state: State, dt: float, solver: SolverContext, memory=None
+    ) -> Step:
         """One step from `state` over `dt` [s]."""
         end = arrival(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
-        q, counts = newton.solve(system, stage, solver, guess)
+        q, counts = newton.solve(system, stage, solver, memory)
         x, v, a = stage.at(q)
         new = State(state.t + dt, stage.x_end + stage.w_end * q, state.v + dt * a)
         return Step(held(system, new, end), State(stage.t, x, v), q, counts)
@@ -66,11 +61,12 @@ class StageMethod:
         Δx·K Δx is the change of the conservative force along Δx: exact for energies quadratic
         in x.
         """
-        if self.theta == 0.5:
+        theta = self.traits.theta
+        if theta == 0.5:
             return 0.0
         dv = step.state.v - old.v
         kinetic = dot(dv, system.scalar_mass @ dv)
-        return (self.theta - 0.5) * (kinetic + bend(system, old, step.state))
+        return (theta - 0.5) * (kinetic + bend(system, old, step.state))
 
 
 @dataclass(frozen=True)
@@ -83,9 +79,7 @@ class BackwardEuler(StageMethod):
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 4.
     """
 
-    order = 1
-    theta = 1.0
-    error_constant = 1 / 2
+    traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2)
 
     def stage(self, state: State, dt: float) -> Stage:
         x, zero = state.x + dt * state.v, np.zeros_like(state.v)
@@ -102,9 +96,7 @@ class ImplicitMidpoint(StageMethod):
     Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, section I.1, eq. 1.7.
     """
 
-    order = 2
-    theta = 0.5
-    error_constant = 1 / 12
+    traits = MethodTraits(order=2, error_constant=1 / 12)
 
     def stage(self, state: State, dt: float) -> Stage:
         x, zero = state.x + 0.5 * dt * state.v, np.zeros_like(state.v)
@@ -123,16 +115,15 @@ class LinearlyImplicitEuler:
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 6 (their ∂f/∂x is −K).
     """
 
-    critical = 0.0, 0.0
-    order = 1
-    theta = 1.0
-    error_constant = 1 / 2
+    traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2)
 
     def weights(self, dt: float) -> tuple[float, float, float]:
         """(wx, wv, wa), scaled as backward Euler's."""
         return dt, 1.0, 1.0 / dt
 
-    def step(self, system: System, state: State, dt: float, solver: Solver, guess=None) -> Step:
+    def step(
+        self, system: System, state: State, dt: float, solver: SolverContext, memory=None
+    ) -> Step:
         """One step from `state` over `dt` [s]; the linear system is solved to Newton's tolerance.
 
         The exact tangent is used unless it is found to be indefinite and the options allow the
@@ -141,11 +132,11 @@ class LinearlyImplicitEuler:
         end = arrival(system, state, dt)
         definite = solver.options.definiteness == "clamp"
         try:
-            dv, counts = _velocity_change(system, state, dt, solver, end, definite, guess)
+            dv, counts = _velocity_change(system, state, dt, solver, end, definite, memory)
         except IndefiniteMatrix:
             if definite or solver.options.definiteness == "none":
                 raise
-            dv, counts = _velocity_change(system, state, dt, solver, end, True, guess)
+            dv, counts = _velocity_change(system, state, dt, solver, end, True, memory)
         v = state.v + dv
         new = held(system, State(state.t + dt, state.x + dt * v, v), end)
         at_stage = State(new.t, new.x, v)  # the velocity that moved x, also at the pins
@@ -174,7 +165,7 @@ def _velocity_change(system, state, dt, solver, end, definite, guess):
     project, rtol = system.constraints.project, solver.options.tolerance
     start = None if guess is None else project(guess.copy())
     updates = [(dt * c, project(u)) for c, u in dense]
-    free, infos = select.updated(solver.linear, updates, project(b), rtol, start)
+    free, infos = solve_updated(solver.linear, updates, project(b), rtol, start)
     seconds["factor"] = infos[0].seconds_factor
     seconds["solve"] = sum(info.seconds_solve for info in infos)
     iterations = sum(info.iterations for info in infos)
@@ -191,14 +182,3 @@ def _velocity_change(system, state, dt, solver, end, definite, guess):
 def _times(dense, wx, v):
     """wx Σ c u (u · v)."""
     return sum((wx * c * dot(u, v) * u for c, u in dense), np.zeros_like(v))
-
-
-METHODS = {
-    "backward_euler": BackwardEuler,
-    "linearly_implicit_euler": LinearlyImplicitEuler,
-    "implicit_midpoint": ImplicitMidpoint,
-    "energy_momentum": EnergyMomentum,
-    "newmark": Newmark,
-    "generalized_alpha": GeneralizedAlpha,
-    "bdf2": BDF2,
-}

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
 
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.system import State, System
@@ -12,23 +15,80 @@ from fecloth.system.system import State, System
 class Step:
     """The result of one step.
 
+    The optional fields say which forces moved the cloth; the energy ledger and the reactions of
+    the pins need them. Without any, it was the force at `balanced_at`.
+
     Attributes
     ----------
     state
         The new state.
-    stage
+    balanced_at
         Time, position and velocity at which the method balanced the forces.
-    q
-        What the next step starts from: the unknown that was found, a good first guess, or the
-        method's memory.
+    memory
+        What the next step starts from: the unknown that was found, as a first guess, or a record
+        of past values (see `remembered`).
     counts
         Newton and linear iterations, residual, seconds.
+    force
+        (n, 3) the force [N] that moved the cloth, if it is not that of any state.
+    accelerations
+        ((state, M⁻¹ f there (n, 3) [m/s²]), …): the step was by the mean of these forces.
+    ends
+        (system, old state): the ledger takes the mean of the forces at both ends of the step, and
+        power at the mean of both states. They are evaluated once, and only when needed.
+    a
+        (n, 3) [m/s²] with `ends`: along the free directions the method solved M a = f(balanced_at).
+    share
+        With `ends`: M a is instead the mean of the forces at both ends, with this weight of the
+        new one.
     """
 
     state: State
-    stage: State
-    q: object
+    balanced_at: State
+    memory: object
     counts: Counts
+    force: np.ndarray | None = None
+    accelerations: tuple[tuple[State, np.ndarray], ...] = ()
+    ends: tuple[System, State] | None = None
+    a: np.ndarray | None = None
+    share: float | None = None
+
+    @cached_property
+    def stages(self) -> tuple[State, ...]:
+        """Where the ledger takes the power of the forces, equal in weight."""
+        if self.ends:
+            return (blend(self.ends[1], self.state, 0.5),)
+        return tuple(at for at, _ in self.accelerations) or (self.balanced_at,)
+
+    @cached_property
+    def end_forces(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 3) forces [N] at both ends."""
+        system, old = self.ends
+        return system.force(old), system.force(self.state)
+
+    def mean_force(self, system: System) -> np.ndarray:
+        """(n, 3) force [N] that moved the cloth over the step."""
+        if self.force is not None:
+            return self.force
+        if self.ends:
+            return 0.5 * (self.end_forces[0] + self.end_forces[1])
+        if self.accelerations:
+            mass = system.nodal_mass[:, None] / len(self.accelerations)
+            return mass * sum(a for _, a in self.accelerations)
+        return system.force(self.balanced_at)
+
+    @cached_property
+    def solved_force(self) -> np.ndarray:
+        """(n, 3) the force [N] that equals M a along the free directions, of a step with `ends`."""
+        if self.share is None:
+            return self.ends[0].force(self.balanced_at)
+        return (1 - self.share) * self.end_forces[0] + self.share * self.end_forces[1]
+
+
+def blend(old: State, new: State, theta: float) -> State:
+    """old + θ (new − old)."""
+    dt, dx, dv = new.t - old.t, new.x - old.x, new.v - old.v
+    return State(old.t + theta * dt, old.x + theta * dx, old.v + theta * dv)
 
 
 def arrival(system: System, state: State, dt: float) -> State:

@@ -1,13 +1,14 @@
-"""The solver that "auto" is: conjugate gradients or a factorisation, whichever turns out cheaper.
+"""The linear solver "auto": conjugate gradients or a factorisation, whichever is cheaper.
 
-It starts with conjugate gradients, keeps an account of the work of every step, and tries the other
-one now and then; at once where the conjugate gradients need more than two factorisations are worth.
-All is decided by counts, never by the clock, so that a run repeats bit for bit; the unit of work is
-an iteration of `PCG`.
+The solver starts with conjugate gradients and counts the work of each step. From time to time it
+tries the other solver for a few steps. If conjugate gradients take more work than two
+factorisations, it factorises at once. All decisions use counts and not time, so that a run can be
+repeated bit for bit. The unit of work is one iteration of `PCG`.
 
-Why not with a factorisation where that is predicted to be cheaper: the prediction is good to a
-factor 3 in a step of time and worthless in a static one, a trial of conjugate gradients costs
-little, and the first factorisation costs five later ones, and loading the MKL besides.
+The solver never starts with a factorisation, even if it is predicted to be cheaper. The prediction
+is accurate to a factor of 3 in a time step, and useless in a static solution. A trial of conjugate
+gradients costs little. The first factorisation costs as much as five later ones, and the time to
+load the MKL.
 """
 
 from __future__ import annotations
@@ -20,33 +21,38 @@ import numpy as np
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.direct import Pardiso, SuperLU
-from fecloth.linalg.pcg import PCG, SolveInfo, checked
+from fecloth.linalg.pcg import PCG
+from fecloth.linalg.protocol import SolveInfo, checked
 
-ASSEMBLY, OVERHEAD = 5.0, 3.0  # of a tangent; of a residual and what else belongs to an iteration
-SOLVES = {"pardiso": 8.0, "superlu": 30.0}  # that cost as much as a factorisation and one of them
-WASTED = 1.4  # Newton takes more steps when each is solved to 0.01 only than with exact ones
-FIRST, LONGEST = 8, 256  # steps between two trials: doubled after each that was lost
-TRIAL = {"pcg": 2, "direct": 8}  # steps; a factor has to last for a while before it pays
-MARGIN = 0.9  # of the other's work: a trial that takes less is won
+# Work in iterations of PCG.
+ASSEMBLY = 5.0  # to assemble a tangent
+OVERHEAD = 3.0  # to evaluate a residual, and the rest of a Newton iteration
+SOLVES = {"pardiso": 8.0, "superlu": 30.0}  # (factorisation + solve) / solve
+WASTED = 1.4  # ratio of Newton iterations with solves to 0.01 to those with exact solves
+FIRST, LONGEST = 8, 256  # steps between two trials: doubled after each failed trial
+TRIAL = {"pcg": 2, "direct": 8}  # steps of a trial; a factor must be used for a while to pay off
+MARGIN = 0.9  # a trial succeeds if its work is below this share of the other solver's work
 LOADING = 1e7  # iterations times nodes that take as long as loading the MKL, 0.4 s
 
 
-class Cheapest:
-    """`PCG` or a direct solver for a symmetric matrix; `name` is that of the one in use.
+class AutoSolver:
+    """`PCG` or a direct solver for a symmetric matrix; `name` is the name of the current one.
 
     Parameters
     ----------
     nodes
         Number of nodes.
     iterations
-        Of PCG to a residual of 0.01, as predicted.
+        Predicted number of iterations of PCG to a relative residual of 0.01.
     price
-        Name of a direct solver → time of a factorisation and a solve in iterations of PCG.
+        Function of the name of a direct solver. It returns the time of a factorisation and a solve
+        in iterations of PCG.
     direct
-        Makes the direct solver; called when one is needed first, as it may load the MKL.
+        Function that creates the direct solver. It is called at the first use, because it may load
+        the MKL.
     """
 
-    symmetric = True
+    symmetric = keeps_state = True
 
     def __init__(
         self,
@@ -61,7 +67,7 @@ class Cheapest:
         self.drop()
 
     def drop(self) -> None:
-        """Forget the accounts, and which direct solver there is: start as at first."""
+        """Reset to the initial state: remove all counts and the direct solver."""
         self._solvers: dict[str, PCG | Pardiso | SuperLU] = {"pcg": PCG()}
         self._A, self._size, self._spent = None, None, 0
         self._iterations = self.predicted
@@ -73,13 +79,17 @@ class Cheapest:
 
     @property
     def price(self) -> float:
-        """Of a factorisation and a solve; PARDISO's while it is not known which one there is."""
-        return self._price(self._solvers["direct"].name if "direct" in self._solvers else "pardiso")
+        """Work of a factorisation and a solve; PARDISO's before the direct solver is created."""
+        return self._price(self._direct_name)
+
+    @property
+    def _direct_name(self) -> str:
+        return self._solvers["direct"].name if "direct" in self._solvers else "pardiso"
 
     # --- the work of a step -----------------------------------------------------------------------
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Factorise A, or invert its diagonal blocks."""
+        """Factorise A (direct solver) or invert its diagonal blocks (PCG)."""
         self.prepared, self._A = self.prepared + 1, None
         self._work += ASSEMBLY
         if self._mode == "direct":
@@ -90,9 +100,14 @@ class Cheapest:
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """x (n, 3) and its `SolveInfo`; by factorisation where PCG needs more than that is worth.
+        """Solve A x = b: x (n, 3) and its `SolveInfo`.
 
-        A matrix that PCG finds to be indefinite is indefinite for both.
+        If PCG exceeds its limit of iterations, A is factorised.
+
+        Raises
+        ------
+        IndefiniteMatrix
+            If PCG or the direct solver finds that A is not positive definite.
         """
         checked(self._A, b, rtol)
         if self._mode == "direct":
@@ -114,14 +129,14 @@ class Cheapest:
         return x, info
 
     def _limit(self) -> int:
-        """Iterations worth spending on one solve: two factorisations, or what a trial has left."""
+        """Limit of iterations of one solve: two factorisations, or the rest of a trial's work."""
         limit = 2 * self.price
         if self._mode != self._home:
             limit = min(limit, TRIAL["pcg"] * self._home_work - self._work)
         return max(10, int(limit))
 
     def _fall_over(self) -> None:
-        """PCG needs too long: factorise the same matrix, and stay with that."""
+        """Factorise the same matrix and continue with the direct solver."""
         A, lost = self._A, self._mode != self._home
         self._patience = self._longer() if lost else FIRST
         self._home = "direct"
@@ -131,10 +146,11 @@ class Cheapest:
     # --- between two steps ------------------------------------------------------------------------
 
     def begin(self, wx: float, wa: float) -> None:
-        """A step with these weights begins: account for the last one, and choose for this one.
+        """Begin a step with these weights: evaluate the last step and select the solver.
 
-        Where dt has changed by more than a factor 2 since the accounts were opened, it starts
-        anew, with a prediction in proportion: iterations go with √κ, and κ with wx/wa, or dt².
+        If dt has changed by more than a factor of 2 since the counts began, the counts are reset.
+        The predicted iterations are then scaled by √(wx/wa): they are proportional to √κ, and κ is
+        proportional to wx/wa, that is dt².
         """
         size = wx / wa
         self._size = size if self._size is None else self._size
@@ -161,27 +177,30 @@ class Cheapest:
             self._patience = self._longer()
             self._use(self._home)
         elif self._steps >= count:
-            unknown = math.isinf(self._home_work)  # what the prediction had for the cheaper
+            unknown = math.isinf(self._home_work)  # the direct solver was predicted to be cheaper
             self._home, self._patience = self._mode, count if unknown else FIRST
 
     def _worth_trying(self, mode: str) -> bool:
-        """A factorisation only if PCG takes more than two solves, also than loading the MKL."""
+        """Whether a trial of `mode` can pay off.
+
+        A trial of a factorisation can pay off only if a step with PCG takes more work than two
+        solves, and all steps up to now more than loading the MKL.
+        """
         if mode == "pcg":
             return True
-        dear = self._home_work > 2 * self.price / SOLVES["pardiso"]
-        if not dear or ("direct" not in self._solvers and self._spent * self.nodes < LOADING):
+        if "direct" not in self._solvers and self._spent * self.nodes < LOADING:
             return False
-        return self._home_work > 2 * self.price / SOLVES[self._get("direct").name]
+        return self._home_work > 2 * self.price / SOLVES[self._direct_name]
 
     def _settle(self) -> None:
-        """Start with PCG: on trial, if a factorisation is predicted to be cheaper."""
+        """Start with PCG; this is a trial if a factorisation is predicted to be cheaper."""
         iterates = WASTED * self._iterations <= self.price
         self._home = "pcg" if iterates else "direct"
         self._home_work, self._patience, self._mode = math.inf, FIRST, None
         self._use("pcg")
 
     def _use(self, mode: str) -> None:
-        """Begin to count the steps of a mode; a change of it gives up what was prepared."""
+        """Select a mode and reset its counts; after a change of mode A must be prepared again."""
         if mode != self._mode:
             self.prepared, self._A = self.prepared + 1, None
         self._mode, self._solver = mode, self._get(mode)

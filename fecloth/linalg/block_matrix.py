@@ -1,4 +1,4 @@
-"""A sparse matrix of 3×3 blocks with a fixed pattern: one block for each pair of coupled nodes."""
+"""A sparse matrix of 3×3 blocks with a fixed pattern, one block per pair of coupled nodes."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from fecloth.jit import kernel
 
 @dataclass(frozen=True)
 class BlockPattern:
-    """Which pairs of nodes are coupled: compressed rows of 3×3 blocks.
+    """The pairs of coupled nodes, as compressed rows of 3×3 blocks.
 
     Attributes
     ----------
     indptr
-        (n + 1,) int32, row i holds blocks indptr[i] … indptr[i + 1] − 1.
+        (n + 1,) int32. Row i has the blocks indptr[i] … indptr[i + 1] − 1.
     indices
-        (b,) int32, column of each block, ascending within a row; the diagonal is always there.
+        (b,) int32 column of each block, ascending within a row. The pattern always contains the
+        diagonal.
     """
 
     indptr: np.ndarray
@@ -31,7 +32,7 @@ class BlockPattern:
     def union(cls, n: int, stencils: list[np.ndarray]) -> BlockPattern:
         """Pattern over `n` nodes that couples all nodes of each row of each stencil (m, k)."""
         keys = np.arange(n, dtype=np.int64) * (n + 1)
-        for stencil in _distinct(stencils):
+        for stencil in _unique_objects(stencils):
             pairs = (stencil[:, :, None].astype(np.int64) * n + stencil[:, None, :]).ravel()
             keys = np.union1d(keys, np.unique(pairs))
         indptr = np.searchsorted(keys, np.arange(n + 1, dtype=np.int64) * n)
@@ -41,41 +42,41 @@ class BlockPattern:
         return len(self.indptr) - 1
 
     def slots(self, stencil: np.ndarray) -> np.ndarray:
-        """(m, k, k) int32: the block in which the pair (stencil[e, a], stencil[e, b]) lies.
+        """(m, k, k) int32 block of each pair (stencil[e, a], stencil[e, b]).
 
         Raises
         ------
         InputError
-            For a pair that the pattern does not have.
+            For a pair that is not in the pattern.
         """
         m, k = stencil.shape
         slots = np.empty((m, k, k), np.int32)
         missing = _find_slots(self.indptr, self.indices, stencil, slots)
         if missing >= 0:
             what = f"nodes {stencil[missing].tolist()}"
-            remedy = "Give the same stencil to `stencil` and `slots`."
+            remedy = "Use the same array in `stencil` and `slots`."
             raise InputError(what, "are not all coupled in the matrix", "BlockPattern", remedy)
         return slots
 
     @cached_property
     def diagonal(self) -> np.ndarray:
-        """(n,) int32, the blocks on the diagonal."""
+        """(n,) int32 blocks on the diagonal."""
         return self.slots(np.arange(len(self), dtype=np.int32)[:, None]).ravel()
 
     @cached_property
     def rows(self) -> np.ndarray:
-        """(b,) int32, the row of each block."""
+        """(b,) int32 row of each block."""
         return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.indptr))
 
 
-def _distinct(stencils):
-    seen = {id(s): s for s in stencils}
-    return seen.values()
+def _unique_objects(stencils):
+    """The stencils without repeated references to the same array."""
+    return {id(stencil): stencil for stencil in stencils}.values()
 
 
 @dataclass(frozen=True)
 class BlockMatrix:
-    """A pattern and its values (b, 3, 3); terms add to the values in place.
+    """A sparse matrix: a pattern and its values (b, 3, 3), to which terms add in place.
 
     Examples
     --------
@@ -92,6 +93,7 @@ class BlockMatrix:
 
     @classmethod
     def zeros(cls, pattern: BlockPattern) -> BlockMatrix:
+        """The matrix of this pattern whose values are all zero."""
         return cls(pattern, np.zeros((len(pattern.indices), 3, 3)))
 
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
@@ -102,7 +104,7 @@ class BlockMatrix:
         return y
 
     def to_scipy(self) -> sparse.bsr_matrix:
-        """A copy of the matrix, 3n × 3n."""
+        """Copy the matrix to a SciPy matrix, 3n × 3n."""
         n = 3 * len(self.pattern)
         arrays = self.values, self.pattern.indices, self.pattern.indptr
         blocks = tuple(array.copy() for array in arrays)
@@ -125,7 +127,7 @@ def multiply(indptr, indices, values, x, y):
 
 @kernel
 def _find_slots(indptr, indices, stencil, slots):
-    """The first row of the stencil that has a pair without a block, or −1."""
+    """Fill `slots`; return the first row of the stencil with a pair that has no block, or −1."""
     m, k = stencil.shape
     for e in range(m):
         for a in range(k):
@@ -141,7 +143,7 @@ def _find_slots(indptr, indices, stencil, slots):
 
 @kernel
 def add_mass(slots, mass, scale, values):
-    """values += scale * mass ⊗ I₃; `slots` are the blocks of the mass entries."""
+    """values += scale * mass ⊗ I₃, where `slots` are the blocks of the mass entries."""
     for s in range(len(slots)):
         for c in range(3):
             values[slots[s], c, c] += scale * mass[s]

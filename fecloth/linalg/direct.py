@@ -1,4 +1,4 @@
-"""Direct solvers for a `BlockMatrix`: PARDISO of the Intel MKL, and SuperLU."""
+"""Direct solvers for a `BlockMatrix`: PARDISO of the Intel MKL, and SciPy's SuperLU."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from scipy.sparse.linalg import splu
 
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.jit import kernel
-from fecloth.linalg import mkl_pardiso, pcg
+from fecloth.linalg import mkl_pardiso
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
-from fecloth.linalg.pcg import SolveInfo
+from fecloth.linalg.protocol import SolveInfo, block_rows, checked, relative_residual
 from fecloth.linalg.scalar_csr import ScalarRows
 
 EPS = np.finfo(float).eps
@@ -25,19 +25,20 @@ class Pardiso:
     Parameters
     ----------
     symmetric
-        Cholesky (PARDISO's matrix type 2) on the upper triangle; else LU (type 11).
+        True: Cholesky factorisation of the upper triangle (PARDISO's matrix type 2). False: LU
+        factorisation (type 11).
     """
 
-    name = "pardiso"
+    name, keeps_state = "pardiso", False
 
     def __init__(self, symmetric: bool = True):
-        mkl_pardiso.routine()  # fail here, not in a time step
+        mkl_pardiso.routine()  # a missing library raises an error here and not in a time step
         self.symmetric = symmetric
         self.prepared = 0
         self._A = self._pattern = self._release = None
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Factorise A; the analysis is kept while the pattern is the same object."""
+        """Factorise A; the analysis is reused as long as the pattern is the same object."""
         begin, self._A = time.perf_counter(), None
         self.prepared += 1
         if self._pattern is not A.pattern:
@@ -52,6 +53,12 @@ class Pardiso:
         """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
         return _refined(self, b, rtol)
 
+    def begin(self, wx: float, wa: float) -> None:
+        """Nothing to do: every step is solved alike."""
+
+    def drop(self) -> None:
+        """Nothing to do: a solve depends on the prepared matrix only."""
+
     def _analyse(self, pattern: BlockPattern) -> None:
         self._pattern = None
         if self._release is not None:
@@ -61,7 +68,7 @@ class Pardiso:
         self._handle = np.zeros(64, np.int64)
         self._iparm = mkl_pardiso.parameters()
         self._nothing = np.zeros(0)
-        # The arrays, not self: a finalizer that knew self would keep it alive.
+        # The finalizer refers to the arrays and not to self, which it would keep alive.
         kept = self._mtype, self._handle, self._rows.arrays, self._iparm
         self._release = weakref.finalize(
             self, mkl_pardiso.pardiso, -1, *kept, self._nothing, self._nothing
@@ -78,23 +85,24 @@ class Pardiso:
         rows = self._rows.arrays
         error = mkl_pardiso.pardiso(phase, self._mtype, self._handle, rows, self._iparm, b, x)
         if error == -4 and self.symmetric:
-            raise IndefiniteMatrix("pardiso met a pivot <= 0: A is not positive definite")
+            raise IndefiniteMatrix("pardiso found a pivot <= 0: A is not positive definite")
         if error:
             reason = mkl_pardiso.ERRORS.get(error, "see the documentation of the MKL")
             raise SolveFailed(f"pardiso returned error {error} in phase {phase}: {reason}")
 
 
 class SuperLU:
-    """SciPy's SuperLU, where there is no PARDISO; it repeats the analysis in each ``prepare``.
+    """SciPy's SuperLU, for machines without PARDISO. Each ``prepare`` repeats the analysis.
 
     Parameters
     ----------
     symmetric
-        Pivots on the diagonal in an order of minimum degree; else partial pivoting. To see the
-        signs of the pivots the factor is copied: twice the memory, a third more time.
+        True: pivots on the diagonal in minimum-degree order. False: partial pivoting. With True the
+        factor is copied to check the signs of the pivots. This takes twice the memory and a third
+        more time.
     """
 
-    name = "superlu"
+    name, keeps_state = "superlu", False
 
     def __init__(self, symmetric: bool = True):
         self.symmetric = symmetric
@@ -109,7 +117,7 @@ class SuperLU:
             self._rows = ScalarRows(A.pattern, upper=False)
         self._rows.refill(A)
         n = 3 * len(A.pattern)
-        # The rows of A read as columns: Aᵀ.
+        # The row arrays of A, used as column arrays, give Aᵀ.
         transposed = sparse.csc_matrix(self._rows.arrays, shape=(n, n))
         self._lu = self._factor(transposed)
         self._A, self._seconds = A, time.perf_counter() - begin
@@ -119,6 +127,12 @@ class SuperLU:
     ) -> tuple[np.ndarray, SolveInfo]:
         """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
         return _refined(self, b, rtol)
+
+    def begin(self, wx: float, wa: float) -> None:
+        """Nothing to do: every step is solved alike."""
+
+    def drop(self) -> None:
+        """Nothing to do: a solve depends on the prepared matrix only."""
 
     def _factor(self, transposed):
         failure = IndefiniteMatrix if self.symmetric else SolveFailed
@@ -133,10 +147,10 @@ class SuperLU:
             )
         except RuntimeError as error:
             raise failure(f"superlu could not factorise A: {error}") from error
-        # Rows are interchanged only where a diagonal pivot is zero. Without that A = L D Lᵀ, and
-        # D, the diagonal of U, has the signs of the eigenvalues.
+        # Rows are interchanged only if a diagonal pivot is zero. Otherwise A = L D Lᵀ, and D, the
+        # diagonal of U, has the signs of the eigenvalues.
         if (lu.perm_r != lu.perm_c).any() or not (lu.U.diagonal() > 0).all():
-            raise failure("superlu met a pivot <= 0: A is not positive definite")
+            raise failure("superlu found a pivot <= 0: A is not positive definite")
         return lu
 
     def _apply(self, b: np.ndarray) -> np.ndarray:
@@ -146,29 +160,34 @@ class SuperLU:
 def _refined(
     solver: Pardiso | SuperLU, b: np.ndarray, rtol: float, steps: int = 2
 ) -> tuple[np.ndarray, SolveInfo]:
-    """Solve with a factor and refine, x += A⁻¹ (b − A x), until the residual is good.
+    """Solve with a factor and refine, x += A⁻¹ (b − A x), until the residual is at most `rtol`.
 
-    Nothing reduces the residual below the round-off of its own evaluation (Oettli and Prager
-    1964), so that is accepted in place of `rtol`, but nothing beyond 1e-6.
+    No method reduces the residual below the round-off of its own evaluation (Oettli and Prager
+    1964). Therefore a residual of this size, up to 1e-6, is accepted in place of `rtol`.
+
+    Raises
+    ------
+    SolveFailed
+        If the residual is larger.
     """
     begin = time.perf_counter()
-    b, bb = pcg.checked(solver._A, b, rtol)
+    b, bb = checked(solver._A, b, rtol)
     x, r, step, reached = np.zeros_like(b), b.copy(), 0, float(bb > 0.0)
     while not reached <= rtol and step <= steps:
         x += solver._apply(r)
-        reached = pcg.relative_residual(solver._A, b, bb, x, r)
+        reached = relative_residual(solver._A, b, bb, x, r)
         step += 1
     if not reached <= rtol:
-        roundoff = 32 * EPS * np.sqrt(_rounding(*pcg.block_rows(solver._A), b, x) / bb)
+        roundoff = 32 * EPS * np.sqrt(_rounding(*block_rows(solver._A), b, x) / bb)
         if not reached <= min(roundoff, 1e-6):
-            raise SolveFailed(f"{solver.name}: A is singular, or close to it", reached, rtol)
+            raise SolveFailed(f"{solver.name}: A is singular or nearly singular", reached, rtol)
     refinements, seconds = max(step - 1, 0), time.perf_counter() - begin
     return x, SolveInfo(solver.name, refinements, reached, solver._seconds, seconds)
 
 
 @kernel
 def _rounding(indptr, indices, values, b, x):
-    """‖ |b| + |A| |x| ‖²: times eps², the square of what round-off alone leaves of b − A x."""
+    """‖ |b| + |A| |x| ‖²; times eps² this is the square of the round-off error of b − A x."""
     total = 0.0
     for i in range(len(b)):
         for c in range(3):

@@ -1,4 +1,4 @@
-"""PARDISO of the Intel MKL, called through the library that pypardiso finds."""
+"""Calls of PARDISO in the Intel MKL, through the library that pypardiso finds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-CBWR_AUTO = 2  # MKL_CBWR_AUTO of mkl_service.h: the best instructions, always the same ones
+CBWR_AUTO = 2  # MKL_CBWR_AUTO of mkl_service.h: the best instructions, the same in each call
 
 ERRORS = {
     -2: "not enough memory for the factor",
@@ -20,20 +20,20 @@ ERRORS = {
 
 
 def parameters() -> np.ndarray:
-    """The 64 switches, numbered from 1 in the MKL's documentation."""
+    """The 64 parameters ``iparm``, which the MKL's documentation numbers from 1."""
     iparm = np.zeros(65, np.int32)
-    iparm[1] = 1  # these values, not the defaults
+    iparm[1] = 1  # use these values instead of the defaults
     iparm[2] = 2  # nested dissection (METIS): 0.75 of the factor time of minimum degree
-    iparm[8] = 0  # no refinement of its own; the default takes two steps and thrice the time
+    iparm[8] = 0  # no refinement by PARDISO; the default takes two steps and three times the time
     iparm[10] = 13  # a pivot below 1e-13 of the largest entry is replaced (general matrices)
-    # No scaling or matching (11, 13): both would make the analysis depend on the values of the
-    # first matrix, and a run continued from a restart file differ from the uninterrupted one.
-    iparm[35] = 1  # rows and columns count from 0
+    # No scaling or matching (11, 13). Both make the analysis depend on the values of the first
+    # matrix. Then a run continued from a restart file would differ from an uninterrupted run.
+    iparm[35] = 1  # rows and columns are numbered from 0
     return iparm[1:].copy()
 
 
 def pardiso(phase, mtype, handle, rows, iparm, b, x) -> int:
-    """One call of MKL's ``pardiso``; returns its error code."""
+    """Call the MKL's ``pardiso`` and return its error code."""
 
     def number(value):
         return ctypes.byref(ctypes.c_int32(value))
@@ -55,26 +55,27 @@ def pardiso(phase, mtype, handle, rows, iparm, b, x) -> int:
 
 @cache
 def routine() -> Callable:
-    """The C routine; loads the MKL (0.4 s) on the first call.
+    """The C function ``pardiso``; the first call loads the MKL (0.4 s).
 
     Raises
     ------
     ImportError, OSError
-        Where pypardiso or the MKL is missing.
+        If pypardiso or the MKL is missing.
     """
     import pypardiso
 
-    # Taken from its module-wide solver: every further PyPardisoSolver() searches the disk anew.
+    # The module-wide solver is used because a new PyPardisoSolver() searches the disk again.
     _make_reproducible(pypardiso.ps.libmkl)
     return pypardiso.ps._mkl_pardiso
 
 
 def _make_reproducible(library) -> None:
-    """The MKL's mode in which equal calls on equally many threads give equal bits.
+    """Set the MKL's mode in which equal calls with equal numbers of threads give equal bits.
 
-    Otherwise sums depend on where arrays happen to lie, and the number of threads on how busy the
-    machine is (oneMKL Developer Guide, Obtaining Numerically Reproducible Results). Refused, the
-    MKL stays as the user, by MKL_CBWR, or another package has set it.
+    In the default mode sums depend on the addresses of arrays, and the number of threads depends
+    on the load of the machine (oneMKL Developer Guide, Obtaining Numerically Reproducible Results).
+    The mode does not change if the user has set MKL_CBWR, or if the MKL rejects the call because
+    another package has already used it.
     """
     if "MKL_CBWR" not in os.environ:
         library.MKL_CBWR_Set(ctypes.c_int(CBWR_AUTO))
@@ -82,7 +83,7 @@ def _make_reproducible(library) -> None:
 
 
 def threads() -> int | None:
-    """Threads that PARDISO takes; None where the MKL is not loaded."""
+    """Number of threads of PARDISO; None if the MKL is not loaded."""
     if not routine.cache_info().currsize:
         return None
     import pypardiso

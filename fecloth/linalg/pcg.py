@@ -1,45 +1,21 @@
-"""Conjugate gradients with a 3×3 block-Jacobi preconditioner, compiled.
+"""Conjugate gradients with a 3×3 block-Jacobi preconditioner, in compiled code.
 
-Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition: algorithm 9.1 (PCG) and
-section 4.1.1 (block Jacobi). Matrices are the block rows of `blocks.BlockMatrix`.
+Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, algorithm 9.1 (PCG)
+and section 4.1.1 (block Jacobi). Matrices are given as the block rows of a `BlockMatrix`.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.errors import IndefiniteMatrix, InputError, SolveFailed
+from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.jit import inner, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.linalg.reductions import squared
+from fecloth.linalg.protocol import SolveInfo, block_rows, checked, relative_residual
 
 CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
-
-
-@dataclass(frozen=True)
-class SolveInfo:
-    """What a solve took and what it reached.
-
-    Attributes
-    ----------
-    iterations
-        Of conjugate gradients; of iterative refinement in a direct solver (mostly 0).
-    residual
-        ‖b − A x‖ / ‖b‖, computed with A from the x that is returned.
-    seconds_factor
-        The last ``prepare``: analysis if there was one, factorisation or preconditioner.
-    seconds_solve
-        This ``solve``.
-    """
-
-    name: str
-    iterations: int
-    residual: float
-    seconds_factor: float
-    seconds_solve: float
 
 
 class PCG:
@@ -48,18 +24,18 @@ class PCG:
     Parameters
     ----------
     max_iterations
-        Beyond it a solve has failed.
+        A solve fails after this number of iterations.
     """
 
-    name, symmetric = "pcg", True
+    name, symmetric, keeps_state = "pcg", True, False
 
     def __init__(self, max_iterations: int = 10_000):
         self.max_iterations = max_iterations
-        self.prepared = 0  # times
+        self.prepared = 0  # number of calls of `prepare`
         self._A, self._inverse = None, np.empty((0, 6))
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Invert the diagonal blocks."""
+        """Invert the diagonal blocks of A; raise `IndefiniteMatrix` if one is not definite."""
         begin, self._A = time.perf_counter(), None
         self.prepared += 1
         n = len(A.pattern)
@@ -73,7 +49,7 @@ class PCG:
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """x (n, 3) and its `SolveInfo` for b (n, 3), started from `guess` (n, 3) or from 0."""
+        """Solve A x = b (n, 3), starting from `guess` (n, 3) or 0: x (n, 3) and `SolveInfo`."""
         begin = time.perf_counter()
         b, bb = checked(self._A, b, rtol)
         x, r, iterations = np.zeros_like(b), self._work[0], 0
@@ -86,12 +62,18 @@ class PCG:
         while not reached <= rtol:
             count, status = self._iterate(x, rtol * rtol * bb, self.max_iterations - iterations)
             iterations += count
-            # The recurrence of r drifts from the residual by round-off: start anew from the
-            # latter, as long as that gains.
+            # Round-off makes the recurrence of r drift away from the true residual. Restart from
+            # the true residual as long as this reduces it.
             before, reached = reached, relative_residual(self._A, b, bb, x, r)
             self._check(status, iterations, before, reached, rtol)
         seconds = time.perf_counter() - begin
         return x, SolveInfo(self.name, iterations, reached, self._seconds, seconds)
+
+    def begin(self, wx: float, wa: float) -> None:
+        """Nothing to do: every step is solved alike."""
+
+    def drop(self) -> None:
+        """Nothing to do: a solve depends on the prepared matrix only."""
 
     def _iterate(self, x, threshold, limit):
         r, z, p, q = self._work
@@ -100,10 +82,10 @@ class PCG:
 
     def _check(self, status, iterations, before, reached, rtol):
         if status == NOT_FINITE:
-            raise SolveFailed(f"pcg met a number that is not finite in {iterations} iterations")
+            raise SolveFailed(f"pcg found a number that is not finite in {iterations} iterations")
         if status == INDEFINITE:
             raise IndefiniteMatrix(
-                f"pcg met pᵀAp <= 0 in iteration {iterations + 1}: A is not positive definite",
+                f"pcg found pᵀAp <= 0 in iteration {iterations + 1}: A is not positive definite",
                 *(reached, rtol),
             )
         if status == OUT_OF_ITERATIONS:
@@ -128,49 +110,18 @@ def _refuse_block(node, block):
     )
 
 
-def checked(A: BlockMatrix | None, b: np.ndarray, rtol: float) -> tuple[np.ndarray, float]:
-    """b as a contiguous array of floats that fits A, and ‖b‖²."""
-    if A is None:
-        raise InputError("no matrix", "solve needs a prepare(A) that succeeded", "solve")
-    if not 0 < rtol < 1:
-        raise InputError(f"rtol = {rtol!r}", "must lie in (0, 1)", "solve")
-    b = np.ascontiguousarray(b, dtype=float)
-    if b.shape != (len(A.pattern), 3):
-        raise InputError(f"b of shape {b.shape}", f"must be ({len(A.pattern)}, 3)", "solve")
-    bb = squared(b)
-    if not np.isfinite(bb):
-        raise SolveFailed(f"b is not finite: ‖b‖² = {bb}, largest at node {_largest(b)}")
-    return b, bb
-
-
-def _largest(b):
-    return int(np.argmax(np.abs(b).sum(axis=1)))
-
-
-def block_rows(A: BlockMatrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """indptr, indices and values, as the kernels take them."""
-    return A.pattern.indptr, A.pattern.indices, A.values
-
-
-def relative_residual(
-    A: BlockMatrix, b: np.ndarray, bb: float, x: np.ndarray, r: np.ndarray
-) -> float:
-    """‖r‖ / ‖b‖ with r = b − A x (out) and bb = ‖b‖² > 0."""
-    return float(np.sqrt(residual(*block_rows(A), b, x, r) / bb))
-
-
 @kernel
 def conjugate_gradients(indptr, indices, values, inverse, x, r, z, p, q, threshold, limit):
-    """Improve x until ‖r‖² <= threshold, by the recurrence of r, or `limit` iterations are spent.
+    """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations.
 
     Parameters
     ----------
     inverse
-        (n, 6), M⁻¹: inverses of the diagonal blocks, see `invert_blocks`.
+        (n, 6) M⁻¹, the inverses of the diagonal blocks; see `invert_blocks`.
     x, r
-        (n, 3), a start and its residual b − A x; overwritten.
+        (n, 3) initial x and its residual b − A x; both are overwritten.
     z, p, q
-        (n, 3), work space for M⁻¹ r, the search direction, and A p.
+        (n, 3) work arrays for M⁻¹ r, the search direction p, and A p.
 
     Returns
     -------
@@ -198,7 +149,7 @@ def _turn(z, beta, p):
     """p = z + β p."""
     for i in range(len(p)):
         for c in range(3):
-            # With β = 0 whatever p held before is dropped, even if it was not finite.
+            # With β = 0 the old p is not used, because it may be not finite.
             p[i, c] = z[i, c] + beta * p[i, c] if beta != 0.0 else z[i, c]
 
 
@@ -246,9 +197,9 @@ def invert_blocks(diagonal, values, inverse):
     Parameters
     ----------
     diagonal
-        (n,) the blocks of `values` (b, 3, 3) that lie on the diagonal.
+        (n,) numbers of the diagonal blocks in `values` (b, 3, 3).
     inverse
-        (n, 6), out: entries 11, 22, 33, 23, 13, 12 of the inverses.
+        (n, 6) output: entries 11, 22, 33, 23, 13, 12 of the inverses.
 
     Returns
     -------
@@ -270,20 +221,3 @@ def invert_blocks(diagonal, values, inverse):
         inverse[i, 4] = c13 / det
         inverse[i, 5] = c12 / det
     return -1
-
-
-@kernel
-def residual(indptr, indices, values, b, x, r):
-    """r = b − A x; returns ‖r‖²."""
-    rr = 0.0
-    for i in range(len(b)):
-        r1, r2, r3 = b[i, 0], b[i, 1], b[i, 2]
-        for s in range(indptr[i], indptr[i + 1]):
-            j = indices[s]
-            x1, x2, x3 = x[j, 0], x[j, 1], x[j, 2]
-            r1 -= values[s, 0, 0] * x1 + values[s, 0, 1] * x2 + values[s, 0, 2] * x3
-            r2 -= values[s, 1, 0] * x1 + values[s, 1, 1] * x2 + values[s, 1, 2] * x3
-            r3 -= values[s, 2, 0] * x1 + values[s, 2, 1] * x2 + values[s, 2, 2] * x3
-        r[i, 0], r[i, 1], r[i, 2] = r1, r2, r3
-        rr += r1 * r1 + r2 * r2 + r3 * r3
-    return rr

@@ -1,4 +1,4 @@
-"""A matrix of 3×3 blocks as compressed rows of numbers, as direct solvers take it."""
+"""A matrix of 3×3 blocks as compressed rows of numbers, the format of direct solvers."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 
 
 class ScalarRows:
-    """A block pattern as compressed rows of numbers, all of them or those of the upper triangle.
+    """A block matrix as compressed rows of numbers: the full matrix or its upper triangle.
 
-    Row 3 i + c takes its numbers from the blocks `first[i]` … of row i, in their order; of the
-    diagonal block, then the first, an upper triangle has only the entries from c on.
+    Row 3 i + c has row c of the blocks `first[i]` … of block row i, in their order. For the upper
+    triangle the first block is the diagonal block, of which only the entries from column c on are
+    used.
     """
 
     def __init__(self, pattern: BlockPattern, upper: bool):
@@ -26,7 +27,7 @@ class ScalarRows:
         self.arrays = np.empty(count), columns, starts
 
     def refill(self, A: BlockMatrix) -> None:
-        """Copy the values of A."""
+        """Copy the values of A; raise `SolveFailed` if one is not finite."""
         if not _expand_values(A.pattern.indptr, self.first, A.values, self.upper, self.arrays[0]):
             node = A.pattern.rows[~np.isfinite(A.values).all(axis=(1, 2))][0]
             raise SolveFailed(f"A is not finite, first in the row of node {node}")
@@ -50,7 +51,7 @@ def _expand_pattern(indptr, indices, first, upper, columns, starts):
 
 @kernel
 def _expand_values(indptr, first, values, upper, data):
-    """True if all values are finite: 0 times their sum is 0."""
+    """Fill `data`; return True if all values are finite, that is if 0 times their sum is 0."""
     k, zero = 0, 0.0
     for i in range(len(first)):
         for c in range(3):

@@ -1,4 +1,4 @@
-"""The reference mesh and its scikit-fem discretisation; knows nothing of materials or time."""
+"""The flat reference mesh and its finite-element discretisation, without material or time."""
 
 from __future__ import annotations
 
@@ -11,36 +11,40 @@ import numpy as np
 import scipy.sparse as sparse
 import skfem
 
-from fecloth.mesh import elements, generate, mass, norms, selection
+from fecloth.mesh import elements, generate, interpolation, mass, norms, selection
+from fecloth.mesh.flat_mesh import FlatMesh, quality
 from fecloth.mesh.hinges import Hinges
+from fecloth.mesh.read import read
+from fecloth.mesh.renumber import renumber_mesh
 
 Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class Cloth:
-    """A flat cloth at rest, cut into oriented triangles.
+    """The flat reference shape of a cloth as a mesh of oriented triangles.
 
-    Made by `rectangle`, `disk`, `read` or `from_arrays`. Nodes and triangles are renumbered once
-    so that neighbours lie close together in memory; `source_nodes` and `source_triangles` lead
-    back to the numbering of the mesh that came in.
+    Create one with `rectangle`, `disk`, `read` or `from_arrays`. These renumber nodes and
+    triangles once, so that neighbours lie close together in memory. `source_nodes` and
+    `source_triangles` give the numbers of the input mesh.
 
-    Its `element` is "P1", linear triangles, or "P2", quadratic ones, whose nodes are the corners
-    and, behind them, the middles of the edges (`fecloth.elements`). P2 has a consistent mass only,
-    and so no explicit methods; each term says which elements it knows.
+    The element is "P1" (linear triangles) or "P2" (quadratic triangles). The nodes of P2 are the
+    corners, followed by the midpoints of the edges (`fecloth.mesh.elements`). P2 has only a
+    consistent mass and therefore no explicit methods. Each term states the elements that it
+    supports.
 
     Attributes
     ----------
     X
         (n, 2) reference coordinates of the nodes along warp and weft [m].
     triangles
-        (m, 3) int32 corners, counter-clockwise; ``triangles`` and not scikit-fem's ``mesh.t``
-        holds the orientation.
+        (m, 3) int32 corners, counter-clockwise. The orientation is stored here and not in
+        scikit-fem's ``mesh.t``, which sorts the corners.
     node_sets, edge_sets, triangle_sets
         Named node indices, (k, 2) pairs of corners, and triangles (regions).
     source_nodes, source_triangles
-        ``X[i]`` came in as node ``source_nodes[i]``, −1 for the middle of an edge; likewise for
-        triangles.
+        Node i is node ``source_nodes[i]`` of the input mesh, or −1 for the midpoint of an edge;
+        likewise for triangles.
     element
         "P1" or "P2".
 
@@ -65,7 +69,7 @@ class Cloth:
     element: str = "P1"
     triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
-    # --- where a cloth comes from -------------------------------------------------------------
+    # --- constructors -------------------------------------------------------------------------
 
     @classmethod
     def rectangle(
@@ -76,27 +80,28 @@ class Cloth:
         pattern: str = "unstructured",
         element: str = "P1",
     ):
-        """Rectangle [0, width] × [0, height] of edge length `h` [m].
+        """Mesh the rectangle [0, width] × [0, height] with edge length `h` [m].
 
-        `pattern` is "unstructured" (Gmsh), "right" (every cell cut along the same diagonal),
-        "cross" (every cell cut along both) or "equilateral". Sets: left, right, bottom, top,
-        corners, boundary. `element`: "P1" or "P2".
+        `pattern` is "unstructured" (Gmsh), "right" (each cell cut along the same diagonal),
+        "cross" (each cell cut along both diagonals) or "equilateral". The node sets are left,
+        right, bottom, top, corners and boundary. `element` is "P1" or "P2".
         """
-        return cls._of(generate.rectangle(width, height, h, pattern), element, points=["corners"])
+        mesh = generate.rectangle(width, height, h, pattern)
+        return cls._from_mesh(mesh, element, corner_sets=["corners"])
 
     @classmethod
     def disk(cls, radius: float, h: float, element: str = "P1"):
-        """Disk around the origin, meshed by Gmsh with edge length `h` [m]. Set: boundary."""
-        return cls._of(generate.disk(radius, h), element)
+        """Mesh a disk around the origin by Gmsh with edge length `h` [m]; node set: boundary."""
+        return cls._from_mesh(generate.disk(radius, h), element)
 
     @classmethod
     def read(cls, path: str | Path, h: float | None = None, element: str = "P1"):
-        """A .geo file meshed by Gmsh at size `h` [m], or any triangle mesh that meshio reads.
+        """Read a triangle mesh by meshio, or mesh a .geo file by Gmsh with edge length `h` [m].
 
-        Physical groups become node and edge sets. A mesh in space is accepted if it lies in a
-        plane.
+        Physical groups become node and edge sets. A mesh with three coordinates is accepted if
+        all nodes lie in one plane.
         """
-        return cls._of(generate.read(path, h), element)
+        return cls._from_mesh(read(path, h), element)
 
     @classmethod
     def from_arrays(
@@ -108,23 +113,44 @@ class Cloth:
         regions: dict | None = None,
         element: str = "P1",
     ):
-        """A cloth from coordinates (n, 2) [m], triangles (m, 3), named nodes, named triangles.
+        """Create a cloth from coordinates, triangles, named node sets and named regions.
 
-        For P2 too these are the corners. A named set grows by the middles of the edges that have
-        both ends in it; one with the name of a region by those of the region's triangles.
+        For P2 too the nodes are the corners only; the midpoints of the edges are added. A node set
+        gets the midpoints of the edges that have both ends in the set. A node set with the name of
+        a region gets the midpoints of the edges of the region's triangles.
+
+        Parameters
+        ----------
+        X : (n, 2) array
+            Coordinates [m].
+        triangles : (m, 3) integer array
+            Corners of each triangle.
+        sets : dict of str to (k,) integer arrays, optional
+            Named nodes.
+        renumber : bool
+            Whether to renumber nodes and triangles.
+        regions : dict of str to (k,) integer arrays, optional
+            Named triangles.
+        element : str
+            "P1" or "P2".
+
+        Raises
+        ------
+        MeshError
+            For arrays that are not a valid flat mesh; see `fecloth.mesh.flat_mesh`.
         """
         where = "from_arrays"
-        mesh = generate.checked(X, triangles, sets, where=where, triangle_sets=regions)
-        return cls._of(mesh, element, renumber)
+        mesh = FlatMesh.checked(X, triangles, sets, where=where, triangle_sets=regions)
+        return cls._from_mesh(mesh, element, renumber)
 
     @classmethod
-    def _of(cls, mesh: generate.FlatMesh, element: str, renumber: bool = True, points=()):
+    def _from_mesh(cls, mesh: FlatMesh, element: str, renumber: bool = True, corner_sets=()):
         elements.named(element, "Cloth")
         nodes, triangles = np.arange(len(mesh.X)), np.arange(len(mesh.triangles))
         if renumber:
-            mesh, nodes, triangles = generate.renumbered(mesh)
+            mesh, nodes, triangles = renumber_mesh(mesh)
         if element == "P2":
-            mesh = elements.quadratic(mesh, points)
+            mesh = elements.add_midpoints(mesh, corner_sets)
             nodes = np.append(nodes, np.full(len(mesh.X) - len(nodes), -1))
         return cls(
             mesh.X,
@@ -137,28 +163,30 @@ class Cloth:
             mesh.triangle_sets,
         )
 
-    # --- what it is ---------------------------------------------------------------------------
+    # --- nodes, regions and geometry ----------------------------------------------------------
 
     def nodes(self, where: Where) -> np.ndarray:
-        """Node indices of a named set, of a predicate on X, or the given indices themselves.
+        """Indices of the nodes in a named set, where a predicate on X holds, or of a list.
 
-        They are distinct; given indices keep their order, others ascend. A named curve or region
-        of P2 triangles has the middles of its edges too.
+        Each index occurs once. A list of indices keeps its order; otherwise the indices ascend. A
+        named curve or region of P2 triangles includes the midpoints of its edges.
 
         Raises
         ------
         InputError
-            If the set is unknown, an index is out of range, or no node is chosen.
+            If the set is unknown, an index is out of range, or no node is selected.
         """
         return selection.nodes(self, where)
 
     def region(self, where: Where) -> np.ndarray:
-        """Triangle indices of a named region, or of a predicate on the centroids (m, 2).
+        """Indices of the triangles in a named region, or where a predicate on centroids holds.
+
+        The predicate takes the centroids (m, 2) [m] and returns (m,) booleans.
 
         Raises
         ------
         InputError
-            If the region is unknown or holds no triangle.
+            If the region is unknown or contains no triangle.
         """
         return selection.triangles(self, where)
 
@@ -170,18 +198,18 @@ class Cloth:
     @cached_property
     def quality(self) -> np.ndarray:
         """(m,) shape of each reference triangle, 4√3 A / Σ l²: 1 equilateral, 0 degenerate."""
-        return generate.quality(self.X, self.triangles)
+        return quality(self.X, self.triangles)
 
     @cached_property
     def hinges(self) -> Hinges:
         """The interior edges, each with its two triangles."""
-        return Hinges.of(self.X, self.triangles)
+        return Hinges.from_triangles(self.X, self.triangles)
 
     # --- scikit-fem ---------------------------------------------------------------------------
 
     @property
     def kind(self) -> elements.Element:
-        """What there is to know of its element."""
+        """The element: shape functions, quadrature rule and mass."""
         return elements.named(self.element, "Cloth")
 
     @cached_property
@@ -192,7 +220,7 @@ class Cloth:
 
     @cached_property
     def cells(self) -> np.ndarray:
-        """(m, k) int32 as VTK numbers a cell: `triangles`, for P2 the middles of 01, 12, 20 too."""
+        """(m, k) int32 nodes in VTK's order: the corners, for P2 then the midpoints 01, 12, 20."""
         if self.element == "P1":
             return self.triangles
         return elements.oriented_cells(self.mesh, self.triangles)
@@ -207,41 +235,45 @@ class Cloth:
 
     @property
     def stencil(self) -> np.ndarray:
-        """(m, k) int32, the nodes of each triangle in scikit-fem's order.
+        """(m, k) int32 nodes of each triangle in scikit-fem's order.
 
-        Corners by ascending number (whatever the orientation), then the middles of their edges
-        01, 12 and 02.
+        The corners come first, in ascending order and not in the order of the orientation. The
+        midpoints of the edges 01, 12 and 02 follow.
         """
         return self._kernel_arrays[0]
 
     @property
     def gradients(self) -> np.ndarray:
-        """(m, q, k, 2), ∂N_a/∂X at each quadrature point [1/m]."""
+        """(m, q, k, 2) gradients ∂N_a/∂X at each quadrature point [1/m]."""
         return self._kernel_arrays[1]
 
     @property
     def values(self) -> np.ndarray:
-        """(q, k), N_a at each quadrature point."""
+        """(q, k) shape functions N_a at each quadrature point."""
         return self.kind.values
 
     @property
     def weights(self) -> np.ndarray:
-        """(m, q) quadrature weights, summing to the area [m²]."""
+        """(m, q) quadrature weights [m²]; their sum is the area."""
         return self._kernel_arrays[2]
 
     @property
     def shape(self) -> tuple[tuple, tuple]:
-        """A zero for each node of a triangle, and for each quadrature point (see membrane.py)."""
+        """A tuple of k zeros and one of q zeros.
+
+        The kernels take the numbers of nodes and quadrature points from the lengths of these
+        tuples, which are constants at compile time.
+        """
         _, q, k, _ = self.gradients.shape
         return (0,) * k, (0,) * q
 
     def load(self, density=1.0, order: int = 6) -> np.ndarray:
-        """∫ ρ N_a dA: the forces (n,) or (n, d) on the nodes that do the work of a load ρ.
+        """Consistent nodal forces ∫ ρ N_a dA, (n,) or (n, d), of a distributed load ρ.
 
         Parameters
         ----------
         density
-            ρ: a number, or a function that takes material points (p, 2) to (p,) or (p, d).
+            ρ: a number, or a function of material points (p, 2) [m] that returns (p,) or (p, d).
         order
             Polynomial degree to which ρ N_a is integrated exactly.
 
@@ -256,38 +288,43 @@ class Cloth:
         return norms.load(self, density, order)
 
     def weighted_load(self, density: np.ndarray) -> np.ndarray:
-        """(n,) ∫ ρ N_a dA, with one ρ for each triangle (m,); zero at a P2 triangle's corners."""
+        """(n,) ∫ ρ N_a dA for one ρ per triangle (m,); zero at the corners of P2 triangles."""
         return mass.weighted_load(self, density)
 
     def mass(self, kind: str | None = None, density: np.ndarray | None = None) -> sparse.csr_matrix:
-        """(n, n) ∫ ρ N_a N_b dA, consistent or lumped by row sums; ρ (m,) is 1 if left out.
+        """(n, n) mass matrix ∫ ρ N_a N_b dA, consistent or lumped by row sums.
 
-        Left out, `kind` is "lumped" for P1 and "consistent" for P2.
+        Parameters
+        ----------
+        kind : str, optional
+            "lumped" or "consistent". Default: "lumped" for P1, "consistent" for P2.
+        density : (m,) array, optional
+            ρ of each triangle [kg/m²]. Default: 1.
 
         Raises
         ------
         InputError
-            For another kind, and for P2 lumped: its row sums give the corners no mass.
+            For another kind, and for a lumped mass on P2: the row sums of the corners are zero.
         """
         density = np.ones(len(self.triangles)) if density is None else density
         return mass.matrix(self, self.usual_mass if kind is None else kind, density)
 
     @property
     def usual_mass(self) -> str:
-        """The kind of mass where none is asked for: "lumped" for P1, "consistent" for P2."""
+        """The default kind of mass: "lumped" for P1, "consistent" for P2."""
         return "lumped" if self.element == "P1" else "consistent"
 
     def diagonal_mass(self, density: np.ndarray) -> np.ndarray:
-        """(n,) the consistent mass's diagonal, each triangle's scaled to its own mass [kg].
+        """(n,) diagonal of the consistent mass, scaled to the mass of each triangle [kg].
 
-        Positive for either element, and P1's row sums. For norms, estimates and bounds: steps
-        with it in place of the mass would not keep P2's order.
+        It is positive for both elements and equals the row sums for P1. Use it for norms, estimates
+        and bounds only: time steps with this mass lose the order of P2.
         """
         return mass.diagonal(self, density)
 
     @property
     def least_mass(self) -> float:
-        """c with the consistent mass ≥ c `diagonal_mass`, whatever the shape of the triangles."""
+        """c such that the consistent mass ≥ c `diagonal_mass` for triangles of any shape."""
         return self.kind.least_mass
 
     # --- fields on the cloth ------------------------------------------------------------------
@@ -295,30 +332,32 @@ class Cloth:
     def interpolator(self, points: np.ndarray) -> sparse.csr_matrix:
         """(p, n) matrix that evaluates a nodal field at material points (p, 2) [m].
 
-        A point outside the mesh by less than an edge length takes the nearest triangle's
-        polynomial: two meshes of one disk are polygons that do not quite cover each other.
+        At a point outside the mesh by less than an edge length the polynomial of the nearest
+        triangle is evaluated. This is needed because two meshes of one disk are polygons that do
+        not cover each other completely.
 
         Raises
         ------
         MeshError
             If a point lies farther outside.
         """
-        return norms.interpolator(self, points)
+        return interpolation.interpolator(self, points)
 
     def interpolate(self, values: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Values at material points (p, 2) of a nodal field (n,) or (n, d)."""
-        return self.interpolator(points) @ norms.nodal(self, values)
+        """Interpolate a nodal field (n,) or (n, d) at material points (p, 2) [m]."""
+        return self.interpolator(points) @ interpolation.nodal_values(self, values)
 
     def l2_norm(self, values: np.ndarray) -> float:
         """√∫ |u|² dA of a nodal field (n,) or (n, d)."""
-        values = norms.nodal(self, values)
+        values = interpolation.nodal_values(self, values)
         return float(np.sqrt(np.sum(values * (self.mass("consistent") @ values))))
 
     def l2_difference(self, other: Cloth, a: np.ndarray, b: np.ndarray) -> float:
         """√∫ |a − b|² dA for nodal fields a on this cloth and b on `other`.
 
-        The integral runs over the cloth with more triangles, by a rule exact to degree 4 on
-        each of them (exact altogether where the coarser mesh's edges are also edges of the finer).
+        The integral is taken over the cloth with more triangles. The quadrature rule is exact to
+        degree 4 in each triangle. The result is exact if every edge of the coarser mesh is made of
+        edges of the finer mesh.
         """
         return norms.l2_difference(self, other, a, b)
 
@@ -329,15 +368,16 @@ class Cloth:
     def l2_error(self, values: np.ndarray, exact: Callable, order: int = 8) -> float:
         """√∫ |u − exact|² dA of a nodal field (n,) or (n, d).
 
-        ``exact`` takes material points (p, 2) to (p,) or (p, d); `order` is the polynomial degree
-        to which the square is integrated exactly.
+        `exact` is a function of material points (p, 2) [m] that returns (p,) or (p, d). `order` is
+        the polynomial degree to which the square of the difference is integrated exactly.
         """
         return norms.l2_error(self, values, exact, order)
 
     def h1_error(self, values: np.ndarray, exact_gradient: Callable, order: int = 8) -> float:
         """√∫ |∂u/∂X − exact_gradient|² dA (the H1 seminorm) of a nodal field (n,) or (n, d).
 
-        ``exact_gradient`` takes material points (p, 2) to (p, 2) or (p, d, 2).
+        `exact_gradient` is a function of material points (p, 2) [m] that returns (p, 2) or
+        (p, d, 2).
 
         Examples
         --------

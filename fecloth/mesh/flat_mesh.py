@@ -1,4 +1,4 @@
-"""Plain mesh arrays in, a validated and oriented flat mesh out."""
+"""A flat triangle mesh with named sets, and the validation of plain arrays."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fecloth.errors import MeshError
-from fecloth.mesh.flatten import flattened
+from fecloth.mesh.flatten import flatten
 
-_SHOWN = 5  # offenders that a message lists
+_MAX_LISTED = 5  # items in an error message
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class FlatMesh:
     node_sets
         Name to sorted unique node indices.
     edge_sets
-        Name to (k, 2) node pairs, lower index first, of the triangle edges in the named curve.
+        Name to (k, 2) node pairs of the edges in the named curve, lower index first.
     triangle_sets
         Name to sorted unique triangle indices.
     """
@@ -38,114 +38,142 @@ class FlatMesh:
     edge_sets: dict[str, np.ndarray]
     triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
+    @classmethod
+    def checked(
+        cls,
+        X,
+        triangles,
+        node_sets=None,
+        edge_sets=None,
+        where="",
+        node_ids=None,
+        triangle_ids=None,
+        triangle_sets=None,
+    ) -> FlatMesh:
+        """Validate plain arrays and create a mesh whose triangles are all counter-clockwise.
+
+        Errors in the arrays are reported and not repaired. Exception: if all triangles are
+        clockwise, all are reversed. The node and edge sets ``boundary`` (the edges of only one
+        triangle) are added unless sets of this name exist. An edge set without a node set of the
+        same name gets one.
+
+        Parameters
+        ----------
+        X : (n, 2) or (n, 3) array
+            Node coordinates [m]. Points with three coordinates must lie in a plane to 1e-9 of the
+            extent. In the planes xy, xz and yz those two coordinates are used. Any other plane
+            gets an orthonormal frame. Its first axis is the projection of the global x axis, or of
+            the y axis if the plane is normal to x.
+        triangles : (m, 3) integer array
+            Node indices, 0-based.
+        node_sets : dict of str to (k,) integer arrays, optional
+        edge_sets : dict of str to (k, 2) integer arrays, optional
+            Pairs of nodes; each must be an edge of a triangle.
+        where : str
+            File or function, for the error messages.
+        node_ids, triangle_ids : integer arrays, optional
+            Numbers of nodes and triangles in the error messages. Default: the indices.
+        triangle_sets : dict of str to (k,) integer arrays, optional
+
+        Raises
+        ------
+        MeshError
+            For coordinates that are not finite or not in a plane, indices out of range, repeated
+            vertices, zero-area, inverted, duplicate, overlapping or unconnected triangles, an edge
+            of more than two triangles, unused or coincident nodes, empty sets, and sets with pairs
+            that are no edge.
+
+        Examples
+        --------
+        >>> mesh = FlatMesh.checked([[0, 0], [1, 0], [0, 1]], [[0, 2, 1]], node_sets={"tip": [1]})
+        >>> mesh.triangles.tolist(), mesh.node_sets["tip"].tolist()
+        ([[0, 1, 2]], [1])
+        >>> mesh.edge_sets["boundary"].tolist()
+        [[0, 1], [0, 2], [1, 2]]
+        """
+        X, triangles = _arrays(X, triangles, where)
+        n, m = len(X), len(triangles)
+        source = _Source(
+            where,
+            np.arange(n) if node_ids is None else np.asarray(node_ids),
+            np.arange(m) if triangle_ids is None else np.asarray(triangle_ids),
+        )
+        bad = np.flatnonzero(~np.isfinite(X).all(axis=1))
+        source.check_no_nodes(bad, "nodes with non-finite coordinates", remedy="Correct them.")
+        _check_vertices(triangles, n, source)
+        X = X if X.shape[1] == 2 else flatten(X, where)
+        _check_nodes(X, triangles, source)
+        triangles = _oriented(X, triangles.astype(np.int32), source)
+        _check_duplicates(triangles, source)
+        keys, boundary = _check_edges(triangles, n, source)
+        nodes = {name: _node_set(name, s, n, where) for name, s in (node_sets or {}).items()}
+        edges = {name: _edge_set(name, s, n, keys, source) for name, s in (edge_sets or {}).items()}
+        if "boundary" not in nodes:
+            edges.setdefault("boundary", boundary)
+        nodes = {name: np.unique(pairs) for name, pairs in edges.items()} | nodes
+        regions = {name: _node_set(name, s, m, where) for name, s in (triangle_sets or {}).items()}
+        return cls(X, triangles, nodes, edges, regions)
+
 
 @dataclass(frozen=True)
 class _Source:
-    """Where the arrays come from, and the numbers that nodes and triangles have there."""
+    """Origin of the arrays, and the numbers of nodes and triangles there, for error messages."""
 
     where: str
     nodes: np.ndarray
     triangles: np.ndarray
 
-    def refuse(self, bad: np.ndarray, shown: list[str], kind: str, allowed="", remedy=""):
-        more = ", ..." if len(bad) > _SHOWN else ""
-        what = f"{len(bad)} {kind}: {', '.join(shown)}{more}"
+    def _raise(self, bad: np.ndarray, listed: list[str], kind: str, allowed="", remedy=""):
+        more = ", ..." if len(bad) > _MAX_LISTED else ""
+        what = f"{len(bad)} {kind}: {', '.join(listed)}{more}"
         raise MeshError(what, allowed, self.where, remedy)
 
-    def refuse_nodes(self, bad: np.ndarray, kind: str, allowed="", remedy=""):
+    def check_no_nodes(self, bad: np.ndarray, kind: str, allowed="", remedy=""):
         if len(bad):
-            shown = [f"node {i}" for i in self.nodes[bad[:_SHOWN]]]
-            self.refuse(bad, shown, kind, allowed, remedy)
+            listed = [f"node {i}" for i in self.nodes[bad[:_MAX_LISTED]]]
+            self._raise(bad, listed, kind, allowed, remedy)
 
-    def refuse_triangles(self, bad, triangles, kind: str, allowed="", remedy="", raw=False):
+    def check_no_triangles(self, bad, triangles, kind: str, allowed="", remedy="", raw=False):
         if len(bad):
-            vertices = triangles[bad[:_SHOWN]]
+            vertices = triangles[bad[:_MAX_LISTED]]
             vertices = vertices if raw else self.nodes[vertices]
-            ids = self.triangles[bad[:_SHOWN]]
+            ids = self.triangles[bad[:_MAX_LISTED]]
             pairs = zip(ids, vertices.tolist(), strict=True)
-            shown = [f"triangle {i} (nodes {', '.join(map(str, v))})" for i, v in pairs]
-            self.refuse(bad, shown, kind, allowed, remedy)
+            listed = [f"triangle {i} (nodes {', '.join(map(str, v))})" for i, v in pairs]
+            self._raise(bad, listed, kind, allowed, remedy)
 
-    def refuse_edges(self, bad: np.ndarray, kind: str, allowed="", remedy=""):
+    def check_no_edges(self, bad: np.ndarray, kind: str, allowed="", remedy=""):
         if len(bad):
-            shown = [f"edge {a}-{b}" for a, b in self.nodes[bad[:_SHOWN]]]
-            self.refuse(bad, shown, kind, allowed, remedy)
+            listed = [f"edge {a}-{b}" for a, b in self.nodes[bad[:_MAX_LISTED]]]
+            self._raise(bad, listed, kind, allowed, remedy)
 
 
-def checked(
-    X,
-    triangles,
-    node_sets=None,
-    edge_sets=None,
-    where="",
-    node_ids=None,
-    triangle_ids=None,
-    triangle_sets=None,
-) -> FlatMesh:
-    """Validate plain arrays and orient the triangles counter-clockwise, once.
-
-    Nothing is repaired, except that triangles which are all clockwise are all reversed. The sets
-    ``boundary`` (edges of one triangle, and their nodes) are added unless that name is taken; an
-    edge set without a node set of its name gets one.
+def quality(X: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Shape quality of each triangle, 4 √3 A / (l₁² + l₂² + l₃²).
 
     Parameters
     ----------
-    X : (n, 2) or (n, 3) array
-        Node coordinates [m]; three columns must lie in a plane to 1e-9 of the extent. Planes xy,
-        xz and yz keep those two coordinates; any other plane gets an orthonormal frame whose
-        first axis is the projection of the global x axis (of y, if the plane is normal to x).
+    X : (n, 2) array
+        Node coordinates [m].
     triangles : (m, 3) integer array
-        Node indices, 0-based.
-    node_sets : dict of str to (k,) integer arrays, optional
-    edge_sets : dict of str to (k, 2) integer arrays, optional
-        Pairs of nodes; each must be an edge of a triangle.
-    where : str
-        File or call, for the messages.
-    node_ids, triangle_ids : integer arrays, optional
-        Numbers by which messages name nodes and triangles; default: the indices.
-    triangle_sets : dict of str to (k,) integer arrays, optional
 
-    Raises
-    ------
-    MeshError
-        Non-finite or non-planar coordinates, indices out of range, repeated vertices, zero-area,
-        inverted, duplicate, overlapping or unconnected triangles, an edge of more than two
-        triangles, unused or coincident nodes, sets that are empty or that name no node or edge.
+    Returns
+    -------
+    (m,) array
+        1 for an equilateral triangle, 0 for a degenerate one, negative for a clockwise one.
 
     Examples
     --------
-    >>> mesh = checked([[0, 0], [1, 0], [0, 1]], [[0, 2, 1]], node_sets={"tip": [1]})
-    >>> mesh.triangles.tolist(), mesh.node_sets["tip"].tolist()
-    ([[0, 1, 2]], [1])
-    >>> mesh.edge_sets["boundary"].tolist()
-    [[0, 1], [0, 2], [1, 2]]
+    >>> X = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.75**0.5]])
+    >>> quality(X, np.array([[0, 1, 2]])).round(12).tolist()
+    [1.0]
     """
-    X, triangles = _arrays(X, triangles, where)
-    n, m = len(X), len(triangles)
-    source = _Source(
-        where,
-        np.arange(n) if node_ids is None else np.asarray(node_ids),
-        np.arange(m) if triangle_ids is None else np.asarray(triangle_ids),
-    )
-    bad = np.flatnonzero(~np.isfinite(X).all(axis=1))
-    source.refuse_nodes(bad, "nodes with non-finite coordinates", remedy="Correct them.")
-    _check_vertices(triangles, n, source)
-    X = X if X.shape[1] == 2 else flattened(X, where)
-    _check_nodes(X, triangles, source)
-    triangles = _oriented(X, triangles.astype(np.int32), source)
-    _check_duplicates(triangles, source)
-    keys, boundary = _check_edges(triangles, n, source)
-    nodes = {name: _node_set(name, s, n, where) for name, s in (node_sets or {}).items()}
-    edges = {name: _edge_set(name, s, n, keys, source) for name, s in (edge_sets or {}).items()}
-    if "boundary" not in nodes:
-        edges.setdefault("boundary", boundary)
-    nodes = {name: np.unique(pairs) for name, pairs in edges.items()} | nodes
-    regions = {name: _node_set(name, s, m, where) for name, s in (triangle_sets or {}).items()}
-    return FlatMesh(X, triangles, nodes, edges, regions)
+    area, lengths2 = _areas_and_lengths(X, triangles)
+    return 4 * np.sqrt(3.0) * area / lengths2.sum(axis=0)
 
 
 def sorted_pairs(pairs: np.ndarray) -> np.ndarray:
-    """Node pairs in one form: lower index first, rows sorted, none twice."""
+    """Unique node pairs, lower index first, in ascending order."""
     return np.unique(np.sort(pairs, axis=1).astype(np.intp), axis=0)
 
 
@@ -154,7 +182,7 @@ def _arrays(X, triangles, where):
         X = np.array(X, dtype=np.float64)
         triangles = np.asarray(triangles)
     except (TypeError, ValueError) as error:
-        what = f"coordinates or triangles are no arrays of numbers ({error})"
+        what = f"coordinates or triangles are not arrays of numbers ({error})"
         raise MeshError(what, where=where) from error
     if X.ndim != 2 or X.shape[1] not in (2, 3):
         raise MeshError(f"coordinates have shape {X.shape}", "must be (n, 2) or (n, 3)", where)
@@ -169,25 +197,27 @@ def _arrays(X, triangles, where):
 def _check_vertices(t, n, source):
     bad = np.flatnonzero(((t < 0) | (t >= n)).any(axis=1))
     kind = "triangles with a vertex out of range"
-    source.refuse_triangles(bad, t, kind, f"vertices must be 0 to {n - 1}", raw=True)
+    source.check_no_triangles(bad, t, kind, f"vertices must be 0 to {n - 1}", raw=True)
     repeated = (t[:, 0] == t[:, 1]) | (t[:, 1] == t[:, 2]) | (t[:, 2] == t[:, 0])
     kind = "triangles with a repeated vertex"
-    source.refuse_triangles(np.flatnonzero(repeated), t, kind, remedy="Remove them.")
+    source.check_no_triangles(np.flatnonzero(repeated), t, kind, remedy="Remove them.")
 
 
 def _check_nodes(X, t, source):
     unused = np.ones(len(X), dtype=bool)
     unused[t.ravel()] = False
     kind = "nodes used by no triangle"
-    source.refuse_nodes(np.flatnonzero(unused), kind, remedy="Remove them and renumber.")
-    place = np.ascontiguousarray(X).view(np.complex128).ravel()  # complex sorts by x, then by y
-    order = np.argsort(place, kind="stable")
-    again = place[order][1:] == place[order][:-1]
+    source.check_no_nodes(np.flatnonzero(unused), kind, remedy="Remove them and renumber.")
+    # Complex numbers are sorted by their real part x, then by their imaginary part y.
+    points = np.ascontiguousarray(X).view(np.complex128).ravel()
+    order = np.argsort(points, kind="stable")
+    is_repeated = points[order][1:] == points[order][:-1]
+    bad = np.sort(order[1:][is_repeated])
     kind = "nodes coincident with another node"
-    source.refuse_nodes(np.sort(order[1:][again]), kind, remedy="Merge nodes at the same place.")
+    source.check_no_nodes(bad, kind, remedy="Merge nodes at the same position.")
 
 
-def shapes(X, t):
+def _areas_and_lengths(X, t):
     """Signed areas (m,) and squared edge lengths (3, m)."""
     a, b, c = X[t[:, 0]], X[t[:, 1]], X[t[:, 2]]
     e, f = b - a, c - a
@@ -196,32 +226,32 @@ def shapes(X, t):
 
 
 def _oriented(X, t, source):
-    area, lengths2 = shapes(X, t)
+    area, lengths2 = _areas_and_lengths(X, t)
     bad = np.flatnonzero(np.abs(area) < 1e-12 * lengths2.max(axis=0))
     limit = "the area must be at least 1e-12 of the longest edge squared"
-    source.refuse_triangles(bad, t, "zero-area triangles", limit, "Remove or reshape them.")
+    source.check_no_triangles(bad, t, "zero-area triangles", limit, "Remove or reshape them.")
     clockwise = area < 0
     count = np.count_nonzero(clockwise)
     if count == len(t):
         return np.ascontiguousarray(t[:, [0, 2, 1]])
     bad = np.flatnonzero(clockwise if 2 * count <= len(t) else ~clockwise)
     if count:
-        limit = f"all {len(t)} must turn the same way"
+        limit = f"all {len(t)} must have the same orientation"
         remedy = "Swap two vertices of each, or untangle the mesh."
-        source.refuse_triangles(bad, t, "inverted triangles", limit, remedy)
+        source.check_no_triangles(bad, t, "inverted triangles", limit, remedy)
     return t
 
 
 def _check_duplicates(t, source):
     low = np.sort(t, axis=1)
     order = np.lexsort((low[:, 2], low[:, 1], low[:, 0]))
-    again = (low[order[1:]] == low[order[:-1]]).all(axis=1)
-    bad = np.sort(order[1:][again])
-    source.refuse_triangles(bad, t, "duplicate triangles", remedy="Remove the copies.")
+    is_repeated = (low[order[1:]] == low[order[:-1]]).all(axis=1)
+    bad = np.sort(order[1:][is_repeated])
+    source.check_no_triangles(bad, t, "duplicate triangles", remedy="Remove the copies.")
 
 
 def _check_edges(t, n, source):
-    """Sorted keys low * n + high of all edges, and the boundary's node pairs."""
+    """Return the sorted keys low * n + high of all edges, and the node pairs of the boundary."""
     start, end = t.ravel().astype(np.int64), np.roll(t, -1, axis=1).ravel()
     key = np.minimum(start, end) * n + np.maximum(start, end)
     order = np.argsort(key, kind="stable")  # half-edge h belongs to triangle h // 3
@@ -230,16 +260,17 @@ def _check_edges(t, n, source):
     count = np.diff(np.append(first, len(key)))
     keys = key[first]
     kind = "edges shared by more than two triangles"
-    source.refuse_edges(_unkeyed(keys[count > 2], n), kind, remedy="A cloth is one sheet.")
+    source.check_no_edges(_node_pairs(keys[count > 2], n), kind, remedy="A cloth is one sheet.")
     pair = first[count == 2]
     folded = key[pair[forward[pair] == forward[pair + 1]]]
     kind = "edges whose two triangles lie on the same side (they overlap)"
-    source.refuse_edges(_unkeyed(folded, n), kind, remedy="Untangle the mesh.")
+    source.check_no_edges(_node_pairs(folded, n), kind, remedy="Untangle the mesh.")
     _check_connected(order[pair] // 3, order[pair + 1] // 3, t, source)
-    return keys, _unkeyed(keys[count == 1], n)
+    return keys, _node_pairs(keys[count == 1], n)
 
 
-def _unkeyed(keys, n):
+def _node_pairs(keys, n):
+    """Node pairs (k, 2) of edge keys low * n + high."""
     return np.column_stack((keys // n, keys % n)).astype(np.intp)
 
 
@@ -250,15 +281,16 @@ def _check_connected(a, b, t, source):
     if pieces > 1:
         bad = np.flatnonzero(label != np.bincount(label).argmax())
         kind = "triangles not connected through edges to the rest"
-        limit = f"the mesh falls into {pieces} pieces"
-        source.refuse_triangles(bad, t, kind, limit, "Join them, or read each as its own cloth.")
+        limit = f"the mesh has {pieces} separate pieces"
+        source.check_no_triangles(bad, t, kind, limit, "Join them, or use one cloth per piece.")
 
 
-def set_indices(name, values, n, columns, where) -> np.ndarray:
-    """The indices in a set, (k, *columns), after checks that they exist and lie in 0 to n - 1."""
+def validated_indices(name, values, n, columns, where) -> np.ndarray:
+    """Return the indices of a set, (k, *columns); raise `MeshError` unless all are in 0 … n − 1."""
     values = np.asarray(values)
     if values.size == 0:
-        raise MeshError(f"set {name!r} is empty", "must hold a node", where, "Remove or fill it.")
+        allowed = "must contain a node"
+        raise MeshError(f"set {name!r} is empty", allowed, where, "Remove or fill it.")
     if values.dtype.kind not in "iu" or values.ndim != len(columns) + 1:
         what = f"set {name!r} has shape {values.shape} and type {values.dtype}"
         raise MeshError(what, f"must be integers, {1 + len(columns)} axes", where)
@@ -266,18 +298,20 @@ def set_indices(name, values, n, columns, where) -> np.ndarray:
         raise MeshError(f"edge set {name!r} has shape {values.shape}", "must be (k, 2)", where)
     bad = values[(values < 0) | (values >= n)]
     if bad.size:
-        shown = ", ".join(map(str, bad[:_SHOWN])) + (", ..." if bad.size > _SHOWN else "")
-        what = f"set {name!r} holds {bad.size} indices out of range: {shown}"
+        listed = ", ".join(map(str, bad[:_MAX_LISTED])) + (
+            ", ..." if bad.size > _MAX_LISTED else ""
+        )
+        what = f"set {name!r} contains {bad.size} indices out of range: {listed}"
         raise MeshError(what, f"must be 0 to {n - 1}", where)
     return values.astype(np.intp)
 
 
 def _node_set(name, values, n, where):
-    return np.unique(set_indices(name, values, n, (), where))
+    return np.unique(validated_indices(name, values, n, (), where))
 
 
 def _edge_set(name, values, n, keys, source):
-    pairs = sorted_pairs(set_indices(name, values, n, (2,), source.where))
+    pairs = sorted_pairs(validated_indices(name, values, n, (2,), source.where))
     bad = pairs[~np.isin(pairs[:, 0] * n + pairs[:, 1], keys)]
-    source.refuse_edges(bad, f"pairs of set {name!r} that are no edge of a triangle")
+    source.check_no_edges(bad, f"pairs of set {name!r} that are not edges of a triangle")
     return pairs

@@ -1,38 +1,36 @@
-"""Flat triangle meshes: simple shapes, files, and a numbering that is kind to caches."""
+"""Flat triangle meshes of simple shapes: rectangles and disks."""
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from fecloth.errors import InputError
-from fecloth.mesh.flat_mesh import FlatMesh, checked, shapes, sorted_pairs
+from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.mesh.gmsh_import import check_positive, check_size, gmsh_plane
-from fecloth.mesh.read import read
-
-__all__ = ["FlatMesh", "checked", "disk", "quality", "read", "rectangle", "renumbered"]
+from fecloth.suggest import did_you_mean
 
 
 def rectangle(width: float, height: float, h: float, pattern: str = "unstructured") -> FlatMesh:
     """Mesh the rectangle [0, width] × [0, height].
+
+    The structured patterns have ``max(1, round(width / h))`` by ``max(1, round(height / h))``
+    cells. In the pattern "equilateral" the rows have a height near h √3/2 that divides the height
+    of the rectangle. Every second row is shifted by half an edge. The left and right borders are
+    straight and have half triangles. The edge length along x divides the width and is the nearest
+    one to that of an equilateral triangle. Thus the angles are exactly 60° only if the sides fit.
 
     Parameters
     ----------
     width, height : float
         Sides [m].
     h : float
-        Edge length [m], at most the longer side. The structured patterns have
-        ``max(1, round(width / h))`` by ``max(1, round(height / h))`` cells.
+        Edge length [m], at most the longer side.
     pattern : str
-        ``"unstructured"``: Gmsh. ``"right"``: each cell cut by the same diagonal, from lower left
-        to upper right. ``"cross"``: each cell cut into four by its centre. ``"equilateral"``:
-        rows of height near h √3/2 that fill the height, every other one shifted by half an edge,
-        with half triangles at straight left and right borders; the edge along x is the one nearest
-        to the rows' own that divides the width, so only fitting sides give exact 60° angles.
+        ``"unstructured"``: Gmsh. ``"right"``: each cell is cut along the diagonal from lower left
+        to upper right. ``"cross"``: each cell is cut into four triangles at its centre.
+        ``"equilateral"``: rows of nearly equilateral triangles.
 
     Returns
     -------
@@ -43,7 +41,7 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
     Raises
     ------
     InputError
-        Sides or h that are not positive and finite, h out of range, an unknown pattern.
+        For sides or h that are not positive and finite, h out of range, or an unknown pattern.
 
     Examples
     --------
@@ -55,15 +53,15 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
     check_positive("height", height, "rectangle")
     check_size(h, max(width, height), width * height, "rectangle")
     if pattern not in _PATTERNS:
-        near = difflib.get_close_matches(str(pattern), _PATTERNS, n=1, cutoff=0.0)[0]
         allowed = f"must be one of {', '.join(_PATTERNS)}"
-        raise InputError(f"pattern = {pattern!r}", allowed, "rectangle", f"Did you mean {near!r}?")
+        remedy = did_you_mean(pattern, _PATTERNS, cutoff=0.0)
+        raise InputError(f"pattern = {pattern!r}", allowed, "rectangle", remedy)
     X, triangles = _PATTERNS[pattern](float(width), float(height), float(h))
-    return _with_sides(checked(X, triangles, where="rectangle"), width, height)
+    return _with_side_sets(FlatMesh.checked(X, triangles, where="rectangle"), width, height)
 
 
 def disk(radius: float, h: float) -> FlatMesh:
-    """Mesh a disk about the origin by Gmsh, its rim nodes on the circle.
+    """Mesh a disk around the origin by Gmsh; the nodes of the rim lie on the circle.
 
     Parameters
     ----------
@@ -75,12 +73,12 @@ def disk(radius: float, h: float) -> FlatMesh:
     Returns
     -------
     FlatMesh
-        With the node and edge set ``boundary``.
+        It has the node and edge set ``boundary``.
 
     Raises
     ------
     InputError
-        A radius or h that is not positive and finite, or h out of range.
+        For a radius or h that is not positive and finite, or h out of range.
 
     Examples
     --------
@@ -98,79 +96,7 @@ def disk(radius: float, h: float) -> FlatMesh:
         arcs = [geo.addCircleArc(points[i], centre, points[(i + 1) % 4]) for i in range(4)]
         geo.addPlaneSurface([geo.addCurveLoop(arcs)])
 
-    return checked(*gmsh_plane(draw, "disk"), where="disk")
-
-
-def quality(X: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Shape of each triangle, 4 √3 A / (l₁² + l₂² + l₃²).
-
-    Parameters
-    ----------
-    X : (n, 2) array
-        Node coordinates [m].
-    triangles : (m, 3) integer array
-
-    Returns
-    -------
-    (m,) array
-        1 for an equilateral triangle, 0 for a degenerate one, negative for a clockwise one.
-
-    Examples
-    --------
-    >>> X = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.75**0.5]])
-    >>> quality(X, np.array([[0, 1, 2]])).round(12).tolist()
-    [1.0]
-    """
-    area, lengths2 = shapes(X, triangles)
-    return 4 * np.sqrt(3.0) * area / lengths2.sum(axis=0)
-
-
-def renumbered(mesh: FlatMesh) -> tuple[FlatMesh, np.ndarray, np.ndarray]:
-    """Number nodes and triangles so that neighbours lie close together in memory.
-
-    Parameters
-    ----------
-    mesh : FlatMesh
-
-    Returns
-    -------
-    mesh : FlatMesh
-        The same mesh, each triangle with its vertices in the same order.
-    old_nodes : (n,) integer array
-        For each new node its old index: ``new.X == mesh.X[old_nodes]``.
-    old_triangles : (m,) integer array
-        For each new triangle its old index.
-
-    Examples
-    --------
-    >>> mesh = checked([[0, 0], [1, 0], [0, 1], [1, 1]], [[0, 1, 2], [1, 3, 2]])
-    >>> new, nodes, triangles = renumbered(mesh)
-    >>> bool((nodes[new.triangles] == mesh.triangles[triangles]).all())
-    True
-    """
-    # Reverse Cuthill–McKee, not a Hilbert curve: gathers 5-10 % faster, the band 90-180 times less.
-    n = len(mesh.X)
-    old_nodes = reverse_cuthill_mckee(_node_graph(mesh.triangles, n), symmetric_mode=True)
-    new = np.empty(n, dtype=np.int32)
-    new[old_nodes] = np.arange(n, dtype=np.int32)
-    triangles = new[mesh.triangles]
-    low = np.sort(triangles, axis=1)
-    old_triangles = np.lexsort((low[:, 2], low[:, 1], low[:, 0]))
-    node_sets = {
-        name: np.sort(new[nodes]).astype(np.intp) for name, nodes in mesh.node_sets.items()
-    }
-    edge_sets = {name: sorted_pairs(new[pairs]) for name, pairs in mesh.edge_sets.items()}
-    place = np.empty(len(triangles), dtype=np.intp)
-    place[old_triangles] = np.arange(len(triangles))
-    regions = {name: np.sort(place[chosen]) for name, chosen in mesh.triangle_sets.items()}
-    moved = FlatMesh(mesh.X[old_nodes], triangles[old_triangles], node_sets, edge_sets, regions)
-    return moved, old_nodes.astype(np.intp), old_triangles
-
-
-def _node_graph(triangles, n):
-    a, b = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    ones = np.ones(2 * len(a), dtype=np.int8)
-    return coo_array((ones, (np.append(a, b), np.append(b, a))), shape=(n, n)).tocsr()
+    return FlatMesh.checked(*gmsh_plane(draw, "disk"), where="disk")
 
 
 def _unstructured(width, height, h):
@@ -181,14 +107,14 @@ def _unstructured(width, height, h):
         geo.addPlaneSurface([geo.addCurveLoop(lines)])
 
     X, triangles = gmsh_plane(draw, "rectangle")
-    for x, side in zip(X.T, (width, height), strict=True):  # sides exact to the last bit
+    for x, side in zip(X.T, (width, height), strict=True):  # put side nodes exactly on the sides
         x[np.abs(x) < 1e-9 * side] = 0.0
         x[np.abs(x - side) < 1e-9 * side] = side
     return X, triangles
 
 
 def _grid(width, height, h):
-    """Nodes row by row, and the four corners of each cell, counter-clockwise from lower left."""
+    """Nodes row by row, and the four corners of each cell counter-clockwise from lower left."""
     nx, ny = (max(1, round(side / h)) for side in (width, height))
     x, y = np.meshgrid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
     i = np.arange((nx + 1) * ny).reshape(ny, nx + 1)[:, :-1].ravel()
@@ -210,20 +136,20 @@ def _cross(width, height, h):
 def _equilateral(width, height, h):
     ny = max(1, round(height / (h * np.sqrt(0.75))))
     nx = max(1, round(width / (height / ny / np.sqrt(0.75))))
-    whole = np.linspace(0, width, nx + 1)
-    shifted = np.concatenate(([0.0], 0.5 * (whole[1:] + whole[:-1]), [width]))
-    x = [shifted if j % 2 else whole for j in range(ny + 1)]
+    even = np.linspace(0, width, nx + 1)
+    odd = np.concatenate(([0.0], 0.5 * (even[1:] + even[:-1]), [width]))
+    x = [odd if j % 2 else even for j in range(ny + 1)]
     lengths = [len(row) for row in x]
     X = np.column_stack((np.concatenate(x), np.repeat(np.linspace(0, height, ny + 1), lengths)))
     j, start = np.arange(ny), np.cumsum([0, *lengths])
-    p, q = np.arange(nx + 1), np.arange(nx + 2)  # places in a whole row and in a shifted one
-    based_on_whole = np.stack((p[:-1], p[1:], q[1:-1]), axis=1)
-    based_on_shifted = np.stack((p, q[1:], q[:-1]), axis=1)  # half triangles at both ends
-    place = np.concatenate((based_on_whole, based_on_shifted))
-    in_shifted = np.repeat([[False, False, True], [False, True, True]], [nx, nx + 1], axis=0)
-    w, s = (start[j + k][:, None, None] for k in (j % 2, 1 - j % 2))
-    triangles = place + np.where(in_shifted, s, w)
-    triangles[1::2] = triangles[1::2][:, :, [0, 2, 1]]  # there the shifted row is the lower one
+    p, q = np.arange(nx + 1), np.arange(nx + 2)  # node numbers within an even and an odd row
+    with_even_base = np.stack((p[:-1], p[1:], q[1:-1]), axis=1)
+    with_odd_base = np.stack((p, q[1:], q[:-1]), axis=1)  # half triangles at both ends
+    number_in_row = np.concatenate((with_even_base, with_odd_base))
+    is_odd = np.repeat([[False, False, True], [False, True, True]], [nx, nx + 1], axis=0)
+    even_start, odd_start = (start[j + k][:, None, None] for k in (j % 2, 1 - j % 2))
+    triangles = number_in_row + np.where(is_odd, odd_start, even_start)
+    triangles[1::2] = triangles[1::2][:, :, [0, 2, 1]]  # there the odd row is the lower row
     return X, triangles.reshape(-1, 3)
 
 
@@ -235,7 +161,8 @@ _PATTERNS = {
 }
 
 
-def _with_sides(mesh: FlatMesh, width: float, height: float) -> FlatMesh:
+def _with_side_sets(mesh: FlatMesh, width: float, height: float) -> FlatMesh:
+    """The mesh with the node and edge sets of the four sides and the node set of the corners."""
     x, y = mesh.X.T
     on = {"left": x == 0, "right": x == width, "bottom": y == 0, "top": y == height}
     border = mesh.edge_sets["boundary"]

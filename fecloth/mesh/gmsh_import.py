@@ -1,4 +1,4 @@
-"""Gmsh in: geometry and mesh files as plain arrays."""
+"""Import of geometry and mesh files through Gmsh as plain arrays."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import numpy as np
 from fecloth.errors import InputError, MeshError
 from fecloth.mesh.gmsh_session import gmsh_model, set_options
 
-_LARGEST = 20_000_000  # triangles; beyond it h is taken for a slip
+_MAX_TRIANGLES = 20_000_000  # more triangles than this: h is assumed to be a mistake
 _DIMENSIONS = ("point", "curve", "surface")
 
 
 @dataclass(frozen=True)
 class RawMesh:
-    """A file's arrays before any check; sets are lists of indices and of pairs, by name."""
+    """Arrays of a file before validation; the sets map names to lists of indices or pairs."""
 
     xyz: np.ndarray
     triangles: np.ndarray
@@ -27,67 +27,70 @@ class RawMesh:
     edge_sets: dict[str, list[np.ndarray]]
     node_ids: np.ndarray
     triangle_ids: np.ndarray
-    geometric: np.ndarray  # (n,) bool: nodes that may be dropped when no triangle uses them
+    geometric: np.ndarray  # (n,) bool: nodes to be removed if no triangle uses them
     triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def check_size(h, extent: float, area: float, where: str) -> None:
-    """Refuse an edge length h [m] that a sheet of that extent [m] and area [m²] cannot have."""
+    """Raise `InputError` if an edge length h [m] does not fit the extent [m] and area [m²].
+
+    h must be at most the extent, and give at most `_MAX_TRIANGLES` triangles.
+    """
     check_positive("h", h, where)
     if h > extent:
-        meant = f"; if it was meant in mm, write {h / 1000:g}" if h / 1000 < extent / 2 else ""
-        allowed, remedy = f"must be at most {extent:g} m", f"Refine it{meant}."
+        in_mm = f", or write {h / 1000:g} if you meant mm" if h / 1000 < extent / 2 else ""
+        allowed, remedy = f"must be at most {extent:g} m", f"Use a smaller h{in_mm}."
         raise InputError(f"h = {h:g} m", allowed, where, remedy)
     with np.errstate(divide="ignore"):
         count = np.float64(area) / (np.sqrt(3.0) / 4 * h * h)
-    if count > _LARGEST:
-        least = np.sqrt(4 / np.sqrt(3.0) * area / _LARGEST)
+    if count > _MAX_TRIANGLES:
+        least = np.sqrt(4 / np.sqrt(3.0) * area / _MAX_TRIANGLES)
         what = f"h = {h:g} m would make about {count:.1e} triangles"
-        raise InputError(
-            what, f"h must be at least {least:.2g} m", where, "A bare number is in metres."
-        )
+        allowed, remedy = f"h must be at least {least:.2g} m", "A number without unit is in metres."
+        raise InputError(what, allowed, where, remedy)
 
 
 def check_positive(name: str, value, where: str) -> None:
-    """Refuse a length that is not a positive, finite number."""
+    """Raise `InputError` if a length is not a positive, finite number."""
     try:
-        good = not isinstance(value, (str, bytes, bool)) and 0 < float(value) < np.inf
+        is_length = not isinstance(value, (str, bytes, bool)) and 0 < float(value) < np.inf
     except (TypeError, ValueError):
-        good = False
-    if not good:
+        is_length = False
+    if not is_length:
         raise InputError(f"{name} = {value!r}", "must be a finite length > 0, in m", where)
 
 
 def gmsh_plane(draw: Callable, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """X (n, 2) and triangles (m, 3) of the surface that ``draw(gmsh.model.geo)`` builds."""
+    """Mesh the surface that ``draw(gmsh.model.geo)`` builds: X (n, 2) and triangles (m, 3)."""
     with gmsh_model() as gmsh:
         draw(gmsh.model.geo)
         gmsh.model.geo.synchronize()
-        with _refusals("Gmsh cannot mesh it", where):
+        with _as_mesh_error("Gmsh cannot mesh the surface", where):
             gmsh.model.mesh.generate(2)
         _, xyz, triangles, _ = _gmsh_arrays(gmsh, where)
-    used, triangles = np.unique(triangles, return_inverse=True)  # circles bring their centre
+    used, triangles = np.unique(triangles, return_inverse=True)  # removes the centres of circles
     return xyz[used, :2], triangles.reshape(-1, 3)
 
 
 def from_geo(path: Path, h: float | None) -> RawMesh:
-    """Mesh a geometry file, with edge length h [m] if given."""
+    """Mesh a geometry file, with edge length h [m] unless h is None."""
     where = str(path)
     text = path.read_text(encoding="utf-8", errors="replace")
     if text.splitlines()[-1:] and not text.endswith("\n") and text.splitlines()[-1].count(";") > 1:
-        what = "the last line holds several statements and does not end"
-        raise MeshError(what, "Gmsh reads only the first", where, "End the file with a new line.")
+        what = "the last line has several statements and no line end"
+        allowed = "Gmsh reads only the first statement of such a line"
+        raise MeshError(what, allowed, where, "End the file with a new line.")
     constant = re.search(r"DefineConstant\s*\[[^\]]*\bh\s*=", text)
     with gmsh_model() as gmsh:
         if h is not None:
             check_positive("h", h, where)
             if constant:
                 gmsh.parser.setNumber("h", [float(h)])
-        with _refusals("Gmsh cannot read it", where):
+        with _as_mesh_error("Gmsh cannot read the file", where):
             gmsh.merge(where)
         if h is not None:
             _limit_size(gmsh, h, where, uniform=not constant)
-        with _refusals("Gmsh cannot mesh it", where):
+        with _as_mesh_error("Gmsh cannot mesh the file", where):
             gmsh.model.mesh.generate(2)
         return _from_gmsh(gmsh, where)
 
@@ -106,11 +109,11 @@ def from_msh(path: Path) -> RawMesh:
     with path.open("rb") as file:
         start = file.read(64).lstrip()
     if not start.startswith((b"$MeshFormat", b"$Comments", b"$NOD")):
-        # Gmsh would take it for a .geo file, and stumble over the next one that is
+        # Gmsh would read it as a .geo file, and then fail on the next valid .geo file.
         raise MeshError(f"begins with {start[:20]!r}", "must begin with $MeshFormat", str(path))
     with gmsh_model() as gmsh:
-        remedy = "Look for nan, inf or a number that is missing, or write it anew."
-        with _refusals("Gmsh cannot read it", str(path), remedy):
+        remedy = "Look for nan, inf or a missing number, or write the file again."
+        with _as_mesh_error("Gmsh cannot read the file", str(path), remedy):
             gmsh.merge(str(path))
         try:
             return _from_gmsh(gmsh, str(path))
@@ -120,9 +123,9 @@ def from_msh(path: Path) -> RawMesh:
 
 
 def _gmsh_arrays(gmsh, where: str):
-    """Node tags (sorted), coordinates, triangles by index, triangle tags."""
+    """Sorted node tags, coordinates, triangles as node indices, and triangle tags."""
     mesh = gmsh.model.mesh
-    refuse_cells(
+    check_cells(
         {
             mesh.getElementProperties(kind)[0]: len(mesh.getElementsByType(kind)[0])
             for kind in mesh.getElementTypes()
@@ -146,31 +149,36 @@ def _from_gmsh(gmsh, where: str) -> RawMesh:
         triangles, triangle_ids = triangles[first], triangle_ids[first]
     nodes, edges = _gmsh_sets(gmsh, ids, where)
     regions = _gmsh_regions(gmsh, triangles, ids)
-    every = np.ones(len(ids), dtype=bool)
-    return RawMesh(xyz, triangles, nodes, edges, ids, triangle_ids, every, regions)
+    geometric = np.ones(len(ids), dtype=bool)
+    return RawMesh(xyz, triangles, nodes, edges, ids, triangle_ids, geometric, regions)
 
 
 def _gmsh_regions(gmsh, triangles, ids) -> dict[str, np.ndarray]:
-    """Triangle indices by the name of their physical surface; by their nodes, as a file of format
-    2.2 numbers a triangle anew for each group that it is in."""
+    """Triangle indices of each physical surface, by its name.
+
+    Triangles are identified by their nodes, because format 2.2 gives a triangle a new number in
+    each group.
+    """
     order = np.lexsort(triangles.T[::-1])
-    known = np.ascontiguousarray(triangles[order].astype(np.int64)) @ [len(ids) ** 2, len(ids), 1]
+    weights = [len(ids) ** 2, len(ids), 1]
+    keys = np.ascontiguousarray(triangles[order].astype(np.int64)) @ weights
     regions: dict[str, list[np.ndarray]] = {}
     for dim, tag in gmsh.model.getPhysicalGroups(2):
         name = gmsh.model.getPhysicalName(dim, tag) or f"surface_{tag}"
         for surface in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
             vertices = gmsh.model.mesh.getElementsByType(2, surface)[1].astype(np.int64)
-            own = np.searchsorted(ids, vertices).reshape(-1, 3) @ [len(ids) ** 2, len(ids), 1]
-            place = np.minimum(np.searchsorted(known, own), len(known) - 1)
-            regions.setdefault(name, []).append(order[place[known[place] == own]])
-    return {name: np.unique(np.concatenate(found)) for name, found in regions.items()}
+            group_keys = np.searchsorted(ids, vertices).reshape(-1, 3) @ weights
+            position = np.minimum(np.searchsorted(keys, group_keys), len(keys) - 1)
+            is_match = keys[position] == group_keys
+            regions.setdefault(name, []).append(order[position[is_match]])
+    return {name: np.unique(np.concatenate(parts)) for name, parts in regions.items()}
 
 
 def _gmsh_sets(gmsh, ids, where):
-    """Lists of node indices, and of node pairs, by the name of their physical groups."""
+    """Lists of node indices and of node pairs of each physical group, by its name."""
     nodes, edges = {}, {}
     groups = [group for group in gmsh.model.getPhysicalGroups() if group[0] < 3]
-    _refuse_empty_groups(gmsh, groups, where)
+    _check_no_empty_groups(gmsh, groups, where)
     for dim, tag in groups:
         name = gmsh.model.getPhysicalName(dim, tag) or f"{_DIMENSIONS[dim]}_{tag}"
         tags = gmsh.model.mesh.getNodesForPhysicalGroup(dim, tag)[0]
@@ -182,27 +190,31 @@ def _gmsh_sets(gmsh, ids, where):
     return nodes, edges
 
 
-def _refuse_empty_groups(gmsh, groups, where):
-    # Gmsh does not list a group without entities, but still knows its name: look for names.
-    last = min(10_000, max([1000, *(tag + 100 for _, tag in groups)]))  # a call a tag: 1 µs each
+def _check_no_empty_groups(gmsh, groups, where):
+    # Gmsh does not list a group without entities, but returns the name for its tag. Therefore all
+    # tags up to a limit are tried; this takes 1 µs per tag.
+    tag_limit = min(10_000, max([1000, *(tag + 100 for _, tag in groups)]))
     for dim, kind in enumerate(_DIMENSIONS):
-        for tag in range(1, last):
+        for tag in range(1, tag_limit):
             name = gmsh.model.getPhysicalName(dim, tag)
             if name and (dim, tag) not in groups:
                 what = f"physical {kind} group {name!r} is empty"
-                raise MeshError(what, "must hold an entity", where, "Remove or fill it.")
+                raise MeshError(what, "must contain an entity", where, "Remove or fill it.")
 
 
-def refuse_cells(counts: dict[str, int], where: str) -> None:
-    """Refuse cells, counted by type, that are not 3-node triangles, lines or points."""
+def check_cells(counts: dict[str, int], where: str) -> None:
+    """Raise `MeshError` if there are unsupported cells; `counts` maps their type to their number.
+
+    Supported are 3-node triangles, lines and points.
+    """
     if counts:
-        found = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+        listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
         remedy = "Split quadrilaterals, and mesh with order 1."
-        raise MeshError(f"cells of type {found}", "must be 3-node triangles", where, remedy)
+        raise MeshError(f"cells of type {listed}", "must be 3-node triangles", where, remedy)
 
 
 @contextlib.contextmanager
-def _refusals(what: str, where: str, remedy: str = "") -> Iterator[None]:
+def _as_mesh_error(what: str, where: str, remedy: str = "") -> Iterator[None]:
     try:
         yield
     except Exception as error:  # Gmsh raises nothing more specific

@@ -1,4 +1,4 @@
-"""A session of Gmsh: loaded when it is needed, and without a trace afterwards."""
+"""A Gmsh session that is loaded on demand and leaves no state behind."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from collections.abc import Iterator
 
 from fecloth.errors import MeshError
 
-_PACKAGES = (
+_DEBIAN_PACKAGES = (
     "libglu1-mesa libgl1 libgomp1 libx11-6 libxext6 libxrender1 libxfixes3 libxcursor1 "
     "libxft2 libxinerama1 libfontconfig1 zlib1g"
 )
-# Of Gmsh's 2-D algorithms, on 50,000 triangles: 6 (Frontal-Delaunay) gives mean quality 0.999 and
-# edges of length h in 0.6 s; 5 (Delaunay) 0.952 in 0.5 s; 1 (MeshAdapt) 0.959 in 2 s. More than
-# one smoothing sweep lifts only the worst triangle, 0.79 to 0.82, for 1.7 times the time.
-OPTIONS = {
+# Gmsh's 2-D algorithms on 50,000 triangles: 6 (Frontal-Delaunay) gives mean quality 0.999 and
+# edges of length h in 0.6 s; 5 (Delaunay) gives 0.952 in 0.5 s; 1 (MeshAdapt) gives 0.959 in 2 s.
+# More than one smoothing sweep takes 1.7 times the time and improves only the worst triangle, from
+# 0.79 to 0.82.
+GMSH_OPTIONS = {
     "General.Terminal": 0,
     "General.NumThreads": 1,
     "Mesh.Algorithm": 6,
@@ -35,24 +36,24 @@ def _import_gmsh():
     try:
         import gmsh
     except (OSError, ImportError) as error:
-        remedy = f"Debian and Ubuntu: apt-get install {_PACKAGES}; then pip install gmsh."
+        remedy = f"Debian and Ubuntu: apt-get install {_DEBIAN_PACKAGES}; then pip install gmsh."
         raise MeshError(f"Gmsh cannot be imported ({error})", remedy=remedy) from error
     return gmsh
 
 
 @contextlib.contextmanager
 def gmsh_model() -> Iterator:
-    """Gmsh with an empty model of ours; a session that the user has open is left as it was."""
+    """Gmsh with a new, empty model; an open session of the user is restored at the end."""
     gmsh = _import_gmsh()
     if gmsh.isInitialized():
-        with _kept_session(gmsh):
+        with _user_session_restored(gmsh):
             yield gmsh
         return
-    # Not interruptible: Gmsh would replace Python's handler of Ctrl-C for good.
-    with _own_signals():
+    # With interruptible=True Gmsh would replace Python's handler of Ctrl-C permanently.
+    with _signal_handlers_restored():
         gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
-        set_options(gmsh, OPTIONS)
+        set_options(gmsh, GMSH_OPTIONS)
         gmsh.model.add("fecloth")
         yield gmsh
     finally:
@@ -60,15 +61,16 @@ def gmsh_model() -> Iterator:
 
 
 @contextlib.contextmanager
-def _own_signals() -> Iterator[None]:
-    """Python's handlers afterwards: Gmsh lets SIGTERM, and a pipe without reader, end the process.
+def _signal_handlers_restored() -> Iterator[None]:
+    """Restore Python's signal handlers at the end.
 
-    What is sent meanwhile waits, where the system can hold it back and no other thread takes it.
+    Gmsh replaces them: then SIGTERM, or writing to a closed pipe, ends the process at once. Signals
+    that arrive in between are delayed, if the system supports it and no other thread handles them.
     """
-    names = ("SIGTERM", "SIGPIPE", "SIGHUP")  # the last one ignored by nohup
+    names = ("SIGTERM", "SIGPIPE", "SIGHUP")  # nohup ignores SIGHUP
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    masks = hasattr(signal, "pthread_sigmask")
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers) if masks else None
+    can_block = hasattr(signal, "pthread_sigmask")
+    old_mask = signal.pthread_sigmask(signal.SIG_BLOCK, numbers) if can_block else None
     try:
         yield
     finally:
@@ -76,15 +78,18 @@ def _own_signals() -> Iterator[None]:
             for number in numbers:
                 if (handler := signal.getsignal(number)) is not None:
                     signal.signal(number, handler)
-        if masks:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if can_block:
+            signal.pthread_sigmask(signal.SIG_SETMASK, old_mask)
 
 
 @contextlib.contextmanager
-def _kept_session(gmsh) -> Iterator[None]:
-    """A model of ours beside the user's; options that a .geo file sets itself do remain set."""
+def _user_session_restored(gmsh) -> Iterator[None]:
+    """Add a model to the user's session, and remove it and restore the options at the end.
+
+    Options that a .geo file sets itself are not restored.
+    """
     current, models = gmsh.model.getCurrent(), gmsh.model.list()
-    options = {name: gmsh.option.getNumber(name) for name in OPTIONS}
+    options = {name: gmsh.option.getNumber(name) for name in GMSH_OPTIONS}
     parser, onelab = _parser_values(gmsh), gmsh.onelab.get()
     name = "fecloth"
     while name in models:
@@ -92,7 +97,7 @@ def _kept_session(gmsh) -> Iterator[None]:
     try:
         gmsh.parser.clear()
         gmsh.onelab.clear()
-        set_options(gmsh, OPTIONS)
+        set_options(gmsh, GMSH_OPTIONS)
         gmsh.model.add(name)
         yield
     finally:

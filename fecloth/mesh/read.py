@@ -1,4 +1,4 @@
-"""Mesh files of any format to validated flat meshes."""
+"""Reading of mesh files of any format into validated flat meshes."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from fecloth.errors import InputError, MeshError
-from fecloth.mesh.flat_mesh import FlatMesh, checked, set_indices
-from fecloth.mesh.gmsh_import import RawMesh, from_geo, from_msh, refuse_cells
+from fecloth.mesh.flat_mesh import FlatMesh, validated_indices
+from fecloth.mesh.gmsh_import import RawMesh, check_cells, from_geo, from_msh
 
 
 def read(path, h: float | None = None) -> FlatMesh:
@@ -19,37 +19,40 @@ def read(path, h: float | None = None) -> FlatMesh:
     Parameters
     ----------
     path : str or path
-        ``.geo`` is meshed by Gmsh, ``.msh`` (2.2, 4.1, text or binary) read by it, anything else
-        read by meshio (``.vtu``, ``.vtk``, ``.obj``, ``.stl``, ``.inp``, ``.xdmf`` with h5py, ...).
+        Gmsh meshes ``.geo`` files and reads ``.msh`` files (2.2, 4.1, text or binary). meshio reads
+        all others (``.vtu``, ``.vtk``, ``.obj``, ``.stl``, ``.inp``, ``.xdmf`` with h5py, ...).
     h : float, optional
         Edge length [m], for ``.geo`` only. It replaces the ``h`` of the file's
-        ``DefineConstant[ h = ... ];``; in a file without one it bounds every size from below and
-        above, so the mesh is uniform. Default: the file's own sizes.
+        ``DefineConstant[ h = ... ];``. In a file without this line it is both the lower and the
+        upper limit of every size, so that the mesh is uniform. Default: the sizes of the file.
 
     Returns
     -------
     FlatMesh
-        Validated as by `checked`. Physical groups of points, curves and surfaces become node
-        sets, those of curves also edge sets; an unnamed group is called ``curve_<tag>`` and so
-        on, groups of one name are united. meshio's point and cell sets, and names in
-        ``field_data`` for ``gmsh:physical`` cell data, do the same.
+        Validated by `FlatMesh.checked`. Physical groups of points, curves and surfaces become node
+        sets. Those of curves also become edge sets. A group without a name is called
+        ``curve_<tag>``, and likewise for points and surfaces. Groups with the same name are united.
+        meshio's point and cell sets, and the names in ``field_data`` for ``gmsh:physical`` cell
+        data, are read in the same way.
 
     Notes
     -----
-    All triangles of the file are the cloth, whether or not in a physical surface. Nodes used by
-    no triangle are dropped if they serve the geometry only: all such nodes of ``.geo`` and
-    ``.msh`` files (centres of circles, construction curves), elsewhere those of vertex and line
-    cells; but a set that names one is an error. Nodes at exactly the same place are merged in
-    ``.stl`` files, a format without shared nodes, and nowhere else. In ``.msh`` 2.2, triangles
-    repeated because their surface is in several groups are read once.
+    All triangles of the file belong to the cloth, also those in no physical surface. Nodes that
+    are used by no triangle are removed if they only define the geometry. In ``.geo`` and ``.msh``
+    files these are all such nodes (centres of circles, construction curves). In other files these
+    are the nodes of vertex and line cells. A set that contains a removed node is an error. Nodes at
+    exactly the same position are merged in ``.stl`` files only, because this format has no shared
+    nodes. In ``.msh`` 2.2 a triangle occurs several times if its surface is in several groups; it
+    is read once.
 
     Raises
     ------
     InputError
-        ``h`` that is not positive and finite, larger than the sheet, or given for another file.
+        For ``h`` that is not positive and finite, larger than the sheet, or used with a file that
+        is not ``.geo``.
     MeshError
-        A file that is missing or unreadable, cells other than triangles, lines and points, empty
-        groups, and everything that `checked` refuses; messages use the file's own numbers.
+        For a file that is missing or unreadable, cells other than triangles, lines and points,
+        empty groups, and every error of `FlatMesh.checked`. Messages use the numbers of the file.
 
     Examples
     --------
@@ -61,47 +64,50 @@ def read(path, h: float | None = None) -> FlatMesh:
     """
     path = Path(path)
     if not path.is_file():
-        raise MeshError("no such file", where=str(path), remedy="Give the path of a mesh file.")
+        raise MeshError("no such file", where=str(path), remedy="Use the path of a mesh file.")
     suffix = path.suffix.lower()
     if h is not None and suffix != ".geo":
-        what = f"h = {h!r} for a {suffix or 'nameless'} file"
-        raise InputError(what, "only a .geo file is meshed", str(path), "Leave h out.")
+        what = f"h = {h!r} for a file {f'of type {suffix}' if suffix else 'without suffix'}"
+        raise InputError(what, "is allowed for a .geo file only", str(path), "Omit h.")
     if suffix == ".geo":
         raw = from_geo(path, h)
     else:
         raw = from_msh(path) if suffix == ".msh" else _from_meshio(path, suffix)
-    return _assembled(raw, str(path))
+    return _to_flat_mesh(raw, str(path))
 
 
-def _assembled(raw: RawMesh, where: str) -> FlatMesh:
-    """Drop unused nodes of the geometry, refuse sets that name one, check the rest."""
+def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
+    """Remove nodes that only define the geometry, and validate the mesh.
+
+    Raises `MeshError` if a set contains a removed node.
+    """
     n, t = len(raw.xyz), raw.triangles
     nodes = {k: np.concatenate(v) if v else np.empty(0, int) for k, v in raw.node_sets.items()}
     edges = {k: np.concatenate(v) for k, v in raw.edge_sets.items()}
-    kept = ~raw.geometric
-    kept[t[(t >= 0) & (t < n)]] = True
-    if not kept.all() and t.size and t.min() >= 0 and t.max() < n:
-        new = np.cumsum(kept) - 1
+    in_mesh = ~raw.geometric
+    in_mesh[t[(t >= 0) & (t < n)]] = True
+    if not in_mesh.all() and t.size and t.min() >= 0 and t.max() < n:
+        new = np.cumsum(in_mesh) - 1
         for name, members in nodes.items():
-            members = set_indices(name, members, n, (), where)
-            lost = raw.node_ids[members[~kept[members]]]
-            if lost.size:
-                what = f"set {name!r} names {lost.size} nodes outside all triangles"
-                what += f": {', '.join(map(str, lost[:5]))}"
+            members = validated_indices(name, members, n, (), where)
+            outside = raw.node_ids[members[~in_mesh[members]]]
+            if outside.size:
+                what = f"set {name!r} contains {outside.size} nodes outside all triangles"
+                what += f": {', '.join(map(str, outside[:5]))}"
                 raise MeshError(what, where=where, remedy="Embed them in the surface.")
             nodes[name] = new[members]
         t, edges = new[t], {name: new[pairs] for name, pairs in edges.items()}
     else:
-        kept[:] = True
-    ids, xyz = raw.node_ids[kept], raw.xyz[kept]
+        in_mesh[:] = True
+    ids, xyz = raw.node_ids[in_mesh], raw.xyz[in_mesh]
     regions = raw.triangle_sets
-    return checked(xyz, t, nodes, edges, where, ids, raw.triangle_ids, regions)
+    return FlatMesh.checked(xyz, t, nodes, edges, where, ids, raw.triangle_ids, regions)
 
 
 def _from_meshio(path: Path, suffix: str) -> RawMesh:
     where = str(path)
     mesh = _meshio_mesh(path, suffix)
-    refuse_cells(
+    check_cells(
         {b.type: len(b) for b in mesh.cells if b.type not in ("triangle", "line", "vertex")},
         where,
     )
@@ -112,28 +118,31 @@ def _from_meshio(path: Path, suffix: str) -> RawMesh:
     geometric = np.zeros(n, dtype=bool)
     for block in mesh.cells:
         if block.type != "triangle":
-            geometric[set_indices(f"{block.type} cells", block.data.ravel(), n, (), where)] = True
+            geometric[
+                validated_indices(f"{block.type} cells", block.data.ravel(), n, (), where)
+            ] = True
     return RawMesh(mesh.points, triangles, nodes, edges, np.arange(n), np.arange(m), geometric)
 
 
 def _meshio_mesh(path: Path, suffix: str):
     import meshio
 
-    known = meshio.extension_to_filetypes
-    if suffix not in known:
-        remedy = "Convert it, for instance to .vtu by meshio."
-        raise MeshError(f"unknown suffix {suffix!r}", f"one of {sorted(known)}", str(path), remedy)
-    chatter = io.StringIO()
+    suffixes = meshio.extension_to_filetypes
+    if suffix not in suffixes:
+        allowed = f"must be one of {sorted(suffixes)}"
+        remedy = "Convert the file, for instance to .vtu by meshio."
+        raise MeshError(f"unknown suffix {suffix!r}", allowed, str(path), remedy)
+    output = io.StringIO()
     try:
-        with contextlib.redirect_stdout(chatter), contextlib.redirect_stderr(chatter):
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
             return meshio.read(path)
     except (Exception, SystemExit) as error:  # meshio exits on a file that it cannot read
-        said = " ".join(chatter.getvalue().split()) or error
-        raise MeshError(f"meshio cannot read it ({said})", where=str(path)) from error
+        reason = " ".join(output.getvalue().split()) or error
+        raise MeshError(f"meshio cannot read the file ({reason})", where=str(path)) from error
 
 
 def _meshio_sets(mesh, where):
-    """Node indices and node pairs of point sets, cell sets and named gmsh:physical numbers."""
+    """Node indices and node pairs of point sets, cell sets and named gmsh:physical groups."""
     nodes = {name: [np.asarray(s)] for name, s in mesh.point_sets.items()}
     edges = {}
     cells = {name: list(s) for name, s in mesh.cell_sets.items() if not name.startswith("gmsh:")}
@@ -141,14 +150,14 @@ def _meshio_sets(mesh, where):
     for name, value in mesh.field_data.items():
         if physical and name not in cells and np.shape(value) == (2,):
             tag, dim = value
-            found = zip(mesh.cells, physical, strict=True)
-            cells[name] = [np.flatnonzero((d == tag) & (b.dim == dim)) for b, d in found]
+            blocks = zip(mesh.cells, physical, strict=True)
+            cells[name] = [np.flatnonzero((tags == tag) & (b.dim == dim)) for b, tags in blocks]
     for name, members in cells.items():
         nodes.setdefault(name, [])
-        for block, chosen in zip(mesh.cells, members, strict=True):
-            if chosen is None or len(chosen) == 0:
+        for block, indices in zip(mesh.cells, members, strict=True):
+            if indices is None or len(indices) == 0:
                 continue
-            corners = block.data[set_indices(name, chosen, len(block), (), where)]
+            corners = block.data[validated_indices(name, indices, len(block), (), where)]
             nodes[name].append(corners.ravel())
             if block.type == "line":
                 edges.setdefault(name, []).append(corners)

@@ -7,11 +7,12 @@ import time
 import numpy as np
 
 from fecloth.errors import FeclothError, SolveFailed
-from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.linalg.reductions import dot, size
 from fecloth.nonlinear import line_search
-from fecloth.nonlinear.options import Newton, Solver
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.stage import Stage
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.system import State, System
@@ -36,7 +37,7 @@ class NewtonFailed(FeclothError):
         return f"{self.reason} (relative residual {self.residual:.2e}). {self.remedy}"
 
 
-def solve(system: System, stage: Stage, solver: Solver, guess: np.ndarray | None = None):
+def solve(system: System, stage: Stage, solver: SolverContext, guess: np.ndarray | None = None):
     """The unknown q (n, 3) of a stage, and the `Counts`.
 
     Newton's direction s = −J⁻¹ R with backtracking: the longest of s, s/2, s/4, … is taken that
@@ -92,7 +93,7 @@ def round_off(system: System, J: BlockMatrix, x: np.ndarray, wa: float) -> float
 class _Work:
     """The arrays and counters of one solve."""
 
-    def __init__(self, system: System, stage: Stage, solver: Solver):
+    def __init__(self, system: System, stage: Stage, solver: SolverContext):
         self.system, self.stage, self.linear_solver = system, stage, solver.linear
         self.J, self.kept = solver.matrix, solver.kept
         self.options: Newton = solver.options
@@ -210,7 +211,7 @@ class _Work:
         forcing = min(0.5, max(self.options.forcing, 0.5 * goal / size(R)))
         project = self.system.constraints.project
         dense = [(self.stage.wx * c, project(u)) for c, u in self.system.dense(at)]
-        step, infos = select.updated(self.linear_solver, dense, -R, forcing)
+        step, infos = solve_updated(self.linear_solver, dense, -R, forcing)
         self.linear += sum(info.iterations for info in infos)
         self.seconds["factor"] += infos[0].seconds_factor if new else 0.0
         self.seconds["solve"] += sum(info.seconds_solve for info in infos)

@@ -1,13 +1,10 @@
-"""What a step is given to solve its equations with: Newton's options and a linear solver."""
+"""The options of Newton's iteration."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from fecloth.errors import InputError, is_number
-from fecloth.linalg.auto_solver import Cheapest
-from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.nonlinear.factor_reuse import Kept
 
 DEFINITENESS = ("none", "clamp", "on_failure")
 
@@ -38,7 +35,7 @@ class Newton:
         has. On a flag at dt = 10 ms it took up to 129 iterations a step, the added mass 23.
     reuse
         Whether a direct solver's factor serves further iterations, and steps of the same size,
-        while that is cheaper than a new one; see `kept.Kept`.
+        while that is cheaper than a new one; see `factor_reuse.Kept`.
     """
 
     tolerance: float = 1e-6
@@ -60,34 +57,3 @@ class Newton:
             raise InputError(f"definiteness = {self.definiteness!r}", allowed, "Newton")
         if not isinstance(self.reuse, bool):
             raise InputError(f"reuse = {self.reuse!r}", "must be True or False", "Newton")
-
-
-@dataclass(frozen=True, eq=False)
-class Solver:
-    """What a step needs to solve its equations: a linear solver, a matrix to fill, the options.
-
-    A factor and what "auto" has learned are kept from step to step.
-    """
-
-    linear: object
-    matrix: BlockMatrix
-    options: Newton
-    kept: Kept = field(default_factory=Kept)
-
-    def begin(self, wx: float, wa: float) -> None:
-        """A step with these weights begins: "auto" may take another linear solver for it."""
-        if isinstance(self.linear, Cheapest):
-            self.linear.begin(wx, wa)
-
-    @property
-    def keeps(self) -> bool:
-        """Whether a step may depend on what the steps before have left in the solver."""
-        if isinstance(self.linear, Cheapest):
-            return True
-        return getattr(self.linear, "name", "pcg") != "pcg" and self.options.reuse
-
-    def drop(self) -> None:
-        """Forget the steps before: those that follow do not depend on them."""
-        self.kept.drop()
-        if isinstance(self.linear, Cheapest):
-            self.linear.drop()

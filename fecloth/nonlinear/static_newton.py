@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth.errors import FeclothError, SolveFailed
-from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.linalg.reductions import size
 from fecloth.nonlinear import line_search
 from fecloth.system.system import State, System
-from fecloth.terms.loops.membrane import principal_stretches
+from fecloth.terms.kinematics import principal_stretches
 
 GROWTH = 4.0  # of the shift, from one attempt to the next
 ATTEMPTS = 30
@@ -108,7 +108,7 @@ class Search:
                 c, u = term.dense(x, t)
                 dense.append((factor * c, project(u)))
         self.solver.prepare(system.project(self.J))
-        step, _ = select.updated(self.solver, dense, f, 1e-8)
+        step, _ = solve_updated(self.solver, dense, f, 1e-8)
         return project(step)
 
     def search(self, x, f, step, goal):

@@ -23,7 +23,7 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.output.vtu_writer import Arrays
-from fecloth.quantities.formula import nearest
+from fecloth.suggest import did_you_mean
 
 LARGEST = 1e300  # what is larger overflows where two such are subtracted
 
@@ -83,7 +83,7 @@ def field_values(frame: Frame, name: str) -> np.ndarray:
     """
     if name not in FIELDS:
         allowed = f"must be one of {', '.join(FIELDS)}"
-        raise InputError(f"field {name!r}", allowed, remedy=nearest(name, FIELDS))
+        raise InputError(f"field {name!r}", allowed, remedy=did_you_mean(name, FIELDS))
     field = FIELDS[name]
     arrays = {**frame.point_data, **frame.cell_data, "": frame.points}
     if field.array not in arrays:

@@ -33,7 +33,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.output.atomic_files import lengthen, replace_file, writing
 from fecloth.output.vtu_writer import LISTS, Arrays, encode_vtu
 from fecloth.system.system import State, System
-from fecloth.terms.loops.membrane import deformation_gradient, principal_stretches
+from fecloth.terms.kinematics import deformation_gradient, principal_stretches
 
 MESHIO = {"P1": "triangle", "P2": "triangle6"}
 

@@ -1,29 +1,34 @@
-"""Values that a user gives as a number, as a formula in text, or as a function of time."""
+"""Values that a user writes as a number, as a formula of t in text, or as a function of time."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.quantities.formula import Formula
+from fecloth.quantities.formula import Derivative, Formula
 
 OfTime = float | str | Callable[[float], float]
 VectorOfTime = tuple[float | str, float | str, float | str] | Callable[[float], np.ndarray]
 
+DIFFERENCE_STEP = 1e-5  # s; the difference quotient of a function is then good to about 1e-10
+
 
 @dataclass(frozen=True)
-class Timed:
-    """A value that changes in time, as `add_force` needs it: ``timed(t)``, always finite.
+class TimeFunction:
+    """A value that changes in time, ``value(t)``, always finite.
 
     Attributes
     ----------
     parts
         A function of t, or numbers and formulas.
     shape
-        Of the value; () for a number.
+        Shape of the value; () for a number.
     name, where
         What errors call it, as in "Pressure: p(0.3) = nan".
     """
@@ -34,18 +39,40 @@ class Timed:
     where: str
 
     def __call__(self, t: float) -> np.ndarray:
-        if callable(self.parts):
-            value = np.asarray(self.parts(t), dtype=float)
-        else:
-            values = [part(t=t) if isinstance(part, Formula) else part for part in self.parts]
-            value = np.array(values, dtype=float).reshape(self.shape)
+        given = self.parts(t) if callable(self.parts) else [_at(part, t) for part in self.parts]
+        value = np.asarray(given, dtype=float)
+        value = value if callable(self.parts) else value.reshape(self.shape)
         if value.shape != self.shape or not np.isfinite(value).all():
             allowed = "must be finite" + (f" and of shape {self.shape}" if self.shape else "")
             raise InputError(f"{self.name}({t:g}) = {value!r}", allowed, self.where)
         return value
 
+    def rate(self, t: float) -> np.ndarray:
+        """The derivative by t: exact for formulas, a central difference of a function."""
+        if not callable(self.parts):
+            with suppress(InputError):
+                return np.array([_at(rate, t) for rate in self._rates]).reshape(self.shape)
+        return difference_quotient(self, t)
 
-def scalar(value: OfTime, name: str, where: str) -> Timed:
+    @cached_property
+    def _rates(self) -> list[float | Derivative]:
+        parts = self.parts
+        return [part.derivative("t") if isinstance(part, Formula) else 0.0 for part in parts]
+
+
+def difference_quotient(function: Callable, t: float, since: float = -math.inf) -> np.ndarray:
+    """The derivative of a function of time by differences of second order, over 2e-5 s.
+
+    It is central, (u(t + h) − u(t − h))/(2h), but (−3 u(t) + 4 u(t + h) − u(t + 2h))/(2h) where
+    t − h is before `since`.
+    """
+    u, h = function, DIFFERENCE_STEP
+    if t - h < since:
+        return (4 * u(t + h) - 3 * u(t) - u(t + 2 * h)) / (2 * h)
+    return (u(t + h) - u(t - h)) / (2 * h)
+
+
+def scalar(value: OfTime, name: str, where: str) -> TimeFunction:
     """A number, a formula of t, or a function of t.
 
     Examples
@@ -53,10 +80,11 @@ def scalar(value: OfTime, name: str, where: str) -> Timed:
     >>> float(scalar("3 * t", "p", "Pressure")(2.0)), float(scalar(5.0, "p", "Pressure")(2.0))
     (6.0, 5.0)
     """
-    return Timed(value if callable(value) else (_part(value, name, where),), (), name, where)
+    parts = value if callable(value) else (_part(value, name, where),)
+    return TimeFunction(parts, (), name, where)
 
 
-def vector(value: VectorOfTime, name: str, where: str) -> Timed:
+def vector(value: VectorOfTime, name: str, where: str) -> TimeFunction:
     """Three numbers or formulas of t, or a function of t that returns three numbers.
 
     Examples
@@ -65,11 +93,11 @@ def vector(value: VectorOfTime, name: str, where: str) -> Timed:
     array([1., 1., 0.])
     """
     if callable(value):
-        return Timed(value, (3,), name, where)
+        return TimeFunction(value, (3,), name, where)
     if isinstance(value, str) or np.ndim(np.asarray(value, dtype=object)) != 1 or len(value) != 3:
         allowed = "must be three numbers or formulas of t, or a function of t"
         raise InputError(f"{name} = {value!r}", allowed, where)
-    return Timed(tuple(_part(part, name, where) for part in value), (3,), name, where)
+    return TimeFunction(tuple(_part(part, name, where) for part in value), (3,), name, where)
 
 
 def _part(value, name: str, where: str) -> float | Formula:
@@ -82,3 +110,7 @@ def _part(value, name: str, where: str) -> float | Formula:
         allowed = "must be a finite number, a formula of t, or a function of t"
         raise InputError(f"{name} = {value!r}", allowed, where)
     return float(value)
+
+
+def _at(part: float | Formula | Derivative, t: float) -> float:
+    return part if isinstance(part, float) else part.at(float(t))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 
 from fecloth.errors import InputError, is_number
-from fecloth.quantities.formula import nearest
+from fecloth.suggest import did_you_mean
 
 GF = 9.80665e-3
 """Gram-force [N], by the standard acceleration of gravity, 9.80665 m/s² (CGPM 1901)."""
@@ -153,7 +153,7 @@ def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> flo
     unit = unit.translate(_SPELLINGS)
     unit = f"1{unit}" if unit.startswith("/") else unit
     if unit not in units:
-        raise InputError(f"{name} = {text!r}", allowed, "", nearest(unit, units))
+        raise InputError(f"{name} = {text!r}", allowed, "", did_you_mean(unit, units))
     value = float(Decimal(repr(float(number))) * Decimal(repr(units[unit])))
     if not is_number(value):
         raise InputError(f"{name} = {text!r}", "must be finite")

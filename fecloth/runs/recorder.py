@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 import numpy as np
 
 from fecloth.errors import FeclothError, InputError, StepFailed
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.output.atomic_files import WriteError, on_disk
 from fecloth.output.frame_reader import Frame
 from fecloth.output.frames import Frames, fields
@@ -24,7 +24,7 @@ from fecloth.simulation.energy_ledger import Ledger, doubt
 from fecloth.simulation.march import Memory, StepInfo, march
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.run import balanced
-from fecloth.terms.loops.membrane import principal_stretches
+from fecloth.terms.kinematics import principal_stretches
 from fecloth.view.html_report import stretch_row, write_report
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
@@ -41,7 +41,7 @@ class Recorder:
         folder: RunFolder,
         built: Built,
         watch: Watch,
-        solver: Solver,
+        solver: SolverContext,
         scene: str,
         start: str,
         found: Restart | None = None,
@@ -94,7 +94,7 @@ class Recorder:
             counts=self.counts,
             frames=len(self.frames.times),
             tables={name: table.size for name, table in self.tables.items()},
-            exact=regular or not self.solver.keeps,
+            exact=regular or not self.solver.keeps_state,
             made_on=restarts.machine(),
         )
         frames = self.frames.files(self.safe)

@@ -1,7 +1,8 @@
 """Restart files: all that a run needs to go on as if it had never stopped, in one .npz.
 
-A record is a frozen dataclass of numbers, texts, arrays, mappings and records; its arrays lie in
-the .npz as they are, all else in a header of JSON, whose numbers read back as the same float64.
+A record is a frozen dataclass, marked with `remembered`, of numbers, texts, arrays, mappings and
+records; its arrays lie in the .npz as they are, all else in a header of JSON, whose numbers read
+back as the same float64.
 Reading is strict: a file that lacks anything, or holds anything else, is refused.
 """
 
@@ -19,25 +20,22 @@ from pathlib import Path
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.integrators.bdf2 import Change
-from fecloth.integrators.explicit import LastForce
-from fecloth.integrators.newmark import Acceleration
 from fecloth.linalg.mkl_pardiso import threads
 from fecloth.output.atomic_files import on_disk, replace_file, writing
+from fecloth.records import RECORDS, remembered
 from fecloth.runs.folder import versions
 from fecloth.runs.outcome import DONE
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.error_control import Control
 from fecloth.simulation.march import Memory
-from fecloth.simulation.stability_limited import Limited
 from fecloth.system.system import State
 
-FORMAT = 1
+FORMAT = 2
 FOLDER, PATTERN = "restart", "restart_*.npz"
 KEPT = 2  # files
 FREE = ("title", "expect", "interest")  # tables that do not change a run
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class Restart:
     """A run between two steps.
@@ -75,22 +73,6 @@ class Restart:
     tables: Mapping[str, int]
     exact: bool
     made_on: Mapping[str, str]
-
-
-RECORDS = {
-    record.__name__: record
-    for record in (
-        Restart,
-        State,
-        Memory,
-        Ledger,
-        Acceleration,
-        Change,
-        LastForce,
-        Control,
-        Limited,
-    )
-}
 
 
 # --- one file -------------------------------------------------------------------------------------
@@ -168,7 +150,8 @@ def _packed(value, arrays: list):
         return value.item()
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    raise InputError(f"a {name}", "cannot be kept in a restart file")
+    remedy = "Mark its class with @remembered, from fecloth.records."
+    raise InputError(f"a {name}", "cannot be kept in a restart file", remedy=remedy)
 
 
 def _unpacked(value, arrays: list):

@@ -27,7 +27,7 @@ from pathlib import Path
 
 from fecloth.errors import FeclothError, InputError
 from fecloth.mesh.cloth import Cloth
-from fecloth.nonlinear.options import Solver
+from fecloth.nonlinear.context import SolverContext
 from fecloth.output.atomic_files import alone, writing
 from fecloth.output.frames import fields
 from fecloth.runs import restart as restarts
@@ -130,7 +130,7 @@ def _head(folder, scene, built, why, told: list[str]) -> None:
             folder.log(line)
 
 
-def settled_scene(built: Built) -> tuple[Built, Solver, str]:
+def settled_scene(built: Built) -> tuple[Built, SolverContext, str]:
     """What was built with the method that takes the steps, its solver, and why those."""
     ledger = Ledger.open(built.system, built.state)
     observer = Observer.bind(built.system, built.state, built.probes)

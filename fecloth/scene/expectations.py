@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.errors import SceneError
-from fecloth.quantities.formula import nearest
 from fecloth.scene.tables import Expectation, Interest
+from fecloth.suggest import did_you_mean
 
 Expected = Mapping[str, tuple[Expectation, ...]]
 
@@ -42,7 +42,7 @@ def refuse_unknown(
         if name not in among:
             what = f"expect.{name}" if key == "expect" else f"interest.{key}: {name}"
             allowed = f"unknown quantity; this run has {', '.join(among)}"
-            raise SceneError(what, allowed, source, nearest(name, among))
+            raise SceneError(what, allowed, source, did_you_mean(name, among))
 
 
 @dataclass(frozen=True)

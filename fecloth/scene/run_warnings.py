@@ -288,4 +288,4 @@ def _fabrics(system: System) -> tuple[Fabric, ...]:
 
 
 def _explicit(built: Built) -> bool:
-    return getattr(built.method, "explicit", False)
+    return built.method.traits.explicit

@@ -37,7 +37,7 @@ from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import step_times
 from fecloth.system.constraints import Constraints
-from fecloth.system.pins import DERIVATIVE_STEP, Pin
+from fecloth.system.pins import Pin
 from fecloth.system.system import State, System
 
 MOST_PLACES = 1_000_000  # times × nodes at which a motion of t, X, Y is evaluated before a run
@@ -186,27 +186,25 @@ class Scene(Table):
     def _pins(self, cloth: Cloth) -> list[Pin]:
         pins = []
         for i, table in enumerate(self.pins):
+            pin = table.pin()
             with self._at(f"pins.{i}.{'inside' if table.where is None else 'where'}"):
-                X = cloth.X[cloth.nodes(table.pin().where)]
-            pins.append(table.pin(X))
-            if table.motion:
+                X = cloth.X[cloth.nodes(pin.where)]
+            pins.append(pin.at(X))
+            if pin.motion:
                 times = self._motion_times()
-                if table.by_place:  # some of them, lest n times k nodes be too many
+                if pin.motion.by_place:  # at some of them, to limit the work
                     times = times[:: 1 + len(times) * len(X) // MOST_PLACES, None]
                 with self._at(f"pins.{i}.motion"):
-                    pins[-1].motion(times)
+                    pins[-1].motion.check(times)
         with self._at("pins"):
             Constraints.bind(pins, cloth)
         return pins
 
     def _motion_times(self) -> np.ndarray:
-        """All times at which a motion is asked for, also by the difference for its velocity."""
+        """The start and the ends of all steps, at which a run needs a motion."""
         start, end, dt = self.time.t_start, self.time.t_end, self.time.dt
         dt = (end - start) / 1000 if dt == "auto" else dt
-        times = np.append(start, step_times(start, dt, end))
-        step = DERIVATIVE_STEP
-        before = np.maximum(times[1:] - step, start)
-        return np.concatenate([times, before, times[1:] + step])
+        return np.append(start, step_times(start, dt, end))
 
     def _start(self, system: System) -> State:
         cloth, start = system.cloth, self.start
@@ -232,11 +230,11 @@ class Scene(Table):
 
     def _check_method(self, system: System, state: State, method, dt: float | None) -> None:
         """Refuse a mass, a step or a linear solver that the method cannot have."""
-        if getattr(method, "explicit", False):
+        if method.traits.explicit:
             with self._at(""):  # the mass
                 method.check(system)
         elif self.solver.linear != "auto":
-            symmetric = system.symmetric and getattr(method, "symmetric", True)
+            symmetric = system.symmetric and method.traits.symmetric
             with self._at("solver.linear"):
                 select.named(self.solver.linear, symmetric or self.solver.definiteness == "clamp")
         if dt:

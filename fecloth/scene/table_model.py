@@ -26,8 +26,8 @@ from pydantic import (
 )
 
 from fecloth.errors import InputError, MeshError, SceneError
-from fecloth.quantities.formula import nearest
 from fecloth.scene.type_words import holds_tables, in_si, options, phrase, writable
+from fecloth.suggest import did_you_mean
 
 _KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
 
@@ -67,7 +67,7 @@ class Table(BaseModel):
             if ours or holds_tables(field.annotation):
                 raise
             words = options(field.annotation)
-            remedy = nearest(value, words) if isinstance(value, str) else ""
+            remedy = did_you_mean(value, words) if isinstance(value, str) else ""
             raise InputError("", f"must be {phrase(field)}", "", remedy) from None
 
 
@@ -75,7 +75,7 @@ def _unknown(data: dict, fields: Mapping, shorthands: tuple[str, ...]) -> list[I
     known = (*fields, *shorthands)
     allowed = f"unknown key; the keys are {', '.join(known)}"
     return [
-        InputError(f"{key} = {_short(value)}", allowed, "", nearest(key, known))
+        InputError(f"{key} = {_short(value)}", allowed, "", did_you_mean(key, known))
         for key, value in data.items()
         if key not in fields
     ]
@@ -197,12 +197,12 @@ def _of_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
 def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
     allowed = f"must be one of {kinds}"
     if isinstance(value, str):  # a name instead of a table with no more than that name
-        return f"{key} = {_short(value)}", allowed, nearest(value, kinds.split(", "))
+        return f"{key} = {_short(value)}", allowed, did_you_mean(value, kinds.split(", "))
     if not isinstance(value, dict):
         return f"{key} = {_short(value)}", f"must be a table whose {name} is one of {kinds}", ""
     if name not in value:
         return f"{key}.{name} is missing", allowed, ""
-    remedy = nearest(value[name], kinds.split(", "))
+    remedy = did_you_mean(value[name], kinds.split(", "))
     if key.startswith("terms"):
         remedy = " ".join(filter(None, [remedy, _own(value[name])]))
     return f"{key}.{name} = {_short(value[name])}", allowed, remedy
@@ -212,7 +212,7 @@ def _own(name: Any) -> str:
     """How Python code gives a type of term that is not the package's."""
     if not (isinstance(name, str) and name.isidentifier()):
         return ""
-    return f'One of your own: fecloth.scene.load("….toml", terms={{"{name}": {name}}}).'
+    return f'One of your own: fecloth.scene.scene.load("….toml", terms={{"{name}": {name}}}).'
 
 
 def placed(key: str, error: InputError, value: Any = None) -> str:

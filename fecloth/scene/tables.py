@@ -11,16 +11,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from fecloth import terms
 from fecloth.errors import InputError, brief
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.options import Newton
-from fecloth.quantities.formula import Formula, Motion, Region
+from fecloth.quantities.formula import Formula
 from fecloth.quantities.units import LENGTH, TIME, is_quantity
 from fecloth.scene import toml_text
+from fecloth.scene.region import Region
 from fecloth.scene.table_model import Table, exactly_one, one_of, table_of
 from fecloth.simulation.probes import Probe
 from fecloth.system.pins import Pin, Slide
@@ -128,32 +128,23 @@ class PinTable(Table):
         if self.direction and self.normal:
             exactly_one(self, "direction", "normal")
         pin = self.pin()
-        if self.motion and not self._names("t") and (self.by_place or pin.motion(0).any()):
+        if self.motion and not self._names("t") and (pin.motion.by_place or pin.motion(0).any()):
             allowed = "must depend on t: a pin is moved by the changes of its motion only"
             remedy = 'Write "0.1 * t", or move the cloth by shift in [start].'
             raise InputError(f"motion = {list(self.motion)}", allowed, "", remedy)
         return self
 
-    @property
-    def by_place(self) -> bool:
-        """Whether the motion is another from node to node."""
-        return self._names("X") or self._names("Y")
-
     def _names(self, variable: str) -> bool:
         return any(re.search(rf"\b{variable}\b", text) for text in self.motion or ())
 
-    def pin(self, X: np.ndarray | None = None) -> Pin:
-        """The pin; `X` (k, 2) are its nodes' material points, for a motion that names them."""
+    def pin(self) -> Pin:
+        """The pin or slide."""
         inside = self.inside and Region(Formula(self.inside, ("X", "Y"), True))
-        where, motion = inside if self.where is None else self.where, None
-        if self.motion:
-            variables = ("t", "X", "Y") if self.by_place else ("t",)
-            formulas = tuple(Formula(text, variables) for text in self.motion)
-            motion = Motion(formulas, X if self.by_place else None)
+        where = inside if self.where is None else self.where
         if self.direction or self.normal:
             across = {"direction": self.direction, "normal": self.normal}
-            return Slide(where, motion, name=self.name, **across)
-        return Pin(where, motion, name=self.name)
+            return Slide(where, self.motion, name=self.name, **across)
+        return Pin(where, self.motion, name=self.name)
 
 
 class ProbeTable(Table):

@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from fecloth.errors import InputError
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.output.vtkhdf_writer import h5py
 from fecloth.quantities.units import RATE, SPEED, TIME
 from fecloth.scene.table_model import Table, exactly_one, one_of, table_of
@@ -84,7 +83,7 @@ class Time(Table):
         method = self.method.make()
         if self.dt != "auto":
             return method, self.dt
-        if getattr(method, "explicit", False) and not given:
+        if method.traits.explicit and not given:
             return AtLimit(method), None
         return Adaptive(method, **given), None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
 import tomllib
@@ -11,6 +10,7 @@ from pathlib import Path
 
 from fecloth.errors import SceneError
 from fecloth.quantities.units import is_quantity
+from fecloth.suggest import closest
 
 LARGEST = 1_000_000  # bytes; beyond it the file is some other kind of file
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -72,14 +72,10 @@ def file_problem(path: Path) -> tuple[str, str] | None:
 def _similar(path: Path) -> str:
     """A remedy that names the closest file of that kind in the path's folder; empty if none is."""
     there = sorted(path.parent.iterdir())
-    kind = (path.suffix, _closest(path.suffix, {one.suffix for one in there}))
+    kind = (path.suffix, closest(path.suffix, sorted({one.suffix for one in there})))
     stems = {one.stem: one.name for one in there if not path.suffix or one.suffix in kind}
-    close = _closest(path.stem, stems)
+    close = closest(path.stem, stems)
     return f"Did you mean {stems[close]!r}?" if close else ""
-
-
-def _closest(name: str, names: Iterable[str]) -> str:
-    return next(iter(difflib.get_close_matches(name, sorted(names), n=1)), "")
 
 
 def overridden(data: dict, overrides: Iterable[str]) -> dict:

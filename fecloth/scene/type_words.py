@@ -9,7 +9,9 @@ from typing import Annotated, Any, ForwardRef, Literal, Union, get_args, get_ori
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from fecloth.quantities.units import Dimension, is_quantity, quantity
+from fecloth.quantities import unit_fields
+from fecloth.quantities.unit_fields import Measured
+from fecloth.quantities.units import Dimension
 
 
 def writable(hint: Any) -> Any:
@@ -31,42 +33,18 @@ def dimensions(field: FieldInfo) -> list[Dimension]:
 
 
 def in_si(table: dict, fields: Mapping[str, FieldInfo]) -> dict:
-    """The table with each text that is a number with a unit as its value in SI.
+    """The table, with each text that is a number with a unit replaced by its value in SI.
 
     Raises
     ------
     InputError
         For a unit that the key does not take.
     """
-    given = {key: field.default for key, field in fields.items()} | table
-    read = dict(table)
-    for key, value in table.items():
-        for dimension in dimensions(fields[key]):
-            if dimension.holds(given):
-                read[key] = _value(key, value, fields[key].annotation, dimension)
-    return read
-
-
-def _value(key: str, value: Any, hint: Any, dimension: Dimension) -> Any:
-    """The value in SI if it is a text where the type has a number; of a list each item."""
-    kinds = _kinds(hint)
-    items = [get_args(kind)[0] for kind in kinds if get_origin(kind) is tuple]
-    if isinstance(value, tuple) and items:
-        return tuple(_value(key, item, items[0], dimension) for item in value)
-    if not isinstance(value, str) or float not in kinds:
-        return value
-    formula, word = str in kinds, any(get_origin(kind) is Literal for kind in kinds)
-    if (formula or word) and not is_quantity(value):
-        return value
-    return quantity(key, value, dimension, ", or a formula" if formula else "")
-
-
-def _kinds(hint: Any) -> list:
-    """The types that a type is one of, without marks."""
-    if get_origin(hint) is Annotated:
-        return _kinds(get_args(hint)[0])
-    union = get_origin(hint) in (Union, types.UnionType)
-    return [kind for arg in get_args(hint) for kind in _kinds(arg)] if union else [hint]
+    measured = {
+        key: Measured(field.annotation, tuple(dimensions(field)), field.default)
+        for key, field in fields.items()
+    }
+    return unit_fields.in_si(table, measured)
 
 
 # --- words for what a field takes ---------------------------------------------------------------

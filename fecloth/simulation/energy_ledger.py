@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.integrators.numerical_dissipation import mean_force, stages_of
 from fecloth.linalg.reductions import dot
+from fecloth.records import remembered
 from fecloth.system.system import State, System
 
 TRUSTED = 0.05  # of the energy that moved: a larger remainder is told
@@ -17,6 +17,7 @@ CREEP = 1e-6  # of its extent in all the time since the start: no motion to spea
 ROUND_OFF = 64 * np.finfo(float).eps
 
 
+@remembered
 @dataclass(frozen=True)
 class Ledger:
     """Where the energy is and where it went, all in J, at time t.
@@ -73,7 +74,7 @@ class Ledger:
     def after(self, system: System, method, old: State, step) -> Ledger:
         """The ledger after `step`, taken by `method` from the state `old`."""
         new = step.state
-        dt, stages = new.t - old.t, stages_of(step)
+        dt, stages = new.t - old.t, step.stages
         energies = system.energies(new)
         kinetic = energies.pop("kinetic")
         inertia = system.scalar_mass @ (new.v - old.v)
@@ -94,7 +95,7 @@ class Ledger:
             potential=energies,
             dissipated=dissipated,
             work=work,
-            pins=self.pins + _pin_work(system, method.theta, old, step, inertia),
+            pins=self.pins + _pin_work(system, method.traits.theta, old, step, inertia),
             numerical=self.numerical + method.numerical(system, old, step),
             first=kinetic if self.first is None else self.first,
         )
@@ -200,5 +201,5 @@ def _pin_work(system, theta, old, step, inertia):
         return 0.0  # but a start that moves what is fixed is stopped by the pins
     v = old.v + theta * (step.state.v - old.v)
     held_v, held_x = constraints.held(v), constraints.held(step.state.x - old.x)
-    f = mean_force(system, step)[at]
+    f = step.mean_force(system)[at]
     return dot(inertia[at], held_v) - dot(f, held_x)

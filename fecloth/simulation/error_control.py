@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.errors import InputError, SolveFailed, is_number
+from fecloth.integrators.protocol import MethodTraits, check_method
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.linalg.reductions import mean, rms
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
-from fecloth.nonlinear.options import Solver
 from fecloth.nonlinear.statistics import Counts
+from fecloth.records import remembered
 from fecloth.simulation.stability_limited import AtLimit
 from fecloth.simulation.within_step import unseen
 from fecloth.system.system import State, System
@@ -25,6 +27,7 @@ QUIET = 0.1  # a step with less than this part of its error is looked into
 FAR = 10.0  # times the distance ahead at which the first step's error was looked for
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class Control:
     """What is handed from step to step.
@@ -37,15 +40,15 @@ class Control:
         That of the last step relative to what it was allowed, at most 1.
     a, t
         (n, 3) mean acceleration [m/s²] of the last step, and the time of its middle [s].
-    q
-        The method's own.
+    of_method
+        The memory of the method itself.
     """
 
     dt: float
     error: float
     a: np.ndarray
     t: float
-    q: object = None
+    of_method: object = None
 
 
 @dataclass(frozen=True)
@@ -113,8 +116,6 @@ class Adaptive:
     rtol: float = 1e-3
     atol: float = 0.0
 
-    chooses_dt = True
-
     def __post_init__(self):
         for name in ("rtol", "atol"):
             value = getattr(self, name)
@@ -123,27 +124,18 @@ class Adaptive:
         if self.rtol == self.atol == 0:
             raise InputError("rtol = atol = 0", "one of them must be > 0", "Adaptive")
         method = self.method
-        chooses = getattr(method, "chooses_dt", False)
-        if isinstance(method, type) or chooses or not hasattr(method, "step"):
+        is_method = not isinstance(method, type) and hasattr(method, "step")
+        if is_method:
+            check_method(method, "Adaptive")
+        if not is_method or method.traits.chooses_dt:
             allowed = "must be a method such as BDF2(), and none that chooses its own steps"
             raise InputError(f"method {method!r}", allowed, "Adaptive")
         _ = self._rule, self._constant  # which refuse methods without a step or an estimate
 
     @property
-    def order(self) -> int:
-        return self.method.order
-
-    @property
-    def theta(self) -> float:
-        return self.method.theta
-
-    @property
-    def explicit(self) -> bool:
-        return getattr(self.method, "explicit", False)
-
-    @property
-    def symmetric(self) -> bool:
-        return getattr(self.method, "symmetric", True)
+    def traits(self) -> MethodTraits:
+        """Those of the method; the steps are chosen, of explicit ones below the limit."""
+        return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def check(self, system: System) -> None:
         """Refuse what the method refuses."""
@@ -167,7 +159,7 @@ class Adaptive:
         a, rate, c = acceleration(system, state), self.allowed(system, state), self._constant
         size = rms(system.diagonal_mass, a)
         dt = min(longest, rate / (c * size)) if size > 0 else longest
-        if self.order == 2:
+        if self.traits.order == 2:
             x = state.x + dt * state.v + 0.5 * dt**2 * a  # as the cloth falls past its pins
             ahead = State(state.t + dt, x, state.v + dt * a)
             ahead = held(system, ahead, arrival(system, state, dt))
@@ -180,15 +172,15 @@ class Adaptive:
         system: System,
         state: State,
         horizon: float,
-        solver: Solver,
-        guess: Control | None = None,
+        solver: SolverContext,
+        memory: Control | None = None,
     ) -> Step:
         """One step from `state` over at most `horizon` [s], and to its end if that is near."""
-        control, tried = guess or self.start(system, state, horizon), Counts()
+        control, tried = memory or self.start(system, state, horizon), Counts()
         dt = _fitted(control.dt, horizon)
         for rejected in range(RETRIES):
             try:
-                step = self._rule.step(system, state, dt, solver, control.q)
+                step = self._rule.step(system, state, dt, solver, control.of_method)
                 a, t, error = self.error(system, state, step, control)
                 dt = step.state.t - state.t  # which may be less
             except (NewtonFailed, SolveFailed) as failure:
@@ -199,9 +191,10 @@ class Adaptive:
                     error = max(error, self.unseen(system, state, step))
                 reason = f"the error is {error:.3g} times the allowed one"
                 if error <= 1:
-                    memory = Control(self._next(dt, control, error), error, a, t, step.q)
-                    return replace(step, q=memory, counts=replace(tried, rejected=rejected))
-            shorter = SAFETY * error ** (-1 / self.order) if error > 0 else SHORTEST
+                    proposed = self._next(dt, control, error)
+                    after = Control(proposed, error, a, t, step.memory)
+                    return replace(step, memory=after, counts=replace(tried, rejected=rejected))
+            shorter = SAFETY * error ** (-1 / self.traits.order) if error > 0 else SHORTEST
             dt *= min(SAFETY, max(SHORTEST, shorter)) if math.isfinite(error) else SHORTEST
         raise NewtonFailed(
             f"no step is short enough: at {dt:.2g} s {reason}",
@@ -212,12 +205,12 @@ class Adaptive:
     def unseen(self, system: System, old: State, step: Step) -> float:
         """The error of what pins and loads do within a step, relative to the allowed one."""
         astray, pushed = unseen(system, old, step)
-        dt, p = step.state.t - old.t, self.order
+        dt, p = step.state.t - old.t, self.traits.order
         length = astray + self._constant * p * dt**2 * pushed  # a change by p a/dt, dt^(p + 1)
         return length / (dt * self.allowed(system, step.state))
 
     def _next(self, dt, control, error):
-        p, least = self.order, 1e-4
+        p, least = self.traits.order, 1e-4
         before = max(control.error, least)
         factor = SAFETY * max(error, least) ** (-0.7 / p) * before ** (0.4 / p)
         return dt * (1.0 if 1 <= factor < STAY else min(LONGEST, max(SHORTEST, factor)))
@@ -225,13 +218,16 @@ class Adaptive:
     @property
     def _rule(self):
         """The method; an explicit one never beyond its limit."""
-        return AtLimit(self.method) if self.explicit else self.method
+        return AtLimit(self.method) if self.traits.explicit else self.method
 
     @property
     def _constant(self) -> float:
-        constant = getattr(self.method, "error_constant", None)
+        constant = self.method.traits.error_constant
+        if constant is None:
+            what = f"method {self.method!r}"
+            raise InputError(what, "has no estimate of its error (error_constant)", "Adaptive")
         if not (is_number(constant) and constant > 0):
-            what = f"{type(self.method).__name__}.error_constant = {constant!r}"
+            what = f"{type(self.method).__name__}.traits.error_constant = {constant!r}"
             raise InputError(what, "must be a number > 0", "Adaptive")
         return constant
 
@@ -245,8 +241,9 @@ class Adaptive:
         new = step.state
         dt = new.t - old.t
         a, t = system.constraints.project((new.v - old.v) / dt), old.t + 0.5 * dt
-        change = a if self.order == 1 else (a - control.a) / (t - control.t)
-        error = self._constant * dt**self.order * rms(system.diagonal_mass, change)
+        order = self.traits.order
+        change = a if order == 1 else (a - control.a) / (t - control.t)
+        error = self._constant * dt**order * rms(system.diagonal_mass, change)
         error /= self.allowed(system, new)
         return a, t, error if math.isfinite(error) else math.inf
 

@@ -10,17 +10,21 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError, SolveFailed, StepFailed
+from fecloth.integrators.protocol import check_method
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
-from fecloth.nonlinear.options import Newton, Solver
+from fecloth.nonlinear.options import Newton
+from fecloth.records import remembered
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.motion_jumps import jumping
 from fecloth.simulation.resolve import settled
 from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import left, targets_of
 from fecloth.system.system import State, System
-from fecloth.terms.loops.membrane import largest_stretch, principal_stretches
+from fecloth.terms.kinematics import largest_stretch, principal_stretches
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class Memory:
     """What `march` needs, beside the state, to go on as if it had never stopped.
@@ -29,13 +33,13 @@ class Memory:
     ----------
     step, start
         Steps so far, and the time at which the first of them began [s].
-    q
-        The method's own: `Step.q` of the last one.
+    of_method
+        `Step.memory` of the last step.
     """
 
     step: int
     start: float
-    q: object
+    of_method: object
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +51,7 @@ class StepInfo:
     step, t, dt
         Number (from 1), time reached and size [s].
     result
-        The method's `Step`: new state, the stage, the unknown, the counts.
+        The method's `Step`.
     old
         The state before it.
     memory
@@ -75,7 +79,7 @@ def march(
     t_end: float | None = None,
     *,
     stops: Sequence[float] = (),
-    solver: str | Solver = "auto",
+    solver: str | SolverContext = "auto",
     newton: Newton | None = None,
     most_stretch: float = 20.0,
     memory: Memory | None = None,
@@ -93,7 +97,7 @@ def march(
     t_end, stops
         End time, and times between at which a step must end [s].
     solver
-        "auto", "direct", "pardiso", "superlu", "pcg", or a `Solver` made by `solver_for`.
+        "auto", "direct", "pardiso", "superlu", "pcg", or a `SolverContext` made by `solver_for`.
     newton
         Options of the nonlinear solve.
     most_stretch
@@ -101,7 +105,7 @@ def march(
         its numbers overflow. Looked at after each implicit step and each eighth explicit one.
     memory
         `StepInfo.memory` of an earlier march with the same arguments, which goes on from its
-        state: bit for bit, if that had dropped what its solver kept at this step (`Solver.drop`).
+        state: bit for bit, if that called `SolverContext.drop` at this step.
 
     Raises
     ------
@@ -120,13 +124,13 @@ def march(
     method, solver, _ = settled(system, method, opening, dt, t_end, solver, newton)
     if not resumed:  # the limit is asked for at the start only
         refuse_unstable(system, method, state, dt)
-    look = 8 if getattr(method, "explicit", False) else 1
-    number, guess, good = begin.step, begin.q, state
+    look = 8 if method.traits.explicit else 1
+    number, last_memory, good = begin.step, begin.of_method, state
     for target in targets:
         while state.t < target:
             number, size = number + 1, target - state.t
             try:
-                result = method.step(system, state, size, solver, guess)
+                result = method.step(system, state, size, solver, last_memory)
             except (NewtonFailed, SolveFailed) as failure:
                 raise step_failed(system, state, number, size, failure) from failure
             new = _arrived(result.state, target, size)
@@ -134,16 +138,16 @@ def march(
             if problem := _problem(system, new, most_stretch, number % look == 0 or last):
                 raise step_failed(system, good, number, new.t - state.t, problem)
             good = new if number % look == 0 else good
-            after = Memory(number, begin.start, result.q)
+            after = Memory(number, begin.start, result.memory)
             result = replace(result, state=new)
             info = StepInfo(number, new.t, new.t - state.t, state, result, after)
-            state, guess = new, result.q
+            state, last_memory = new, result.memory
             yield state, info
 
 
 def refuse_arguments(system, method, state, newton, most_stretch):
     """Refuse what is swapped, of another type or of another cloth."""
-    validation.method(method)
+    check_method(method)
     validation.of(system, state, "march")
     if newton is not None:
         validation.instance("newton", newton, Newton, "Newton(tolerance=1e-8)", "march")

@@ -11,6 +11,7 @@ import numpy as np
 from fecloth.errors import InputError, SolveFailed
 from fecloth.integrators.explicit import CentralDifference
 from fecloth.integrators.newmark import GeneralizedAlpha
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.error_control import Adaptive
 from fecloth.system.system import State, System
@@ -71,7 +72,7 @@ class Auto:
     rtol: float = 1e-3
     atol: float = 0.0
 
-    chooses_dt = True
+    traits = MethodTraits(order=2, chooses_dt=True)
 
     def __post_init__(self):
         try:
@@ -96,8 +97,8 @@ class Auto:
     ) -> tuple[Adaptive, str]:
         """The method, and in words why.
 
-        `solver_of` makes the `Solver` for a method; `record(method, old, step)` does what will be
-        done after each step, which costs time as well.
+        `solver_of` makes the `SolverContext` for a method; `record(method, old, step)` does what
+        will be done after each step, which costs time as well.
         """
         implicit = self._candidate(GeneralizedAlpha())
         if system.mass_kind != "lumped":
@@ -114,18 +115,18 @@ def _trial(
     system, state, t_end, method, solver, most: int, rival: float, record=lambda *step: None
 ) -> Trial:
     """So many first steps, or fewer if that is enough beside a rival of so many seconds."""
-    start, guess, seconds, sizes = state.t, None, [], []
+    start, memory, seconds, sizes = state.t, None, [], []
     trial = Trial(method, 0.0, math.inf)
     while len(sizes) < most and state.t < t_end and not _enough(trial, rival, seconds):
         begin = time.perf_counter()
         try:
-            step = method.step(system, state, t_end - state.t, solver, guess)
+            step = method.step(system, state, t_end - state.t, solver, memory)
         except (NewtonFailed, SolveFailed):
             return Trial(method, 0.0, math.inf)
         record(method, state, step)
         seconds.append(time.perf_counter() - begin)
         sizes.append(step.state.t - state.t)
-        state, guess = step.state, step.q
+        state, memory = step.state, step.memory
         last = slice(len(sizes) // 2, None)
         dt, each = float(np.mean(sizes[last])), float(np.median(seconds[last]))
         trial = Trial(method, dt, each * (t_end - start) / dt)

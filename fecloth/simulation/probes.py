@@ -10,7 +10,6 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.errors import InputError
-from fecloth.integrators.numerical_dissipation import mean_force
 from fecloth.jit import kernel
 from fecloth.linalg.reductions import mean
 from fecloth.mesh.cloth import Cloth, Where
@@ -21,16 +20,18 @@ from fecloth.terms.loops.green_strain import gradient
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
     """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed.
 
-    f is the mean force over the step. A step with an acceleration `a` of its own, and the force
-    that it `solved` for, is taken by these: BDF2's reactions are those at the end of the step.
+    f is the mean force over the step. For a step with an acceleration `a` they are this one and
+    the force that the method solved for: BDF2's reactions are those at the end of the step.
     Only the held directions count: a slide has no reaction along its line or plane.
     """
     if not system.constraints.groups:
         return {}
     dt = step.state.t - old.t
     constraints = system.constraints
-    a = getattr(step, "a", (step.state.v - old.v) / dt)
-    f = step.solved if hasattr(step, "solved") else mean_force(system, step)
+    if step.a is None:
+        a, f = (step.state.v - old.v) / dt, step.mean_force(system)
+    else:
+        a, f = step.a, step.solved_force
     residual = system.scalar_mass @ a - f
     residual[constraints.nodes] = constraints.held(residual)
     return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}

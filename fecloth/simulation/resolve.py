@@ -6,9 +6,11 @@ from collections.abc import Callable
 
 from fecloth import validation
 from fecloth.errors import InputError, brief
+from fecloth.integrators.protocol import check_method, check_offers
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.nonlinear.options import Newton, Solver
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.options import Newton
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.stability_limited import AtLimit
 from fecloth.system.system import State, System
@@ -16,33 +18,33 @@ from fecloth.system.system import State, System
 
 def solver_for(
     system: System, method, dt: float, choice: str = "auto", options: Newton | None = None
-) -> tuple[Solver, str]:
+) -> tuple[SolverContext, str]:
     """The solver of a run, and in words why it was chosen.
 
     `choice` is "auto", "direct", "pardiso", "superlu" or "pcg". "auto" starts with conjugate
     gradients and goes over to a factorisation, and back, by the work it counts; see `cheapest`.
     """
-    validation.method(method)
+    check_method(method)
     validation.number("dt", dt, 0.0, "solver_for")
-    if getattr(method, "explicit", False):
+    if method.traits.explicit:
         method.check(system)
-        return Solver(None, None, options or Newton()), "no linear solver: explicit"
+        return SolverContext(None, None, options or Newton()), "no linear solver: explicit"
     if choice not in ("auto", *select.NAMES):
         allowed = f"must be one of auto, {', '.join(select.NAMES)}"
         raise InputError(f"solver = {brief(choice)}", allowed, "march")
     options = options or Newton()
-    symmetric = system.symmetric and getattr(method, "symmetric", True)
+    symmetric = system.symmetric and method.traits.symmetric
     symmetric |= options.definiteness == "clamp"  # clamped tangents all are
     if choice == "auto":
         stiffness, damping = system.rate_bounds()
-        validation.offers(method, ("weights",), 'march(solver="auto")')
+        check_offers(method, ("weights",), 'march(solver="auto")')
         wx, wv, wa = method.weights(dt)
         condition = 1 + (wx * stiffness + wv * damping) / wa
         chosen, why = select.choose(condition, len(system.cloth.X), symmetric)
     else:
         chosen, why = select.named(choice, symmetric), "asked for"
     matrix = BlockMatrix.zeros(system.pattern)
-    return Solver(chosen, matrix, options), f"{chosen.name} ({why})"
+    return SolverContext(chosen, matrix, options), f"{chosen.name} ({why})"
 
 
 def settled(
@@ -51,19 +53,19 @@ def settled(
     state: State,
     dt: float | None,
     t_end: float,
-    solver: str | Solver = "auto",
+    solver: str | SolverContext = "auto",
     newton: Newton | None = None,
     record: Callable = lambda *step: None,
-) -> tuple[object, Solver, str]:
+) -> tuple[object, SolverContext, str]:
     """The method that takes the steps, its solver, and in words why those.
 
     `Auto` is replaced by its choice, and an explicit method that is given no dt by `AtLimit`;
     `record(method, old, step)` is what follows each step, and counts in Auto's choice.
     """
-    if isinstance(solver, Solver):
+    if isinstance(solver, SolverContext):
         if isinstance(method, Auto):
             allowed = 'must be a name such as "auto" with Auto(), whose methods need one each'
-            raise InputError("solver = a Solver", allowed, "march")
+            raise InputError("solver = a SolverContext", allowed, "march")
         return _stepping(method, dt), solver, "given"
 
     def solver_of(one):
@@ -80,5 +82,5 @@ def settled(
 
 def _stepping(method, dt):
     """The method; an explicit one that is given no dt, with steps near its limit."""
-    explicit = getattr(method, "explicit", False) and not getattr(method, "chooses_dt", False)
+    explicit = method.traits.explicit and not method.traits.chooses_dt
     return AtLimit(method) if dt is None and explicit else method

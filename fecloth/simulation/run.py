@@ -11,6 +11,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import FeclothWarning
+from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.energy_ledger import Ledger, doubt, slight
@@ -116,7 +117,7 @@ def run(
         return ledger.after(system, one, old, step).row(), observer.row(old, step)
 
     method, chosen, why = settled(system, method, opening, dt, t_end, solver, newton, record)
-    validation.offers(method, ("theta", "numerical"), "run")
+    check_offers(method, ("numerical",), "run")
     energies, observed = [ledger.row()], [observer.row(None, None)]
     counts, begin, start, turnover = Counts(), time.perf_counter(), state.t, 0.0
     options = {"stops": stops, "most_stretch": most_stretch, "memory": memory}

@@ -6,10 +6,12 @@ import math
 from dataclasses import dataclass, replace
 
 from fecloth.errors import InputError, brief
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
+from fecloth.records import remembered
 from fecloth.stability.critical_step import critical_dt, estimate
 from fecloth.system.system import State, System
-from fecloth.terms.loops.membrane import extreme_stretches
+from fecloth.terms.kinematics import extreme_stretches
 
 FRACTION = 0.9  # of the limit
 LASTS = 500  # steps, after which the limit is asked for again: less than a tenth of their cost
@@ -18,6 +20,7 @@ BEYOND = 1.02  # times the stretches met so far: the stiffness goes with their s
 LONGER = 1.05  # of the last step, at most: what was stiff at one time may be so again
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class Limited:
     """What is handed from step to step.
@@ -30,15 +33,15 @@ class Limited:
         Since the limit was asked for.
     least, largest
         Principal stretches of all triangles that were met so far.
-    q
-        The method's own memory.
+    of_method
+        The memory of the method itself.
     """
 
     dt: float
     steps: int
     least: float
     largest: float
-    q: object = None
+    of_method: object = None
 
 
 @dataclass(frozen=True)
@@ -63,28 +66,18 @@ class AtLimit:
 
     method: object
 
-    chooses_dt = True
-    explicit = True
-
     def __post_init__(self):
         method = self.method
-        explicit = getattr(method, "explicit", False) and not isinstance(method, type)
-        if not (explicit and getattr(method, "critical", None)):
+        traits = None if isinstance(method, type) else getattr(method, "traits", None)
+        if traits is None or not (traits.explicit and traits.stability) or traits.chooses_dt:
             allowed = "has no stable step to choose"
             remedy = "Take CentralDifference or SymplecticEuler."
             raise InputError(f"method {brief(self.method)}", allowed, "", remedy)
 
     @property
-    def order(self) -> int:
-        return self.method.order
-
-    @property
-    def error_constant(self) -> float:
-        return self.method.error_constant
-
-    @property
-    def theta(self) -> float:
-        return self.method.theta
+    def traits(self) -> MethodTraits:
+        """Those of the method; the steps are chosen, below its limit."""
+        return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def check(self, system: System) -> None:
         """Refuse what the method refuses."""
@@ -100,16 +93,17 @@ class AtLimit:
         state: State,
         horizon: float,
         solver=None,
-        guess: Limited | None = None,
+        memory: Limited | None = None,
     ) -> Step:
         """One step from `state` over at most `horizon` [s]."""
-        limited = guess or self._started(system, state)
+        limited = memory or self._started(system, state)
         if limited.steps % LOOK == 0:
             limited = self._renewed(system, state, limited)
         parts = max(1, math.ceil(horizon / limited.dt - 1e-9))
         dt = horizon / parts if parts <= 2 else limited.dt
-        step = self.method.step(system, state, dt, solver, limited.q)
-        return replace(step, q=replace(limited, steps=limited.steps + 1, q=step.q))
+        step = self.method.step(system, state, dt, solver, limited.of_method)
+        after = replace(limited, steps=limited.steps + 1, of_method=step.memory)
+        return replace(step, memory=after)
 
     def _limit(self, system: System, state: State) -> float:
         return FRACTION * estimate(system, state, self.method)
@@ -127,7 +121,7 @@ class AtLimit:
         if not beyond and last.steps < LASTS:
             return last
         dt = min(self._limit(system, state), last.dt if beyond else LONGER * last.dt)
-        return Limited(dt, 0, min(least, last.least), max(largest, last.largest), last.q)
+        return Limited(dt, 0, min(least, last.least), max(largest, last.largest), last.of_method)
 
 
 def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:
@@ -135,12 +129,12 @@ def refuse_unstable(system: System, method, state: State, dt: float, insist: str
 
     `insist` is how the user asks for it all the same, unless it is by `beyond_limit` in Python.
     """
-    if getattr(method, "beyond_limit", True):
+    traits = method.traits
+    if traits.beyond_limit:
         return
-    explicit = getattr(method, "explicit", False)
-    if explicit:
+    if traits.explicit:
         method.check(system)
-    if explicit and method.critical and dt <= estimate(system, state, method):
+    if traits.explicit and traits.stability and dt <= estimate(system, state, method):
         return
     limit = critical_dt(system, state, method)
     if dt <= limit:
@@ -150,9 +144,9 @@ def refuse_unstable(system: System, method, state: State, dt: float, insist: str
     allowed, remedy = f"must be at most {limit:.4g} s: beyond it {name} is unstable", "Leave dt out"
     if limit == 0:
         allowed = f"no dt is stable: {name} needs damping in every mode"
-    if not method.critical:
+    if not traits.stability:
         remedy = "Take CentralDifference or SymplecticEuler"
-    elif not explicit:
+    elif not traits.explicit:
         remedy = "Take beta >= gamma/2"
     remedy += f", take an implicit method, or insist with {insist}."
     raise InputError(f"dt = {dt:g} s", allowed, "march", remedy)

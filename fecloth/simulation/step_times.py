@@ -8,8 +8,8 @@ from numbers import Real
 
 import numpy as np
 
-from fecloth import validation
 from fecloth.errors import InputError, floats
+from fecloth.integrators.protocol import check_method
 
 MOST_STEPS = 10**8  # whose end times alone take 0.8 GB
 
@@ -52,13 +52,13 @@ def step_times(t: float, dt: float, t_end: float, stops: Sequence[float] = ()) -
 
 def targets_of(method, t, dt, t_end, stops):
     """When a step must end; refuses what is no method, and steps that none can take."""
-    validation.method(method)
-    if getattr(method, "explicit", False) and (dt is None or isinstance(dt, str)):
+    check_method(method)
+    if method.traits.explicit and (dt is None or isinstance(dt, str)):
         if dt is not None:
             remedy = "Leave it out for the largest stable step."
             raise InputError(f"dt = {dt!r}", "must be a number [s]", "march", remedy)
         return end_times(t, t_end, stops)
-    if not getattr(method, "chooses_dt", False):
+    if not method.traits.chooses_dt:
         return step_times(t, dt, t_end, stops)
     if dt is not None:
         allowed = f"must be left out: {type(method).__name__} chooses its steps"

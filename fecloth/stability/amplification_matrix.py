@@ -9,13 +9,13 @@ import numpy as np
 
 from fecloth.errors import InputError, floats
 from fecloth.fabric.fabric import Fabric
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.direct import SuperLU
 from fecloth.mesh.cloth import Cloth
-from fecloth.nonlinear.options import Newton, Solver
-from fecloth.quantities.formula import nearest
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.options import Newton
+from fecloth.suggest import did_you_mean
 from fecloth.system.system import State, System
 from fecloth.terms import Tether
 
@@ -65,22 +65,22 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
 def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
     """(x, v, memory) at the end of a step of dt = 1 from those at its begin, one component of each.
 
-    The memory is every array (n, 3) in the `q` that a step hands on to the next one, in a fixed
-    order; for a method that takes q as a first guess only, its columns are zero.
+    The memory is every array (n, 3) in the memory that a step hands on to the next one, in a
+    fixed order; for a method that takes it as a first guess only, its columns are zero.
     """
     system = _oscillators(omega_dt, zeta)
     options = Newton(tolerance=1e-13)
-    symmetric = system.symmetric and getattr(method, "symmetric", True)
-    solver = Solver(SuperLU(symmetric), BlockMatrix.zeros(system.pattern), options)
+    symmetric = system.symmetric and method.traits.symmetric
+    solver = SolverContext(SuperLU(symmetric), BlockMatrix.zeros(system.pattern), options)
     start = State(0.0, *np.zeros((2, 3, 3)))
-    memory = method.step(system, start, 1.0, solver, None).q
+    memory = method.step(system, start, 1.0, solver, None).memory
     size = 2 + len(_arrays(memory))
     if size > start.x.size:
         raise InputError(f"method = {method!r}", "remembers too many arrays", "amplification")
     units = np.eye(size, start.x.size).reshape(size, 3, 3)  # of unit i: oscillator i has a 1
     start = State(0.0, units[0], units[1])
     step = method.step(system, start, 1.0, solver, _filled(memory, iter(units[2:])))
-    after = [step.state.x, step.state.v, *_arrays(step.q)]
+    after = [step.state.x, step.state.v, *_arrays(step.memory)]
     return np.array([y.ravel()[:size] for y in after])
 
 
@@ -96,11 +96,12 @@ def the(method):
     if isinstance(method, str):
         if method not in known:
             allowed = f"must be one of {', '.join(known)}"
-            remedy = nearest(method, known)
+            remedy = did_you_mean(method, known)
             raise InputError(f"method = {method!r}", allowed, "stability", remedy)
         method = known[method]
     made = method() if isinstance(method, type) else method
-    if not hasattr(made, "critical"):
+    traits = getattr(made, "traits", None)
+    if traits is None or traits.chooses_dt:
         allowed = "must be a method of one step size such as BDF2(), its class or its name"
         raise InputError(f"method = {method!r}", allowed, "stability")
     return made

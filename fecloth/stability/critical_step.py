@@ -2,7 +2,7 @@
 
 For a mode with k = ω² and d = 2 ζ ω each method but forward Euler is stable as long as
 
-    a dt² k + b dt d < 1,    (a, b) = `critical` of the method, (0, 0) if it is A-stable.
+    a dt² k + b dt d < 1,    (a, b) = `traits.stability`, (0, 0) if A-stable.
 
 Where M⁻¹K and M⁻¹D share no modes, each solution x ∝ μⁿ z still obeys the scalar law with the
 Rayleigh quotients of z, and the first one to grow has μ = −1. Hence the limit is the dt at which
@@ -99,7 +99,7 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
     method = the(method)
     if isinstance(method, ForwardEuler):
         return _forward_euler(*_free_operators(system, state))
-    a, b = method.critical
+    a, b = _limit(method)
     if a == 0:
         return math.inf
     K, D, M = _free_operators(system, state)
@@ -133,8 +133,16 @@ def element_bound(system: System, method="symplectic_euler") -> float:
     stiffness, damping = system.rate_bounds()
     if isinstance(method, ForwardEuler):
         return 0.0 if stiffness > 0 else _root(0.0, 0.5 * damping)
-    a, b = method.critical
+    a, b = _limit(method)
     return _root(a * stiffness, max(b, 0.0) * damping) if a else math.inf
+
+
+def _limit(method) -> tuple[float, float]:
+    """(a, b) of the method's `traits.stability`."""
+    if method.traits.stability is None:
+        what = f"{type(method).__name__}.traits.stability = None"
+        raise InputError(what, "must be (a, b): the method states no limit", "stability")
+    return method.traits.stability
 
 
 def _root(k: float, d: float) -> float:

@@ -36,7 +36,7 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     system, state
         What moves, lumped mass, and where it is linearised.
     method
-        One with ``critical`` = (a, b), a > 0: `SymplecticEuler()`, `CentralDifference()`.
+        One with ``traits.stability`` = (a, b), a > 0: `SymplecticEuler()`, `CentralDifference()`.
     tol
         On dt, relative.
 
@@ -57,7 +57,7 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     """
     validation.of(system, state, "estimate")
     validation.number("tol", tol, 0.0, "estimate")
-    a, b = getattr(method, "critical", None) or (0.0, 0.0)
+    a, b = method.traits.stability or (0.0, 0.0)
     if system.mass_kind != "lumped" or not a > 0 or b < 0:
         allowed = "must be an explicit one with a limit, on a lumped mass"
         raise InputError(f"method = {method!r}", allowed, "estimate", "See critical_dt.")

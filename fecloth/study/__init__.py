@@ -1,7 +1,7 @@
-"""What the studies share: cases that are run, kept and resumed, honest seconds, figures, reports.
+"""The engine of refinement, comparison and cost studies.
 
-A study is a list of settings, a function of them that returns numbers, and a conclusion in
-numbers that sets the exit code:
+A study is a list of settings, a function that takes one setting and returns numbers, and findings:
+numbers with an expected range, which determine the exit code.
 
     from fecloth import study
 
@@ -11,26 +11,27 @@ numbers that sets the exit code:
     def swing(method: str, dt: float) -> dict:
         cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1)
         system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity()], ["left"])
-        run = fc.run(system, getattr(fc, method)(), system.rest(), dt, 0.5, report=study.tick)
+        method, limit = getattr(fc, method)(), study.check_time_limit
+        run = fc.run(system, method, system.rest(), dt, 0.5, report=limit)
         return {"sag": -run.state.x[:, 2].min()}
 
 
     def main() -> int:
-        options = study.arguments(__doc__)
+        options = study.parse_arguments(__doc__)
         sizes = (0.02, 0.01) if options.quick else (0.02, 0.01, 0.005, 0.0025)
         cases = [{"method": m, "dt": dt} for m in ("BackwardEuler", "BDF2") for dt in sizes]
-        rows = study.run_cases(cases, swing, **study.running(options), time_limit=60)
+        rows = study.run_cases(cases, swing, **study.run_options(options), time_limit=60)
         with study.figure(options.out, "sag", "time step [s]", "sag [m]") as (figure, ax):
-            study.lines(ax, rows, x="dt", y="sag", by="method")
+            study.draw_lines(ax, rows, x="dt", y="sag", by="method")
         sags = [row["sag"] for row in rows if row["status"] == "ok"]
         findings = [study.Finding("sag spread [m]", max(sags) - min(sags), high=0.05)]
-        return study.report(options, "Swing", rows, figures=["sag"], findings=findings)
+        return study.write_report(options, "Swing", rows, figures=["sag"], findings=findings)
 
 
     if __name__ == "__main__":
         raise SystemExit(main())
 
-`from fecloth import study` stands before NumPy's import: it pins every library to one thread.
+Import `fecloth.study` before NumPy: it limits every library to one thread.
 """
 
 from fecloth.study import threads  # noqa: F401  before NumPy
@@ -38,16 +39,16 @@ from fecloth.study.cases import Case, run_cases
 from fecloth.study.figures import (
     COLOURS,
     MARKERS,
+    draw_lines,
+    draw_slope_triangle,
     figure,
-    lines,
+    line_style,
     mark_failures,
-    slope_triangle,
-    style,
 )
-from fecloth.study.options import arguments, running
-from fecloth.study.reports import Finding, hardware, report, write_csv
-from fecloth.study.status import TimeLimit, tick
-from fecloth.study.timing import Seconds, timed
+from fecloth.study.options import parse_arguments, run_options
+from fecloth.study.reports import Finding, hardware, write_csv, write_report
+from fecloth.study.status import TimeLimit, check_time_limit
+from fecloth.study.timing import Seconds, measure_seconds
 
 __all__ = [
     "COLOURS",
@@ -56,17 +57,17 @@ __all__ = [
     "Finding",
     "Seconds",
     "TimeLimit",
-    "arguments",
+    "check_time_limit",
+    "draw_lines",
+    "draw_slope_triangle",
     "figure",
     "hardware",
-    "lines",
+    "line_style",
     "mark_failures",
-    "report",
+    "measure_seconds",
+    "parse_arguments",
     "run_cases",
-    "running",
-    "slope_triangle",
-    "style",
-    "tick",
-    "timed",
+    "run_options",
     "write_csv",
+    "write_report",
 ]

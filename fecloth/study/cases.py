@@ -1,8 +1,7 @@
-"""Cases that are run once and kept: an interrupted study goes on where it was."""
+"""Run the cases of a study, store each result on disk, and continue an interrupted study."""
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import inspect
 import json
@@ -14,28 +13,29 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-import fecloth
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
 from fecloth.runs.folder import versions
-from fecloth.study import processes, status
-from fecloth.study.processes import module_of
+from fecloth.study import status
+from fecloth.study.cluster import run_on_cluster
+from fecloth.study.fingerprint import source_hash
+from fecloth.study.processes import run_in_processes
 
 Number = float | int | str | bool | None
 
 
 @dataclass(frozen=True)
 class Case:
-    """Settings, and the function that runs them, by file and name.
+    """Settings and the function that runs them, identified by file and name.
 
     Attributes
     ----------
     settings
-        The function's keyword arguments, in JSON's types.
+        Keyword arguments of the function, in JSON's types.
     file, name
-        Where the function stands; another process imports it from there.
+        File that defines the function, and its name; other processes import it from there.
     source
-        Hash of fecloth and of what the function's file imports from its own folder.
+        Hash of the sources on which the result depends, from `source_hash`.
     """
 
     settings: Mapping[str, object]
@@ -45,13 +45,14 @@ class Case:
 
     @classmethod
     def of(cls, function: Callable[..., dict], settings: Mapping[str, object]) -> Case:
-        """The case of a module-level function."""
+        """Return the case of a module-level function."""
         file = inspect.getsourcefile(function) or ""
         if "<" in function.__qualname__ or "." in function.__qualname__:
             what = f"function = {function.__qualname__}"
-            remedy = "Define it at the top level of a file, so that other processes find it."
+            remedy = "Define it at the top level of a file, so that other processes can import it."
             raise InputError(what, "must be a module-level function", "run_cases", remedy)
-        case = cls(dict(settings), str(Path(file).resolve()), function.__name__, source_of(file))
+        path = str(Path(file).resolve())
+        case = cls(dict(settings), path, function.__name__, source_hash(file))
         if json.loads(case.text) != case.settings:
             what = f"settings = {case.settings}"
             raise InputError(what, "must be what JSON reads back: lists, no tuples", "run_cases")
@@ -59,7 +60,7 @@ class Case:
 
     @property
     def text(self) -> str:
-        """The settings as JSON with sorted keys."""
+        """Settings as JSON with sorted keys."""
         try:
             return json.dumps(self.settings, sort_keys=True)
         except TypeError as error:
@@ -68,8 +69,8 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Hash of all that the outcome depends on."""
-        parts = (self.text, Path(self.file).name, self.name, version(), self.source)
+        """Hash of everything on which the result depends."""
+        parts = (self.text, Path(self.file).name, self.name, package_version(), self.source)
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
 
 
@@ -84,49 +85,49 @@ def run_cases(
 ) -> list[dict[str, object]]:
     """Run `function(**settings)` for the settings of each case; rows in the order of the cases.
 
-    A row holds the settings, what the function returned (numbers and strings; lists of numbers
-    for a figure are left out of results.csv), `status` and `cause`. A case that fails is a row
-    without numbers. A finished case is on disk at once, in OUT/cache, and is not run again
-    unless its settings, fecloth, the study's file, what that imports beside it or the scenes
-    there have changed; the text of any other file that a case reads belongs in its settings.
+    A row holds the settings, the returned numbers and strings, `status` and `cause`. The function
+    may also return lists of numbers, for figures; results.csv omits them. The row of a failed
+    case has no results. Each result is written to OUT/cache at once, and is read from there the
+    next time, unless the settings, fecloth, the study's file, its imports or its scenes have
+    changed. If a case reads any other file, put the contents of the file into its settings.
 
     Parameters
     ----------
     jobs
-        Processes, each with one thread; with 1 the cases run in this process.
+        Number of processes, each with one thread; 1 runs the cases in this process.
     scheduler
-        Address of a Dask scheduler whose workers see these files under the same paths; None for
-        this machine.
+        Address of a Dask scheduler whose workers see the same files under the same paths; None
+        for this machine.
     time_limit
-        Seconds a case may take. Processes are killed; in this process and on a cluster the limit
-        holds where the function calls `tick`.
+        Largest time of a case [s]. Processes are killed; in this process and on a cluster the
+        limit works only where the function calls `check_time_limit`.
     fresh
-        Run every case, whatever is kept.
+        Run every case, even if its result is on disk.
 
     Raises
     ------
     InputError
-        If the function is no module-level one, or the settings are not JSON-able.
+        If the function is not at the top level of a file, or the settings are not JSON-able.
     """
-    listed = [Case.of(function, settings) for settings in cases]
-    kept = {} if fresh else _kept(listed, Path(out), time_limit)
-    missing = list({case.key: case for case in listed if case.key not in kept}.values())
+    all_cases = [Case.of(function, settings) for settings in cases]
+    results = {} if fresh else _read_results(all_cases, Path(out), time_limit)
+    missing = list({case.key: case for case in all_cases if case.key not in results}.values())
     if scheduler:
-        finished = processes.on_cluster(missing, scheduler, time_limit)
+        finished = run_on_cluster(missing, scheduler, time_limit)
     elif jobs > 1 and missing:
-        finished = processes.in_processes(missing, min(jobs, len(missing)), time_limit)
+        finished = run_in_processes(missing, min(jobs, len(missing)), time_limit)
     else:
-        finished = _here(missing, function, time_limit)
+        finished = _run_here(missing, function, time_limit)
     begin = time.perf_counter()
     for number, (case, result) in enumerate(finished, 1):
-        _keep(case, result, Path(out), time_limit)
-        kept[case.key] = result
-        seconds = time.perf_counter() - begin
-        _tell(f"[{number}/{len(missing)}, {seconds:.0f} s] {_words(case)}: {_short(result)}")
-    return [{**case.settings, **kept[case.key]} for case in listed]
+        _write_result(case, result, Path(out), time_limit)
+        results[case.key] = result
+        progress = f"[{number}/{len(missing)}, {time.perf_counter() - begin:.0f} s]"
+        _print_progress(f"{progress} {_settings_line(case)}: {_result_line(result)}")
+    return [{**case.settings, **results[case.key]} for case in all_cases]
 
 
-def _here(cases, function, time_limit):
+def _run_here(cases, function, time_limit):
     for case in cases:
         yield case, status.attempt(function, dict(case.settings), time_limit)
 
@@ -135,82 +136,51 @@ def _path(case: Case, out: Path) -> Path:
     return out / "cache" / f"{case.key}.json"
 
 
-def _keep(case: Case, result: dict, out: Path, time_limit: float | None) -> None:
-    """Put a finished case on disk, unless it may go otherwise another time."""
+def _write_result(case: Case, result: dict, out: Path, time_limit: float | None) -> None:
+    """Write a result to disk if a second run would give the same."""
     clash = sorted(set(case.settings) & set(result))
     if clash:
         what = f"{case.name} returned {', '.join(clash)}"
         raise InputError(what, "a setting has that name already", case.file)
-    if result["status"] in status.KEPT:
-        kept = {"settings": case.settings, "time_limit": time_limit, "result": result}
-        replace_file(_path(case, out), (json.dumps(kept, default=_plain) + "\n").encode())
+    if result["status"] in status.REPRODUCIBLE:
+        entry = {"settings": case.settings, "time_limit": time_limit, "result": result}
+        replace_file(_path(case, out), (json.dumps(entry, default=_to_plain) + "\n").encode())
 
 
-def _kept(cases: list[Case], out: Path, time_limit: float | None) -> dict[str, dict]:
-    """The results that are on disk, by key."""
-    found = {}
+def _read_results(cases: list[Case], out: Path, time_limit: float | None) -> dict[str, dict]:
+    """Return the results that are on disk, by key."""
+    results = {}
     for case in cases:
         path = _path(case, out)
         if not path.exists():
             continue
-        kept = json.loads(path.read_text(encoding="utf-8"))
-        late = kept["result"]["status"] == status.LATE
-        if late and (time_limit or math.inf) > (kept["time_limit"] or math.inf):
-            continue  # it may make it now
-        found[case.key] = kept["result"]
-    return found
+        entry = json.loads(path.read_text(encoding="utf-8"))
+        was_late = entry["result"]["status"] == status.LATE
+        if was_late and (time_limit or math.inf) > (entry["time_limit"] or math.inf):
+            continue  # the longer limit may be enough
+        results[case.key] = entry["result"]
+    return results
 
 
-def _plain(value):
-    """NumPy's numbers and arrays in JSON's types."""
+def _to_plain(value):
+    """Convert NumPy's numbers and arrays to JSON's types."""
     return value.tolist()
 
 
-def _words(case: Case) -> str:
-    """The settings on one line; a text of many lines by its first characters."""
+def _settings_line(case: Case) -> str:
+    """Return the settings on one line, long texts cut."""
     return " ".join(f"{k}={' '.join(str(v).split())[:40]}" for k, v in case.settings.items())
 
 
-def _short(result: dict) -> str:
+def _result_line(result: dict) -> str:
     return f"{result['status']} {result['cause'].splitlines()[0] if result['cause'] else ''}"
 
 
-def _tell(line: str) -> None:
+def _print_progress(line: str) -> None:
     print(line.rstrip(), file=sys.stderr, flush=True)
 
 
 @cache
-def version() -> str:
-    """fecloth's version; asking for it takes 4 ms, which thousands of cases would feel."""
+def package_version() -> str:
+    """Return fecloth's version. Cached: a look-up takes 4 ms, and there are thousands of cases."""
     return versions()["fecloth"]
-
-
-@cache
-def source_of(file: str | Path) -> str:
-    """Hash of fecloth's sources, the clock's, the file's, its imports' and the scenes beside it."""
-    package, clock = Path(fecloth.__file__).parent, Path(__file__).with_name("timing.py")
-    root, module = module_of(Path(file).resolve())
-    folders = [root.joinpath(*module.split(".")[:k]) for k in range(module.count(".") + 1)]
-    scenes = sorted(scene for at in folders for scene in (at / "scenes").rglob("*.toml"))
-    own = (*sorted(_with_imports(Path(file))), *scenes, clock)
-    digest = hashlib.sha256()
-    for source in (*sorted(package.rglob("*.py")), *own):
-        digest.update(source.read_bytes())
-    return digest.hexdigest()
-
-
-def _with_imports(file: Path) -> set[Path]:
-    """The file and all that it imports, directly or not, from the folder that its package is in."""
-    root, _ = module_of(file.resolve())
-    found, waiting = set(), [file.resolve()]
-    while waiting:
-        source = waiting.pop()
-        if source in found or not source.exists():
-            continue
-        found.add(source)
-        for node in ast.walk(ast.parse(source.read_bytes())):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            if isinstance(node, ast.ImportFrom) and node.module:
-                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-            waiting += [root.joinpath(*name.split(".")).with_suffix(".py") for name in names]
-    return found

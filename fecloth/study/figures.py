@@ -1,4 +1,4 @@
-"""One style for all figures: legible at 800 pixels, told apart by colour and marker."""
+"""One style for all figures: legible at 800 pixels, lines differ in colour and marker."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from fecloth.errors import InputError
 
-# Okabe and Ito (2008), the eight colours that survive colour blindness; yellow is left out, which
-# is too light for a line on white.
+# Okabe and Ito (2008): colours that colour-blind readers can tell apart, without yellow, which is
+# too light for a line on white.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "h")
 DASHES = ("-", "--", "-.", ":")
@@ -29,12 +29,12 @@ STYLE = {
     "axes.axisbelow": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "svg.hashsalt": "fecloth",  # the same figure is the same file
+    "svg.hashsalt": "fecloth",  # the same figure gives the same file
 }
 
 
 def pyplot():
-    """Matplotlib without a display."""
+    """Import Matplotlib for drawing without a display."""
     try:
         import matplotlib
     except ImportError as error:
@@ -58,18 +58,18 @@ def figure(
     size: tuple[float, float] | None = None,
     **subplots: object,
 ) -> Iterator[tuple]:
-    """A figure and its axes to draw on; OUT/NAME.png and .svg are written at the end of the block.
+    """Yield a figure and its axes; write OUT/NAME.png and .svg at the end of the block.
 
     Parameters
     ----------
     xlabel, ylabel, title
-        For every panel, with the unit: "time step [s]".
+        Of every panel, with the unit: "time step [s]".
     log
         Whether both axes are logarithmic.
     panels
-        Rows and columns; with more than one the axes come as an array.
+        Numbers of rows and columns; with more than one panel the axes are an array.
     size
-        Inches, by default 8 × 5 for one panel.
+        Width and height [inch], by default 8 × 5 for one panel.
     """
     plt = pyplot()
     with plt.rc_context(STYLE):
@@ -81,15 +81,15 @@ def figure(
                 ax.set(xscale="log", yscale="log")
         yield drawing, axes
         for ax in np.ravel(axes):
-            plain_ticks(ax)
+            _use_plain_ticks(ax)
         Path(out).mkdir(parents=True, exist_ok=True)
         for kind in ("png", "svg"):
             drawing.savefig(Path(out) / f"{name}.{kind}")
         plt.close(drawing)
 
 
-def plain_ticks(ax) -> None:
-    """Label a logarithmic axis of less than two decades with plain numbers, so that they fit."""
+def _use_plain_ticks(ax) -> None:
+    """Label a logarithmic axis of less than two decades with plain numbers, which fit."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for axis in (ax.xaxis, ax.yaxis):
@@ -102,13 +102,13 @@ def plain_ticks(ax) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
-def style(i: int) -> dict[str, object]:
-    """Colour, marker and dashes of the i-th line: different for the first 77."""
+def line_style(i: int) -> dict[str, object]:
+    """Return colour, marker and dashes of line `i`; the first 77 lines all differ."""
     dash = DASHES[i // len(COLOURS) % len(DASHES)]
     return {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "ls": dash}
 
 
-def lines(
+def draw_lines(
     ax,
     rows: Sequence[Mapping],
     x: str,
@@ -117,22 +117,28 @@ def lines(
     legend: bool = True,
     names: Sequence = (),
 ) -> None:
-    """A line for each value of the column `by`; crosses at the upper border for what failed.
+    """Draw a line for each value of the column `by`, and a cross for each row that failed.
 
-    `names` are all those values, in the order of their colours, where several panels share them.
+    Parameters
+    ----------
+    x, y
+        Columns of the axes.
+    names
+        All values of the column `by`, in the order of their colours, if several panels share
+        the colours.
     """
     names = names or list(dict.fromkeys(row[by] for row in rows))
     for i, name in enumerate(names):
-        own = [row for row in rows if row[by] == name]
-        good = sorted((row[x], row[y]) for row in own if row["status"] == "ok")
-        ax.plot(*zip(*good, strict=True) if good else ((), ()), label=str(name), **style(i))
-        mark_failures(ax, own, x, COLOURS[i % len(COLOURS)])
+        group = [row for row in rows if row[by] == name]
+        good = sorted((row[x], row[y]) for row in group if row["status"] == "ok")
+        ax.plot(*zip(*good, strict=True) if good else ((), ()), label=str(name), **line_style(i))
+        mark_failures(ax, group, x, COLOURS[i % len(COLOURS)])
     if legend:
         ax.legend()
 
 
 def mark_failures(ax, rows: Sequence[Mapping], x: str, colour: str = "black") -> None:
-    """A cross at the upper border over each row that failed, with its status."""
+    """Draw a cross with the status at the upper border for each row that failed."""
     for row in rows:
         if row["status"] == "ok" or x not in row:
             continue
@@ -142,19 +148,19 @@ def mark_failures(ax, rows: Sequence[Mapping], x: str, colour: str = "black") ->
         ax.text(row[x], 0.955, row["status"], **text, **at)
 
 
-def slope_triangle(
+def draw_slope_triangle(
     ax, order: float, at: tuple[float, float] = (0.75, 0.12), width: float = 0.15
 ) -> None:
-    """A right triangle with the slope `order` on logarithmic axes, labelled with it.
+    """Draw a right triangle with the slope `order` on logarithmic axes, and label it.
 
-    Drawn last, when the limits of the axes are settled: they are not changed by it.
+    Call this last, when the limits of the axes are final: it does not change them.
 
     Parameters
     ----------
     at
-        Its right lower corner in parts of the axes.
+        Lower right corner, as fractions of the axes.
     width
-        Of its base, in parts of the axes; less where it would be too high.
+        Length of the base as a fraction of the axes; shorter if the triangle would be too high.
     """
     (x0, x1), (y0, y1) = np.log10(ax.get_xlim()), np.log10(ax.get_ylim())
     right, bottom = x0 + at[0] * (x1 - x0), y0 + at[1] * (y1 - y0)

@@ -1,4 +1,4 @@
-"""Where cases run: processes of this machine that can be killed, or a Dask cluster."""
+"""Run cases in processes of this machine, which can be killed when they are late."""
 
 from __future__ import annotations
 
@@ -15,13 +15,11 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
-from fecloth.errors import InputError
-from fecloth.study import status as failures
-from fecloth.study import threads
+from fecloth.study import status, threads
 
 
-def load(file: str, name: str):
-    """The function of that name in that file, imported as a module of its package or folder."""
+def load_function(file: str, name: str):
+    """Import a file as a module of its package or folder, and return its function `name`."""
     root, module = module_of(Path(file))
     if str(root) not in sys.path:
         sys.path.insert(0, str(root))
@@ -29,7 +27,7 @@ def load(file: str, name: str):
 
 
 def module_of(file: Path) -> tuple[Path, str]:
-    """The folder to import a file from, and its dotted name there."""
+    """Return the folder to import a file from, and the dotted name of its module."""
     folder, names = file.parent, [file.stem]
     while (folder / "__init__.py").exists():
         names.insert(0, folder.name)
@@ -37,49 +35,49 @@ def module_of(file: Path) -> tuple[Path, str]:
     return folder, ".".join(names)
 
 
-def remote(file: str, name: str, settings: dict, time_limit: float | None) -> dict:
-    """Run one case in whatever process this is."""
-    return failures.attempt(load(file, name), settings, time_limit)
+def run_case(file: str, name: str, settings: dict, time_limit: float | None) -> dict:
+    """Import the function and run one case in the current process."""
+    return status.attempt(load_function(file, name), settings, time_limit)
 
 
 def serve(pipe: Connection, file: str, name: str) -> None:
-    """The life of a process: load the function, then answer settings with results.
+    """Run in a worker process: import the function, then answer settings with results.
 
-    Ctrl-C is for whoever started it, and ends it.
+    The worker ignores Ctrl-C: the parent process handles it and stops the worker.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        function = load(file, name)
+        function = load_function(file, name)
     except BaseException as error:
         pipe.send(error)
         raise
     pipe.send(None)
-    with suppress(EOFError, BrokenPipeError):  # whoever asks is gone
+    with suppress(EOFError, BrokenPipeError):  # the parent process has ended
         while True:
-            pipe.send(failures.attempt(function, pipe.recv()))
+            pipe.send(status.attempt(function, pipe.recv()))
 
 
 @dataclass
 class Worker:
-    """A process, what it works on, and when it must be done."""
+    """A process, the case it runs, and the time at which the case is late."""
 
     process: multiprocessing.Process
     pipe: Connection
     case: object = None
     end: float | None = None
-    ready: bool = False
+    is_ready: bool = False
 
     @classmethod
     def start(cls, file: str, name: str) -> Worker:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=serve, args=(theirs, file, name), daemon=True)
-        with _one_thread():
+        with _one_thread_environment():
             process.start()
         theirs.close()
         return cls(process, ours)
 
-    def give(self, case, time_limit: float | None) -> None:
+    def send(self, case, time_limit: float | None) -> None:
         self.pipe.send(dict(case.settings))
         self.case = case
         self.end = None if time_limit is None else time.perf_counter() + time_limit
@@ -90,8 +88,8 @@ class Worker:
         self.pipe.close()
 
 
-def in_processes(cases, count: int, time_limit: float | None) -> Iterator[tuple]:
-    """(case, result) as they finish in `count` processes; each stopped process is replaced."""
+def run_in_processes(cases, count: int, time_limit: float | None) -> Iterator[tuple]:
+    """Yield (case, result) as they finish in `count` processes; replace each stopped process."""
     waiting, workers = deque(cases), []
     try:
         while waiting or any(worker.case for worker in workers):
@@ -99,14 +97,15 @@ def in_processes(cases, count: int, time_limit: float | None) -> Iterator[tuple]
             while len(workers) < min(count, busy + len(waiting)):
                 workers.append(Worker.start(cases[0].file, cases[0].name))
             for worker in workers:
-                if worker.ready and worker.case is None and waiting:
-                    worker.give(waiting.popleft(), time_limit)
-            heard = wait([worker.pipe for worker in workers], _patience(workers))
+                if worker.is_ready and worker.case is None and waiting:
+                    worker.send(waiting.popleft(), time_limit)
+            answered = wait([worker.pipe for worker in workers], _seconds_to_first_limit(workers))
             for worker in list(workers):
-                case, result = worker.case, _answer(worker, worker.pipe in heard, time_limit)
+                case = worker.case
+                result = _read_result(worker, worker.pipe in answered, time_limit)
                 if result is None:
                     continue
-                if result["status"] in (failures.LATE, failures.KILLED):
+                if result["status"] in (status.LATE, status.KILLED):
                     worker.stop()
                     workers.remove(worker)
                 yield case, result
@@ -115,17 +114,18 @@ def in_processes(cases, count: int, time_limit: float | None) -> Iterator[tuple]
             worker.stop()
 
 
-def _patience(workers: list[Worker]) -> float | None:
-    """Seconds until the first of them is late."""
+def _seconds_to_first_limit(workers: list[Worker]) -> float | None:
+    """Return the time until the first worker is late [s]; None if no worker has a limit."""
     ends = [worker.end for worker in workers if worker.end is not None]
     return max(0.0, min(ends) - time.perf_counter()) if ends else None
 
 
-def _answer(worker: Worker, heard: bool, time_limit: float | None) -> dict | None:
-    """The result that a process has come to, None if it has none yet."""
-    if not heard:
-        late = worker.end is not None and time.perf_counter() >= worker.end
-        return {"status": failures.LATE, "cause": failures.late(time_limit)} if late else None
+def _read_result(worker: Worker, has_answered: bool, time_limit: float | None) -> dict | None:
+    """Return the worker's result, or None if it has none yet."""
+    if not has_answered:
+        is_late = worker.end is not None and time.perf_counter() >= worker.end
+        cause = status.describe_time_limit(time_limit) if is_late else ""
+        return {"status": status.LATE, "cause": cause} if is_late else None
     try:
         answer = worker.pipe.recv()
     except (EOFError, ConnectionResetError):
@@ -133,19 +133,19 @@ def _answer(worker: Worker, heard: bool, time_limit: float | None) -> dict | Non
         cause = f"its process ended with code {worker.process.exitcode}"
         if worker.case is None:
             raise RuntimeError(f"a worker could not start: {cause}") from None
-        return {"status": failures.KILLED, "cause": cause}
-    if worker.ready:
+        return {"status": status.KILLED, "cause": cause}
+    if worker.is_ready:
         worker.case = worker.end = None
         return answer
     if answer is not None:
         raise answer
-    worker.ready = True
+    worker.is_ready = True
     return None
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
-    """The environment of a process that is started inside: one thread for every library."""
+def _one_thread_environment() -> Iterator[None]:
+    """Set the environment so that a process started inside uses one thread in every library."""
     before = {name: os.environ.get(name) for name in threads.ONE}
     os.environ.update(threads.ONE)
     try:
@@ -156,35 +156,3 @@ def _one_thread() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-def on_cluster(cases, scheduler: str, time_limit: float | None) -> Iterator[tuple]:
-    """(case, result) as they finish on a Dask cluster."""
-    try:
-        from distributed import Client, as_completed
-    except ImportError as error:
-        what, remedy = f"scheduler = {scheduler}", "pip install 'fecloth[dask]', or use --jobs."
-        raise InputError(what, "needs Dask distributed", "run_cases", remedy) from error
-    with Client(scheduler) as client:
-        asked = {}
-        for case in cases:
-            task = (case.file, case.name, dict(case.settings), time_limit)
-            asked[client.submit(_entry, str(Path(__file__).parents[1]), *task, pure=False)] = case
-        for future in as_completed(asked):
-            yield asked[future], _outcome(future)
-
-
-def _entry(studies: str, *task) -> dict:
-    """`remote`, after the folder of the studies has been made importable."""
-    if studies not in sys.path:
-        sys.path.insert(0, studies)
-    return remote(*task)
-
-
-def _outcome(future) -> dict:
-    error = future.exception()
-    if error is None:
-        return future.result()
-    killed = type(error).__name__ == "KilledWorker"
-    status = failures.KILLED if killed else failures.ERROR
-    return {"status": status, "cause": f"{type(error).__name__}: {error}"}

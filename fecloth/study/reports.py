@@ -1,4 +1,4 @@
-"""results.csv and report.md: settings, versions, hardware, tables, figures, conclusion."""
+"""Report of a study: results.csv and report.md with settings, machine, figures and findings."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from pathlib import Path
 from fecloth.output.atomic_files import replace_file
 from fecloth.runs.folder import versions
 
-LONGEST = 300  # characters of a cell
+LONGEST_CELL = 300  # characters
 Row = Mapping[str, object]
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A number of the conclusion and the range that it is expected in.
+    """A number of the conclusion and its expected range.
 
     Examples
     --------
     >>> print(Finding("order of StVK in L2", 2.03, 1.9, 2.1))
     order of StVK in L2: 2.03 in [1.9, 2.1]: met
-    >>> Finding("error", float("nan"), high=0.1).met
+    >>> Finding("error", float("nan"), high=0.1).is_met
     False
     """
 
@@ -37,22 +37,23 @@ class Finding:
     high: float = math.inf
 
     @property
-    def met(self) -> bool:
+    def is_met(self) -> bool:
+        """True if the value lies in the range."""
         return self.low <= self.value <= self.high
 
     def __str__(self) -> str:
         if math.isinf(self.low) and math.isinf(self.high):
             return f"{self.what}: {self.value:.4g}"
-        asked = f"in [{self.low:g}, {self.high:g}]"
+        expected = f"in [{self.low:g}, {self.high:g}]"
         if math.isinf(self.high):
-            asked = f">= {self.low:g}"
+            expected = f">= {self.low:g}"
         if math.isinf(self.low):
-            asked = f"<= {self.high:g}"
-        return f"{self.what}: {self.value:.4g} {asked}: {'met' if self.met else 'MISSED'}"
+            expected = f"<= {self.high:g}"
+        return f"{self.what}: {self.value:.4g} {expected}: {'met' if self.is_met else 'MISSED'}"
 
 
 def write_csv(rows: Sequence[Row], path: str | Path) -> None:
-    """All rows under the union of their columns, without those that hold lists."""
+    """Write all rows, with the union of their columns; omit columns that hold lists."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
     columns = [c for c in columns if not any(isinstance(row.get(c), list | dict) for row in rows)]
     Path(path).parent.mkdir(parents=True, exist_ok=True)
@@ -62,7 +63,7 @@ def write_csv(rows: Sequence[Row], path: str | Path) -> None:
         table.writerows(rows)
 
 
-def report(
+def write_report(
     options: argparse.Namespace,
     title: str,
     rows: Sequence[Row],
@@ -73,57 +74,61 @@ def report(
     conclusion: str = "",
     settings: Mapping[str, object] | None = None,
 ) -> int:
-    """Write OUT/results.csv and OUT/report.md, print the findings; 1 if one is missed, else 0.
+    """Write OUT/results.csv and OUT/report.md, and print the findings.
+
+    Return the exit code of the study: 1 if a finding is missed, otherwise 0.
 
     Parameters
     ----------
     options
-        What `arguments` returned.
+        Result of `parse_arguments`.
     rows
-        Of all cases.
+        Rows of all cases.
     tables
-        Heading to rows; a table of the rows that failed is added.
+        Heading and rows of each table; a table of the failed rows follows them.
     figures
-        Names without ending.
+        File names without suffix.
     conclusion
-        A sentence or more, before the findings.
+        Text before the findings.
     settings
-        What all cases share; the options are added.
+        Settings that all cases share; the options follow them.
     """
     write_csv(rows, options.out / "results.csv")
-    parts = [f"# {title}", conclusion, _listed(findings)]
+    parts = [f"# {title}", conclusion, _bullet_list(findings)]
     parts += [f"![{name}]({name}.png)" for name in figures]
-    parts += [f"## {heading}\n\n{markdown(table)}" for heading, table in (tables or {}).items()]
-    failed = [_short(row) for row in rows if row.get("status", "ok") != "ok"]
+    parts += [
+        f"## {heading}\n\n{markdown_table(table)}" for heading, table in (tables or {}).items()
+    ]
+    failed = [_without_lists(row) for row in rows if row.get("status", "ok") != "ok"]
     if failed:
-        parts.append(f"## Cases that failed\n\n{markdown(failed)}")
+        parts.append(f"## Cases that failed\n\n{markdown_table(failed)}")
     shared = {**(settings or {}), **vars(options)}
     for heading, what in (("Settings", shared), ("Ran on", hardware())):
-        parts.append(f"## {heading}\n\n{_listed([f'{k}: {v}' for k, v in what.items()])}")
+        parts.append(f"## {heading}\n\n{_bullet_list([f'{k}: {v}' for k, v in what.items()])}")
     text = "\n\n".join(part for part in parts if part) + "\n"
     replace_file(options.out / "report.md", text.encode())
     for finding in findings:
         print(finding)
     print(f"wrote {options.out / 'report.md'}")
-    return 0 if all(finding.met for finding in findings) else 1
+    return 0 if all(finding.is_met for finding in findings) else 1
 
 
-def _listed(items: Sequence[object]) -> str:
+def _bullet_list(items: Sequence[object]) -> str:
     return "\n".join(f"- {item}" for item in items)
 
 
-def _short(row: Row) -> Row:
-    """A failed row with the first line of its cause."""
-    kept = {key: value for key, value in row.items() if not isinstance(value, list | dict)}
-    return kept | {"cause": str(row.get("cause", "")).splitlines()[0] if row.get("cause") else ""}
+def _without_lists(row: Row) -> Row:
+    """Return a failed row without lists, and with only the first line of its cause."""
+    cells = {key: value for key, value in row.items() if not isinstance(value, list | dict)}
+    return cells | {"cause": str(row.get("cause", "")).splitlines()[0] if row.get("cause") else ""}
 
 
-def markdown(rows: Sequence[Row]) -> str:
-    """Rows as a Markdown table, numbers to four digits.
+def markdown_table(rows: Sequence[Row]) -> str:
+    """Format rows as a Markdown table, numbers to four digits.
 
     Examples
     --------
-    >>> print(markdown([{"h": 0.1, "error": 0.012344}, {"h": 0.05}]))
+    >>> print(markdown_table([{"h": 0.1, "error": 0.012344}, {"h": 0.05}]))
     | h | error |
     |---|---|
     | 0.1 | 0.01234 |
@@ -139,13 +144,13 @@ def _cell(value: object) -> str:
     if value is None:
         return ""
     text = f"{value:.4g}" if isinstance(value, float) else " ".join(str(value).split())
-    return (text if len(text) <= LONGEST else text[:LONGEST] + " …").replace("|", "\\|")
+    return (text if len(text) <= LONGEST_CELL else text[:LONGEST_CELL] + " …").replace("|", "\\|")
 
 
 def hardware() -> dict[str, object]:
-    """The processor, its cores, the memory, the versions and the commit."""
-    found = {"processor": _processor(), "cores": os.cpu_count(), "memory": _memory()}
-    return found | versions() | {"commit": _commit()}
+    """Return the processor, its cores, the memory, the versions and the commit."""
+    machine = {"processor": _processor(), "cores": os.cpu_count(), "memory": _memory()}
+    return machine | versions() | {"commit": _commit()}
 
 
 def _processor() -> str:
@@ -165,7 +170,7 @@ def _memory() -> str:
 
 
 def _commit() -> str:
-    """The commit of the sources, with + if they have been changed since."""
+    """Return the commit of the sources, with + if they have changed since."""
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty=+"]
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()

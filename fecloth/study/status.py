@@ -1,4 +1,4 @@
-"""A case that fails is a row with its status and its cause."""
+"""Status and cause of a case: the row that a run or a failure gives."""
 
 from __future__ import annotations
 
@@ -10,59 +10,60 @@ import traceback
 from fecloth.errors import FeclothError, InputError
 
 OK = "ok"
-FAILED = "failed"  # a step, a solve, an equilibrium
-REFUSED = "refused"  # the settings themselves
+FAILED = "failed"  # a step, a linear solve or an equilibrium
+REFUSED = "refused"  # the settings are invalid
 LATE = "time limit"
 MEMORY = "memory"
-KILLED = "killed"  # its process ended
-ERROR = "error"  # anything else: look at it
-KEPT = (OK, FAILED, REFUSED, LATE)  # would come out the same again
+KILLED = "killed"  # the process of the case ended
+ERROR = "error"  # any other exception: a mistake in the study or in fecloth
+REPRODUCIBLE = (OK, FAILED, REFUSED, LATE)  # a second run would end the same way
 
-_running = threading.local()
+_current_case = threading.local()
 
 
 class TimeLimit(FeclothError):
-    """A case took more than its seconds."""
+    """A case ran longer than its time limit."""
 
 
-def tick(*_: object) -> None:
-    """Raise `TimeLimit` if the case that runs here is late; a `report` callback of fecloth's.
+def check_time_limit(*_: object) -> None:
+    """Raise `TimeLimit` if the current case is over its limit; fits as a `report` callback.
 
     Examples
     --------
     >>> from fecloth.study.status import attempt
-    >>> attempt(lambda: tick() or {}, {}, time_limit=-1.0)
+    >>> attempt(lambda: check_time_limit() or {}, {}, time_limit=-1.0)
     {'status': 'time limit', 'cause': 'more than -1 s'}
     """
-    limit, end = getattr(_running, "limit", None), getattr(_running, "end", None)
+    limit, end = getattr(_current_case, "limit", None), getattr(_current_case, "end", None)
     if end is not None and time.perf_counter() > end:
-        raise TimeLimit(late(limit))
+        raise TimeLimit(describe_time_limit(limit))
 
 
-def late(limit: float) -> str:
+def describe_time_limit(limit: float) -> str:
+    """Return the cause that stands in the row of a late case."""
     return f"more than {limit:g} s"
 
 
 def attempt(function, settings: dict, time_limit: float | None = None) -> dict:
-    """What `function(**settings)` returns, with status "ok", or the status and cause of its end.
+    """Return the result of `function(**settings)` with status "ok", or the status of its failure.
 
-    The limit holds where the function calls `tick`.
+    The time limit works only where the function calls `check_time_limit`.
     """
-    _running.limit = time_limit
-    _running.end = None if time_limit is None else time.perf_counter() + time_limit
+    _current_case.limit = time_limit
+    _current_case.end = None if time_limit is None else time.perf_counter() + time_limit
     try:
         return {**function(**settings), "status": OK, "cause": ""}
     except Exception as error:
         status = status_of(error)
         if status == ERROR:
             traceback.print_exc(file=sys.stderr)
-        named = f"{type(error).__name__}: " if status in (FAILED, ERROR) else ""
-        return {"status": status, "cause": f"{named}{error}".strip()}
+        prefix = f"{type(error).__name__}: " if status in (FAILED, ERROR) else ""
+        return {"status": status, "cause": f"{prefix}{error}".strip()}
     finally:
-        _running.end = None
+        _current_case.end = None
 
 
 def status_of(error: BaseException) -> str:
-    """The word for an error in the column `status`."""
+    """Return the word of an exception for the column `status`."""
     kinds = {TimeLimit: LATE, InputError: REFUSED, FeclothError: FAILED, MemoryError: MEMORY}
     return next((word for kind, word in kinds.items() if isinstance(error, kind)), ERROR)

@@ -1,4 +1,4 @@
-"""Honest seconds: warm, compilation apart, the minimum of several runs, CPU and wall."""
+"""Measured seconds: after a warm-up, without compilation, the minimum of several calls."""
 
 from __future__ import annotations
 
@@ -9,18 +9,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Seconds:
-    """What a call takes.
+    """Duration of a call.
 
     Attributes
     ----------
     wall, cpu
-        Seconds of the fastest of the counted calls, by the clock and by the processor.
+        Wall-clock and processor time of the fastest call, each [s].
     first
-        Seconds of the first call by the clock, which is not counted.
-    compiling
-        What of the first call was compiling and loading, first − wall, at least 0.
+        Wall-clock time of the first call [s], which compiles and does not count.
     value
-        What the last call returned.
+        Result of the last call.
     """
 
     wall: float
@@ -30,31 +28,32 @@ class Seconds:
 
     @property
     def compiling(self) -> float:
+        """Time of compiling and loading in the first call, first − wall ≥ 0 [s]."""
         return max(0.0, self.first - self.wall)
 
     @property
     def row(self) -> dict[str, float]:
-        """For the row of a case."""
+        """Columns of a case's row."""
         return {"seconds": self.wall, "cpu_seconds": self.cpu, "compile_seconds": self.compiling}
 
 
-def timed(function: Callable[[], object], repeats: int = 3) -> Seconds:
-    """Call once to warm up, then `repeats` times; the minimum counts.
+def measure_seconds(function: Callable[[], object], repeats: int = 3) -> Seconds:
+    """Call a function once to warm up, then `repeats` times, and return the shortest times.
 
     Examples
     --------
     >>> calls = []
-    >>> seconds = timed(lambda: calls.append(1), repeats=3)
+    >>> seconds = measure_seconds(lambda: calls.append(1), repeats=3)
     >>> len(calls), seconds.wall <= seconds.first + seconds.wall
     (4, True)
     """
-    first, _, _ = _once(function)
-    runs = [_once(function) for _ in range(repeats)]
-    wall, cpu = (min(run[i] for run in runs) for i in (0, 1))
-    return Seconds(wall, cpu, first, runs[-1][2])
+    first, _, _ = _measure_one_call(function)
+    calls = [_measure_one_call(function) for _ in range(repeats)]
+    wall, cpu = (min(call[i] for call in calls) for i in (0, 1))
+    return Seconds(wall, cpu, first, calls[-1][2])
 
 
-def _once(function) -> tuple[float, float, object]:
+def _measure_one_call(function) -> tuple[float, float, object]:
     wall, cpu = time.perf_counter(), time.process_time()
     value = function()
     return time.perf_counter() - wall, time.process_time() - cpu, value

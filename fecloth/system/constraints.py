@@ -1,8 +1,9 @@
-"""Constraints: each constrained node has a 3×3 projector onto its free directions, and a motion."""
+"""Constraints: a 3×3 projector onto the free directions of each constrained node, and a motion."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sparse
@@ -11,6 +12,7 @@ from fecloth.errors import InputError
 from fecloth.jit import kernel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
+from fecloth.system.motion import Motion
 from fecloth.system.pins import Pin
 
 
@@ -25,7 +27,7 @@ class Constraints:
     nodes
         (c,) constrained nodes, ascending.
     projectors
-        (c, 3, 3), P: onto the free directions of each of them (0: pinned, rank 1 or 2: sliding).
+        (c, 3, 3) P onto the free directions of each of them (0: pinned, rank 1 or 2: sliding).
     """
 
     groups: dict[str, tuple[Pin, np.ndarray]]
@@ -40,9 +42,11 @@ class Constraints:
                 pin = Pin(pin)
             default = pin.where if isinstance(pin.where, str) else f"pin{number}"
             name = _free_name(pin.name or default, groups)
-            groups[name] = (pin, nodes := cloth.nodes(pin.where))
-            for value in (pin.displacement(0.0), pin.speed(0.0, since=0.0)):
-                pin.fits(value, len(nodes))
+            nodes = cloth.nodes(pin.where)
+            groups[name] = (pin.at(cloth.X[nodes]), nodes)
+            if not isinstance(pin.motion, Motion):  # a user's function: an early error
+                for value in (pin.displacement(0.0), pin.speed(0.0, since=0.0)):
+                    pin.check_shape(value, len(nodes))
         everything = [nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)]
         nodes, first, times = np.unique(
             np.concatenate(everything), return_index=True, return_counts=True
@@ -67,7 +71,7 @@ class Constraints:
         return y[self.nodes] - np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
 
     def hold(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """P y + (I − P) target, a copy: exactly the target where all is held."""
+        """P y + (I − P) target, a copy: exactly the target where P is 0."""
         return self.put(y.copy(), target)
 
     def put(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -76,26 +80,32 @@ class Constraints:
         return y
 
     def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Position and velocity (n, 3) prescribed at t + dt to nodes that are at x at time t.
+        """Prescribed position and velocity (n, 3) at t + dt of nodes that are at x at time t.
 
-        Only the held directions of constrained nodes mean anything; free nodes stay as they are.
-        Where no pin moves, the position is x itself and no copy.
+        They are meaningful in the constrained directions only. If no pin moves, the position is x
+        itself, not a copy.
         """
-        v, moved = np.zeros_like(x), [at for at in self.groups.values() if at[0].motion is not None]
-        if moved:
+        v = np.zeros_like(x)
+        if self._moved:
             x = x.copy()
-        for pin, nodes in moved:
-            x[nodes] += pin.displacement(t + dt) - pin.displacement(t)
-            v[nodes] = pin.speed(t + dt, since=t)
+        for group in self._moved:
+            before, after = group.displacement(t), group.displacement(t + dt)
+            speed = group.pin.speed(t + dt, since=t)
+            _prescribe(group.nodes, _rows(after - before), _rows(speed), x, v)
         return x, v
 
+    @cached_property
+    def _moved(self) -> list[_MovedGroup]:
+        groups = self.groups.values()
+        return [_MovedGroup(pin, nodes) for pin, nodes in groups if pin.motion is not None]
+
     def free(self, n: int) -> np.ndarray:
-        """The dofs 3 i + c of an n-node cloth that no pin holds.
+        """The degrees of freedom 3 i + c of a cloth of n nodes that no pin constrains.
 
         Raises
         ------
         InputError
-            Where a node slides along no axis, so that its free directions are no dofs.
+            If a node slides in a direction that is no coordinate axis.
         """
         diagonal = np.einsum("cii->ci", self.projectors)
         oblique = np.flatnonzero(((diagonal > 1e-12) & (diagonal < 1 - 1e-12)).any(axis=1))
@@ -107,7 +117,7 @@ class Constraints:
         return np.setdiff1d(np.arange(3 * n), held)
 
     def admissible(self, n: int) -> sparse.csc_matrix:
-        """(3n, f) orthonormal columns: the velocities that the pins allow, f of them."""
+        """(3n, f) orthonormal basis, in columns, of the f velocities that the pins allow."""
         others = np.setdiff1d(np.arange(n), self.nodes)
         values, vectors = np.linalg.eigh(self.projectors)  # columns of vectors
         at, which = np.nonzero(values > 0.5)
@@ -120,14 +130,43 @@ class Constraints:
         return sparse.csc_matrix((np.concatenate(data), (rows, columns)), shape=shape)
 
 
+class _MovedGroup:
+    """A pin with a motion and its nodes; the end of a step is the start of the next one."""
+
+    def __init__(self, pin: Pin, nodes: np.ndarray):
+        self.pin, self.nodes = pin, nodes
+        self._last: tuple[float, np.ndarray] | None = None
+
+    def displacement(self, t: float) -> np.ndarray:
+        """(3,) or (k, 3) [m], evaluated once for several calls with the same t."""
+        if self._last is None or self._last[0] != t:
+            self._last = t, self.pin.displacement(t)
+        return self._last[1]
+
+
+def _rows(value: np.ndarray) -> np.ndarray:
+    """(1, 3) or (k, 3)."""
+    return np.ascontiguousarray(value.reshape(-1, 3))
+
+
 def _free_name(name: str, taken) -> str:
-    """The name, or name.2, name.3, … if it is taken."""
+    """The name, or name.2, name.3, … if it is in use."""
     number = 1
     free = name
     while free in taken:
         number += 1
         free = f"{name}.{number}"
     return free
+
+
+@kernel
+def _prescribe(nodes, change, speed, x, v):
+    """x += change and v = speed at the nodes; one row is for all of them."""
+    for n in range(len(nodes)):
+        i, a, b = nodes[n], min(n, len(change) - 1), min(n, len(speed) - 1)
+        for k in range(3):
+            x[i, k] += change[a, k]
+            v[i, k] = speed[b, k]
 
 
 @kernel

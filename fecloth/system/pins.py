@@ -1,114 +1,133 @@
-"""Pins and slides as a user writes them: which nodes, along what they are free, how they move."""
+"""Pins and slides as a user writes them: which nodes, their free directions, and their motion."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fecloth.errors import FeclothError, InputError
 from fecloth.mesh.cloth import Where
-
-DERIVATIVE_STEP = 1e-5  # s; a central difference of a motion is then good to about 1e-10
+from fecloth.quantities.time_function import difference_quotient
+from fecloth.system.motion import Motion
 
 
 @dataclass(frozen=True)
 class Pin:
-    """x(t) = x(t₀) + motion(t) − motion(t₀): nodes held where the run finds them, or moved.
+    """x(t) = x(t₀) + motion(t) − motion(t₀): nodes that stay where the run starts, or are moved.
 
     Source: the filter of Baraff and Witkin (1998), Large Steps in Cloth Simulation, section 5, in
     the form P A P + (I − P) with the projector P onto a node's free directions (Ascher and
     Boxerman 2003, On the modified conjugate gradient method in cloth simulation).
 
-    Valid at any deformation, for a support that does not give way. One pinned node holds a
-    membrane the more softly the finer the mesh is, as `PointForce` says: hold edges. Steps must
-    sample a motion; what happens between two of them is not seen.
+    Valid at any deformation, for a rigid support. A single pinned node is a softer support the
+    finer the mesh is, as `PointForce` explains: pin edges. Steps must be short enough to sample a
+    motion; a run does not see what the motion does between two of them.
 
     Parameters
     ----------
     where
         A node set's name, node indices, or a predicate on X.
     motion
-        Displacement as a function of time, ``motion(t) -> (3,)`` for all nodes or ``(k, 3)``, in
-        the order of ``cloth.nodes(where)`` [m]; only its changes count:
+        Displacement [m] as three formulas of t [s], X and Y [m], such as
+        ``("0", "0", "0.1*sin(2*pi*t)")``, or as a function of time, ``motion(t) -> (3,)`` for all
+        nodes or ``(k, 3)`` in the order of ``cloth.nodes(where)``. Only its changes count:
         x(t) = x(t₀) + motion(t) − motion(t₀). None: fixed.
     velocity
-        Its time derivative ``velocity(t)`` [m/s]; left out, a central difference over 2e-5 s,
-        one-sided where it would reach back beyond the start of the step.
+        Time derivative ``velocity(t)`` of a function [m/s]; if None, a central difference over
+        2e-5 s, one-sided where it would need a time before the start of the step. The derivative
+        of formulas is exact.
     name
-        Name of the group in reactions; left out, the set's name.
+        Name of the group in reactions; if None, the set's name.
+
+    Examples
+    --------
+    >>> Pin("left", motion=("0", "0", "0.1*t**2")).speed(0.5)
+    array([0. , 0. , 0.1])
     """
 
     where: Where
-    motion: Callable[[float], np.ndarray] | None = None
+    motion: Sequence[str | float] | Callable[[float], np.ndarray] | None = None
     velocity: Callable[[float], np.ndarray] | None = None
     name: str | None = None
 
+    def __post_init__(self):
+        if self.motion is not None and not callable(self.motion):
+            object.__setattr__(self, "motion", self._formulas())
+        if self.velocity is not None and not callable(self.velocity):
+            allowed = "must be a function of t, as in lambda t: [0, 0, 0.1]"
+            raise InputError(f"velocity = {self.velocity!r}", allowed, self._label)
+        if self.velocity is not None and self.motion is None:
+            raise InputError("velocity without a motion", "needs both", self._label)
+
+    def _formulas(self) -> Motion:
+        try:
+            return Motion.read(self.motion)
+        except InputError as error:
+            raise InputError(error.what, error.allowed, self._label, error.remedy) from None
+
+    @property
+    def _label(self) -> str:
+        return f"{type(self).__name__}({self.where!r})"
+
     @property
     def projector(self) -> np.ndarray:
-        """(3, 3), onto the directions that stay free: none."""
+        """(3, 3) projector onto the free directions: there are none."""
         return np.zeros((3, 3))
+
+    def at(self, X: np.ndarray) -> Pin:
+        """The pin on nodes with the material points X (k, 2) [m], which its formulas may need."""
+        if not (isinstance(self.motion, Motion) and self.motion.by_place):
+            return self
+        return replace(self, motion=replace(self.motion, X=X))
 
     def displacement(self, t: float) -> np.ndarray:
         """(3,) or (k, 3) [m]."""
         if self.motion is None:
             return np.zeros(3)
+        if isinstance(self.motion, Motion):  # its values are finite and of this shape
+            return self.motion(t)
         return self._checked(self.motion, t, "motion")
 
     def speed(self, t: float, since: float = -math.inf) -> np.ndarray:
-        """(3,) or (k, 3) [m/s]; a difference asks for no motion before `since`.
-
-        There it is (−3 u(t) + 4 u(t + h) − u(t + 2h))/(2h), of second order too.
-        """
+        """(3,) or (k, 3) velocity [m/s]; a difference takes no displacement before `since`."""
         if self.motion is None:
             return np.zeros(3)
         if self.velocity is not None:
             return self._checked(self.velocity, t, "velocity")
-        u, h = self.displacement, DERIVATIVE_STEP
-        if t - h < since:
-            return (4 * u(t + h) - 3 * u(t) - u(t + 2 * h)) / (2 * h)
-        return (u(t + h) - u(t - h)) / (2 * h)
+        if isinstance(self.motion, Motion):
+            with suppress(InputError):  # not finite, as that of sqrt(t)**3 at 0 by the chain rule
+                return self.motion.velocity(t)
+        return difference_quotient(self.displacement, t, since)
 
-    def __post_init__(self):
-        for name in ("motion", "velocity"):
-            value = getattr(self, name)
-            if value is not None and not callable(value):
-                allowed = "must be a function of t, as in lambda t: [0, 0, 0.1 * t]"
-                raise InputError(f"{name} = {value!r}", allowed, f"Pin({self.where!r})")
-        if self.velocity is not None and self.motion is None:
-            raise InputError("velocity without a motion", "needs both", f"Pin({self.where!r})")
-
-    def fits(self, value: np.ndarray, nodes: int) -> None:
-        """Refuse a motion of another number of rows than the pin has nodes."""
+    def check_shape(self, value: np.ndarray, nodes: int) -> None:
+        """Refuse a motion with another number of rows than the pin has nodes."""
         if value.ndim == 2 and len(value) not in (1, nodes):
             allowed = f"must be (3,) or ({nodes}, 3), a row for each node"
-            raise InputError(f"a motion of shape {value.shape}", allowed, f"Pin({self.where!r})")
+            raise InputError(f"a motion of shape {value.shape}", allowed, self._label)
 
-    def _checked(self, function, t, name):
-        where, allowed = f"Pin({self.where!r})", "must be three finite numbers for a time t [s]"
+    def _checked(self, function: Callable, t: float, name: str) -> np.ndarray:
+        allowed = "must be three finite numbers for a time t [s]"
         try:
-            given = function(t)
-            value = np.asarray(given, dtype=float)
-        except FeclothError:  # a formula's own words
+            value = np.asarray(function(t), dtype=float)
+        except FeclothError:  # it has its own message
             raise
         except Exception as error:  # whatever a user's function may raise
-            raise InputError(f"{name}({t:g}): {error}", allowed, where) from error
+            raise InputError(f"{name}({t:g}): {error}", allowed, self._label) from error
         if value.shape[-1:] != (3,) or value.ndim > 2 or not np.isfinite(value).all():
-            raise InputError(
-                f"{name}({t:g}) = {value!r}",
-                "must be three finite numbers (or three for each node)",
-                f"Pin({self.where!r})",
-            )
+            allowed = "must be three finite numbers (or three for each node)"
+            raise InputError(f"{name}({t:g}) = {value!r}", allowed, self._label)
         return value
 
 
 @dataclass(frozen=True)
 class Slide(Pin):
-    """Nodes that slide without friction along a line or in a plane, from where the run finds them.
+    """Nodes that slide without friction along a line or in a plane, from where the run starts.
 
-    The free directions of each node are the image of a projector P, and the reaction lies in that
+    The free directions of each node are the image of a projector P; the reaction lies in the image
     of I − P:
 
         P = d dᵀ             along the line of direction d     (rank 1)
@@ -121,11 +140,11 @@ class Slide(Pin):
     Parameters
     ----------
     where, motion, velocity, name
-        As for `Pin`; a motion carries the line or plane along, so only its part across counts.
+        As for `Pin`; a motion moves the line or plane, so only its part across these counts.
     direction
-        Of the line, any length; give this or `normal`.
+        Direction of the line, of any length; give this or `normal`.
     normal
-        Of the plane, any length.
+        Normal of the plane, of any length.
 
     Examples
     --------
@@ -140,20 +159,19 @@ class Slide(Pin):
 
     def __post_init__(self):
         super().__post_init__()
-        where = f"Slide({self.where!r})"
         if (self.direction is None) == (self.normal is None):
             given = "neither" if self.normal is None else "both"
-            raise InputError(f"{given} of direction and normal", "needs one of them", where)
+            raise InputError(f"{given} of direction and normal", "needs one of them", self._label)
         name = "direction" if self.normal is None else "normal"
         value = getattr(self, name)
         y = np.asarray(value)
         if y.shape != (3,) or y.dtype.kind not in "iuf" or not np.isfinite(y).all() or not y.any():
             allowed = "must be three finite numbers, not all zero"
-            raise InputError(f"{name} = {value!r}", allowed, where)
+            raise InputError(f"{name} = {value!r}", allowed, self._label)
 
     @property
     def projector(self) -> np.ndarray:
-        """(3, 3), onto the line or the plane."""
+        """(3, 3) projector onto the line or the plane."""
         along = np.array(self.normal if self.direction is None else self.direction, dtype=float)
         along /= abs(along).max()  # so that no square overflows
         P = np.outer(along, along) / np.dot(along, along)

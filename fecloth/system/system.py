@@ -15,11 +15,13 @@ from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
+from fecloth.records import remembered
 from fecloth.system.constraints import Constraints, MatrixProjection
 from fecloth.system.pins import Pin
 from fecloth.terms import protocol
 
 
+@remembered
 @dataclass(frozen=True, eq=False)
 class State:
     """Time t [s], positions x (n, 3) [m] and velocities v (n, 3) [m/s]."""

@@ -1,13 +1,29 @@
-"""What a system asks of a term, and words for what one of a user's own does not offer."""
+"""What a term offers: the description that a user writes, the bound term, optional abilities.
+
+A term is one contribution to the force f(x, v, t) of the cloth. It comes in two objects: a frozen
+description with the user's parameters (`Term`), and what `bind` makes of it for one mesh
+(`BoundTerm`). Neither knows the time step, the solver or other terms. studies/examples/term.py is
+a term in 30 lines.
+
+The other protocols are abilities that a bound term may have besides. fecloth looks for their
+functions by name. Those that say "Reserved" are not called yet: their names and arguments are
+fixed, so that a term which has them need not change.
+
+Arrays: n is the number of nodes; x (n, 3) [m] are positions, v (n, 3) [m/s] velocities, t [s] the
+time. They must not be changed, but for the one named as the result.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
+import scipy.sparse as sparse
 
 from fecloth.errors import InputError, brief
 from fecloth.fabric.panel import Panel
+from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.mesh.cloth import Cloth
 
 ALWAYS = (
@@ -22,8 +38,214 @@ ALWAYS = (
 )
 
 
-def stencil(term, cloth: Cloth) -> np.ndarray | None:
-    """The nodes (m, k) that a term couples, or None.
+class Term(Protocol):
+    """What a user writes: a frozen dataclass with the parameters of the term.
+
+    It may have an attribute `elements`, the names of the elements that it supports, as
+    ``("P1", "P2")``. Without it, the term is for P1 alone.
+    """
+
+    def stencil(self, cloth: Cloth) -> np.ndarray | None:
+        """(m, k) integers: the nodes that each of m elements couples, or None for no coupling.
+
+        Their blocks become part of the pattern of the matrix. The diagonal always is.
+        """
+        ...
+
+    def bind(self, panel: Panel, slots: Callable[[np.ndarray], np.ndarray]) -> BoundTerm:
+        """Make the bound term for a mesh.
+
+        Parameters
+        ----------
+        panel
+            The cloth with its fabrics: ``panel.cloth`` is the mesh, ``panel.density`` the mass
+            per area, ``panel.gradients`` the gradients of the shape functions in warp and weft.
+        slots
+            ``slots(stencil)`` (m, k, k): the block of the matrix for each pair of nodes of a
+            stencil, an index into ``J.values``. Call it here, not in each step.
+
+        Raises
+        ------
+        InputError
+            For parameters that do not fit the mesh.
+        """
+        ...
+
+
+class BoundTerm(Protocol):
+    """A term for one mesh; it must not change after it was made.
+
+    Attributes
+    ----------
+    name
+        The name of its columns in the energy ledger.
+    symmetric
+        Whether its tangents K and D are symmetric matrices.
+    has_energy
+        Whether it has an `energy`; then `add_force` at v = 0 must be −∂energy/∂x.
+    dissipative
+        Whether it has a dissipated `power`.
+    velocity_dependent
+        Whether its force depends on v, so that D is not zero.
+    load
+        Optional; True for a force from outside, which the load steps of `equilibrium` scale.
+    """
+
+    name: str
+    symmetric: bool
+    has_energy: bool
+    dissipative: bool
+    velocity_dependent: bool
+
+    def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
+        """f += the force (n, 3) [N], in place."""
+        ...
+
+    def add_tangent(
+        self,
+        x: np.ndarray,
+        v: np.ndarray,
+        t: float,
+        wx: float,
+        wv: float,
+        J: BlockMatrix,
+        definite: bool,
+    ) -> None:
+        """J += wx K + wv D with K = −∂f/∂x [N/m] and D = −∂f/∂v [N s/m], in place.
+
+        Add to ``J.values`` (blocks, 3, 3) at the slots that `bind` got. With `definite` what is
+        added must be symmetric and positive semi-definite: Newton's method asks for that where
+        the exact tangent fails.
+        """
+        ...
+
+    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
+        """Upper bounds of the largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest.
+
+        `mass` (n,) [kg] are the nodal masses. Bounds by elements suffice; they guide the choice
+        of the linear solver and the stable step.
+        """
+        ...
+
+
+class Energetic(Protocol):
+    """The ability of a term with `has_energy`."""
+
+    def energy(self, x: np.ndarray, t: float) -> float:
+        """Potential energy [J]; its column of the ledger, and what Newton's line search lowers."""
+        ...
+
+
+class Dissipative(Protocol):
+    """The ability of a term with `dissipative`."""
+
+    def power(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
+        """Dissipated power [W], −f · v of the damping part; ≥ 0 for damping."""
+        ...
+
+
+class Supplying(Protocol):
+    """The ability of a load without an energy: its work gets a column of the ledger."""
+
+    def supply(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
+        """Power f · v [W] that the load does on the cloth."""
+        ...
+
+
+class DenseTangent(Protocol):
+    """The ability of a term that couples all nodes by one mode, such as the pressure of a gas."""
+
+    def dense(self, x: np.ndarray, t: float) -> tuple[float, np.ndarray]:
+        """c [N/m] and u (n, 3) of a part c u uᵀ of K that `add_tangent` leaves out."""
+        ...
+
+
+class Stressed(Protocol):
+    """The ability of a membrane: frames show its stress."""
+
+    def add_stress(self, x: np.ndarray, out: np.ndarray) -> None:
+        """out (triangles, 4) += S₁₁, S₂₂, S₁₂ [N/m] and the energy per area [J/m²], in place."""
+        ...
+
+
+class BetweenStates(Protocol):
+    """The ability to act over a step of `EnergyMomentum` such that the energy is kept.
+
+    A term with an energy needs it there; a term without one acts at the mean state.
+    """
+
+    def between(self, start: np.ndarray, symmetric: bool) -> BoundTerm:
+        """The term over a step from positions `start` (n, 3) to 2x − start, with x the mean.
+
+        Its force f̄ at x does the work of the energy: −f̄ · (x₁ − x₀) = energy(x₁) − energy(x₀).
+        With `symmetric` its tangent must be symmetric, and may be inexact.
+        """
+        ...
+
+
+class OverStep(Protocol):
+    """Reserved: the ability of a term whose force depends on a step, such as friction.
+
+    Nothing calls it yet; `EnergyMomentum` uses `BetweenStates`.
+    """
+
+    def over_step(self, state, memory, dt: float) -> tuple[BoundTerm, object]:
+        """The bound term over a step of `dt` [s] from `state`, and its memory for the next step.
+
+        `memory` is what the step before returned, None at first; mark its class with `remembered`.
+        """
+        ...
+
+
+class LimitsDirection(Protocol):
+    """Reserved: the ability to limit a Newton direction, such as up to a contact.
+
+    Nothing calls it yet.
+    """
+
+    def limit(self, x: np.ndarray, direction: np.ndarray) -> float:
+        """The largest α in (0, 1] for which the term allows x + α `direction`, both (n, 3) [m]."""
+        ...
+
+
+class Coupling(Protocol):
+    """Reserved: the ability to couple nodes outside the fixed pattern, such as by contact.
+
+    Nothing calls it yet; `DenseTangent` is the one coupling outside the pattern today.
+    """
+
+    def coupling(
+        self, x: np.ndarray, v: np.ndarray, t: float, wx: float, wv: float
+    ) -> sparse.csr_matrix:
+        """(3n, 3n) part of wx K + wv D that `add_tangent` leaves out; its pattern may change."""
+        ...
+
+
+class ElementEnergies(Protocol):
+    """Reserved: the ability to tell where the energy is. Nothing calls it yet."""
+
+    def element_energies(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(m,) [J] shares of the elements of `stencil`; their sum is `energy`."""
+        ...
+
+
+class FusedStep(Protocol):
+    """Reserved: the ability to take part in compiled explicit steps.
+
+    Nothing calls it yet; `many_steps` knows its terms by their types.
+    """
+
+    def fused(self) -> tuple[Callable, tuple]:
+        """A compiled function and its constant arguments.
+
+        ``function(constants, begin, end, x, v, t, f)`` adds to f the forces of the elements from
+        `begin` to `end`, and calls no Python.
+        """
+        ...
+
+
+def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
+    """The nodes (m, k) that a term couples, or None, checked.
 
     Raises
     ------
@@ -44,13 +266,13 @@ def stencil(term, cloth: Cloth) -> np.ndarray | None:
     return nodes
 
 
-def bound(term, panel: Panel, slots: Callable):
-    """The bound term.
+def bound(term: Term, panel: Panel, slots: Callable) -> BoundTerm:
+    """The bound term, checked.
 
     Raises
     ------
     InputError
-        If it lacks what `fecloth.terms` says that every bound term offers.
+        If it lacks an attribute or a function that a `BoundTerm` must have.
     """
     made = term.bind(panel, slots)
     wanted = list(ALWAYS)
@@ -58,6 +280,6 @@ def bound(term, panel: Panel, slots: Callable):
     wanted += ["power"] if getattr(made, "dissipative", False) else []
     if missing := [name for name in wanted if not hasattr(made, name)]:
         what = f"{type(term).__name__}.bind(panel, slots) gives a {type(made).__name__}"
-        remedy = "help(fecloth.terms) says what each is."
+        remedy = "help(fecloth.terms.protocol.BoundTerm) says what each is."
         raise InputError(what, f"must have {', '.join(missing)}", "System", remedy)
     return made

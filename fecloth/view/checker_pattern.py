@@ -1,5 +1,4 @@
-"""The cloth as a checked weave (`fecloth render --field checks`): its squares lie along warp and
-weft, so that what they have become shows stretch and shear."""
+"""Checker pattern along warp and weft, which shows stretch and shear (`--field checks`)."""
 
 from __future__ import annotations
 
@@ -11,17 +10,17 @@ from fecloth.errors import InputError
 from fecloth.output.frame_reader import Frame
 
 CHECKS = "checks"
-ACROSS = 15  # squares, about, across the larger side of the cloth
-SHADES = (250, 250, 248), (150, 173, 208), (38, 70, 128)  # of no, one and two dark threads
-PIXELS = 64  # a square's side in the picture that is laid on the cloth
+ACROSS = 15  # approximate number of squares along the larger side of the cloth
+SHADES = (250, 250, 248), (150, 173, 208), (38, 70, 128)  # where no, one or two dark threads cross
+PIXELS = 64  # side of a square in the texture
 
 
-def side(X: np.ndarray) -> float:
-    """Side of a square [m], a round number, for material points (n, 2) [m].
+def square_side(X: np.ndarray) -> float:
+    """Return a round side of a square [m] for material points (n, 2) [m].
 
     Examples
     --------
-    >>> side(np.array([[0.0, 0.0], [1.5, 1.0]]))
+    >>> square_side(np.array([[0.0, 0.0], [1.5, 1.0]]))
     0.1
     """
     wanted = math.log10(np.ptp(X, axis=0).max() / ACROSS)
@@ -30,26 +29,26 @@ def side(X: np.ndarray) -> float:
     return float(f"{nearest}e{decade}")
 
 
-def material(frame: Frame) -> np.ndarray:
-    """Material coordinates X (n, 2) [m] of a frame's nodes.
+def material_coordinates(frame: Frame) -> np.ndarray:
+    """Return the material coordinates (n, 2) of a frame's nodes [m].
 
     Raises
     ------
     InputError
-        If the frames do not hold the displacement.
+        If the frames have no displacement.
     """
     if "displacement" not in frame.point_data:
-        remedy = "Frames of `fecloth run` and `write_vtk` do."
+        remedy = "`fecloth run` and `write_vtk` write it."
         raise InputError(f"field {CHECKS!r}", "needs frames with a displacement", remedy=remedy)
     return (frame.points - frame.point_data["displacement"])[:, :2]
 
 
-def weave() -> np.ndarray:
-    """One repeat of the pattern, two squares each way: a picture (2 PIXELS, 2 PIXELS, 3).
+def weave_texture() -> np.ndarray:
+    """Return the texture of one period, two squares each way: (2 PIXELS, 2 PIXELS, 3).
 
     Examples
     --------
-    >>> weave()[0, 0].tolist(), weave()[-1, -1].tolist()
+    >>> weave_texture()[0, 0].tolist(), weave_texture()[-1, -1].tolist()
     ([250, 250, 248], [38, 70, 128])
     """
     dark = np.repeat([0, 1], PIXELS)

@@ -1,8 +1,8 @@
-"""fecloth render DIR -o FILE: a movie (.mp4, .gif) or a picture (.png) of a run, without a display.
+"""fecloth render DIR -o FILE: draw a run as a movie (.mp4, .gif) or a picture (.png).
 
-The cloth is coloured by a field of series.py, or checked, lit from above, over a ground that bears
-its shadow, and seen from where the whole motion just fits. Needs the extra [view]: PyVista, and
-imageio with its ffmpeg for .mp4.
+The cloth shows a field of `frame_reader.FIELDS` or a checker pattern. It hangs over a ground with
+its shadow, and the camera is placed so that the whole motion fits. No display is needed, only the
+extra [view]: PyVista, and imageio with its ffmpeg for .mp4.
 """
 
 from __future__ import annotations
@@ -23,31 +23,31 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import DiskFull, in_one_go, replace_file
 from fecloth.output.frame_reader import FIELDS, Frame, Series, bounded, field_values, rim, straight
-from fecloth.quantities.formula import nearest
+from fecloth.suggest import did_you_mean
 from fecloth.view import checker_pattern
 from fecloth.view.checker_pattern import CHECKS
 from fecloth.view.web_page import PERCENT, View, view_of
 
 SUFFIXES = (".mp4", ".gif", ".png")
-FPS = 5.0, 30.0  # between these a movie runs as fast as the cloth did
+FPS = 5.0, 30.0  # limits of the frame rate of a movie in real time
 HALF_ANGLE = math.radians(15.0)
 LIGHT = np.array([0.35, -0.5, 0.9]) / np.linalg.norm([0.35, -0.5, 0.9])
 PAPER, FLOOR, SHADOW = (246, 247, 249), (226, 230, 234), "#c3c8cd"
-PER_FRAME = 4000  # values and positions of a frame that the colours and the camera are fitted to
+PER_FRAME = 4000  # sampled values and positions of a frame, to fit colours and camera
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """What stays the same in all frames of a movie.
+    """Settings of all frames of a movie.
 
     Attributes
     ----------
     view, distance
-        From where [m].
+        Direction and distance [m] of the camera.
     colours
-        Ends of the colour bar; without one, of a checked cloth, None.
+        Ends of the colour bar; None for the checker pattern.
     ground
-        Its height [m].
+        Height of the ground [m].
     """
 
     field: str
@@ -66,28 +66,28 @@ def render(
     fps: float | None = None,
     time: float | None = None,
 ) -> Path:
-    """Draw a run; returns the file.
+    """Draw a run and return the path of the file.
 
     Parameters
     ----------
     target
-        A .mp4 or .gif of all frames, or a .png of one.
+        Path of a .mp4 or .gif of all frames, or of a .png of one frame.
     field
-        A name of `series.FIELDS`, or "checks": squares that lie along warp and weft.
+        A name of `frame_reader.FIELDS`, or "checks" for squares along warp and weft.
     size
-        Width and height in pixels; of a .mp4 both even.
+        Width and height in pixels; both even for a .mp4.
     fps
-        Frames a second; left out, as fast as the cloth moved, within `FPS`.
+        Frames per second; by default real time, within `FPS`.
     time
-        Of the .png [s]: the frame next to it; left out, the last.
+        Time of a .png [s]: the nearest frame; by default the last frame.
 
     Raises
     ------
     InputError
-        If there are no frames, no such field, or another suffix.
+        If there are no frames, or the field, suffix, size or rate is not supported.
     """
     target = Path(target)
-    _refuse(target, field, size, fps, time)
+    _check_arguments(target, field, size, fps, time)
     series = Series.open(folder)
     shot = _shot(series, field, size)
     frames = range(len(series.times))
@@ -96,17 +96,17 @@ def render(
     if fps is None:
         length = series.times[-1] - series.times[0]
         fps = float(np.clip((len(frames) - 1) / length if length else FPS[0], *FPS))
-    quiet = _package("pyvista").vtk_verbosity("error")  # no word that there is no display
+    quiet = _import_package("pyvista").vtk_verbosity("error")  # VTK warns without a display
     with quiet:
-        _write(target, fps, size, _images(series, frames, shot))
+        _write(target, fps, size, _draw_frames(series, frames, shot))
     return target
 
 
-def _refuse(target: Path, field, size, fps, time) -> None:
+def _check_arguments(target: Path, field, size, fps, time) -> None:
     if field not in (*FIELDS, CHECKS):
         names = *FIELDS, CHECKS
         allowed = f"must be one of {', '.join(names)}"
-        raise InputError(f"field {field!r}", allowed, remedy=nearest(field, names))
+        raise InputError(f"field {field!r}", allowed, remedy=did_you_mean(field, names))
     if target.suffix not in SUFFIXES:
         raise InputError(f"-o {target}", f"must end in {', '.join(SUFFIXES)}")
     if min(size) < 16 or max(size) > 8192 or (target.suffix == ".mp4" and any(s % 2 for s in size)):
@@ -115,10 +115,10 @@ def _refuse(target: Path, field, size, fps, time) -> None:
     if fps is not None and not 0 < fps <= 240:
         raise InputError(f"fps = {fps:g}", "must be > 0 and at most 240")
     if time is not None and target.suffix != ".png":
-        raise InputError("a time", "is for a .png", str(target), "Leave it out for a movie.")
+        raise InputError("time", "applies only to a .png", str(target), "Omit it for a movie.")
 
 
-def _package(name: str):
+def _import_package(name: str):
     import importlib
 
     try:
@@ -132,12 +132,12 @@ def _package(name: str):
 
 
 def _write(target: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
-    """The images (h, w, 3) as a file, whole or not at all."""
+    """Write the images (h, w, 3) to a file; a failure leaves no partial file."""
     if target.suffix == ".mp4":
         with in_one_go(target) as part:
             _encode(part, fps, size, images)
         return
-    imageio, file = _package("imageio.v2"), io.BytesIO()
+    imageio, file = _import_package("imageio.v2"), io.BytesIO()
     movie = {"duration": 1000 / fps, "loop": 0} if target.suffix == ".gif" else {}
     with imageio.get_writer(file, format=target.suffix, **movie) as writer:
         for image in images:
@@ -146,13 +146,13 @@ def _write(target: Path, fps: float, size, images: Iterator[np.ndarray]) -> None
 
 
 def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
-    """Give ffmpeg the images one by one; an OSError if it ends otherwise than well."""
-    ffmpeg = _package("imageio_ffmpeg").get_ffmpeg_exe()
-    given = "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "{}x{}".format(*size), "-r", f"{fps:g}"
-    made = "-c:v", "libx264", "-crf", "10", "-pix_fmt", "yuv420p", "-f", "mp4", "-y", str(part)
-    command = [ffmpeg, "-v", "error", *given, "-i", "pipe:0", *made]
+    """Pipe the images to ffmpeg; raise OSError if it fails."""
+    ffmpeg = _import_package("imageio_ffmpeg").get_ffmpeg_exe()
+    source = "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "{}x{}".format(*size), "-r", f"{fps:g}"
+    output = "-c:v", "libx264", "-crf", "10", "-pix_fmt", "yuv420p", "-f", "mp4", "-y", str(part)
+    command = [ffmpeg, "-v", "error", *source, "-i", "pipe:0", *output]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        with suppress(BrokenPipeError):  # it has ended, and says why
+        with suppress(BrokenPipeError):  # ffmpeg has ended; its message has the reason
             for image in images:
                 process.stdin.write(image.tobytes())
         words = process.communicate()[1].decode(errors="replace").strip()
@@ -163,11 +163,11 @@ def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
         raise OSError(f"ffmpeg ended with {process.returncode}: {words}")
 
 
-# --- what fits ------------------------------------------------------------------------------------
+# --- camera and colours ---------------------------------------------------------------------------
 
 
 def _shot(series: Series, field: str, size: tuple[int, int]) -> Shot:
-    """Fit colours and camera to the whole motion."""
+    """Fit the colours and the camera to the whole motion."""
     values, points, lows, highs = [], [], [], []
     for i in range(len(series.times)):
         frame = series.read(i)
@@ -180,21 +180,21 @@ def _shot(series: Series, field: str, size: tuple[int, int]) -> Shot:
     low, high = np.min(lows, axis=0), np.max(highs, axis=0)
     view = view_of(low, high)
     colours = tuple(np.percentile(bounded(np.concatenate(values)), PERCENT)) if values else None
-    distance = _fitted(view, np.concatenate(points), size[0] / size[1])
+    distance = _camera_distance(view, np.concatenate(points), size[0] / size[1])
     ground = low[2] - 0.03 * np.linalg.norm(high - low)
     return Shot(field, view, distance, colours, float(ground), size)
 
 
 def _axes(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unit vectors to the eye, to the right and up, as the picture shows them."""
+    """Return the unit vectors to the camera, to the right and up in the picture."""
     a, e = view.azimuth, view.elevation
     back = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
     right = np.array([-math.sin(a), math.cos(a), 0.0])
     return back, right, np.cross(back, right)
 
 
-def _fitted(view: View, points: np.ndarray, aspect: float) -> float:
-    """The distance from which all points lie in the picture, with a margin for the colour bar."""
+def _camera_distance(view: View, points: np.ndarray, aspect: float) -> float:
+    """Return the distance at which all points fit, with a margin for the colour bar."""
     back, right, up = _axes(view)
     p, tan = points - view.box.mean(axis=0), math.tan(HALF_ANGLE)
     wide = np.maximum(np.abs(p @ right) / (tan * aspect), np.abs(p @ up) / tan)
@@ -204,17 +204,17 @@ def _fitted(view: View, points: np.ndarray, aspect: float) -> float:
 # --- drawing --------------------------------------------------------------------------------------
 
 
-def _images(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
-    """One image (h, w, 3) a frame."""
-    pyvista = _package("pyvista")
+def _draw_frames(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
+    """Yield an image (h, w, 3) for each frame."""
+    pyvista = _import_package("pyvista")
     first = series.read(frames[0])
     triangles, parts = straight(first.cells), len(straight(first.cells)) // len(first.cells)
     cloth = pyvista.PolyData.from_regular_faces(first.points.astype(float), triangles)
     shadow = cloth.copy()
     edges = rim(triangles)
     border = pyvista.PolyData(first.points.astype(float), lines=np.insert(edges, 0, 2, axis=1))
-    _dress(cloth, first, shot, parts)
-    plotter = _stage(pyvista, shot)
+    _update_cloth(cloth, first, shot, parts)
+    plotter = _make_plotter(pyvista, shot)
     plotter.add_mesh(shadow, color=SHADOW, lighting=False)
     _add_cloth(plotter, cloth, shot, pyvista)
     plotter.add_mesh(border, color="#1b2027", line_width=1.5, lighting=False)
@@ -222,24 +222,24 @@ def _images(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
     try:
         for i in frames:
             frame = series.read(i)
-            _dress(cloth, frame, shot, parts)
+            _update_cloth(cloth, frame, shot, parts)
             border.points = cloth.points
             drop = (cloth.points[:, 2:] - shot.ground) / LIGHT[2]
             shadow.points = cloth.points - drop * LIGHT + [0, 0, 1e-3 * np.ptp(shot.view.box)]
-            written = {"font_size": text, "color": "#1b2027", "name": "time"}
+            style = {"font_size": text, "color": "#1b2027", "name": "time"}
             place = {"position": (0.02, 0.93), "viewport": True}
-            plotter.add_text(f"t = {frame.t:.3f} s", **place, **written)
+            plotter.add_text(f"t = {frame.t:.3f} s", **place, **style)
             yield plotter.screenshot(return_img=True)
     finally:
         plotter.close()
 
 
-def _dress(cloth, frame: Frame, shot: Shot, parts: int) -> None:
-    """Move the mesh to a frame and give it the field's values."""
+def _update_cloth(cloth, frame: Frame, shot: Shot, parts: int) -> None:
+    """Set the mesh's points, values and normals to those of a frame."""
     cloth.points = frame.points.astype(float)
     if shot.field == CHECKS:
-        X = checker_pattern.material(frame)
-        cloth.active_texture_coordinates = X / (2 * checker_pattern.side(X))
+        X = checker_pattern.material_coordinates(frame)
+        cloth.active_texture_coordinates = X / (2 * checker_pattern.square_side(X))
     elif len(values := field_values(frame, shot.field)) == len(frame.points):
         cloth.point_data["shown"] = values
     else:
@@ -253,8 +253,8 @@ def _dress(cloth, frame: Frame, shot: Shot, parts: int) -> None:
     cloth.point_data.active_normals = normals / np.where(lengths > 0, lengths, 1.0)
 
 
-def _stage(pyvista, shot: Shot):
-    """Camera, lights and ground."""
+def _make_plotter(pyvista, shot: Shot):
+    """Create the plotter with camera, lights and ground."""
     plotter = pyvista.Plotter(off_screen=True, window_size=shot.size, lighting="none")
     plotter.set_background(tuple(c / 255 for c in PAPER))
     middle, size = shot.view.box.mean(axis=0), float(np.linalg.norm(np.diff(shot.view.box, axis=0)))
@@ -278,18 +278,20 @@ def _stage(pyvista, shot: Shot):
 def _add_cloth(plotter, cloth, shot: Shot, pyvista) -> None:
     matter = {"ambient": 0.3, "diffuse": 0.85, "specular": 0.15, "specular_power": 20}
     if shot.field == CHECKS:
-        texture = pyvista.Texture(checker_pattern.weave())
+        texture = pyvista.Texture(checker_pattern.weave_texture())
         texture.repeat = texture.interpolate = texture.mipmap = True
         look = {"texture": texture}
     else:
         look = {"scalars": "shown", "cmap": "viridis", "clim": shot.colours}
         look |= {"interpolate_before_map": True, "scalar_bar_args": _colour_bar(shot)}
     actor = plotter.add_mesh(cloth, **matter, **look)
-    actor.prop.interpolation = "phong"  # with the normals of _dress; smooth_shading draws a copy
+    actor.prop.interpolation = (
+        "phong"  # with the normals of _update_cloth; smooth_shading copies the mesh
+    )
 
 
 def _colour_bar(shot: Shot) -> dict:
-    """A third of a wide picture, up to 0.8 of a tall one, with letters that it has room for."""
+    """Return the colour bar: a third of a wide picture, up to 0.8 of a tall one, fonts to fit."""
     field, (width, height) = FIELDS[shot.field], shot.size
     long = min(0.8, 0.34 * max(1.0, 16 / 9 * height / width))
     scale = min(height / 720, long * width / (0.34 * 1280))

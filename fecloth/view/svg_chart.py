@@ -1,7 +1,7 @@
-"""Line charts as inline SVG: a title, two axes with round numbers, lines and their names.
+"""Line charts as inline SVG, with a title, two axes with round numbers, and a legend.
 
-A chart is as wide as its page lets it be. Long curves are thinned to the extremes of equal spans,
-so that no peak is lost.
+A chart takes the width of its container. Of a long curve it draws the extremes of equal spans, so
+that no peak is lost.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from fecloth.output.frame_reader import drawable
 
 WIDTH, HEIGHT = 460, 230
 LEFT, RIGHT, TOP, BOTTOM = 58, 10, 12, 36
-NEAR = 0.05  # of a step, or of a span: so far a curve may leave its grid, or begin beside it
-SPANS = 250  # of a curve, each drawn by its least and largest value
+NEAR = 0.05  # fraction of a tick step or span by which a curve may lie outside the grid
+SPANS = 250  # spans of a long curve; each is drawn by its least and largest value
 COLOURS = ("#1f5fa8", "#d1495b", "#2f8f6b", "#b7791f", "#6b4fa0", "#3a9db0", "#8a5a44", "#5c6773")
 
 Curve = tuple[np.ndarray, np.ndarray]
 
 
 def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = False) -> str:
-    """A <figure> with the curves, each a pair of arrays (k,); "" if none has two points.
+    """Return a <figure> of curves, each two arrays (k,); "" if no curve has two points.
 
     Parameters
     ----------
     x, y
-        What the axes show, with units.
+        Labels of the axes, with units.
     log
-        Powers of ten along y; where a value is ≤ 0 the curve has a gap.
+        Use a logarithmic y axis; values ≤ 0 are gaps in the curve.
 
     Examples
     --------
@@ -41,44 +41,44 @@ def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = F
     >>> figure.startswith("<figure>"), figure.count("<path"), "−4" in figure
     (True, 1, True)
     """
-    curves = {name: _drawn(*curve, log) for name, curve in curves.items()}
+    curves = {name: _points_to_draw(*curve, log) for name, curve in curves.items()}
     curves = {name: curve for name, curve in curves.items() if np.isfinite(curve[1]).sum() > 1}
     if not curves:
         return ""
     xs, ys = (np.concatenate([curve[i] for curve in curves.values()]) for i in (0, 1))
-    up, across = _axis(np.nanmin(ys), np.nanmax(ys), 5, log), _within(xs.min(), xs.max())
-    body = [_grid(across, up, log), _words(x, y)]
+    up, across = _axis(np.nanmin(ys), np.nanmax(ys), 5, log), _tight_axis(xs.min(), xs.max())
+    body = [_grid(across, up, log), _axis_labels(x, y)]
     for colour, (name, curve) in zip(_colours(len(curves)), curves.items(), strict=True):
         path = _path(_place(across, curve[0], 0), _place(up, curve[1], 1))
         stroke = f'stroke="{colour}" stroke-width="1.8" fill="none" stroke-linejoin="round"'
         stroke += ' stroke-linecap="round"'
         body.append(f'<path d="{path}" {stroke}><title>{html.escape(name)}</title></path>')
     return (
-        f"<figure><figcaption>{html.escape(title)}</figcaption>{_key(list(curves))}"
+        f"<figure><figcaption>{html.escape(title)}</figcaption>{_legend(list(curves))}"
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{html.escape(title)}">'
         f"{''.join(body)}</svg></figure>"
     )
 
 
-def _drawn(x, y, log):
-    """The curve's points to draw; y as its decimal logarithm where `log`, NaN in gaps."""
+def _points_to_draw(x, y, log):
+    """Return the points to draw: y as its decimal logarithm if `log`, NaN in gaps."""
     x, y = np.asarray(x, float), np.asarray(y, float)
     y = np.where(drawable(y) & ((y > 0) | (not log)), y, np.nan)
     y = np.log10(y) if log else y
     if len(x) <= 2 * SPANS:
         return x, y
     spans = np.array_split(np.arange(len(x)), SPANS)
-    kept = np.unique(np.concatenate([[0], *(_extremes(s, y[s]) for s in spans), [len(x) - 1]]))
-    return x[kept], y[kept]
+    shown = np.unique(np.concatenate([[0], *(_extremes(s, y[s]) for s in spans), [len(x) - 1]]))
+    return x[shown], y[shown]
 
 
 def _extremes(span, y):
-    """Where in a span the curve is least and largest; where it has a gap throughout, one place."""
+    """Return the indices of the least and largest value of a span; one index if all are gaps."""
     return [span[np.nanargmin(y)], span[np.nanargmax(y)]] if np.isfinite(y).any() else span[:1]
 
 
 def _path(px, py):
-    """A line for each piece between two gaps; a piece of one point is a dot."""
+    """Return an SVG path with a line for each piece between gaps; one point is a dot."""
     points, there = [f"{a:.1f} {b:.1f}" for a, b in zip(px, py, strict=True)], np.isfinite(py)
     pieces = np.split(np.arange(len(points)), np.flatnonzero(np.diff(there)) + 1)
     lines = ([points[i] for i in piece] for piece in pieces if there[piece[0]])
@@ -87,15 +87,15 @@ def _path(px, py):
 
 @dataclass(frozen=True)
 class Axis:
-    """What an axis spans, and the numbers written at it."""
+    """Ends of an axis and the positions of its ticks."""
 
     low: float
     high: float
     ticks: np.ndarray
 
 
-def _within(low: float, high: float) -> Axis:
-    """An axis from `low` to `high`, with round numbers between them."""
+def _tight_axis(low: float, high: float) -> Axis:
+    """Return an axis from `low` to `high` with round ticks inside."""
     wide = _axis(low, high, 5)
     if not low < high:
         return wide
@@ -107,7 +107,7 @@ def _within(low: float, high: float) -> Axis:
 
 
 def _axis(low: float, high: float, most: int, log: bool = False) -> Axis:
-    """Round numbers from below `low` to above `high`, about `most` of them."""
+    """Return an axis of about `most` round ticks that includes `low` and `high`."""
     if high - low <= 1e-12 * max(abs(low), abs(high)):
         low, high = low - (0.5 * abs(low) or 0.5), high + (0.5 * abs(high) or 0.5)
     rough = (high - low) / most
@@ -120,7 +120,7 @@ def _axis(low: float, high: float, most: int, log: bool = False) -> Axis:
 
 
 def _place(axis, values, way):
-    """Where values lie along an axis (0 across, 1 up) in the picture."""
+    """Return the pixel coordinates of values along an axis (way 0: across, 1: up)."""
     share = (values - axis.low) / (axis.high - axis.low)
     if way:
         return HEIGHT - BOTTOM - share * (HEIGHT - BOTTOM - TOP)
@@ -140,7 +140,7 @@ def _grid(across, up, log):
     return f'<g class="grid">{"".join(parts)}</g>'
 
 
-def _words(x, y):
+def _axis_labels(x, y):
     middle = (TOP + HEIGHT - BOTTOM) / 2
     return (
         f'<text x="{(LEFT + WIDTH - RIGHT) / 2}" y="{HEIGHT - 4}" text-anchor="middle">'
@@ -160,7 +160,7 @@ def _colours(count):
     return [COLOURS[i % len(COLOURS)] for i in range(count)]
 
 
-def _key(names):
+def _legend(names):
     if len(names) < 2:
         return ""
     entries = zip(_colours(len(names)), names, strict=True)

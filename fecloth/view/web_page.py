@@ -1,8 +1,8 @@
-"""fecloth view DIR: one HTML file with the cloth in motion, which any browser opens offline.
+"""fecloth view DIR: write one HTML file that shows the moving cloth in any browser, offline.
 
-The page holds positions and field values of the frames as 16-bit numbers between their extremes
-(an error of at most 1/131,070 of the range) in base64, and draws them with WebGL 2: page/viewer.js.
-A long run is thinned out evenly until the file stays below `MOST_BYTES`; the page says so.
+The page contains positions and field values of the frames as 16-bit numbers between their extremes
+(an error of at most 1/131,070 of the range) in base64; page/viewer.js draws them with WebGL 2. If
+the file of a long run would exceed `MOST_BYTES`, it contains every k-th frame and says so.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from fecloth.view import checker_pattern
 
 MOST_BYTES = 60e6
 SHOWN = ("larger_stretch", "smaller_stretch", "speed", "displacement", "energy_density")
-PERCENT = 0.5, 99.5  # of the values lie between the ends of a colour bar
-AZIMUTH, ELEVATION = math.radians(-62.0), math.radians(16.0)  # from the front, somewhat aside
-FLAT = 0.25  # a motion whose box is flatter than this share of its width is seen from higher
+PERCENT = 0.5, 99.5  # percentiles of the values at the ends of a colour bar
+AZIMUTH, ELEVATION = math.radians(-62.0), math.radians(16.0)  # from the front and the side
+FLAT = 0.25  # height over width below which the camera looks from higher up
 VIRIDIS = (  # at eleven equal steps; Smith and van der Walt 2015, CC0
     *((68, 1, 84), (72, 36, 117), (65, 68, 135), (53, 95, 141), (42, 120, 142), (33, 145, 140)),
     *((34, 168, 132), (68, 191, 112), (122, 209, 81), (189, 223, 38), (253, 231, 37)),
@@ -38,7 +38,7 @@ VIRIDIS = (  # at eleven equal steps; Smith and van der Walt 2015, CC0
 
 @dataclass(frozen=True)
 class View:
-    """Where a picture is looked at from: angles [rad] about the middle of a box (2, 3) [m]."""
+    """Camera direction: angles [rad] about the centre of a box (2, 3) [m]."""
 
     box: np.ndarray
     azimuth: float
@@ -46,7 +46,7 @@ class View:
 
 
 def view_of(low: np.ndarray, high: np.ndarray) -> View:
-    """A view of everything between two corners (3,); a flat one from higher up.
+    """Return a view of the box between two corners (3,); a flat box from higher up.
 
     Examples
     --------
@@ -59,21 +59,21 @@ def view_of(low: np.ndarray, high: np.ndarray) -> View:
 
 
 def write_view(folder: str | Path) -> Path:
-    """Write ``folder``/view.html, which opens at the last frame; returns it.
+    """Write ``folder``/view.html, which opens at the last frame, and return its path.
 
     Raises
     ------
     InputError
-        If the folder holds no frames.
+        If the folder has no frames.
     """
     series = Series.open(folder)
     fields = shown_fields(series.read(0))
-    frames = chosen(series, len(fields))
+    frames = select_frames(series, len(fields))
     data = packed((series.read(i) for i in frames), fields)
     count = len(data["times"])
     note = f"{count} frame{'s' * (count > 1)}, {data['cells']} triangles"
     if len(frames) < len(series.times):
-        note += f" (of {len(series.times)} frames: a page of all would be too large)"
+        note += f" (of {len(series.times)} frames: the page with all would be too large)"
     page = filled("view.html", data, title=title_of(series.folder), note=note)
     file = series.folder / "view.html"
     replace_file(file, page.encode())
@@ -81,32 +81,32 @@ def write_view(folder: str | Path) -> Path:
 
 
 def shown_fields(frame: Frame) -> list[str]:
-    """Those of `SHOWN` that a frame has."""
+    """Return the fields of `SHOWN` that a frame has."""
     arrays = frame.point_data.keys() | frame.cell_data.keys()
     return [name for name in SHOWN if FIELDS[name].array in arrays]
 
 
-def chosen(series: Series, fields: int) -> list[int]:
-    """Frames that fit into `MOST_BYTES`."""
+def select_frames(series: Series, fields: int) -> list[int]:
+    """Return the indices of evenly spaced frames that fit into `MOST_BYTES`."""
     first = series.read(0)
     values = 3 * len(first.points) + fields * max(len(first.points), len(first.cells))
     return series.chosen(int(MOST_BYTES / (2 * 4 / 3 * values)))
 
 
 def title_of(folder: Path) -> str:
-    """The scene's title, else the folder's name."""
+    """Return the title of the scene, or the name of the folder."""
     scene = folder / "scene.resolved.toml"
-    given = tomllib.loads(scene.read_text(encoding="utf-8")) if scene.is_file() else {}
-    return given.get("title") or folder.resolve().name
+    tables = tomllib.loads(scene.read_text(encoding="utf-8")) if scene.is_file() else {}
+    return tables.get("title") or folder.resolve().name
 
 
 # --- the page -------------------------------------------------------------------------------------
 
 
 def filled(template: str, data: dict, parts: Mapping[str, str] | None = None, **words: str) -> str:
-    """A page of page/ with its style, script and data inside.
+    """Return a template of page/ with style, script and data filled in.
 
-    `parts` are HTML and go in as they are; `words` are escaped.
+    `parts` are HTML and are inserted unchanged; `words` are escaped.
     """
     script = part("viewer.js").replace("VIRIDIS;", f"{json.dumps(VIRIDIS)};")
     script = script.replace("CHECKED;", f"{json.dumps(checker_pattern.SHADES)};")
@@ -118,19 +118,19 @@ def filled(template: str, data: dict, parts: Mapping[str, str] | None = None, **
 
 
 def part(name: str) -> str:
-    """A file of fecloth/page/."""
+    """Return the text of a file of view/page/."""
     return (files("fecloth.view") / "page" / name).read_text(encoding="utf-8")
 
 
 def packed(frames, fields: Sequence[str]) -> dict:
-    """What viewer.js draws, for JSON: numbers of the frames in base64.
+    """Return the data that viewer.js draws: numbers of the frames in base64, for JSON.
 
     Parameters
     ----------
     frames
         `Frame`s of one mesh.
     fields
-        Names as in series.py; their values lie at the nodes or in the triangles.
+        Names of `frame_reader.FIELDS`, with values at the nodes or in the triangles.
     """
     times, points, values = [], [], {name: [] for name in fields}
     for frame in frames:
@@ -145,16 +145,16 @@ def packed(frames, fields: Sequence[str]) -> dict:
     view, triangles = view_of(low, high), straight(frame.cells)
     return {
         "times": times,
-        "start": len(times) - 1,  # the first is flat more often than not
+        "start": len(times) - 1,  # the first frame is often flat
         "nodes": points.shape[1],
         "cells": len(frame.cells),
         "low": low.tolist(),
         "high": high.tolist(),
         "azimuth": view.azimuth,
         "elevation": view.elevation,
-        "points": _short(points, low, high),
-        "triangles": _text(triangles.astype("<u4")),
-        "rim": _text(rim(triangles).astype("<u4")),
+        "points": _to_16_bits(points, low, high),
+        "triangles": _to_base64(triangles.astype("<u4")),
+        "rim": _to_base64(rim(triangles).astype("<u4")),
         "fields": [
             _field(name, bounded(np.array(values[name])), values[name][0].size == points.shape[1])
             for name in fields
@@ -164,16 +164,16 @@ def packed(frames, fields: Sequence[str]) -> dict:
 
 
 def _checks(frame: Frame) -> dict | None:
-    """Material coordinates of the nodes in squares, and a square's side [m]."""
+    """Return the material coordinates of the nodes in squares, and the side of a square [m]."""
     if "displacement" not in frame.point_data:
         return None
-    X = checker_pattern.material(frame)
-    side = checker_pattern.side(X)
-    return {"side": side, "material": _text((X / side).astype("<f4"))}
+    X = checker_pattern.material_coordinates(frame)
+    side = checker_pattern.square_side(X)
+    return {"side": side, "material": _to_base64((X / side).astype("<f4"))}
 
 
 def _field(name: str, values: np.ndarray, nodal: bool) -> dict:
-    """Values (frames, count) of a field and the ends of its colour bar."""
+    """Return the values (frames, count) of a field and the ends of its colour bar."""
     low, high = float(values.min()), float(values.max())
     return {
         "title": FIELDS[name].title,
@@ -183,15 +183,15 @@ def _field(name: str, values: np.ndarray, nodal: bool) -> dict:
         "low": low,
         "high": high,
         "shown": np.percentile(values, PERCENT).tolist(),
-        "values": _short(values, low, high),
+        "values": _to_16_bits(values, low, high),
     }
 
 
-def _short(values, low, high) -> str:
-    """Numbers as 16 bits between `low` and `high`, base64."""
+def _to_16_bits(values, low, high) -> str:
+    """Return numbers as base64 of 16-bit fractions between `low` and `high`."""
     span = np.where(np.subtract(high, low) > 0, np.subtract(high, low), 1.0)
-    return _text(np.round((values - low) / span * 65535).astype("<u2"))
+    return _to_base64(np.round((values - low) / span * 65535).astype("<u2"))
 
 
-def _text(array: np.ndarray) -> str:
+def _to_base64(array: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")

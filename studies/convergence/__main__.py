@@ -143,7 +143,7 @@ def conclude_time(rows: Rows) -> list[study.Finding]:
     """The order of each method in the time step."""
     found = []
     for family in families(rows, "problem", "method"):
-        claimed = CASES[family["method"]].order
+        claimed = CASES[family["method"]].traits.order
         what = f"{family['problem']}, {family['method']}: order in dt"
         value = order(path(rows, **family)[-2:], "dt", "end_error")
         found.append(study.Finding(what, value, claimed - TIME, claimed + TIME))
@@ -165,9 +165,9 @@ def compare(rows: Rows) -> Rows:
         line = {f"order of {k}": float(richardson.orders(d)[-1]) for k, d in apart.items()}
         line |= {
             "depth [m]": depths[-1],
-            "limit [m]": depths[-1] + richardson.left(np.diff(depths)),
+            "limit [m]": depths[-1] + richardson.remaining_error(np.diff(depths)),
         }
-        off = richardson.left(apart["L2"])
+        off = richardson.remaining_error(apart["L2"])
         lines.append({**family, "finest h": own[-1]["h"], **line, "L2 error left [m²]": off})
     return lines
 
@@ -201,7 +201,7 @@ def draw(ax, rows: Rows, norm: str) -> None:
     """A norm's errors against h: a colour for each pattern, P1 in full lines and P2 in dashes."""
     for family in families(rows, "element", "pattern"):
         own = path(rows, **family)
-        look = study.style(PATTERNS.index(family["pattern"]))
+        look = study.line_style(PATTERNS.index(family["pattern"]))
         look["ls"] = "-" if family["element"] == "P1" else "--"
         points = [(row["h"], row[norm]) for row in own]
         ax.plot(*np.transpose(points), label=" ".join(family.values()), **look)
@@ -213,7 +213,7 @@ def slopes(ax, orders: list[float]) -> None:
     low, high = ax.get_ylim()
     ax.set_ylim(low / 3, high)
     for i, order_ in enumerate(sorted(set(orders))):
-        study.slope_triangle(ax, order_, at=(0.62 + 0.25 * i, 0.06), width=0.14)
+        study.draw_slope_triangle(ax, order_, at=(0.62 + 0.25 * i, 0.06), width=0.14)
 
 
 def draw_space(out, rows: Rows, name: str, shown: list[tuple[str, str]]) -> None:
@@ -240,7 +240,7 @@ def draw_time(out, rows: Rows) -> None:
         *panels, last = axes.ravel()
         for ax, problem in zip(panels, problems, strict=True):
             own = [row | {"dt": 1e3 * row["dt"]} for row in path(rows, problem=problem)]
-            study.lines(ax, own, x="dt", y="end_error", by="method", legend=False)
+            study.draw_lines(ax, own, x="dt", y="end_error", by="method", legend=False)
             ax.set(title=problem, ylabel="‖(x, T v) − exact‖ [m]")
             slopes(ax, [1, 2])
         last.axis("off")
@@ -248,10 +248,10 @@ def draw_time(out, rows: Rows) -> None:
 
 
 def main() -> int:
-    options = study.arguments(__doc__)
+    options = study.parse_arguments(__doc__)
     if options.scene:
-        return richardson.of_scene(options)
-    running = study.running(options)
+        return richardson.refine_scene(options)
+    running = study.run_options(options)
     rows = study.run_cases(asked(options.quick), space, **running, time_limit=300)
     steps = study.run_cases(timed(options.quick), in_time, **running, time_limit=300)
     swings = study.run_cases(swung(options.quick), swing, **running, time_limit=300)
@@ -272,14 +272,14 @@ def main() -> int:
     for problem in dict.fromkeys(row["problem"] for row in steps):
         own = [row for row in steps if row["problem"] == problem]
         tables[f"{problem}, in time"] = table(own, "dt", ("end_error",))
-    return study.report(
+    return study.write_report(
         options,
         "Order of convergence",
         rows + steps + [{"problem": "swing", **row} for row in swings],
         tables=tables,
         figures=("convergence", "dynamic", "strip", "time"),
         findings=findings,
-        conclusion=f"{sum(f.met for f in findings)} of {len(findings)} are as expected.",
+        conclusion=f"{sum(f.is_met for f in findings)} of {len(findings)} are as expected.",
     )
 
 

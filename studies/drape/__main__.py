@@ -32,7 +32,7 @@ from fecloth.errors import InputError
 from fecloth.output.frame_reader import Frame, Series
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load
-from fecloth.view.checker_pattern import material
+from fecloth.view.checker_pattern import material_coordinates
 
 HERE = Path(__file__).parent
 FABRICS = ("interlock", "polyester-tablecloth", "trousers")
@@ -57,13 +57,13 @@ def shadow_area(x: np.ndarray, triangles: np.ndarray) -> float:
 
 def drape_coefficient(frame: Frame) -> float:
     """(shadow − support)/(specimen − support), the specimen as its mesh has it when flat."""
-    flat, support = shadow_area(material(frame), frame.cells), math.pi * SUPPORT**2
+    flat, support = shadow_area(material_coordinates(frame), frame.cells), math.pi * SUPPORT**2
     return (shadow_area(frame.points, frame.cells) - support) / (flat - support)
 
 
 def folds(frame: Frame) -> int:
     """Crests along the rim, where it is higher than its mean."""
-    X = material(frame)
+    X = material_coordinates(frame)
     rim = np.flatnonzero(np.hypot(*X.T) > SPECIMEN - 1e-6)
     z = frame.points[rim[np.argsort(np.arctan2(*X[rim].T))], 2]
     return int(np.sum((z > z.mean()) & (np.roll(z, 1) <= z.mean())))

@@ -13,42 +13,41 @@ implicit Runge–Kutta methods for stiff O.D.E.'s, SIAM J. Numer. Anal. 14, 1006
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 import fecloth as fc
-from fecloth.integrators.one_stage import StageMethod
-from fecloth.integrators.step import arrival, held
-from fecloth.integrators.with_memory import RememberedStep, WithMemory
-from fecloth.nonlinear.stage import Stage
+from fecloth import integrators
 
 
 @dataclass(frozen=True)
-class Theta(StageMethod):
+class Theta(integrators.StageMethod):
     theta: float = 0.6
-    order = 1  # 2 for θ = ½ alone
+
+    @property
+    def traits(self):
+        return integrators.MethodTraits(order=1, theta=self.theta)  # of order 2 for θ = ½ alone
 
     def stage(self, state, dt):
-        s, zero, end = self.theta * dt, np.zeros_like(state.v), state.x + dt * state.v
+        w, s, end = self.theta, self.theta * dt, state.x + dt * state.v
         x = state.x + s * state.v  # and x_θ = x + θ s q, v_θ = v₀ + θ q, a = q/dt, x₁ = end + s q
-        return Stage(state.t + s, x, state.v, zero, self.theta * s, self.theta, 1 / dt, end, s)
+        return integrators.Stage(state.t + s, x, state.v, 0 * x, w * s, w, 1 / dt, end, s)
 
 
 @dataclass(frozen=True)
-class SDIRK2(WithMemory):  # for its energy balance
-    order, gamma = 2, 1 - math.sqrt(0.5)
-    error_constant = 3 * gamma**2 - 2 * gamma**3 - 1 / 6  # of z³ in R(z), less that in exp z
+class SDIRK2(integrators.WithMemory):  # for its energy balance
+    gamma = 1 - math.sqrt(0.5)  # the error constant is that of z³ in R(z), less that in exp z
+    traits = integrators.MethodTraits(order=2, error_constant=3 * gamma**2 - 2 * gamma**3 - 1 / 6)
 
     def weights(self, dt):
         return fc.BackwardEuler().weights(self.gamma * dt)
 
-    def step(self, system, state, dt, solver, guess=None):
+    def step(self, system, state, dt, solver, memory=None):
         euler, h, rest = fc.BackwardEuler(), self.gamma * dt, (1 - self.gamma) * dt
-        a = euler.step(system, state, h, solver, guess)
+        a = euler.step(system, state, h, solver, memory)
         x, v = state.x + rest * a.state.v, state.v + rest / h * (a.state.v - state.v)
-        middle = held(system, fc.State(state.t + rest, x, v), arrival(system, state, rest))
-        b = euler.step(system, middle, h, solver, a.q)
+        end = integrators.arrival(system, state, rest)
+        middle = integrators.held(system, fc.State(state.t + rest, x, v), end)
+        b = euler.step(system, middle, h, solver, a.memory)
         counts, slope = a.counts.plus(b.counts), (b.state.v - middle.v) / h
-        return RememberedStep(b.state, b.state, b.q, counts, slope, state, system)
+        return integrators.Step(b.state, b.state, b.memory, counts, ends=(system, state), a=slope)
 
 
 if __name__ == "__main__":

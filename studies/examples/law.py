@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 import fecloth as fc
-from fecloth.terms.loops.membrane import contract
+from fecloth.terms.loops.green_strain import contract
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ def asked_of(options) -> Rows:
     }
     given = [name for name in NAMES if name != "BaraffWitkin p = 1"]  # matched to one h alone
     rows = study.run_cases(
-        [{**shared, "model": model} for model in given], own, **study.running(options)
+        [{**shared, "model": model} for model in given], own, **study.run_options(options)
     )
     ends = {row["model"]: np.reshape(row["x"], (-1, 3)) for row in rows if row["status"] == "ok"}
     table = []
@@ -129,10 +129,10 @@ def draw_refinement(out, rows: Rows) -> None:
                     for r in rows
                     if r["scene"] == scene and r["pattern"] == pattern
                 ]
-                study.lines(ax, own, x="h", y="ratio", by="model", legend=False, names=NAMES)
+                study.draw_lines(ax, own, x="h", y="ratio", by="model", legend=False, names=NAMES)
                 ax.set(xscale="log", yscale="log", ylim=(0.35, 1.5), title=f"{scene}, {pattern}")
                 ax.set_ylabel("answer / StVK's limit")
-                study.slope_triangle(ax, 2, at=(0.6, 0.12))
+                study.draw_slope_triangle(ax, 2, at=(0.6, 0.12))
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
@@ -144,7 +144,7 @@ def draw_roses(out, rows: Rows) -> None:
             for i, model in enumerate(NAMES):
                 for row in path(rows, "rose", model, pattern)[-1:]:
                     radius = np.array(row["measured"]) / FABRIC.tensile[0]
-                    look = {**study.style(i), "markevery": (i % 6, 6), "label": model}
+                    look = {**study.line_style(i), "markevery": (i % 6, 6), "label": model}
                     ax.plot(np.radians(ANGLES), radius, **look)
             title = f"{pattern}: stiffness / Y asked"
             ax.set(thetamin=0, thetamax=180, ylim=(0, 1.4), title=title)
@@ -156,7 +156,7 @@ def draw_hinges(out, hinges: Rows) -> None:
     """B_eff/B of a cantilever strip against its resolution, the derived values as lines."""
     labels = ("edges along the strip [-]", "bending rigidity carried / asked [-]")
     with study.figure(out, "hinges", *labels, log=False) as (figure, ax):
-        study.lines(ax, hinges, x="along", y="value", by="pattern", legend=False)
+        study.draw_lines(ax, hinges, x="along", y="value", by="pattern", legend=False)
         for i, pattern in enumerate(PATTERNS):
             for row in [r for r in hinges if r["pattern"] == pattern and "narrow" in r][:1]:
                 for limit, dashes in ((row["narrow"], ":"), (row["wide"], "--")):
@@ -168,12 +168,12 @@ def draw_hinges(out, hinges: Rows) -> None:
 
 
 def main() -> int:
-    options = study.arguments(__doc__)
+    options = study.parse_arguments(__doc__)
     if options.scene:
         table = asked_of(options)
         tables = {"The end of the scene, against StVK's": table}
-        return study.report(options, f"The models in {options.scene}", table, tables=tables)
-    running = study.running(options)
+        return study.write_report(options, f"The models in {options.scene}", table, tables=tables)
+    running = study.run_options(options)
     cases = asked(options.quick)
     alone = [case for case in cases if case["scene"] == "cost"]  # seconds are taken one at a time
     rows = study.run_cases(
@@ -189,7 +189,7 @@ def main() -> int:
     tables = {f"{scene}: {what}": settling(rows, scene) for scene, what in SCENES.items()}
     tables |= {"Stiffness against the direction of a pull": roses(rows)}
     tables |= {"Bending": bent(rows), "Bending carried by hinges": hinges, "Cost": costs(rows)}
-    return study.report(
+    return study.write_report(
         options,
         "Finite elements against springs",
         rows + [{"scene": "hinge", **row} for row in hinges],

@@ -67,8 +67,8 @@ def drape(terms: list, pattern: str, h: float) -> dict:
 def swing(terms: list, pattern: str, h: float) -> dict:
     """A unit square falls from level, held along its left edge: its mean depth after 0.4 s."""
     system = swinging(terms, pattern, h)
-    t_end, dt = 0.4, 2.5e-3
-    end = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt, t_end, report=study.tick)
+    t_end, dt, limit = 0.4, 2.5e-3, study.check_time_limit
+    end = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt, t_end, report=limit)
     share = system.nodal_mass / system.nodal_mass.sum()
     return {"value": -share @ end.state.x[:, 2], "unit": "m"}
 
@@ -82,7 +82,7 @@ def cost(terms: list, pattern: str, h: float) -> dict:
         infos = [info for _, info in fc.march(system, method, system.rest(), dt, steps * dt)]
         return sum(info.counts.newton for info in infos)
 
-    seconds = study.timed(march)
+    seconds = study.measure_seconds(march)
     row = {"value": 1e3 * seconds.cpu / steps, "unit": "ms/step", "newton": seconds.value / steps}
     return row | {"wall": 1e3 * seconds.wall / steps, "compile_seconds": seconds.compiling}
 
@@ -124,7 +124,8 @@ def own(path: str, text: str, model: str) -> dict:
     system = fc.System(built.cloth, whole.fabric, [choice[model], *given], *arguments)
     run_ = built.method, built.state, built.dt, built.t_end
     begin = time.process_time()
-    end = fc.run(system, *run_, solver=built.linear, newton=built.newton, report=study.tick)
+    options = {"solver": built.linear, "newton": built.newton, "report": study.check_time_limit}
+    end = fc.run(system, *run_, **options)
     return {"x": end.state.x.ravel(), "cpu_seconds": time.process_time() - begin}
 
 

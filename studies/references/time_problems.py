@@ -14,8 +14,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import fecloth as fc
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
 
 TIGHT = fc.Newton(tolerance=1e-11)
 CASES = {name: method() for name, method in {**METHODS, **EXPLICIT}.items()} | {

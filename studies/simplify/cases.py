@@ -1,4 +1,4 @@
-"""One scene of needs.py: what it is asked for, its cost, and how far two answers are apart."""
+"""Run one scene of the simplification study; compare two results."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from fecloth.simulation.resolve import settled
 from fecloth.simulation.run import balanced, columns
 
 COUNTED = ("newton", "linear", "factorisations")
-ENOUGH = 1.5  # CPU seconds of timing, after which a run is not repeated
+ENOUGH = 1.5  # CPU seconds of timing, after which the run is not repeated
 
 
 def scene_of(text: str) -> Scene:
-    """The scene of a TOML text whose paths are absolute."""
+    """Read the scene of a TOML text whose paths are absolute."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.toml"
         path.write_text(text, encoding="utf-8")
@@ -44,31 +44,40 @@ def answer(
     repeats: int = 3,
     most: float | None = None,
 ) -> dict:
-    """Run a scene: its columns and displacements, counts, and the CPU seconds of the fastest run.
+    """Run a scene; return its columns, displacements, counts and CPU seconds (the fastest run).
 
-    `scene` and `variant` are names for the tables. With `static` the state at the end is sought
-    by `equilibrium`, without the way there. `most` CPU seconds may a run take, with what it
-    records and without compiling.
+    Parameters
+    ----------
+    scene, variant
+        Names for the tables.
+    text
+        TOML of the scene.
+    static
+        Solve `equilibrium` for the state at the end, instead of marching to it.
+    repeats
+        Largest number of runs.
+    most
+        Largest CPU time of a run [s], with recording and without compiling.
     """
     built = scene_of(text).build()
     compile_kernels(built)
-    solved, rows = (balance if static else partial(march, most=most)), []
+    solve, rows = (solve_equilibrium if static else partial(march, most=most)), []
     while len(rows) < repeats and sum(row["cpu_seconds"] for row in rows) < ENOUGH:
-        rows.append(solved(built))
+        rows.append(solve(built))
     row = min(rows, key=lambda row: row["cpu_seconds"])
     moved = row.pop("state").x - built.state.x
     return {"triangles": len(built.cloth.triangles), **row, "moved": moved.tolist()}
 
 
 def march(built: Built, most: float | None) -> dict:
-    """The run that the scene describes; what it records is not in its seconds."""
+    """Run the scene in time; its CPU seconds do not include recording."""
     system, state, counts = built.system, built.state, dict.fromkeys(COUNTED, 0)
     ledger, observer = fc.Ledger.open(system, state), Observer.bind(system, state, built.probes)
     rows, seconds, begin = [ledger.row() | observer.row(None, None)], 0.0, time.process_time()
-    given = system, built.method, state, built.dt, built.t_end
-    method, solver, _ = settled(*given, built.linear, built.newton)
+    arguments = system, built.method, state, built.dt, built.t_end
+    method, solver, _ = settled(*arguments, built.linear, built.newton)
     first = begin
-    for state, info in fc.march(system, method, *given[2:], solver=solver):  # noqa: B007
+    for state, info in fc.march(system, method, *arguments[2:], solver=solver):  # noqa: B007
         seconds += time.process_time() - begin
         if most and time.process_time() - first > most:
             raise study.TimeLimit(f"more than {most:g} CPU seconds, at {info.t:.3g} s")
@@ -77,32 +86,32 @@ def march(built: Built, most: float | None) -> dict:
         counts = {name: counts[name] + getattr(info.counts, name) for name in COUNTED}
         begin = time.process_time()
     row = {"cpu_seconds": seconds + time.process_time() - begin, "steps": len(rows) - 1, **counts}
-    return row | {"times": [r["t"] for r in rows], "columns": listed(rows), "state": state}
+    return row | {"times": [r["t"] for r in rows], "columns": column_lists(rows), "state": state}
 
 
-def listed(rows: list[dict]) -> dict[str, list[float]]:
+def column_lists(rows: list[dict]) -> dict[str, list[float]]:
     return {name: values.tolist() for name, values in columns(rows).items()}
 
 
-def balance(built: Built) -> dict:
-    """The equilibrium under the loads at the end; two rows, the start and it."""
+def solve_equilibrium(built: Built) -> dict:
+    """Solve for the equilibrium under the loads at the end; the rows are the start and the end."""
     if any(pin.motion for pin, _ in built.system.constraints.groups.values()):
-        raise InputError("a pin moves", "equilibrium holds pins where they start", "needs.py")
-    found, old, begin = [], built.state, time.process_time()
+        raise InputError("a pin moves", "equilibrium does not move pins", "studies.simplify")
+    iterations, old, begin = [], built.state, time.process_time()
     start = replace(old, t=built.t_end)
-    state = fc.equilibrium(built.system, start, report=found.append)
+    state = fc.equilibrium(built.system, start, report=iterations.append)
     row = {"cpu_seconds": time.process_time() - begin, "steps": 1}
-    row |= {"newton": len(found), "factorisations": len(found)}
+    row |= {"newton": len(iterations), "factorisations": len(iterations)}
     observer = Observer.bind(built.system, old, built.probes)
-    seen = [observer.row(None, None), observer.row(old, Step(state, state, None, Counts()))]
-    held = [fc.Ledger.open(built.system, at).row() for at in (old, state)]
-    rows = [ledger | row for ledger, row in zip(held, seen, strict=True)]
-    return row | {"times": [old.t, state.t], "columns": listed(rows), "state": state}
+    observed = [observer.row(None, None), observer.row(old, Step(state, state, None, Counts()))]
+    ledgers = [fc.Ledger.open(built.system, at).row() for at in (old, state)]
+    rows = [ledger | row for ledger, row in zip(ledgers, observed, strict=True)]
+    return row | {"times": [old.t, state.t], "columns": column_lists(rows), "state": state}
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The rows of one run, as `answer` returned them, and the cloth they stand on."""
+    """Result of one run: its row from `answer`, its cloth, and the names of its probes."""
 
     row: dict
     cloth: fc.Cloth
@@ -123,9 +132,9 @@ class Answer:
         return np.array(self.row["moved"])
 
     def column(self, name: str) -> np.ndarray:
-        """(s, 1 or 3) a column, or a probe's three, over the run; probes from where they start.
+        """Return a column (s, 1), or the displacement of a probe (s, 3), over the run.
 
-        A term that is not there has no energy.
+        The energy of a term that the scene does not have is zero.
         """
         columns = self.row["columns"]
         names = [f"{name}.{c}" for c in "xyz"] if f"{name}.x" in columns else [name]
@@ -135,15 +144,15 @@ class Answer:
 
 
 def changes(full: Answer, other: Answer, interest: Interest) -> dict[str, float]:
-    """Relative change of each quantity of interest; the largest counts."""
+    """Return the relative change of each quantity of interest."""
     found = {f"{name} at the end": at_end(full, other, name) for name in interest.end}
-    found |= {f"path of {name}": along(full, other, name) for name in interest.path}
+    found |= {f"path of {name}": along_path(full, other, name) for name in interest.path}
     periods = {name: (period(full, name), period(other, name)) for name in interest.period}
     return found | {f"period of {name}": abs(b / a - 1) for name, (a, b) in periods.items()}
 
 
 def at_end(full: Answer, other: Answer, name: str) -> float:
-    """‖b − a‖/‖a‖ at the end, for the displacement field in L2 over the finer cloth."""
+    """Return ‖b − a‖/‖a‖ at the end; for the displacement field, in L2 over the finer cloth."""
     if name == "displacement":
         apart = full.cloth.l2_difference(other.cloth, full.moved, other.moved)
         return ratio(apart, full.cloth.l2_norm(full.moved))
@@ -151,10 +160,10 @@ def at_end(full: Answer, other: Answer, name: str) -> float:
     return ratio(np.linalg.norm(b - a), np.linalg.norm(a))
 
 
-def along(full: Answer, other: Answer, name: str) -> float:
-    """√∫|b − a|² dt / √∫|a|² dt, each step of the run with fewer by its end.
+def along_path(full: Answer, other: Answer, name: str) -> float:
+    """Return √∫|b − a|² dt / √∫|a|² dt over the steps of the run with fewer steps.
 
-    Not by the trapezoidal rule: reactions have no value at the start.
+    The rectangle rule takes each step's end, because reactions have no value at the start.
     """
     t = min(full.times, other.times, key=len)
     a, b = (
@@ -166,29 +175,31 @@ def along(full: Answer, other: Answer, name: str) -> float:
 
 
 def period(one: Answer, name: str) -> float:
-    """Mean time between two passages of a column through its time mean in one direction [s].
+    """Return the mean time between two upward or two downward crossings of the time mean [s].
 
-    With two passages in all, twice what lies between them.
+    With only two crossings, twice the time between them.
     """
     t, values = one.times, one.column(name)
     if values.shape[1] > 1:
-        raise InputError(f"interest.period: {name}", f"take a component, as {name}.z", "needs.py")
+        raise InputError(
+            f"interest.period: {name}", f"take a component, as {name}.z", "studies.simplify"
+        )
     y = values[:, 0] - np.trapezoid(values[:, 0], t) / (t[-1] - t[0])
     at = np.flatnonzero(y[:-1] * y[1:] < 0)
     if len(at) < 2:
         what, remedy = f"interest.period: {name}", "Take a greater t_end."
-        raise InputError(what, "passes its mean less than twice", "needs.py", remedy)
+        raise InputError(what, "passes its mean less than twice", "studies.simplify", remedy)
     passed = t[at] - y[at] * (t[at + 1] - t[at]) / (y[at + 1] - y[at])
     return float((passed[2:] - passed[:-2]).mean() if len(at) > 2 else 2 * np.ptp(passed))
 
 
 def ratio(apart: float, size: float) -> float:
-    """apart/size; of nothing, nothing is no change and all else an endless one."""
+    """Return apart/size; 0 for 0/0 and infinity for any other apart/0."""
     return float(apart / size) if size else (np.inf if apart else 0.0)
 
 
 def interest_of(scene: Scene) -> Interest:
-    """What the scene names; else its probes' paths, or the displacements at the end."""
+    """Return [interest]; by default the paths of the probes, or the displacement at the end."""
     if scene.interest:
         return scene.interest
     if scene.probes:
@@ -197,5 +208,5 @@ def interest_of(scene: Scene) -> Interest:
 
 
 def data_of(scene: Scene) -> dict:
-    """The tables of a scene with all defaults, paths absolute."""
+    """Return the tables of a scene with all defaults and absolute paths."""
     return tomllib.loads(scene.to_toml())

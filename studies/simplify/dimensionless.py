@@ -1,16 +1,16 @@
-"""Dimensionless numbers of a scene, by which `needs_predicted` foretells what simpler ones change.
+"""Dimensionless numbers of a scene, from which `predictions` estimates the effect of changes.
 
-Orders of magnitude, for a cloth of areal density ρ, tensile stiffness Y and rigidity B whose free
-part reaches over L, under loads of w per area. Three cases, told apart by where the pins are and
-how the loads act at the start:
+They are orders of magnitude for a cloth of areal density ρ, tensile stiffness Y and bending
+rigidity B with a free length L under loads w per area. The positions of the pins and the direction
+of the loads at the start decide between three cases:
 
-- across: the pins lie around the cloth. A string of span L under w sags by s and carries T:
+- across: the pins surround the cloth. A string of span L under w sags by s and carries T:
   s/L = (3 w L/(64 Y))^(1/3), T = w L²/(8 s), from its length L (1 + 8/3 (s/L)²); its lowest
   frequency is ω = (π/L) √(T/ρ).
-- hung: the loads act across a cloth that is held on one side. With N = w L³/B below 8 it is a
+- hung: the loads act across a cloth that is pinned on one side. With N = w L³/B below 8 it is a
   cantilever with the deflection N L/8 and ω = 3.52 √(B/(ρ L⁴)) (Timoshenko, Vibration Problems in
-  Engineering); above, it turns down within ℓ = (B/w)^(1/3) of the clamp, and is a heavy plate on a
-  hinge, ω = √(3 w/(2 ρ L)).
+  Engineering); above, it turns down within ℓ = (B/w)^(1/3) of the clamp, and swings like a heavy
+  plate on a hinge, ω = √(3 w/(2 ρ L)).
 - along: the loads act in its plane; it stretches by w L/(2 Y), ω = (π/2L) √(Y/ρ).
 """
 
@@ -37,7 +37,7 @@ DAMPINGS = ("MassDamping", "StrainRateDamping", "BendingDamping", "Drag")
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """The sizes that a scene's terms have; see the head of this file."""
+    """Magnitudes of a scene's terms; the docstring of the file has the formulas."""
 
     scene: Scene
     built: Built
@@ -47,27 +47,27 @@ class Numbers:
         return cls(scene, scene.build())
 
     def term(self, name: str):
-        """The term of that type as the user described it, or None."""
+        """Return the scene's term of a type, or None."""
         return next((t for t in self.built.system.terms if type(t).__name__ == name), None)
 
     @cached_property
     def loads(self) -> dict[str, float]:
-        """Σ |f|/A at the start of each load, by its type [Pa]."""
+        """Σ |f|/A of each load at the start, by its type [Pa]."""
         return {name: _size(f) / self.built.cloth.area for name, f in self._forces.items()}
 
     @cached_property
     def _forces(self) -> dict[str, np.ndarray]:
-        found, start = {}, self.built.state
+        forces, start = {}, self.built.state
         for term, bound in zip(self.built.system.terms, self.built.system.bound, strict=True):
             if getattr(term, "load", False) or getattr(bound, "load", False):
                 f = np.zeros_like(start.x)
                 bound.add_force(start.x, start.v, start.t, f)
-                found[type(term).__name__] = f
-        return found
+                forces[type(term).__name__] = f
+        return forces
 
     @cached_property
     def w(self) -> float:
-        """All loads [Pa]."""
+        """Sum of all loads [Pa]."""
         return sum(self.loads.values())
 
     @property
@@ -80,7 +80,7 @@ class Numbers:
 
     @property
     def rigidity(self) -> float:
-        """B [N m], 0 if no term has it."""
+        """B [N m]; 0 if the scene has no bending term."""
         bends = any(self.term(name) for name in BENDING)
         return min(self._fabric.bending) if bends else 0.0
 
@@ -94,8 +94,8 @@ class Numbers:
 
     @cached_property
     def case(self) -> str:
-        """ "across", "hung" or "along"."""
-        if self._surrounded():
+        """One of "across", "hung" and "along"."""
+        if self._is_surrounded():
             return "across"
         x, (a, b, c) = self.built.state.x, self.built.cloth.triangles[:, :3].T
         normals = np.cross(x[b] - x[a], x[c] - x[a])
@@ -104,17 +104,17 @@ class Numbers:
         flat = np.linalg.norm(normal) > 1 - 1e-9
         return "along" if flat and acts < 1e-6 * self.w * self.built.cloth.area else "hung"
 
-    def _surrounded(self) -> bool:
-        """Whether the middle of the cloth lies within the hull of what is pinned."""
+    def _is_surrounded(self) -> bool:
+        """Return whether the centre of the cloth lies in the convex hull of the pins."""
         try:
             hull = Delaunay(self._pinned[ConvexHull(self._pinned).vertices])
-        except (QhullError, ValueError):  # on a line, or too few
+        except (QhullError, ValueError):  # collinear pins, or too few
             return False
         return bool(hull.find_simplex(self.built.cloth.X.mean(axis=0)) >= 0)
 
     @cached_property
     def L(self) -> float:
-        """How far the cloth reaches from its pins; across, twice that [m]."""
+        """Largest distance from the pins [m]; twice that in the case "across"."""
         X = self.built.cloth.X
         if not len(self._pinned):
             return float(np.ptp(X, axis=0).max())
@@ -161,11 +161,11 @@ class Numbers:
 
     @cached_property
     def strained(self) -> float:
-        """Part of a motion's energy that strains the cloth [-]."""
+        """Fraction of a motion's energy in membrane strain [-]."""
         return 1.0 if self.case != "hung" else min(1.0, self.w * self.L / (2 * self.tensile))
 
     def decay(self, name: str) -> float:
-        """Exponent by which a damping shrinks the slowest motion until the end [-]."""
+        """Return the exponent of the decay of the slowest motion by a damping term [-]."""
         term = self.term(name)
         if term is None:
             return 0.0
@@ -178,11 +178,11 @@ class Numbers:
 
     @property
     def bent(self) -> float:
-        """Part of a motion's energy that bends the cloth [-]."""
+        """Fraction of a motion's energy in bending [-]."""
         return min(1.0, self.without_bending())
 
     def slowing(self, name: str) -> float:
-        """What air bears at the speed of the slowest motion, over the other loads [-]."""
+        """Return the air drag at the speed of the slowest motion over the other loads [-]."""
         term, speed = self.term(name), self.omega * self.moved * self.L
         if term is None or not self.w:
             return 0.0
@@ -191,14 +191,14 @@ class Numbers:
 
     @cached_property
     def rest(self) -> float:
-        """What is left at the end of a motion, where only the end counts [-]."""
+        """Fraction of the motion that is left at the end [-]; 1 if the whole path counts."""
         interest = self.scene.interest
         if interest is None or interest.path or interest.period:
             return 1.0
         return math.exp(-sum(self.decay(name) for name in DAMPINGS))
 
     def without_bending(self) -> float:
-        """π² B/(T L²) across, 8/N of a cantilever, ℓ/L of what hangs; nothing along."""
+        """Return π² B/(T L²) across, 8/N for a cantilever, ℓ/L if hung, 0 along."""
         if not self.rigidity or self.case == "along" or not self.w:
             return 0.0
         if self.case == "across":
@@ -206,9 +206,9 @@ class Numbers:
         return max(8 / self.N, self.N ** (-1 / 3))
 
     def other_membrane(self) -> float:
-        """How far springs are from the fabric, by how much the stretch is of the motion.
+        """Return the error of springs in the moduli, times the share of stretch in the motion.
 
-        An unstructured mesh is taken for an equilateral one.
+        An unstructured mesh counts as an equilateral one.
         """
         pattern = getattr(self.scene.cloth, "pattern", "unstructured")
         lattice = "equilateral" if pattern == "unstructured" else pattern
@@ -222,48 +222,53 @@ class Numbers:
         return apart * {"across": 1 / 3, "hung": min(1.0, stretch), "along": 1.0}[self.case]
 
     def time_error(self, dt: float) -> float:
-        """ω t times ω dt/2 of a first-order method, (ω dt)²/12 of the others, at most 1.
+        """Return ω t ω dt/2 for a method of first order, ω t (ω dt)²/12 for others; at most 1.
 
-        That of a motion; what `steps_leave` of it counts.
+        Multiplied by the fraction of the motion that `steps_leave` and `rest` give.
         """
         first = type(self.built.method).__name__ in FIRST_ORDER
         each = self.omega * dt / 2 if first else (self.omega * dt) ** 2 / 12
         return min(1.0, each * self.omega * self.seconds) * self.steps_leave(dt) * self.rest
 
     def steps_leave(self, dt: float) -> float:
-        """What methods that damp leave of the slowest motion, where no step resolves it [-]."""
+        """Return the fraction of the slowest motion that numerical damping leaves [-]."""
         beyond = self.omega * dt
         if beyond < 1 or type(self.built.method).__name__ not in DAMPED:
             return 1.0
         return math.exp(-0.5 * self.seconds / dt * math.log1p(beyond**2))
 
     def mesh_error(self) -> float:
-        """(κ h)²/12 of linear elements on a wave of half the length L; 2 L with a free side."""
+        """Return (κ h)²/12 of linear elements; the half wave is L, or 2 L with a free side."""
         half = self.L if self.case == "across" else 2 * self.L
         return (math.pi * self.h / half) ** 2 / 12
 
 
-def table(of: Numbers) -> list[dict]:
-    """The numbers, with their formulas."""
-    g, period = of.loads.get("Gravity", 0.0), 2 * math.pi / of.omega if of.omega else math.inf
-    wave = math.sqrt(of.tensile / of.density)
+def table(numbers: Numbers) -> list[dict]:
+    """Return a table of the numbers and their formulas."""
+    g, period = (
+        numbers.loads.get("Gravity", 0.0),
+        2 * math.pi / numbers.omega if numbers.omega else math.inf,
+    )
+    wave = math.sqrt(numbers.tensile / numbers.density)
     rows = [
-        ("gravity / membrane stiffness", "ρ g L/Y", g * of.L / of.tensile),
-        ("gravity / bending stiffness", "ρ g L³/B", g * of.L**3 / of.rigidity)
-        if of.rigidity
+        ("gravity / membrane stiffness", "ρ g L/Y", g * numbers.L / numbers.tensile),
+        ("gravity / bending stiffness", "ρ g L³/B", g * numbers.L**3 / numbers.rigidity)
+        if numbers.rigidity
         else None,
-        ("all loads / bending stiffness", "w L³/B", of.N) if of.rigidity else None,
-        ("dt / fastest wave", "dt √(Y/ρ)/h", of.built.dt * wave / of.h) if of.built.dt else None,
-        ("dt / slowest period", "dt ω/2π", of.built.dt / period) if of.built.dt else None,
+        ("all loads / bending stiffness", "w L³/B", numbers.N) if numbers.rigidity else None,
+        ("dt / fastest wave", "dt √(Y/ρ)/h", numbers.built.dt * wave / numbers.h)
+        if numbers.built.dt
+        else None,
+        ("dt / slowest period", "dt ω/2π", numbers.built.dt / period) if numbers.built.dt else None,
     ]
     for name in AIR:
-        if of.term(name):
-            bears = of.loads.get(name) or of.slowing(name) * of.w
-            rows.append((f"{name} / weight", "k u²/(ρ g)", bears / g if g else math.inf))
+        if numbers.term(name):
+            load = numbers.loads.get(name) or numbers.slowing(name) * numbers.w
+            rows.append((f"{name} / weight", "k u²/(ρ g)", load / g if g else math.inf))
     for name in ("StrainRateDamping", "BendingDamping"):
-        if term := of.term(name):
+        if term := numbers.term(name):
             rows.append((f"{name} / slowest period", "τ ω/2π", term.time / period))
-    if term := of.term("MassDamping"):
+    if term := numbers.term("MassDamping"):
         rows.append(("MassDamping · slowest period", "2π c/ω", term.rate * period))
     names = ("number", "formula", "value")
     return [dict(zip(names, row, strict=True)) for row in rows if row]

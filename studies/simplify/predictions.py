@@ -1,4 +1,4 @@
-"""What each change of a scene is foretold to make of its motion, by its dimensionless numbers."""
+"""Predict how much a change of a scene changes its motion, from its dimensionless numbers."""
 
 from __future__ import annotations
 
@@ -12,61 +12,63 @@ from studies.simplify.dimensionless import BENDING, DAMPINGS, MEMBRANES, Numbers
 from studies.simplify.variants import Variant
 
 
-def predicted(variant: Variant, of: Numbers) -> float | None:
-    """The change of the motion that a variant should make, at most 1; None: not foretold."""
+def predict_change(variant: Variant, numbers: Numbers) -> float | None:
+    """Return the relative change of the motion by a variant, at most 1; None if unknown."""
     try:
-        found = _predicted(variant, of) if of.w else None
-    except FeclothError:  # a coarser mesh, a network of springs that there cannot be
-        found = None
-    return None if found is None else min(1.0, found)
+        change = _predict_change(variant, numbers) if numbers.w else None
+    except FeclothError:  # the coarser mesh or the network of springs is impossible
+        change = None
+    return None if change is None else min(1.0, change)
 
 
-def _predicted(variant: Variant, of: Numbers) -> float | None:
-    dt, factor = of.built.dt or 0.0, variant.by
+def _predict_change(variant: Variant, numbers: Numbers) -> float | None:
+    dt, factor = numbers.built.dt or 0.0, variant.by
     match variant.kind:
         case "without":
-            return _without(variant.by, of)
+            return _without(variant.by, numbers)
         case "springs":
-            return of.other_membrane()
+            return numbers.other_membrane()
         case "quadratic":  # 2 sin²(θ/2) for θ²/2 at the angle of the sharpest bend
-            bend = of.h / of.L * (1.0 if of.case == "across" else of.N ** (1 / 3))
-            return bend**2 / 12 * min(1.0, of.without_bending())
+            bend = (
+                numbers.h / numbers.L * (1.0 if numbers.case == "across" else numbers.N ** (1 / 3))
+            )
+            return bend**2 / 12 * min(1.0, numbers.without_bending())
         case "mesh":
-            return (factor**2 - 1) * of.mesh_error() + _reach(variant, of)
+            return (factor**2 - 1) * numbers.mesh_error() + _change_of_reach(variant, numbers)
         case "P1":
-            return of.mesh_error()
+            return numbers.mesh_error()
         case "dt":
-            return abs(of.time_error(factor * dt) - of.time_error(dt))
-        case "rtol":  # of the cloth's size in a second; global errors go as rtol^(2/3)
-            rtol = of.scene.time.rtol or Adaptive.rtol
-            return (factor ** (2 / 3) - 1) * rtol * of.seconds / of.moved * of.rest
+            return abs(numbers.time_error(factor * dt) - numbers.time_error(dt))
+        case "rtol":  # relative to the cloth's size, per second; global errors ∝ rtol^(2/3)
+            rtol = numbers.scene.time.rtol or Adaptive.rtol
+            return (factor ** (2 / 3) - 1) * rtol * numbers.seconds / numbers.moved * numbers.rest
         case "explicit":
-            if dt and of.steps_leave(dt) < 1:  # the full scene does not swing, this one does
-                return of.rest
-            return of.time_error(dt) if dt else None
+            if dt and numbers.steps_leave(dt) < 1:  # the full scene is damped, this one swings
+                return numbers.rest
+            return numbers.time_error(dt) if dt else None
         case "static":
-            return of.rest
+            return numbers.rest
     return None
 
 
-def _reach(variant: Variant, of: Numbers) -> float:
-    """How the motion changes as the pins take hold of other nodes, and the cloth reaches farther.
+def _change_of_reach(variant: Variant, numbers: Numbers) -> float:
+    """Return the change of the motion because the pins select other nodes on a coarser mesh.
 
-    On a coarser mesh ``inside = "X < 0.02"`` is another clamp.
+    For example, ``inside = "X < 0.02"`` clamps another length of the cloth.
     """
-    other = Numbers.of(scene_of(written(variant.apply(data_of(of.scene)))))
-    return abs(other.moved * other.L / (of.moved * of.L) - 1)
+    other = Numbers.of(scene_of(written(variant.apply(data_of(numbers.scene)))))
+    return abs(other.moved * other.L / (numbers.moved * numbers.L) - 1)
 
 
-def _without(name: str, of: Numbers) -> float | None:
+def _without(name: str, numbers: Numbers) -> float | None:
     if name in MEMBRANES:
         return 1.0
     if name in BENDING:
-        return of.without_bending()
+        return numbers.without_bending()
     if name in DAMPINGS:
-        fades = 1 - math.exp(-of.decay(name))
-        others = sum(of.decay(other) for other in DAMPINGS if other != name)
-        return fades * (math.exp(-others) if of.rest < 1 else 1.0)
-    if name in of.loads and of.w:
-        return of.loads[name] / of.w
+        fades = 1 - math.exp(-numbers.decay(name))
+        others = sum(numbers.decay(other) for other in DAMPINGS if other != name)
+        return fades * (math.exp(-others) if numbers.rest < 1 else 1.0)
+    if name in numbers.loads and numbers.w:
+        return numbers.loads[name] / numbers.w
     return None

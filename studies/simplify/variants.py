@@ -1,4 +1,4 @@
-"""The simpler scenes that needs.py tries: each a change of the tables of a scene."""
+"""Simpler scenes to try, each a change of the tables of a scene."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from fecloth.integrators.explicit import EXPLICIT
+from fecloth.integrators import EXPLICIT
 from fecloth.scene.tables import Interest
 from fecloth.simulation.error_control import Adaptive
 
 Data = dict
 MEMBRANES = ("StVK", "TensorCondition", "BaraffWitkin", "NeoHookean", "TensionField")
-LONG = 1e5  # s, a step of backward Euler that leaves no inertia
+LONG = 1e5  # s, a step of backward Euler in which inertia is negligible
 LARGER = (2, 4)  # times dt, rtol
 COARSER = (1.5, 2.0)  # times h
 
@@ -24,15 +24,15 @@ class Variant:
     Attributes
     ----------
     name
-        For tables.
+        Name in the tables.
     kind, by
-        What the prediction goes by: the kind of change, and its term's type or its factor.
+        Input of the prediction: the kind of change, and the type of its term or its factor.
     slot
-        What of the scene it changes: of two with one slot the reduced scene takes one.
+        Part of the scene that changes; the reduced scene has at most one change of each part.
     apply
-        From the tables of a scene to those of the simpler one.
+        Function from the tables of a scene to those of the simpler scene.
     static
-        Whether the state at the end is sought by `equilibrium`.
+        True to solve `equilibrium` for the state at the end.
     """
 
     name: str
@@ -44,75 +44,75 @@ class Variant:
 
 
 def variants(data: Data, interest: Interest) -> list[Variant]:
-    """All that a scene allows, terms first."""
-    found = [one for term in data.get("terms", []) for one in of_term(term)]
-    found += [*of_mesh(data), *of_time(data)]
+    """List all variants of a scene, terms first."""
+    found = [one for term in data.get("terms", []) for one in variants_of_term(term)]
+    found += [*variants_of_mesh(data), *variants_of_time(data)]
     if not (interest.path or interest.period):
         found.append(Variant("equilibrium", "static", None, "time", lambda data: data, True))
-        found.append(Variant("one long step", "static", None, "time", one_step))
+        found.append(Variant("one long step", "static", None, "time", use_one_step))
     return found
 
 
-def of_term(term: Data) -> Iterator[Variant]:
-    """Without it, and with its cheaper sibling."""
+def variants_of_term(term: Data) -> Iterator[Variant]:
+    """Yield the scene without a term, and with a cheaper term in its place."""
     name, slot = term["type"], f"term {term}"
-    yield Variant(f"without {name}", "without", name, slot, swap(term, None))
+    yield Variant(f"without {name}", "without", name, slot, replace_term(term, None))
     if name in MEMBRANES:
-        springs = swap(term, {"type": "Springs"})
+        springs = replace_term(term, {"type": "Springs"})
         yield Variant(f"Springs for {name}", "springs", name, slot, springs)
     if name == "HingeBending":
-        quadratic = swap(term, {"type": "QuadraticBending"})
+        quadratic = replace_term(term, {"type": "QuadraticBending"})
         yield Variant("QuadraticBending for hinges", "quadratic", name, slot, quadratic)
 
 
-def swap(term: Data, other: Data | None) -> Callable[[Data], Data]:
-    """The change that puts `other` in the place of a term, or nothing.
+def replace_term(term: Data, other: Data | None) -> Callable[[Data], Data]:
+    """Return the change that replaces a term by `other`, or removes it if that is None.
 
-    What [expect] says of the term's own columns goes with it.
+    The change also removes the entries of [expect] for the term's columns.
     """
 
     def apply(data: Data) -> Data:
         terms = [other if one == term else one for one in data["terms"]]
-        gone = {head + term["type"] for head in ("", "dissipated:", "work:")}
-        expect = {key: value for key, value in data.get("expect", {}).items() if key not in gone}
+        removed = {head + term["type"] for head in ("", "dissipated:", "work:")}
+        expect = {key: value for key, value in data.get("expect", {}).items() if key not in removed}
         return data | {"terms": [one for one in terms if one], "expect": expect}
 
     return apply
 
 
-def of_mesh(data: Data) -> Iterator[Variant]:
-    """Larger triangles, P1 in place of P2."""
+def variants_of_mesh(data: Data) -> Iterator[Variant]:
+    """Yield scenes with larger triangles, and with P1 instead of P2."""
     if "h" in data["cloth"]:
         for factor in COARSER:
-            change = within("cloth", h=lambda h, factor=factor: h * factor)
+            change = change_table("cloth", h=lambda h, factor=factor: h * factor)
             yield Variant(f"h × {factor:g}", "mesh", factor, "mesh", change)
     if data["cloth"].get("element") == "P2":
 
         def linear(data: Data) -> Data:
-            return within("cloth", element=lambda _: "P1")(data) | {"mass": "lumped"}
+            return change_table("cloth", element=lambda _: "P1")(data) | {"mass": "lumped"}
 
         yield Variant("P1 for P2", "P1", None, "element", linear)
 
 
-def of_time(data: Data) -> Iterator[Variant]:
-    """Longer steps, a looser tolerance; explicit steps near their limit."""
+def variants_of_time(data: Data) -> Iterator[Variant]:
+    """Yield scenes with longer steps or a looser tolerance, and with explicit steps."""
     time, key = data["time"], "rtol" if data["time"]["dt"] == "auto" else "dt"
-    at_limit = key == "rtol" and method_of(data) in EXPLICIT and not {"rtol", "atol"} & set(time)
+    at_limit = key == "rtol" and method_name(data) in EXPLICIT and not {"rtol", "atol"} & set(time)
     for factor in () if at_limit else LARGER:
-        if key == "dt" and steps(time, factor) == steps(time, 1):
+        if key == "dt" and number_of_steps(time, factor) == number_of_steps(time, 1):
             continue
-        yield Variant(f"{key} × {factor}", key, factor, "time", longer(key, factor))
-    if method_of(data) not in (*EXPLICIT, "auto") and data["cloth"].get("element") != "P2":
-        yield Variant("explicit", "explicit", None, "time", explicit)
+        yield Variant(f"{key} × {factor}", key, factor, "time", multiply_step(key, factor))
+    if method_name(data) not in (*EXPLICIT, "auto") and data["cloth"].get("element") != "P2":
+        yield Variant("explicit", "explicit", None, "time", use_explicit_steps)
 
 
-def steps(time: Data, factor: float) -> int:
-    """How many steps there are with dt times a factor."""
+def number_of_steps(time: Data, factor: float) -> int:
+    """Return the number of steps with dt times a factor."""
     return math.ceil((time["t_end"] - time.get("t_start", 0.0)) / (factor * time["dt"]) - 1e-9)
 
 
-def longer(key: str, factor: float) -> Callable[[Data], Data]:
-    """dt or rtol times a factor; frames no closer than the steps."""
+def multiply_step(key: str, factor: float) -> Callable[[Data], Data]:
+    """Return the change that multiplies dt or rtol; frames come no more often than steps."""
 
     def apply(data: Data) -> Data:
         value = data["time"].get(key, Adaptive.rtol)
@@ -125,18 +125,18 @@ def longer(key: str, factor: float) -> Callable[[Data], Data]:
     return apply
 
 
-def explicit(data: Data) -> Data:
-    """Central differences at 0.9 of their stability limit."""
+def use_explicit_steps(data: Data) -> Data:
+    """Change to central differences at 0.9 of their stability limit."""
     span = {key: data["time"][key] for key in ("t_start", "t_end") if key in data["time"]}
     time = {"method": "central_difference", "dt": "auto", **span}
     return data | {"time": time, "mass": "lumped"}
 
 
-def one_step(data: Data) -> Data:
-    """One step of backward Euler to the same end: ρ Δx/dt² is nothing beside the forces.
+def use_one_step(data: Data) -> Data:
+    """Change to one step of backward Euler, so long that ρ Δx/dt² is negligible.
 
-    Far from the end the exact tangent leads nowhere: it is clamped. What [expect] says of times
-    before the end has no meaning any more.
+    Newton's method needs a clamped tangent, because it starts far from the end. [expect] is
+    dropped, because it may name times before the end.
     """
     end = data["time"]["t_end"]
     time = {"method": "backward_euler", "dt": LONG, "t_start": end - LONG, "t_end": end}
@@ -144,8 +144,8 @@ def one_step(data: Data) -> Data:
     return data | {"time": time, "solver": solver, "output": {"every_steps": 1}, "expect": {}}
 
 
-def within(table: str, **changes: Callable) -> Callable[[Data], Data]:
-    """The change of values of one table."""
+def change_table(table: str, **changes: Callable) -> Callable[[Data], Data]:
+    """Return the change of values of one table."""
 
     def apply(data: Data) -> Data:
         new = {key: change(data[table][key]) for key, change in changes.items()}
@@ -154,7 +154,7 @@ def within(table: str, **changes: Callable) -> Callable[[Data], Data]:
     return apply
 
 
-def method_of(data: Data) -> str:
-    """The method's name in [time]."""
+def method_name(data: Data) -> str:
+    """Return the method's name in [time]."""
     method = data["time"]["method"]
     return method if isinstance(method, str) else method["type"]

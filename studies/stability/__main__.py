@@ -13,8 +13,7 @@ import math
 from pathlib import Path
 
 from fecloth import study
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
 from studies.stability import cases
 from studies.stability.cases import ALL, BLOWN, ENERGY, ERROR, GROWTH, NEWTON, STABLE, WRONG
 from studies.stability.figures import draw_limits, draw_map
@@ -52,7 +51,7 @@ def run_maps(options, wanted: list[tuple], steps: tuple, more: tuple) -> Rows:
 
     A scene whose start gives no operators is a row alone, with its cause.
     """
-    running = {**study.running(options), "time_limit": 120}
+    running = {**study.run_options(options), "time_limit": 120}
     axes = [over for _, over, values in wanted for _ in values]
     scenes = [scene for each in wanted for scene in asked(*each)]
     told = study.run_cases(scenes, cases.foretold, **running)
@@ -249,13 +248,13 @@ def figures_of(rows: Rows) -> list[str]:
 
 
 def main() -> int:
-    options = study.arguments(__doc__)
-    running = study.running(options)
+    options = study.parse_arguments(__doc__)
+    running = study.run_options(options)
     rows = maps(options)
     shared = {"tables": tables_of(rows), "settings": SETTINGS, "figures": figures_of(rows)}
     shared["conclusion"] = conclusion_of(rows)
     if options.scene:
-        return study.report(options, f"Where methods fail in {options.scene}", rows, **shared)
+        return study.write_report(options, f"Where methods fail in {options.scene}", rows, **shared)
     limits = study.run_cases(sheets(options.quick), cases.boundary, **running)
     listed = [{"method": m, "times": t} for m in METHODS for t in (1.0, 10.0, 100.0)]
     free = study.run_cases(listed, cases.unbounded, **running)
@@ -267,7 +266,7 @@ def main() -> int:
     shared["figures"] = ["limits", *shared["figures"]]
     shared["tables"]["Limits of linear sheets [s]"] = limits
     findings = conclude_sheets(limits, free) + conclude_swing(swings) + conclude_maps(rows)
-    return study.report(options, "Where methods fail", rows, findings=findings, **shared)
+    return study.write_report(options, "Where methods fail", rows, findings=findings, **shared)
 
 
 if __name__ == "__main__":

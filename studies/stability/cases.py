@@ -13,8 +13,7 @@ import scipy.linalg
 
 import fecloth as fc
 from fecloth import study
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.scene.problem import Built
 from fecloth.scene.scene import load
 
@@ -119,7 +118,7 @@ def march(scene: Built, method, dt: float | None) -> tuple[list[np.ndarray], fc.
     times, found = np.linspace(start, end, PARTS + 1)[1:], []
 
     def look(info) -> None:
-        study.tick()
+        study.check_time_limit()
         if info.t in times:
             found.append(info.result.state.x)
 
@@ -238,9 +237,9 @@ def grows(system: fc.System, rest: fc.State, method, dt: float, steps: int) -> f
     noise = np.random.default_rng(3).standard_normal(rest.x.shape)
     start = system.state(rest.x + TINY * system.constraints.project(noise))
     sizes, late = [], 1e4 * TINY
-    options = {"solver": "direct", "newton": EXACT} if method.critical == (0.0, 0.0) else {}
+    options = {"solver": "direct", "newton": EXACT} if method.traits.stability == (0.0, 0.0) else {}
     for state, _ in fc.march(system, method, start, dt, steps * dt, **options):
-        study.tick()
+        study.check_time_limit()
         sizes.append(np.linalg.norm(state.x - rest.x))
         if sizes[-1] > late:
             return math.inf

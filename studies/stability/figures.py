@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fecloth import study
-from fecloth.integrators.explicit import EXPLICIT
+from fecloth.integrators import EXPLICIT
 from studies.stability.cases import ALL, BLOWN, NEWTON, STABLE, WRONG
 
 LOOKS = {
@@ -61,7 +61,7 @@ def draw_limits(out, rows: list[dict]) -> None:
             ax.set_xlabel(label)
             for i, method in enumerate(EXPLICIT):
                 own = sorted(path(rows, method, over), key=lambda row: row[over])
-                look, x = study.style(i), [row[over] for row in own]
+                look, x = study.line_style(i), [row[over] for row in own]
                 ax.plot(x, [row["foretold"] for row in own], "-", color=look["color"])
                 look |= {"ls": "", "label": f"{method.replace('_', ' ')}, measured"}
                 ax.plot(x, [row["measured"] for row in own], **look)

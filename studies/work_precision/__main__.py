@@ -214,7 +214,7 @@ def of_own(options) -> int:
     digest = hashlib.sha256(options.scene.read_bytes()).hexdigest()[:12]
     shared = {"path": str(options.scene.resolve()), "digest": digest}
     cases = [{**shared, **case} for case in asked_of(options.scene, options.quick)]
-    running = study.running(options) | {"jobs": 1}
+    running = study.run_options(options) | {"jobs": 1}
     exact, *rows = study.run_cases(cases, own, **running, time_limit=300)
     for row in rows:
         row |= {"scene": name, "element": "P1", "model": "StVK", "h": math.nan}
@@ -228,7 +228,7 @@ def of_own(options) -> int:
             line |= {"method": row["method"], "dt [s] or rtol [1/s]": row["step"]}
             line |= {"CPU seconds": row["seconds"], "error [%]": 100 * row["total_error"]}
         lines.append(line)
-    return study.report(
+    return study.write_report(
         options,
         f"Speed and accuracy of {name}",
         rows,
@@ -244,10 +244,10 @@ def rms(a, b) -> float:
 
 
 def main() -> int:
-    options = study.arguments(__doc__, peers={"action": "store_true", "help": "add MuJoCo"})
+    options = study.parse_arguments(__doc__, peers={"action": "store_true", "help": "add MuJoCo"})
     if options.scene:
         return of_own(options)
-    running, one = study.running(options), study.running(options) | {"jobs": 1}
+    running, one = study.run_options(options), study.run_options(options) | {"jobs": 1}
     fine = study.run_cases(fine_runs(options.quick), run, **running, time_limit=300)
     rows = study.run_cases(asked(options.quick), run, **one, time_limit=60)
     if options.peers:
@@ -264,7 +264,7 @@ def main() -> int:
     tables["Space and model, at fine steps"] = parts(fine)
     if not options.quick:
         tables["Linear solvers, CPU seconds"] = solvers(rows)
-    return study.report(
+    return study.write_report(
         options,
         "Speed and accuracy",
         rows,

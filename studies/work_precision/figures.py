@@ -139,7 +139,7 @@ def draw_space(out, fine: Rows) -> None:
     """Error in space against the mesh, the model's as a line."""
     good = [r for r in fine if r["status"] == "ok" and r.get("space_error")]
     name = lambda row: f"{row['element']}, {row['model']}"  # noqa: E731
-    looks = {label: study.style(i) for i, label in enumerate(dict.fromkeys(map(name, good)))}
+    looks = {label: study.line_style(i) for i, label in enumerate(dict.fromkeys(map(name, good)))}
     each(out, "space_error", good, "h", "space_error", name, looks, "edge length h [m]", 1)
 
 
@@ -162,5 +162,5 @@ def each(out, file, rows: Rows, x, y, name, looks, label, mesh: int) -> None:
                 if line:
                     (shown[label_],) = ax.plot(*zip(*line, strict=True), **{**look, "lw": 1.2})
             ax.set_title(scene if mesh == 1 else f"{scene}, h = {middle:g} m")
-            study.slope_triangle(ax, 2)
+            study.draw_slope_triangle(ax, 2)
         figure.legend(shown.values(), shown, loc="outside lower center", ncols=3, fontsize=9)

@@ -81,5 +81,5 @@ def fly(asked: Scene, model, data, samples: int, each: int) -> np.ndarray:
         mujoco.mj_kinematics(model, data)  # positions of the end of the step
         mujoco.mj_flex(model, data)
         paths.append(asked.of(data.flexvert_xpos - rest))
-        study.tick()
+        study.check_time_limit()
     return np.array(paths).T

@@ -193,7 +193,7 @@ def runner(asked: Scene, method: str, step: float | None, linear: str) -> Callab
     if method == "many_steps":
         return lambda t_end: fused(asked, step, t_end)
     chosen = named(method, step)
-    dt = None if getattr(chosen, "chooses_dt", False) else step
+    dt = None if chosen.traits.chooses_dt else step
     return lambda t_end: marched(asked, chosen, dt, linear, t_end)
 
 
@@ -209,7 +209,7 @@ def marched(asked: Scene, method, dt: float | None, linear: str, t_end: float) -
         values.append(asked.of(state.x - start.x))
         rates.append(asked.of(state.v))
         if steps % 64 == 0:
-            study.tick()
+            study.check_time_limit()
     paths = [
         offset[i] + hermite(times, np.array(values)[:, i], np.array(rates)[:, i], asked.times)
         for i in (0, 1)
@@ -227,7 +227,7 @@ def fused(asked: Scene, dt: float, t_end: float) -> tuple:
     for _ in range(max(1, round(t_end / gap))):
         state = fc.many_steps(asked.system, state, gap / each, each)
         paths.append(asked.of(state.x - rest))
-        study.tick()
+        study.check_time_limit()
     return np.array(paths).T, counted(each * SAMPLES, forces=(each + 1) * SAMPLES)
 
 
@@ -279,7 +279,7 @@ def own(path: str, digest: str, method: str, step: float | None) -> dict:
     """
     built = load(path).build()
     chosen = built.method if method == "own" else named(method, step)
-    dt = None if getattr(chosen, "chooses_dt", False) else step
+    dt = None if chosen.traits.chooses_dt else step
 
     def steps(t_end: float) -> tuple:
         counts, number, state = Counts(), 0, built.state
@@ -288,7 +288,7 @@ def own(path: str, digest: str, method: str, step: float | None) -> dict:
             fc.march(*run_, solver=built.linear, newton=built.newton), 1
         ):
             counts = counts.plus(info.counts)
-            study.tick()
+            study.check_time_limit()
         return state, number, counts
 
     steps(built.state.t + 0.02 * (built.t_end - built.state.t))

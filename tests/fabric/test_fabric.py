@@ -50,7 +50,7 @@ def test_poisson_ratio_is_weft_contraction_under_warp_tension():
 
 @settings(deadline=None)
 @given(young=stiffness, nu=st.floats(-0.9, 0.99), angle=st.floats(0.0, 3.2))
-def test_an_isotropic_fabric_has_no_direction(young, nu, angle):
+def test_isotropic_moduli_do_not_depend_on_direction(young, nu, angle):
     """W(QᵀEQ) = W(E) for E = (0.3, −0.1, 0.05): needs C66 = (C11 − C12)/2."""
     C = plane(fc.Fabric(0.2, young, nu).moduli())
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -60,7 +60,7 @@ def test_an_isotropic_fabric_has_no_direction(young, nu, angle):
     assert second == pytest.approx(first, rel=1e-10)
 
 
-def test_one_number_is_both_directions():
+def test_pair_from_one_number_is_equal_in_both_directions():
     one, both = fc.Fabric(0.2, 700.0, 0.3), fc.Fabric(0.2, (700.0, 700.0), 0.3)
     assert one.tensile == both.tensile == (700.0, 700.0)
     assert one.shear == both.shear == pytest.approx(700 / 2.6, rel=1e-15)
@@ -70,7 +70,7 @@ def test_one_number_is_both_directions():
     assert one.bending is None
 
 
-def test_a_fabric_does_not_change():
+def test_fabric_is_immutable():
     with pytest.raises(dataclasses.FrozenInstanceError):
         fc.Fabric(0.2, 700.0).areal_density = 1.0
 
@@ -138,7 +138,7 @@ def test_poisson_ratio_not_finite(bad):
 
 
 @pytest.mark.parametrize("name", ["tensile_stiffness", "bending_rigidity"])
-def test_neither_a_number_nor_a_pair(name):
+def test_constant_not_a_number_or_pair_is_rejected(name):
     with pytest.raises(fc.InputError, match=f"{name} = .1.0, 2.0, 3.0.: must be a number or"):
         fc.Fabric(**(GOOD | {name: (1.0, 2.0, 3.0)}))
 
@@ -153,7 +153,7 @@ def test_an_orthotropic_fabric_must_state_its_shear_stiffness():
     [(name, bad) for name in ("E", "thickness", "rho") for bad in (0.0, -1.0, np.nan, np.inf)]
     + [("nu", bad) for bad in (-1.0, 0.51, np.nan, np.inf)],
 )
-def test_sheet_refuses(name, bad):
+def test_sheet_invalid_arguments_are_rejected(name, bad):
     good = {"E": 2e5, "nu": 0.3, "thickness": 5e-4, "rho": 400.0}
     with pytest.raises(fc.InputError, match=f"Fabric.sheet: {name} = {bad}"):
         fc.Fabric.sheet(**(good | {name: bad}))

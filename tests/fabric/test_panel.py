@@ -69,7 +69,7 @@ def test_bias_cut_strip_pulls_as_the_rotated_orthotropic_law(angle, strip):
 
 
 @pytest.mark.parametrize("angle", ANGLES)
-def test_any_state_against_the_rotated_law(angle, strip, rng):
+def test_grain_any_state_agrees_with_the_rotated_law(angle, strip, rng):
     """Forces and energy of a rough state from the rotated moduli, triangle by triangle."""
     system = fc.System(strip, WOVEN, [fc.StVK()], grain=angle)
     x = rough(strip, rng)
@@ -220,9 +220,9 @@ def test_rate_bounds_of_a_single_triangle_are_its_eigenvalues(angle):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"fabric": {"body": WOVEN}}, r"triangle \d+ lies in 0 of the regions body.*one fabric"),
+        ({"fabric": {"body": WOVEN}}, r"triangle \d+ is in 0 of the regions body.*one fabric"),
         ({"fabric": {"body": WOVEN, "hme": LINING}}, "region 'hme'.*Did you mean 'hem'"),
-        ({"fabric": {"body": WOVEN, "hem": LINING, "all": WOVEN}}, "lies in 2 of the regions"),
+        ({"fabric": {"body": WOVEN, "hem": LINING, "all": WOVEN}}, "is in 2 of the regions"),
         ({"fabric": {}}, "fabric = {}: must name a region"),
         ({"fabric": {"body": WOVEN, "hem": 3}}, "fabric = 3: must be a Fabric"),
         ({"fabric": WOVEN, "grain": {"body": 0.1}}, "needs one grain"),
@@ -231,7 +231,7 @@ def test_rate_bounds_of_a_single_triangle_are_its_eigenvalues(angle):
         ({"fabric": WOVEN, "grain": np.inf}, "grain = inf"),
     ],
 )
-def test_refusals(arguments, said):
+def test_cut_invalid_fabrics_or_grain_are_rejected(arguments, said):
     grid = halves()
     regions = grid.triangle_sets | {"all": np.arange(len(grid.triangles))}
     cloth = fc.Cloth.from_arrays(grid.X, grid.triangles, regions=regions)
@@ -303,11 +303,11 @@ def test_renumbering_keeps_the_regions(rng):
         np.testing.assert_array_equal(np.sort(cloth.source_triangles[cloth.region("hem")]), hem)
 
 
-def test_a_region_by_predicate_and_refusals():
+def test_region_by_predicate_and_invalid_regions():
     cloth = halves()
     chosen = cloth.region(lambda X: X[:, 0] > 0.6)
     np.testing.assert_array_equal(chosen, cloth.region("hem"))
-    with pytest.raises(fc.InputError, match="the choice of triangles is empty"):
+    with pytest.raises(fc.InputError, match="no triangle is selected"):
         cloth.region(lambda X: X[:, 0] > 2)
     with pytest.raises(fc.InputError, match="region 'x': must be one of body, hem"):
         cloth.region("x")

@@ -1,4 +1,4 @@
-"""Published fabrics, what KES-F and FAST print, and both in scenes."""
+"""Published fabrics, results of the instruments KES-F and FAST, and both in scenes."""
 
 import dataclasses
 import math
@@ -51,13 +51,13 @@ def test_a_preset_hangs_by_its_own_weight(name):
     assert 0.7 * expected < sunk < 1.15 * expected
 
 
-def test_a_fabric_given_twice_is_its_own():
-    """Whoever changes the constants of one changes no other's."""
+def test_constants_of_a_preset_are_a_copy():
+    """Changing the returned constants does not change the preset."""
     presets.constants("silk")["areal_density"] = 1.0
     assert fc.Fabric.preset("silk").areal_density == 0.083
 
 
-def test_they_span_silk_to_coating_and_are_sorted():
+def test_presets_are_sorted_from_silk_to_coated_fabric():
     density = [fc.Fabric.preset(name).areal_density for name in fc.Fabric.presets()]
     assert density == sorted(density)
     assert density[0] < 0.1 < 0.4 < density[-1]
@@ -65,7 +65,7 @@ def test_they_span_silk_to_coating_and_are_sorted():
     assert sum(fc.Fabric.preset(name).bending is not None for name in fc.Fabric.presets()) == 9
 
 
-def test_woven_ones_are_stiffer_than_knitted_ones():
+def test_presets_woven_are_stiffer_than_knitted():
     tensile = {name: fc.Fabric.preset(name).tensile for name in WOVEN + KNITTED}
     assert all(200 < value < 10_000 for name in WOVEN for value in tensile[name])
     assert all(20 < value < 200 for name in KNITTED for value in tensile[name])
@@ -130,7 +130,7 @@ def test_a_hinge_of_wang_has_the_energy_of_their_simulator():
     assert ours == pytest.approx(theirs, rel=1e-3)
 
 
-def test_the_fabric_that_is_left_out_is_not_positive_definite():
+def test_omitted_fabric_of_wang_is_not_positive_definite():
     """Navy-sparkle-sweat: c₁₁ c₂₂ < c₁₂²."""
     moduli = presets.orthotropic(3.272434, -19.875324, 12.486332, 17.616289)
     with pytest.raises(InputError, match="tensile_stiffness"):
@@ -164,7 +164,7 @@ def pulled(fabric, extension):
     return (1 + extension) * fabric.tensile[0] * ((1 + extension) ** 2 - 1) / 2
 
 
-def test_the_secant_bears_500_gf_per_cm_at_emt():
+def test_kes_secant_stiffness_gives_500_gf_per_cm_at_emt():
     fabric = fc.Fabric.from_kes(SHEET)
     assert pulled(fabric, 0.04) == pytest.approx(500 * GRAM_FORCE / 0.01, rel=1e-12)  # 490.3 N/m
 
@@ -184,7 +184,7 @@ def test_a_strip_pulled_in_the_solver_stretches_by_emt():
 
 
 @pytest.mark.parametrize("known", ["LT", "WT"])
-def test_by_energy_the_cloth_stores_wt_at_emt(known):
+def test_kes_energy_stiffness_stores_wt_at_emt(known):
     """LT = 0.65 is WT = 0.65 · 500 · 0.04 / 2 = 6.5 gf cm/cm²."""
     fields = {k: v for k, v in SHEET.items() if k not in {"LT", "WT"} - {known}}
     fabric = fc.Fabric.from_kes(fields, tensile="energy")
@@ -194,14 +194,14 @@ def test_by_energy_the_cloth_stores_wt_at_emt(known):
     assert fabric.tensile[0] < fc.Fabric.from_kes(fields).tensile[0]  # as LT < 1
 
 
-def test_another_load_is_that_of_the_instrument():
+def test_kes_load_is_the_load_of_the_instrument():
     soft = fc.Fabric.from_kes({k: SHEET[k] for k in ("W", "EMT", "G", "B")}, load=50.0)
     assert pulled(soft, 0.04) == pytest.approx(49.03325, rel=1e-12)
 
 
 KES_MISTAKES = [
     ({"EMT": 0.0}, {}, "EMT = 0.0: must be a number > 0, or", ""),
-    ({"EMTT": 4.0}, {}, "EMTT = 4.0: unknown field; those that are read are W, EMT", "'EMT'"),
+    ({"EMTT": 4.0}, {}, "EMTT = 4.0: unknown field; must be one of W, EMT", "'EMT'"),
     ({"B": None}, {}, "B = None", ""),
     ({"B": (1, 2, 3)}, {}, "must be a number > 0, or .warp, weft.", ""),
     ({"W": (20, 30)}, {}, "W = .* must be one number", ""),
@@ -213,14 +213,14 @@ KES_MISTAKES = [
 
 
 @pytest.mark.parametrize(("fields", "options", "match", "remedy"), KES_MISTAKES)
-def test_kes_refuses(fields, options, match, remedy):
+def test_kes_invalid_fields_are_rejected(fields, options, match, remedy):
     with pytest.raises(InputError, match=match) as refused:
         fc.Fabric.from_kes(SHEET | fields, **options)
     assert remedy in refused.value.remedy
 
 
 @pytest.mark.parametrize("name", ["W", "EMT", "G", "B"])
-def test_kes_names_what_is_missing(name):
+def test_kes_missing_fields_are_named(name):
     with pytest.raises(InputError, match=f"{name} is missing"):
         fc.Fabric.from_kes({k: v for k, v in SHEET.items() if k != name})
 
@@ -249,7 +249,7 @@ CARD |= {"EB5": 4.7, "C": (15.00, 14.50), "T2": 0.99}
 PRINTED = {"B": (5.56, 5.02), "G": 26.17, "F": (0.45, 0.50)}  # µN m, N/m, mm²
 
 
-def test_a_real_card_gives_what_its_authors_print():
+def test_kes_published_card_gives_the_published_constants():
     """B and G to every printed digit, and F = B (E20 − E5)/14.7 from the same readings."""
     fabric = fc.Fabric.from_fast(CARD)
     rigidity = [1e6 * b for b in fabric.bending]
@@ -279,7 +279,7 @@ def test_fast_shear_is_that_of_a_bias_strip():
 
 
 @pytest.mark.parametrize(("load", "extension"), [(5, 0.0067), (20, 0.0187), (100, 0.046)])
-def test_the_stiffness_bears_the_load_of_fast(load, extension):
+def test_fast_stiffness_gives_the_load_at_the_extension(load, extension):
     fabric = fc.Fabric.from_fast(CARD, load=load)
     assert pulled(fabric, extension) == pytest.approx(load * GRAM_FORCE / 0.01, rel=1e-12)
 
@@ -293,7 +293,7 @@ FAST_MISTAKES = [
 
 
 @pytest.mark.parametrize(("fields", "options", "match"), FAST_MISTAKES)
-def test_fast_refuses(fields, options, match):
+def test_fast_invalid_fields_are_rejected(fields, options, match):
     with pytest.raises(InputError, match=match):
         fc.Fabric.from_fast(CARD | fields, **options)
 
@@ -346,7 +346,7 @@ def test_regions_have_presets(tmp_path):
     }
 
 
-def test_an_override_changes_a_constant_of_a_preset_that_stands_by_its_name(tmp_path):
+def test_override_changes_a_constant_of_a_named_preset(tmp_path):
     file, meant = tmp_path / "named.toml", fc.Fabric.preset("cotton")
     for table, key in (('fabric = "cotton"', "fabric"), ('fabrics.a = "cotton"', "fabrics.a")):
         file.write_text(f"{table}\n{REST}", encoding="utf-8")
@@ -355,7 +355,7 @@ def test_an_override_changes_a_constant_of_a_preset_that_stands_by_its_name(tmp_
         assert fabric.make() == dataclasses.replace(meant, areal_density=0.2)
 
 
-def test_an_override_changes_a_parameter_of_a_method_that_stands_by_its_name(tmp_path):
+def test_override_changes_a_parameter_of_a_named_method(tmp_path):
     (tmp_path / "m.toml").write_text(f'fabric = "cotton"\n{REST}', encoding="utf-8")
     named = ["time.method=newmark", "time.method.gamma=0.6"]
     assert load(tmp_path / "m.toml", named).time.method.make() == fc.Newmark(gamma=0.6)
@@ -367,7 +367,7 @@ KES = "kes = { W = 20.0, EMT = [4, 6], G = 0.8, B = [0.12, 0.08], '2HB' = 0.05 }
 FAST = "fast = { W = 168, E100 = [2.0, 4.0], EB5 = 3.0, C = [15, 14.5] }"
 
 
-def test_a_scene_has_what_instruments_print(tmp_path):
+def test_scene_with_fields_of_instruments(tmp_path):
     """Beside it constants of one's own; the scene written out has them all in SI."""
     read = scene(tmp_path, f"[fabric]\n{KES}\npoisson_ratio = 0.2\nareal_density = '150 g/m^2'\n")
     fabric = read.build().system.fabric
@@ -386,7 +386,7 @@ def test_a_scene_has_what_instruments_print(tmp_path):
     )
 
 
-def test_instruments_have_loads_and_regions(tmp_path):
+def test_scene_instruments_with_loads_and_regions(tmp_path):
     other = FAST.replace("E100 = [2.0, 4.0]", "E20 = 1.5, load = 20")
     read = scene(tmp_path, f"[fabrics]\nbody = {{ {FAST} }}\nhem = {{ {other} }}\n").fabrics
     fields = {"W": 168, "EB5": 3.0, "C": (15, 14.5)}
@@ -440,8 +440,12 @@ SCENE_MISTAKES = [
     ),
     ("[fabric]\n" + KES.replace("4, 6", "4, -6"), "fabric.kes.EMT = (4, -6): must be", ""),
     ("[fabric]\n" + KES.replace("0.05", "0"), "fabric.kes.2HB = 0: must be a number > 0", ""),
-    ("[fabric]\n" + KES.replace("G =", "H ="), "fabric.kes.H = 0.8: unknown field", "are W, EMT"),
-    ("[fabric]\n" + FAST.replace("C =", "F ="), "fabric.fast.C is missing: needed are W", ""),
+    (
+        "[fabric]\n" + KES.replace("G =", "H ="),
+        "fabric.kes.H = 0.8: unknown field",
+        "one of W, EMT",
+    ),
+    ("[fabric]\n" + FAST.replace("C =", "F ="), "fabric.fast.C is missing: required are W", ""),
     (f"[fabric]\n{FAST}\n{KES}", "fabric: kes and fast are given: give one of them", ""),
     ("fabric = { kes = 3 }", "fabric.kes = 3: must be a table of what the instrument", ""),
     ("fabric = 3", "fabric = 3: must be a table", ""),
@@ -457,14 +461,14 @@ SCENE_MISTAKES = [
 
 
 @pytest.mark.parametrize(("fabric", "match", "remedy"), SCENE_MISTAKES)
-def test_mistakes_in_a_scene_are_told(tmp_path, fabric, match, remedy):
+def test_scene_mistakes_give_their_message(tmp_path, fabric, match, remedy):
     with pytest.raises(SceneError) as refused:
         scene(tmp_path, fabric)
     assert match in str(refused.value)
     assert remedy in str(refused.value)
 
 
-def test_the_command_line_lists_them(capsys):
+def test_command_line_lists_the_presets(capsys):
     assert main.main(["info", "--fabrics"]) == 0
     out = capsys.readouterr().out
     assert all(f"\n{name} " in out and f"\n{name}: " in out for name in fc.Fabric.presets())
@@ -482,7 +486,7 @@ def test_each_fabric_in_the_list_names_its_source(capsys):
         assert f"{what}. {' '.join(told[number].split())}" == fc.Fabric.preset(name).source
 
 
-def test_a_run_says_who_measured_its_fabric(tmp_path, capsys):
+def test_run_summary_states_the_source_of_the_fabric(tmp_path, capsys):
     scene(tmp_path, 'fabric = "silk"')
     assert main.main(["info", str(tmp_path / "scene.toml")]) == 0
     assert "fabric: silk, woven. Clyde, Teran and Tamstorf" in capsys.readouterr().out

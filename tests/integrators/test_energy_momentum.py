@@ -6,6 +6,7 @@ from conftest import rough
 
 import fecloth as fc
 from fecloth.integrators.energy_momentum import over_step
+from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.scene.scene import load
 
 EXACT = fc.Newton(tolerance=1e-12)
@@ -102,7 +103,7 @@ def test_symmetric_tangent_is_the_exact_one_of_a_step_that_goes_nowhere(term, cl
 @pytest.mark.parametrize("term", TERMS, ids=repr)
 def test_definite_tangent_is_symmetric_and_has_no_negative_eigenvalue(term, cloth, rng):
     system, start, end = one(cloth, term, rng)
-    over, J = over_step(system, start), fc.blocks.BlockMatrix.zeros(system.pattern)
+    over, J = over_step(system, start), BlockMatrix.zeros(system.pattern)
     K = over.assemble(J, system.state(0.6 * (start + end) / 2), wx=1.0, definite=True)
     K = K.to_scipy().toarray()
     values = np.linalg.eigvalsh(K)
@@ -159,6 +160,7 @@ def swing(method):
     return kinetic, np.array([sum(energy.values()) for energy in energies])
 
 
+@pytest.mark.slow
 def test_a_stiff_swing_gains_no_energy():
     """No step resolves a wave in the plane, and the midpoint rule makes energy out of that."""
     kinetic, total = swing(fc.EnergyMomentum())

@@ -7,7 +7,7 @@ from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
 
 import fecloth as fc
-from fecloth.integrators.explicit import EXPLICIT
+from fecloth.integrators import EXPLICIT
 from fecloth.scene.scene import load
 from fecloth.verify import check_integrator
 
@@ -69,7 +69,7 @@ def growth(method, omega_dt, zeta, steps=400):
         (EULER, 0.1, 0.2),
         (EULER, 0.5, 1.0),
     ],
-    ids=lambda value: named(value) if hasattr(value, "order") else f"{value:.3g}",
+    ids=lambda value: named(value) if hasattr(value, "traits") else f"{value:.3g}",
 )
 def test_stability_limit_of_a_mode(method, zeta, limit):
     if method == CENTRAL and zeta:

@@ -15,4 +15,4 @@ def test_order(problem, name, record_property):
     order = observed_order(1 / np.array(task.steps), errors)[0]
     record_property("errors", errors)
     print(f"{problem.__name__} {name}: order {order:.3f}, errors {errors[0]:.1e} {errors[1]:.1e}")
-    assert order == pytest.approx(method.order, abs=0.15)
+    assert order == pytest.approx(method.traits.order, abs=0.15)

@@ -108,7 +108,7 @@ def test_the_fastest_modes_lose_the_factor_rho(rho, drum):
     for x, v, a in np.eye(3):
         start = system.state(rest + x * shape, v / dt * shape)
         step = method.step(system, start, dt, solver, Acceleration(a / dt**2 * shape))
-        after = step.state.x - rest, dt * step.state.v, dt**2 * step.q.a
+        after = step.state.x - rest, dt * step.state.v, dt**2 * step.memory.a
         columns.append([weight @ y.ravel()[free] for y in after])
     assert abs(np.linalg.eigvals(np.array(columns))).max() == pytest.approx(rho, abs=0.02)
 
@@ -145,7 +145,7 @@ def test_bdf2_keeps_its_order_where_the_steps_change(small, isotropic):
         state, q = taut_start(system), None
         for number in range(steps):
             step = method.step(system, state, short * (1 + number % 2), solver, q)
-            state, q = step.state, step.q
+            state, q = step.state, step.memory
         ends.append(state.x)
     changes = [np.linalg.norm(a - b) for a, b in pairwise(ends)]
     assert observed_order(1 / np.array(counts[:-1]), changes)[-1] == pytest.approx(2, abs=0.15)

@@ -62,7 +62,7 @@ def test_union_couples_exactly_the_nodes_of_each_row(given_):
 
 @relaxed
 @given(stencils_of())
-def test_slots_lead_to_the_pair(given_):
+def test_slots_are_the_blocks_of_the_pairs(given_):
     n, stencils = given_
     pattern = BlockPattern.union(n, stencils)
     for stencil in stencils:
@@ -90,7 +90,7 @@ def test_product_and_scipy_are_the_dense_matrix(given_, seed):
     np.testing.assert_allclose((A @ x).ravel(), converted @ x.ravel(), rtol=1e-13, atol=1e-13)
 
 
-def test_a_product_over_a_mesh_meets_scipy(sheet, rng):
+def test_product_on_a_mesh_agrees_with_scipy(sheet, rng):
     A = filled(BlockPattern.union(len(sheet.X), [sheet.stencil]), rng)
     x = rng.standard_normal((len(sheet.X), 3))
     np.testing.assert_allclose(A @ x, (A.to_scipy() @ x.ravel()).reshape(-1, 3), atol=1e-13)
@@ -106,7 +106,7 @@ def test_pattern_of_a_mesh_is_its_edges_and_nodes(sheet):
     assert np.array_equal(again.indptr, pattern.indptr)
 
 
-def test_without_stencils_only_the_diagonal_is_left():
+def test_union_without_stencils_is_the_diagonal():
     pattern = BlockPattern.union(4, [])
     assert pattern.indices.tolist() == [0, 1, 2, 3]
     assert pattern.indptr.tolist() == [0, 1, 2, 3, 4]
@@ -136,7 +136,7 @@ def test_add_mass_adds_the_mass_times_the_identity(sheet, rng):
     np.testing.assert_allclose(added, np.kron(2.5 * mass.toarray(), np.eye(3)), atol=1e-14)
 
 
-def test_a_pair_that_is_not_coupled_is_refused():
+def test_slots_of_an_uncoupled_pair_are_rejected():
     pattern = BlockPattern.union(4, [np.array([[0, 1]], np.int32)])
     with pytest.raises(InputError, match=r"nodes \[0, 3\]: are not all coupled"):
         pattern.slots(np.array([[0, 1], [0, 3]], np.int32))

@@ -10,14 +10,14 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 
 
 @pytest.mark.parametrize("signs", [(-1, 1, 1), (1, 1, -1), (-1, -1, 1), (1, -1, -1), (1, 1, 0)])
-def test_block_jacobi_refuses_an_indefinite_block(signs):
+def test_prepare_rejects_an_indefinite_diagonal_block(signs):
     A = sheet()
     A.values[A.pattern.diagonal[40]] = np.diag(signs)
     with pytest.raises(IndefiniteMatrix, match="node 40"):
         select.PCG().prepare(A)
 
 
-def test_unconverged_conjugate_gradients_state_their_residual():
+def test_solve_failed_states_the_residual():
     A = sheet(mass=1e-4)
     solver = select.PCG(max_iterations=5)
     solver.prepare(A)
@@ -26,10 +26,10 @@ def test_unconverged_conjugate_gradients_state_their_residual():
     assert not isinstance(caught.value, IndefiniteMatrix)
     assert 1e-8 < caught.value.residual < 100
     assert f"{caught.value.residual:.2e}" in str(caught.value)
-    assert caught.value.asked == 1e-8
+    assert caught.value.rtol == 1e-8
 
 
-def test_conjugate_gradients_stop_where_round_off_does():
+def test_solve_below_round_off_fails():
     A = sheet(mass=1e-5)
     solver = select.PCG()
     solver.prepare(A)
@@ -103,7 +103,7 @@ def test_block_jacobi_removes_any_scale_of_the_nodes():
     assert relative(A, x, b) <= 1e-8
 
 
-def test_misuse_is_refused():
+def test_solve_invalid_arguments_are_rejected():
     A = sheet(m=5)
     solver = select.PCG()
     with pytest.raises(InputError, match="prepare"):

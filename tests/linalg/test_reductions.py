@@ -10,7 +10,7 @@ def arrays():
     return rng.uniform(0.5, 2.0, 50), *rng.standard_normal((2, 50, 3))
 
 
-def test_sums_are_numpys(arrays):
+def test_sums_agree_with_numpy(arrays):
     w, a, b = arrays
     assert dot(a, b) == pytest.approx((a * b).sum(), rel=1e-13)
     assert weighted(w, a, b) == pytest.approx((w[:, None] * a * b).sum(), rel=1e-13)
@@ -20,7 +20,7 @@ def test_sums_are_numpys(arrays):
     assert rms(w, a) == pytest.approx(np.sqrt(np.average((a**2).sum(axis=1), weights=w)), rel=1e-13)
 
 
-def test_what_is_not_finite_is_seen(arrays):
+def test_sums_of_numbers_not_finite_are_not_finite(arrays):
     _, a, b = arrays
     a[7, 2] = np.nan
     assert np.isnan([dot(a, b), squared(a), size(a)]).all()

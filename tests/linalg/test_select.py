@@ -1,4 +1,4 @@
-"""What all linear solvers promise; which one is taken for what."""
+"""Properties of all linear solvers, and the selection of a solver."""
 
 import subprocess
 import sys
@@ -59,7 +59,7 @@ def test_general_solvers_agree_with_scipy(name):
 
 @pytest.mark.parametrize("rtol", [0.3, 1e-2, 1e-6, 1e-12])
 @pytest.mark.parametrize("name", SYMMETRIC)
-def test_stated_residual_is_the_true_one(name, rtol):
+def test_solve_info_residual_is_the_true_residual(name, rtol):
     A = sheet(pinned=[3, 20])
     b = load(A)
     solver = select.named(name)
@@ -70,7 +70,7 @@ def test_stated_residual_is_the_true_one(name, rtol):
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)
-def test_values_rewritten_in_place_are_prepared_anew(name):
+def test_prepare_uses_values_changed_in_place(name):
     A = sheet(seed=0)
     b = load(A)
     solver = select.named(name)
@@ -84,7 +84,7 @@ def test_values_rewritten_in_place_are_prepared_anew(name):
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)
-def test_one_solver_serves_several_right_sides_and_keeps_its_results(name):
+def test_solve_several_right_sides_returns_separate_arrays(name):
     A = sheet()
     solver = select.named(name)
     solver.prepare(A)
@@ -97,14 +97,15 @@ def test_one_solver_serves_several_right_sides_and_keeps_its_results(name):
 
 
 @pytest.mark.parametrize(("name", "symmetric"), BOTH)
-def test_a_new_pattern_is_analysed(name, symmetric):
+def test_prepare_analyses_a_new_pattern(name, symmetric):
     solver = select.named(name, symmetric)
-    # The same number of nodes and of blocks, other neighbours: nothing but `is` can tell.
+    # Both patterns have the same numbers of nodes and blocks, but other neighbours. Only the
+    # identity of the object distinguishes them.
     first = sheet(m=9)
     order = np.random.default_rng(3).permutation(81)
-    bare = first.to_scipy().tocsr()
+    scalar = first.to_scipy().tocsr()
     dofs = (3 * order[:, None] + np.arange(3)).ravel()
-    shuffled = bare[dofs][:, dofs].tobsr((3, 3))
+    shuffled = scalar[dofs][:, dofs].tobsr((3, 3))
     shuffled.sort_indices()
     second = BlockMatrix(BlockPattern(shuffled.indptr, shuffled.indices), shuffled.data)
     assert len(second.pattern.indices) == len(first.pattern.indices)
@@ -116,7 +117,7 @@ def test_a_new_pattern_is_analysed(name, symmetric):
 
 @pytest.mark.parametrize("kind", ["block", "smooth"])
 @pytest.mark.parametrize("name", SYMMETRIC)
-def test_indefinite_matrix_is_refused(name, kind):
+def test_indefinite_matrix_is_rejected(name, kind):
     A = indefinite(kind)
     eigenvalues = np.linalg.eigvalsh(A.to_scipy().toarray())
     assert eigenvalues[0] < 0 < eigenvalues[3]
@@ -138,7 +139,7 @@ def test_indefinite_matrix_is_refused(name, kind):
 
 
 @pytest.mark.parametrize("name", GENERAL)
-def test_general_solvers_take_an_indefinite_matrix(name):
+def test_general_solvers_solve_with_an_indefinite_matrix(name):
     A = indefinite("block")
     solver = select.named(name, symmetric=False)
     solver.prepare(A)
@@ -147,7 +148,7 @@ def test_general_solvers_take_an_indefinite_matrix(name):
 
 
 @pytest.mark.parametrize(("name", "symmetric"), BOTH)
-def test_singular_matrix_is_refused(name, symmetric):
+def test_singular_matrix_is_rejected(name, symmetric):
     A = sheet(mass=0.0)  # translations cost nothing
     solver = select.named(name, symmetric)
 
@@ -160,7 +161,7 @@ def test_singular_matrix_is_refused(name, symmetric):
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)
-def test_no_load_no_motion(name):
+def test_solve_with_zero_right_side_gives_zero(name):
     A = sheet()
     solver = select.named(name)
     solver.prepare(A)
@@ -171,7 +172,7 @@ def test_no_load_no_motion(name):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize(("name", "symmetric"), BOTH)
-def test_numbers_that_are_not_finite_are_refused(name, symmetric, bad):
+def test_numbers_that_are_not_finite_are_rejected(name, symmetric, bad):
     A = sheet(m=8)
     solver = select.named(name, symmetric)
     solver.prepare(A)
@@ -195,7 +196,7 @@ def test_numbers_that_are_not_finite_are_refused(name, symmetric, bad):
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)
-def test_after_a_failed_prepare_there_is_nothing_to_solve_with(name):
+def test_solve_after_a_failed_prepare_is_rejected(name):
     A = sheet()
     solver = select.named(name)
     solver.prepare(A)
@@ -206,7 +207,7 @@ def test_after_a_failed_prepare_there_is_nothing_to_solve_with(name):
         solver.solve(load(A))
 
 
-def test_named_refuses_what_it_cannot_give(monkeypatch):
+def test_named_unknown_or_unsuitable_solver_is_rejected(monkeypatch):
     with pytest.raises(InputError, match="direct, pardiso, superlu, pcg"):
         select.named("mumps", True)
     with pytest.raises(InputError, match="symmetric matrices only"):
@@ -224,16 +225,16 @@ def test_direct_falls_back_to_superlu(monkeypatch):
     assert not select.direct(symmetric=False).symmetric
 
 
-def test_choice_states_its_numbers():
+def test_choose_states_the_predicted_costs():
     solver, reason = select.choose(1e3, 26_000, True)
     assert solver.name == "pcg"
     # 0.45 · ½ · √1000 · ln 200 = 37.7; 45 + 0.37 · √26000 = 104.7
-    counts = "about 38 iterations of it predicted, a factorisation costs about 105"
-    assert reason == f"to start with; {counts}"
-    general, why = select.choose(1.0, 26_000, False)
+    counts = "about 38 iterations are predicted, a factorisation costs about 105"
+    assert reason == f"at first; {counts}"
+    general, reason = select.choose(1.0, 26_000, False)
     assert general.name == select.direct().name
     assert not general.symmetric
-    assert "not symmetric" in why
+    assert "not symmetric" in reason
 
 
 def test_import_does_not_load_the_mkl():

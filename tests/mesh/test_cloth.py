@@ -52,7 +52,7 @@ def test_gradients_and_weights_in_closed_form(cloth):
     assert abs(cloth.gradients.sum(axis=2)).max() < 1e-12 / np.sqrt(areas(cloth).min())
 
 
-def test_gradients_meet_scikit_fem(cloth, rng):
+def test_gradients_agree_with_scikit_fem(cloth, rng):
     mesh = skfem.MeshTri(cloth.X.T.copy(), cloth.triangles.T.astype(np.int64))
     basis, u = skfem.Basis(mesh, skfem.ElementTriP1()), rng.standard_normal(len(cloth.X))
     expected = basis.interpolate(u).grad[:, :, 0].T
@@ -88,7 +88,7 @@ def test_area_and_total_masses(cloth, disk):
 
 
 @pytest.mark.parametrize("renumber", [True, False])
-def test_source_numbers_lead_back(renumber, rng):
+def test_source_numbers_give_the_input_mesh(renumber, rng):
     source = fc.Cloth.rectangle(1.0, 0.6, h=0.2, pattern="cross")
     order = rng.permutation(len(source.X))
     X, triangles = source.X[order], np.argsort(order)[source.triangles]
@@ -123,7 +123,7 @@ def test_interpolation_between_the_polygon_and_the_circle(disk):
 
 
 @pytest.mark.parametrize("point", [(1.5, 0.3), (0.5, -0.4), (3.0, 3.0), (np.nan, 0.0)])
-def test_points_off_the_cloth_are_refused(sheet, point):
+def test_interpolate_outside_the_cloth_is_rejected(sheet, point):
     said = "must be finite" if np.isnan(point[0]) else "1 of 2 material points, first .* must lie"
     with pytest.raises(fc.MeshError, match=said):
         sheet.interpolate(sheet.X, [(0.5, 0.3), point])
@@ -163,6 +163,7 @@ def test_differences_of_nested_interpolants_in_closed_form():
         assert fine.l2_difference(coarse, *fields[::-1]) == l2
 
 
+@pytest.mark.slow
 def test_differences_of_a_quadratic_converge_on_unrelated_meshes():
     def field(X):
         return np.column_stack([X[:, 0] ** 2 + X[:, 0] * X[:, 1], X[:, 1] ** 2])
@@ -186,44 +187,44 @@ def test_nodes_by_set_predicate_indices_and_mask(sheet):
     assert sheet.nodes(len(sheet.X) - 1).tolist() == [len(sheet.X) - 1]
 
 
-def test_choices_of_nodes_that_are_refused(sheet):
+def test_nodes_invalid_selection_message(sheet):
     n = len(sheet.X)
-    every = "bottom, boundary, corners, left, right, top"
-    empty = "Cloth.nodes: the choice of nodes is empty: needs a node. The nodes have "
+    names = "bottom, boundary, corners, left, right, top"
+    empty = "Cloth.nodes: no node is selected: at least one is needed. The nodes have "
     empty += "X from 0 to 1 m, Y from 0 to 0.6 m."
-    for where, said in (
-        ("lft", f"Cloth.nodes: node set 'lft': must be one of {every}. Did you mean 'left'?"),
-        ("zzz", f"Cloth.nodes: node set 'zzz': must be one of {every}"),
+    for where, message in (
+        ("lft", f"Cloth.nodes: node set 'lft': must be one of {names}. Did you mean 'left'?"),
+        ("zzz", f"Cloth.nodes: node set 'zzz': must be one of {names}"),
         ([], empty),
         (lambda X: X[:, 0] < -1, empty),
-        ([0, n], f"Cloth.nodes: node indices 0 … {n}: must lie in 0 … {n - 1}"),
-        ([-1, 4], f"Cloth.nodes: node indices -1 … 4: must lie in 0 … {n - 1}"),
+        ([0, n], f"Cloth.nodes: node indices 0 … {n}: must be in 0 … {n - 1}"),
+        ([-1, 4], f"Cloth.nodes: node indices -1 … 4: must be in 0 … {n - 1}"),
     ):
         with pytest.raises(fc.InputError) as caught:
             sheet.nodes(where)
-        assert str(caught.value) == said
-    bare = fc.Cloth(sheet.X, sheet.triangles)
+        assert str(caught.value) == message
+    without_sets = fc.Cloth(sheet.X, sheet.triangles)
     with pytest.raises(fc.InputError, match="must be one of \\(none\\)"):
-        bare.nodes("left")
+        without_sets.nodes("left")
 
 
 @pytest.mark.parametrize("where", [[True, False], [0.5, 1.5], [None], [["left"]]])
-def test_what_is_no_choice_of_nodes(where, sheet):
-    with pytest.raises(fc.InputError, match="must be a set's name, indices, or .* booleans"):
+def test_nodes_of_wrong_type_are_rejected(where, sheet):
+    with pytest.raises(fc.InputError, match="must be the name of a set, indices, or .* booleans"):
         sheet.nodes(where)
 
 
 @pytest.mark.parametrize("point", [(1.5, 0.5), (1.34, 1.34), (1.36, 0.0)])
-def test_a_point_is_outside_by_its_distance_not_by_that_to_an_edge_line(point):
+def test_interpolate_outside_limit_is_the_distance_to_the_triangle(point):
     cloth = fc.Cloth.rectangle(1.0, 1.0, 0.25, "right")
     with pytest.raises(fc.MeshError, match="must lie on the cloth"):
         cloth.interpolate(cloth.X, [point])
     assert cloth.interpolate(cloth.X, [(1.3, 0.5)]) == pytest.approx(np.array([[1.3, 0.5]]))
 
 
-def test_fields_that_do_not_match(sheet):
+def test_fields_of_wrong_shape_are_rejected(sheet):
     n = len(sheet.X)
-    with pytest.raises(fc.InputError, match="as many components"):
+    with pytest.raises(fc.InputError, match="the same number of components"):
         sheet.l2_difference(sheet, np.ones(n), np.ones((n, 3)))
     with pytest.raises(fc.InputError, match=rf"must be \({n},\) or \({n}, d\)"):
         sheet.l2_norm(np.ones(n + 1))

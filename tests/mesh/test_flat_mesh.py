@@ -4,122 +4,125 @@ import math
 
 import numpy as np
 import pytest
-from support.meshed import QUAD_T, QUAD_X, areas, refused
+from support.meshed import QUAD_T, QUAD_X, areas, rejects
 
-from fecloth.mesh.generate import checked, rectangle
+from fecloth.mesh.flat_mesh import FlatMesh
+from fecloth.mesh.generate import rectangle
 
 
 def test_arrays_of_the_wrong_shape_or_type():
-    refused(["shape (4,)"], [0, 1, 2, 3], QUAD_T)
-    refused(["float64", "integers"], QUAD_X, np.array(QUAD_T, dtype=float))
-    refused(["shape (1, 4)"], QUAD_X, [[0, 1, 2, 3]])
-    refused(["no triangles", "sheet.x"], QUAD_X, np.empty((0, 3), int), where="sheet.x")
-    refused(["no arrays"], [["a", "b"]], QUAD_T)
+    rejects(["shape (4,)"], [0, 1, 2, 3], QUAD_T)
+    rejects(["float64", "integers"], QUAD_X, np.array(QUAD_T, dtype=float))
+    rejects(["shape (1, 4)"], QUAD_X, [[0, 1, 2, 3]])
+    rejects(["no triangles", "sheet.x"], QUAD_X, np.empty((0, 3), int), where="sheet.x")
+    rejects(["not arrays"], [["a", "b"]], QUAD_T)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_non_finite_coordinates(bad):
     X = np.array(QUAD_X)
     X[2, 1] = bad
-    refused(["1 nodes with non-finite", "node 2", "f.msh"], X, QUAD_T, where="f.msh")
+    rejects(["1 nodes with non-finite", "node 2", "f.msh"], X, QUAD_T, where="f.msh")
 
 
 def test_vertex_out_of_range_repeated_or_unused():
-    refused(["triangle 1 (nodes 0, 2, 4)", "0 to 3"], QUAD_X, [[0, 1, 2], [0, 2, 4]])
-    refused(["triangle 0 (nodes -1, 1, 2)"], QUAD_X, [[-1, 1, 2], [0, 2, 3]])
-    refused(["repeated vertex", "triangle 1 (nodes 0, 2, 2)"], QUAD_X, [[0, 1, 2], [0, 2, 2]])
-    refused(["1 nodes used by no triangle", "node 4"], [*QUAD_X, [2, 2]], QUAD_T)
+    rejects(["triangle 1 (nodes 0, 2, 4)", "0 to 3"], QUAD_X, [[0, 1, 2], [0, 2, 4]])
+    rejects(["triangle 0 (nodes -1, 1, 2)"], QUAD_X, [[-1, 1, 2], [0, 2, 3]])
+    rejects(["repeated vertex", "triangle 1 (nodes 0, 2, 2)"], QUAD_X, [[0, 1, 2], [0, 2, 2]])
+    rejects(["1 nodes used by no triangle", "node 4"], [*QUAD_X, [2, 2]], QUAD_T)
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
-def test_zero_area_is_relative(scale):
+def test_zero_area_limit_is_relative_to_the_edges(scale):
     X = scale * np.array([[0, 0], [1, 0], [2, 1e-14], [1, 1]])
     what = ["1 zero-area", "triangle 1 (nodes 0, 1, 2)", "1e-12"]
-    refused(what, X, [[1, 3, 0], [0, 1, 2]])
+    rejects(what, X, [[1, 3, 0], [0, 1, 2]])
     thin = scale * np.array([[0, 0], [1, 0], [2, 1e-10], [1, 1]])
-    assert len(checked(thin, [[0, 1, 3], [1, 2, 3]]).X) == 4
+    assert len(FlatMesh.checked(thin, [[0, 1, 3], [1, 2, 3]]).X) == 4
 
 
-def test_zero_area_sliver_just_above_the_limit_passes():
-    assert checked([[0, 0], [1, 0], [0.5, 3e-12]], [[0, 1, 2]]).triangles.tolist() == [[0, 1, 2]]
+def test_zero_area_just_above_the_limit_is_accepted():
+    assert FlatMesh.checked([[0, 0], [1, 0], [0.5, 3e-12]], [[0, 1, 2]]).triangles.tolist() == [
+        [0, 1, 2]
+    ]
 
 
 def test_coincident_nodes():
     X = [*QUAD_X, [0, 0], [1, 1]]
     what = ["2 nodes coincident", "node 4", "node 5", "Merge"]
-    refused(what, X, [[0, 1, 2], [4, 5, 3]])
-    refused(["node 4"], [*QUAD_X, [-0.0, 0]], [[0, 1, 2], [4, 2, 3]])
+    rejects(what, X, [[0, 1, 2], [4, 5, 3]])
+    rejects(["node 4"], [*QUAD_X, [-0.0, 0]], [[0, 1, 2], [4, 2, 3]])
 
 
 def test_orientation():
-    good = checked(QUAD_X, QUAD_T)
+    good = FlatMesh.checked(QUAD_X, QUAD_T)
     assert good.triangles.tolist() == QUAD_T
-    turned = checked(QUAD_X, [[2, 1, 0], [3, 2, 0]])
+    turned = FlatMesh.checked(QUAD_X, [[2, 1, 0], [3, 2, 0]])
     assert (areas(turned) > 0).all()
     mesh = rectangle(1, 1, 0.25, "right")
     t = mesh.triangles.copy()
     t[[3, 8]] = t[[3, 8]][:, [0, 2, 1]]
     text = ", ".join(map(str, t[3]))
-    refused(["2 inverted triangles", f"triangle 3 (nodes {text})", "triangle 8"], mesh.X, t)
-    refused(["2 inverted triangles", "triangle 3"], mesh.X, t[:, [0, 2, 1]])
+    rejects(["2 inverted triangles", f"triangle 3 (nodes {text})", "triangle 8"], mesh.X, t)
+    rejects(["2 inverted triangles", "triangle 3"], mesh.X, t[:, [0, 2, 1]])
 
 
 def test_only_five_offenders_are_listed():
     mesh = rectangle(1, 1, 0.1, "right")
     t = mesh.triangles.copy()
     t[:7] = t[:7, [0, 2, 1]]
-    text = refused(["7 inverted triangles", "triangle 4 ", ", ..."], mesh.X, t)
+    text = rejects(["7 inverted triangles", "triangle 4 ", ", ..."], mesh.X, t)
     assert "triangle 5 " not in text
 
 
 def test_duplicate_triangles():
-    refused(["1 duplicate triangles", "triangle 2 (nodes 2, 0, 1)"], QUAD_X, [*QUAD_T, [2, 0, 1]])
+    rejects(["1 duplicate triangles", "triangle 2 (nodes 2, 0, 1)"], QUAD_X, [*QUAD_T, [2, 0, 1]])
 
 
 def test_edge_of_three_triangles_and_overlap():
     X = [*QUAD_X, [0.2, 0.9]]
-    refused(["shared by more than two", "edge 0-2"], X, [*QUAD_T, [0, 2, 4]])
-    refused(["same side", "edge 0-1"], [[0, 0], [1, 0], [0, 1], [1, 1]], [[0, 1, 2], [0, 1, 3]])
+    rejects(["shared by more than two", "edge 0-2"], X, [*QUAD_T, [0, 2, 4]])
+    rejects(["same side", "edge 0-1"], [[0, 0], [1, 0], [0, 1], [1, 1]], [[0, 1, 2], [0, 1, 3]])
 
 
 def test_unconnected_triangles():
     X = [*QUAD_X, [2, 0], [3, 0], [2, 1]]
-    refused(["1 triangles not connected", "triangle 2 (nodes 4, 5, 6)"], X, [*QUAD_T, [4, 5, 6]])
+    rejects(["1 triangles not connected", "triangle 2 (nodes 4, 5, 6)"], X, [*QUAD_T, [4, 5, 6]])
     by_a_node = [*QUAD_X, [2, 1], [2, 2]]
-    refused(["triangle 2 (nodes 2, 4, 5)", "2 pieces"], by_a_node, [*QUAD_T, [2, 4, 5]])
+    rejects(["triangle 2 (nodes 2, 4, 5)", "2 separate pieces"], by_a_node, [*QUAD_T, [2, 4, 5]])
 
 
-def test_sets_are_checked():
+def test_sets_invalid_are_rejected():
     def with_nodes(s):
-        return checked(QUAD_X, QUAD_T, node_sets={"hem": s})
+        return FlatMesh.checked(QUAD_X, QUAD_T, node_sets={"hem": s})
 
     def with_edges(s):
-        return checked(QUAD_X, QUAD_T, edge_sets={"hem": s})
+        return FlatMesh.checked(QUAD_X, QUAD_T, edge_sets={"hem": s})
 
-    refused(["'hem' is empty"], [], by=with_nodes)
-    refused(["'hem' is empty"], np.empty((0, 2), int), by=with_edges)
-    refused(["'hem'", "out of range", "4", "0 to 3"], [0, 4], by=with_nodes)
-    refused(["'hem'", "out of range", "-1"], [[0, -1]], by=with_edges)
-    refused(["'hem'", "float64"], [0.0, 1.0], by=with_nodes)
-    refused(["'hem'", "bool"], [True, False, True, True], by=with_nodes)
-    refused(["'hem'", "(1, 3)"], [[0, 1, 2]], by=with_edges)
-    refused(["'hem'", "no edge of a triangle", "edge 1-3"], [[0, 1], [3, 1]], by=with_edges)
+    rejects(["'hem' is empty"], [], by=with_nodes)
+    rejects(["'hem' is empty"], np.empty((0, 2), int), by=with_edges)
+    rejects(["'hem'", "out of range", "4", "0 to 3"], [0, 4], by=with_nodes)
+    rejects(["'hem'", "out of range", "-1"], [[0, -1]], by=with_edges)
+    rejects(["'hem'", "float64"], [0.0, 1.0], by=with_nodes)
+    rejects(["'hem'", "bool"], [True, False, True, True], by=with_nodes)
+    rejects(["'hem'", "(1, 3)"], [[0, 1, 2]], by=with_edges)
+    rejects(["'hem'", "not edges of a triangle", "edge 1-3"], [[0, 1], [3, 1]], by=with_edges)
 
 
 def test_sets_are_sorted_unique_and_boundary_is_added():
-    mesh = checked(QUAD_X, QUAD_T, {"a": [3, 0, 3]}, {"hem": [[1, 0], [0, 1]]})
+    mesh = FlatMesh.checked(QUAD_X, QUAD_T, {"a": [3, 0, 3]}, {"hem": [[1, 0], [0, 1]]})
     assert mesh.node_sets["a"].tolist() == [0, 3]
     assert mesh.edge_sets["hem"].tolist() == [[0, 1]]
     assert mesh.node_sets["hem"].tolist() == [0, 1]
     assert mesh.edge_sets["boundary"].tolist() == [[0, 1], [0, 3], [1, 2], [2, 3]]
-    own = checked(QUAD_X, QUAD_T, {"boundary": [2]})
+    own = FlatMesh.checked(QUAD_X, QUAD_T, {"boundary": [2]})
     assert own.node_sets["boundary"].tolist() == [2]
     assert "boundary" not in own.edge_sets
 
 
-def test_the_arrays_given_are_not_shared():
+def test_arrays_of_the_caller_are_copied():
     X, t = np.array(QUAD_X), np.array(QUAD_T, dtype=np.int32)
-    mesh = checked(X, t)
+    mesh = FlatMesh.checked(X, t)
     X[:], t[:] = 7, 7
     assert mesh.X.max() == 1
     assert mesh.triangles.max() == 3

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.meshed import PATTERNS, STRUCTURED, areas, length, refused
+from support.meshed import PATTERNS, STRUCTURED, areas, length, rejects
 
 from fecloth.errors import InputError
-from fecloth.mesh.generate import checked, disk, quality, rectangle, renumbered
+from fecloth.mesh.flat_mesh import FlatMesh, quality
+from fecloth.mesh.generate import disk, rectangle
+from fecloth.mesh.renumber import renumber_mesh
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)
@@ -82,15 +84,15 @@ def test_bad_lengths_are_refused(value):
         "h": lambda: rectangle(1, 1, value, "right"),
         "radius": lambda: disk(value, 0.1),
     }.items():
-        refused([f"{name} = {value!r}", "> 0"], error=InputError, by=call)
+        rejects([f"{name} = {value!r}", "> 0"], error=InputError, by=call)
 
 
 def test_h_out_of_range_and_unknown_pattern():
-    refused(["h = 3 m", "at most 2 m"], 2, 1, 3, error=InputError, by=rectangle)
-    refused(["h = 0.6 m", "at most 0.5 m"], 0.5, 0.6, error=InputError, by=disk)
-    refused(["triangles", "at least"], 1, 1, 1e-6, error=InputError, by=rectangle)
+    rejects(["h = 3 m", "at most 2 m"], 2, 1, 3, error=InputError, by=rectangle)
+    rejects(["h = 0.6 m", "at most 0.5 m"], 0.5, 0.6, error=InputError, by=disk)
+    rejects(["triangles", "at least"], 1, 1, 1e-6, error=InputError, by=rectangle)
     what = ["pattern = 'Rihgt'", "equilateral", "Did you mean 'right'?"]
-    refused(what, 1, 1, 0.1, "Rihgt", error=InputError, by=rectangle)
+    rejects(what, 1, 1, 0.1, "Rihgt", error=InputError, by=rectangle)
 
 
 def shuffled(mesh, seed):
@@ -100,14 +102,14 @@ def shuffled(mesh, seed):
     t = new[mesh.triangles][rng.permutation(len(mesh.triangles))]
     nodes = {name: new[s] for name, s in mesh.node_sets.items()}
     edges = {name: new[s] for name, s in mesh.edge_sets.items()}
-    return checked(mesh.X[old], t, nodes, edges)
+    return FlatMesh.checked(mesh.X[old], t, nodes, edges)
 
 
 @settings(max_examples=20, deadline=None)
 @given(st.sampled_from(STRUCTURED), st.integers(0, 2**32 - 1))
-def test_renumbered_is_a_permutation_that_keeps_the_mesh(pattern, seed):
+def test_renumber_mesh_is_a_permutation_of_the_same_mesh(pattern, seed):
     mesh = shuffled(rectangle(1.0, 0.7, 0.2, pattern), seed)
-    new, nodes, triangles = renumbered(mesh)
+    new, nodes, triangles = renumber_mesh(mesh)
     assert sorted(nodes) == list(range(len(mesh.X)))
     assert sorted(triangles) == list(range(len(mesh.triangles)))
     assert np.array_equal(new.X, mesh.X[nodes])
@@ -119,13 +121,13 @@ def test_renumbered_is_a_permutation_that_keeps_the_mesh(pattern, seed):
     for name, pairs in mesh.edge_sets.items():
         back = {frozenset(p) for p in nodes[new.edge_sets[name]].tolist()}
         assert back == {frozenset(p) for p in pairs.tolist()}
-    again = checked(new.X, new.triangles, new.node_sets, new.edge_sets)
+    again = FlatMesh.checked(new.X, new.triangles, new.node_sets, new.edge_sets)
     assert np.array_equal(again.triangles, new.triangles)
 
 
-def test_renumbered_narrows_the_band():
+def test_renumber_mesh_reduces_the_bandwidth():
     mesh = rectangle(1, 1, 0.03)
-    band = [np.ptp(m.triangles, axis=1).max() for m in (mesh, renumbered(mesh)[0])]
+    band = [np.ptp(m.triangles, axis=1).max() for m in (mesh, renumber_mesh(mesh)[0])]
     assert band[1] < 0.1 * band[0]
     assert band[1] < 3 * math.sqrt(len(mesh.X))
 

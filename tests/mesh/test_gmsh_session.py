@@ -8,13 +8,14 @@ import sys
 
 import numpy as np
 import pytest
-from support.meshed import MESHES, refused
+from support.meshed import MESHES, rejects
 
 from fecloth.errors import InputError
-from fecloth.mesh.generate import disk, read, rectangle
+from fecloth.mesh.generate import disk, rectangle
+from fecloth.mesh.read import read
 
 
-def test_an_open_session_is_left_as_it_was():
+def test_open_gmsh_session_is_restored():
     import gmsh
 
     gmsh.initialize(readConfigFiles=False, interruptible=False)
@@ -30,7 +31,7 @@ def test_an_open_session_is_left_as_it_was():
         gmsh.parser.setNumber("h", [0.7])
         gmsh.onelab.setNumber("Parameters/h", [0.7])
         inside = read(MESHES / "square.geo", h=0.1), disk(1.0, 0.3)
-        refused(["h = 2 m"], MESHES / "square.geo", h=2, by=read, error=InputError)
+        rejects(["h = 2 m"], MESHES / "square.geo", h=2, by=read, error=InputError)
         assert gmsh.isInitialized()
         assert gmsh.model.getCurrent() == "fecloth"
         assert gmsh.model.list().count("fecloth") == 1
@@ -56,16 +57,16 @@ def test_missing_system_libraries_are_named(monkeypatch):
         return real(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", broken)
-    refused(["libGLU.so.1", "libglu1-mesa", "libxft2", "apt-get"], 1, 1, 0.5, by=rectangle)
+    rejects(["libGLU.so.1", "libglu1-mesa", "libxft2", "apt-get"], 1, 1, 0.5, by=rectangle)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no such signals")
-def test_gmsh_leaves_the_signals_to_python():
+def test_gmsh_restores_the_signal_handlers_of_python():
     """A new process, as it takes them the first time only; the signals would end it."""
     code = """
 import os, signal
 import gmsh
-from fecloth.meshing import rectangle
+from fecloth.mesh.generate import rectangle
 signal.signal(signal.SIGTERM, lambda *_: print("term"))
 signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
 initialize = gmsh.initialize

@@ -14,12 +14,13 @@ from support import oracle
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.mesh.elements import quadratic
-from fecloth.mesh.flat_mesh import checked
+from fecloth.mesh.elements import add_midpoints
+from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.output.frames import read_frame
 from fecloth.runs import run_scene
 from fecloth.scene.scene import load
 from fecloth.stability.critical_step import critical_dt, element_bound
+from fecloth.terms.kinematics import principal_stretches
 from fecloth.verify import check_term, observed_order, trial_states
 
 FABRIC = fc.Fabric(0.2, (1000.0, 600.0), 0.3, 150.0)
@@ -70,7 +71,7 @@ def test_the_orders_of_a_triangles_nodes(cloth):
 
 @pytest.mark.parametrize("h", [0.1, 0.2])
 @pytest.mark.parametrize("pattern", ["unstructured", "right"])
-def test_sets_hold_their_middles(pattern, h):
+def test_sets_contain_their_midpoints(pattern, h):
     cloth = fc.Cloth.rectangle(0.3, 0.2, h, pattern, element="P2")
     x, y = cloth.X.T
     on = {"left": x < 1e-9, "right": x > 0.3 - 1e-9, "bottom": y < 1e-9, "top": y > 0.2 - 1e-9}
@@ -82,7 +83,7 @@ def test_sets_hold_their_middles(pattern, h):
     assert cloth.nodes(lambda X: X[:, 0] < 1e-9).tolist() == cloth.nodes("left").tolist()
 
 
-def test_sets_of_a_mesh_that_comes_in():
+def test_sets_of_input_arrays_get_their_midpoints():
     """A curve's set takes its own middles; a bare set's those between two of its nodes."""
     X = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)]
     triangles = [(0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4)]
@@ -96,7 +97,7 @@ def test_sets_of_a_mesh_that_comes_in():
     assert len(cloth.region("west")) == 2
 
 
-def test_sets_of_a_mesh_file():
+def test_sets_of_a_mesh_file_get_their_midpoints():
     """An open curve of k nodes has k − 1 middles, a closed one k, a region all of its edges'."""
     file = Path(__file__).parents[2] / "meshes" / "panel.geo"
     linear, cloth = (fc.Cloth.read(file, 0.1, element=name) for name in ("P1", "P2"))
@@ -110,18 +111,20 @@ def test_sets_of_a_mesh_file():
         [0, 4, 3],
     ]  # next to an edge of "west" nodes that is not one of its triangles
     X = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1), (0.5, -1)]
-    mesh = checked(
+    mesh = FlatMesh.checked(
         X,
         [*west, [1, 2, 5], [1, 5, 4], [6, 2, 1], [0, 6, 1]],
         {"west": [0, 1, 3, 4, 6]},
         triangle_sets={"west": [0, 1]},
         where="test",
     )
-    middles = {tuple(x) for x in quadratic(mesh).X[quadratic(mesh).node_sets["west"]]} - set(X)
+    middles = {
+        tuple(x) for x in add_midpoints(mesh).X[add_midpoints(mesh).node_sets["west"]]
+    } - set(X)
     assert middles == {(0.5, 0), (1, 0.5), (0.5, 0.5), (0.5, 1), (0, 0.5)}
 
 
-def test_a_pin_holds_the_middles(cloth):
+def test_pin_fixes_the_midpoints(cloth):
     system = system_on(cloth, [fc.StVK(), fc.Gravity()], pins=["left"])
     start = system.state(system.rest().x * [1.05, 1.02, 1.0])
     end = fc.run(system, fc.BackwardEuler(), start, dt=0.01, t_end=0.03).state
@@ -167,7 +170,7 @@ def test_terms_have_the_right_derivatives(cloth, term):
 @pytest.mark.parametrize(
     "term", [fc.NeoHookean(), fc.NeoHookean("compressible"), fc.TensionField()], ids=repr
 )
-def test_so_have_laws_that_a_degenerate_triangle_would_break(cloth, term, rng):
+def test_laws_undefined_for_degenerate_triangles_have_the_right_derivatives(cloth, term, rng):
     pull = np.array([[1.3, 0.1], [0.2, 1.2], [0.1, 0.3]])
     x = cloth.X @ pull.T + 0.002 * rng.standard_normal((len(cloth.X), 3))
     states = [("taut", x, np.zeros_like(x))]
@@ -189,8 +192,8 @@ def test_an_affine_motion_is_exact(cloth):
     inside = np.setdiff1d(np.arange(len(cloth.X)), cloth.nodes("boundary"))
     assert np.abs(f[inside]).max() < 1e-12 * np.abs(f).max()
     stretches = np.sqrt(np.linalg.eigvalsh(F.T @ F))
-    found = fc.terms.membrane.principal_stretches(cloth, x)
-    np.testing.assert_allclose(found, np.tile(stretches, (len(found), 1)), rtol=1e-12)
+    computed = principal_stretches(cloth, x)
+    np.testing.assert_allclose(computed, np.tile(stretches, (len(computed), 1)), rtol=1e-12)
 
 
 def test_the_patch_test():
@@ -228,7 +231,7 @@ def test_mass_and_load(cloth):
     np.testing.assert_allclose(moment, [0.3**5 / 5 * 0.2, 0.045 * 0.02, 0], atol=1e-15)
 
 
-def test_free_fall_is_free(cloth):
+def test_free_fall_causes_no_internal_force(cloth):
     system = system_on(cloth, [fc.StVK(), fc.Gravity(), fc.StrainRateDamping(0.01)])
     start = system.rest()
     end = fc.run(system, fc.ImplicitMidpoint(), start, dt=0.01, t_end=0.1).state
@@ -271,7 +274,7 @@ def test_mass_damping_is_consistent(cloth, rng):
 
 
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.EnergyMomentum(), fc.GeneralizedAlpha()])
-def test_methods_conserve_what_they_conserve(cloth, method):
+def test_methods_conserve_their_invariants(cloth, method):
     """Momentum; and energy–momentum the energy and spin of a free cloth that swings."""
     system = system_on(cloth)
     x = 1.05 * system.rest().x
@@ -322,7 +325,7 @@ def test_adaptive_steps_and_the_interpolated_point(cloth):
 
 
 def test_fields_between_cloths_of_two_elements():
-    """A quadratic polynomial is P2's own; P1's distance from it by two ways to integrate."""
+    """P2 represents a quadratic polynomial exactly; two integrals give the same error of P1."""
     coarse = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right", element="P2")
     linear = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right")
     square = lambda X: X[:, 0] ** 2 - X[:, 0] * X[:, 1]  # noqa: E731
@@ -330,10 +333,10 @@ def test_fields_between_cloths_of_two_elements():
     u, w = square(coarse.X), square(linear.X)
     assert coarse.l2_error(u, square) < 1e-14
     assert coarse.h1_error(u, slope) < 1e-13
-    known = linear.l2_error(w, square), linear.h1_error(w, slope)
-    assert min(known) > 0.01
-    found = coarse.l2_difference(linear, u, w), coarse.h1_difference(linear, u, w)
-    assert found == pytest.approx(known, rel=1e-12)
+    errors = linear.l2_error(w, square), linear.h1_error(w, slope)
+    assert min(errors) > 0.01
+    differences = coarse.l2_difference(linear, u, w), coarse.h1_difference(linear, u, w)
+    assert differences == pytest.approx(errors, rel=1e-12)
     points = np.random.default_rng(5).uniform(size=(50, 2))
     np.testing.assert_allclose(coarse.interpolate(u, points), square(points), atol=1e-14)
     assert coarse.l2_norm(u) ** 2 == pytest.approx(1 / 5 - 2 / 8 + 1 / 9, rel=1e-12)
@@ -344,11 +347,11 @@ def test_fields_between_cloths_of_two_elements():
 def test_a_second_process_compiles_nothing(tmp_path):
     program = """
 import fecloth as fc
-from fecloth.terms import stvk
+from fecloth.terms.membranes import stvk
 cloth = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right", element="P2")
 system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()])
 system.force(system.rest())
-print(sum(stvk.add_force.stats.cache_misses.values()))
+print(sum(stvk.KERNELS.add_force.stats.cache_misses.values()))
 """
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     environment["PYTHONPATH"] = str(Path(fc.__file__).parents[1])
@@ -361,7 +364,7 @@ print(sum(stvk.add_force.stats.cache_misses.values()))
     assert misses == ["1\n", "0\n"]
 
 
-def test_the_element_bound_is_safe_and_worth_something(cloth):
+def test_element_bound_is_an_upper_bound_and_sharp(cloth):
     for terms in (
         [fc.StVK()],
         [fc.StVK(), fc.StrainRateDamping(0.01)],
@@ -393,14 +396,14 @@ def test_the_element_bound_is_safe_and_worth_something(cloth):
     ],
     ids=lambda term: type(term).__name__,
 )
-def test_terms_of_three_nodes_are_refused_by_name(cloth, term):
+def test_terms_for_p1_only_are_rejected_by_name(cloth, term):
     said = f"System: {type(term).__name__} on element P2: must be on P1. Leave .* element = 'P1'"
     with pytest.raises(fc.InputError, match=said):
         system_on(cloth, [fc.StVK(), term])
 
 
-def test_lumped_mass_and_explicit_methods_are_refused(cloth):
-    said = 'mass = "lumped": must be "consistent" for element P2: row sums .* implicit method'
+def test_lumped_mass_and_explicit_methods_are_rejected(cloth):
+    said = 'mass = "lumped": must be "consistent" for element P2: the row sums .* implicit method'
     with pytest.raises(fc.InputError, match=said):
         system_on(cloth, mass="lumped")
     system = system_on(cloth)
@@ -500,7 +503,7 @@ def test_a_scene_with_quadratic_triangles(tmp_path, capsys):
             run_scene.run_scene(load(file), tmp_path / "refused")
 
 
-def test_what_a_run_will_call_is_compiled_before_it(tmp_path, monkeypatch):
+def test_run_compiles_all_kernels_before_the_first_step(tmp_path, monkeypatch):
     file, seen = tmp_path / "s.toml", []
     file.write_text(SCENE)
     monkeypatch.setattr(

@@ -5,10 +5,12 @@ import math
 import meshio
 import numpy as np
 import pytest
-from support.meshed import MESHES, QUAD_T, QUAD_X, areas, length, refused
+from support.meshed import MESHES, QUAD_T, QUAD_X, areas, length, rejects
 
 from fecloth.errors import InputError
-from fecloth.mesh.generate import quality, read, rectangle
+from fecloth.mesh.flat_mesh import quality
+from fecloth.mesh.generate import rectangle
+from fecloth.mesh.read import read
 
 
 @pytest.mark.parametrize(
@@ -42,7 +44,7 @@ def test_points_and_surfaces_become_node_sets():
     assert disk_file.X[disk_file.node_sets["centre"]].tolist() == [[0, 0]]
 
 
-def test_graded_grows_by_ten():
+def test_graded_mesh_sizes_differ_by_a_factor_of_ten():
     mesh = read(MESHES / "graded.geo", h=0.01)
     size = np.sqrt(areas(mesh))
     middle = np.linalg.norm(mesh.X[mesh.triangles].mean(axis=1), axis=1)
@@ -74,15 +76,15 @@ def test_h_without_a_constant_bounds_all_sizes(tmp_path):
     assert len(read(plain, h=0.1).triangles) == len(fine.triangles)
 
 
-def test_bad_h_for_a_file():
+def test_h_invalid_for_a_file_is_rejected():
     square = MESHES / "square.geo"
-    refused(["h = 2 m", "at most 1 m", "square.geo"], square, h=2.0, by=read, error=InputError)
-    refused(["h = -1"], square, h=-1, by=read, error=InputError)
+    rejects(["h = 2 m", "at most 1 m", "square.geo"], square, h=2.0, by=read, error=InputError)
+    rejects(["h = -1"], square, h=-1, by=read, error=InputError)
     msh = MESHES / "square_22.msh"
-    refused(["h = 0.1", "only a .geo", "square_22.msh"], msh, h=0.1, by=read, error=InputError)
+    rejects(["h = 0.1", "a .geo file only", "square_22.msh"], msh, h=0.1, by=read, error=InputError)
 
 
-def test_groups_unnamed_empty_unknown_and_shared(tmp_path):
+def test_groups_without_name_or_entities_and_shared_groups(tmp_path):
     extra = (
         'Physical Curve(77) = {1, 2};\nPhysical Point(78) = {3};\nPhysical Surface("b") = {1};\n'
     )
@@ -91,8 +93,8 @@ def test_groups_unnamed_empty_unknown_and_shared(tmp_path):
     assert mesh.X[mesh.node_sets["point_78"]].tolist() == [[1, 1]]
     assert len(mesh.node_sets["b"]) == len(mesh.X)
     empty = geo(tmp_path, extra='Physical Curve("ghost") = {};\n')
-    refused(["curve group 'ghost' is empty", "s.geo"], empty, by=read)
-    refused(["'lost' is empty"], geo(tmp_path, extra='Physical Point("lost") = {99};\n'), by=read)
+    rejects(["curve group 'ghost' is empty", "s.geo"], empty, by=read)
+    rejects(["'lost' is empty"], geo(tmp_path, extra='Physical Point("lost") = {99};\n'), by=read)
 
 
 def test_a_file_may_define_its_own_boundary(tmp_path):
@@ -105,15 +107,15 @@ def test_construction_points_and_curves_are_dropped_unless_named(tmp_path):
     mesh = read(geo(tmp_path, extra=extra))
     assert mesh.X.max() == 1
     named = geo(tmp_path, extra=extra + 'Physical Point("far") = {9};\n')
-    refused(["'far' names 1 nodes outside all triangles"], named, by=read)
+    rejects(["'far' contains 1 nodes outside all triangles"], named, by=read)
 
 
-def test_geo_that_gmsh_refuses_or_half_reads(tmp_path):
-    refused(["cannot read", "s.geo"], geo(tmp_path, extra="Point(9) = {0, 0;\n"), by=read)
+def test_geo_file_with_errors_is_rejected(tmp_path):
+    rejects(["cannot read", "s.geo"], geo(tmp_path, extra="Point(9) = {0, 0;\n"), by=read)
     extra = 'Physical Point("a") = {1}; Physical Point("b") = {2};'
-    refused(["last line", "new line"], geo(tmp_path, extra=extra), by=read)
-    refused(["Triangle 6"], geo(tmp_path, extra="Mesh.ElementOrder = 2;\n"), by=read)
-    refused(["Quadrilateral 4"], geo(tmp_path, extra="Recombine Surface {1};\n"), by=read)
+    rejects(["last line", "new line"], geo(tmp_path, extra=extra), by=read)
+    rejects(["Triangle 6"], geo(tmp_path, extra="Mesh.ElementOrder = 2;\n"), by=read)
+    rejects(["Quadrilateral 4"], geo(tmp_path, extra="Recombine Surface {1};\n"), by=read)
 
 
 def test_both_msh_versions_agree():
@@ -158,11 +160,11 @@ def test_messages_use_the_numbers_of_the_file(tmp_path):
     assert mesh.X.tolist() == QUAD_X  # node 50 belongs to no element
     assert mesh.edge_sets["hem"].tolist() == [[0, 1]]
     path.write_text(MSH.replace("10 30 40\n$End", "10 40 30\n$End"))
-    refused(["1 inverted triangles", "triangle 9 (nodes 10, 40, 30)", "s.msh"], path, by=read)
+    rejects(["1 inverted triangles", "triangle 9 (nodes 10, 40, 30)", "s.msh"], path, by=read)
     path.write_text(MSH.replace('2\n1 5 "hem"', '3\n1 5 "hem"\n1 8 "ghost"'))
-    refused(["'ghost' is empty"], path, by=read)
+    rejects(["'ghost' is empty"], path, by=read)
     path.write_text(MSH.replace("10 30 40\n$End", "10 30 99\n$End"))
-    refused(["cannot read", "99"], path, by=read)
+    rejects(["cannot read", "99"], path, by=read)
 
 
 def test_repeated_triangles_of_a_surface_in_two_groups(tmp_path):
@@ -175,7 +177,7 @@ def test_repeated_triangles_of_a_surface_in_two_groups(tmp_path):
     assert mesh.node_sets["again"].tolist() == mesh.node_sets["sheet"].tolist() == [0, 1, 2, 3]
     same = two.replace("\n5\n1 1", "\n4\n1 1").replace('3\n2 7 "again"\n', "2\n")
     path.write_text(same.replace("$EndElements", "11 2 2 6 1 10 20 30\n$EndElements"))
-    refused(["1 duplicate triangles", "triangle 11 (nodes 10, 20, 30)"], path, by=read)
+    rejects(["1 duplicate triangles", "triangle 11 (nodes 10, 20, 30)"], path, by=read)
 
 
 def saved(tmp_path, name, cells, points=None, **extra):
@@ -196,7 +198,7 @@ def test_round_trip_through_meshio(tmp_path, suffix):
     assert np.array_equal(back.edge_sets["boundary"], mesh.edge_sets["boundary"])
 
 
-def test_stl_shares_nodes_again(tmp_path):
+def test_stl_nodes_are_merged(tmp_path):
     mesh = rectangle(1.0, 0.5, 0.25, "cross")
     back = read(saved(tmp_path, "s.stl", [("triangle", mesh.triangles)], mesh.X))
     assert len(back.X) == len(mesh.X)
@@ -239,25 +241,25 @@ def test_meshio_names_in_field_data():
 
 def test_cells_that_are_not_triangles(tmp_path):
     quad = saved(tmp_path, "q.vtu", [("quad", [[0, 1, 2, 3]])])
-    refused(["1 quad", "3-node triangles", "q.vtu"], quad, by=read)
+    rejects(["1 quad", "3-node triangles", "q.vtu"], quad, by=read)
     lines = saved(tmp_path, "l.vtu", [("line", [[0, 1]])])
-    refused(["no triangles"], lines, by=read)
+    rejects(["no triangles"], lines, by=read)
 
 
-def test_stray_nodes_of_other_formats(tmp_path):
+def test_unused_nodes_of_other_formats_are_rejected(tmp_path):
     X = [*QUAD_X, [5, 5]]
     stray = saved(tmp_path, "s.vtu", [("triangle", QUAD_T)], X)
-    refused(["1 nodes used by no triangle", "node 4"], stray, by=read)
+    rejects(["1 nodes used by no triangle", "node 4"], stray, by=read)
     vertex = saved(tmp_path, "v.vtu", [("vertex", [[4]]), ("triangle", QUAD_T)], X)
     assert len(read(vertex).X) == 4
 
 
 def test_files_that_cannot_be_read(tmp_path):
-    refused(["no such file", "nothing.msh"], tmp_path / "nothing.msh", by=read)
+    rejects(["no such file", "nothing.msh"], tmp_path / "nothing.msh", by=read)
     odd = tmp_path / "sheet.docx"
     odd.write_text("x")
-    refused(["unknown suffix '.docx'", ".vtu"], odd, by=read)
+    rejects(["unknown suffix '.docx'", ".vtu"], odd, by=read)
     for name in ("broken.vtu", "broken.obj", "broken.stl", "broken.vtk"):
         path = tmp_path / name
         path.write_text("rubbish")
-        refused([name], path, by=read)
+        rejects([name], path, by=read)

@@ -233,8 +233,8 @@ import os, signal, sys
 from pathlib import Path
 import numpy as np
 import fecloth as fc
-from fecloth.output import Frames
-from fecloth.runfolder import RunFolder
+from fecloth.output.frames import Frames
+from fecloth.runs.folder import RunFolder
 
 cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
 x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fecloth.errors import InputError
-from fecloth.quantities.formula import FUNCTIONS, Formula, smoothstep
+from fecloth.quantities.formula import Formula
+from fecloth.quantities.formula_functions import FUNCTIONS, smoothstep
 
 VALUES = [
     ("0.1*sin(2*pi*t)", lambda t: 0.1 * np.sin(2 * np.pi * t)),
@@ -195,3 +196,124 @@ def test_any_text_is_a_formula_or_refused(text):
         value(t=0.5, X=np.array([0.25, 2.0]))
     except InputError:
         pass
+
+
+# --- derivatives ----------------------------------------------------------------------------------
+
+SMOOTH = [
+    "sin(3*t)",
+    "cos(t**2)",
+    "tan(t/2)",
+    "tanh(2*t - 1)",
+    "exp(-t*X)",
+    "log(1 + t)",
+    "sqrt(t + 0.5)",
+    "abs(t - 2) + abs(t + 2)",
+    "sign(t - 2)*t + floor(t/3)",
+    "min(t, 2) + min(2, t) + min(t, 2*t)",
+    "max(t, -2)*max(-2, t)*max(t, 2*t)",
+    "where(t < 2, t**2, 1/0)",
+    "where(not (t > 2 or t < -1 and X > 0), sin(t), 0)",
+    "smoothstep(0, 2, t)",
+    "smoothstep(-t, 2 + t**2, X*t)",
+    "smoothstep(2, 3, t) + smoothstep(-1, 0, t)",
+    "t**3 - 2*t**0.5 + t**-2 + t**1 + t**0",
+    "2**t + X**t + t**t + 0**t",
+    "(1 + t**2)**(X*t)",
+    "t*t*sin(t)/(1 + t)/X - +t - -t**2",
+    "pi*X",
+]
+
+
+@pytest.mark.parametrize("text", SMOOTH)
+def test_derivative_is_that_of_finite_differences(text):
+    """Fourth-order differences over 1e-3 err by 1e-12 of the fifth derivative."""
+    formula, X = Formula(text, ("t", "X")), 1.3
+    for t in (0.4, 0.9, 1.4):
+        u, h = [formula(t=t + s * 1e-3, X=X) for s in (-2, -1, 1, 2)], 1e-3
+        expected = (u[0] - 8 * u[1] + 8 * u[2] - u[3]) / (12 * h)
+        slope = formula.derivative("t")
+        assert slope(t=t, X=X) == pytest.approx(expected, rel=1e-8, abs=1e-8)
+        assert slope.at(t, X) == slope(t=t, X=X)
+        assert slope(t=np.full(2, t), X=X) == pytest.approx(slope.at(t, X), rel=1e-14)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.recursive(NUMBERS, _grow, max_leaves=8))
+def test_derivative_of_any_smooth_formula(text):
+    formula, t, X, h = Formula(text, ("t", "X")), 0.37, -1.7, 1e-20
+    names = {"sin": np.sin, "cos": np.cos, "tanh": np.tanh, "pi": np.pi}
+    names["abs"] = lambda y: y if np.real(y) >= 0 else -y
+    code = compile(ast.parse(text, mode="eval"), "", "eval")
+    expected = np.imag(eval(code, names | {"t": t + 1j * h, "X": X})) / h  # a complex step is exact
+    slope = formula.derivative("t")(t=t, X=X)
+    assert slope == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "at", "slope"),
+    [
+        ("abs(t)", 0.0, 0.0),
+        ("min(t, 0.5)", 0.5, 0.0),
+        ("max(0.5, t)", 0.5, 1.0),
+        ("where(t < 0.5, t, 2*t)", 0.5, 2.0),
+        ("floor(t)", 1.0, 0.0),
+        ("smoothstep(0, 1, t)", 0.0, 0.0),
+        ("t**2", 0.0, 0.0),
+        ("t**1.5", 0.0, 0.0),
+    ],
+)
+def test_derivative_on_a_kink_is_that_of_one_side(text, at, slope):
+    assert Formula(text, ("t",)).derivative("t").at(at) == slope
+
+
+def test_derivative_that_is_not_finite_or_does_not_exist():
+    with pytest.raises(InputError, match=r"derivative by t of formula 'sqrt\(t\)' is inf at t = 0"):
+        Formula("sqrt(t)", ("t",)).derivative("t")(t=0.0)
+    with pytest.raises(InputError, match="derivative by 'X': must be one of t"):
+        Formula("t", ("t",)).derivative("X")
+    with pytest.raises(InputError, match="derivative of the condition 't > 1'"):
+        Formula("t > 1", ("t",), condition=True).derivative("t")
+
+
+def test_derivative_of_nested_functions_stays_small():
+    """Each derivative of an argument occurs once: otherwise 2^30 terms."""
+    text = "t"
+    for _ in range(30):
+        text = f"smoothstep({text},2,t)"
+    assert np.isfinite(Formula(text, ("t",)).derivative("t").at(0.3))
+
+
+def test_derivative_survives_pickling():
+    slope = Formula("t**2", ("t",)).derivative("t")
+    assert pickle.loads(pickle.dumps(slope)).at(3.0) == 6.0
+
+
+# --- speed ----------------------------------------------------------------------------------------
+
+
+def test_a_formula_is_parsed_once(monkeypatch):
+    texts = []
+
+    def parse(text, *arguments, **options):
+        texts.append(text)
+        return original(text, *arguments, **options)
+
+    original = ast.parse
+    monkeypatch.setattr(ast, "parse", parse)
+    formulas = [Formula(f"0.25*sin({i}*t)", ("t",)) for i in range(300)]
+    for _ in range(3):
+        for formula in formulas:
+            formula(t=0.1)
+            formula.at(0.1)
+            formula(t=np.linspace(0, 1, 5))
+    assert texts == [formula.text for formula in formulas]
+    formulas[-1].derivative("t").at(0.1)
+    assert len(texts) == 300
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.recursive(NUMBERS, _grow, max_leaves=12), st.floats(-3, 3))
+def test_numbers_and_arrays_have_the_same_bits(text, t):
+    formula = Formula(text, ("t", "X"))
+    assert formula.at(t, 0.7) == formula(t=np.array([t]), X=0.7)[0]

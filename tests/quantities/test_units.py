@@ -432,3 +432,44 @@ def test_what_is_missing_is_told_with_its_unit(file):
         fc.SceneError, match=r"time.t_end is missing: must be a finite number \[s\]"
     ):
         load(file, ["time={method='bdf2'}"])
+
+
+# --- Python ---------------------------------------------------------------------------------------
+
+IN_PYTHON = [
+    (lambda: fc.Fabric("150 g/m²", ("20 N/cm", 900), shear_stiffness="0.06 kN/m"),
+     fc.Fabric(0.15, (2000.0, 900), shear_stiffness=60.0)),
+    (lambda: fc.Gravity((0, 0, "-981 cm/s^2")), fc.Gravity((0, 0, -9.81))),
+    (lambda: fc.Gravity(acceleration=(0, 0, "-9.81 m/s^2")), fc.Gravity((0, 0, -9.81))),
+    (lambda: fc.Pressure("5 mbar"), fc.Pressure(500.0)),
+    (lambda: fc.Pressure("5 * t"), fc.Pressure("5 * t")),
+    (lambda: fc.Wind(["18 km/h", "0.1 * t", 0], normal="0.7 g/L", gust_length="50 cm"),
+     fc.Wind([5.0, "0.1 * t", 0], normal=0.7, gust_length=0.5)),
+    (lambda: fc.Drag("2 Pa s/m", law="linear"), fc.Drag(2.0, law="linear")),
+    (lambda: fc.PointForce(("25 cm", "0.5 m"), ("1 gf", 0, "t")),
+     fc.PointForce((0.25, 0.5), (9.80665e-3, 0, "t"))),
+    (lambda: fc.PointForce("left", (0, 0, 1)), fc.PointForce("left", (0, 0, 1))),
+    (lambda: fc.PointForce([1, 2], (0, 0, "1 N")), fc.PointForce([1, 2], (0, 0, 1.0))),
+    (lambda: fc.UserForce((0, 0, "2 mN"), per="node"), fc.UserForce((0, 0, 0.002), per="node")),
+    (lambda: fc.StrainRateDamping("2 ms", fc.TensorCondition("2.5 N/cm")),
+     fc.StrainRateDamping(0.002, fc.TensorCondition(250.0))),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("written", "expected"), IN_PYTHON)
+def test_python_reads_the_units_of_scenes(written, expected):
+    assert written() == expected
+
+
+@pytest.mark.parametrize(
+    ("written", "message"),
+    [
+        (lambda: fc.Fabric("150 g", 1000.0), "Fabric: areal_density = '150 g': must be a number"),
+        (lambda: fc.Fabric("0.15", 1000.0), "areal_density = '0.15': must be a finite number > 0"),
+        (lambda: fc.Drag("2 Pa s/m"), "Drag: normal = '2 Pa s/m': must be .* kg/m\\^3"),
+        (lambda: fc.Pressure("5 mbr"), "Pressure: p = '5 mbr'.*or a formula. Did you mean 'mbar'"),
+    ],
+)
+def test_python_refuses_other_units(written, message):
+    with pytest.raises(fc.InputError, match=message):
+        written()

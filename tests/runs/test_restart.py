@@ -8,19 +8,23 @@ import shutil
 import signal
 import time
 import tracemalloc
+from dataclasses import dataclass
 from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
 from support.rundirs import written
+from support.tiers import slow_except
 
 import fecloth as fc
+from fecloth import integrators
 from fecloth.cli.main import main
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.nonlinear.statistics import Counts
 from fecloth.output import write_ahead_log
 from fecloth.output.frames import Frames, read_frame
+from fecloth.records import remembered
 from fecloth.runs import restart
 from fecloth.runs.folder import TABLES
 from fecloth.runs.recorder import Recorder
@@ -163,7 +167,7 @@ def scene(tmp_path, monkeypatch):
     return path
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", slow_except(RUNS, "BDF2", "AtLimit"))
 def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     if name == "vtkhdf":
         pytest.importorskip("h5py")
@@ -234,6 +238,7 @@ def go_and_die(scene, folder):
     go(scene, folder, False)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_within_a_frame_of_vtkhdf_goes_on(tmp_path):
     pytest.importorskip("h5py")
     scene, whole, broken = tmp_path / "sheet.toml", tmp_path / "whole", tmp_path / "broken"
@@ -461,11 +466,41 @@ def test_what_a_failed_run_had_reached_is_kept(scene, tmp_path):
     assert found.memory.step == outcome.summary["steps"]
 
 
+@remembered
+@dataclass(frozen=True, eq=False)
+class ForceBefore:
+    """The memory of `Kicks`."""
+
+    f: np.ndarray
+
+
+@dataclass(frozen=True)
+class Kicks:
+    """A user's Adams–Bashforth method with its own record: v₁ = v₀ + dt M⁻¹ (3 f₀ − f₋)/2."""
+
+    traits = integrators.MethodTraits(order=1, explicit=True, stability=None)
+
+    def check(self, system):
+        pass
+
+    def step(self, system, state, dt, solver, memory=None):
+        f = system.force(state)
+        last = f if memory is None else memory.f
+        v = state.v + dt * (1.5 * f - 0.5 * last) / system.nodal_mass[:, None]
+        new = fc.State(state.t + dt, state.x + dt * v, v)
+        new = integrators.held(system, new, integrators.arrival(system, state, dt))
+        return integrators.Step(new, state, ForceBefore(f), Counts())
+
+    def numerical(self, system, old, step):
+        return 0.0
+
+
 EVERY = [
     *((cls(), 0.01) for cls in METHODS.values()),
     *((cls(beyond_limit=True), 0.001) for cls in EXPLICIT.values()),
     (fc.Adaptive(fc.Newmark(), rtol=1e-4), None),
     (fc.CentralDifference(), None),
+    (Kicks(), 0.001),
 ]
 
 
@@ -474,7 +509,7 @@ def test_march_goes_on_from_a_memory_that_was_written(method, dt, isotropic, tmp
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
     system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
     start, run = system.state(system.rest().x, t=0.1), (dt, 0.153)
-    solver = "pcg" if system.symmetric and getattr(method, "symmetric", True) else "direct"
+    solver = "pcg" if system.symmetric and method.traits.symmetric else "direct"
     options = {"solver": solver, "newton": fc.Newton(reuse=False)}
     whole = list(fc.march(system, method, start, *run, **options))
     state, info = whole[len(whole) // 2]
@@ -487,6 +522,19 @@ def test_march_goes_on_from_a_memory_that_was_written(method, dt, isotropic, tmp
         assert one[0].t == other[0].t
         np.testing.assert_array_equal(one[0].x, other[0].x)
         np.testing.assert_array_equal(one[0].v, other[0].v)
+
+
+def test_a_record_of_ones_own_must_be_marked():
+    @dataclass(frozen=True)
+    class Unmarked:
+        f: float
+
+    with pytest.raises(fc.InputError, match="a Unmarked: cannot be kept .*@remembered"):
+        restart._packed(Unmarked(1.0), [])
+    with pytest.raises(fc.InputError, match="class Change: must have a name of its own.*bdf2"):
+        remembered(dataclass(frozen=True)(type("Change", (), {})))
+    with pytest.raises(fc.InputError, match="class Plain: must be a frozen dataclass"):
+        remembered(type("Plain", (), {}))
 
 
 def test_a_memory_is_refused_where_it_does_not_fit(isotropic):

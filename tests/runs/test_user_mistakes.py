@@ -19,10 +19,13 @@ import meshio
 import numpy as np
 import pytest
 from support.rundirs import hdf_values, written
+from support.tiers import slow_except
 
 import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.runs import recorder, restart
+from fecloth.runs.run_scene import run_scene
+from fecloth.scene.scene import load
 
 TEXT = """
 [cloth]
@@ -254,7 +257,7 @@ def can_mount():
 
 
 @pytest.mark.skipif(not can_mount(), reason="this system lets no user mount a small disk")
-@pytest.mark.parametrize("form", ["vtu", "vtkhdf"])
+@pytest.mark.parametrize("form", slow_except(["vtu", "vtkhdf"], "vtu"))
 def test_a_full_disk_costs_nothing(form, scene):
     if form == "vtkhdf":
         pytest.importorskip("h5py")
@@ -273,7 +276,7 @@ def test_a_full_disk_costs_nothing(form, scene):
 
 def readable(folder):
     """Every file of a run that names itself whole can be read."""
-    cloth = fc.scene.load("sheet.toml").mesh()
+    cloth = load("sheet.toml").mesh()
     for file in folder.glob("frames/*.vtu"):
         fc.read_frame(file, cloth)
     for file in restart.files(folder):
@@ -297,7 +300,7 @@ def test_a_step_that_cannot_be_written_is_none(scene, capsys):
     def block(info):
         blocked.mkdir(exist_ok=True)
 
-    outcome = fc.runner.run_scene(fc.scene.load("sheet.toml", steps[1::2]), "out", report=block)
+    outcome = run_scene(load("sheet.toml", steps[1::2]), "out", report=block)
     assert outcome.status == "failed"
     assert "frame_000010.vtu cannot be written" in str(outcome.error)
     assert restart.files(Path("out"))[0].name == "restart_000000019.npz"
@@ -318,12 +321,13 @@ def test_what_cannot_be_written_at_the_end_is_told(name, scene, capsys):
             Path(f"out/{name}.part").mkdir()
             os.kill(os.getpid(), signal.SIGINT)
 
-    outcome = fc.runner.run_scene(fc.scene.load("sheet.toml"), "out", report=block)
+    outcome = run_scene(load("sheet.toml"), "out", report=block)
     assert outcome.status == "failed"
     assert f"{name} cannot be written: Is a directory. Choose another folder" in str(outcome.error)
     assert restart.files(Path("out"))[0].name == "restart_000000007.npz"
 
 
+@pytest.mark.slow
 def test_a_disk_without_room_for_a_start_says_so(scene):
     pytest.importorskip("resource")
     assert main(["run", "sheet.toml", "-o", "warm", "--quiet"]) == 0  # machine code is kept
@@ -352,7 +356,7 @@ def test_a_folder_without_restart_files_is_not_said_to_be_resumed(scene, capsys)
 # --- interrupted ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", slow_except(["SIGINT", "SIGTERM", "SIGHUP"], "SIGINT"))
 def test_an_interrupted_run_says_how_to_go_on(name, scene):
     if not hasattr(signal, name):
         pytest.skip(f"no {name} here")
@@ -371,7 +375,7 @@ def test_an_interrupted_run_says_how_to_go_on(name, scene):
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="who knows when it meshes")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("name", slow_except(["SIGINT", "SIGTERM"], "SIGINT"))
 def test_an_interruption_before_the_first_step_leaves_nothing(name, scene):
     mesh = "--set", "cloth.h=0.004", "--set", "cloth.pattern='unstructured'"
     child = process("sheet.toml", "-o", "out", *mesh)
@@ -396,7 +400,7 @@ def asks_twice(info):
 @pytest.mark.parametrize(("report", "error"), [(fails, OSError), (asks_twice, KeyboardInterrupt)])
 def test_what_breaks_a_run_from_outside_leaves_a_restart(report, error, scene):
     with pytest.raises(error, match=r"has gone|at once; --resume goes on"):
-        fc.runner.run_scene(fc.scene.load("sheet.toml"), "out", report=report)
+        run_scene(load("sheet.toml"), "out", report=report)
     assert restart.files(Path("out"))[0].name == "restart_000000017.npz"
     assert main(["run", "sheet.toml", "-o", "whole", "--quiet"]) == 0
     assert main(["run", "sheet.toml", "--resume", "out", "--quiet"]) == 0
@@ -409,7 +413,7 @@ def test_a_report_that_fails_leaves_the_cause_of_a_failure(scene, monkeypatch):
 
     monkeypatch.setattr(recorder, "write_report", fails)
     cut = ["solver.max_iterations=1", "solver.tolerance=1e-12"]
-    outcome = fc.runner.run_scene(fc.scene.load("sheet.toml", cut), "out")
+    outcome = run_scene(load("sheet.toml", cut), "out")
     assert outcome.status == "failed"
     assert "did not converge" in str(outcome.error)
     *_, end, report = Path("out/run.log").read_text().splitlines()

@@ -166,9 +166,9 @@ def test_the_wave_runs_as_foretold():
 
 
 MEASURED = """
-import fecloth as fc, fecloth.runner
-from fecloth.foresight import memory
-from fecloth.runfolder import peak_memory
+import fecloth as fc, fecloth.runs.run_scene
+from fecloth.scene.run_warnings import memory
+from fecloth.runs.folder import peak_memory
 cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.008, pattern="right")
 system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity()], ["left"])
 fc.run(system, fc.BDF2(), system.rest(), dt=0.005, t_end=0.01, solver="direct")

@@ -6,7 +6,7 @@ from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
 
 import fecloth as fc
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import METHODS
 from fecloth.simulation.probes import area
 from studies.references.time_problems import CASES
 
@@ -40,7 +40,7 @@ def test_ledger_closes_on_a_linear_problem(method, mass, isotropic):
         assert not energies["numerical"].any()
     else:
         assert energies["numerical"][-1] > 1e-4
-    if method.order == 1:
+    if method.traits.order == 1:
         assert (np.diff(energies["numerical"]) >= 0).all()
     assert (np.diff(energies["dissipated:LinearDamping"]) >= 0).all()
 

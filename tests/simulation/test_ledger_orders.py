@@ -9,11 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import fecloth as fc
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.verify import observed_order
 
-SECOND = [m for m in (t() for t in (METHODS | EXPLICIT).values()) if m.order == 2]
+SECOND = [m for m in (t() for t in (METHODS | EXPLICIT).values()) if m.traits.order == 2]
 TIGHT = fc.Newton(tolerance=1e-11)
 RATE, HIGH, T_END = 20.0, 0.05, 0.2
 UP = np.array([0.0, 0.0, 1.0])

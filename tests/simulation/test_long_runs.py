@@ -48,6 +48,7 @@ def peak(tmp_path, frames, form):
     return summary["peak_memory_MB"], summary["nodes"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(peak_memory() is None, reason="not on Windows")
 @pytest.mark.parametrize("form", ["vtu", "vtkhdf"])
 def test_memory_does_not_grow_with_the_frames(tmp_path, form):

@@ -100,7 +100,7 @@ def test_auto_says_what_it_chose(isotropic):
     few, price = (int(number) for number in re.findall(r"about (\d+)", small))
     many, _ = (int(number) for number in re.findall(r"about (\d+)", large))
     assert few < price < many
-    assert small.startswith("pcg (to start with; ")
+    assert small.startswith("pcg (at first; ")
 
 
 def test_failure_carries_the_last_good_state(isotropic):

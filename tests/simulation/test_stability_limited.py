@@ -7,7 +7,7 @@ import fecloth as fc
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.run import MOST_GROWTH
 from fecloth.simulation.stability_limited import FRACTION, LASTS, AtLimit
-from fecloth.terms.loops.membrane import largest_stretch, principal_stretches
+from fecloth.terms.kinematics import largest_stretch, principal_stretches
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.integrators.explicit import EXPLICIT
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.stability.amplification_matrix import amplification
 
 OMEGA_DT = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 1.9, 3.0, 10.0, 30.0, 100.0])

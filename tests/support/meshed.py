@@ -1,4 +1,4 @@
-"""What the tests of meshes share: places, small arrays, lengths and areas, refusals."""
+"""Paths, small meshes, and functions that the tests of meshes share."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fecloth.errors import MeshError
-from fecloth.mesh.generate import checked
+from fecloth.mesh.flat_mesh import FlatMesh
 
 MESHES = Path(__file__).parents[2] / "meshes"
 PATTERNS = ["unstructured", "right", "cross", "equilateral"]
@@ -24,10 +24,10 @@ def length(mesh, edges):
     return np.linalg.norm(np.diff(mesh.X[mesh.edge_sets[edges]], axis=1), axis=-1).sum()
 
 
-def refused(what, *args, error=MeshError, by=checked, **kwargs):
-    """Call, expect the refusal, and ask that its message holds each of the texts in ``what``."""
+def rejects(texts, *args, error=MeshError, by=FlatMesh.checked, **kwargs):
+    """Call a function and check that it raises an error whose message contains all `texts`."""
     with pytest.raises(error) as caught:
         by(*args, **kwargs)
-    for text in what:
+    for text in texts:
         assert text in str(caught.value)
     return str(caught.value)

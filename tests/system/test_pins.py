@@ -5,7 +5,7 @@ import pytest
 from conftest import flat
 
 import fecloth as fc
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import METHODS
 from fecloth.system.constraints import Constraints
 
 ALL = [method() for method in METHODS.values()]
@@ -126,3 +126,67 @@ def test_a_motion_that_is_no_motion_says_why():
     for motion, words in ((lambda t: (0, 0, "a"), "could not convert"), (lambda: 0, "argument")):
         with pytest.raises(fc.InputError, match=rf"Pin\('left'\): motion\(0.5\): .*{words}"):
             fc.Pin("left", motion).displacement(0.5)
+
+
+# --- formulas -------------------------------------------------------------------------------------
+
+
+def test_formulas_in_python_are_those_of_scenes(small, isotropic):
+    """Of t alone, and of X and Y with a row for each node; numbers count as formulas."""
+    left = small.nodes("left")
+    pin = fc.Pin("left", motion=["0", 0, "0.1*sin(t) + 0.2*Y*t**2"])
+    bound, _ = Constraints.bind([pin], small).groups["left"]
+    Y = small.X[left, 1]
+    zero = np.zeros_like(Y)
+    shown = np.column_stack([zero, zero, 0.1 * np.sin(0.3) + 0.2 * Y * 0.3**2])
+    np.testing.assert_allclose(bound.displacement(0.3), shown, rtol=1e-15, atol=0)
+    speed = np.column_stack([zero, zero, 0.1 * np.cos(0.3) + 0.4 * Y * 0.3])
+    np.testing.assert_allclose(bound.speed(0.3), speed, rtol=1e-15, atol=0)
+    start, end = end_of_run(small, isotropic, [pin])
+    change = bound.displacement(0.02) - bound.displacement(0.0)
+    np.testing.assert_allclose(end.x[left], start.x[left] + change, rtol=0, atol=1e-15)
+    assert np.array_equal(end.v[left], bound.speed(0.02))
+
+
+def test_the_speed_of_formulas_is_exact_and_needs_no_other_time():
+    pin = fc.Slide("left", ["log(1 - t)", "0", "0.1*sin(2*pi*t)"], normal=(0, 0, 1))
+    for t in (0.0, 0.3, 0.999999):
+        exact = [-1 / (1 - t), 0.0, 0.2 * np.pi * np.cos(2 * np.pi * t)]
+        assert pin.speed(t) == pytest.approx(exact, rel=1e-15)
+    assert fc.Pin("left", ["sqrt(t)**3", 0, 0]).speed(0.0, since=0.0).tolist() == pytest.approx(
+        [(4 - 8**0.5) * 1e-5**0.5 / 2, 0.0, 0.0]
+    )  # 0 times infinity by the chain rule: a difference quotient
+
+
+WRONG = [
+    ("0.1*t", r"motion = '0.1\*t': must be three formulas of t, or a function of t"),
+    (["t", "t"], r"motion = \['t', 't'\]: must be three formulas"),
+    (3.0, "motion = 3.0: must be three formulas"),
+    (["t", None, "t"], "motion = .*: must be three formulas"),
+    (["t", np.nan, "t"], "motion = .*: must be three formulas"),
+    (["t", "0", "q"], "formula 'q', unknown name 'q'"),
+]
+
+
+@pytest.mark.parametrize(("motion", "message"), WRONG)
+def test_a_motion_that_is_no_three_formulas(motion, message):
+    with pytest.raises(fc.InputError, match=rf"Pin\('left'\): {message}"):
+        fc.Pin("left", motion)
+    with pytest.raises(fc.InputError, match="velocity = 3: must be a function of t"):
+        fc.Pin("left", lambda t: [0, 0, t], velocity=3)
+
+
+def test_a_motion_is_evaluated_once_for_each_time(small, isotropic):
+    times = []
+
+    def motion(t):
+        times.append(t)
+        return [0.0, 0.0, t**2]
+
+    pins = [fc.Pin("left", motion, velocity=lambda t: [0.0, 0.0, 2 * t])]
+    system = fc.System(small, isotropic, [fc.StVK()], pins)
+    target, x = system.constraints.target, system.rest().x
+    times.clear()
+    for step in range(4):
+        target(0.25 * step, 0.25, x)
+    assert times == [0.0, 0.25, 0.5, 0.75, 1.0]

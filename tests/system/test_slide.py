@@ -6,7 +6,7 @@ from conftest import flat, rough
 from support.linear_term import LinearDamping, LinearMembrane
 
 import fecloth as fc
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import METHODS
 
 ALL = [method() for method in METHODS.values()]
 TIGHT = fc.Newton(tolerance=1e-12)
@@ -186,7 +186,7 @@ def test_prescribed_acceleration_is_that_of_the_motion(method, mass, small, isot
     """
     g, v0 = np.array([1.0, -2.0, -9.81]), np.array([0.3, 0.0, 0.1])
     # the Euler methods' own fall is ½ g t (t + dt); the motion must be theirs
-    lag = 0.0 if method.order == 2 else 5e-3
+    lag = 0.0 if method.traits.order == 2 else 5e-3
     pin = fc.Pin(
         "left", lambda t: v0 * t + 0.5 * g * t * (t + lag), lambda t: v0 + g * t, name="edge"
     )

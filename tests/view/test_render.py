@@ -11,7 +11,7 @@ import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.output.frame_reader import Frame
 from fecloth.output.frames import Frames
-from fecloth.view.checker_pattern import material, side
+from fecloth.view.checker_pattern import material_coordinates, square_side
 
 pytest.importorskip("pyvista")
 imageio = pytest.importorskip("imageio.v2")
@@ -81,15 +81,15 @@ def test_the_squares_follow_the_material():
     X = np.array([[0.0, 0.0], [0.3, 0.1]])
     moved = np.array([[2.0, 1.0, 0.5], [1.0, 1.0, 1.0]])
     frame = Frame(0.0, moved, None, {"displacement": moved - np.c_[X, [0, 0]]}, {})
-    assert material(frame) == pytest.approx(X)
-    assert [side(scale * X) for scale in (1, 3, 10)] == [0.02, 0.05, 0.2]
+    assert material_coordinates(frame) == pytest.approx(X)
+    assert [square_side(scale * X) for scale in (1, 3, 10)] == [0.02, 0.05, 0.2]
 
 
 def test_checks_need_the_displacement():
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5)
     frame = Frame(0.0, np.c_[cloth.X, 0 * cloth.X[:, 0]], cloth.triangles, {}, {})
     with pytest.raises(fc.InputError, match="needs frames with a displacement"):
-        material(frame)
+        material_coordinates(frame)
 
 
 def test_the_colours_are_the_field(draw):

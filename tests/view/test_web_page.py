@@ -150,7 +150,7 @@ def test_a_long_run_is_thinned_and_says_so(run, monkeypatch):
         (["render", ".", "-o", "a.png", "--size", "big"], "must be like 1280x720"),
         (["render", ".", "-o", "a.mp4", "--size", "101x100"], "even for .mp4"),
         (["render", ".", "-o", "a.gif", "--fps", "0"], "fps = 0"),
-        (["render", ".", "-o", "a.gif", "--time", "1"], "is for a .png"),
+        (["render", ".", "-o", "a.gif", "--time", "1"], "applies only to a .png"),
     ],
 )
 def test_mistakes(arguments, message, tmp_path, monkeypatch, capsys):

@@ -9,12 +9,10 @@ import numpy as np
 
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
-from fecloth.jit import kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import TIME
 from fecloth.terms.bending.dihedral_angle import angles, condition
-from fecloth.terms.loops import bound_condition, condition_discrete_gradient
-from fecloth.terms.loops import condition as loops
+from fecloth.terms.loops import bound_condition
 
 CONVEX = (0,)  # one component, whose ∂²θ is indefinite
 
@@ -95,7 +93,7 @@ class HingeBending:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.hinges.nodes
 
-    def bind(self, panel: Panel, slots) -> condition_discrete_gradient.RigidCondition:
+    def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition:
         hinges = panel.cloth.hinges
         rest = np.atleast_1d(0.0 if self.rest is None else self.rest)
         if rest.size not in (1, len(hinges.nodes)):
@@ -143,7 +141,7 @@ class BendingDamping:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.hinges.nodes
 
-    def bind(self, panel: Panel, slots) -> condition_discrete_gradient.RigidCondition:
+    def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition:
         damping = self.time * hinge_stiffness(panel, "BendingDamping")
         return bind("BendingDamping", panel, slots, 0.0, 0.0, damping, self.tangent)
 
@@ -184,49 +182,7 @@ def bind(name, panel, slots, rest, stiffness, damping, tangent="symmetric"):
     nodes = panel.cloth.hinges.nodes
     data = nodes, np.broadcast_to(rest, len(nodes))[:, None], stiffness, damping
     bound = bound_condition.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)
-    return condition_discrete_gradient.with_steps(bound, OVER_STEP)
+    return bound_condition.RigidCondition(**vars(bound))
 
 
-@kernel
-def energy(K, R, nodes, c, ks, x):
-    return loops.energy(condition, K, R, nodes, c, ks, x)
-
-
-@kernel
-def power(K, R, nodes, c, kd, x, v):
-    return loops.power(condition, K, R, nodes, c, kd, x, v)
-
-
-@kernel
-def add_force(K, R, nodes, c, ks, kd, x, v, f):
-    loops.add_force(condition, K, R, nodes, c, ks, kd, x, v, f)
-
-
-@kernel
-def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
-    loops.add_tangent(condition, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
-
-
-@kernel
-def force_over_step(K, R, nodes, c, ks, start, x, f):
-    condition_discrete_gradient.add_force(condition, K, R, nodes, c, ks, start, x, f)
-
-
-@kernel
-def tangent_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
-    condition_discrete_gradient.add_tangent(
-        condition, K, R, nodes, slots, c, ks, start, x, scale, J
-    )
-
-
-@kernel
-def symmetric_over_step(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
-    condition_discrete_gradient.add_symmetric(
-        condition, K, R, nodes, slots, c, ks, start, x, scale, definite, J
-    )
-
-
-KERNELS = bound_condition.Kernels(energy, power, add_force, add_tangent)
-OVER_STEP = condition_discrete_gradient.Discrete(
-    force_over_step, tangent_over_step, symmetric_over_step
-)
+KERNELS = bound_condition.kernels(condition)

@@ -1,8 +1,7 @@
-"""A user's own membrane law: W, S and ℂ in the Green strain become a term.
+"""Membrane law of a user: W, S and ℂ in the Green strain become a term.
 
-What the laws of the package spell out by hand, so that their machine code is kept on disk, is
-written out here with the law when it is first bound, and compiled anew in each process. The loops
-are the same, and so is their speed.
+The templates in `fecloth.terms.loops.membrane` are compiled with the law at its first use and kept
+on disk. They are compiled anew when the law, or a function that it calls, changes.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
@@ -19,20 +17,19 @@ from numba.core.errors import NumbaError
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner
+from fecloth.jit import inner, insert
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.custom.law_check import NEAR, VOIGT, checked
-from fecloth.terms.loops import gonzalez, membrane
-from fecloth.terms.loops import membrane_discrete_gradient as averaged
+from fecloth.terms.loops import membrane
 
 
 class MembraneLaw:
-    """Base of a membrane with a law of one's own: write `law`, and `constants` if it has any.
+    """Base class of a membrane with a law of your own: write `law`, and `constants` if it has any.
 
     A subclass is a frozen dataclass with the parameters of the law as its fields, and is used as
     `StVK` is: in a `System`, on P1 and P2, with every integrator (`EnergyMomentum` by the quotient
-    of Gonzalez, see `terms.quotient`), as the `law` of `StrainRateDamping`, with stresses in the
-    output. Its class's name is the term's.
+    of Gonzalez, see `fecloth.terms.loops.membrane_discrete_gradient`), as the `law` of
+    `StrainRateDamping`, with stresses in the output. The name of its class is the term's name.
 
     ``law(E, c)`` is a static method of the Green strain E = (E11, E22, E12) and the constants c of
     the triangle, in warp and weft, and returns
@@ -41,11 +38,12 @@ class MembraneLaw:
         (S11, S22, S12)                   S = ∂W/∂E [N/m]; S12 is half of ∂W/∂E12
         (C11, C22, C66, C12, C16, C26)    ℂ = ∂S/∂E [N/m], on E11, E22 and 2 E12
 
-    It is compiled by Numba: numbers, tuples and `math`, and what it calls is compiled itself
-    (`numba.njit`; `fecloth.terms.membrane.contract` gives ℂ : E). That takes a second or two for
-    each of force, tangent and definite tangent, in each process. Entries of c are best written
-    out: a law with a slice of c took three times as long. S and ℂ are held against differences
-    near rest when the term is bound, and far from it by `fecloth.verify.check_term`.
+    Numba compiles it: use numbers, tuples and `math`, and call only functions that are compiled
+    themselves (`numba.njit`; `fecloth.terms.loops.green_strain.contract` gives ℂ : E). That takes a
+    second or two for each of force, tangent and definite tangent. The machine code is kept on disk
+    until the law, its constants or a function that it calls changes. Write out the entries of c: a
+    law with a slice of c took three times as long. When the term is bound, S and ℂ are compared
+    with differences near rest; `fecloth.verify.check_term` does so far from it.
 
     Newton's definite tangent clamps the principal values of S, as for all laws, and the
     eigenvalues of ℂ where they are negative: W need not be convex.
@@ -95,15 +93,15 @@ class MembraneLaw:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> averaged.SteppedMembrane:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         name, constants = type(self).__name__, panel.each(self._row)
-        moduli = panel.each(lambda fabric: _raised(self.moduli(fabric)))
+        moduli = panel.each(lambda fabric: _raise_eigenvalues(self.moduli(fabric)))
         try:
-            jitted(self.law)(NEAR, constants[0])
+            _compile_law(self.law)(NEAR, constants[0])
         except NumbaError as error:
             what, allowed = f"law: {' '.join(str(error).split())}", "must be what Numba compiles"
             raise InputError(what, allowed, name) from error
-        return averaged.bind(name, *compiled(self.law), constants, moduli, panel, slots)
+        return membrane.bind(name, _kernels(self.law), constants, moduli, panel, slots)
 
     def _row(self, fabric: Fabric) -> np.ndarray:
         """`constants`, checked."""
@@ -118,20 +116,20 @@ class MembraneLaw:
         return c
 
 
-def _raised(C: np.ndarray) -> np.ndarray:
-    """ℂ with its eigenvalues made positive, which can only raise the bound on the frequency."""
+def _raise_eigenvalues(C: np.ndarray) -> np.ndarray:
+    """Raise the eigenvalues of ℂ above zero, which can only raise the bound on the frequency."""
     values, vectors = np.linalg.eigh(C[np.array(VOIGT)])
     least = max(1e-9 * np.abs(values).max(), 1e-100)
     A = (vectors * np.maximum(values, least)) @ vectors.T
     return np.array([A[0, 0], A[1, 1], A[2, 2], A[0, 1], A[0, 2], A[1, 2]])
 
 
-# --- compiled ---------------------------------------------------------------------------------
+# --- what is compiled ---------------------------------------------------------------------------
 
 
 @inner
 def positive(C):
-    """ℂ with its negative eigenvalues at zero."""
+    """Raise the negative eigenvalues of ℂ to zero."""
     C11, C22, C66, C12, C16, C26 = C
     minor = C11 * C22 - C12 * C12
     det = C66 * minor - C11 * C26 * C26 - C22 * C16 * C16 + 2.0 * C12 * C16 * C26
@@ -146,86 +144,35 @@ def positive(C):
     return A[0, 0], A[1, 1], A[2, 2], A[0, 1], A[0, 2], A[1, 2]
 
 
+# templates, into which `_kernels` inserts the law
+
+
+def law(E, c):
+    """Return W, S and ℂ; the user's law takes the place of this one."""
+    raise NotImplementedError
+
+
+def floating_point(E, c):
+    """The law with floating-point numbers in place of integers."""
+    W, S, C = law(E, c)
+    S = 1.0 * S[0], 1.0 * S[1], 1.0 * S[2]
+    return 1.0 * W, S, (1.0 * C[0], 1.0 * C[1], 1.0 * C[2], 1.0 * C[3], 1.0 * C[4], 1.0 * C[5])
+
+
+def definite(E, c):
+    """The law with ℂ positive semi-definite."""
+    W, S, C = law(E, c)
+    return W, S, positive(C)
+
+
 @cache
-def jitted(law: Callable) -> Callable:
-    """The law by itself."""
+def _compile_law(law: Callable) -> Callable:
+    """Compile a law by itself, unless it is."""
     return law if isinstance(law, Dispatcher) else inner(law)
 
 
-class Entries(NamedTuple):
-    """A law's entry points, at a state and over a step."""
-
-    kernels: membrane.Kernels
-    averaged: averaged.Averaged
-
-
 @cache
-def compiled(law: Callable) -> Entries:
-    """The loops of `membrane` and `quotient` with the law, each compiled where it is first used."""
-    own = jitted(law)
-
-    @inner
-    def exact(E, c):
-        W, S, C = own(E, c)
-        S = 1.0 * S[0], 1.0 * S[1], 1.0 * S[2]
-        return 1.0 * W, S, (1.0 * C[0], 1.0 * C[1], 1.0 * C[2], 1.0 * C[3], 1.0 * C[4], 1.0 * C[5])
-
-    @inner
-    def definite(E, c):
-        W, S, C = exact(E, c)
-        return W, S, positive(C)
-
-    return Entries(_at(exact, definite), _over(exact, definite))
-
-
-def _by_floor(exact: Callable, definite: Callable) -> Callable:
-    """A finite floor, the last argument but one, asks for a definite tangent."""
-    return lambda *arguments: (definite if arguments[-2] > -math.inf else exact)(*arguments)
-
-
-def _at(exact, definite) -> membrane.Kernels:
-    """The entry points at a state."""
-
-    @inner
-    def energy(K, Q, nodes, G, w, c, x):
-        return membrane.energy(exact, K, Q, nodes, G, w, c, x)
-
-    @inner
-    def add_force(K, Q, nodes, G, w, c, x, f):
-        membrane.add_force(exact, K, Q, nodes, G, w, c, x, f)
-
-    def tangent(law):
-        @inner
-        def add_tangent(K, Q, nodes, slots, G, w, c, x, scale, floor, J):
-            membrane.add_tangent(law, K, Q, nodes, slots, G, w, c, x, scale, floor, J)
-
-        return add_tangent
-
-    @inner
-    def add_stress(K, Q, nodes, G, w, c, x, out):
-        membrane.add_stress(exact, K, Q, nodes, G, w, c, x, out)
-
-    tangents = _by_floor(tangent(exact), tangent(definite))
-    return membrane.Kernels(energy, add_force, tangents, add_stress)
-
-
-def _over(exact, definite) -> averaged.Averaged:
-    """The entry points over a step."""
-
-    @inner
-    def add_force(K, Q, nodes, G, w, c, start, x, f):
-        gonzalez.add_force(exact, K, Q, nodes, G, w, c, start, x, f)
-
-    @inner
-    def add_tangent(K, Q, nodes, slots, G, w, c, start, x, scale, J):
-        gonzalez.add_tangent(exact, K, Q, nodes, slots, G, w, c, start, x, scale, J)
-
-    def symmetric(law):
-        @inner
-        def add_symmetric(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
-            averaged.add_symmetric(law, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J)
-
-        return add_symmetric
-
-    symmetrics = _by_floor(symmetric(exact), symmetric(definite))
-    return averaged.Averaged(add_force, add_tangent, symmetrics)
+def _kernels(law: Callable) -> membrane.MembraneKernels:
+    """Compile the entry points of a law."""
+    exact = inner(insert(floating_point, law=_compile_law(law)))
+    return membrane.kernels(exact, inner(insert(definite, law=exact)))

@@ -8,10 +8,10 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, kernel
+from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.custom.finite_differences import Derivatives, Function
-from fecloth.terms.loops import bound_condition, condition
+from fecloth.terms.loops import bound_condition
 
 RESERVED = ("t", "kinetic", "pins", "numerical", "total", "remainder")  # columns of the ledger
 
@@ -25,7 +25,7 @@ class Condition:
     These and their Hessians follow from C, ∂C and ∂²C. C works on all stencils at once, on arrays.
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 7, 8 and 11–13; see
-    `fecloth.terms.condition`.
+    `fecloth.terms.loops.condition`.
 
     Valid where C is twice differentiable, which it must be at every state that is met: a length
     is not at zero, an angle not at a full turn. Momentum is kept only if C does not change in
@@ -200,24 +200,4 @@ def tabulated(y, c, order, C, g, H):
                     H[r, a // 3, a % 3, b // 3, b % 3] = c[n + n * d + (r * d + a) * d + b]
 
 
-@kernel
-def energy(K, R, nodes, c, ks, x):
-    return condition.energy(tabulated, K, R, nodes, c, ks, x)
-
-
-@kernel
-def power(K, R, nodes, c, kd, x, v):
-    return condition.power(tabulated, K, R, nodes, c, kd, x, v)
-
-
-@kernel
-def add_force(K, R, nodes, c, ks, kd, x, v, f):
-    condition.add_force(tabulated, K, R, nodes, c, ks, kd, x, v, f)
-
-
-@kernel
-def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
-    condition.add_tangent(tabulated, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
-
-
-KERNELS = bound_condition.Kernels(energy, power, add_force, add_tangent)
+KERNELS = bound_condition.kernels(tabulated)

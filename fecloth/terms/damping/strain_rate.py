@@ -12,15 +12,16 @@ from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import TIME
+from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.green_strain import (
-    clamped,
+    clamp,
+    contract,
     gradient,
     scatter_force,
     scatter_mixed,
     scatter_symmetric,
     strain_rate,
 )
-from fecloth.terms.loops.membrane import contract, eigenvalue_bound
 from fecloth.terms.membranes.stvk import StVK
 
 
@@ -119,7 +120,7 @@ class BoundStrainRate:
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest."""
-        return 0.0, eigenvalue_bound(self.panel, self.viscosity, mass)
+        return 0.0, membrane_bound(self.panel, self.viscosity, mass)
 
 
 @inner
@@ -160,7 +161,7 @@ def add_symmetric(K, Q, nodes, slots, G, w, c, x, v, wx, wv, floor, J):
         for q in range(len(Q)):
             F, H = gradient(K, nodes, G, e, q, x), gradient(K, nodes, G, e, q, v)
             S, _ = viscous_stress(ce, F, H)
-            S = clamped((wx * S[0], wx * S[1], wx * S[2]), floor)
+            S = clamp((wx * S[0], wx * S[1], wx * S[2]), floor)
             scatter_symmetric(K, slots, G, e, q, w[e, q], F, S, C, J)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.quantities.formula import Formula
-from fecloth.quantities.time_function import Timed, vector
+from fecloth.quantities.time_function import TimeFunction, vector
 
 GRADIENT_STEP = 1e-5  # m; a central difference is then good to about 1e-10 of |u| per metre
 PLACE = ("x", "y", "z", "t")
@@ -20,7 +20,7 @@ PLACE = ("x", "y", "z", "t")
 class Uniform:
     """u(t), the same everywhere; it needs no positions."""
 
-    value: Timed
+    value: TimeFunction
 
     def velocity(self, x: np.ndarray | None, t: float) -> np.ndarray:
         """(1, 3) [m/s]."""

@@ -12,7 +12,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
-from fecloth.quantities.time_function import OfTime, Timed, scalar
+from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
 from fecloth.quantities.units import PRESSURE
 from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 from fecloth.terms.loops.green_strain import gradient
@@ -106,7 +106,7 @@ class BoundPressure:
     `rest` are the positions (n, 3) of the flat cloth.
     """
 
-    p: Timed
+    p: TimeFunction
     nodes: np.ndarray
     turns: np.ndarray
     slots: np.ndarray

@@ -27,7 +27,7 @@ class Wind:
     has both, as ``dissipated:Wind`` and ``work:Wind``.
 
     Source: `Drag` with w = v̄ − u(x, t); gusts after Kraichnan (1970), Diffusion by a random
-    velocity field, Physics of Fluids 13, 22–31 (`fecloth.air.Gusts`).
+    velocity field, Physics of Fluids 13, 22–31 (`fecloth.terms.loads.air_velocity.Gusts`).
 
     Valid where `Drag` is, for air that takes no notice of the cloth: there is no wake, no shelter
     behind another part, and no flutter that the air's own motion would bring about.
@@ -42,7 +42,8 @@ class Wind:
         As for `Drag`.
     gusts
         Turbulence intensity: the standard deviation of each component over the mean speed; then
-        `velocity` must be three numbers. See `fecloth.air.Gusts` for the field.
+        `velocity` must be three numbers. The field is that of
+        `fecloth.terms.loads.air_velocity.Gusts`.
     gust_length
         Size of the gusts [m].
     seed
@@ -79,7 +80,7 @@ class Wind:
             raise InputError(f"seed = {self.seed!r}", "must lie in 0 … 2³² − 1", "Wind")
         steady = not callable(self.velocity) and not any(isinstance(u, str) for u in self.velocity)
         if self.gusts and not steady:
-            remedy = "Add fecloth.air.Gusts to a function of your own."
+            remedy = "Add fecloth.terms.loads.air_velocity.Gusts to a function of your own."
             raise InputError("gusts of a wind that is not uniform", "need numbers", "Wind", remedy)
 
     def stencil(self, cloth: Cloth) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Conditions of one family on the stencils of a cloth: what `System` holds of them."""
+"""Conditions of one family bound to the stencils of a cloth, as a `System` calls them."""
 
 from __future__ import annotations
 
@@ -10,17 +10,31 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
+from fecloth.jit import specialise
+from fecloth.terms.loops import condition, condition_discrete_gradient
 from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
-from fecloth.terms.loops.eigenvalue_bounds import bound_of_squares, squares
+from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels, OverStep
+from fecloth.terms.loops.eigenvalue_bounds import bound_from_squares, squared_norms
 
 
-class Kernels(NamedTuple):
-    """A family's compiled entry points, each one of the loops of `condition` with it."""
+class ConditionKernels(NamedTuple):
+    """The entry points of a family, each a template of `condition` compiled with the family."""
 
     energy: Callable
     power: Callable
     add_force: Callable
     add_tangent: Callable
+    over_step: DiscreteGradientKernels
+
+
+def kernels(family: Callable) -> ConditionKernels:
+    """Compile the entry points of a family; each is compiled at its first call, or read from disk.
+
+    `family` is a compiled function as `fecloth.terms.loops.condition` describes it.
+    """
+    templates = condition.energy, condition.power, condition.add_force, condition.add_tangent
+    made = (specialise(template, condition=family) for template in templates)
+    return ConditionKernels(*made, condition_discrete_gradient.kernels(family))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +62,7 @@ class BoundCondition:
     """
 
     name: str
-    kernels: Kernels
+    kernels: ConditionKernels
     shape: tuple[tuple, tuple]
     nodes: np.ndarray
     slots: np.ndarray
@@ -76,7 +90,7 @@ class BoundCondition:
         return self.tangent == "symmetric" or not self.dissipative
 
     def table(self, x, t, order) -> np.ndarray:
-        """(m, p) constants at x and t, for terms whose are not: up to what `order` asks for."""
+        """Constants (m, p) at x and t, as far as C, ∂C and ∂²C up to `order` need them."""
         return self.constants
 
     def energy(self, x: np.ndarray, t: float) -> float:
@@ -109,15 +123,15 @@ class BoundCondition:
         return self._bound(mass, 1.0, 0.0), self._bound(mass, 0.0, 1.0)
 
     def _bound(self, mass, wx, wv) -> float:
-        """Bound for wx K + wv D, by stencils."""
+        """Bound the eigenvalues of M⁻¹(wx K + wv D) by those of the stencils."""
         if not (self.stiffness.any() if wx else self.damping.any()):
             return 0.0
-        parts = [squares(blocks) for blocks in self._blocks(wx, wv)]
-        return bound_of_squares(self.nodes, np.concatenate(parts), mass)
+        parts = [squared_norms(blocks) for blocks in self._blocks(wx, wv)]
+        return bound_from_squares(self.nodes, np.concatenate(parts), mass)
 
     def _blocks(self, wx, wv, size=8192):
-        """(s, k, k, 3, 3), the stencils' own matrices at rest, `size` of them at once."""
-        still, constants = np.zeros_like(self.rest), self.table(self.rest, 0.0, 2)
+        """Yield the matrices (s, k, k, 3, 3) of the stencils at rest, `size` of them at once."""
+        zero, constants = np.zeros_like(self.rest), self.table(self.rest, 0.0, 2)
         for start in range(0, len(self.nodes), size):
             part = slice(start, start + size)
             s, k = self.nodes[part].shape
@@ -127,14 +141,25 @@ class BoundCondition:
             weights = wx, wv, EXACT if self.hessian == "exact" else GAUSS_NEWTON, False
             nodes = self.nodes[part]
             self.kernels.add_tangent(
-                *self.shape, nodes, slots, *data, self.rest, still, *weights, values
+                *self.shape, nodes, slots, *data, self.rest, zero, *weights, values
             )
             yield values.reshape(s, k, k, 3, 3)
 
 
+@dataclass(frozen=True, eq=False)
+class RigidCondition(BoundCondition):
+    """Conditions that no rigid motion changes."""
+
+    def between(self, start: np.ndarray, symmetric: bool) -> OverStep | RigidCondition:
+        """The conditions over a step from positions `start` (n, 3)."""
+        if not self.has_energy:
+            return self
+        return OverStep(self, start, symmetric)
+
+
 def bind(
     name: str,
-    kernels: Kernels,
+    kernels: ConditionKernels,
     convex: tuple[int, ...],
     panel: Panel,
     slots: Callable,
@@ -146,6 +171,8 @@ def bind(
     tangent: str = "symmetric",
 ) -> BoundCondition:
     """Bind a family of conditions to the stencils `nodes` of a panel.
+
+    For conditions that no rigid motion changes, make a `RigidCondition` of the result.
 
     Parameters
     ----------
@@ -184,7 +211,7 @@ def bind(
 
 
 def _matrices(values, m: int, r: int) -> np.ndarray:
-    """(m, r, r) from a number, (m,), (m, r) or (m, r, r)."""
+    """Make (m, r, r) from a number, (m,), (m, r) or (m, r, r)."""
     values = np.asarray(values, dtype=float)
     if values.ndim < 3:
         rows = values[:, None] if values.ndim == 1 else values
@@ -193,7 +220,7 @@ def _matrices(values, m: int, r: int) -> np.ndarray:
 
 
 def check_options(where: str, hessian: str = "exact", tangent: str = "symmetric") -> None:
-    """Refuse a choice that there is not."""
+    """Raise an `InputError` for an option that does not exist."""
     for name, value, allowed in (
         ("hessian", hessian, ("exact", "gauss_newton")),
         ("tangent", tangent, ("symmetric", "exact")),

@@ -1,4 +1,4 @@
-"""The condition loop: springs, hinges and every other condition C(x) run through these kernels.
+"""Loops over the stencils of a condition C(x): springs, hinges and every other condition.
 
 A condition C(x) with r components on a stencil of k nodes, a stiffness k_s and a damping k_d give
 (Baraff and Witkin 1998, Large Steps in Cloth Simulation, equations in brackets)
@@ -19,16 +19,16 @@ A family of conditions is a compiled function
 
     y (k, 3)             positions of the stencil's nodes [m]
     c (p,)               the constants of the stencil
-    order                what is asked for: 0 only C, 1 also g, 2 also H
+    order                which to compute: 0 only C, 1 also g, 2 also H
     C (r,), g (r, k, 3), H (r, k, 3, k, 3)
-                         to be filled with C, ∂C/∂y and ∂²C/∂y∂y: every entry that `order` asks for,
-                         for they hold the values of another stencil before
+                         to be filled with C, ∂C/∂y and ∂²C/∂y∂y: every entry of those that `order`
+                         names, because they hold the values of another stencil before
 
-and four module-level entry points, which hand it to the loops below (as springs.py does), in a
-`Kernels`. `K` is a tuple with one zero for each node and `R` a tuple with, for each component, 1
-if its ∂²C is positive semi-definite at every x and 0 if it is not: the compiler knows their
-length. `boundcondition.bind` makes the bound term. A term whose constants change with x or t
-extends `BoundCondition` and its `table`, as user_condition.py and tether.py do.
+The loops below are templates that call it; `bound_condition.kernels` compiles them and
+`bound_condition.bind` makes the bound term. `K` is a tuple with one zero for each node and `R` a
+tuple with, for each component, 1 if its ∂²C is positive semi-definite at every x and 0 if it is
+not: the compiler knows their length. A term whose constants change with x or t extends
+`BoundCondition` and its `table`, as user_condition.py and tether.py do.
 
 `definite` keeps the part (k_s C + k_d Ċ)_r ∂²C_r where both factors are not negative, drops the
 others and the non-symmetric part. Gauss–Newton drops all of ∂²C.
@@ -38,9 +38,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from fecloth.jit import inner, loop
+from fecloth.jit import inner
 
 GAUSS_NEWTON, EXACT, DEFINITE = 0, 1, 2  # what becomes of the part with ∂²C
+
+
+def condition(y, c, order, C, g, H):
+    """Fill C, g and H; `bound_condition.kernels` puts a family in place of this one."""
+    raise NotImplementedError
 
 
 @inner
@@ -61,8 +66,7 @@ def rate(K, R, g, u, out):
             out[r] += g[r, a, 0] * u[a, 0] + g[r, a, 1] * u[a, 1] + g[r, a, 2] * u[a, 2]
 
 
-@loop
-def energy(condition, K, R, nodes, c, ks, x):
+def energy(K, R, nodes, c, ks, x):
     """½ Σ Cᵀ k_s C [J]."""
     y, C = np.empty((len(K), 3)), np.empty(len(R))
     g, H = np.empty((len(R), len(K), 3)), np.empty((0, 0, 0, 0, 0))
@@ -76,8 +80,7 @@ def energy(condition, K, R, nodes, c, ks, x):
     return total
 
 
-@loop
-def power(condition, K, R, nodes, c, kd, x, v):
+def power(K, R, nodes, c, kd, x, v):
     """Dissipated power Σ Ċᵀ k_d Ċ [W]."""
     y, u = np.empty((len(K), 3)), np.empty((len(K), 3))
     C, Cdot = np.empty(len(R)), np.empty(len(R))
@@ -94,8 +97,7 @@ def power(condition, K, R, nodes, c, kd, x, v):
     return total
 
 
-@loop
-def add_force(condition, K, R, nodes, c, ks, kd, x, v, f):
+def add_force(K, R, nodes, c, ks, kd, x, v, f):
     """f_a −= ∂C_a (k_s C + k_d Ċ)."""
     y, u = np.empty((len(K), 3)), np.empty((len(K), 3))
     C, Cdot = np.empty(len(R)), np.empty(len(R))
@@ -115,8 +117,7 @@ def add_force(condition, K, R, nodes, c, ks, kd, x, v, f):
                     f[i, j] -= tension * g[r, a, j]
 
 
-@loop
-def add_tangent(condition, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
+def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
     """J_ab += ∂C_a (wx k_s + wv k_d) ∂C_bᵀ + wx Σ (k_s C + k_d Ċ)_r ∂²C_r,ab + the mixed part.
 
     `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is there.
@@ -125,7 +126,7 @@ def add_tangent(condition, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mi
     y, u = np.empty((k, 3)), np.empty((k, 3))
     C, Cdot, tension = np.empty(n), np.empty(n), np.empty(n)
     g, H = np.empty((n, k, 3)), np.empty((n, k, 3, k, 3))
-    turn, T = np.zeros((n, k, 3)), np.empty((n, k, 3))  # ∂Ċ/∂x; what ∂C_a is multiplied by
+    dCdot, T = np.zeros((n, k, 3)), np.empty((n, k, 3))  # wx ∂Ċ/∂x; the factor of ∂C_a
     order = 2 if part != GAUSS_NEWTON or mixed else 1
     for e in range(len(nodes)):
         gather(K, nodes, e, x, y)
@@ -140,7 +141,7 @@ def add_tangent(condition, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mi
                         for a in range(k):
                             for i in range(3):
                                 total += H[r, b, j, a, i] * u[a, i]
-                        turn[r, b, j] = wx * total
+                        dCdot[r, b, j] = wx * total
         for r in range(n):
             s = 0.0
             for q in range(n):
@@ -152,7 +153,7 @@ def add_tangent(condition, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mi
                     T[r, b, j] = 0.0
                     for q in range(n):
                         weight = wx * ks[e, r, q] + wv * kd[e, r, q]
-                        T[r, b, j] += weight * g[q, b, j] + kd[e, r, q] * turn[q, b, j]
+                        T[r, b, j] += weight * g[q, b, j] + kd[e, r, q] * dCdot[q, b, j]
         for a in range(k):
             for b in range(k):
                 slot = np.uintp(slots[e, a, b])

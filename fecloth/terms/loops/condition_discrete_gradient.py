@@ -1,4 +1,4 @@
-"""Conditions over a step: a discrete gradient of C, which takes part of the work of its energy.
+"""Conditions over a step: a discrete gradient of C, whose work is the change of the energy.
 
 From positions y₀ of a stencil to y₁ = 2y − y₀, with d = y₁ − y₀ and C₀, C₁ at the two ends,
 
@@ -8,8 +8,8 @@ where u is d without its rigid part, d_a − d̄ − ω × p_a with p = y − ȳ
 tensor Θ = Σ |p_a|² I − p_a p_aᵀ, and s = u · u = u · d. Then ḡ · d = C₁ − C₀, so that the work
 −f · d is ½ C₁ᵀk_s C₁ − ½ C₀ᵀk_s C₀, and ḡ has no resultant and no moment about y, as ∂C(y) has none
 for a C that no rigid motion changes: energy and both momenta are kept at any step (Gonzalez 1996,
-Time Integration and Discrete Hamiltonian Systems, J. Nonlinear Sci. 6; here the correction is
-kept from turning the stencil). For a spring ḡ is ± 2 (y₂ − y₁)/(l₀ + l₁).
+Time Integration and Discrete Hamiltonian Systems, J. Nonlinear Sci. 6; here the correction
+does not rotate the stencil). For a spring ḡ is ± 2 (y₂ − y₁)/(l₀ + l₁).
 
     −∂f_a/∂y_b = ḡ_a k_s ∂C(y₁)_bᵀ + Σ_r (k_s C̄)_r ∂ḡ_r,a/∂y_b         not symmetric
 
@@ -21,28 +21,40 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fecloth.jit import inner, loop
-from fecloth.terms.loops.bound_condition import BoundCondition
+from fecloth.jit import inner, specialise
 from fecloth.terms.loops.condition import gather
-from fecloth.terms.loops.rigid_motion import centred, inverse_inertia, turned, without_rigid_part
+from fecloth.terms.loops.rigid_motion import (
+    differentiate_deformation,
+    inverse_inertia,
+    remove_rigid_part,
+    subtract_mean,
+)
+
+if TYPE_CHECKING:
+    from fecloth.terms.loops.bound_condition import BoundCondition, RigidCondition
 
 SHORT = 1e-16  # of s, relative to Σ |p|²
 
 
+def condition(y, c, order, C, g, H):
+    """Fill C, g and H; `kernels` puts a family in its place (see `condition`)."""
+    raise NotImplementedError
+
+
 @inner
-def missing(K, g, d, change):
-    """N = C₁ − C₀ − g · d."""
+def gradient_defect(K, g, d, change):
+    """N = C₁ − C₀ − g · d, with C₁ − C₀ = `change`."""
     for a in range(len(K)):
         change -= g[a, 0] * d[a, 0] + g[a, 1] * d[a, 1] + g[a, 2] * d[a, 2]
     return change
 
 
 @inner
-def ends(K, nodes, e, start, x, y0, y, y1, d):
+def gather_over_step(K, nodes, e, start, x, y0, y, y1, d):
     """y₀, y, y₁ = 2y − y₀ and d = y₁ − y₀ of a stencil."""
     gather(K, nodes, e, start, y0)
     gather(K, nodes, e, x, y)
@@ -52,22 +64,21 @@ def ends(K, nodes, e, start, x, y0, y, y1, d):
             d[a, i] = y1[a, i] - y0[a, i]
 
 
-@loop
-def add_force(condition, K, R, nodes, c, ks, start, x, f):
+def add_force(K, R, nodes, c, ks, start, x, f):
     """f_a −= ḡ_a k_s C̄."""
     k, n = len(K), len(R)
     y0, y, y1, d = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
     p, u, g = np.empty((k, 3)), np.empty((k, 3)), np.empty((n, k, 3))
     C0, C, C1, H = np.empty(n), np.empty(n), np.empty(n), np.empty((0, 0, 0, 0, 0))
     for e in range(len(nodes)):
-        ends(K, nodes, e, start, x, y0, y, y1, d)
+        gather_over_step(K, nodes, e, start, x, y0, y, y1, d)
         condition(y0, c[e], 0, C0, g, H)
         condition(y1, c[e], 0, C1, g, H)
         condition(y, c[e], 1, C, g, H)
-        total = centred(K, y, p)
-        _, s = without_rigid_part(K, p, d, inverse_inertia(K, p, total), u)
+        total = subtract_mean(K, y, p)
+        _, s = remove_rigid_part(K, p, d, inverse_inertia(K, p, total), u)
         for r in range(n):
-            N = missing(K, g[r], d, C1[r] - C0[r])
+            N = gradient_defect(K, g[r], d, C1[r] - C0[r])
             factor = N / s if s > SHORT * total else 0.0
             tension = 0.0
             for q in range(n):
@@ -78,8 +89,7 @@ def add_force(condition, K, R, nodes, c, ks, start, x, f):
                     f[i, j] -= tension * (g[r, a, j] + factor * u[a, j])
 
 
-@loop
-def add_tangent(condition, K, R, nodes, slots, c, ks, start, x, scale, J):
+def add_tangent(K, R, nodes, slots, c, ks, start, x, scale, J):
     """J_ab += scale (ḡ_a k_s ∂C(y₁)_bᵀ + Σ_r (k_s C̄)_r ∂ḡ_r,a/∂y_b)."""
     k, n = len(K), len(R)
     y0, y, y1, d = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
@@ -87,16 +97,16 @@ def add_tangent(condition, K, R, nodes, slots, c, ks, start, x, scale, J):
     g, g1, H = np.empty((n, k, 3)), np.empty((n, k, 3)), np.empty((n, k, 3, k, 3))
     C0, C, C1, N, tension = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     for e in range(len(nodes)):
-        ends(K, nodes, e, start, x, y0, y, y1, d)
+        gather_over_step(K, nodes, e, start, x, y0, y, y1, d)
         condition(y0, c[e], 0, C0, g, H)
         condition(y1, c[e], 1, C1, g1, H)
         condition(y, c[e], 2, C, g, H)
-        total = centred(K, y, p)
+        total = subtract_mean(K, y, p)
         inverse = inverse_inertia(K, p, total)
-        omega, s = without_rigid_part(K, p, d, inverse, u)
+        omega, s = remove_rigid_part(K, p, d, inverse, u)
         corrected = s > SHORT * total
         for r in range(n):
-            N[r] = missing(K, g[r], d, C1[r] - C0[r])
+            N[r] = gradient_defect(K, g[r], d, C1[r] - C0[r])
             tension[r] = 0.0
             for q in range(n):
                 tension[r] += 0.5 * scale * ks[e, r, q] * (C0[q] + C1[q])
@@ -104,7 +114,7 @@ def add_tangent(condition, K, R, nodes, slots, c, ks, start, x, scale, J):
             for j in range(3):
                 ds = 0.0
                 if corrected:
-                    turned(K, p, d, omega, inverse, b, j, du)
+                    differentiate_deformation(K, p, d, omega, inverse, b, j, du)
                     for a in range(k):
                         for i in range(3):
                             ds += 2.0 * u[a, i] * du[a, i]
@@ -126,15 +136,14 @@ def add_tangent(condition, K, R, nodes, slots, c, ks, start, x, scale, J):
                             J[slot, i, j] += gradient * T + tension[r] * change
 
 
-@loop
-def add_symmetric(condition, K, R, nodes, slots, c, ks, start, x, scale, definite, J):
-    """J_ab += scale (∂C_a k_s ∂C_bᵀ + Σ_r (k_s C̄)_r ∂²C_r,ab) at y; `definite`: what is of it."""
+def add_symmetric_tangent(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
+    """J_ab += scale (∂C_a k_s ∂C_bᵀ + Σ_r (k_s C̄)_r ∂²C_r,ab) at y, or its definite part."""
     k, n = len(K), len(R)
     y0, y, y1, d = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
     g, H = np.empty((n, k, 3)), np.empty((n, k, 3, k, 3))
     C0, C, C1 = np.empty(n), np.empty(n), np.empty(n)
     for e in range(len(nodes)):
-        ends(K, nodes, e, start, x, y0, y, y1, d)
+        gather_over_step(K, nodes, e, start, x, y0, y, y1, d)
         condition(y0, c[e], 0, C0, g, H)
         condition(y1, c[e], 0, C1, g, H)
         condition(y, c[e], 2, C, g, H)
@@ -155,30 +164,26 @@ def add_symmetric(condition, K, R, nodes, slots, c, ks, start, x, scale, definit
                             J[slot, i, j] += g[r, a, i] * T + tension * H[r, a, i, b, j]
 
 
-class Discrete(NamedTuple):
-    """A family's compiled entry points over a step, each one of the loops above with it."""
+class DiscreteGradientKernels(NamedTuple):
+    """The entry points of a family over a step, each a template above compiled with the family."""
 
     add_force: Callable
     add_tangent: Callable
-    add_symmetric: Callable
+    add_symmetric_tangent: Callable
 
 
-@dataclass(frozen=True, eq=False)
-class RigidCondition(BoundCondition):
-    """Conditions that no rigid motion changes, with their entry points over a step."""
-
-    discrete: Discrete = None
-
-    def between(self, start: np.ndarray, symmetric: bool) -> OverStep | RigidCondition:
-        """The conditions over a step from positions `start` (n, 3)."""
-        return OverStep(self, start, symmetric) if self.has_energy else self
+def kernels(condition: Callable) -> DiscreteGradientKernels:
+    """Compile the entry points of a family over a step."""
+    templates = add_force, add_tangent, add_symmetric_tangent
+    made = (specialise(template, condition=condition) for template in templates)
+    return DiscreteGradientKernels(*made)
 
 
 @dataclass(frozen=True, eq=False)
 class OverStep:
     """Conditions as they act over a step from `start` to 2x − start; their damping acts at x."""
 
-    given: RigidCondition
+    condition: RigidCondition
     start: np.ndarray
     symmetric_elastic: bool
 
@@ -186,44 +191,39 @@ class OverStep:
 
     @property
     def name(self) -> str:
-        return self.given.name
+        return self.condition.name
 
     @property
     def symmetric(self) -> bool:
-        return self.symmetric_elastic and self.given.symmetric
+        return self.symmetric_elastic and self.condition.symmetric
 
     @property
     def dissipative(self) -> bool:
-        return self.given.dissipative
+        return self.condition.dissipative
 
     @property
     def velocity_dependent(self) -> bool:
-        return self.given.velocity_dependent
+        return self.condition.velocity_dependent
 
     @property
     def _damping(self) -> BoundCondition:
-        return replace(self.given, stiffness=np.zeros_like(self.given.stiffness))
+        return replace(self.condition, stiffness=np.zeros_like(self.condition.stiffness))
 
     def add_force(self, x, v, t, f) -> None:
         """f_a −= ḡ_a k_s C̄ + ∂C_a k_d Ċ [N]."""
-        given = self.given
-        data = given.nodes, given.constants, given.stiffness, self.start
-        given.discrete.add_force(*given.shape, *data, x, f)
+        bound = self.condition
+        data = bound.nodes, bound.constants, bound.stiffness, self.start
+        bound.kernels.over_step.add_force(*bound.shape, *data, x, f)
         if self.dissipative:
             self._damping.add_force(x, v, t, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D."""
-        given = self.given
-        add, weights = given.discrete.add_tangent, (float(wx),)
+        bound, kernels = self.condition, self.condition.kernels.over_step
+        add, weights = kernels.add_tangent, (float(wx),)
         if self.symmetric_elastic or definite:
-            add, weights = given.discrete.add_symmetric, (float(wx), bool(definite))
-        data = given.nodes, given.slots, given.constants, given.stiffness, self.start
-        add(*given.shape, *data, x, *weights, J.values)
+            add, weights = kernels.add_symmetric_tangent, (float(wx), bool(definite))
+        data = bound.nodes, bound.slots, bound.constants, bound.stiffness, self.start
+        add(*bound.shape, *data, x, *weights, J.values)
         if self.dissipative:
             self._damping.add_tangent(x, v, t, wx, wv, J, definite)
-
-
-def with_steps(bound: BoundCondition, discrete: Discrete) -> RigidCondition:
-    """A bound condition with its entry points over a step."""
-    return RigidCondition(**vars(bound), discrete=discrete)

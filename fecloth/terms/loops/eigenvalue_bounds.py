@@ -1,12 +1,43 @@
-"""An upper bound of the eigenvalues of M⁻¹A, where A is a sum of matrices of stencils."""
+"""Upper bounds of the eigenvalues of M⁻¹A, where A is a sum of matrices of stencils."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from fecloth.fabric.panel import Panel
+
+
+def membrane_bound(panel: Panel, moduli: np.ndarray, mass: np.ndarray) -> float:
+    """Bound the largest eigenvalue of M⁻¹K of a membrane at F = I [1/s²].
+
+    The largest eigenvalue of a sum of element matrices is at most the largest of the elements'
+    own (Irons and Treharne 1971); each node's mass is shared among its triangles by theirs. With
+    ℂ = L Lᵀ the nonzero eigenvalues of M_e⁻¹ K_e are those of the matrix of 3×3 blocks, one for
+    each pair of quadrature points, Lᵀ (Σ_a √(w_p w_q) B_ap B_aqᵀ / m_a) L.
+
+    Parameters
+    ----------
+    moduli
+        (m, 6) ℂ of each triangle [N/m].
+    mass
+        (n,) lumped [kg].
+    """
+    cloth = panel.cloth
+    area = cloth.weights.sum(axis=1) * panel.density
+    around = np.bincount(cloth.stencil.ravel(), np.repeat(area, cloth.stencil.shape[1]), len(mass))
+    share = area[:, None] * (mass / around)[cloth.stencil]  # (m, k)
+    L = np.linalg.cholesky(moduli[:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]])  # (m, 3, 3)
+    G1, G2 = np.moveaxis(panel.gradients, -1, 0)  # (m, q, k)
+    zero = np.zeros_like(G1)
+    B = np.stack([np.stack([G1, zero], -1), np.stack([zero, G2], -1), np.stack([G2, G1], -1)], -2)
+    m, q, k = G1.shape
+    scale = np.sqrt(cloth.weights[:, :, None] / share[:, None, :])  # (m, q, k)
+    rows = np.einsum("eli,eqalj,eqa->eqiaj", L, B, scale, optimize=True).reshape(m, 3 * q, 2 * k)
+    return float(np.linalg.eigvalsh(rows @ rows.transpose(0, 2, 1))[:, -1].max())
+
 
 def stencil_bound(nodes: np.ndarray, blocks: np.ndarray, mass: np.ndarray) -> float:
-    """Bound of the largest eigenvalue of M⁻¹A by the stencils' own, from A's symmetric part.
+    """Bound the largest eigenvalue of M⁻¹A by those of the stencils, from A's symmetric part.
 
     Parameters
     ----------
@@ -17,17 +48,17 @@ def stencil_bound(nodes: np.ndarray, blocks: np.ndarray, mass: np.ndarray) -> fl
     mass
         (n,) lumped [kg].
     """
-    return bound_of_squares(nodes, squares(blocks), mass)
+    return bound_from_squares(nodes, squared_norms(blocks), mass)
 
 
-def squares(blocks: np.ndarray) -> np.ndarray:
-    """(m, k, k) squared Frobenius norms of the blocks (m, k, k, 3, 3) of A's symmetric part."""
+def squared_norms(blocks: np.ndarray) -> np.ndarray:
+    """Squared Frobenius norms (m, k, k) of the blocks (m, k, k, 3, 3) of A's symmetric part."""
     A = 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
     return np.sum(A**2, axis=(3, 4))
 
 
-def bound_of_squares(nodes: np.ndarray, squares: np.ndarray, mass: np.ndarray) -> float:
-    """`stencil_bound` from what `squares` gives, which may come in parts.
+def bound_from_squares(nodes: np.ndarray, squares: np.ndarray, mass: np.ndarray) -> float:
+    """Compute `stencil_bound` from `squared_norms`, which a caller may form in parts.
 
     The largest eigenvalue of a sum is at most the largest of the parts' own (Irons and Treharne
     1971), each with its share of the nodes' masses: here in proportion to the norms of the node's
@@ -35,7 +66,7 @@ def bound_of_squares(nodes: np.ndarray, squares: np.ndarray, mass: np.ndarray) -
     """
     rows = np.sqrt(squares.sum(axis=2))  # (m, k)
     around = np.bincount(nodes.ravel(), rows.ravel(), len(mass))[nodes]
-    # rows / (mass share) with share = mass · rows / around; a node without rows has no say
+    # rows / (mass share) with share = mass · rows / around; a node without rows does not count
     factor = np.divide(around, rows, out=np.zeros_like(rows), where=rows > 0) / mass[nodes]
     scaled = squares * factor[:, :, None] * factor[:, None, :]
     return float(np.sqrt(scaled.sum(axis=(1, 2)).max()))

@@ -1,4 +1,4 @@
-"""The Green strain at a quadrature point, and what stress and moduli there are at the nodes.
+"""Green strain at a quadrature point; nodal forces and blocks from the stress and moduli there.
 
 In the notation of `membrane`: E and S in the order (11, 22, 12), ℂ as (C11, C22, C66, C12, C16,
 C26), F as its columns (F11, F21, F31, F12, F22, F32), and B_a with δE = Σ B_a δx_a.
@@ -40,6 +40,23 @@ def green_strain(F):
 
 
 @inner
+def contract(C, E):
+    """S = ℂ : E."""
+    C11, C22, C66, C12, C16, C26 = C
+    E11, E22, E12 = E
+    S11 = C11 * E11 + C12 * E22 + C16 * 2.0 * E12
+    S22 = C12 * E11 + C22 * E22 + C26 * 2.0 * E12
+    S12 = C16 * E11 + C26 * E22 + C66 * 2.0 * E12
+    return S11, S22, S12
+
+
+@inner
+def double_contraction(S, E):
+    """S : E."""
+    return S[0] * E[0] + S[1] * E[1] + 2.0 * S[2] * E[2]
+
+
+@inner
 def strain_rate(F, H):
     """Ė = sym(FᵀḞ) with H = Ḟ."""
     F11, F21, F31, F12, F22, F32 = F
@@ -51,23 +68,23 @@ def strain_rate(F, H):
 
 
 @inner
-def clamped(S, floor):
-    """S with its principal values raised to `floor` (0: positive semi-definite; −inf: as it is)."""
+def clamp(S, floor):
+    """Raise the principal values of S to `floor` (0: positive semi-definite; −inf: S itself)."""
     S11, S22, S12 = S
     mean = 0.5 * (S11 + S22)
-    half = 0.5 * (S11 - S22)
-    radius = math.sqrt(half * half + S12 * S12)
+    half_difference = 0.5 * (S11 - S22)
+    radius = math.sqrt(half_difference * half_difference + S12 * S12)
     if mean - radius >= floor:
         return S
     if mean + radius <= floor:
         return floor, floor, 0.0
     # only the smaller one is below: S + (floor − s₂) n₂ ⊗ n₂
-    raise_ = floor - (mean - radius)
-    c, s = half / radius, S12 / radius
+    increase = floor - (mean - radius)
+    c, s = half_difference / radius, S12 / radius
     return (
-        S11 + 0.5 * raise_ * (1.0 - c),
-        S22 + 0.5 * raise_ * (1.0 + c),
-        S12 - 0.5 * raise_ * s,
+        S11 + 0.5 * increase * (1.0 - c),
+        S22 + 0.5 * increase * (1.0 + c),
+        S12 - 0.5 * increase * s,
     )
 
 
@@ -104,7 +121,7 @@ def material_rows(C, F, G1, G2):
 
 
 @inner
-def block(T, H, G1, G2):
+def material_block(T, H, G1, G2):
     """Tᵀ B_b(H) = p ⊗ H₁ + r ⊗ H₂, the 3×3 material block of the pair (a, b)."""
     T1, T2, T3 = T
     H11, H21, H31, H12, H22, H32 = H
@@ -129,7 +146,7 @@ def scatter_symmetric(K, slots, G, e, q, w, F, S, C, J):
         g1, g2 = S11 * G1 + S12 * G2, S12 * G1 + S22 * G2
         for b in range(a + 1):
             H1, H2 = G[e, q, b, 0], G[e, q, b, 1]
-            M = block(T, F, H1, H2)
+            M = material_block(T, F, H1, H2)
             g = g1 * H1 + g2 * H2
             s = np.uintp(slots[e, a, b])
             for i in range(3):
@@ -163,7 +180,7 @@ def scatter_mixed(K, slots, G, e, q, w, F, F1, S, C, J):
         g1, g2 = S11 * G1 + S12 * G2, S12 * G1 + S22 * G2
         for b in range(len(K)):
             H1, H2 = G[e, q, b, 0], G[e, q, b, 1]
-            M = block(T, F1, H1, H2)
+            M = material_block(T, F1, H1, H2)
             s = np.uintp(slots[e, a, b])
             for i in range(3):
                 J[s, i, i] += g1 * H1 + g2 * H2

@@ -1,13 +1,27 @@
-"""Membranes whose energy is quadratic in E, over a step: the stress of the averaged Green strain.
+"""Membranes over a step: a stress whose work is the change of the energy.
 
-From positions x₀ to x₁ = 2x − x₀, with F at x, F₁ at x₁, and E₀, E₁ at the two ends,
+From positions x₀ to x₁ = 2x − x₀, with F at x, F₁ at x₁, E₀ and E₁ at the two ends,
+Ē = ½ (E₀ + E₁) and e = E₁ − E₀,
 
-    f_a  = −Σ w F S̄ G_a,   S̄ = ½ (S(E₀) + S(E₁)) = S(½ (E₀ + E₁))
-    K_ab = −∂f_a/∂x_b = Σ w (B_a(F)ᵀ ℂ B_b(F₁) + (G_a · S̄ G_b) I₃)
+    f_a  = −Σ w F S̄ G_a
+    K_ab = −∂f_a/∂x_b = Σ w (B_a(F)ᵀ (2 ∂S̄/∂E₁) B_b(F₁) + (G_a · S̄ G_b) I₃)
 
-E is quadratic in x, so E₁ − E₀ = B(F)(x₁ − x₀) without error, and the work −f · (x₁ − x₀) is
-Σ w S̄ : (E₁ − E₀) = Σ w (W₁ − W₀), whatever the step (Simo and Tarnow 1992, The Discrete
-Energy–Momentum Method, ZAMP 43). K is not symmetric, as B is taken at two places.
+E is quadratic in x, so e = B(F)(x₁ − x₀) without error, and the work −f · (x₁ − x₀) is Σ w S̄ : e.
+It equals Σ w (W₁ − W₀), whatever the step, for two choices of S̄:
+
+The average, for a law with W quadratic in E (Simo and Tarnow 1992, The Discrete Energy–Momentum
+Method, ZAMP 43):
+
+    S̄ = ½ (S(E₀) + S(E₁)) = S(Ē),   2 ∂S̄/∂E₁ = ℂ
+
+The quotient, for any law (Gonzalez 2000, Exact Energy and Momentum Conserving Algorithms for
+General Models in Nonlinear Elasticity, Comput. Methods Appl. Mech. Engrg. 190):
+
+    S̄ = S(Ē) + β e,   β = (W₁ − W₀ − S(Ē) : e) / (e : e)
+    2 ∂S̄/∂E₁ = ℂ(Ē) + 2 e ⊗ (S₁ − S(Ē) − ½ ℂ(Ē) : e − 2 β e) / (e : e) + 2 β I
+
+For W quadratic in E β is zero. Below |e| = 1e-6, β e is of the order of round-off and left out.
+K is not symmetric, as B is taken at two places.
 """
 
 from __future__ import annotations
@@ -15,25 +29,37 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, loop
+from fecloth.jit import inner, specialise
 from fecloth.terms.loops.green_strain import (
-    clamped,
+    clamp,
+    contract,
+    double_contraction,
     gradient,
     green_strain,
+    material_block,
+    material_rows,
     scatter_force,
     scatter_mixed,
     scatter_symmetric,
 )
-from fecloth.terms.loops.membrane import BoundMembrane, Kernels
+
+if TYPE_CHECKING:
+    from fecloth.terms.loops.membrane import BoundMembrane
+
+SMALL = 1e-12  # e : e
+
+
+def law(E, c):
+    """Return W, S and ℂ; `kernels` puts a law in its place (see `membrane.law`)."""
+    raise NotImplementedError
 
 
 @inner
-def extrapolated(F, F0):
+def end_gradient(F, F0):
     """F₁ = 2F − F₀."""
     return (
         2.0 * F[0] - F0[0],
@@ -46,72 +72,168 @@ def extrapolated(F, F0):
 
 
 @inner
-def half(E0, E1):
+def mean(E0, E1):
     """½ (E₀ + E₁)."""
     return 0.5 * (E0[0] + E1[0]), 0.5 * (E0[1] + E1[1]), 0.5 * (E0[2] + E1[2])
 
 
 @inner
 def mean_strain(F0, F1):
-    """½ (E₀ + E₁)."""
-    return half(green_strain(F0), green_strain(F1))
+    """½ (E₀ + E₁) from the deformation gradients."""
+    return mean(green_strain(F0), green_strain(F1))
 
 
-@loop
-def add_force(law, K, Q, nodes, G, w, c, start, x, f):
-    """f_a −= Σ w F S̄ G_a."""
+@inner
+def strain_increment(E0, E1):
+    """e = E₁ − E₀."""
+    return E1[0] - E0[0], E1[1] - E0[1], E1[2] - E0[2]
+
+
+@inner
+def quotient(energy_change, S, e):
+    """β for W₁ − W₀ = `energy_change`."""
+    square = double_contraction(e, e)
+    return (energy_change - double_contraction(S, e)) / square if square > SMALL else 0.0
+
+
+@inner
+def add_multiple(S, beta, e):
+    """S + β e."""
+    return S[0] + beta * e[0], S[1] + beta * e[1], S[2] + beta * e[2]
+
+
+@inner
+def quotient_derivative(S1, S, C, beta, e):
+    """2 (S₁ − S(Ē) − ½ ℂ : e − 2 β e) / (e : e)."""
+    square, D = double_contraction(e, e), contract(C, e)
+    if square <= SMALL:
+        return 0.0, 0.0, 0.0
+    return (
+        2.0 * (S1[0] - S[0] - 0.5 * D[0] - 2.0 * beta * e[0]) / square,
+        2.0 * (S1[1] - S[1] - 0.5 * D[1] - 2.0 * beta * e[1]) / square,
+        2.0 * (S1[2] - S[2] - 0.5 * D[2] - 2.0 * beta * e[2]) / square,
+    )
+
+
+@inner
+def add_dyad_rows(T, F, G1, G2, e, z):
+    """T + z ⊗ (e : B_a), for the part e ⊗ z of the moduli."""
+    p, r = e[0] * G1 + e[2] * G2, e[2] * G1 + e[1] * G2
+    h = (p * F[0] + r * F[3], p * F[1] + r * F[4], p * F[2] + r * F[5])
+    T1, T2, T3 = T
+    return (
+        (T1[0] + z[0] * h[0], T1[1] + z[0] * h[1], T1[2] + z[0] * h[2]),
+        (T2[0] + z[1] * h[0], T2[1] + z[1] * h[1], T2[2] + z[1] * h[2]),
+        (T3[0] + z[2] * h[0], T3[1] + z[2] * h[1], T3[2] + z[2] * h[2]),
+    )
+
+
+def add_average_force(K, Q, nodes, G, w, c, start, x, f):
+    """f_a −= Σ w F S̄ G_a with the average S̄."""
     for e in range(len(nodes)):
         for q in range(len(Q)):
             F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
-            _, S, _ = law(mean_strain(F0, extrapolated(F, F0)), c[e])
+            _, S, _ = law(mean_strain(F0, end_gradient(F, F0)), c[e])
             scatter_force(K, nodes, G, e, q, w[e, q], F, S, f)
 
 
-@loop
-def add_symmetric(law, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
-    """J += scale · Σ w (B_a(F)ᵀ ℂ B_b(F) + (G_a · S̄ G_b) I₃), S̄ clamped from below at `floor`."""
+def add_average_tangent(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    """J_ab += scale · Σ w (B_a(F)ᵀ ℂ B_b(F₁) + (G_a · S̄ G_b) I₃) with the average S̄."""
     for e in range(len(nodes)):
         for q in range(len(Q)):
             F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
-            _, S, C = law(mean_strain(F0, extrapolated(F, F0)), c[e])
-            scatter_symmetric(K, slots, G, e, q, scale * w[e, q], F, clamped(S, floor), C, J)
-
-
-@loop
-def add_tangent(law, K, Q, nodes, slots, G, w, c, start, x, scale, J):
-    """J_ab += scale · Σ w (B_a(F)ᵀ ℂ B_b(F₁) + (G_a · S̄ G_b) I₃)."""
-    for e in range(len(nodes)):
-        for q in range(len(Q)):
-            F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
-            F1 = extrapolated(F, F0)
+            F1 = end_gradient(F, F0)
             _, S, C = law(mean_strain(F0, F1), c[e])
             scatter_mixed(K, slots, G, e, q, scale * w[e, q], F, F1, S, C, J)
 
 
-class Averaged(NamedTuple):
-    """A law's compiled entry points over a step, each one of the loops above with the law."""
+def add_quotient_force(K, Q, nodes, G, w, c, start, x, f):
+    """f_a −= Σ w F S̄ G_a with the quotient's S̄."""
+    for e in range(len(nodes)):
+        for q in range(len(Q)):
+            F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
+            E0, E1 = green_strain(F0), green_strain(end_gradient(F, F0))
+            W0, _, _ = law(E0, c[e])
+            W1, _, _ = law(E1, c[e])
+            _, S, _ = law(mean(E0, E1), c[e])
+            d = strain_increment(E0, E1)
+            S = add_multiple(S, quotient(W1 - W0, S, d), d)
+            scatter_force(K, nodes, G, e, q, w[e, q], F, S, f)
+
+
+def add_quotient_tangent(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+    """J_ab += scale · Σ w (B_a(F)ᵀ (2 ∂S̄/∂E₁) B_b(F₁) + (G_a · S̄ G_b) I₃), quotient's S̄."""
+    for e in range(len(nodes)):
+        for q in range(len(Q)):
+            F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
+            F1 = end_gradient(F, F0)
+            E0, E1 = green_strain(F0), green_strain(F1)
+            W0, _, _ = law(E0, c[e])
+            W1, S1, _ = law(E1, c[e])
+            _, S, C = law(mean(E0, E1), c[e])
+            d, W = strain_increment(E0, E1), scale * w[e, q]
+            beta = quotient(W1 - W0, S, d)
+            z = quotient_derivative(S1, S, C, beta, d)
+            S, z = add_multiple(S, beta, d), (W * z[0], W * z[1], W * z[2])
+            normal = 2.0 * beta  # of 2 β I on E11 and E22; β on the engineering shear
+            C = (
+                W * (C[0] + normal),
+                W * (C[1] + normal),
+                W * (C[2] + beta),
+                W * C[3],
+                W * C[4],
+                W * C[5],
+            )
+            for a in range(len(K)):
+                G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
+                T = add_dyad_rows(material_rows(C, F, G1, G2), F, G1, G2, d, z)
+                g1, g2 = W * (S[0] * G1 + S[2] * G2), W * (S[2] * G1 + S[1] * G2)
+                for b in range(len(K)):
+                    H1, H2 = G[e, q, b, 0], G[e, q, b, 1]
+                    M = material_block(T, F1, H1, H2)
+                    s = np.uintp(slots[e, a, b])
+                    for i in range(3):
+                        J[s, i, i] += g1 * H1 + g2 * H2
+                        for j in range(3):
+                            J[s, i, j] += M[i][j]
+
+
+def add_symmetric_tangent(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
+    """J += scale · Σ w (B_a(F)ᵀ ℂ B_b(F) + (G_a · S(Ē) G_b) I₃), S(Ē) clamped at `floor`."""
+    for e in range(len(nodes)):
+        for q in range(len(Q)):
+            F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
+            _, S, C = law(mean_strain(F0, end_gradient(F, F0)), c[e])
+            scatter_symmetric(K, slots, G, e, q, scale * w[e, q], F, clamp(S, floor), C, J)
+
+
+class DiscreteGradientKernels(NamedTuple):
+    """The entry points of a law over a step, each a template above compiled with the law."""
 
     add_force: Callable
     add_tangent: Callable
-    add_symmetric: Callable
+    add_symmetric_tangent: Callable
+    add_definite_tangent: Callable
 
 
-@dataclass(frozen=True, eq=False)
-class SteppedMembrane(BoundMembrane):
-    """A bound law with its entry points over a step."""
-
-    averaged: Averaged
-
-    def between(self, start: np.ndarray, symmetric: bool) -> OverStep:
-        """The membrane over a step from positions `start` (n, 3)."""
-        return OverStep(self, start, symmetric)
+def kernels(law: Callable, definite_law: Callable, is_quadratic: bool) -> DiscreteGradientKernels:
+    """Compile the entry points of a law over a step (see `membrane.kernels`)."""
+    force, tangent = add_quotient_force, add_quotient_tangent
+    if is_quadratic:
+        force, tangent = add_average_force, add_average_tangent
+    return DiscreteGradientKernels(
+        specialise(force, law=law),
+        specialise(tangent, law=law),
+        specialise(add_symmetric_tangent, law=law),
+        specialise(add_symmetric_tangent, law=definite_law),
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class OverStep:
-    """The membrane as it acts over a step from `start` to 2x − start."""
+    """A membrane as it acts over a step from `start` to 2x − start."""
 
-    membrane: SteppedMembrane
+    membrane: BoundMembrane
     start: np.ndarray
     symmetric: bool
 
@@ -125,27 +247,15 @@ class OverStep:
 
     def add_force(self, x, v, t, f) -> None:
         """f −= Σ w F S̄ G_a [N]."""
-        self.membrane.averaged.add_force(*self.membrane._data, self.start, x, f)
+        self.membrane.kernels.over_step.add_force(*self.membrane.data, self.start, x, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; the symmetric one has both B at x, the definite one S̄ clamped at zero."""
-        K, Q, nodes, *data = self.membrane._data
-        kernels, weights = self.membrane.averaged, (float(wx),)
+        K, Q, nodes, *data = self.membrane.data
+        kernels, weights = self.membrane.kernels.over_step, (float(wx),)
         add = kernels.add_tangent
-        if self.symmetric or definite:
-            add, weights = kernels.add_symmetric, (float(wx), 0.0 if definite else -math.inf)
+        if definite:
+            add, weights = kernels.add_definite_tangent, (float(wx), 0.0)
+        elif self.symmetric:
+            add, weights = kernels.add_symmetric_tangent, (float(wx), -math.inf)
         add(K, Q, nodes, self.membrane.slots, *data, self.start, x, *weights, J.values)
-
-
-def bind(
-    name: str,
-    kernels: Kernels,
-    averaged: Averaged,
-    constants: np.ndarray,
-    moduli: np.ndarray,
-    panel: Panel,
-    slots: Callable,
-) -> SteppedMembrane:
-    """Bind a law with its constants (m, p) and moduli (m, 6) to a panel."""
-    blocks = slots(panel.cloth.stencil)
-    return SteppedMembrane(name, kernels, panel, blocks, constants, moduli, averaged)

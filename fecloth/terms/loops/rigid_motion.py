@@ -1,8 +1,8 @@
-"""The motion d of a stencil's nodes without its rigid part, and how that changes with y.
+"""Motion d of a stencil's nodes without its rigid part, and the derivative of that by y.
 
     u_a = d_a − d̄ − ω × p_a,   p = y − ȳ,   Θω = Σ p_a × d_a,   Θ = Σ |p_a|² I − p_a p_aᵀ
 
-For `discrete`, where d = 2 (y − y₀). `K` is a tuple with one zero for each node.
+For `condition_discrete_gradient`, where d = 2 (y − y₀). `K` is a tuple with one zero for each node.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from fecloth.jit import inner
 
 
 @inner
-def centred(K, y, p):
-    """p_a = y_a − ȳ; Σ |p|²."""
+def subtract_mean(K, y, p):
+    """p_a = y_a − ȳ; return Σ |p|²."""
     total = 0.0
     for i in range(3):
         mean = 0.0
@@ -26,9 +26,9 @@ def centred(K, y, p):
 
 @inner
 def inverse_inertia(K, p, total):
-    """Θ⁻¹ = (11, 22, 33, 12, 13, 23), of two nodes without p pᵀ, for ω is across their line."""
+    """Θ⁻¹ = (11, 22, 33, 12, 13, 23); for two nodes without p pᵀ, as ω ⟂ p."""
     if len(K) == 2:
-        inverse = 1.0 / total if total > 0.0 else 0.0  # a spring of no length turns nothing
+        inverse = 1.0 / total if total > 0.0 else 0.0  # a spring of no length has no rotation
         return inverse, inverse, inverse, 0.0, 0.0, 0.0
     a11, a22, a33, a12, a13, a23 = total, total, total, 0.0, 0.0, 0.0
     for a in range(len(K)):
@@ -45,8 +45,8 @@ def inverse_inertia(K, p, total):
 
 
 @inner
-def times(A, b):
-    """A b of a symmetric A."""
+def multiply_symmetric(A, b):
+    """A b for a symmetric A = (11, 22, 33, 12, 13, 23)."""
     return (
         A[0] * b[0] + A[3] * b[1] + A[4] * b[2],
         A[3] * b[0] + A[1] * b[1] + A[5] * b[2],
@@ -56,30 +56,31 @@ def times(A, b):
 
 @inner
 def cross(a, b):
+    """a × b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inner
-def without_rigid_part(K, p, d, inverse, u):
-    """u_a = d_a − d̄ − ω × p_a; ω and s = u · u."""
+def remove_rigid_part(K, p, d, inverse, u):
+    """u_a = d_a − d̄ − ω × p_a; return ω and s = u · u."""
     L1 = L2 = L3 = 0.0
     for a in range(len(K)):
-        turn = cross(p[a], d[a])
-        L1, L2, L3 = L1 + turn[0], L2 + turn[1], L3 + turn[2]
-    omega = times(inverse, (L1, L2, L3))
-    centred(K, d, u)
+        moment = cross(p[a], d[a])
+        L1, L2, L3 = L1 + moment[0], L2 + moment[1], L3 + moment[2]
+    omega = multiply_symmetric(inverse, (L1, L2, L3))
+    subtract_mean(K, d, u)
     s = 0.0
     for a in range(len(K)):
-        turn = cross(omega, p[a])
+        rotation = cross(omega, p[a])
         for i in range(3):
-            u[a, i] -= turn[i]
+            u[a, i] -= rotation[i]
             s += u[a, i] * u[a, i]
     return omega, s
 
 
 @inner
-def turned(K, p, d, omega, inverse, b, j, du):
-    """du = ∂u/∂y_bj, with ∂d = 2 ∂y and ∂ω = Θ⁻¹(∂L − ∂Θ ω)."""
+def differentiate_deformation(K, p, d, omega, inverse, b, j, du):
+    """du = ∂u/∂y_bj, with L = Θω, ∂d = 2 ∂y and ∂ω = Θ⁻¹(∂L − ∂Θ ω)."""
     k = len(K)
     unit = (1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0, 1.0 if j == 2 else 0.0)
     m1 = m2 = m3 = 0.0
@@ -87,20 +88,20 @@ def turned(K, p, d, omega, inverse, b, j, du):
         m1, m2, m3 = m1 + d[a, 0] / k, m2 + d[a, 1] / k, m3 + d[a, 2] / k
     first = cross(unit, (d[b, 0] - m1, d[b, 1] - m2, d[b, 2] - m3))
     second = cross(p[b], unit)
-    along = p[b, 0] * omega[0] + p[b, 1] * omega[1] + p[b, 2] * omega[2] if k > 2 else 0.0
-    across = omega[j] if k > 2 else 0.0
+    p_omega = p[b, 0] * omega[0] + p[b, 1] * omega[1] + p[b, 2] * omega[2] if k > 2 else 0.0
+    omega_j = omega[j] if k > 2 else 0.0
     twice = 2.0 * p[b, j]
-    turn = times(
+    d_omega = multiply_symmetric(
         inverse,
         (
-            first[0] + 2.0 * second[0] - twice * omega[0] + unit[0] * along + p[b, 0] * across,
-            first[1] + 2.0 * second[1] - twice * omega[1] + unit[1] * along + p[b, 1] * across,
-            first[2] + 2.0 * second[2] - twice * omega[2] + unit[2] * along + p[b, 2] * across,
+            first[0] + 2.0 * second[0] - twice * omega[0] + unit[0] * p_omega + p[b, 0] * omega_j,
+            first[1] + 2.0 * second[1] - twice * omega[1] + unit[1] * p_omega + p[b, 1] * omega_j,
+            first[2] + 2.0 * second[2] - twice * omega[2] + unit[2] * p_omega + p[b, 2] * omega_j,
         ),
     )
-    swept = cross(omega, unit)
+    omega_unit = cross(omega, unit)
     for a in range(k):
         share = (1.0 if a == b else 0.0) - 1.0 / k
-        moved = cross(turn, p[a])
+        d_rotation = cross(d_omega, p[a])
         for i in range(3):
-            du[a, i] = share * (2.0 * unit[i] - swept[i]) - moved[i]
+            du[a, i] = share * (2.0 * unit[i] - omega_unit[i]) - d_rotation[i]

@@ -11,10 +11,10 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, kernel
+from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_VOLUME, PER_WIDTH, TIME
-from fecloth.terms.loops import bound_condition, condition, condition_discrete_gradient
+from fecloth.terms.loops import bound_condition
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class BaraffWitkin:
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, section 4.2 with eq. 10
     (stretch) and the shear condition after it; force and tangents as in
-    `fecloth.terms.condition`.
+    `fecloth.terms.loops.condition`.
 
     Valid for any rotation and small strains, of a few per cent; linear in the stretch, not in E.
     W is convex in E, but as there is no resistance to a change of area a triangle can collapse
@@ -143,11 +143,11 @@ class BaraffWitkin:
             self.damping * stiffness,
             tangent=self.tangent,
         )
-        return BoundBaraffWitkin(**vars(bound), discrete=OVER_STEP)
+        return BoundBaraffWitkin(**vars(bound))
 
 
 @dataclass(frozen=True, eq=False)
-class BoundBaraffWitkin(condition_discrete_gradient.RigidCondition):
+class BoundBaraffWitkin(bound_condition.RigidCondition):
     """`BaraffWitkin` on a cloth; constants aᵖ, b_u, b_v, and the gradients (3, 2) row by row."""
 
     def add_stress(self, x, out) -> None:
@@ -210,48 +210,4 @@ def conditions(y, c, order, C, g, H):
                     H[2, a, i, b, j] = hs * one
 
 
-@kernel
-def energy(K, R, nodes, c, ks, x):
-    return condition.energy(conditions, K, R, nodes, c, ks, x)
-
-
-@kernel
-def power(K, R, nodes, c, kd, x, v):
-    return condition.power(conditions, K, R, nodes, c, kd, x, v)
-
-
-@kernel
-def add_force(K, R, nodes, c, ks, kd, x, v, f):
-    condition.add_force(conditions, K, R, nodes, c, ks, kd, x, v, f)
-
-
-@kernel
-def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
-    condition.add_tangent(conditions, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
-
-
-KERNELS = bound_condition.Kernels(energy, power, add_force, add_tangent)
-
-
-@kernel
-def force_over_step(K, R, nodes, c, ks, start, x, f):
-    condition_discrete_gradient.add_force(conditions, K, R, nodes, c, ks, start, x, f)
-
-
-@kernel
-def tangent_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
-    condition_discrete_gradient.add_tangent(
-        conditions, K, R, nodes, slots, c, ks, start, x, scale, J
-    )
-
-
-@kernel
-def symmetric_over_step(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
-    condition_discrete_gradient.add_symmetric(
-        conditions, K, R, nodes, slots, c, ks, start, x, scale, definite, J
-    )
-
-
-OVER_STEP = condition_discrete_gradient.Discrete(
-    force_over_step, tangent_over_step, symmetric_over_step
-)
+KERNELS = bound_condition.kernels(conditions)

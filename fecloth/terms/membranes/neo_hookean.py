@@ -11,10 +11,10 @@ import numpy as np
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, kernel
+from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_WIDTH
-from fecloth.terms.loops import gonzalez, membrane, membrane_discrete_gradient
+from fecloth.terms.loops import membrane
 
 KINDS = ("incompressible", "compressible")
 
@@ -115,14 +115,9 @@ class NeoHookean:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane_discrete_gradient.SteppedMembrane:
-        kernels = (INCOMPRESSIBLE, INCOMPRESSIBLE_OVER_STEP)
-        if self.kind == "compressible":
-            kernels = (COMPRESSIBLE, COMPRESSIBLE_OVER_STEP)
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         constants, moduli = panel.each(self.constants), panel.each(self.moduli)
-        return membrane_discrete_gradient.bind(
-            "NeoHookean", *kernels, constants, moduli, panel, slots
-        )
+        return membrane.bind("NeoHookean", KERNELS[self.kind], constants, moduli, panel, slots)
 
 
 @inner
@@ -186,112 +181,14 @@ def compressible(E, c):
 
 
 @inner
-def convex(E, c):
-    """The same with the eigenvalues of ℂ in the metric of C, 2g and 2 (λ + g), at least zero."""
+def convex_compressible(E, c):
+    """`compressible` with the eigenvalues of ℂ in the metric of C, 2g and 2 (λ + g), ≥ 0."""
     W, S, g, A = compressible_stress(E, c)
     shear = max(g, 0.0)
     return W, S, moduli(max(c[1] + g, 0.0) - shear, shear, A)
 
 
-@kernel
-def incompressible_energy(K, Q, nodes, G, w, c, x):
-    return membrane.energy(incompressible, K, Q, nodes, G, w, c, x)
-
-
-@kernel
-def add_incompressible_force(K, Q, nodes, G, w, c, x, f):
-    membrane.add_force(incompressible, K, Q, nodes, G, w, c, x, f)
-
-
-@kernel
-def add_incompressible_tangent(K, Q, nodes, slots, G, w, c, x, scale, floor, J):
-    membrane.add_tangent(incompressible, K, Q, nodes, slots, G, w, c, x, scale, floor, J)
-
-
-@kernel
-def add_incompressible_stress(K, Q, nodes, G, w, c, x, out):
-    membrane.add_stress(incompressible, K, Q, nodes, G, w, c, x, out)
-
-
-@kernel
-def compressible_energy(K, Q, nodes, G, w, c, x):
-    return membrane.energy(compressible, K, Q, nodes, G, w, c, x)
-
-
-@kernel
-def add_compressible_force(K, Q, nodes, G, w, c, x, f):
-    membrane.add_force(compressible, K, Q, nodes, G, w, c, x, f)
-
-
-@kernel
-def add_compressible_tangent(K, Q, nodes, slots, G, w, c, x, scale, floor, J):
-    """A finite floor asks for a definite tangent: then ℂ is made so as well."""
-    if floor > -math.inf:
-        membrane.add_tangent(convex, K, Q, nodes, slots, G, w, c, x, scale, floor, J)
-    else:
-        membrane.add_tangent(compressible, K, Q, nodes, slots, G, w, c, x, scale, floor, J)
-
-
-@kernel
-def add_compressible_stress(K, Q, nodes, G, w, c, x, out):
-    membrane.add_stress(compressible, K, Q, nodes, G, w, c, x, out)
-
-
-INCOMPRESSIBLE = membrane.Kernels(
-    incompressible_energy,
-    add_incompressible_force,
-    add_incompressible_tangent,
-    add_incompressible_stress,
-)
-COMPRESSIBLE = membrane.Kernels(
-    compressible_energy, add_compressible_force, add_compressible_tangent, add_compressible_stress
-)
-
-
-@kernel
-def incompressible_force_over_step(K, Q, nodes, G, w, c, start, x, f):
-    gonzalez.add_force(incompressible, K, Q, nodes, G, w, c, start, x, f)
-
-
-@kernel
-def incompressible_tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
-    gonzalez.add_tangent(incompressible, K, Q, nodes, slots, G, w, c, start, x, scale, J)
-
-
-@kernel
-def incompressible_symmetric_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
-    membrane_discrete_gradient.add_symmetric(
-        incompressible, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J
-    )
-
-
-@kernel
-def compressible_force_over_step(K, Q, nodes, G, w, c, start, x, f):
-    gonzalez.add_force(compressible, K, Q, nodes, G, w, c, start, x, f)
-
-
-@kernel
-def compressible_tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
-    gonzalez.add_tangent(compressible, K, Q, nodes, slots, G, w, c, start, x, scale, J)
-
-
-@kernel
-def compressible_symmetric_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
-    if floor > -math.inf:
-        membrane_discrete_gradient.add_symmetric(
-            convex, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J
-        )
-    else:
-        membrane_discrete_gradient.add_symmetric(
-            compressible, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J
-        )
-
-
-INCOMPRESSIBLE_OVER_STEP = membrane_discrete_gradient.Averaged(
-    incompressible_force_over_step,
-    incompressible_tangent_over_step,
-    incompressible_symmetric_over_step,
-)
-COMPRESSIBLE_OVER_STEP = membrane_discrete_gradient.Averaged(
-    compressible_force_over_step, compressible_tangent_over_step, compressible_symmetric_over_step
-)
+KERNELS = {
+    "incompressible": membrane.kernels(incompressible),
+    "compressible": membrane.kernels(compressible, definite_law=convex_compressible),
+}

@@ -8,10 +8,10 @@ import numpy as np
 
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, kernel
+from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
-from fecloth.terms.loops import membrane, membrane_discrete_gradient
-from fecloth.terms.loops.membrane import contract
+from fecloth.terms.loops import membrane
+from fecloth.terms.loops.green_strain import contract
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class StVK:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane_discrete_gradient.SteppedMembrane:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         C = panel.each(self.moduli)
-        return membrane_discrete_gradient.bind("StVK", KERNELS, AVERAGED, C, C, panel, slots)
+        return membrane.bind("StVK", KERNELS, C, C, panel, slots)
 
 
 @inner
@@ -62,46 +62,4 @@ def law(E, c):
     return W, S, C
 
 
-@kernel
-def energy(K, Q, nodes, G, w, c, x):
-    return membrane.energy(law, K, Q, nodes, G, w, c, x)
-
-
-@kernel
-def add_force(K, Q, nodes, G, w, c, x, f):
-    membrane.add_force(law, K, Q, nodes, G, w, c, x, f)
-
-
-@kernel
-def add_tangent(K, Q, nodes, slots, G, w, c, x, scale, floor, J):
-    membrane.add_tangent(law, K, Q, nodes, slots, G, w, c, x, scale, floor, J)
-
-
-@kernel
-def add_stress(K, Q, nodes, G, w, c, x, out):
-    membrane.add_stress(law, K, Q, nodes, G, w, c, x, out)
-
-
-KERNELS = membrane.Kernels(energy, add_force, add_tangent, add_stress)
-
-
-@kernel
-def force_over_step(K, Q, nodes, G, w, c, start, x, f):
-    membrane_discrete_gradient.add_force(law, K, Q, nodes, G, w, c, start, x, f)
-
-
-@kernel
-def tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
-    membrane_discrete_gradient.add_tangent(law, K, Q, nodes, slots, G, w, c, start, x, scale, J)
-
-
-@kernel
-def symmetric_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
-    membrane_discrete_gradient.add_symmetric(
-        law, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J
-    )
-
-
-AVERAGED = membrane_discrete_gradient.Averaged(
-    force_over_step, tangent_over_step, symmetric_over_step
-)
+KERNELS = membrane.kernels(law, is_quadratic=True)

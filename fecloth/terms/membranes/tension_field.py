@@ -9,10 +9,10 @@ import numpy as np
 
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, kernel
+from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
-from fecloth.terms.loops import gonzalez, membrane, membrane_discrete_gradient
-from fecloth.terms.loops.membrane import contract
+from fecloth.terms.loops import membrane
+from fecloth.terms.loops.green_strain import contract
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,9 @@ class TensionField:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane_discrete_gradient.SteppedMembrane:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         constants, moduli = panel.each(self.constants), panel.each(self.moduli)
-        return membrane_discrete_gradient.bind(
-            "TensionField", KERNELS, OVER_STEP, constants, moduli, panel, slots
-        )
+        return membrane.bind("TensionField", KERNELS, constants, moduli, panel, slots)
 
 
 @inner
@@ -111,46 +109,4 @@ def wrinkled(E1, E2, c, s, Y):
     return 0.5 * T * E1, (T * N11, T * N22, T * N12), C
 
 
-@kernel
-def energy(K, Q, nodes, G, w, c, x):
-    return membrane.energy(law, K, Q, nodes, G, w, c, x)
-
-
-@kernel
-def add_force(K, Q, nodes, G, w, c, x, f):
-    membrane.add_force(law, K, Q, nodes, G, w, c, x, f)
-
-
-@kernel
-def add_tangent(K, Q, nodes, slots, G, w, c, x, scale, floor, J):
-    membrane.add_tangent(law, K, Q, nodes, slots, G, w, c, x, scale, floor, J)
-
-
-@kernel
-def add_stress(K, Q, nodes, G, w, c, x, out):
-    membrane.add_stress(law, K, Q, nodes, G, w, c, x, out)
-
-
-KERNELS = membrane.Kernels(energy, add_force, add_tangent, add_stress)
-
-
-@kernel
-def force_over_step(K, Q, nodes, G, w, c, start, x, f):
-    gonzalez.add_force(law, K, Q, nodes, G, w, c, start, x, f)
-
-
-@kernel
-def tangent_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, J):
-    gonzalez.add_tangent(law, K, Q, nodes, slots, G, w, c, start, x, scale, J)
-
-
-@kernel
-def symmetric_over_step(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
-    membrane_discrete_gradient.add_symmetric(
-        law, K, Q, nodes, slots, G, w, c, start, x, scale, floor, J
-    )
-
-
-OVER_STEP = membrane_discrete_gradient.Averaged(
-    force_over_step, tangent_over_step, symmetric_over_step
-)
+KERNELS = membrane.kernels(law)

@@ -10,10 +10,10 @@ import numpy as np
 
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, kernel
+from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_WIDTH, TIME
-from fecloth.terms.loops import bound_condition, condition, condition_discrete_gradient
+from fecloth.terms.loops import bound_condition
 from fecloth.terms.springs.networks import Net, edges, structural
 
 KINDS = ("structural", "van_gelder", "biquadratic")
@@ -115,7 +115,7 @@ class Springs:
             return edges(cloth)
         return structural(cloth, self.shear, self.bend)
 
-    def bind(self, panel: Panel, slots) -> condition_discrete_gradient.RigidCondition:
+    def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition:
         bind = self._triangles if self.kind == "biquadratic" else self._pairs
         return bind(panel, slots)
 
@@ -137,7 +137,7 @@ class Springs:
             damped,
             tangent=self.tangent,
         )
-        return condition_discrete_gradient.with_steps(bound, LENGTH_OVER_STEP)
+        return bound_condition.RigidCondition(**vars(bound))
 
     def _triangles(self, panel, slots):
         cloth = panel.cloth
@@ -161,7 +161,7 @@ class Springs:
             self.damping * k,
             tangent=self.tangent,
         )
-        return condition_discrete_gradient.with_steps(bound, SQUARES_OVER_STEP)
+        return bound_condition.RigidCondition(**vars(bound))
 
 
 def _lame(fabric):
@@ -197,47 +197,7 @@ def length(y, c, order, C, g, H):
                     H[0, 0, i, 1, j] = H[0, 1, i, 0, j] = -h
 
 
-@kernel
-def energy(K, R, nodes, c, ks, x):
-    return condition.energy(length, K, R, nodes, c, ks, x)
-
-
-@kernel
-def power(K, R, nodes, c, kd, x, v):
-    return condition.power(length, K, R, nodes, c, kd, x, v)
-
-
-@kernel
-def add_force(K, R, nodes, c, ks, kd, x, v, f):
-    condition.add_force(length, K, R, nodes, c, ks, kd, x, v, f)
-
-
-@kernel
-def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
-    condition.add_tangent(length, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
-
-
-@kernel
-def force_over_step(K, R, nodes, c, ks, start, x, f):
-    condition_discrete_gradient.add_force(length, K, R, nodes, c, ks, start, x, f)
-
-
-@kernel
-def tangent_over_step(K, R, nodes, slots, c, ks, start, x, scale, J):
-    condition_discrete_gradient.add_tangent(length, K, R, nodes, slots, c, ks, start, x, scale, J)
-
-
-@kernel
-def symmetric_over_step(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
-    condition_discrete_gradient.add_symmetric(
-        length, K, R, nodes, slots, c, ks, start, x, scale, definite, J
-    )
-
-
-LENGTH = bound_condition.Kernels(energy, power, add_force, add_tangent)
-LENGTH_OVER_STEP = condition_discrete_gradient.Discrete(
-    force_over_step, tangent_over_step, symmetric_over_step
-)
+LENGTH = bound_condition.kernels(length)
 
 
 # --- C_i = l_i² − L_i² of the three sides of a triangle, side i opposite node i -------------------
@@ -263,44 +223,4 @@ def squares(y, c, order, C, g, H):
                 H[r, a, i, b, i] = H[r, b, i, a, i] = -2.0
 
 
-@kernel
-def energy2(K, R, nodes, c, ks, x):
-    return condition.energy(squares, K, R, nodes, c, ks, x)
-
-
-@kernel
-def power2(K, R, nodes, c, kd, x, v):
-    return condition.power(squares, K, R, nodes, c, kd, x, v)
-
-
-@kernel
-def add_force2(K, R, nodes, c, ks, kd, x, v, f):
-    condition.add_force(squares, K, R, nodes, c, ks, kd, x, v, f)
-
-
-@kernel
-def add_tangent2(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
-    condition.add_tangent(squares, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
-
-
-@kernel
-def force_over_step2(K, R, nodes, c, ks, start, x, f):
-    condition_discrete_gradient.add_force(squares, K, R, nodes, c, ks, start, x, f)
-
-
-@kernel
-def tangent_over_step2(K, R, nodes, slots, c, ks, start, x, scale, J):
-    condition_discrete_gradient.add_tangent(squares, K, R, nodes, slots, c, ks, start, x, scale, J)
-
-
-@kernel
-def symmetric_over_step2(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
-    condition_discrete_gradient.add_symmetric(
-        squares, K, R, nodes, slots, c, ks, start, x, scale, definite, J
-    )
-
-
-SQUARES = bound_condition.Kernels(energy2, power2, add_force2, add_tangent2)
-SQUARES_OVER_STEP = condition_discrete_gradient.Discrete(
-    force_over_step2, tangent_over_step2, symmetric_over_step2
-)
+SQUARES = bound_condition.kernels(squares)

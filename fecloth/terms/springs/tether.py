@@ -9,13 +9,11 @@ import numpy as np
 
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, kernel
+from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth, Where
-from fecloth.quantities.time_function import Timed, VectorOfTime, vector
+from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import DAMPER, LENGTH, PER_WIDTH
-from fecloth.terms.loops import bound_condition, condition
-
-DERIVATIVE_STEP = 1e-5  # s; the speed of the point is a central difference
+from fecloth.terms.loops import bound_condition
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,7 @@ class Tether:
 class BoundTether(bound_condition.BoundCondition):
     """`Tether` on a cloth; Ċ = v − ṗ, so that the loop sees velocities relative to the point."""
 
-    point: Timed = None
+    point: TimeFunction = None
 
     def table(self, x, t, order) -> np.ndarray:
         return np.tile(self.point(t), (len(self.nodes), 1))
@@ -103,8 +101,7 @@ class BoundTether(bound_condition.BoundCondition):
 
     def speed(self, t: float) -> np.ndarray:
         """(3,) ṗ [m/s]."""
-        step = DERIVATIVE_STEP
-        return (self.point(t + step) - self.point(t - step)) / (2 * step)
+        return self.point.rate(t)
 
     def supply(self, x, v, t) -> float:
         """Power of the hand, Σ f·ṗ [W]."""
@@ -132,24 +129,4 @@ def offset(y, c, order, C, g, H):
         H[:] = 0.0
 
 
-@kernel
-def energy(K, R, nodes, c, ks, x):
-    return condition.energy(offset, K, R, nodes, c, ks, x)
-
-
-@kernel
-def power(K, R, nodes, c, kd, x, v):
-    return condition.power(offset, K, R, nodes, c, kd, x, v)
-
-
-@kernel
-def add_force(K, R, nodes, c, ks, kd, x, v, f):
-    condition.add_force(offset, K, R, nodes, c, ks, kd, x, v, f)
-
-
-@kernel
-def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
-    condition.add_tangent(offset, K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J)
-
-
-KERNELS = bound_condition.Kernels(energy, power, add_force, add_tangent)
+KERNELS = bound_condition.kernels(offset)

@@ -14,7 +14,8 @@ import pytest
 from conftest import affine, rough
 
 import fecloth as fc
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import METHODS
+from fecloth.integrators.protocol import MethodTraits
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load
@@ -22,12 +23,12 @@ from fecloth.terms.custom.membrane_law import positive
 from fecloth.verify import VerificationFailed, check_integrator, check_term
 
 OWN = Path(__file__).parents[3] / "studies" / "examples"
-FILES = sorted(OWN.glob("*.py"))
+FILES = sorted(path for path in OWN.glob("*.py") if path.stem != "__init__")
 
 
 @pytest.fixture(scope="module")
 def own():
-    """What each example defines, and what it prints: {"own_law": .Fung, .pull, .printed}."""
+    """What each example defines, and what it prints: {"law": .Fung, .pull, .printed}."""
     found = {}
     for path in FILES:
         names, printed = {"__name__": "__main__"}, io.StringIO()
@@ -66,7 +67,7 @@ def test_each_is_under_forty_lines(path):
 
 
 def test_there_are_three():
-    assert [path.stem for path in FILES] == ["own_integrator", "own_law", "own_term"]
+    assert [path.stem for path in FILES] == ["integrator", "law", "term"]
 
 
 def test_the_page_of_terms_shows_the_law_as_it_is():
@@ -85,10 +86,10 @@ def test_a_cloth_on_a_bed_sinks_as_the_formula_says(own):
     h = 1 / n
     second = (np.eye(n - 1, k=1) + np.eye(n - 1, k=-1) - 2 * np.eye(n - 1)) / h**2
     z = np.linalg.solve(S * second - k * np.eye(n - 1), np.ones(n - 1))[n // 2 - 1]
-    coarse, fine = (own.own_term.sag(k, h) / (k * z) - 1 for h in (0.1, 0.05))
+    coarse, fine = (own.term.sag(k, h) / (k * z) - 1 for h in (0.1, 0.05))
     assert abs(fine) < 2e-3
     assert np.log2(coarse / fine) == pytest.approx(2, abs=0.2)
-    lines = re.findall(r"by (\S+) .* formula (\S+)", own.own_term.printed)
+    lines = re.findall(r"by (\S+) .* formula (\S+)", own.term.printed)
     assert len(lines) == 4
     for found, formula in lines:
         assert float(found) == pytest.approx(float(formula), rel=3e-4)
@@ -97,7 +98,7 @@ def test_a_cloth_on_a_bed_sinks_as_the_formula_says(own):
 def test_the_shorter_ways_are_the_same_bed(own, cloth, isotropic, rng):
     k, nodes = 300.0, np.arange(len(cloth.X))[:, None]
     ways = [
-        own.own_term.Winkler(k),
+        own.term.Winkler(k),
         fc.Condition(lambda y: y[:, 0, 2], nodes, k * cloth.load()),
         fc.UserForce((0, 0, f"{-k} * z")),
     ]
@@ -115,7 +116,7 @@ def test_the_shorter_ways_are_the_same_bed(own, cloth, isotropic, rng):
 def test_a_bed_bounces_at_its_frequency_and_keeps_its_energy(own, cloth, isotropic):
     """√(k/ρ) for a cloth that moves as one piece; the ledger has a column for the term."""
     k = 300.0
-    system = fc.System(cloth, isotropic, [fc.StVK(), own.own_term.Winkler(k)])
+    system = fc.System(cloth, isotropic, [fc.StVK(), own.term.Winkler(k)])
     start = system.state(system.rest().x + [0, 0, 0.01])
     period = 2 * np.pi * np.sqrt(0.2 / k)
     for method in (fc.EnergyMomentum(), fc.CentralDifference()):
@@ -131,15 +132,15 @@ def test_a_bed_bounces_at_its_frequency_and_keeps_its_energy(own, cloth, isotrop
     [("energy", "^force of"), ("add_tangent", "^x-tangent of .* 9.9e-03 9.9e-03")],
 )
 def test_check_term_catches_a_term_that_is_wrong(own, monkeypatch, method, said):
-    right = getattr(own.own_term.BoundWinkler, method)
+    right = getattr(own.term.BoundWinkler, method)
 
     def wrong(self, *arguments):
         return right(replace(self, k=1.01 * self.k), *arguments)
 
-    check_term(own.own_term.Winkler(300.0), scales=[1.0])
-    monkeypatch.setattr(own.own_term.BoundWinkler, method, wrong)
+    check_term(own.term.Winkler(300.0), scales=[1.0])
+    monkeypatch.setattr(own.term.BoundWinkler, method, wrong)
     with pytest.raises(VerificationFailed, match=said):
-        check_term(own.own_term.Winkler(300.0), scales=[1.0])
+        check_term(own.term.Winkler(300.0), scales=[1.0])
 
 
 class Stub:
@@ -189,7 +190,7 @@ def test_energy_and_stress_are_those_of_the_formula(own, cloth, orthotropic):
     F = np.array([[1.1, 0.05], [0.0, 0.95], [0.2, 0.1]])
     E = 0.5 * (F.T @ F - np.eye(2))
     W, S = fung(E, orthotropic.moduli(), 0.15)
-    system = fc.System(cloth, orthotropic, [own.own_law.Fung(0.15)])
+    system = fc.System(cloth, orthotropic, [own.law.Fung(0.15)])
     x = affine(cloth, F)
     out = np.zeros((len(cloth.triangles), 4))
     system.bound[0].add_stress(x, out)
@@ -200,7 +201,7 @@ def test_energy_and_stress_are_those_of_the_formula(own, cloth, orthotropic):
 
 def test_it_pulls_as_the_formula_says(own):
     """P₁₁ = λ Y E exp((E/ε)²) with E = (λ² − 1)/2, for ν = 0."""
-    lines = re.findall(r"stretched (\S+) times: +(\S+) N/m, +(\S+) if", own.own_law.printed)
+    lines = re.findall(r"stretched (\S+) times: +(\S+) N/m, +(\S+) if", own.law.printed)
     assert len(lines) == 4
     for stretch, force, linear in np.array(lines, dtype=float):
         E = (stretch**2 - 1) / 2
@@ -211,7 +212,7 @@ def test_it_pulls_as_the_formula_says(own):
 @pytest.mark.parametrize("name", [*METHODS, "central_difference"])
 def test_a_law_serves_every_method(own, cloth, isotropic, name):
     """A taut sheet that swings, with damping by the law's own ℂ₀."""
-    law = own.own_law.Fung(0.15)
+    law = own.law.Fung(0.15)
     terms = [law, fc.StrainRateDamping(1e-3, law), fc.Gravity()]
     system = fc.System(cloth, isotropic, terms, pins=["left"])
     start = system.state(system.rest().x * [1.1, 1.05, 1])
@@ -224,7 +225,7 @@ def test_a_law_serves_every_method(own, cloth, isotropic, name):
 
 def test_energy_momentum_keeps_its_energy(own, cloth, isotropic):
     """A free sheet that is let go and turns; the midpoint rule changes it by far more."""
-    system = fc.System(cloth, isotropic, [own.own_law.Fung(0.3)])
+    system = fc.System(cloth, isotropic, [own.law.Fung(0.3)])
     x = 1.1 * system.rest().x
     start, exact = system.state(x, np.cross([0, 0, 5.0], x)), fc.Newton(tolerance=1e-10)
     drift = {}
@@ -338,15 +339,15 @@ def test_integrators_do_to_an_oscillator_what_their_stability_function_says(own)
     """R(z) at z = iω dt: of θ (1 + (1 − θ) z)/(1 − θ z), of SDIRK2 (1 + (1 − 2γ) z)/(1 − γ z)²."""
     omega = np.array([1e-2, 0.3, 1.0, 30.0])
     z, gamma = 1j * omega, 1 - np.sqrt(0.5)
-    found = fc.stability.amplification(own.own_integrator.SDIRK2(), omega)
+    found = fc.stability.amplification(own.integrator.SDIRK2(), omega)
     assert found == pytest.approx(abs((1 + (1 - 2 * gamma) * z) / (1 - gamma * z) ** 2), rel=1e-10)
     for theta in (0.5, 0.6, 1.0):
-        found = fc.stability.amplification(own.own_integrator.Theta(theta), omega)
+        found = fc.stability.amplification(own.integrator.Theta(theta), omega)
         assert found == pytest.approx(abs((1 + (1 - theta) * z) / (1 - theta * z)), rel=1e-10)
 
 
 def test_the_example_prints_their_orders(own):
-    lines = re.findall(r"(\w+)\(.*order (\S+), keeps \[(\S+) +(\S+)\]", own.own_integrator.printed)
+    lines = re.findall(r"(\w+)\(.*order (\S+), keeps \[(\S+) +(\S+)\]", own.integrator.printed)
     assert [line[0] for line in lines] == ["Theta", "SDIRK2", "BDF2"]
     orders, slow, fast = np.array([line[1:] for line in lines], dtype=float).T
     assert orders == pytest.approx([1, 2, 2], abs=0.1)
@@ -368,7 +369,7 @@ def test_they_serve_a_run_with_moved_pins_and_its_ledger(own, swinging, cloth):
     """The pinned edge is where it should be; half the step leaves a quarter of the remainder."""
     system, start = swinging
     edge, remainders = cloth.nodes("left"), {}
-    for method in (own.own_integrator.SDIRK2(), own.own_integrator.Theta(0.6)):
+    for method in (own.integrator.SDIRK2(), own.integrator.Theta(0.6)):
         for dt in (1e-3, 5e-4):
             result = fc.run(system, method, start, dt, 0.05)
             at = [0.05 * np.sin(1.0), 0, 0.05 * (1 - np.cos(1.0))]
@@ -385,10 +386,10 @@ def test_they_serve_a_run_with_moved_pins_and_its_ledger(own, swinging, cloth):
 
 def test_steps_may_be_chosen_by_the_error(own, swinging):
     system, start = swinging
-    for method in (own.own_integrator.SDIRK2(), fc.BDF2()):
+    for method in (own.integrator.SDIRK2(), fc.BDF2()):
         result = fc.run(system, fc.Adaptive(method, rtol=1e-2), start, None, 0.05)
         assert len(result.times) > 10
-        if isinstance(method, own.own_integrator.SDIRK2):
+        if isinstance(method, own.integrator.SDIRK2):
             found = result
     assert len(found.times) < len(result.times)  # its error constant is five times smaller
 
@@ -396,28 +397,34 @@ def test_steps_may_be_chosen_by_the_error(own, swinging):
 def test_check_integrator_catches_a_wrong_order(own, cloth, isotropic):
     system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
     start = system.state(system.rest().x * [1.1, 1.1, 1])
-    theta = own.own_integrator.Theta
-    claims = type("Claims", (theta,), {"order": 2})
+    theta = own.integrator.Theta
+    claims = type("Claims", (theta,), {"traits": MethodTraits(order=2)})
     check_integrator(system, theta(0.6), start, 0.005)
-    with pytest.raises(VerificationFailed, match=r"order \[.* claimed 2"):
+    with pytest.raises(VerificationFailed, match=r"orders \[.* expected 2"):
         check_integrator(system, claims(0.6), start, 0.005)
     check_integrator(system, claims(0.5), start, 0.005)
 
 
 def test_a_method_says_what_it_lacks(own, swinging):
     system, start = swinging
-    euler, theta = fc.BackwardEuler(), own.own_integrator.Theta
-    bare = type("Bare", (), {"step": euler.step})()
+    euler, theta = fc.BackwardEuler(), own.integrator.Theta
+    offers = {"step": euler.step, "traits": euler.traits}
+    bare = type("Bare", (), offers)()
     with pytest.raises(fc.InputError, match="method Bare: must have weights"):
         fc.run(system, bare, start, 1e-3, 2e-3)
-    with pytest.raises(fc.InputError, match="run: method Bare: must have theta, numerical"):
+    with pytest.raises(fc.InputError, match="run: method Bare: must have numerical"):
         fc.run(system, bare, start, 1e-3, 2e-3, solver="direct")
     assert len(list(fc.march(system, bare, start, 1e-3, 2e-3, solver="direct"))) == 2
 
-    for constant in (None, -0.04):
-        method = type("Own", (theta,), {"error_constant": constant})()
-        with pytest.raises(fc.InputError, match=f"Own.error_constant = {constant}: must be a num"):
-            fc.Adaptive(method, rtol=1e-2)
+    for traits, said in ({}, "must have traits"), ({"traits": {"order": 1}}, "must be a MethodTr"):
+        mute = type("Mute", (), {"step": euler.step} | traits)()
+        with pytest.raises(fc.InputError, match=said):
+            fc.run(system, mute, start, 1e-3, 2e-3)
+
+    for constant, said in (None, "has no estimate"), (-0.04, "error_constant = -0.04: must be a n"):
+        traits = MethodTraits(order=1, error_constant=constant)
+        with pytest.raises(fc.InputError, match=said):
+            fc.Adaptive(type("Own", (theta,), {"traits": traits})(), rtol=1e-2)
 
     def short(self, state, dt):
         return replace(theta.stage(self, state, dt), v=state.v[1:])
@@ -425,6 +432,17 @@ def test_a_method_says_what_it_lacks(own, swinging):
     cut = type("Cut", (theta,), {"stage": short})(0.5)
     with pytest.raises(fc.InputError, match=r"stage.v of shape \(19, 3\): must be \(20, 3\)"):
         fc.run(system, cut, start, 1e-3, 2e-3, solver="direct")
+
+
+def test_a_misspelt_trait_is_an_error_that_names_the_known_ones():
+    with pytest.raises(
+        fc.InputError, match=r"trait 'explict': is not known; the traits are order, "
+    ):
+        MethodTraits(order=1, explict=True)
+    with pytest.raises(TypeError, match="order"):
+        MethodTraits(theta=1.0)
+    with pytest.raises(fc.InputError, match="no explicit method is A-stable"):
+        MethodTraits(order=1, explicit=True)
 
 
 # --- in a scene -----------------------------------------------------------------------------------
@@ -468,14 +486,14 @@ t_end = 5e-3
 
 
 def test_a_scene_runs_with_terms_of_ones_own(own, tmp_path):
-    terms = {"Winkler": own.own_term.Winkler, "Fung": own.own_law.Fung}
+    terms = {"Winkler": own.term.Winkler, "Fung": own.law.Fung}
     path = tmp_path / "scene.toml"
     path.write_text(SCENE, encoding="utf-8")
     scene = load(path, terms=terms)
     system = scene.build().system
-    assert system.terms[0] == own.own_law.Fung(0.15)
-    assert system.terms[1].law == own.own_law.Fung(0.2)
-    assert system.terms[2] == own.own_term.Winkler(300.0)
+    assert system.terms[0] == own.law.Fung(0.15)
+    assert system.terms[1].law == own.law.Fung(0.2)
+    assert system.terms[2] == own.term.Winkler(300.0)
     outcome = run_scene(scene, tmp_path / "out")
     assert outcome.status == "done"
     header = (tmp_path / "out" / "energies.csv").read_text().splitlines()[0]
@@ -487,7 +505,7 @@ def test_a_scene_runs_with_terms_of_ones_own(own, tmp_path):
 def test_a_scene_refuses_a_term_that_it_is_not_given(own, tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(SCENE, encoding="utf-8")
-    winkler, fung = own.own_term.Winkler, own.own_law.Fung
+    winkler, fung = own.term.Winkler, own.law.Fung
     with pytest.raises(fc.SceneError, match=r"terms.0.type = 'Fung': must be one of BaraffWitkin"):
         load(path)
     with pytest.raises(fc.SceneError, match=r"terms.2.type = 'Winkler': must be one of .*, Fung"):

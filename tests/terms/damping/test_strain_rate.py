@@ -6,7 +6,7 @@ from conftest import flat, rough
 from support import oracle
 
 import fecloth as fc
-from fecloth.terms.loops.membrane import deformation_gradient
+from fecloth.terms.kinematics import deformation_gradient
 from fecloth.verify import VerificationFailed, check_term
 
 

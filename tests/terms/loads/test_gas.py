@@ -10,6 +10,7 @@ from support.inflated import NU, RADIUS, STIFFNESS, enclosed, shooting
 import fecloth as fc
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.verify import VerificationFailed, check_term
 
 
@@ -80,7 +81,7 @@ def test_updated_solves_with_the_rank_one_parts(solver, sheet, isotropic, rng):
     updates = [(c, rng.standard_normal((len(sheet.X), 3))) for c in (3.0, 0.5)]
     b = rng.standard_normal((len(sheet.X), 3))
     solver.prepare(J)
-    x, infos = select.updated(solver, updates, b, 1e-12)
+    x, infos = solve_updated(solver, updates, b, 1e-12)
     full = J.to_scipy().toarray() + sum(c * np.outer(u, u) for c, u in updates)
     np.testing.assert_allclose(full @ x.ravel(), b.ravel(), atol=1e-8 * abs(b).max())
     assert len(infos) == 3

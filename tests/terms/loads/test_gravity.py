@@ -5,7 +5,7 @@ import pytest
 from conftest import flat, rough
 
 import fecloth as fc
-from fecloth.integrators.one_stage import METHODS
+from fecloth.integrators import METHODS
 from fecloth.verify import check_term
 
 ACCELERATION = (1.5, -2.0, -9.81)
@@ -72,7 +72,7 @@ def test_free_fall_of_every_node(method, mass, sheet, isotropic):
     end = fc.run(
         system, method(), system.rest(), dt, t, solver="direct", newton=fc.Newton(tolerance=1e-12)
     ).state
-    way = 0.5 * t * (t if method().order == 2 else t + dt) * g
+    way = 0.5 * t * (t if method().traits.order == 2 else t + dt) * g
     np.testing.assert_allclose(end.v, np.tile(t * g, (len(end.v), 1)), atol=1e-10)
     np.testing.assert_allclose(end.x - flat(sheet), np.tile(way, (len(end.x), 1)), atol=1e-12)
 

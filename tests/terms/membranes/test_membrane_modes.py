@@ -97,7 +97,7 @@ def test_frequency_of_a_run(shape, method):
     system, state, _ = stretched(shape, 1.0 / 40, "unstructured")
     found, u = modes(system, state)
     start = system.state(state.x + 1e-4 * u[0] / abs(u[0]).max())
-    explicit = getattr(method, "explicit", False)
+    explicit = method.traits.explicit
     dt = 0.9 * fc.critical_dt(system, state, method) if explicit else 1 / (60 * found[0])
     weight = system.nodal_mass * u[0, :, 2]
     t, height = [0.0], [weight @ start.x[:, 2]]

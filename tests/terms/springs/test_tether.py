@@ -28,14 +28,14 @@ def test_force_energy_and_power(cloth, rng):
     state = system.state(x, v, 0.5)
     expected = -50.0 * (x[nodes] - p) - 2.0 * (v[nodes] - speed)
     force = system.force(state)
-    np.testing.assert_allclose(force[nodes], expected, rtol=1e-8)
+    np.testing.assert_allclose(force[nodes], expected, rtol=1e-12)
     assert np.abs(np.delete(force, nodes, axis=0)).max() == 0.0
     energy = system.energies(state)["Tether"]
     assert energy == pytest.approx(25.0 * np.sum((x[nodes] - p) ** 2), rel=1e-13)
     bound = system.bound[0]
     lost = 2.0 * np.sum((v[nodes] - speed) ** 2)
-    assert bound.power(x, v, 0.5) == pytest.approx(lost, rel=1e-8)
-    assert bound.supply(x, v, 0.5) == pytest.approx(expected.sum(axis=0) @ speed, rel=1e-8)
+    assert bound.power(x, v, 0.5) == pytest.approx(lost, rel=1e-12)
+    assert bound.supply(x, v, 0.5) == pytest.approx(expected.sum(axis=0) @ speed, rel=1e-12)
 
 
 def test_a_single_mass_follows_a_hand_that_swings():

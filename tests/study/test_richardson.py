@@ -1,4 +1,4 @@
-"""Self-convergence, on answers that are known and on a scene of one's own."""
+"""Orders and errors from successive runs, for known answers and for a scene."""
 
 import numpy as np
 import pytest
@@ -35,10 +35,12 @@ frames = 1
 """
 
 
-def test_of_known_answers():
+def test_order_and_error_of_known_answers():
     answers = 3.0 + 0.2 * np.array([1, 1 / 8, 1 / 64, 1 / 512])
     np.testing.assert_allclose(richardson.orders(np.diff(answers)), 3.0)
-    assert richardson.left(np.diff(answers)) == pytest.approx(3.0 - answers[-1], rel=1e-9)
+    assert richardson.remaining_error(np.diff(answers)) == pytest.approx(
+        3.0 - answers[-1], rel=1e-9
+    )
     assert np.isnan(richardson.orders([1.0, -0.5])).all()
 
 
@@ -51,13 +53,13 @@ def test_distances_between_meshes():
     np.testing.assert_allclose(apart, tents, rtol=1e-12)
 
 
-def test_a_scene_of_ones_own(tmp_path, monkeypatch):
+def test_a_scene_is_refined_in_space_and_time(tmp_path, monkeypatch):
     file, made = tmp_path / "my.toml", {}
     file.write_text(SCENE)
-    options = study.arguments("Mine.", ["--scene", str(file), "--out", str(tmp_path / "out")])
+    options = study.parse_arguments("Mine.", ["--scene", str(file), "--out", str(tmp_path / "out")])
     keep = lambda *_, tables, **__: made.update(tables) or 0  # noqa: E731
-    monkeypatch.setattr(study, "report", keep)
-    assert richardson.of_scene(options) == 0
+    monkeypatch.setattr(richardson, "write_report", keep)
+    assert richardson.refine_scene(options) == 0
     space, time = next(iter(made.values()))
     assert (space["order"], time["order"]) == pytest.approx((2, 2), abs=0.15)
     # the time error against a run of a sixteenth of the step
@@ -67,7 +69,7 @@ def test_a_scene_of_ones_own(tmp_path, monkeypatch):
         fc.run(*run_, dt, built.t_end, newton=built.newton).state.x for dt in (0.0025, 0.0025 / 16)
     ]
     error = built.cloth.l2_norm(ends[0] - ends[1])
-    assert time["error as given [m²]"] == pytest.approx(error, rel=0.05)
+    assert time["estimated error [m²]"] == pytest.approx(error, rel=0.05)
 
 
 def test_a_scene_without_h_is_refused(tmp_path):
@@ -78,13 +80,13 @@ def test_a_scene_without_h_is_refused(tmp_path):
     cloth = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right")
     fc.write_vtk(tmp_path / "square", cloth, fc.State(0.0, *np.zeros((2, len(cloth.X), 3))))
     (tmp_path / "square.msh").write_bytes((tmp_path / "square_000000.vtu").read_bytes())
-    options = study.arguments("Mine.", ["--scene", str(tmp_path / "a.toml")])
+    options = study.parse_arguments("Mine.", ["--scene", str(tmp_path / "a.toml")])
     with pytest.raises(fc.SceneError, match=r"needs cloth.h"):
-        richardson.of_scene(options)
+        richardson.refine_scene(options)
 
 
-def test_what_failed_is_an_order_missed():
-    """Also where no mesh of a family came through."""
+def test_a_failed_run_misses_its_orders():
+    """Also where every run of a family failed."""
     failed = {"status": "failed", "cause": "x"}
     rows, steps, swings = (
         [case | failed for case in cases(True)]
@@ -93,4 +95,4 @@ def test_what_failed_is_an_order_missed():
     found = convergence.conclude(rows) + convergence.conclude_time(steps)
     found += convergence.conclude_swing(convergence.compare(swings))
     assert len(found) == 80
-    assert not any(finding.met for finding in found)
+    assert not any(finding.is_met for finding in found)

@@ -1,4 +1,4 @@
-"""needs.py: changes of what is asked for, simpler scenes, foretold sizes, the reduced scene."""
+"""Simplification of scenes: changes of results, variants, predictions, the reduced scene."""
 
 import sys
 import tomllib
@@ -12,18 +12,18 @@ from fecloth.errors import InputError
 from fecloth.scene.scene import load
 from fecloth.scene.tables import Interest
 from fecloth.scene.toml_text import written
-from studies.simplify import __main__ as needs
+from studies.simplify import __main__ as simplify
 from studies.simplify import cases
 from studies.simplify.cases import Answer, changes, data_of, scene_of
 from studies.simplify.dimensionless import Numbers
-from studies.simplify.predictions import predicted
+from studies.simplify.predictions import predict_change
 from studies.simplify.variants import variants
 
 STUDIES = Path(__file__).parents[2] / "studies"
-NEEDS = STUDIES / "scenes" / "needs"
+SCENES = STUDIES / "scenes" / "needs"
 
 
-def made(h, t, columns, u, probes=()):
+def make_answer(h, t, columns, u, probes=()):
     cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right")
     columns = {name: list(values) for name, values in columns.items()}
     row = {"times": list(t), "columns": columns, "moved": u(cloth.X).tolist()}
@@ -39,30 +39,30 @@ def test_changes_of_fields_paths_ends_and_periods():
         return swing | {"sag": size * t, "area": 1.0 + 0 * t}
 
     t, fewer = np.linspace(0, 4, 4001), np.linspace(0, 4, 2001)
-    full = made(0.25, t, columns(t, 6.0, 1.0), out_of_plane(0.2), ("tip",))
-    other = made(0.5, fewer, columns(fewer, 6.3, 1.0), out_of_plane(0.21), ("tip",))
+    full = make_answer(0.25, t, columns(t, 6.0, 1.0), out_of_plane(0.2), ("tip",))
+    other = make_answer(0.5, fewer, columns(fewer, 6.3, 1.0), out_of_plane(0.21), ("tip",))
     interest = Interest(end=("displacement", "sag", "area"), path=("sag",), period=("tip.z",))
     found = changes(full, other, interest)
     assert found["displacement at the end"] == pytest.approx(0.05, rel=1e-9)
     assert found["sag at the end"] == found["area at the end"] == 0
     assert found["path of sag"] == pytest.approx(0, abs=1e-12)
     assert found["period of tip.z"] == pytest.approx(0.3 / 6.3, rel=0.02)
-    larger = made(0.5, fewer, columns(fewer, 6.0, 1.1), out_of_plane(0.2), ("tip",))
-    asked = Interest(path=("tip",), end=("sag", "tip.z"))
-    assert list(changes(full, larger, asked).values()) == pytest.approx([0.1] * 3, rel=1e-5)
+    larger = make_answer(0.5, fewer, columns(fewer, 6.0, 1.1), out_of_plane(0.2), ("tip",))
+    interest = Interest(path=("tip",), end=("sag", "tip.z"))
+    assert list(changes(full, larger, interest).values()) == pytest.approx([0.1] * 3, rel=1e-5)
 
 
-def test_a_path_of_one_step_is_held_against_the_end():
+def test_a_path_of_one_step_is_compared_at_the_end():
     t = np.array([0.0, 1.0, 2.0])
-    full = made(0.5, t, {"sag": t}, lambda X: np.zeros((len(X), 3)))
-    other = made(0.5, t[::2], {"sag": 1.25 * t[::2]}, lambda X: np.zeros((len(X), 3)))
+    full = make_answer(0.5, t, {"sag": t}, lambda X: np.zeros((len(X), 3)))
+    other = make_answer(0.5, t[::2], {"sag": 1.25 * t[::2]}, lambda X: np.zeros((len(X), 3)))
     assert changes(full, other, Interest(path=("sag",))) == {"path of sag": pytest.approx(0.25)}
 
 
-def test_a_column_of_a_term_that_is_gone_is_zero_and_no_swing_has_no_period():
+def test_a_removed_term_has_a_zero_column_and_no_oscillation_has_no_period():
     t = np.linspace(0, 1, 11)
-    full = made(0.5, t, {"StVK": t}, lambda X: np.zeros((len(X), 3)))
-    without = made(0.5, t, {}, lambda X: np.zeros((len(X), 3)))
+    full = make_answer(0.5, t, {"StVK": t}, lambda X: np.zeros((len(X), 3)))
+    without = make_answer(0.5, t, {}, lambda X: np.zeros((len(X), 3)))
     assert changes(full, without, Interest(end=("StVK", "displacement"))) == {
         "StVK at the end": 1.0,
         "displacement at the end": 0.0,
@@ -73,7 +73,7 @@ def test_a_column_of_a_term_that_is_gone_is_zero_and_no_swing_has_no_period():
 
 @pytest.mark.parametrize(
     "path",
-    [*NEEDS.glob("*.toml"), *(STUDIES / "scenes").glob("*.toml")],
+    [*SCENES.glob("*.toml"), *(STUDIES / "scenes").glob("*.toml")],
     ids=lambda path: path.stem,
 )
 def test_every_simpler_scene_is_a_scene(path):
@@ -83,15 +83,15 @@ def test_every_simpler_scene_is_a_scene(path):
         simpler = variant.apply(data)
         assert variant.static or simpler != data, variant.name
         scene_of(written(simpler))
-    assert data == data_of(load(path))  # none of them has changed it
+    assert data == data_of(load(path))  # no variant has changed it
     names = [variant.name for variant in tried]
     assert {"without StVK", "Springs for StVK", "h × 2", "equilibrium"} <= set(names)
     assert ("dt × 2" in names) == (path.stem != "dome")  # which takes one step
     assert "equilibrium" not in [one.name for one in variants(data, Interest(path=("sag",)))]
 
 
-def test_p2_may_be_p1_and_adaptive_steps_looser():
-    data = data_of(load(NEEDS / "taut.toml"))
+def test_p2_becomes_p1_and_adaptive_steps_get_a_looser_tolerance():
+    data = data_of(load(SCENES / "taut.toml"))
     data["cloth"]["element"], data["mass"], data["terms"] = "P2", "consistent", data["terms"][::2]
     data["time"] = {"method": "bdf2", "dt": "auto", "rtol": 0.01, "t_end": 0.1}
     simpler = {one.name: one.apply(data) for one in variants(data, Interest(end=("sag",)))}
@@ -100,17 +100,17 @@ def test_p2_may_be_p1_and_adaptive_steps_looser():
     assert scene_of(written(simpler["rtol × 4"])).time.rtol == 0.04
 
 
-def strip(**changed):
-    """A strip of 1 m × 0.2 m between two held ends, or one."""
-    data = data_of(load(NEEDS / "taut.toml"))
+def make_strip(**changed):
+    """Return the scene of a strip of 1 m × 0.2 m between two pinned ends, or with one."""
+    data = data_of(load(SCENES / "taut.toml"))
     data["cloth"] |= {"height": 0.2, "h": 0.05}
     data["fabric"] |= {"poisson_ratio": 0.0}
     data["probes"], data["interest"] = [], {"end": ["sag"]}
     return scene_of(written({**data, "pins": [{"where": "left"}, {"where": "right"}], **changed}))
 
 
-def test_the_sag_across_is_that_of_the_equilibrium():
-    numbers = Numbers.of(strip())
+def test_the_predicted_sag_across_is_that_of_the_equilibrium():
+    numbers = Numbers.of(make_strip())
     assert numbers.case == "across"
     built = numbers.built
     sag = -fc.equilibrium(built.system, built.state).x[:, 2].min()
@@ -119,38 +119,45 @@ def test_the_sag_across_is_that_of_the_equilibrium():
 
 def test_loads_across_or_along_the_cloth():
     one = [{"where": "left"}]
-    assert Numbers.of(strip(pins=one)).case == "hung"
-    along = Numbers.of(strip(pins=one, start={"position": ["0", "Y", "-X"]}))
+    assert Numbers.of(make_strip(pins=one)).case == "hung"
+    along = Numbers.of(make_strip(pins=one, start={"position": ["0", "Y", "-X"]}))
     assert (along.case, along.without_bending()) == ("along", 0.0)
     built = along.built
     hung = fc.equilibrium(built.system, built.state).x[:, 2].min() + 1
     assert along.moved * along.L == pytest.approx(-hung, rel=0.02)
 
 
-def test_steps_that_resolve_no_motion_and_damp_it_leave_no_error_in_time():
+def test_long_damped_steps_have_no_time_error_at_rest():
     numbers = Numbers.of(load(STUDIES / "scenes" / "hanging_strip.toml"))
     assert numbers.time_error(100.0) < 1e-9
     kinds = {one.name: one for one in variants(data_of(numbers.scene), Interest(path=("tip",)))}
-    assert predicted(kinds["dt × 2"], numbers) < 1e-3
-    assert predicted(kinds["explicit"], numbers) == 1.0  # it has no damping, and swings for ever
+    assert predict_change(kinds["dt × 2"], numbers) < 1e-3
+    assert predict_change(kinds["explicit"], numbers) == 1.0  # without damping it swings forever
 
 
-def test_what_nothing_loads_is_not_foretold():
-    scene = strip(terms=[{"type": "StVK"}])
+def test_a_scene_without_loads_has_no_predictions():
+    scene = make_strip(terms=[{"type": "StVK"}])
     found = variants(data_of(scene), Interest(end=("sag",)))
-    assert {predicted(one, Numbers.of(scene)) for one in found} == {None}
+    assert {predict_change(one, Numbers.of(scene)) for one in found} == {None}
 
 
-def test_the_reduced_scene_keeps_the_tolerance(tmp_path, monkeypatch):
-    asked = ["needs.py", "--quick", "--scene", str(NEEDS / "taut.toml"), "--out", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", asked)
-    assert needs.main() == 0
+def test_the_reduced_scene_is_within_the_tolerance(tmp_path, monkeypatch):
+    arguments = [
+        "simplify",
+        "--quick",
+        "--scene",
+        str(SCENES / "taut.toml"),
+        "--out",
+        str(tmp_path),
+    ]
+    monkeypatch.setattr(sys, "argv", arguments)
+    assert simplify.main() == 0
     data = tomllib.loads((tmp_path / "reduced.toml").read_text())
     assert [term["type"] for term in data["terms"]] == ["StVK", "Gravity"]
     assert (tmp_path / "needs.png").exists()
     assert "| without Gravity | 1 | 1 |" in (tmp_path / "report.md").read_text()
     paths = []
-    for path in (NEEDS / "taut.toml", tmp_path / "reduced.toml"):
+    for path in (SCENES / "taut.toml", tmp_path / "reduced.toml"):
         built = load(path).build()
         run = fc.run(*_march(built), probes=built.probes)
         times = np.linspace(0.01, 0.1, 10)
@@ -164,10 +171,10 @@ def _march(built):
 
 
 def test_a_failing_variant_is_a_row_with_its_cause():
-    study = needs.Study("taut", data_of(load(NEEDS / "taut.toml")), 0.01, {"out": ""})
+    task = simplify.Task("taut", data_of(load(SCENES / "taut.toml")), 0.01, {"out": ""})
     row = {"scene": "taut", "variant": "x", "status": "failed", "cause": "it broke"}
-    assert study.held(row)["cause"] == "it broke"
-    variant = variants(study.data, study.interest)[0]
-    assert needs.candidates(study, [(variant, study.held(row))]) == []
-    assert needs.share("1%") == needs.share("0.01") == 0.01
+    assert task.compare(row)["cause"] == "it broke"
+    variant = variants(task.data, task.interest)[0]
+    assert simplify.sort_candidates(task, [(variant, task.compare(row))]) == []
+    assert simplify.parse_tolerance("1%") == simplify.parse_tolerance("0.01") == 0.01
     assert cases.ratio(0.0, 0.0) == 0.0

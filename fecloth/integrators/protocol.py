@@ -1,0 +1,184 @@
+"""What a time integrator offers: its traits, its step, and the abilities that some have.
+
+A method of your own is a frozen dataclass with `traits` and the functions of `Integrator`, or of
+`ExplicitIntegrator`. `StageMethod` and `WithMemory` are bases that supply all but a few lines; the
+file studies/examples/integrator.py has one of each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Protocol
+
+from fecloth.errors import InputError, brief
+from fecloth.integrators.step import Step
+from fecloth.system.system import State, System
+
+
+@dataclass(frozen=True)
+class MethodTraits:
+    """The constants of a method, which the rest of fecloth reads before and during a run.
+
+    Parameters
+    ----------
+    order
+        p: the error at a given time is proportional to dt^p.
+    theta
+        Place between the old (0) and the new (1) state where the forces balance: the work of the
+        pins over a step is that at the velocity v₀ + θ Δv. Take ½ if M Δv · (v₀ + v₁)/2 is the
+        change of the kinetic energy that your method accounts for.
+    explicit
+        Whether a step needs forces only. An explicit method gets no linear solver, offers `check`,
+        and may be stepped near its stability limit.
+    symmetric
+        Whether the system matrix is symmetric if the terms' tangents are.
+    error_constant
+        c > 0: a step's error in x is c dt^(p + 1) times the (p + 1)-th time derivative of x. None
+        if it is not known: then `Adaptive` refuses the method.
+    stability
+        (a, b): a mode with k = ω² and d = 2 ζ ω is stable if a dt² k + b dt d < 1. (0, 0) is an
+        A-stable method. None if the limit has another form or is not known.
+    beyond_limit
+        Whether `march` may take steps beyond that limit; otherwise it refuses them.
+    chooses_dt
+        Whether the method chooses its steps; then `march` takes no dt.
+
+    Raises
+    ------
+    InputError
+        For a trait of another name, and for an explicit method that claims to be A-stable.
+
+    Examples
+    --------
+    >>> MethodTraits(order=1, theta=1.0, error_constant=1 / 2).stability
+    (0.0, 0.0)
+    """
+
+    order: int
+    theta: float = 0.5
+    explicit: bool = False
+    symmetric: bool = True
+    error_constant: float | None = None
+    stability: tuple[float, float] | None = (0.0, 0.0)
+    beyond_limit: bool = True
+    chooses_dt: bool = False
+
+    def __new__(cls, *values, **named):
+        """Refuse a misspelt trait before the constructor of the dataclass runs."""
+        known = [field.name for field in fields(cls)]
+        for name in named:
+            if name not in known:
+                allowed = f"is not known; the traits are {', '.join(known)}"
+                raise InputError(f"trait {name!r}", allowed, cls.__name__)
+        return super().__new__(cls)
+
+    def __post_init__(self):
+        if self.explicit and self.stability == (0.0, 0.0):
+            allowed = "must be (a, b) with a limit, or None: no explicit method is A-stable"
+            raise InputError(f"stability = {self.stability}", allowed, "MethodTraits")
+
+
+class Stepping(Protocol):
+    """What every method offers: traits, a step, and an account of its energy."""
+
+    @property
+    def traits(self) -> MethodTraits:
+        """The constants of the method: a class attribute, or a property if they vary."""
+        ...
+
+    def step(self, system: System, state: State, dt: float, solver, memory=None) -> Step:
+        """Take one step from `state` over `dt` [s].
+
+        Parameters
+        ----------
+        system
+            Supplies ``force(state)`` (n, 3) [N], ``scalar_mass`` (n, n) [kg] and the constraints.
+        state
+            Time [s], x (n, 3) [m] and v (n, 3) [m/s]; do not change its arrays.
+        dt
+            Size of the step [s]; of a method with `chooses_dt` the longest size allowed.
+        solver
+            For ``newton.solve(system, stage, solver, guess)``; None for explicit methods.
+        memory
+            What the step before returned as memory; None in the first step. It may be a first
+            guess or a record of past values. Mark the class of a record with `remembered`, so
+            that restart files can hold it.
+
+        Returns
+        -------
+        Step
+            Its state must have the pinned nodes where ``arrival(system, state, dt)`` puts them;
+            ``held(system, new, end)`` does that.
+
+        Raises
+        ------
+        NewtonFailed, SolveFailed
+            If the step cannot be solved. `march` reports it; `Adaptive` tries a shorter step.
+        """
+        ...
+
+    def numerical(self, system: System, old: State, step: Step) -> float:
+        """Energy [J] that the method itself dissipated in a step from `old`; negative for a gain.
+
+        `run` sums it in the column "numerical" of the energy ledger.
+        """
+        ...
+
+
+class Integrator(Stepping, Protocol):
+    """An implicit method: `Stepping`, and the weights of its system matrix."""
+
+    def weights(self, dt: float) -> tuple[float, float, float]:
+        """(wx, wv, wa) of the system matrix J = wa M + wv D + wx K of a step of `dt` [s].
+
+        K = −∂f/∂x and D = −∂f/∂v. The choice of the linear solver depends on their ratios.
+        """
+        ...
+
+
+class ExplicitIntegrator(Stepping, Protocol):
+    """A method that needs forces only: `Stepping`, and a check of the mass."""
+
+    def check(self, system: System) -> None:
+        """Raise `InputError` for a system that the method cannot step, as one without lumped mass.
+
+        It is called before the first step.
+        """
+        ...
+
+
+class StepSizeChoice(Stepping, Protocol):
+    """A method that chooses its steps: `traits.chooses_dt` is True.
+
+    Its ``step(system, state, horizon, solver, memory)`` takes one step of any size up to
+    `horizon` [s]; the time of the state that it returns says how long it was. A wrapper around
+    another method hands on ``replace(method.traits, chooses_dt=True)``, and its memory contains
+    that of the method.
+    """
+
+    @property
+    def method(self) -> Stepping:
+        """The method whose steps it chooses."""
+        ...
+
+
+def check_method(method: object, where: str = "march") -> None:
+    """Raise `InputError` for an object that is not a method, or that does not state its traits."""
+    if isinstance(method, type) or not hasattr(method, "step"):
+        allowed = "must be a method such as BackwardEuler() or Auto()"
+        remedy = "The method comes before the state." if isinstance(method, State) else ""
+        raise InputError(f"method {brief(method)}", allowed, where, remedy)
+    check_offers(method, ("traits",), where)
+    if not isinstance(method.traits, MethodTraits):
+        what = f"{type(method).__name__}.traits = {brief(method.traits)}"
+        raise InputError(what, "must be a MethodTraits(order=...)", where)
+
+
+def check_offers(method: object, names: tuple[str, ...], where: str) -> None:
+    """Raise `InputError` for a method without the attributes that `where` needs."""
+    if missing := [name for name in names if not hasattr(method, name)]:
+        remedy = "StageMethod and WithMemory are base classes that have them."
+        if missing == ["traits"]:
+            remedy = "Add traits = MethodTraits(order=...), from fecloth.integrators.protocol."
+        what = f"method {type(method).__name__}"
+        raise InputError(what, f"must have {', '.join(missing)}", where, remedy)

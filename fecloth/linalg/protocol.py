@@ -1,0 +1,143 @@
+"""What a linear solver offers, what a solve reports, and the checks that all solvers share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from fecloth.errors import InputError, SolveFailed
+from fecloth.jit import kernel
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.reductions import squared
+
+
+@dataclass(frozen=True)
+class SolveInfo:
+    """Cost and accuracy of a solve.
+
+    Attributes
+    ----------
+    name
+        Name of the solver.
+    iterations
+        Iterations of conjugate gradients, or steps of refinement of a direct solver (mostly 0).
+    residual
+        ‖b − A x‖ / ‖b‖, computed with A and the returned x.
+    seconds_factor
+        Duration of the last ``prepare`` [s]: factorisation or preconditioner, and the analysis if
+        the pattern was new.
+    seconds_solve
+        Duration of this ``solve`` [s].
+    """
+
+    name: str
+    iterations: int
+    residual: float
+    seconds_factor: float
+    seconds_solve: float
+
+
+class LinearSolver(Protocol):
+    """A solver of A x = b for a `BlockMatrix`.
+
+    Attributes
+    ----------
+    name
+        For reports, and the key of its prices in `nonlinear.factor_reuse`.
+    symmetric
+        Whether it takes symmetric matrices only.
+    prepared
+        Number of calls of `prepare` so far: it identifies the prepared matrix.
+    keeps_state
+        Whether a solve may depend on more than the prepared matrix, such as on the work of the
+        steps before.
+    """
+
+    name: str
+    symmetric: bool
+    prepared: int
+    keeps_state: bool
+
+    def prepare(self, A: BlockMatrix) -> None:
+        """Analyse the pattern if it is new, and factorise A or build the preconditioner.
+
+        A must not change until the last `solve` with it.
+
+        Raises
+        ------
+        IndefiniteMatrix, SolveFailed
+            For a matrix that is not positive definite, if the solver needs that, or singular.
+        """
+        ...
+
+    def solve(
+        self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
+    ) -> tuple[np.ndarray, SolveInfo]:
+        """x (n, 3) with ‖b − A x‖ ≤ rtol ‖b‖, computed with A, and its `SolveInfo`.
+
+        `guess` (n, 3) is a start, which a direct solver ignores.
+
+        Raises
+        ------
+        IndefiniteMatrix, SolveFailed
+            If no such x was found.
+        """
+        ...
+
+    def begin(self, wx: float, wa: float) -> None:
+        """Note that a step begins with J = wa M + wv D + wx K, before its first `prepare`."""
+        ...
+
+    def drop(self) -> None:
+        """Forget the steps before, so that those that follow do not depend on them."""
+        ...
+
+
+def checked(A: BlockMatrix | None, b: np.ndarray, rtol: float) -> tuple[np.ndarray, float]:
+    """Validate b and `rtol`: b as a contiguous array of floats (n, 3), and ‖b‖²."""
+    if A is None:
+        raise InputError("no matrix", "call prepare(A) without error before solve", "solve")
+    if not 0 < rtol < 1:
+        raise InputError(f"rtol = {rtol!r}", "must be between 0 and 1", "solve")
+    b = np.ascontiguousarray(b, dtype=float)
+    if b.shape != (len(A.pattern), 3):
+        raise InputError(f"b of shape {b.shape}", f"must be ({len(A.pattern)}, 3)", "solve")
+    bb = squared(b)
+    if not np.isfinite(bb):
+        raise SolveFailed(f"b is not finite: ‖b‖² = {bb}, largest at node {_largest(b)}")
+    return b, bb
+
+
+def _largest(b):
+    return int(np.argmax(np.abs(b).sum(axis=1)))
+
+
+def block_rows(A: BlockMatrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The arrays indptr, indices and values of a matrix."""
+    return A.pattern.indptr, A.pattern.indices, A.values
+
+
+def relative_residual(
+    A: BlockMatrix, b: np.ndarray, bb: float, x: np.ndarray, r: np.ndarray
+) -> float:
+    """‖r‖ / ‖b‖ with bb = ‖b‖² > 0; writes r = b − A x to `r`."""
+    return float(np.sqrt(residual(*block_rows(A), b, x, r) / bb))
+
+
+@kernel
+def residual(indptr, indices, values, b, x, r):
+    """r = b − A x; returns ‖r‖²."""
+    rr = 0.0
+    for i in range(len(b)):
+        r1, r2, r3 = b[i, 0], b[i, 1], b[i, 2]
+        for s in range(indptr[i], indptr[i + 1]):
+            j = indices[s]
+            x1, x2, x3 = x[j, 0], x[j, 1], x[j, 2]
+            r1 -= values[s, 0, 0] * x1 + values[s, 0, 1] * x2 + values[s, 0, 2] * x3
+            r2 -= values[s, 1, 0] * x1 + values[s, 1, 1] * x2 + values[s, 1, 2] * x3
+            r3 -= values[s, 2, 0] * x1 + values[s, 2, 1] * x2 + values[s, 2, 2] * x3
+        r[i, 0], r[i, 1], r[i, 2] = r1, r2, r3
+        rr += r1 * r1 + r2 * r2 + r3 * r3
+    return rr

@@ -1,0 +1,217 @@
+"""Formulas as nested closures: one set of operations for arrays, and a fast one for numbers."""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+CONSTANTS = {"pi": math.pi}
+
+
+def smoothstep(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> np.ndarray:
+    """0 up to t = a, 1 from t = b on, and between them the cubic s²(3 − 2s), without a kink.
+
+    Examples
+    --------
+    >>> [float(smoothstep(1.0, 3.0, t)) for t in (0.0, 2.0, 4.0)]
+    [0.0, 0.5, 1.0]
+    """
+    s = np.clip((np.asarray(t) - a) / (np.asarray(b) - a), 0.0, 1.0)
+    return s * s * (3 - 2 * s)
+
+
+_OF_ONE = ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt", "abs", "sign", "floor")
+FUNCTIONS: dict[str, tuple[Callable, int]] = {  # and their number of arguments
+    **{name: (getattr(np, name), 1) for name in _OF_ONE},
+    "min": (np.minimum, 2),
+    "max": (np.maximum, 2),
+    "where": (np.where, 3),
+    "smoothstep": (smoothstep, 3),
+}
+UNARY = {ast.USub: operator.neg, ast.UAdd: operator.pos}
+BINARY = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+}
+COMPARE = {ast.Lt: np.less, ast.LtE: np.less_equal, ast.Gt: np.greater, ast.GtE: np.greater_equal}
+
+Closure = Callable[[Sequence], object]
+"""The value of a node at the values of the variables, in their order."""
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """The operations that the closures are made of.
+
+    Attributes
+    ----------
+    number
+        Type of the constants.
+    functions, binary, compare
+        By name, and by the type of the operator in the syntax tree.
+    negate, every, some
+        Truth values: not a, all of a list, any of a list.
+    for_numbers
+        Whether variables and constants are Python's floats: then constant parts are evaluated once,
+        and of where(condition, a, b) only the part that is chosen.
+    """
+
+    number: type
+    functions: Mapping[str, Callable]
+    binary: Mapping[type, Callable]
+    compare: Mapping[type, Callable]
+    negate: Callable
+    every: Callable
+    some: Callable
+    for_numbers: bool
+
+
+def compiled(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
+    """The closure of a checked syntax tree."""
+    closure = _closure(node, variables, kit)
+    return _folded(closure, node, variables) if kit.for_numbers else closure
+
+
+def _closure(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
+    def inner(part: ast.AST) -> Closure:
+        return compiled(part, variables, kit)
+
+    match node:
+        case ast.Constant(value=number):
+            return _constant(kit.number(number))
+        case ast.Name(id=name) if name in variables:
+            return operator.itemgetter(variables.index(name))
+        case ast.Name(id=name):
+            return _constant(kit.number(CONSTANTS[name]))
+        case ast.UnaryOp(op=ast.Not(), operand=operand):
+            return _apply(kit.negate, inner(operand))
+        case ast.UnaryOp(op=op, operand=operand):
+            return _apply(UNARY[type(op)], inner(operand))
+        case ast.BinOp(left=left, op=op, right=right):
+            of_scalars = not (_is_array(left, variables) or _is_array(right, variables))
+            by_math = kit.for_numbers and isinstance(op, ast.Pow) and of_scalars
+            function = math.pow if by_math else kit.binary[type(op)]
+            return _apply(function, inner(left), inner(right))
+        case ast.BoolOp(op=op, values=parts):
+            join = kit.every if isinstance(op, ast.And) else kit.some
+            return _join(join, [inner(part) for part in parts])
+        case ast.Compare(left=left, ops=ops, comparators=others):
+            sides = [inner(side) for side in (left, *others)]
+            pairs = zip(ops, sides, sides[1:], strict=False)
+            return _join(kit.every, [_apply(kit.compare[type(op)], a, b) for op, a, b in pairs])
+        case ast.Call(func=ast.Name(id="where"), args=parts) if kit.for_numbers:
+            return _choose(*map(inner, parts))
+        case ast.Call(func=ast.Name(id=name), args=parts):
+            return _apply(kit.functions[name], *map(inner, parts))
+    raise AssertionError(f"unchecked node {node!r}")
+
+
+def _constant(value) -> Closure:
+    return lambda v: value
+
+
+def _apply(function: Callable, *parts: Closure) -> Closure:
+    if len(parts) == 1:
+        (a,) = parts
+        return lambda v: function(a(v))
+    if len(parts) == 2:
+        a, b = parts
+        return lambda v: function(a(v), b(v))
+    return lambda v: function(*[part(v) for part in parts])
+
+
+def _join(function: Callable, parts: list[Closure]) -> Closure:
+    if len(parts) == 1:
+        return parts[0]
+    return lambda v: function([part(v) for part in parts])
+
+
+def _choose(condition: Closure, a: Closure, b: Closure) -> Closure:
+    return lambda v: a(v) if condition(v) else b(v)
+
+
+def _folded(closure: Closure, node: ast.AST, variables: tuple[str, ...]) -> Closure:
+    """The closure, or its value if no variable is in it and the value is finite."""
+    if any(isinstance(part, ast.Name) and part.id in variables for part in ast.walk(node)):
+        return closure
+    try:
+        value = closure(())
+    except (ArithmeticError, ValueError):
+        return closure
+    return _constant(value) if math.isfinite(value) else closure
+
+
+def _is_array(node: ast.AST, variables: tuple[str, ...]) -> bool:
+    """Whether the value is an array of no dimension, not a scalar, in NumPy's arithmetic.
+
+    NumPy raises these to a power by another routine, which may differ in the last bit.
+    """
+    if isinstance(node, ast.Call):
+        return node.func.id == "where"
+    return isinstance(node, ast.Name) and node.id in variables
+
+
+def _numpy(function: Callable, low: float = -math.inf, high: float = math.inf) -> Callable:
+    """NumPy's function of a float, for its bits; an ArithmeticError where it might warn."""
+
+    def guarded(x: float) -> float:
+        if not low < x < high:
+            raise ArithmeticError
+        return float(function(x))
+
+    return guarded
+
+
+def _power(a: float, b: float) -> float:
+    if not (a > 0 and abs(b * math.log(a)) < 700):
+        raise ArithmeticError
+    return float(np.asarray(a) ** np.float64(b))
+
+
+def _smoothstep(a: float, b: float, t: float) -> float:
+    s = (t - a) / (b - a)
+    s = 0.0 if s < 0.0 else 1.0 if s > 1.0 else s
+    return s * s * (3 - 2 * s)
+
+
+ARRAYS = Arithmetic(
+    number=np.float64,
+    functions={name: function for name, (function, _) in FUNCTIONS.items()},
+    binary=BINARY,
+    compare=COMPARE,
+    negate=np.logical_not,
+    every=lambda parts: np.logical_and.reduce(np.broadcast_arrays(*parts)),
+    some=lambda parts: np.logical_or.reduce(np.broadcast_arrays(*parts)),
+    for_numbers=False,
+)
+"""All in doubles, so that no power grows without limit; to be used with NumPy's errors ignored."""
+
+NUMBERS = Arithmetic(
+    number=float,
+    functions={
+        **{name: _numpy(getattr(np, name)) for name in _OF_ONE},
+        "exp": _numpy(np.exp, -700.0, 700.0),
+        "log": _numpy(np.log, 0.0),
+        "sqrt": math.sqrt,
+        "abs": abs,
+        "min": lambda a, b: float(np.minimum(a, b)),
+        "max": lambda a, b: float(np.maximum(a, b)),
+        "smoothstep": _smoothstep,
+    },
+    binary=BINARY | {ast.Pow: _power},
+    compare={ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge},
+    negate=operator.not_,
+    every=all,
+    some=any,
+    for_numbers=True,
+)
+"""The same bits as `ARRAYS`, or an ArithmeticError or ValueError where these must be taken."""

@@ -1,0 +1,42 @@
+"""The records that restart files can hold, marked where they are defined."""
+
+from __future__ import annotations
+
+from dataclasses import is_dataclass
+from typing import TypeVar
+
+from fecloth.errors import InputError
+
+C = TypeVar("C", bound=type)
+
+RECORDS: dict[str, type] = {}  # by the name of the class, as restart files have it
+
+
+def remembered(cls: C) -> C:
+    """Mark a frozen dataclass as one that restart files can hold, and return it.
+
+    Its fields may be numbers, texts, None, finite arrays (n, 3), mappings and marked records. The
+    memory of an integrator needs this mark; without it, a run with restart files is refused.
+
+    Raises
+    ------
+    InputError
+        For a class that is not a frozen dataclass, and for the name of another marked class.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @remembered
+    ... @dataclass(frozen=True, eq=False)
+    ... class LastVelocity:
+    ...     v: object
+    """
+    name = cls.__name__
+    if not (is_dataclass(cls) and cls.__dataclass_params__.frozen):
+        raise InputError(f"class {name}", "must be a frozen dataclass", "remembered")
+    known = RECORDS.get(name, cls)
+    if (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+        remedy = f"{known.__module__} has a class of this name: give yours another."
+        raise InputError(f"class {name}", "must have a name of its own", "remembered", remedy)
+    RECORDS[name] = cls
+    return cls

@@ -1,0 +1,45 @@
+"""Hash of the sources on which the result of a case depends."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from functools import cache
+from pathlib import Path
+
+import fecloth
+from fecloth.study.processes import module_of
+
+
+@cache
+def source_hash(file: str | Path) -> str:
+    """Return the hash of the package and of what a study's file imports and reads.
+
+    Contents count, paths do not: the hash covers the sources of fecloth, the file, the files it
+    imports from the folder of its package, and the scenes in `scenes/` beside it or above it.
+    """
+    root, module = module_of(Path(file).resolve())
+    folders = [root.joinpath(*module.split(".")[:k]) for k in range(module.count(".") + 1)]
+    scenes = sorted(scene for at in folders for scene in (at / "scenes").rglob("*.toml"))
+    package = sorted(Path(fecloth.__file__).parent.rglob("*.py"))
+    digest = hashlib.sha256()
+    for source in (*package, *sorted(_imported_files(Path(file))), *scenes):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+def _imported_files(file: Path) -> set[Path]:
+    """Return the file and what it imports, directly or not, from the folder of its package."""
+    root, _ = module_of(file.resolve())
+    files, waiting = set(), [file.resolve()]
+    while waiting:
+        source = waiting.pop()
+        if source in files or not source.exists():
+            continue
+        files.add(source)
+        for node in ast.walk(ast.parse(source.read_bytes())):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and node.module:
+                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+            waiting += [root.joinpath(*name.split(".")).with_suffix(".py") for name in names]
+    return files

@@ -1,0 +1,34 @@
+"""The one "Did you mean ...?" of all error messages."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+CUTOFF = 0.6  # least likeness of a name that is suggested; 0: one name is always suggested
+
+
+def closest(name: object, names: Iterable[str], cutoff: float = CUTOFF) -> str:
+    """The name that is most like `name`; empty if none is alike.
+
+    Capitals and underscores do not count: ``CentralDifference`` is ``central_difference``.
+
+    Examples
+    --------
+    >>> closest("CentralDiference", ["bdf2", "central_difference"])
+    'central_difference'
+    """
+    plain = {_plain(one): one for one in names}
+    close = difflib.get_close_matches(_plain(name), list(plain), n=1, cutoff=cutoff)
+    return plain[close[0]] if close else ""
+
+
+def did_you_mean(name: object, names: Iterable[str], cutoff: float = CUTOFF) -> str:
+    """The remedy "Did you mean ...?" with the closest of the names; empty if none is alike."""
+    close = closest(name, names, cutoff)
+    return f"Did you mean {close!r}?" if close else ""
+
+
+def _plain(name: object) -> str:
+    """The name without capitals and underscores."""
+    return str(name).lower().replace("_", "")

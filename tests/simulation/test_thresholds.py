@@ -1,0 +1,67 @@
+"""Each threshold of a decision, from both sides: at about 0.8 and 1.25 times its value."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.simulation import energy_ledger, error_control, motion_jumps, stability_limited
+from fecloth.simulation.run import MOST_GROWTH
+
+
+@pytest.fixture(scope="module")
+def system():
+    cloth = fc.Cloth.rectangle(0.6, 0.3, h=0.15, pattern="right")
+    return fc.System(cloth, fc.Fabric(0.2, 200.0), [fc.StVK()], ["left"])
+
+
+def ledger(system, **values):
+    """A ledger at rest at t = 1 s, with other values where given."""
+    rest = fc.Ledger.open(system, system.rest())
+    return replace(rest, t=1.0, first=0.0, **values)
+
+
+@pytest.mark.parametrize(("share", "doubted"), [(0.04, False), (0.0625, True)])
+def test_energy_balance_is_doubted_from_a_twentieth_of_what_moved(share, doubted, system):
+    unexplained = ledger(system, kinetic=1.0)
+    assert unexplained.remainder == 1.0
+    assert bool(energy_ledger.doubt(system, unexplained, 1.0 / share, 0.0)) == doubted
+
+
+@pytest.mark.parametrize(("times", "fails"), [(3.2, False), (5.0, True)])
+def test_a_run_fails_from_four_times_the_available_energy(times, fails, system):
+    given = ledger(system, kinetic=times, opening={"kinetic": 1.0, "StVK": 0.0})
+    assert given.available == pytest.approx(1.0)
+    assert bool(given.growth(MOST_GROWTH)) == fails
+
+
+@pytest.mark.parametrize(("apart", "found"), [(0.2, False), (0.3125, True)])
+def test_a_motion_jumps_from_a_quarter_of_its_velocity(apart, found):
+    """Velocity 1 m/s at both ends of the step, and 1 m/s less `apart` as its mean."""
+    pin = SimpleNamespace(
+        displacement=lambda t: np.array([0.0, 0.0, (1.0 - apart) * t]),
+        speed=lambda t: np.array([0.0, 0.0, 1.0]),
+    )
+    assert motion_jumps.jumps(pin, 0.0, 0.1) == found
+
+
+@pytest.mark.parametrize(("factor", "kept"), [(1.16, True), (1.25, False)])
+def test_an_adaptive_step_keeps_its_size_below_a_growth_of_a_fifth(factor, kept):
+    """The next step is SAFETY e^(−0.7/p) dt after an error of e, where the error before was 1."""
+    method = fc.Adaptive(fc.BDF2())
+    error = (error_control.SAFETY / factor) ** (2 / 0.7)
+    control = SimpleNamespace(error=1.0)
+    assert method._next(0.01, control, error) == pytest.approx(0.01 if kept else 0.01 * factor)
+
+
+@pytest.mark.parametrize(("growth", "limited"), [(1.04, False), (1.0625, True)])
+def test_an_explicit_step_grows_by_a_twentieth_at_most(growth, limited, system):
+    """After many steps the limit is computed again; here it is `growth` times the last step."""
+    method = stability_limited.AtLimit(fc.CentralDifference())
+    state = system.rest()
+    start = method._started(system, state)
+    old = replace(start, dt=start.dt / growth, steps=stability_limited.LASTS)
+    new = method._renewed(system, state, old)
+    assert new.dt == pytest.approx(old.dt * (1.05 if limited else growth), rel=1e-6)

@@ -1,0 +1,128 @@
+"""Cases are stored on disk, and an interrupted study continues."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+from support.study_functions import fail_or_return, four_cases, return_setting, square
+
+from fecloth import study
+from fecloth.errors import InputError
+from fecloth.study.cases import Case
+
+
+def test_cases_are_run_once(tmp_path):
+    log = tmp_path / "log"
+    first = study.run_cases(four_cases(log), square, tmp_path)
+    again = study.run_cases(four_cases(log), square, tmp_path)
+    assert log.read_text().split() == ["3", "1", "2", "4"]
+    assert first[2]["square"] == 4.0
+    assert [row["square"] for row in again] == [9.0, 1.0, 4.0, 16.0]
+    assert again[3]["path"] == [0.0, 4.0]
+    assert {row["status"] for row in again} == {"ok"}
+    study.run_cases(four_cases(log)[:1], square, tmp_path, fresh=True)
+    assert log.read_text().split()[4:] == ["3"]
+
+
+def test_an_interrupted_study_continues(tmp_path):
+    log = tmp_path / "log"
+    log.with_suffix(".stop").touch()
+    with pytest.raises(KeyboardInterrupt):
+        study.run_cases(four_cases(log), square, tmp_path)
+    log.with_suffix(".stop").unlink()
+    rows = study.run_cases(four_cases(log), square, tmp_path)
+    assert log.read_text().split() == ["3", "1", "2", "2", "4"]
+    assert [row["square"] for row in rows] == [9.0, 1.0, 4.0, 16.0]
+
+
+STUDY = """
+import sys, time
+from fecloth import study
+
+def slow(x: int, log: str) -> dict:
+    with open(log, "a") as stream:
+        stream.write(f"{x}\\n")
+    if x == 2 and len(sys.argv) > 2:
+        time.sleep(60)
+    return {"double": 2 * x}
+
+if __name__ == "__main__":
+    out = sys.argv[1]
+    rows = study.run_cases([{"x": i, "log": out + "/log"} for i in range(4)], slow, out)
+    print([row["double"] for row in rows])
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills")
+def test_a_killed_study_continues(tmp_path):
+    (tmp_path / "study.py").write_text(STUDY)
+    command = [sys.executable, str(tmp_path / "study.py"), str(tmp_path)]
+    options = {"text": True}
+    killed = subprocess.Popen([*command, "sleep"], **options)
+    log, end = tmp_path / "log", time.monotonic() + 60
+    while "2" not in (log.read_text() if log.exists() else ""):
+        assert killed.poll() is None
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    killed.kill()
+    killed.wait()
+    done = subprocess.run(command, capture_output=True, check=True, **options)
+    assert done.stdout.strip() == "[0, 2, 4, 6]"
+    assert log.read_text().split() == ["0", "1", "2", "2", "3"]
+
+
+def test_results_that_may_change_are_not_stored(tmp_path):
+    def is_stored(how):
+        return (tmp_path / "cache" / f"{Case.of(fail_or_return, {'how': how}).key}.json").exists()
+
+    hows = ("step", "input", "memory", "bug")
+    study.run_cases([{"how": how} for how in hows], fail_or_return, tmp_path)
+    assert [is_stored(how) for how in hows] == [True, True, False, False]
+
+
+def test_a_late_case_runs_again_only_with_a_longer_limit(tmp_path):
+    def seconds(limit):
+        begin = time.perf_counter()
+        study.run_cases([{"how": "ticking"}], fail_or_return, tmp_path, time_limit=limit)
+        return time.perf_counter() - begin
+
+    assert seconds(0.3) >= 0.3
+    assert seconds(0.2) < 0.2
+    assert seconds(0.4) >= 0.4
+
+
+def test_the_key_depends_on_settings_function_and_source(tmp_path):
+    key = Case.of(fail_or_return, {"how": "no", "dt": 0.1}).key
+    assert Case.of(fail_or_return, {"dt": 0.1, "how": "no"}).key == key
+    others = [
+        Case.of(fail_or_return, {"how": "no", "dt": 0.1000000001}),
+        Case.of(fail_or_return, {"how": "no"}),
+        Case.of(square, {"how": "no", "dt": 0.1}),
+        Case(
+            {"how": "no", "dt": 0.1},
+            Case.of(fail_or_return, {}).file,
+            "fail_or_return",
+            source="another text",
+        ),
+    ]
+    assert len({key, *(case.key for case in others)}) == 5
+
+
+def test_invalid_settings_and_functions_are_refused(tmp_path):
+    with pytest.raises(InputError, match="JSON-able"):
+        study.run_cases([{"how": object()}], fail_or_return, tmp_path)
+    with pytest.raises(InputError, match="no tuples"):
+        study.run_cases([{"how": (1, 2)}], fail_or_return, tmp_path)
+    with pytest.raises(InputError, match="module-level"):
+        study.run_cases([{"how": "no"}], lambda how: {}, tmp_path)
+    with pytest.raises(InputError, match="returned how: a setting"):
+        study.run_cases([{"how": "no"}], return_setting, tmp_path)
+
+
+def test_stored_results_include_their_settings(tmp_path):
+    study.run_cases([{"how": "no"}], fail_or_return, tmp_path)
+    (file,) = (tmp_path / "cache").iterdir()
+    assert json.loads(file.read_text())["settings"] == {"how": "no"}

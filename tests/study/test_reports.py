@@ -1,0 +1,52 @@
+"""A study's report and table."""
+
+import os
+
+import numpy as np
+from support.study_rows import rows_of_two
+
+from fecloth import study
+
+
+def test_a_report_holds_findings_tables_settings_and_versions(tmp_path, capsys):
+    options = study.parse_arguments("Errors.\n\nMore.", ["--out", str(tmp_path), "--quick"])
+    findings = [study.Finding("order", 1.02, 0.9, 1.1), study.Finding("error", 0.3, high=0.1)]
+    table = {"Orders": [{"method": "A", "order": 1.0234567}]}
+    missed = study.write_report(
+        options,
+        "Two methods",
+        rows_of_two(),
+        tables=table,
+        figures=["errors"],
+        findings=findings,
+        conclusion="A is better.",
+        settings={"h": 0.1},
+    )
+    text = (tmp_path / "report.md").read_text()
+    for part in (
+        "# Two methods",
+        "A is better.",
+        "order: 1.02 in [0.9, 1.1]: met",
+        "error: 0.3 <= 0.1: MISSED",
+        "![errors](errors.png)",
+        "| A | 1.023 |",
+        "StepFailed: a\\|b |",
+        "- h: 0.1",
+        "- quick: True",
+        f"- numpy: {np.__version__}",
+        "- python: ",
+        "- numba: ",
+        "- scipy: ",
+        "- fecloth: ",
+        "- processor: ",
+        f"- cores: {os.cpu_count()}",
+        "- memory: ",
+        "- commit: ",
+    ):
+        assert part in text
+    assert missed == 1
+    assert study.write_report(options, "Two", rows_of_two(), findings=findings[:1]) == 0
+    assert "error: 0.3 <= 0.1: MISSED" in capsys.readouterr().out
+    head, *lines = (tmp_path / "results.csv").read_text().splitlines()
+    assert head == "method,dt,error,status,cause"
+    assert lines[0] == "A,0.1,0.1,ok,"

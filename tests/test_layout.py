@@ -1,0 +1,69 @@
+"""The layout: a package imports only from those before it in the order of fecloth/README.md."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import fecloth
+
+PACKAGE = Path(fecloth.__file__).parent
+ROOMS = """errors validation suggest jit quantities linalg mesh fabric terms system nonlinear
+integrators stability simulation homogenisation verify output view scene runs study cli"""
+ORDER = ROOMS.split()
+ROOT_FILES = {"__init__", "__main__", "errors", "validation", "suggest", "jit"}
+ROOT_FILES |= {"homogenisation", "verify"}
+
+
+def imports_of(source: Path) -> set[str]:
+    """Rooms of fecloth that a file imports from, at its top or inside its functions."""
+    rooms = set()
+    for node in ast.walk(ast.parse(source.read_bytes())):
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{source}: write the import as `from fecloth.x.y import z`"
+            names = [node.module]
+            if node.module == "fecloth":
+                names = [f"fecloth.{alias.name}" for alias in node.names]
+        rooms |= {name.split(".")[1] for name in names if name.startswith("fecloth.")}
+    return rooms
+
+
+def room_of(source: Path) -> str:
+    return source.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+@pytest.mark.parametrize("room", ORDER)
+def test_a_package_imports_only_from_those_before_it(room):
+    allowed = set(ORDER[: ORDER.index(room) + 1])
+    for source in PACKAGE.rglob("*.py"):
+        if room_of(source) == room:
+            above = {name for name in imports_of(source) if name in ORDER} - allowed
+            assert not above, f"{source.relative_to(PACKAGE)} imports {sorted(above)}"
+
+
+def test_every_file_is_in_a_room_of_the_order():
+    for source in PACKAGE.rglob("*.py"):
+        room = room_of(source)
+        assert room in ORDER or room in ("__init__", "__main__"), source
+    assert {path.stem for path in PACKAGE.glob("*.py")} <= ROOT_FILES
+
+
+def test_the_test_sees_an_import_that_climbs(tmp_path):
+    climbing = tmp_path / "climbing.py"
+    climbing.write_text("def f():\n    from fecloth.scene.scene import load\n")
+    assert imports_of(climbing) == {"scene"}
+
+
+def test_dir_shows_the_public_names_and_nothing_else():
+    assert sorted(dir(fecloth)) == sorted(fecloth.__all__)
+    for name in fecloth.__all__:
+        getattr(fecloth, name)
+
+
+def test_import_loads_no_numerical_library():
+    code = "import sys, fecloth; print(*{'numpy', 'scipy', 'numba', 'skfem'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
