@@ -17,12 +17,15 @@ from .integrators.bdf2 import BDF2
 from .integrators.central_difference_fused import many_steps
 from .integrators.energy_momentum import EnergyMomentum
 from .integrators.explicit import CentralDifference, ForwardEuler, SymplecticEuler
-from .integrators.newmark import GeneralizedAlpha, Newmark
-from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, LinearlyImplicitEuler
+from .integrators.generalized_alpha import GeneralizedAlpha
+from .integrators.linearly_implicit_euler import LinearlyImplicitEuler
+from .integrators.newmark import Newmark
+from .integrators.one_stage import BackwardEuler, ImplicitMidpoint
 from .mesh.cloth import Cloth
 from .nonlinear.equilibrium import EquilibriumFailed, equilibrium
 from .nonlinear.options import Newton
-from .output.frames import Frames, fields, read_frame, write_vtk
+from .output.frame_arrays import fields
+from .output.frames import Frames, read_frame, write_vtk
 from .simulation.energy_ledger import Ledger
 from .simulation.error_control import Adaptive
 from .simulation.march import march
@@ -32,7 +35,8 @@ from .simulation.resolve import solver_for
 from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
 from .system.pins import Pin, Slide
-from .system.system import State, System
+from .system.state import State
+from .system.system import System
 from .terms import (
     BaraffWitkin,
     BendingDamping,

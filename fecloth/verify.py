@@ -13,7 +13,8 @@ from fecloth.fabric.fabric import Fabric
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.march import march
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 EXACT_ERROR = 1e-8  # a difference quotient with a smaller relative error is regarded as exact
 
@@ -224,7 +225,7 @@ def check_integrator(
     steps
         Numbers of steps; each must be twice the previous one.
     tolerance
-        Allowed difference between the last observed order and ``method.order``.
+        Allowed difference between the last observed order and ``method.traits.order``.
     solver
         Name of the linear solver.
 

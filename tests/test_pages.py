@@ -20,7 +20,7 @@ from support.pages import COMMANDS, LINES, README, ROOT, SECTIONS, SPANS, read, 
 
 from fecloth.cli import main as cli
 from fecloth.scene.scene import load
-from fecloth.scene.toml_text import written
+from fecloth.scene.toml_text import to_toml
 
 TESTED = (ROOT / "tests" / "studies" / "test_studies.py").read_text(encoding="utf-8")
 CI = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
@@ -137,7 +137,7 @@ def test_toml_blocks_build(block, clone):
     data = tomllib.loads(block.text)
     if not is_scene(block.text):
         data = merged(tomllib.loads(MINIMAL), data)
-    (clone / "block.toml").write_text(written(data), encoding="utf-8")
+    (clone / "block.toml").write_text(to_toml(data), encoding="utf-8")
     scene = load(clone / "block.toml")
     if "expect" in data:
         scene.require_expectations()

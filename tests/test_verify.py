@@ -127,7 +127,7 @@ H = 0.1 * 0.5 ** np.arange(16)
 
 
 def test_sweep_with_slope_two_or_round_off_is_accepted():
-    """3 h² + 1e-15/h turns round at 5e-6; all errors below 1e-8 mean a linear function."""
+    """3 h² + 1e-15/h has its minimum at 5e-6; errors below 1e-8 mean a linear function."""
     good = Sweep("force", H, 3 * H**2 + 1e-15 / H)
     good.check("it")
     assert good.slope == pytest.approx(2, abs=0.02)

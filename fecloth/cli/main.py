@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 import threading
-import warnings
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,13 +15,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fecloth.errors import FeclothError, FeclothWarning, InputError
+from fecloth.errors import FeclothError, InputError
 from fecloth.output.atomic_files import DiskFull
 
 # Each command imports what it needs when it runs, so that --version and --help answer at once.
 if TYPE_CHECKING:
     from fecloth.scene.expectations import Verdict
-    from fecloth.scene.problem import Built
+    from fecloth.scene.problem import Problem
     from fecloth.scene.scene import Scene
     from fecloth.simulation.march import StepInfo
 
@@ -159,9 +158,9 @@ def _run(options) -> int:
 
     from fecloth.cli.describe import sources
     from fecloth.cli.progress import progress
-    from fecloth.runs.outcome import DONE, FAILED, closing, ledger_text, trouble
+    from fecloth.runs.outcome import DONE, FAILED, failure_message, finished_message, ledger_text
     from fecloth.runs.run_scene import run_scene
-    from fecloth.scene import run_warnings
+    from fecloth.scene.plan import plan
     from fecloth.scene.scene import load
 
     scene = load(options.scene, options.set)
@@ -170,9 +169,9 @@ def _run(options) -> int:
     path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
     console = Console(stderr=True, quiet=options.quiet)
 
-    def announce(built: Built, why: str, told: list[str]) -> None:
-        lines = [*sources(built.system.fabric), *run_warnings.plan(built, why)]
-        lines += [f"warning: {doubt}" for doubt in told]
+    def announce(problem: Problem, why: str, warnings: list[str]) -> None:
+        lines = [*sources(problem.system.fabric), *plan(problem, why)]
+        lines += [f"warning: {words}" for words in warnings]
         console.print("\n".join(lines), highlight=False, soft_wrap=True)
 
     def warn(words: str) -> None:
@@ -183,12 +182,12 @@ def _run(options) -> int:
         outcome = run_scene(scene, path, options.overwrite, announce, report, resume, warn)
     if not options.quiet:
         print(ledger_text(outcome.ledger))
-        print(closing(outcome))
+        print(finished_message(outcome))
     if outcome.warning:
         print(f"warning: {outcome.warning}", file=sys.stderr)
     if outcome.status == DONE:
         return 0
-    print(trouble(outcome), file=sys.stderr)
+    print(failure_message(outcome), file=sys.stderr)
     return SIMULATION_FAILED if outcome.status == FAILED else STOPPED
 
 
@@ -251,15 +250,13 @@ def _check(options) -> int:
 
 
 def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
+    from fecloth.runs.run_scene import resolve_scene
     from fecloth.scene.expectations import check
-    from fecloth.simulation.run import run
+    from fecloth.simulation.run import collect
 
-    built = scene.build()
-    arguments = built.system, built.method, built.state, built.dt, built.t_end
-    options = {"probes": built.probes, "solver": built.linear, "newton": built.newton}
-    options["stops"] = built.stops
-    with warnings.catch_warnings(action="ignore", category=FeclothWarning):
-        result = run(*arguments, **options, report=report)
+    problem, solver, why = resolve_scene(scene.build())
+    start = problem.system, problem.method, problem.ledger, problem.observer
+    result = collect(problem.march(solver), *start, why, report=report)
     if result.doubt:
         print(f"warning: {result.doubt}", file=sys.stderr)
     return check(scene.expect, result.times, result.observed, result.energies)
@@ -315,20 +312,20 @@ def _info_lines(options) -> list[str]:
 def _plan(options) -> list[str]:
     """What a scene would do, and what may disappoint."""
     from fecloth.cli.describe import described, sources
-    from fecloth.runs.run_scene import settled_scene
-    from fecloth.scene import run_warnings
+    from fecloth.runs.run_scene import resolve_scene
+    from fecloth.scene.plan import plan
+    from fecloth.scene.run_warnings import find_warnings
     from fecloth.scene.scene import load
 
-    built, _, why = settled_scene(load(options.scene, options.set).build())
-    lines = [*described(built.cloth), *sources(built.system.fabric)]
-    lines += run_warnings.plan(built, why)
-    return lines + [f"warning: {doubt}" for doubt in run_warnings.doubts(built)]
+    problem, _, why = resolve_scene(load(options.scene, options.set).build())
+    lines = [*described(problem.cloth), *sources(problem.system.fabric), *plan(problem, why)]
+    return lines + [f"warning: {words}" for words in find_warnings(problem)]
 
 
 def _versions() -> list[str]:
     """The versions of the packages, and the machine."""
     from fecloth.linalg import select
-    from fecloth.runs.folder import versions
+    from fecloth.runs.environment import versions
 
     lines = [f"{name}: {number}" for name, number in versions().items()]
     return [*lines, f"processors: {os.cpu_count()}", f"direct solver: {select.direct().name}"]

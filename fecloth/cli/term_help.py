@@ -28,7 +28,7 @@ def describe_terms(name: str) -> list[str]:
         return [f"{key:<{wide}}  {', '.join(fields(tables[key]))}".rstrip() for key in tables]
     if name not in tables:
         allowed = f"must be one of {', '.join(tables)}"
-        raise InputError(f"--terms {name}", allowed, "", did_you_mean(name, tables))
+        raise InputError(f"--terms {name}", allowed, "", did_you_mean(name, list(tables)))
     text = docstrings.text(tables[name].makes)
     lines = ["[[terms]]", f'type = "{name}"', "", *text.split("\n")]
     return lines + [line for key in fields(tables[name]) for line in _describe(tables[name], key)]

@@ -7,18 +7,15 @@ must offer.
 from fecloth.integrators.bdf2 import BDF2
 from fecloth.integrators.energy_momentum import EnergyMomentum
 from fecloth.integrators.explicit import CentralDifference, ForwardEuler, SymplecticEuler
-from fecloth.integrators.newmark import GeneralizedAlpha, Newmark
-from fecloth.integrators.one_stage import (
-    BackwardEuler,
-    ImplicitMidpoint,
-    LinearlyImplicitEuler,
-    StageMethod,
-)
+from fecloth.integrators.generalized_alpha import GeneralizedAlpha
+from fecloth.integrators.linearly_implicit_euler import LinearlyImplicitEuler
+from fecloth.integrators.newmark import Newmark
+from fecloth.integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.integrators.with_memory import WithMemory
 from fecloth.nonlinear.stage import Stage
-from fecloth.records import remembered
+from fecloth.system.records import remembered
 
 __all__ = [
     "EXPLICIT",

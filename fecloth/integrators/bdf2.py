@@ -13,8 +13,9 @@ from fecloth.integrators.with_memory import WithMemory, holding
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage
-from fecloth.records import remembered
-from fecloth.system.system import State, System
+from fecloth.system.records import remembered
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 @remembered

@@ -19,8 +19,10 @@ from fecloth import validation
 from fecloth.errors import InputError, StepFailed
 from fecloth.jit import inner, kernel, threaded_kernel
 from fecloth.mesh.cloth import Cloth
-from fecloth.system.system import State, System
-from fecloth.terms.custom.force import BoundUserForce, Written
+from fecloth.system.arguments import check_system
+from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms.custom.force import BoundUserForce, FormulaForce
 from fecloth.terms.loads.gravity import BoundGravity
 from fecloth.terms.loads.point_force import BoundPointForce
 from fecloth.terms.membranes import stvk
@@ -70,7 +72,7 @@ def many_steps(system: System, state: State, dt: float, steps: int, threads: int
     >>> bool(abs(end.x - slow.x).max() < 1e-14)
     True
     """
-    validation.of(system, state, "many_steps")
+    check_system(system, state, "many_steps")
     _check(system, dt, steps, threads)
     elastic = _membrane(system)
     constraints, cloth = system.constraints, system.cloth
@@ -137,8 +139,8 @@ def _is_constant(term) -> bool:
     """Whether it is a load that is the same at any x, v and t."""
     if isinstance(term, BoundPointForce):
         parts = term.force.parts
-    elif isinstance(term, BoundUserForce) and isinstance(term.given, Written):
-        parts = term.given.parts
+    elif isinstance(term, BoundUserForce) and isinstance(term.function, FormulaForce):
+        parts = term.function.parts
     else:
         return isinstance(term, BoundGravity)
     return not callable(parts) and all(isinstance(part, float) for part in parts)

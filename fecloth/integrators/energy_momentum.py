@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,8 @@ from fecloth.integrators.step import Step, arrival, held
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, prescribed
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 @dataclass(frozen=True)
@@ -108,9 +108,7 @@ def over_step(system: System, start: np.ndarray, symmetric: bool = False) -> Sys
     InputError
         For a term that has an energy and cannot say its force between two states.
     """
-    over = copy.copy(system)
-    over.__dict__["bound"] = tuple(_between(term, start, symmetric) for term in system.bound)
-    return over
+    return system.with_bound(_between(term, start, symmetric) for term in system.bound)
 
 
 def _between(term, start, symmetric):

@@ -18,8 +18,9 @@ from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival
 from fecloth.jit import kernel
 from fecloth.nonlinear.statistics import Counts
-from fecloth.records import remembered
-from fecloth.system.system import State, System
+from fecloth.system.records import remembered
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 # a step that overflows is reported by the loop over time, which finds it not finite
 quiet = np.errstate(over="ignore", invalid="ignore")

@@ -1,4 +1,4 @@
-"""Implicit methods that remember the last acceleration: Newmark's and the generalised-α method."""
+"""Implicit methods that remember the last acceleration: their base class, and Newmark's method."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from fecloth.integrators.with_memory import WithMemory, holding
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage
-from fecloth.records import remembered
-from fecloth.system.system import State, System
+from fecloth.system.records import remembered
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 @remembered
@@ -136,46 +137,6 @@ class Newmark(AccelerationMethod):
     def share(self) -> float:
         """γ: M Δv/dt = (1 − γ) f₀ + γ f₁."""
         return self.gamma
-
-
-@dataclass(frozen=True)
-class GeneralizedAlpha(AccelerationMethod):
-    """M a_m = f(x_f, v_f): α_m = (2ρ − 1)/(ρ + 1), α_f = ρ/(ρ + 1), with ρ = ρ∞.
-
-    Second order by γ = ½ − α_m + α_f, and A-stable with β = (1 − α_m + α_f)²/4. A mode keeps ρ∞
-    of its amplitude a step as ω dt → ∞; with ρ∞ = ½ it loses 1e-2 at ω dt = 1 and 1.4e-4 at 0.3,
-    with ρ∞ = 1 nothing at any. Keeps linear momentum, not angular, nor energy: on nonlinear
-    problems it can grow at steps that do not resolve the fast modes (it did on a sheet that swings
-    down, dt = 10 ms, far more for ρ∞ = 0.8 than for ½), where BDF2 and backward Euler lose it.
-    Source: Chung and Hulbert (1993), A Time Integration Algorithm for Structural Dynamics With
-    Improved Numerical Dissipation: The Generalized-α Method, J. Appl. Mech. 60.
-
-    Parameters
-    ----------
-    rho_inf
-        In [0, 1].
-    """
-
-    rho_inf: float = 0.5
-
-    def __post_init__(self):
-        if not (is_number(self.rho_inf) and 0 <= self.rho_inf <= 1):
-            raise InputError(
-                f"rho_inf = {self.rho_inf!r}", "must lie in [0, 1]", "GeneralizedAlpha"
-            )
-
-    @property
-    def parameters(self) -> tuple[float, float, float, float]:
-        alpha_m = (2 * self.rho_inf - 1) / (self.rho_inf + 1)
-        alpha_f = self.rho_inf / (self.rho_inf + 1)
-        lag = alpha_f - alpha_m
-        return alpha_m, alpha_f, 0.25 * (1 + lag) ** 2, 0.5 + lag
-
-    @property
-    def traits(self) -> MethodTraits:
-        """Error constant β − ½ (α_f − α_m) − 1/6: a is that of a time (α_f − α_m) dt before."""
-        alpha_m, alpha_f, beta, _ = self.parameters
-        return MethodTraits(order=2, error_constant=beta - 0.5 * (alpha_f - alpha_m) - 1 / 6)
 
 
 def starting_acceleration(

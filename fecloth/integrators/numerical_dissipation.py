@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth.integrators.step import Step
-from fecloth.linalg.reductions import dot
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 def taken(system: System, old: State, step: Step, theta: float) -> float:
@@ -41,7 +41,8 @@ def taken_beyond(system: System, old: State, step: Step) -> float:
     """
     dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
     beyond = system.scalar_mass @ (step.a - dv / dt) + step.mean_force(system) - step.solved_force
-    energy = _between_velocities(system, old, step) + dot(beyond, system.constraints.project(dx))
+    unbalanced = system.sums.dot(beyond, system.constraints.project(dx))
+    energy = _between_velocities(system, old, step) + unbalanced
     return energy - _columns_miss(system, old, step)
 
 
@@ -49,18 +50,19 @@ def _between_velocities(system, old, step):
     """M Δv · (Δx/dt − v̄) of the free directions."""
     dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
     free = system.constraints.project(dx / dt - old.v - 0.5 * dv)
-    return dot(system.scalar_mass @ dv, free)
+    return system.sums.dot(system.scalar_mass @ dv, free)
 
 
 def _columns_miss(system, old, step):
     """What the ledger's columns miss of the work of their forces: mean of d·(Δx − dt v)."""
     dt, dx, stages = step.state.t - old.t, step.state.x - old.x, step.stages
-    return sum(dot(column_forces(system, at), dx - dt * at.v) for at in stages) / len(stages)
+    works = (system.sums.dot(column_forces(system, at), dx - dt * at.v) for at in stages)
+    return sum(works) / len(stages)
 
 
 def bend(system: System, old: State, new: State) -> float:
     """Δx·K Δx [J] as the change of the conservative force along Δx."""
-    return dot(conservative(system, old) - conservative(system, new), new.x - old.x)
+    return system.sums.dot(conservative(system, old) - conservative(system, new), new.x - old.x)
 
 
 def column_forces(system: System, state: State) -> np.ndarray:

@@ -12,7 +12,8 @@ from typing import Protocol
 
 from fecloth.errors import InputError, brief
 from fecloth.integrators.step import Step
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 @dataclass(frozen=True)

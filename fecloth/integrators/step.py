@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from fecloth.nonlinear.statistics import Counts
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ from fecloth.integrators.numerical_dissipation import taken_beyond
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.stage import Stage
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 class WithMemory:

@@ -53,3 +53,23 @@ def weighted(w, a, b):
     for i in range(len(a)):
         total += w[i] * (a[i, 0] * b[i, 0] + a[i, 1] * b[i, 1] + a[i, 2] * b[i, 2])
     return total
+
+
+class NodeSums:
+    """The sums over the nodes of one cloth; arrays a, b, y are (n, 3) and weights (n,)."""
+
+    def dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """Σ a_i · b_i."""
+        return dot(a, b)
+
+    def norm(self, a: np.ndarray) -> float:
+        """√(Σ ‖a_i‖²)."""
+        return size(a)
+
+    def rms(self, weights: np.ndarray, y: np.ndarray) -> float:
+        """√(Σ w_i ‖y_i‖² / Σ w_i)."""
+        return rms(weights, y)
+
+    def mean(self, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Σ w_i y_i / Σ w_i, (3,)."""
+        return mean(weights, y)

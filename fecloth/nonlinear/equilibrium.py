@@ -11,10 +11,11 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError, is_number
 from fecloth.linalg import select
-from fecloth.linalg.reductions import size
 from fecloth.nonlinear.newton import round_off
 from fecloth.nonlinear.static_newton import EquilibriumFailed, Search
-from fecloth.system.system import State, System
+from fecloth.system.arguments import check_system
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 QUICK = 8  # iterations after which a load increment may grow again
 SMALLEST = 1 / 64  # of the first load increment
@@ -116,7 +117,7 @@ def equilibrium(
     >>> print(f"{1000 * sag:.0f} mm")
     38 mm
     """
-    validation.of(system, state, "equilibrium")
+    check_system(system, state, "equilibrium")
     validation.function(
         "report", report, "lambda iteration: print(iteration.residual)", "equilibrium"
     )
@@ -162,13 +163,13 @@ def _newton(search: Search, tolerance, max_iterations, report, x) -> tuple[np.nd
     search.choose_first_shift(f)
     goal = max(tolerance * scale, round_off(search.system, search.J, x, 0.0))
     for number in range(1, max_iterations + 1):
-        if size(f) <= goal:
+        if search.system.sums.norm(f) <= goal:
             return x, number - 1
         x, f, scale, shift, length = search.iterate(x, f, goal)
         goal = max(tolerance * scale, round_off(search.system, search.J, x, shift))
-        relative = size(f) / scale if scale else 0.0
+        relative = search.system.sums.norm(f) / scale if scale else 0.0
         report(Iteration(number, relative, shift, length, search.load))
         search.refuse_to_travel(x, f)
-    if size(f) <= goal:
+    if search.system.sums.norm(f) <= goal:
         return x, max_iterations
     raise search.failed(f"no convergence in {max_iterations} iterations", x, f)

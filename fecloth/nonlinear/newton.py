@@ -9,13 +9,13 @@ import numpy as np
 from fecloth.errors import FeclothError, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import solve_updated
-from fecloth.linalg.reductions import dot, size
 from fecloth.nonlinear import line_search
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.stage import Stage
 from fecloth.nonlinear.statistics import Counts
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 # Of Newton's matrix: what is added to it of its mass, and whether its tangents are made definite.
 SHIFTS = (0.0, *(4.0**n for n in range(-1, 8)))
@@ -70,12 +70,12 @@ def _iterated(work: _Work, guess: np.ndarray | None):
     system, stage, options = work.system, work.stage, work.options
     q = np.zeros_like(stage.x) if guess is None else system.constraints.project(guess.copy())
     R = work.first_residual(q)
-    norm, goal, remedy = size(R), options.tolerance * work.scale, 0
+    norm, goal, remedy = system.sums.norm(R), options.tolerance * work.scale, 0
     for iteration in range(1, options.max_iterations + 1):
         q, R, remedy = work.iterate(q, R, goal, remedy)
         x, inertia = stage.at(q)[0], (1 + work.remedies[remedy][0]) * stage.wa
         floor = round_off(system, work.J, x, inertia) / stage.wx
-        norm, goal = size(R), max(options.tolerance * work.scale, floor)
+        norm, goal = system.sums.norm(R), max(options.tolerance * work.scale, floor)
         if norm <= goal:
             work.kept.step_ends(work.again, work.linear_solver)
             return q, work.counts(iteration, norm)
@@ -87,7 +87,7 @@ def round_off(system: System, J: BlockMatrix, x: np.ndarray, wa: float) -> float
     """8 ε ‖J_ii x_i‖ without J's wa M: what the rounding of positions does to wx times forces."""
     diagonal = np.einsum("sii->s", J.values[J.pattern.diagonal]) / 3
     stiffness = np.abs(diagonal - wa * system.scalar_mass.diagonal())
-    return 8 * float(np.finfo(float).eps) * size(stiffness[:, None] * x)
+    return 8 * float(np.finfo(float).eps) * system.sums.norm(stiffness[:, None] * x)
 
 
 class _Work:
@@ -114,12 +114,12 @@ class _Work:
         """R at the first iterate; `scale` becomes the sum of the forces there."""
         x, v, a = self.stage.at(q)
         inertia = self.system.scalar_mass @ a
-        R, self.scale = inertia.copy(), size(inertia)
+        R, self.scale = inertia.copy(), self.system.sums.norm(inertia)
         for term in self.system.bound:
             f = np.zeros_like(x)
             term.add_force(x, v, self.stage.t, f)
             R -= f
-            self.scale += size(f)
+            self.scale += self.system.sums.norm(f)
         return self.system.constraints.project(R)
 
     def residual(self, q):
@@ -139,7 +139,7 @@ class _Work:
         remedy = "Take a smaller dt."
         if self.options.definiteness == "none":
             remedy = 'Use definiteness = "on_failure", or a smaller dt.'
-        raise NewtonFailed(reason, self.relative(size(R)), remedy)
+        raise NewtonFailed(reason, self.relative(self.system.sums.norm(R)), remedy)
 
     def numbers(self, last):
         """Those of the remedies to try: from the one before the last, less being better.
@@ -153,7 +153,7 @@ class _Work:
 
     def with_kept(self, q, R, goal, remedy):
         """q and R after one iteration with the kept factor; None without one, or if R grows."""
-        key, norm = self.key(*remedy), size(R)
+        key, norm = self.key(*remedy), self.system.sums.norm(R)
         if not (self.options.reuse and norm > 0 and self.kept.fits(key, self.linear_solver)):
             return None
         try:
@@ -163,7 +163,7 @@ class _Work:
             return None
         self.again += 1
         R_trial = self.residual(trial)
-        norm_trial = size(R_trial)
+        norm_trial = self.system.sums.norm(R_trial)
         to_go = goal / norm_trial if norm_trial else 1.0
         self.kept.served(norm_trial / norm, to_go, self.linear_solver)
         return (trial, R_trial) if norm_trial < norm else None
@@ -197,7 +197,7 @@ class _Work:
         self.system.project(self.J)
         self.modified += definite or shift > 0
         self.seconds["assemble"] += time.perf_counter() - begin
-        norm = size(R)
+        norm = self.system.sums.norm(R)
         if not np.isfinite(norm):
             raise NewtonFailed("the forces are not finite", float(norm), "Take a smaller dt.")
         self.factorisations += 1
@@ -208,7 +208,7 @@ class _Work:
 
     def solved(self, at, R, goal, new=False):
         """−J⁻¹ R for the J that was prepared."""
-        forcing = min(0.5, max(self.options.forcing, 0.5 * goal / size(R)))
+        forcing = min(0.5, max(self.options.forcing, 0.5 * goal / self.system.sums.norm(R)))
         project = self.system.constraints.project
         dense = [(self.stage.wx * c, project(u)) for c, u in self.system.dense(at)]
         step, infos = solve_updated(self.linear_solver, dense, -R, forcing)
@@ -220,7 +220,9 @@ class _Work:
     def search(self, q, R, step, goal):
         """The new q and its residual; None if no step along the direction is an improvement."""
         potential = self.potential if self.has_potential else None
-        found = line_search.longest(lambda q: (self.residual(q),), q, R, step, goal, potential)
+        found = line_search.longest(
+            self.system.sums, lambda q: (self.residual(q),), q, R, step, goal, potential
+        )
         return found and (found[1], *found[2])
 
     def potential(self, q):
@@ -229,4 +231,4 @@ class _Work:
         x, _, _ = stage.at(q)
         inertia = self.system.scalar_mass @ (0.5 * stage.wa * q + stage.a)
         energy = sum(term.energy(x, stage.t) for term in self.system.bound)
-        return dot(q, inertia) + energy / stage.wx
+        return self.system.sums.dot(q, inertia) + energy / stage.wx

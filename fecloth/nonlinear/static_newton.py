@@ -7,9 +7,9 @@ import numpy as np
 from fecloth.errors import FeclothError, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import solve_updated
-from fecloth.linalg.reductions import size
 from fecloth.nonlinear import line_search
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 from fecloth.terms.kinematics import principal_stretches
 
 GROWTH = 4.0  # of the shift, from one attempt to the next
@@ -70,12 +70,12 @@ class Search:
             term.add_force(x, still, self.start.t, f)
             f *= factor
             total += project(f)
-            scale += size(f)
+            scale += self.system.sums.norm(f)
         return total, float(scale)
 
     def relative(self, x, f) -> float:
         _, scale = self.forces(x)
-        return float(size(f) / scale) if scale else 0.0
+        return float(self.system.sums.norm(f) / scale) if scale else 0.0
 
     def potential(self, x) -> float:
         t = self.start.t
@@ -120,7 +120,7 @@ class Search:
 
         first = min(1.0, self.extent / np.linalg.norm(step, axis=1).max())
         potential = self.potential if self.has_potential else None
-        found = line_search.longest(at, x, -f, step, goal, potential, first)
+        found = line_search.longest(self.system.sums, at, x, -f, step, goal, potential, first)
         return found and (found[1], *found[2][1:], found[0])
 
     def refuse_to_travel(self, x, f):

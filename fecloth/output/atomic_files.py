@@ -1,18 +1,21 @@
-"""Files written whole or not at all, and folders that one process writes into at a time."""
+"""Files written whole or not at all, and folders locked for one process."""
 
 from __future__ import annotations
 
 import errno
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from filelock import FileLock, Timeout
+
 from fecloth.errors import InputError
 
+LOCK = ".lock"  # in the folder of a run while it runs
+_NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 _SPACE = "Free space or choose another folder."
-_REMEDIES = {  # of what is told with exit status 3
+_REMEDIES = {  # errors with exit status 3
     errno.ENOSPC: _SPACE,
     getattr(errno, "EDQUOT", errno.ENOSPC): _SPACE,
     errno.EFBIG: "Raise the limit on the size of a file (ulimit -f), or choose another disk.",
@@ -20,42 +23,59 @@ _REMEDIES = {  # of what is told with exit status 3
 
 
 class WriteError(InputError):
-    """The system does not let a file be read or written."""
+    """The system refuses to read or write a file."""
 
 
 class DiskFull(WriteError):
-    """There is no room for a file, or none may be so large."""
+    """The disk is full, or a file reaches the allowed size."""
 
     @staticmethod
-    def said(words: str) -> int | None:
-        """The error number of a full disk that another program's words end in, or None."""
+    def errno_in(words: str) -> int | None:
+        """Return the error number of a full disk in another program's message, or None."""
         return next((number for number in _REMEDIES if os.strerror(number) in words), None)
 
 
 def replace_file(path: Path, data: bytes) -> None:
-    """Write a file in one go: whoever opens it finds the old bytes or all the new ones.
+    """Replace a file in one go: a reader finds all old bytes or all new ones.
 
     Raises
     ------
     InputError
         If the system refuses; the old file is then untouched.
     """
-    with in_one_go(path) as part:
+    with replacing(path) as part:
         part.write_bytes(data)
 
 
-def lengthen(path: Path, data: bytes, tail: int) -> None:
-    """The same with the old file's bytes, less the last `tail` of them, and the new ones."""
-    with in_one_go(path) as part:
-        shutil.copyfile(path, part)
-        with part.open("r+b") as stream:
-            stream.seek(-tail, os.SEEK_END)
-            stream.write(data)
+def append_in_place(path: Path, data: bytes, tail: int) -> None:
+    """Write `data` in the place of the last `tail` bytes of a file, in one write.
+
+    A killed process leaves the file as it was or with all the new bytes. The cost does not depend
+    on the size of the file.
+
+    Raises
+    ------
+    InputError
+        If the system refuses; the file then has its old bytes.
+    """
+    with writing(path), path.open("r+b", buffering=0) as stream:
+        place = stream.seek(-tail, os.SEEK_END)
+        end = stream.read(tail)
+        stream.seek(place)
+        try:
+            while data:  # an almost full disk takes a part
+                data = data[stream.write(data) :]
+        except BaseException:
+            with suppress(OSError):  # report the first error
+                stream.seek(place)
+                stream.write(end)
+                stream.truncate()
+            raise
 
 
 @contextmanager
-def in_one_go(path: Path) -> Iterator[Path]:
-    """A file to write, which then takes the place of the path."""
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a temporary file that replaces `path` at the end of the block."""
     part = path.with_name(path.name + ".part")
     with writing(path):
         try:
@@ -68,11 +88,11 @@ def in_one_go(path: Path) -> Iterator[Path]:
             raise
 
 
-def on_disk(*paths: Path) -> None:
-    """Wait until files, and the names that folders hold, would survive a power cut."""
+def flush_to_disk(*paths: Path) -> None:
+    """Wait until files, and the entries of folders, would survive a power cut."""
     for path in paths:
         if path.is_dir() and os.name == "nt":
-            continue  # Windows opens no folders
+            continue  # Windows cannot open folders
         with writing(path):
             file = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
             try:
@@ -82,39 +102,36 @@ def on_disk(*paths: Path) -> None:
 
 
 @contextmanager
-def alone(path: Path) -> Iterator[None]:
-    """Hold a run's folder, so that no other run writes into it meanwhile.
+def locked(path: Path) -> Iterator[None]:
+    """Lock a run's folder against other runs, by a lock on the file `LOCK` in it.
 
-    The operating system's lock on the folder itself, which ends with the process however that
-    ends; nothing where there is none (Windows, some network drives).
+    The lock ends with the process, however that ends. A drive without locks is not locked.
 
     Raises
     ------
     InputError
-        If another run holds it.
+        If another run holds the lock.
     """
-    try:
-        import fcntl
-    except ImportError:
-        yield
-        return
+    lock = FileLock(path / LOCK, timeout=0)
     with writing(path):
-        folder = os.open(path, os.O_RDONLY)
-    try:
         try:
-            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
+            lock.acquire()
+        except Timeout as error:
             remedy = "Wait for its end, or choose another folder with -o."
             raise InputError(f"folder {path}", _holder(path), remedy=remedy) from error
-        except OSError:  # a drive without locks
-            pass
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+    try:
         yield
     finally:
-        os.close(folder)
+        with suppress(OSError):  # Windows removes it by the release
+            (path / LOCK).unlink()
+        lock.release()
 
 
 def _holder(path: Path) -> str:
-    """Who writes there, as its log says."""
+    """Return which process writes there, by its log."""
     with suppress(OSError):
         lines = (path / "run.log").read_text(encoding="utf-8", errors="replace").splitlines()
         if found := [line for line in lines if " process " in line]:

@@ -1,6 +1,6 @@
-"""The frames of a finished or running run, read back to be shown: times, triangles, fields.
+"""Reading of the frames of a finished or running run: times, triangles, fields.
 
-A field is named in one word wherever a person chooses one (`fecloth view`, `fecloth render`):
+Users choose a field by one word (`fecloth view`, `fecloth render`):
 
     larger_stretch, smaller_stretch    principal stretches
     E11, E22, E12                      Green strain along warp and weft
@@ -8,7 +8,7 @@ A field is named in one word wherever a person chooses one (`fecloth view`, `fec
     energy_density [J/m²], quality     as in the frames
     speed [m/s], displacement, height [m]    |v|, |x − (X, 0)|, z
 
-The frames' arrays are listed in output.py. Quadratic triangles are cut into four straight ones.
+The arrays are listed in `frame_arrays`. Quadratic triangles are cut into four straight ones.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from fecloth.errors import InputError
 from fecloth.output.vtu_writer import Arrays
 from fecloth.suggest import did_you_mean
 
-LARGEST = 1e300  # what is larger overflows where two such are subtracted
+LARGEST = 1e300  # differences of larger values overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Field:
-    """How a field is called and where its values lie: `of` takes that array."""
+    """Title, unit and array of a field, and the function `of` from that array to its values."""
 
     title: str
     unit: str
@@ -74,7 +74,7 @@ FIELDS = {
 
 
 def field_values(frame: Frame, name: str) -> np.ndarray:
-    """Values of a field, one a node (n,) or one a triangle (m,).
+    """Return the values of a field, one per node (n,) or per triangle (m,).
 
     Raises
     ------
@@ -93,12 +93,12 @@ def field_values(frame: Frame, name: str) -> np.ndarray:
 
 
 def drawable(values: np.ndarray) -> np.ndarray:
-    """Where values are numbers that can be drawn: what a cloth that blows up has may overflow."""
+    """Return which values can be drawn; those of a cloth that blows up may overflow."""
     return np.abs(values) < LARGEST  # NaN is not
 
 
 def bounded(values: np.ndarray) -> np.ndarray:
-    """The values as float64, those that cannot be drawn as the extremes of those that can.
+    """Return the values as float64, those that cannot be drawn clipped to the others' extremes.
 
     Examples
     --------
@@ -120,7 +120,7 @@ class Series:
     times
         Times of the frames [s].
     read
-        Gives frame i as a `Frame`.
+        Function from i to frame i, a `Frame`.
     """
 
     folder: Path
@@ -129,12 +129,12 @@ class Series:
 
     @classmethod
     def open(cls, folder: str | Path) -> Series:
-        """The series of a folder that `fecloth run` wrote.
+        """Open the series of a folder that `fecloth run` wrote.
 
         Raises
         ------
         InputError
-            If it holds no frames, or they cannot be read.
+            If it has no frames, or they cannot be read.
         """
         folder = Path(folder)
         listed, single = folder / "run.vtu.series", folder / "run.vtkhdf"
@@ -146,21 +146,21 @@ class Series:
         if single.is_file():
             return cls(folder, _times_of(single), lambda i: _read_hdf(single, i))
         remedy = "Give the folder of a run, e.g. out/flag."
-        raise InputError(f"{folder}", "holds no frames", remedy=remedy)
+        raise InputError(f"{folder}", "has no frames", remedy=remedy)
 
     def at(self, time: float | None) -> int:
-        """The frame next to a time [s]; the last one of all for None."""
+        """Return the number of the frame closest to a time [s]; the last for None."""
         wanted = self.times[-1] if time is None else time
         return int(np.argmin(np.abs(np.array(self.times) - wanted)))
 
     def chosen(self, most: int) -> list[int]:
-        """At most so many frames, evenly spread, the first and the last among them."""
+        """Return the numbers of at most `most` frames, evenly spread, with the first and last."""
         count = min(max(most, 1), len(self.times))
         return np.unique(np.round(np.linspace(len(self.times) - 1, 0, count)).astype(int)).tolist()
 
 
 def straight(cells: np.ndarray) -> np.ndarray:
-    """Triangles (m or 4 m, 3) to draw; those of cell i are i, or 4 i to 4 i + 3.
+    """Return triangles (m or 4 m, 3) to draw; those of cell i are i, or 4 i to 4 i + 3.
 
     Examples
     --------
@@ -174,7 +174,7 @@ def straight(cells: np.ndarray) -> np.ndarray:
 
 
 def rim(triangles: np.ndarray) -> np.ndarray:
-    """Edges (k, 2) that belong to one triangle only.
+    """Return the edges (k, 2) of one triangle only.
 
     Examples
     --------
@@ -195,7 +195,7 @@ def _read_vtu(file: Path, t: float) -> Frame:
     try:
         mesh = vtu.read(file)
         (cells,) = mesh.cells
-    except Exception as error:  # meshio lets pass whatever a broken file provokes
+    except Exception as error:  # meshio raises errors of any kind for a broken file
         raise InputError(f"{file} cannot be read: {error}") from error
     cell_data = {name: values[0] for name, values in mesh.cell_data.items()}
     return Frame(t, mesh.points, cells.data, mesh.point_data, cell_data)

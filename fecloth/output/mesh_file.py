@@ -13,8 +13,8 @@ from fecloth.output.frames import MESHIO
 
 
 def write_mesh(path: Path, cloth: Cloth) -> None:
-    """The flat mesh through meshio, with the quality and a 0/1 array for each set."""
-    import meshio  # here, so that nobody waits for it who writes none
+    """Write the flat mesh by meshio, with the quality and a 0/1 array for each node set."""
+    import meshio  # here, as its import is slow
 
     points = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
     inside = {f"set {name}": np.zeros(len(points)) for name in cloth.node_sets}
@@ -30,5 +30,5 @@ def write_mesh(path: Path, cloth: Cloth) -> None:
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             mesh.write(path)
-    except (meshio.ReadError, meshio.WriteError) as error:  # a suffix it does not know: ReadError
+    except (meshio.ReadError, meshio.WriteError) as error:  # ReadError for an unknown suffix
         raise InputError(f"{path} cannot be written: {error}", remedy="Try .vtu.") from error

@@ -1,7 +1,7 @@
 """A whole run in one file, run.vtkhdf: VTK's transient unstructured grid in HDF5.
 
 ParaView opens it as one data set with times. The triangles are written once; each frame appends
-its points and the arrays of `output.fields`, and the group Steps says where they begin:
+its points and the arrays of `frame_arrays.fields`, and the group Steps has their offsets:
 
     Points, PointData/*, CellData/*     rows of all frames, one after the other
     Steps/Values                        the times [s]
@@ -9,14 +9,14 @@ its points and the arrays of `output.fields`, and the group Steps says where the
     Steps/PointDataOffsets/*, CellDataOffsets/*    the same for the arrays
     Steps/PartOffsets, CellOffsets, ConnectivityIdOffsets    0: all frames share one topology
 
-PartOffsets must be 0 too: where it counts up, VTK's reader finds no part for the later frames and
-keeps the first one's values without a word. Components have no names in this format; their order
-is that of output.py. Layout: VTK file formats, "VTKHDF", version 2.2 (Kitware).
+PartOffsets must be 0 too: otherwise VTK's reader finds no part for the later frames and silently
+shows the values of the first. Components have no names in this format; their order is that of
+`frame_arrays`. Layout: VTK file formats, "VTKHDF", version 2.2 (Kitware).
 
-The file is opened, extended and closed for each frame, and the count of frames is raised last: it
-can be read between two frames, and ParaView's *Reload Files* shows what has come. HDF5 has no
-journal, `redo` is one: a process killed within the microseconds in which a frame's bytes go to
-their places leaves a file that may not open, but that the run, resumed, makes whole.
+The file is opened, extended and closed for each frame, and the number of frames is raised last: it
+can be read between two frames, and ParaView's *Reload Files* shows the new ones. HDF5 has no
+journal, so `write_ahead_log` adds one: a process killed while the bytes of a frame are being
+written may leave a file that does not open, but a resumed run completes it.
 """
 
 from __future__ import annotations
@@ -32,10 +32,11 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.atomic_files import WriteError, writing
-from fecloth.output.frames import fields, kinematics
+from fecloth.output.frame_arrays import fields, kinematics
 from fecloth.output.vtu_writer import CELLS, Arrays
-from fecloth.output.write_ahead_log import anew, changed
-from fecloth.system.system import State, System
+from fecloth.output.write_ahead_log import changing, replace_whole
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 CHUNK = 1 << 18  # bytes of a dataset that are compressed and read at a time
 STATIC = ("quality",)  # cell arrays of the reference, written once
@@ -77,22 +78,24 @@ class HdfFrames:
     times: list[float] = field(default_factory=list)
 
     def __post_init__(self):
-        h5py()  # a missing package is told before the first step
+        h5py()  # refuse a missing package before the first step
 
     @property
     def opens(self) -> Path:
         """The file to open in ParaView."""
         return self.path
 
-    def add(self, state: State) -> Path:
+    def add(self, state: State, arrays: tuple[Arrays, Arrays] | None = None) -> Path:
         """Append a frame; returns the file.
+
+        `arrays` are the point and cell data, where `frame_arrays.fields` has made them already.
 
         Raises
         ------
         InputError
             If the file cannot be written.
         """
-        shown = self.system and fields(self.system, state)
+        shown = arrays or (self.system and fields(self.system, state))
         points, cells = shown or kinematics(self.cloth, state)
         with (_more if self.times else _new)(self.path) as file:
             if not self.times:
@@ -102,14 +105,14 @@ class HdfFrames:
         return self.path
 
     def keep(self, times: Sequence[float]) -> None:
-        """Go on after the frames of these times, the first of the file; later ones are taken away.
+        """Continue after the frames of these times, the first of the file; remove later ones.
 
         Raises
         ------
         InputError
             If the file cannot be read, or has other frames.
         """
-        remedy = "Put it back as it was, or run the scene anew with --overwrite."
+        remedy = "Restore it, or run the scene again with --overwrite."
         try:
             with _more(self.path) as file:
                 root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
@@ -123,12 +126,12 @@ class HdfFrames:
         self.times = list(times)
 
     def files(self, after: int) -> list[Path]:
-        """Those with the frames from number `after` on."""
+        """Return the files with the frames from number `after` on."""
         return [self.path]
 
 
 def h5py():
-    """The package, or an `InputError` that says how to get it."""
+    """Return the package, or raise an `InputError` that says how to install it."""
     try:
         import h5py
     except ImportError as error:
@@ -139,17 +142,17 @@ def h5py():
 
 @contextmanager
 def _new(path: Path) -> Iterator:
-    """A file that takes the place of the path when all is in it."""
+    """Yield a new HDF5 file that replaces `path` at the end of the block."""
     stream = io.BytesIO()
     with h5py().File(stream, "w") as file:
         yield file
-    anew(path, stream.getvalue())
+    replace_whole(path, stream.getvalue())
 
 
 @contextmanager
 def _more(path: Path) -> Iterator:
-    """The file to change, without HDF5's lock: a ParaView that looks at it stops no run."""
-    with writing(path), changed(path) as stream, h5py().File(stream, "r+") as file:
+    """Yield the file to change, without HDF5's lock, so that an open ParaView stops no run."""
+    with writing(path), changing(path) as stream, h5py().File(stream, "r+") as file:
         yield file
 
 
@@ -157,7 +160,7 @@ def _more(path: Path) -> Iterator:
 
 
 def _begin(file, cloth: Cloth, points: Arrays, cells: Arrays) -> None:
-    """The topology, and empty datasets for everything that grows."""
+    """Write the topology, and empty datasets for everything that grows."""
     m, k = cloth.cells.shape
     root = file.create_group("VTKHDF")
     root.attrs["Version"] = (2, 2)
@@ -183,7 +186,7 @@ def _begin(file, cloth: Cloth, points: Arrays, cells: Arrays) -> None:
 
 
 def _growing(group, name: str, row: tuple[int, ...], dtype) -> None:
-    """An empty dataset of rows, compressed without loss like the .vtu frames."""
+    """Create an empty dataset of rows, compressed without loss like the .vtu frames."""
     rows = max(1, CHUNK // (8 * int(np.prod(row, dtype=int)))) if row or "Data/" in name else 1024
     layout = {"maxshape": (None, *row), "chunks": (rows, *row)}
     packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
@@ -191,7 +194,7 @@ def _growing(group, name: str, row: tuple[int, ...], dtype) -> None:
 
 
 def _append(root, state: State, points: Arrays, cells: Arrays) -> None:
-    """The rows of one frame, then where they begin, and last that it is there."""
+    """Append the rows of one frame, then their offsets, and last the number of steps."""
     steps = root["Steps"]
     _extend(steps["PointOffsets"], [_extend(root["Points"], state.x)])
     for kind, arrays in (("PointData", points), ("CellData", cells)):
@@ -207,7 +210,7 @@ def _append(root, state: State, points: Arrays, cells: Arrays) -> None:
 
 
 def _cut(root, steps, count: int) -> None:
-    """End every dataset where frame `count` (from 0) begins."""
+    """Truncate every dataset at the begin of frame `count` (from 0)."""
     steps.attrs["NSteps"] = count
     root["Points"].resize(int(steps["PointOffsets"][count]), axis=0)
     for kind in ("PointData", "CellData"):
@@ -220,7 +223,7 @@ def _cut(root, steps, count: int) -> None:
 
 
 def _extend(dataset, rows) -> int:
-    """Append rows; returns the first one's number."""
+    """Append rows; return the number of the first."""
     begin = len(dataset)
     dataset.resize(begin + len(rows), axis=0)
     dataset[begin:] = rows

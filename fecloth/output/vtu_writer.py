@@ -1,4 +1,4 @@
-"""The bytes of a frame in VTK's XML, and of the lists that give the frames their times."""
+"""Encoding of a frame as VTK XML, and of the lists of frames and times."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COMPONENTS = {
     "principal_stretches": ("smaller", "larger"),
     "stress_resultants": ("S11", "S22", "S12"),
 }
-COMPRESSION = 1  # zlib level: 6 takes longer and saves a few per cent of a float64
+COMPRESSION = 1  # zlib level; 6 is slower and saves a few per cent on float64
 BLOCK = 1 << 18  # bytes that are compressed at a time
 CELLS = {3: 5, 6: 22}  # nodes of a triangle → VTK's number for the cell, linear and quadratic
 VTK_TYPES = {"f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
@@ -25,9 +25,9 @@ Arrays = dict[str, np.ndarray]
 
 
 def encode_vtu(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> bytes:
-    """The VTK XML unstructured grid of one frame, its triangles being `Cloth.cells` (m, 3 or 6).
+    """Encode one frame as a VTK XML unstructured grid; `cells` (m, 3 or 6) are `Cloth.cells`.
 
-    meshio writes no field data and no component names, and so neither the time nor "E11".
+    Not by meshio, which writes no field data (the time) and no component names ("E11").
     """
     m, k = cells.shape
     topology = {
@@ -57,7 +57,7 @@ def encode_vtu(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> byt
 
 
 def _data_array(name, data, attributes=""):
-    """One compressed DataArray; its header is block count, block size, size of a last part, …"""
+    """Encode a compressed DataArray; header: block count, block size, size of the last part, …"""
     raw = memoryview(np.ascontiguousarray(data)).cast("B")
     blocks = [zlib.compress(raw[i : i + BLOCK], COMPRESSION) for i in range(0, len(raw), BLOCK)]
     header = np.array([len(blocks), BLOCK, len(raw) % BLOCK, *map(len, blocks)], np.uint64)
@@ -72,7 +72,7 @@ def _data_array(name, data, attributes=""):
 
 
 def encode_pvd(files: Iterable[tuple[str, float]]) -> bytes:
-    """ParaView's collection of (file relative to it, time)."""
+    """Encode ParaView's collection of (file relative to it, time)."""
     lines = "".join(
         f'<DataSet timestep="{t!r}" group="" part="0" file={quoteattr(name)}/>\n'
         for name, t in files
@@ -82,7 +82,7 @@ def encode_pvd(files: Iterable[tuple[str, float]]) -> bytes:
 
 
 def encode_series(files: Iterable[tuple[str, float]]) -> bytes:
-    """The same as a VTK file series."""
+    """Encode the same as a VTK file series."""
     entries = [{"name": name, "time": t} for name, t in files]
     return json.dumps({"file-series-version": "1.0", "files": entries}).encode()
 
@@ -90,4 +90,4 @@ def encode_series(files: Iterable[tuple[str, float]]) -> bytes:
 LISTS = (
     (".pvd", encode_pvd, b"</Collection>\n</VTKFile>\n"),
     (".vtu.series", encode_series, b"]}"),
-)  # how they end, whatever stands in them
+)  # suffix, encoder, and the bytes at the end of every such list

@@ -1,9 +1,9 @@
-"""A file that is changed in place, and yet has either all changes of a block or none.
+"""A file changed in place that has either all changes of a block or none.
 
-The changes of a block wait in memory, and are read from there. At its end they are written to
-another file, `NAME.redo`, in one go; only then are they made, and that file is removed. Whoever
-finds a .redo makes its changes (again): the write-ahead log of databases (Mohan and others 1992,
-ACM Transactions on Database Systems 17, 94-162), with one record.
+The changes of a block are held in memory, and reads see them. At the end of the block they are
+written in one go to another file, `NAME.redo`; then they are made, and that file is removed. A
+process that finds a .redo makes its changes again. This is the write-ahead log of databases (Mohan
+and others 1992, ACM Transactions on Database Systems 17, 94-162) with one record.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 
-from fecloth.output.atomic_files import on_disk, replace_file, writing
+from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
 
 
 @contextmanager
-def changed(path: Path) -> Iterator[io.RawIOBase]:
-    """The file to read and write; what was written is in it once the block has ended well.
+def changing(path: Path) -> Iterator[io.RawIOBase]:
+    """Yield the file to read and write; it changes when the block ends without an error.
 
     Raises
     ------
     InputError
-        If the system refuses; the file then is as it was, or `recover` makes it whole.
+        If the system refuses; the file is then unchanged, or `recover` completes it.
 
     Examples
     --------
@@ -35,7 +35,7 @@ def changed(path: Path) -> Iterator[io.RawIOBase]:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder) / "it"
     ...     _ = file.write_bytes(b"abcdef")
-    ...     with changed(file) as stream:
+    ...     with changing(file) as stream:
     ...         _ = stream.seek(2), stream.write(b"XY")
     ...         before = file.read_bytes()
     ...     print(before, file.read_bytes())
@@ -50,13 +50,13 @@ def changed(path: Path) -> Iterator[io.RawIOBase]:
         places = [(at, len(data)) for at, data in stream.changes]
         head = json.dumps([sha256(data).hexdigest(), stream.size, places])
         replace_file(_redo(path), head.encode() + b"\n" + data)
-        on_disk(_redo(path), path.parent)
+        flush_to_disk(_redo(path), path.parent)
         _reserve(path, stream.size)
         recover(path)
 
 
 def recover(path: Path) -> None:
-    """Make the changes that a killed process had begun to make, if it had."""
+    """Complete the changes that a killed process has begun, if any."""
     redo = _redo(path)
     if not redo.exists():
         return
@@ -66,15 +66,15 @@ def recover(path: Path) -> None:
         redo.unlink()
 
 
-def anew(path: Path, data: bytes) -> None:
-    """Replace the whole file; changes that were begun on the old one are forgotten."""
+def replace_whole(path: Path, data: bytes) -> None:
+    """Replace the whole file, and drop unfinished changes of the old one."""
     with writing(path):
         _redo(path).unlink(missing_ok=True)
     replace_file(path, data)
 
 
 def _read(redo: Path) -> tuple[int, list, memoryview] | None:
-    """Size, places and bytes; None where a power cut has left a part: no change was begun."""
+    """Return size, places and bytes; None if the log is incomplete, so no change was begun."""
     head, _, data = redo.read_bytes().partition(b"\n")
     try:
         digest, size, places = json.loads(head)
@@ -90,7 +90,7 @@ def _make(path: Path, size: int, places: list, data: memoryview) -> None:
             file.write(data[:count])
             data = data[count:]
         file.truncate(size)
-    on_disk(path)
+    flush_to_disk(path)
 
 
 def _redo(path: Path) -> Path:
@@ -98,7 +98,7 @@ def _redo(path: Path) -> Path:
 
 
 def _reserve(path: Path, size: int) -> None:
-    """Take the space on disk before the first byte is changed; without it there is no change."""
+    """Reserve the space on disk before the first byte changes; refuse if there is none."""
     before = path.stat().st_size
     if size <= before or not hasattr(os, "posix_fallocate"):
         return
@@ -106,7 +106,7 @@ def _reserve(path: Path, size: int) -> None:
         try:
             os.posix_fallocate(file.fileno(), before, size - before)
         except OSError as error:
-            if error.errno in (errno.EOPNOTSUPP, errno.EINVAL):  # a drive that reserves nothing
+            if error.errno in (errno.EOPNOTSUPP, errno.EINVAL):  # a drive that cannot reserve
                 return
             file.truncate(before)
             _redo(path).unlink()
@@ -114,12 +114,12 @@ def _reserve(path: Path, size: int) -> None:
 
 
 class _Waiting(io.RawIOBase):
-    """A file whose changes wait in memory.
+    """A file whose changes are held in memory.
 
     Attributes
     ----------
     changes
-        (place, bytes), in the order in which they were written.
+        (place, bytes), in order of writing.
     size
         Of the file with them.
     """
@@ -151,8 +151,8 @@ class _Waiting(io.RawIOBase):
         view = memoryview(buffer).cast("B")
         view = view[: max(0, min(len(view), self.size - begin))]
         self.base.seek(begin)
-        held = self.base.readinto(view)
-        view[held:] = bytes(len(view) - held)
+        count = self.base.readinto(view)
+        view[count:] = bytes(len(view) - count)
         for at, data in self.changes:
             first, last = max(at, begin), min(at + len(data), begin + len(view))
             if first < last:

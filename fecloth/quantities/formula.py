@@ -23,9 +23,10 @@ _NUMBERS = {float, int, np.float64}
 class Formula:
     """A formula of named variables: a number, or a condition such as ``"X < 0.01 and Y > 1"``.
 
-    Numbers, the variables, pi, ``+ - * / **``, and the functions sin cos tan tanh exp log sqrt abs
-    sign floor min(a, b) max(a, b) where(condition, a, b) smoothstep(a, b, t). Comparisons
-    ``< <= > >=``, joined by and, or, not, stand in conditions only. All arithmetic is in doubles.
+    It may contain numbers, the variables, pi, ``+ - * / **``, and the functions sin cos tan tanh
+    exp log sqrt abs sign floor min(a, b) max(a, b) where(condition, a, b) smoothstep(a, b, t).
+    Only conditions may contain comparisons ``< <= > >=``, joined by and, or, not. All arithmetic
+    is in double precision.
 
     Parameters
     ----------
@@ -34,12 +35,12 @@ class Formula:
     variables
         Names that it may use.
     condition
-        Whether it must be a condition (true or false) instead of a number.
+        Whether the value must be true or false instead of a number.
 
     Raises
     ------
     InputError
-        For anything else, with the piece that is refused and the names that are allowed.
+        For anything else; the message shows the part that is refused and the names allowed.
 
     Examples
     --------
@@ -69,7 +70,7 @@ class Formula:
         Raises
         ------
         InputError
-            Where the value is not finite.
+            If a value is not finite; the message shows it and the variables there.
         """
         return self._value(values)
 

@@ -7,6 +7,7 @@ import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -82,9 +83,7 @@ def compiled(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Clos
 
 
 def _closure(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
-    def inner(part: ast.AST) -> Closure:
-        return compiled(part, variables, kit)
-
+    inner = partial(compiled, variables=variables, kit=kit)
     match node:
         case ast.Constant(value=number):
             return _constant(kit.number(number))

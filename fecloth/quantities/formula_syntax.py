@@ -53,7 +53,9 @@ class _Reader:
         except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
             at = getattr(error, "offset", None)
             remedy = "Powers are written **." if "^" in self.text else ""
-            self.refuse("no expression" + (f" (see character {at})" if at else ""), None, remedy)
+            self.refuse(
+                "not an expression" + (f" (see character {at})" if at else ""), None, remedy
+            )
 
     def number(self, node: ast.AST, depth: int) -> None:
         if depth > DEEPEST:
@@ -61,7 +63,7 @@ class _Reader:
         match node:
             case ast.Constant(value=value):
                 if type(value) not in (int, float) or not abs(value) < 1e300:
-                    self.refuse("no finite number", node)
+                    self.refuse("not a finite number", node)
             case ast.Name(id=name):
                 self.name(node, name)
             case ast.UnaryOp(op=op, operand=operand) if type(op) in UNARY:
@@ -74,9 +76,8 @@ class _Reader:
             case ast.Call():
                 self.call(node, depth)
             case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
-                self.refuse(
-                    "a comparison where a number must stand", node, "See where(a < b, c, d)."
-                )
+                remedy = "Use where(a < b, c, d)."
+                self.refuse("a comparison instead of a number", node, remedy)
             case ast.BinOp(op=ast.BitXor()):
                 self.refuse("not allowed", node, "Powers are written **.")
             case _:
@@ -86,10 +87,9 @@ class _Reader:
         if name in self.variables or name in CONSTANTS:
             return
         if name in FUNCTIONS:
-            self.refuse(f"the function {name} without its argument", node)
-        self.refuse(
-            f"unknown name {name!r}", node, did_you_mean(name, (*self.variables, *CONSTANTS))
-        )
+            self.refuse(f"the function {name} without arguments", node)
+        remedy = did_you_mean(name, (*self.variables, *CONSTANTS))
+        self.refuse(f"unknown name {name!r}", node, remedy)
 
     def power(self, exponent: ast.AST) -> None:
         if any(isinstance(node, ast.Name) and node.id not in (*CONSTANTS, *FUNCTIONS)
@@ -98,12 +98,12 @@ class _Reader:
         with np.errstate(all="ignore"):
             value = compiled(exponent, (), ARRAYS)(())
         if not abs(value) <= LARGEST_POWER:
-            self.refuse(f"an exponent beyond {LARGEST_POWER}", exponent)
+            self.refuse(f"an exponent larger than {LARGEST_POWER}", exponent)
 
     def call(self, node: ast.Call, depth: int) -> None:
         name = node.func.id if isinstance(node.func, ast.Name) else None
         if name not in FUNCTIONS:
-            self.refuse("no known function", node.func, did_you_mean(name or "", FUNCTIONS))
+            self.refuse("unknown function", node.func, did_you_mean(name or "", FUNCTIONS))
         count = FUNCTIONS[name][1]
         if node.keywords or len(node.args) != count:
             self.refuse(f"{name} takes {count} argument{'s' * (count > 1)}", node)
@@ -127,4 +127,4 @@ class _Reader:
             case _:
                 joined = isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitAnd | ast.BitOr)
                 remedy = "Join conditions by and, or." if joined else ""
-                self.refuse("a condition such as X < 0.01 must stand here", node, remedy)
+                self.refuse("a condition such as X < 0.01 is needed here", node, remedy)

@@ -49,17 +49,13 @@ def in_si(
 
 
 def reads_units(cls: Class) -> Class:
-    """Let a dataclass take texts with units, as scenes do: ``Gravity((0, 0, "-981 cm/s^2"))``.
+    """Let a dataclass take texts with units in the fields that have a dimension, as scenes do.
 
     Examples
     --------
-    >>> from fecloth.quantities.units import TIME
-    >>> @reads_units
-    ... @dataclass
-    ... class Delay:
-    ...     time: Annotated[float, TIME]
-    >>> Delay("5 ms").time
-    0.005
+    >>> import fecloth as fc
+    >>> fc.Gravity((0, 0, "-981 cm/s^2")).acceleration
+    (0, 0, -9.81)
     """
     create, signature = cls.__init__, inspect.signature(cls)
 

@@ -1,7 +1,7 @@
-"""Units as people write them: "150 g/m^2", "5 ms", "9.6 uN*m". Strict tables, no algebra.
+"""Units as people write them: "150 g/m^2", "5 ms", "9.6 uN*m". Fixed tables, no algebra of units.
 
-A key says what it measures in its type, ``width: Annotated[float, LENGTH]``. That is the one place:
-`schema` reads from there what units a text at this key may have, and what errors call the number.
+The type of a field names its dimension, as in ``width: Annotated[float, LENGTH]``. From there
+`unit_fields` takes the units that a text may have, and error messages take the SI unit.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _INCH, _FOOT, _POUND = 0.0254, 0.3048, 0.45359237  # [m], [kg]: the agreement of
 
 @dataclass(frozen=True, eq=False)
 class Dimension:
-    """The units that a quantity may be given in.
+    """The units that a quantity may have.
 
     Attributes
     ----------
     units
-        Their values in SI; the first is SI's own.
+        Name of each unit → its value in SI; the first one is the SI unit.
     only
-        Keys beside it, and the values of these with which the quantity has this dimension.
+        Other fields and their values, if the quantity has this dimension only with these values.
     """
 
     units: Mapping[str, float]
@@ -37,13 +37,15 @@ class Dimension:
 
     @property
     def si(self) -> str:
+        """Name of the SI unit."""
         return next(iter(self.units))
 
-    def where(self, **given: object) -> Dimension:
-        """The dimension that it has only where other keys have these values."""
-        return replace(self, only=tuple(given.items()))
+    def where(self, **values: object) -> Dimension:
+        """The same dimension, for a quantity that has it only if other fields have these values."""
+        return replace(self, only=tuple(values.items()))
 
     def holds(self, table: Mapping[str, object]) -> bool:
+        """Whether the quantity has this dimension beside the other fields of the table."""
         return all(table.get(key) == value for key, value in self.only)
 
 
@@ -107,7 +109,7 @@ _SPELLINGS = str.maketrans({"²": "^2", "³": "^3", "·": "*", "⋅": "*", "µ":
 
 
 def is_quantity(text: str) -> bool:
-    """Whether a text is a number with a unit, be it right or wrong; no formula is.
+    """Whether a text looks like a number with a unit, known or unknown. No formula does.
 
     Examples
     --------
@@ -119,22 +121,26 @@ def is_quantity(text: str) -> bool:
 
 
 def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> float:
-    """The value in SI of a number with one of the dimension's units.
+    """The value in SI of a number with one of the units of the dimension.
 
-    ``²``, ``³``, ``·`` and ``µ`` are read as ``^2``, ``^3``, ``*`` and ``u``; a space between two
-    units as ``*``.
+    ``²``, ``³``, ``·`` and ``µ`` mean ``^2``, ``^3``, ``*`` and ``u``; a space between two units
+    means ``*``.
 
     Parameters
     ----------
-    name, text, dimension
-        What it is of, what was written, and the units that are allowed.
+    name
+        Name of the quantity in error messages.
+    text
+        The number and its unit.
+    dimension
+        The units that are allowed.
     other
-        What the text might have been instead, for the refusal.
+        What else is allowed, for the error message, such as ", or a formula".
 
     Raises
     ------
     InputError
-        For text that is no number with a unit, and for a unit that is not in the table.
+        For text that is not a number with a unit, and for a unit that is not in the table.
 
     Examples
     --------

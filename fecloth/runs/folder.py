@@ -2,39 +2,33 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
-import os
-import platform
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import datetime
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.output.atomic_files import replace_file, writing
+from fecloth.output.atomic_files import LOCK, replace_file, writing
+from fecloth.runs.csv_table import Table
 
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
 TEXTS = ("summary.json", "scene.resolved.toml", "run.log", "report.html", "view.html")
 TEXTS += ("run.vtkhdf", "run.vtkhdf.redo")
-LISTS = ("*.pvd", "*.vtu.series")  # only those that name frames/frame_…
-PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "numba", "pypardiso", "mkl")
+LISTS = ("*.pvd", "*.vtu.series")  # only those that list frames/frame_…
 
 
 @dataclass(frozen=True)
 class RunFolder:
     """Where one run writes; made by `create`.
 
-    Everything is with the operating system as soon as it is given, row by row and line by line,
-    and whole files are replaced in one go: a killed process loses nothing. A power cut may, but for
-    what restart files need, see `on_disk`.
+    Each row and each line is handed to the operating system at once, and whole files are replaced
+    in one go: a killed process loses nothing. After a power cut only what restart files need is
+    safe; see `flush_to_disk`.
 
     Examples
     --------
@@ -51,7 +45,7 @@ class RunFolder:
     """
 
     path: Path
-    kept: Mapping[str, int] = field(default_factory=dict)
+    sizes: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def create(cls, path: str | Path, overwrite: bool = False) -> RunFolder:
@@ -76,8 +70,8 @@ class RunFolder:
         return cls(path)
 
     @classmethod
-    def opened(cls, path: str | Path, tables: Mapping[str, int]) -> RunFolder:
-        """The folder of a run that goes on; its tables keep so many bytes, see `table`.
+    def reopen(cls, path: str | Path, tables: Mapping[str, int]) -> RunFolder:
+        """Return the folder of a run to continue; each table is truncated to its number of bytes.
 
         Raises
         ------
@@ -90,33 +84,33 @@ class RunFolder:
             with writing(file):
                 if file.stat().st_size < size:
                     what = f"{file} has lost rows"
-                    raise InputError(what, remedy="Run the scene anew with --overwrite.")
+                    raise InputError(what, remedy="Run the scene again with --overwrite.")
         return folder
 
     @staticmethod
     def refuse(path: str | Path, overwrite: bool = False) -> None:
-        """Raise the `InputError` of `create` for a folder that is not empty; change nothing."""
+        """Raise the `InputError` of `create` for a folder that is not empty, without a change."""
         path = Path(path)
         with writing(path):
-            if not path.exists() or not any(path.iterdir()):
+            if not path.exists() or {LOCK} >= {file.name for file in path.iterdir()}:
                 return
             if not overwrite:
                 remedy = "Choose another folder with -o, or pass --overwrite to replace its run"
                 if any(path.glob("restart/restart_*.npz")):
-                    remedy += f", or --resume {path} to go on with it"
+                    remedy += f", or --resume {path} to continue it"
                 remedy += "."
                 raise InputError(f"output folder {path}", "is not empty", remedy=remedy)
             if not any((path / name).is_file() for name in ("scene.resolved.toml", *TABLES)):
                 remedy = "Choose another folder with -o."
                 what = f"output folder {path}"
-                raise InputError(what, "holds other things than a run", remedy=remedy)
+                raise InputError(what, "contains other files than a run's", remedy=remedy)
 
     def table(self, name: str) -> Table:
-        """A table, e.g. "steps.csv"; the first row's keys are its header.
+        """Open a table, e.g. "steps.csv", with the keys of its first row as header.
 
-        A new one; in a run that goes on, the rows that it keeps.
+        It is empty; in a continued run it has its earlier rows.
         """
-        return Table(self.path / name, self.kept.get(Path(name).stem))
+        return Table(self.path / name, self.sizes.get(Path(name).stem))
 
     def summary(self, values: Mapping) -> None:
         """Replace summary.json; arrays become lists and numbers that are not finite null."""
@@ -128,36 +122,37 @@ class RunFolder:
         replace_file(self.path / name, text.encode())
 
     def log(self, message: str) -> None:
-        """Add a line with the time of day to run.log."""
+        """Append a line with the time of day to run.log."""
         file = self.path / "run.log"
         with writing(file), file.open("a", encoding="utf-8") as stream:
             stream.write(f"{datetime.now().isoformat(timespec='milliseconds')} {message}\n")
 
 
 @contextmanager
-def begun(path: Path, made: bool) -> Iterator[None]:
-    """A run that cannot begin leaves nothing, nor the folder if it was made for it."""
+def removed_on_failure(path: Path, made: bool) -> Iterator[None]:
+    """Remove a run's files if the block raises, and the folder if it was `made` for the run."""
     try:
         yield
     except BaseException:
         with suppress(OSError):
             _clear(path)
             if made:
+                (path / LOCK).unlink(missing_ok=True)
                 path.rmdir()
         raise
 
 
 def _clear(path):
-    """Remove a run's files from a folder, and the folders in it that are then empty."""
-    for file in _written(path):
+    """Remove a run's files from a folder, and its folders of frames and restarts if empty."""
+    for file in _files_of_run(path):
         file.unlink()
     for inner in (path / "frames", path / "restart"):
         if inner.is_dir() and not inner.is_symlink() and not any(inner.iterdir()):
             inner.rmdir()
 
 
-def _written(path):
-    """The files in a folder that fecloth wrote there; last those that make it known as a run's."""
+def _files_of_run(path):
+    """Yield the files that fecloth wrote; last those by which a folder is recognised as a run's."""
     for pattern in LISTS:
         for file in [*path.glob(pattern), *path.glob(f"{pattern}.part")]:
             if b'"frames/frame_' in file.read_bytes():
@@ -168,80 +163,6 @@ def _written(path):
         yield from (path / "restart").glob(pattern)
     for name in (*TEXTS, *TABLES):
         yield from (file for file in (path / name, path / f"{name}.part") if file.is_file())
-
-
-class Table:
-    """A .csv file of rows with equal keys, each handed to the system once `add` returns.
-
-    Numbers are written so that they read back as the same float64. A row for which there is no
-    room leaves nothing of itself.
-
-    Attributes
-    ----------
-    size
-        Bytes written.
-    """
-
-    def __init__(self, path: Path, kept: int | None = None):
-        self.path, self.size = path, kept or 0
-        self._header: tuple[str, ...] = ()
-        with writing(path):
-            if kept:
-                os.truncate(path, kept)
-                with path.open(newline="", encoding="utf-8") as stream:
-                    self._header = tuple(next(csv.reader(stream)))
-            self._stream = path.open("ab" if kept else "wb", buffering=0)
-
-    def add(self, row: Mapping[str, object]) -> None:
-        """Write one row.
-
-        Raises
-        ------
-        InputError
-            If its keys are not the first row's, or the file cannot be written.
-        """
-        header = self._header or tuple(row)
-        if row.keys() != set(header):
-            odd = ", ".join(sorted(row.keys() ^ set(header)))
-            raise InputError(f"keys {odd}", "must be those of the first row", str(self.path))
-        line = [row[key] for key in header]
-        data = _csv([line] if self._header else [header, line])
-        with writing(self.path):
-            try:
-                while data:  # a disk that is almost full takes a part
-                    data = data[self._stream.write(data) :]
-            except BaseException:
-                with suppress(OSError):  # that first one is told
-                    self.cut(self.size)
-                raise
-        self._header, self.size = header, self._stream.tell()
-
-    def cut(self, size: int) -> None:
-        """Take the bytes beyond the first `size` away."""
-        self._stream.truncate(size)
-        self._stream.seek(size)
-        self.size = size
-
-    def column(self, name: str) -> list[float]:
-        """The numbers of one column."""
-        with writing(self.path), self.path.open(newline="", encoding="utf-8") as stream:
-            return [float(row[name]) for row in csv.DictReader(stream)]
-
-    def close(self) -> None:
-        with writing(self.path):
-            self._stream.close()
-
-    def __enter__(self) -> Table:
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
-
-
-def _csv(rows) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue().encode()
 
 
 def _plain(value):
@@ -255,29 +176,3 @@ def _plain(value):
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, bool | int | str) else str(value)
-
-
-def versions() -> dict[str, str]:
-    """What a run ran on: fecloth, Python, the packages that are installed, the platform."""
-    found = {"python": platform.python_version(), "platform": platform.platform()}
-    for name in ("fecloth", *PACKAGES):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
-
-
-def peak_memory() -> float | None:
-    """The most memory this process has held so far [MB = 10⁶ bytes]; None on Windows."""
-    status = Path("/proc/self/status")
-    if status.exists():  # Linux: getrusage would count what the process that started this one held
-        for line in status.read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024 / 1e6
-    try:
-        import resource
-    except ImportError:
-        return None
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6

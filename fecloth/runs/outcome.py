@@ -1,4 +1,4 @@
-"""How a run ended, and that in words."""
+"""The outcome of a run, and messages about it."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ class Outcome:
     status
         "done", "failed" or "interrupted".
     folder, summary
-        Where everything lies, and what summary.json says.
+        Folder of the run, and the content of summary.json.
     ledger
-        At the last good state.
+        Energies at the last good state.
     error
-        Why it failed.
+        The cause of a failure.
     warning
-        What to doubt, "" for nothing.
+        That the energy balance does not close, or "".
     resumes
-        From where `--resume` goes on [s]; None from nowhere.
+        Time from which `--resume` goes on [s], or None.
     """
 
     status: str
@@ -42,8 +42,8 @@ class Outcome:
     resumes: float | None = None
 
 
-def sizes_of(system: System) -> dict:
-    """What there is of nodes, triangles and free dofs."""
+def count_sizes(system: System) -> dict:
+    """Return the numbers of nodes, triangles and free dofs."""
     return {
         "nodes": len(system.cloth.X),
         "triangles": len(system.cloth.triangles),
@@ -51,8 +51,8 @@ def sizes_of(system: System) -> dict:
     }
 
 
-def closing(outcome: Outcome) -> str:
-    """What a run has taken, and where it can be seen."""
+def finished_message(outcome: Outcome) -> str:
+    """Return what a run has cost, and the file to open."""
     counts, seconds = outcome.summary, outcome.summary["seconds"]
     return (
         f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
@@ -60,19 +60,19 @@ def closing(outcome: Outcome) -> str:
     )
 
 
-def trouble(outcome: Outcome) -> str:
-    """Why a run ended before its end, what is left of it, and from where it goes on."""
+def failure_message(outcome: Outcome) -> str:
+    """Return why a run ended early, what is readable, and from where it can go on."""
     folder, t = outcome.folder, outcome.summary["t"]
     readable = f"{folder} is readable up to t = {t:g} s"
     again = f"--resume {folder} goes on from"
     if outcome.error and not isinstance(outcome.error, WriteError):
         return f"failed: {outcome.error}\n{readable}"
     if outcome.resumes is None:
-        goes = "no restart file was written: restart_steps in [output] asks for them"
+        goes = "no restart file was written; set restart_steps in [output] to have them"
     elif outcome.error:
         goes = f"{again} its last restart file, at t = {outcome.resumes:g} s"
     elif outcome.resumes < t:
-        goes = f"{again} t = {outcome.resumes:g} s, the last at which its solver kept nothing"
+        goes = f"{again} t = {outcome.resumes:g} s, the last at which its solver held no factor"
     else:
         goes = f"{again} there"
     cause = f"failed: {outcome.error}\n" if outcome.error else "interrupted; "
@@ -80,7 +80,7 @@ def trouble(outcome: Outcome) -> str:
 
 
 def ledger_text(ledger: Ledger) -> str:
-    """The ledger at the end of a run, a line for each column."""
+    """Return the ledger, a line for each column."""
     row = ledger.row() | {"start": ledger.start}
     shown = {key: value for key, value in row.items() if key not in ("t", "total")}
     lines = [f"  {key:<28} {value: .6e} J" for key, value in shown.items()]

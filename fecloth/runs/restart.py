@@ -1,9 +1,8 @@
-"""Restart files: all that a run needs to go on as if it had never stopped, in one .npz.
+"""Restart files: all that a run needs to continue as if it had never stopped, in one .npz.
 
 A record is a frozen dataclass, marked with `remembered`, of numbers, texts, arrays, mappings and
-records; its arrays lie in the .npz as they are, all else in a header of JSON, whose numbers read
-back as the same float64.
-Reading is strict: a file that lacks anything, or holds anything else, is refused.
+records. Its arrays are members of the .npz; all else is in a JSON header, whose numbers read back
+as the same float64. Reading is strict: a file with a missing or an unknown part is refused.
 """
 
 from __future__ import annotations
@@ -21,18 +20,18 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.linalg.mkl_pardiso import threads
-from fecloth.output.atomic_files import on_disk, replace_file, writing
-from fecloth.records import RECORDS, remembered
-from fecloth.runs.folder import versions
+from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
+from fecloth.runs.environment import versions
 from fecloth.runs.outcome import DONE
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory
-from fecloth.system.system import State
+from fecloth.system.records import RECORDS, remembered
+from fecloth.system.state import State
 
 FORMAT = 2
 FOLDER, PATTERN = "restart", "restart_*.npz"
 KEPT = 2  # files
-FREE = ("title", "expect", "interest")  # tables that do not change a run
+FREE = ("title", "expect", "interest")  # keys that do not change a run
 
 
 @remembered
@@ -47,16 +46,16 @@ class Restart:
     start
         `digest` of the mesh and the start.
     method
-        What takes the steps, in words; of "auto", the choice.
+        The method that takes the steps, as text; for "auto" the chosen one.
     state, memory, ledger
         After the last step.
     turnover, counts
-        What the recorder has counted so far.
+        Counts of the recorder so far.
     frames, tables
         Number of frames, and the bytes of each table.
     exact
-        Whether the run that goes on from it is the unbroken one bit for bit: its solver kept
-        nothing, or dropped it here.
+        Whether a run continued from it equals the unbroken one bit for bit: the solver held no
+        factor, or dropped it here.
     made_on
         Versions and threads.
     """
@@ -79,9 +78,9 @@ class Restart:
 
 
 def write(folder: Path, restart: Restart) -> Path:
-    """Write the file in one go and remove those before the last two; returns it.
+    """Write the file in one go and remove all but the last two; return its path.
 
-    No other is removed before it is on the disk, so that a power cut leaves one.
+    It is flushed to the disk before others are removed, so that a power cut leaves one.
     """
     path = folder / FOLDER / f"restart_{restart.memory.step:09d}.npz"
     arrays: list[np.ndarray] = []
@@ -90,7 +89,7 @@ def write(folder: Path, restart: Restart) -> Path:
     named = {f"array_{i}": array for i, array in enumerate(arrays)}
     np.savez(stream, header=np.frombuffer(header.encode(), np.uint8), **named)
     replace_file(path, stream.getvalue())
-    on_disk(path, path.parent, folder)
+    flush_to_disk(path, path.parent, folder)
     with writing(path):
         for old in files(folder)[KEPT:]:
             old.unlink()
@@ -98,17 +97,17 @@ def write(folder: Path, restart: Restart) -> Path:
 
 
 def files(folder: Path) -> list[Path]:
-    """The restart files of a run's folder, the newest first."""
+    """Return the restart files of a run's folder, the newest first."""
     return sorted((folder / FOLDER).glob(PATTERN), reverse=True)
 
 
 def read(path: Path) -> Restart:
-    """The record of one file.
+    """Return the record of one file.
 
     Raises
     ------
     InputError
-        If it cannot be read, or is not whole.
+        If it cannot be read or is incomplete.
     """
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
@@ -120,15 +119,15 @@ def read(path: Path) -> Restart:
         found = _unpacked(header["run"], arrays)
         _check(found, arrays)
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        what, remedy = f"cannot be read ({error})", "Resume from another one: remove this file."
+        what, remedy = f"cannot be read ({error})", "Remove this file to resume from another one."
         raise InputError(what, where=str(path), remedy=remedy) from error
     return found
 
 
 def _check(found, arrays) -> None:
-    """That a record is a restart whose arrays are all (n, 3), finite and float64."""
+    """Raise `ValueError` unless this is a restart whose arrays are all (n, 3) finite float64."""
     if not isinstance(found, Restart):
-        raise ValueError("it holds no run")
+        raise ValueError("it is no restart of a run")
     shape = found.state.x.shape
     for array in arrays:
         if array.shape != shape or array.dtype != np.float64 or not np.isfinite(array).all():
@@ -136,11 +135,11 @@ def _check(found, arrays) -> None:
 
 
 def _packed(value, arrays: list):
-    """The value in JSON's types; its arrays are appended."""
+    """Return the value in JSON's types; append its arrays."""
     name = type(value).__name__
     if RECORDS.get(name) is type(value):
-        given = {one.name: _packed(getattr(value, one.name), arrays) for one in fields(value)}
-        return {"record": name, "fields": given}
+        values = {one.name: _packed(getattr(value, one.name), arrays) for one in fields(value)}
+        return {"record": name, "fields": values}
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
@@ -150,12 +149,12 @@ def _packed(value, arrays: list):
         return value.item()
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    remedy = "Mark its class with @remembered, from fecloth.records."
-    raise InputError(f"a {name}", "cannot be kept in a restart file", remedy=remedy)
+    remedy = "Mark its class with @remembered, from fecloth.system.records."
+    raise InputError(f"a {name}", "cannot be written to a restart file", remedy=remedy)
 
 
 def _unpacked(value, arrays: list):
-    """What `_packed` was given; a KeyError, TypeError or ValueError for anything else."""
+    """Invert `_packed`; raise KeyError, TypeError or ValueError for anything else."""
     if not isinstance(value, dict):
         return value
     match value:
@@ -163,23 +162,23 @@ def _unpacked(value, arrays: list):
             return arrays[range(len(arrays)).index(number)]
         case {"mapping": dict(items)}:
             return {key: _unpacked(item, arrays) for key, item in items.items()}
-        case {"record": str(name), "fields": dict(given)}:
-            if given.keys() != {one.name for one in fields(RECORDS[name])}:
+        case {"record": str(name), "fields": dict(values)}:
+            if values.keys() != {one.name for one in fields(RECORDS[name])}:
                 raise ValueError(f"a {name} has other fields")
-            return RECORDS[name](**{key: _unpacked(item, arrays) for key, item in given.items()})
-    raise ValueError("its header holds something else")
+            return RECORDS[name](**{key: _unpacked(item, arrays) for key, item in values.items()})
+    raise ValueError("its header has an unknown part")
 
 
-# --- the one to go on from ------------------------------------------------------------------------
+# --- the restart to continue from ----------------------------------------------------------------
 
 
 def find(folder: Path) -> Restart:
-    """The newest restart of a run that can be read, of the exact ones if there are any.
+    """Return the newest readable restart of a run, an exact one if there is any.
 
     Raises
     ------
     InputError
-        Where there is none.
+        If there is none.
     """
     found, broken = [], None
     for path in files(folder):
@@ -195,20 +194,20 @@ def find(folder: Path) -> Restart:
 
 
 def _nothing(folder: Path) -> InputError:
-    """Why there is nothing to go on from."""
+    """Return the error that says why no restart was found."""
     if not folder.is_dir():
         remedy = "Give the folder of a run; -o names that of a new one."
         return InputError(f"--resume {folder}", "there is no such folder", remedy=remedy)
-    remedy = "Run it anew with --overwrite; restart_steps in [output] writes restart files."
-    told = _summary(folder)
-    if told.get("status") == DONE:
-        words = f"the run in {folder} is complete up to t = {told['t']:g} s"
-        return InputError(words, "there is no restart file to go beyond", remedy=remedy)
-    return InputError(f"{folder} holds no restart file", remedy=remedy)
+    remedy = "Run it again with --overwrite; restart_steps in [output] writes restart files."
+    summary = _summary(folder)
+    if summary.get("status") == DONE:
+        words = f"the run in {folder} is complete up to t = {summary['t']:g} s"
+        return InputError(words, "there is no restart file to continue from", remedy=remedy)
+    return InputError(f"{folder} has no restart file", remedy=remedy)
 
 
 def drop_later(folder: Path, restart: Restart) -> None:
-    """Remove the files of later steps: the run comes to them again."""
+    """Remove the files of later steps, which the run will write again."""
     for path in files(folder):
         if path.name > f"restart_{restart.memory.step:09d}.npz":
             with writing(path):
@@ -216,10 +215,10 @@ def drop_later(folder: Path, restart: Restart) -> None:
 
 
 def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> None:
-    """Raise `InputError`, with the difference, for a restart of another scene.
+    """Raise `InputError` with the differences if a restart belongs to another scene.
 
-    `time.t_end` may be another, and what does not change a run may differ; but there must be
-    something left to do, be it no more than the summary.
+    `time.t_end` and what does not change a run may differ, but something must be left to do, if
+    only to write the summary.
     """
     then, now = (_flat(tomllib.loads(text)) for text in (restart.scene, scene))
     keys = [key for key in {**then, **now} if then.get(key) != now.get(key)]
@@ -227,25 +226,25 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
     if keys:
         nothing = "nothing"
         each = (f"{k} = {then.get(k, nothing)} there, {now.get(k, nothing)} here" for k in keys)
-        remedy = "Resume with the scene that the run was started with, or start another run."
+        remedy = "Resume with the scene of that run, or start another run."
         raise InputError(f"another scene than that of {folder}", "; ".join(each), remedy=remedy)
     if restart.start != start:
-        allowed = "the mesh, or the frame that it starts from, is another one than it was"
+        allowed = "the mesh or the frame of the start has changed"
         raise InputError(f"another start than that of {folder}", allowed)
     to_go = now["time.t_end"] - restart.state.t
     if to_go < 0 or (to_go == 0 and _closed(folder, restart.state.t)):
-        allowed = f"the run in {folder} has come to {restart.state.t:g} s already"
-        remedy = "To go on beyond its end, raise it: --set time.t_end=..."
+        allowed = f"the run in {folder} has already reached {restart.state.t:g} s"
+        remedy = "To continue beyond its end, raise it: --set time.t_end=..."
         raise InputError(f"time.t_end = {now['time.t_end']}", allowed, remedy=remedy)
 
 
 def _closed(folder: Path, t: float) -> bool:
-    """Whether a run has told that it came to t; one that is killed before has that to do."""
+    """Return whether summary.json reports time t; a run killed earlier still has to write it."""
     return _summary(folder).get("t") == t
 
 
 def _summary(folder: Path) -> dict:
-    """What summary.json says; nothing if there is none."""
+    """Return the content of summary.json, empty if there is none."""
     try:
         found = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -265,7 +264,7 @@ def _flat(data, key: str = "") -> dict:
 
 
 def digest(cloth, state: State) -> str:
-    """A fingerprint of a mesh and a start."""
+    """Return a fingerprint of a mesh and a start."""
     whole = hashlib.sha256()
     for array in (cloth.X, cloth.cells, state.x, state.v):
         whole.update(np.ascontiguousarray(array).tobytes())
@@ -273,12 +272,12 @@ def digest(cloth, state: State) -> str:
 
 
 def machine() -> dict[str, str]:
-    """What the last bits depend on: the versions, and the threads of PARDISO."""
+    """Return what the last bits depend on: versions, and the threads of PARDISO."""
     return versions() | {"threads": str(threads())}
 
 
 def differences(restart: Restart) -> str:
-    """In words what has changed since, or ""."""
+    """Return in words what has changed since, or ""."""
     then, now = restart.made_on, machine()
     keys = [key for key in then.keys() & now.keys() if "None" != then[key] != now[key] != "None"]
     return "; ".join(f"{key} was {then[key]}, is {now[key]}" for key in sorted(keys))

@@ -1,14 +1,14 @@
-"""One run of a scene into a folder, which can be read at any moment and however the run ends.
+"""A scene run into a folder, which is readable at any moment, however the run ends.
 
 scene.resolved.toml   the scene with all defaults and overrides
 run.pvd, run.vtu.series, frames/*.vtu   for ParaView; or all in one, run.vtkhdf
 steps.csv      number, time, size, iterations, residual and energy drift of every step
 energies.csv   the ledger at every step
 observed.csv   probes, mean displacement, sag, area and reactions at every step
-restart/*.npz  from which the run goes on, as `restart` describes
+restart/*.npz  to continue the run, see `restart`
 strains.csv    extremes of the principal stretches at every frame
-report.html    what the run did, on a page for a browser
-summary.json   sizes, counts, seconds by phase, memory, versions, how it ended
+report.html    a page for the browser
+summary.json   sizes, counts, seconds by phase, memory, versions, outcome
 run.log        the same in words, with the time of day
 """
 
@@ -16,43 +16,37 @@ from __future__ import annotations
 
 import os
 import platform
-import signal
-import threading
-import warnings
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
-from fecloth.errors import FeclothError, InputError
-from fecloth.mesh.cloth import Cloth
+from fecloth.errors import InputError
 from fecloth.nonlinear.context import SolverContext
-from fecloth.output.atomic_files import alone, writing
-from fecloth.output.frames import fields
+from fecloth.output.atomic_files import locked, writing
 from fecloth.runs import restart as restarts
-from fecloth.runs.folder import RunFolder, begun
-from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, Outcome, sizes_of
+from fecloth.runs.folder import RunFolder, removed_on_failure
+from fecloth.runs.interruption import interruptible
+from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, Outcome, count_sizes
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.restart import Restart
 from fecloth.runs.stopwatch import Watch
-from fecloth.scene.problem import Built
-from fecloth.scene.run_warnings import doubts
+from fecloth.runs.warm_up import compile_kernels
+from fecloth.scene.problem import Problem
+from fecloth.scene.run_warnings import find_warnings
 from fecloth.scene.scene import Scene
-from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.method_choice import Auto
-from fecloth.simulation.probes import Observer
-from fecloth.simulation.resolve import settled
-from fecloth.simulation.run import run
-from fecloth.system.system import System
+from fecloth.simulation.record_steps import trial_recorder
+from fecloth.simulation.resolve import resolve
 
 
 def run_scene(
     scene: Scene,
     path: str | Path,
     overwrite: bool = False,
-    announce: Callable[[Built, str, list[str]], None] = lambda built, why, told: None,
+    announce: Callable[[Problem, str, list[str]], None] = lambda problem, why, warnings: None,
     report: Callable[[StepInfo], None] = lambda info: None,
     resume: bool = False,
     warn: Callable[[str], None] = lambda words: None,
@@ -64,15 +58,13 @@ def run_scene(
     path, overwrite
         The folder; one that is not empty is refused unless `overwrite` is set.
     announce
-        Called with what was built, the choice of the solver, and what is to be doubted, before the
-        first step.
+        Called before the first step with the problem, the choice of the solver, and the warnings.
     report
         Called after every step.
     resume
-        Go on with the run in that folder from its last restart file; what it wrote after that is
-        taken away.
+        Continue the run in that folder from its last restart file; what it wrote later is removed.
     warn
-        Called at the first step at which the energy balance no longer closes, with words.
+        Called with a sentence at the first step at which the energy balance no longer closes.
 
     Raises
     ------
@@ -80,129 +72,75 @@ def run_scene(
         Before anything is written. Afterwards a failure is an `Outcome`.
     """
     path = Path(path)
-    with ExitStack() as held:
+    with ExitStack() as locks:
         if path.is_dir():
-            held.enter_context(alone(path))
-        return _run_scene(scene, path, overwrite, announce, report, resume, warn, held)
+            locks.enter_context(locked(path))
+        return _run_scene(scene, path, overwrite, announce, report, resume, warn, locks)
 
 
-def _run_scene(scene, path, overwrite, announce, report, resume, warn, held: ExitStack) -> Outcome:
-    watch, held_before = Watch(), path.is_dir()
+def _run_scene(scene, path, overwrite, announce, report, resume, warn, locks: ExitStack) -> Outcome:
+    watch, existed = Watch(), path.is_dir()
     if not resume:
         RunFolder.refuse(path, overwrite)
     found = restarts.find(path) if resume else None
     with watch.phase("mesh"):
         cloth = scene.mesh()
     with watch.phase("bind"):
-        built = scene.build(cloth)
-        start = restarts.digest(cloth, built.state)
+        problem = scene.build(cloth)
+        start = restarts.digest(cloth, problem.state)
     if found:
         restarts.refuse_another(found, scene.to_toml(), start, path)
     with watch.phase("compile"):
-        compile_kernels(built)
+        compile_kernels(problem)
     with watch.phase("choose"):
-        built, solver, why = settled_scene(_chosen(built, found))
-    told = doubts(built)
-    announce(built, why, told)
-    with _interruptible() as interrupted:
-        if not held_before:
+        problem, solver, why = resolve_scene(_with_earlier_method(problem, found))
+    warnings = find_warnings(problem)
+    announce(problem, why, warnings)
+    with interruptible() as interrupted:
+        if not existed:
             with writing(path):
                 path.mkdir(parents=True, exist_ok=True)
-            held.enter_context(alone(path))
+            locks.enter_context(locked(path))
         folder = (
-            RunFolder.opened(path, found.tables) if found else RunFolder.create(path, overwrite)
+            RunFolder.reopen(path, found.tables) if found else RunFolder.create(path, overwrite)
         )
-        with nullcontext() if found else begun(path, made=not held_before):
-            _head(folder, scene, built, why, told)
-            recorder = Recorder(folder, built, watch, solver, scene.to_toml(), start, found)
-        error = recorder.marched(report, warn, interrupted)
-        stopped = INTERRUPTED if recorder.state.t < built.t_end else DONE
+        with nullcontext() if found else removed_on_failure(path, made=not existed):
+            _write_head(folder, scene, problem, why, warnings)
+            recorder = Recorder(folder, problem, watch, solver, scene.to_toml(), start, found)
+        error = recorder.march(report, warn, interrupted)
+        stopped = INTERRUPTED if recorder.state.t < problem.t_end else DONE
         return recorder.close(FAILED if error else stopped, why, error)
 
 
-def _head(folder, scene, built, why, told: list[str]) -> None:
-    """The scene, and the first lines of the log."""
+def _write_head(folder, scene, problem, why, warnings: list[str]) -> None:
+    """Write the scene and the first lines of the log."""
     folder.text("scene.resolved.toml", scene.to_toml())
     folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
-    folder.log(f"{_sizes(built)}; solver {why}")
-    for line in (built.note, *(f"warning: {doubt}" for doubt in told)):
+    folder.log(f"{_sizes(problem)}; solver {why}")
+    for line in (problem.note, *(f"warning: {words}" for words in warnings)):
         if line:
             folder.log(line)
 
 
-def settled_scene(built: Built) -> tuple[Built, SolverContext, str]:
-    """What was built with the method that takes the steps, its solver, and why those."""
-    ledger = Ledger.open(built.system, built.state)
-    observer = Observer.bind(built.system, built.state, built.probes)
-
-    def record(one, old, step):
-        return ledger.after(built.system, one, old, step).row(), observer.row(old, step)
-
-    run_ = built.system, built.method, built.state, built.dt, built.t_end
-    method, solver, why = settled(*run_, built.linear, built.newton, record)
-    return replace(built, method=method), solver, why
+def resolve_scene(problem: Problem) -> tuple[Problem, SolverContext, str]:
+    """Return the problem with the method that takes the steps, its solver, and why these."""
+    record = trial_recorder(problem.system, problem.ledger, problem.observer)
+    run_ = problem.system, problem.method, problem.state, problem.dt, problem.t_end
+    method, solver, why = resolve(*run_, problem.linear, problem.newton, record)
+    return replace(problem, method=method), solver, why
 
 
-def _chosen(built: Built, found: Restart | None) -> Built:
-    """With the method that an earlier part of the run has settled on."""
-    if not found or not isinstance(built.method, Auto):
-        return built
-    for method in built.method.candidates:
+def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
+    """Return the problem with the method that the earlier part of the run used."""
+    if not found or not isinstance(problem.method, Auto):
+        return problem
+    for method in problem.method.candidates:
         if str(method) == found.method:
-            return replace(built, method=method)
-    raise InputError(f"the run went by {found.method}", "is none of Auto's methods")
+            return replace(problem, method=method)
+    raise InputError(f"the run used {found.method}", "is none of Auto's methods")
 
 
-def compile_kernels(built: Built) -> None:
-    """Compile what the run will call, on two triangles, so that no step pays for it.
-
-    Compiled code is kept on disk: a second run only loads it.
-    """
-    whole, halves = built.system, {"lower": [0], "upper": [1]}
-    corners, triangles = [(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)]
-    sets, element = {"left": [0, 3]}, whole.cloth.element
-    cloth = Cloth.from_arrays(corners, triangles, sets, regions=halves, element=element)
-    fabric, *others = whole.panel.fabrics  # constants by triangle are an array of another layout
-    fabric = {"lower": fabric, "upper": others[0]} if others else fabric
-    # SuperLU compiles what PARDISO needs too, and does not load the MKL, which may not be needed
-    for linear in ("pcg", "superlu") if built.linear == "auto" else (built.linear,):
-        with suppress(FeclothError), warnings.catch_warnings(action="ignore"):
-            # what fails there, or is doubted, says nothing about the scene
-            system = System(cloth, fabric, whole.terms, ["left"], whole.mass_kind)
-            start = system.state(1.01 * system.rest().x)
-            fields(system, start)
-            run(system, built.method, start, built.dt, built.dt or 1e-4, solver=linear)
-
-
-def _sizes(built: Built) -> str:
-    sizes = sizes_of(built.system)
-    terms = ", ".join(built.system.names) or "no terms"
+def _sizes(problem: Problem) -> str:
+    sizes = count_sizes(problem.system)
+    terms = ", ".join(problem.system.names) or "no terms"
     return f"{sizes['nodes']} nodes, {sizes['triangles']} triangles; {terms}"
-
-
-@contextmanager
-def _interruptible() -> Iterator[threading.Event]:
-    """Ctrl-C sets the event: a run stops between two steps; a second one at once.
-
-    So do SIGTERM and, where it is not ignored (nohup), the end of the terminal.
-    """
-    asked = threading.Event()
-
-    def ask(number, frame):
-        if asked.is_set():
-            raise KeyboardInterrupt("at once; --resume goes on from what it left")
-        asked.set()
-
-    if threading.current_thread() is not threading.main_thread():
-        yield asked
-        return
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    hangup = getattr(signal, "SIGHUP", None)
-    if hangup and signal.getsignal(hangup) != signal.SIG_IGN:
-        numbers.append(hangup)
-    before = {number: signal.signal(number, ask) for number in numbers}
-    try:
-        yield asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

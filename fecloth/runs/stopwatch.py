@@ -1,4 +1,4 @@
-"""The seconds of a run, by what it spends them on."""
+"""The wall seconds of a run by phase."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fecloth.simulation.run import add_seconds
 
 @dataclass
 class Watch:
-    """Seconds by phase; the time of a phase runs while its `phase` block does."""
+    """Seconds by phase, each the time spent in its `phase` blocks."""
 
     begin: float = field(default_factory=time.perf_counter)
     seconds: dict[str, float] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""What a scene expects of the columns of its run: that they are there, and their values."""
+"""The expected values of a scene, compared with the columns of its run."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.errors import SceneError
-from fecloth.scene.tables import Expectation, Interest
+from fecloth.scene.probe_tables import Expectation, Interest
 from fecloth.suggest import did_you_mean
 
 Expected = Mapping[str, tuple[Expectation, ...]]
 
 
 def refuse_times(expect: Expected, start: float, end: float, source: str) -> None:
-    """Raise `SceneError` where a value is expected at a time [s] that the run does not pass."""
+    """Raise `SceneError` for a value expected at a time [s] outside the run."""
     for name, expectations in expect.items():
         for at in (e.at for e in expectations if e.at is not None):
             if at > end:
@@ -29,15 +29,15 @@ def refuse_times(expect: Expected, start: float, end: float, source: str) -> Non
 def refuse_unknown(
     expect: Expected, interest: Interest | None, names: list[str], source: str
 ) -> None:
-    """Raise `SceneError` for a quantity that is none of the columns `names`.
+    """Raise `SceneError` for a quantity that is not among the columns `names`.
 
-    [interest] may name a probe with all its components too and, at the end, the displacement.
+    [interest] may also name a whole probe and, under `end`, the displacement.
     """
     paths = [name[:-2] for name in names if name.endswith(".x")]
     known = {"expect": names, "end": [*names, *paths, "displacement"]}
-    asked = [("expect", name) for name in expect]
-    asked += [(key, name) for key, given in interest or () for name in given]
-    for key, name in asked:
+    wanted = [("expect", name) for name in expect]
+    wanted += [(key, name) for key, columns in interest or () for name in columns]
+    for key, name in wanted:
         among = known.get(key, [*names, *paths])
         if name not in among:
             what = f"expect.{name}" if key == "expect" else f"interest.{key}: {name}"
@@ -47,12 +47,12 @@ def refuse_unknown(
 
 @dataclass(frozen=True)
 class Verdict:
-    """A line of ``fecloth check``: the value of a column against what the scene expects.
+    """A line of ``fecloth check``: the value of a column and the expected one.
 
     Attributes
     ----------
     name, at
-        Column, and time [s] (the end of the run if the scene names none).
+        Column and time [s]; the end of the run if the scene gives no time.
     value, expected, tolerance
         In the column's unit; `tolerance` is the allowed difference.
     passed
@@ -79,10 +79,10 @@ def check(
     observed: Mapping[str, np.ndarray],
     energies: Mapping[str, np.ndarray],
 ) -> list[Verdict]:
-    """Compare a run's columns with the scene's `expect`, by `Result`'s arrays of that name.
+    """Compare the columns of a run, as in `Result`, with the expected values.
 
-    Between two steps values are interpolated linearly; a time that the run did not reach, and a
-    value that is not a number, do not pass.
+    Values are interpolated linearly between steps. A time outside the run and a value that is not
+    a number fail.
     """
     columns = {**energies, **observed}
     return [

@@ -1,4 +1,4 @@
-"""The table [fabric] of a scene file: constants, a preset, or what an instrument prints."""
+"""The table [fabric] of a scene file: constants, a preset, or readings of an instrument."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fecloth.scene.table_model import table_of
 
 
 class FabricTable(table_of(Fabric)):
-    """A fabric's constants; one of ``preset``, ``kes`` and ``fast`` gives those left out.
+    """A fabric's constants; ``preset``, ``kes`` or ``fast`` gives those that are left out.
 
     The fields of `kes` and `fast` are those of `Fabric.from_kes` and `Fabric.from_fast`, in the
     units of the instruments, with `load` and `tensile` among them.
@@ -29,19 +29,19 @@ class FabricTable(table_of(Fabric)):
             data = {"preset": data}
         if not isinstance(data, dict):
             return data
-        given = [key for key in cls.shorthands if key in data]
-        if len(given) > 1:
-            raise InputError(f"{given[0]} and {given[1]} are given", "give one of them")
-        rest = {key: value for key, value in data.items() if key not in given}
-        return {**_constants(given[0], data[given[0]]), **rest} if given else rest
+        used = [key for key in cls.shorthands if key in data]
+        if len(used) > 1:
+            raise InputError(f"{used[0]} and {used[1]} are given", "give one of them")
+        rest = {key: value for key, value in data.items() if key not in used}
+        return {**_constants(used[0], data[used[0]]), **rest} if used else rest
 
 
 def _constants(key: str, value: Any) -> dict:
-    """The constants of a fabric, by a preset's name or from what an instrument prints."""
+    """Return the constants of a preset, or those computed from the readings of an instrument."""
     if key == "preset":
         return presets.constants(value)
     if not isinstance(value, dict):
-        allowed = 'must be a table of what the instrument prints, as in { W = 20.0, "2HB" = 0.05 }'
+        allowed = 'must be a table of instrument readings, as in { W = 20.0, "2HB" = 0.05 }'
         raise InputError(f"{key} = {brief(value)}", allowed)
     make, settings = _INSTRUMENTS[key]
     settings = {name: value[name] for name in settings if name in value}

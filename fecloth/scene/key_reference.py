@@ -13,7 +13,15 @@ from typing import Annotated, Any, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from fecloth.scene import docstrings, start_table, tables, time_table
+from fecloth.scene import (
+    docstrings,
+    output_table,
+    pin_table,
+    probe_tables,
+    start_table,
+    tables,
+    time_table,
+)
 from fecloth.scene.fabric_table import FabricTable
 from fecloth.scene.scene import Scene
 from fecloth.scene.table_model import Made, Table
@@ -122,14 +130,14 @@ SECTIONS = {
     "At the top": (Scene,),
     "[cloth]": (tables.Rectangle, tables.Disk, tables.MeshFile),
     "[fabric]": (FabricTable,),
-    "[[pins]]": (tables.PinTable,),
+    "[[pins]]": (pin_table.PinTable,),
     "[start]": (start_table.Start, start_table.Rotation),
     "[time]": (time_table.Time,),
     "[solver]": (tables.SolverTable,),
-    "[output]": (time_table.Output,),
-    "[[probes]]": (tables.ProbeTable,),
-    "[expect]": (tables.Expectation,),
-    "[interest]": (tables.Interest,),
+    "[output]": (output_table.Output,),
+    "[[probes]]": (probe_tables.ProbeTable,),
+    "[expect]": (probe_tables.Expectation,),
+    "[interest]": (probe_tables.Interest,),
 }
 
 

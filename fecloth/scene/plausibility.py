@@ -1,11 +1,11 @@
-"""Values that look as if they were meant in another unit, beside what has been measured of cloth.
+"""Values that were probably meant in another unit, by comparison with measured cloth.
 
 From the gauzes of silk (3 momme, 13 g/m²) and the fabrics of `presets` (83 to 481 g/m², 33 to
 9,785 N/m, 4e-6 to 3e-5 N m) to a coated roof membrane: 1.05 kg/m², 0.82 mm, 1,520 MPa (Advances in
 Materials Science and Engineering 2015, 387153, table 3), that is 1.2e6 N/m and, were it solid,
-Y h²/12 = 0.07 N m. The limits leave a factor of three or more on either side: what lies beyond is
-doubted, not refused. Bending goes by the length (B/(ρ g))^⅓ that F. T. Peirce, The "handle" of
-cloth, J. Textile Institute 21, T377 (1930), takes for it: 0.01 to 0.05 m, of that membrane 0.19 m.
+Y h²/12 = 0.07 N m. The limits leave a factor of three or more on either side; values beyond
+them are warned of, not refused. Bending is judged by the length (B/(ρ g))^⅓ of F. T. Peirce, The
+"handle" of cloth, J. Textile Institute 21, T377 (1930): 0.01 to 0.05 m, for that membrane 0.19 m.
 """
 
 from __future__ import annotations
@@ -22,17 +22,20 @@ DENSITY = 0.004, 5.0  # kg/m²
 STIFFNESS = 10.0, 1e7  # N/m
 BENDING_LENGTH = 0.25  # m
 SIZE = 50.0  # m
-STEP = 0.1  # s: a cloth swings within seconds, its fast waves cross it within hundredths
+STEP = 0.1  # s; a cloth swings within seconds, fast waves cross it within hundredths
 
 
-def odd(fabric: Fabric | Mapping[str, Fabric], cloth: Cloth, dt: float | None) -> Iterator[str]:
-    """A sentence for each value that looks like one in another unit.
+def implausible_values(
+    fabric: Fabric | Mapping[str, Fabric], cloth: Cloth, dt: float | None
+) -> Iterator[str]:
+    """Yield a sentence for each value that was probably meant in another unit.
 
     Examples
     --------
     >>> cloth = Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
-    >>> print(*odd(Fabric(areal_density=150.0, tensile_stiffness=1000.0), cloth, dt=0.01))
-    areal_density = 150 kg/m²: cloth has 0.01 to 1; if it was meant in g/m², write 0.15
+    >>> fabric = Fabric(areal_density=150.0, tensile_stiffness=1000.0)
+    >>> print(*implausible_values(fabric, cloth, dt=0.01))
+    areal_density = 150 kg/m²: cloth has 0.01 to 1. If you meant g/m², write 0.15
     """
     regions = fabric if isinstance(fabric, Mapping) else {"": fabric}
     for name, one in regions.items():
@@ -40,31 +43,28 @@ def odd(fabric: Fabric | Mapping[str, Fabric], cloth: Cloth, dt: float | None) -
             yield f"{name}.{sentence}" if name else sentence
     size = float(np.ptp(cloth.X, axis=0).max())
     if size > SIZE:
-        yield (
-            f"the cloth is {size:.4g} m long: if its mesh is in mm, it is a thousand times too "
-            "large; scale it to metres"
-        )
+        yield (f"the cloth is {size:.4g} m long. If its mesh is in mm, scale it to metres")
     if dt and dt > STEP:
         yield (
-            f"dt = {dt:g} s: well for who wants it to come to rest, a cloth swings within seconds; "
-            f"if it was meant in ms, write {dt / 1000:g}, and t_end in s as well"
+            f"dt = {dt:g} s is large: cloth swings within a second. If you meant ms, write "
+            f"{dt / 1000:g}, and t_end in s too"
         )
 
 
 def _of_fabric(fabric: Fabric) -> Iterator[str]:
     density = fabric.areal_density
     if not DENSITY[0] <= density <= DENSITY[1]:
-        less = f"; if it was meant in g/m², write {density / 1000:g}" * (density > DENSITY[1])
+        less = f". If you meant g/m², write {density / 1000:g}" * (density > DENSITY[1])
         yield f"areal_density = {density:g} kg/m²: cloth has 0.01 to 1{less}"
     least, most = STIFFNESS
     for Y in dict.fromkeys(fabric.tensile):
         if not least <= Y <= most:
-            meant = f"kN/m, write {1000 * Y:g}" if least > Y else "Pa, take Fabric.sheet"
-            yield f"tensile_stiffness = {Y:g} N/m: cloth has 30 to 1e6; if it was meant in {meant}"
+            meant = f"kN/m, write {1000 * Y:g}" if least > Y else "Pa, use Fabric.sheet"
+            yield f"tensile_stiffness = {Y:g} N/m: cloth has 30 to 1e6. If you meant {meant}"
     for B in dict.fromkeys(fabric.bending or ()):
         length = (B / (density * G)) ** (1 / 3)
         if length > BENDING_LENGTH:
             yield (
                 f"bending_rigidity = {B:g} N m: it bends under its weight over {length:.2g} m, "
-                f"cloth over 0.01 to 0.05 m; if it was meant in µN m, write {B * 1e-6:g}"
+                f"cloth over 0.01 to 0.05 m. If you meant µN m, write {B * 1e-6:g}"
             )

@@ -1,17 +1,22 @@
-"""What a scene says, as objects."""
+"""A problem: the objects of a scene."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fecloth.mesh.cloth import Cloth
+from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
-from fecloth.simulation.probes import Probe
-from fecloth.system.system import State, System
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.march import Memory, StepInfo, march
+from fecloth.simulation.probes import Observer, Probe
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 @dataclass(frozen=True, eq=False)
-class Built:
+class Problem:
     """The objects of a scene, ready for `march`.
 
     Attributes
@@ -21,13 +26,15 @@ class Built:
     newton, linear
         Options of the nonlinear solve, and the choice of the linear solver.
     probes
-        For `run`.
+        As `run` takes them.
+    ledger, observer
+        The energies at the start, and what is recorded of each step.
     frame_steps, stops
-        Steps between two frames of the output; or, where that is None, their times.
+        Steps between two frames of the output, or None and their times.
     frame_format
         "vtu" or "vtkhdf".
     note
-        A line to say before the run, or "".
+        A line to print before the run, or "".
     restarts
         Steps (an int) or seconds between two restart files; None for none.
     """
@@ -41,8 +48,26 @@ class Built:
     newton: Newton
     linear: str
     probes: tuple[Probe, ...]
+    ledger: Ledger
+    observer: Observer
     frame_steps: int | None
     stops: tuple[float, ...]
     frame_format: str = "vtu"
     note: str = ""
     restarts: int | float | None = None
+
+    @property
+    def unstarted(self) -> Memory:
+        """What `march` needs before the first step."""
+        return Memory(0, self.state.t, None)
+
+    def march(
+        self, solver: SolverContext, state: State | None = None, memory: Memory | None = None
+    ) -> Iterator[tuple[State, StepInfo]]:
+        """March to the end from the start, or from a later state with the `Memory` of its step.
+
+        With a memory `march` does not search the stable step again: `build` has refused a longer
+        dt.
+        """
+        run = self.system, self.method, state or self.state, self.dt, self.t_end
+        return march(*run, stops=self.stops, solver=solver, memory=memory or self.unstarted)

@@ -11,8 +11,8 @@ from pydantic import model_validator
 from fecloth.errors import InputError
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.units import LENGTH
+from fecloth.scene.field_types import File, OfPlace, Vector
 from fecloth.scene.table_model import Table, exactly_one
-from fecloth.scene.tables import File, OfPlace, Vector
 
 _PLANES = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}  # the axes of warp and weft
 
@@ -29,8 +29,8 @@ class Rotation(Table):
             raise InputError(f"axis = {list(self.axis)}", "must not be zero")
         return self
 
-    def applied(self, x: np.ndarray) -> np.ndarray:
-        """Rodrigues' formula for points (n, 3)."""
+    def apply(self, x: np.ndarray) -> np.ndarray:
+        """Rotate points (n, 3) by Rodrigues' formula."""
         axis = np.array(self.axis) / math.hypot(*self.axis)
         angle = math.radians(self.degrees)
         along = np.outer(x @ axis, axis)
@@ -38,9 +38,9 @@ class Rotation(Table):
 
 
 class Start(Table):
-    """Where the cloth starts: flat in a plane, or at formulas of X and Y, or where a run stopped.
+    """The start: flat in a plane, by formulas of X and Y, or from a frame of an earlier run.
 
-    `rotate` is applied to it, then `shift`; `velocity` is not rotated.
+    `rotate` is applied first, then `shift`; `velocity` is not rotated.
     """
 
     plane: Literal["xy", "xz", "yz"] | None = None
@@ -53,8 +53,8 @@ class Start(Table):
     @model_validator(mode="before")
     @classmethod
     def _default(cls, data: Any) -> Any:
-        given = not isinstance(data, dict) or {"plane", "position", "frame"} & set(data)
-        return data if given else {"plane": "xy", **data}
+        complete = not isinstance(data, dict) or {"plane", "position", "frame"} & set(data)
+        return data if complete else {"plane": "xy", **data}
 
     @model_validator(mode="after")
     def _one_place(self):
@@ -65,17 +65,17 @@ class Start(Table):
         return self
 
     def x(self, X: np.ndarray) -> np.ndarray:
-        """Positions (n, 3) [m] of material points (n, 2); not for a frame."""
+        """Return positions (n, 3) [m] of material points (n, 2); not for a frame."""
         x = np.zeros((len(X), 3))
         if self.position:
             x = _at(self.position, X)
         else:
             x[:, _PLANES[self.plane]] = X
-        x = self.rotate.applied(x) if self.rotate else x
+        x = self.rotate.apply(x) if self.rotate else x
         return x + self.shift if self.shift else x
 
     def v(self, X: np.ndarray) -> np.ndarray:
-        """Velocities (n, 3) [m/s]."""
+        """Return velocities (n, 3) [m/s]."""
         return _at(self.velocity, X) if self.velocity else np.zeros((len(X), 3))
 
 

@@ -1,23 +1,21 @@
-"""What a table of a scene may hold: pydantic models whose every mistake becomes a `SceneError`.
+"""Pydantic models of the tables of a scene; every mistake becomes a `SceneError`.
 
-A number may be text with a unit where the type of its key names what it measures, as in
-``Annotated[float, LENGTH]``; see `units`. A table holds it in SI.
+A number may be text with a unit if the type of its key names a dimension, as in
+``Annotated[float, LENGTH]``; see `units`. The model has it in SI.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import re
-import reprlib
 import typing
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, ForwardRef, Literal, Union
 
 from pydantic import (
     BaseModel,
     ConfigDict,
     Discriminator,
+    PrivateAttr,
     Tag,
     ValidationError,
     create_model,
@@ -25,15 +23,14 @@ from pydantic import (
     model_validator,
 )
 
-from fecloth.errors import InputError, MeshError, SceneError
+from fecloth.errors import InputError
+from fecloth.scene.error_words import shortened
 from fecloth.scene.type_words import holds_tables, in_si, options, phrase, writable
 from fecloth.suggest import did_you_mean
 
-_KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
-
 
 class Table(BaseModel):
-    """A table whose keys are the fields: an unknown or missing one is refused with its remedy."""
+    """A table whose keys are the fields; unknown and missing keys are refused with a remedy."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -43,7 +40,7 @@ class Table(BaseModel):
         arbitrary_types_allowed=True,
     )
 
-    shorthands: ClassVar[tuple[str, ...]] = ()  # keys that stand for others, resolved before
+    shorthands: ClassVar[tuple[str, ...]] = ()  # keys that are replaced by others before
 
     @model_validator(mode="before")
     @classmethod
@@ -75,7 +72,7 @@ def _unknown(data: dict, fields: Mapping, shorthands: tuple[str, ...]) -> list[I
     known = (*fields, *shorthands)
     allowed = f"unknown key; the keys are {', '.join(known)}"
     return [
-        InputError(f"{key} = {_short(value)}", allowed, "", did_you_mean(key, known))
+        InputError(f"{key} = {shortened(value)}", allowed, "", did_you_mean(key, known))
         for key, value in data.items()
         if key not in fields
     ]
@@ -90,27 +87,33 @@ def _missing(data: dict, fields: Mapping) -> list[InputError]:
 
 
 class Made(Table):
-    """A table that stands for an object of the class `makes`, built when the table is read."""
+    """A table that stands for an object of the class `makes`, made once, when it is read.
+
+    What the class refuses is part of the validation.
+    """
 
     makes: ClassVar[type]
 
+    _object: Any = PrivateAttr()
+
     @model_validator(mode="after")
-    def _makeable(self):
-        self.make()
+    def _hold_object(self):
+        names = [field.name for field in dataclasses.fields(self.makes) if field.init]
+        values = {name: getattr(self, name) for name in names}
+        values = {k: v.make() if isinstance(v, Made) else v for k, v in values.items()}
+        self._object = self.makes(**values)
         return self
 
     def make(self):
-        """The object; its own refusals are part of the validation."""
-        names = [field.name for field in dataclasses.fields(self.makes) if field.init]
-        values = {name: getattr(self, name) for name in names}
-        return self.makes(**{k: v.make() if isinstance(v, Made) else v for k, v in values.items()})
+        """Return the object that the table holds."""
+        return self._object
 
 
 def table_of(cls: type, name: str = "", **more) -> type[Made]:
-    """The table of a dataclass: its fields are the keys; with a name, `type` is that name.
+    """Return the table of a dataclass: its fields are the keys; with a name, `type` is that name.
 
-    A field annotated ``object`` holds another term, as the law of a damping does. A field that
-    also takes a function takes all but that.
+    A field annotated ``object`` holds another term, such as the law of a damping. Functions are
+    removed from the types of fields.
     """
     hints = typing.get_type_hints(cls, include_extras=True)
     fields: dict[str, Any] = {"type": (Literal[name], ...)} if name else {}
@@ -129,7 +132,7 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
 
 
 def one_of(key: str, tables: Mapping[str, type[Table]]) -> Any:
-    """A table of one of several kinds, told apart by the string under `key`."""
+    """Return the type of a table of one of several kinds, distinguished by the string at `key`."""
 
     def tag(data):
         value = data.get(key) if isinstance(data, dict) else getattr(data, key, None)
@@ -139,120 +142,21 @@ def one_of(key: str, tables: Mapping[str, type[Table]]) -> Any:
     discriminator = Discriminator(
         tag,
         custom_error_type="kind",
-        custom_error_message=f"{key}: {', '.join(tables)}",  # read again by `_kind`
+        custom_error_message=f"{key}: {', '.join(tables)}",  # parsed by `error_words._kind`
     )
     return Annotated[Union[tagged], discriminator]  # noqa: UP007
 
 
 def as_tuples(value: Any) -> Any:
-    """Lists as tuples throughout, as frozen tables hold them."""
+    """Return the value with tuples in place of lists, for frozen tables."""
     if isinstance(value, dict):
         return {key: as_tuples(item) for key, item in value.items()}
     return tuple(as_tuples(item) for item in value) if isinstance(value, (list, tuple)) else value
 
 
 def exactly_one(table: Table, *keys: str) -> None:
-    """Refuse a table that has none of these keys, or several."""
-    given = [key for key in keys if getattr(table, key) is not None]
-    if len(given) != 1:
-        what = f"{' and '.join(given)} are given" if given else f"{keys[0]} is missing"
+    """Refuse a table with none or several of these keys."""
+    used = [key for key in keys if getattr(table, key) is not None]
+    if len(used) != 1:
+        what = f"{' and '.join(used)} are given" if used else f"{keys[0]} is missing"
         raise InputError(what, f"give exactly one of {', '.join(keys)}")
-
-
-# --- pydantic's errors in our words -------------------------------------------------------------
-
-
-def scene_error(error: ValidationError, data: Any, where: str) -> SceneError:
-    """The first mistake of the scene `data` from the file `where`, with the others' messages."""
-    found = (
-        told
-        for item in error.errors(include_url=False)
-        for told in _described(item, *_found(item["loc"], data))
-    )
-    first, *others = (SceneError(*told[:2], where, told[2]) for told in dict.fromkeys(found))
-    first.also = tuple(others)
-    return first
-
-
-def _described(item, key: str, written: Any) -> list[tuple[str, str, str]]:
-    """What, allowed and remedy of each mistake; `written` is what the file has at `key`."""
-    value, cause = item["input"], item.get("ctx", {}).get("error")
-    if isinstance(cause, InputError):
-        return [(placed(key, one, value), one.allowed, one.remedy) for one in (cause, *cause.also)]
-    return [_of_type(item, key, written, value)]
-
-
-def _of_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
-    if item["type"] == "kind":
-        return _kind(key, written, *item["msg"].split(": "))
-    listed = "tuple" in item["type"] and "." not in key
-    remedy = f"Write [[{key}]] above each of them." if listed else ""
-    return (
-        f"{key} = {_short(value)}",
-        f"must be a {'list of tables' if listed else 'table'}",
-        remedy,
-    )
-
-
-def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
-    allowed = f"must be one of {kinds}"
-    if isinstance(value, str):  # a name instead of a table with no more than that name
-        return f"{key} = {_short(value)}", allowed, did_you_mean(value, kinds.split(", "))
-    if not isinstance(value, dict):
-        return f"{key} = {_short(value)}", f"must be a table whose {name} is one of {kinds}", ""
-    if name not in value:
-        return f"{key}.{name} is missing", allowed, ""
-    remedy = did_you_mean(value[name], kinds.split(", "))
-    if key.startswith("terms"):
-        remedy = " ".join(filter(None, [remedy, _own(value[name])]))
-    return f"{key}.{name} = {_short(value[name])}", allowed, remedy
-
-
-def _own(name: Any) -> str:
-    """How Python code gives a type of term that is not the package's."""
-    if not (isinstance(name, str) and name.isidentifier()):
-        return ""
-    return f'One of your own: fecloth.scene.scene.load("….toml", terms={{"{name}": {name}}}).'
-
-
-def placed(key: str, error: InputError, value: Any = None) -> str:
-    """What an `InputError` says about the table or value at `key`, with the dotted key in it."""
-    first = error.what.split(" ", 2)
-    if not error.what:
-        return f"{key} = {_short(value)}"
-    if len(first) > 1 and first[1] in ("=", "is") and _KEY.fullmatch(first[0]):
-        return f"{key}.{error.what}".removeprefix(".")
-    return f"{key}: {error.what}".removeprefix(": ")
-
-
-@contextmanager
-def told_at(key: str, where: str) -> Iterator[None]:
-    """Refusals of a scene's objects as what the scene `where` says at `key`."""
-    try:
-        yield
-    except SceneError:
-        raise
-    except InputError as error:
-        what = placed(key, error)
-        if isinstance(error, MeshError) and key == "cloth":  # where: the mesh file
-            what = f"{key}: {error.where}: {error.what}"
-        raise SceneError(what, error.allowed, where, error.remedy) from error
-
-
-def _short(value: Any) -> str:
-    return reprlib.repr(list(value) if isinstance(value, tuple) else value)
-
-
-def _found(location: tuple, data: Any) -> tuple[str, Any]:
-    """The dotted key of an error, and what stands there.
-
-    Pydantic's own entries, which name the kind of a table, are left out.
-    """
-    keys = []
-    for entry in location:
-        inside = isinstance(data, dict) and entry in data
-        inside |= isinstance(data, (list, tuple)) and isinstance(entry, int) and entry < len(data)
-        if inside:
-            data = data[entry]
-            keys.append(str(entry))
-    return ".".join(keys), data

@@ -1,4 +1,4 @@
-"""What the type of a key says: what a file can hold of it, in which units, and that in words."""
+"""The type of a key: what a file can hold, in which units, and a description in words."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fecloth.quantities.units import Dimension
 
 
 def writable(hint: Any) -> Any:
-    """The part of a type that a file can hold: without functions."""
+    """Return the part of a type that a file can hold: without functions."""
     origin, args = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return Annotated[(writable(args[0]), *args[1:])]
@@ -28,7 +28,7 @@ def writable(hint: Any) -> Any:
 
 
 def dimensions(field: FieldInfo) -> list[Dimension]:
-    """What a field measures; several where that depends on other keys."""
+    """Return the dimensions of a field; several if they depend on other keys."""
     return [item for item in field.metadata if isinstance(item, Dimension)]
 
 
@@ -38,7 +38,7 @@ def in_si(table: dict, fields: Mapping[str, FieldInfo]) -> dict:
     Raises
     ------
     InputError
-        For a unit that the key does not take.
+        For a unit that the key does not allow.
     """
     measured = {
         key: Measured(field.annotation, tuple(dimensions(field)), field.default)
@@ -47,9 +47,9 @@ def in_si(table: dict, fields: Mapping[str, FieldInfo]) -> dict:
     return unit_fields.in_si(table, measured)
 
 
-# --- words for what a field takes ---------------------------------------------------------------
+# --- descriptions of fields ---------------------------------------------------------------------
 
-_WORDS = {  # for one and for several
+_WORDS = {  # singular and plural
     float: ("a finite number", "finite numbers"),
     int: ("a whole number", "whole numbers"),
     str: ("a string", "strings"),
@@ -59,7 +59,7 @@ _LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
 def phrase(field: FieldInfo) -> str:
-    """What the values of a field are, e.g. "a finite number > 0 [s]"."""
+    """Describe the values of a field, e.g. "a finite number > 0 [s]"."""
     kinds = _words(field.annotation) + _limits(field.metadata)
     inside = field.description or " or ".join(one.si for one in dimensions(field))
     return f"{kinds} [{inside}]" if inside else kinds
@@ -96,14 +96,14 @@ def _words(hint, many: bool = False) -> str:
 
 
 def options(hint) -> tuple[str, ...]:
-    """The words that a field takes, such as "auto"."""
+    """Return the literal words that a field allows, such as "auto"."""
     if get_origin(hint) is Literal:
         return get_args(hint)
     return tuple(option for arg in get_args(hint) for option in options(arg))
 
 
 def holds_tables(hint) -> bool:
-    """Whether a field's values are tables, or have tables in them."""
+    """Return whether a field's values are tables or contain tables."""
     if isinstance(hint, ForwardRef) or (isinstance(hint, type) and issubclass(hint, BaseModel)):
         return True
     return get_origin(hint) is not Literal and any(holds_tables(a) for a in get_args(hint))

@@ -1,4 +1,4 @@
-"""What a run leaves behind in numbers: the energy ledger."""
+"""The energy ledger of a run: where the energy is and where it went."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.linalg.reductions import dot
-from fecloth.records import remembered
-from fecloth.system.system import State, System
+from fecloth.system.records import remembered
+from fecloth.system.state import State
+from fecloth.system.system import System
 
-TRUSTED = 0.05  # of the energy that moved: a larger remainder is told
-CREEP = 1e-6  # of its extent in all the time since the start: no motion to speak of
+TRUSTED = 0.05  # of the turnover; a larger remainder is warned of
+CREEP = 1e-6  # extents of the cloth since the start; slower is no motion
 ROUND_OFF = 64 * np.finfo(float).eps
 
 
@@ -37,14 +37,14 @@ class Ledger:
         Work that the pins did on the cloth: change of the pinned nodes' kinetic energy less the
         work of the other forces on them.
     numerical
-        What the method itself takes, by its own formula, its `numerical`: nothing for the midpoint
-        rule; exact for energies quadratic in x.
+        Numerical dissipation by the method's own formula, `numerical`: zero for the midpoint rule;
+        exact for energies quadratic in x.
     opening
         The energies at the start, with "kinetic".
     first
         Kinetic energy after the first step.
     silent
-        Whether a term tells neither an energy nor what it dissipates or works.
+        Whether a term reports neither an energy nor its dissipation or work.
     """
 
     t: float
@@ -60,7 +60,7 @@ class Ledger:
 
     @classmethod
     def open(cls, system: System, state: State) -> Ledger:
-        """The ledger before the first step."""
+        """Return the ledger before the first step."""
         opening = system.energies(state)
         energies = dict(opening)
         kinetic = energies.pop("kinetic")
@@ -72,7 +72,7 @@ class Ledger:
         return cls(state.t, kinetic, energies, dissipated, work, 0.0, 0.0, opening, silent=silent)
 
     def after(self, system: System, method, old: State, step) -> Ledger:
-        """The ledger after `step`, taken by `method` from the state `old`."""
+        """Return the ledger after `step`, taken by `method` from the state `old`."""
         new = step.state
         dt, stages = new.t - old.t, step.stages
         energies = system.energies(new)
@@ -107,11 +107,11 @@ class Ledger:
 
     @property
     def available(self) -> float:
-        """What the cloth can have got as kinetic energy [J].
+        """Upper bound of the kinetic energy that the cloth can have received [J].
 
-        What it had, what the terms' energies have fallen by since the start, and what loads and
-        pins have worked. A first step may be ahead of that by what it gave: forward Euler's is.
-        Unlimited with a term that tells neither an energy nor its work.
+        The kinetic energy at the start, the decrease of the terms' energies since, the work of
+        loads and pins, and the kinetic energy after the first step, in which forward Euler is
+        ahead of the work. Unlimited with a term that reports neither an energy nor its work.
         """
         if self.silent:
             return math.inf
@@ -120,7 +120,7 @@ class Ledger:
         return self.opening["kinetic"] + (self.first or 0.0) + sum(max(0.0, g) for g in got)
 
     def growth(self, most: float) -> str:
-        """In words that there is more kinetic energy than so many times the `available`, or ""."""
+        """Return a sentence if the kinetic energy exceeds `most` times the `available`, or ""."""
         if self.kinetic <= most * self.available:
             return ""
         return (
@@ -135,13 +135,13 @@ class Ledger:
 
     @property
     def remainder(self) -> float:
-        """What the other columns do not explain [J]."""
+        """Energy that the other columns do not explain [J]."""
         lost = sum(self.dissipated.values()) + self.numerical
         return self.total + lost - sum(self.work.values()) - self.pins - self.start
 
     @property
     def turnover(self) -> float:
-        """What has moved: kinetic and the amounts of all that was dissipated or worked [J]."""
+        """Sum of the kinetic energy and the amounts of all dissipated energy and work [J]."""
         flows = *self.dissipated.values(), *self.work.values(), self.pins, self.numerical
         return self.kinetic + sum(map(abs, flows))
 
@@ -160,18 +160,18 @@ class Ledger:
         }
 
 
-def doubt(system: System, ledger: Ledger, turnover: float, start: float) -> str:
-    """In words that the energy balance of a run since `start` does not close, or "".
+def imbalance_warning(system: System, ledger: Ledger, turnover: float, start: float) -> str:
+    """Return a sentence if the energy balance of a run since `start` does not close, or "".
 
-    Its remainder is beyond 5 % of the largest `turnover` [J] that there was, beyond `slight`, and
-    beyond 64 ε of the amounts that it is the difference of: Σ |potential|, then and now, and the
-    turnover. With a term that tells neither an energy nor its work, nothing can be said.
+    It does not close if the remainder exceeds 5 % of the largest `turnover` [J] so far,
+    `negligible_energy`, and 64 ε of the amounts in its difference: Σ |potential|, then and now,
+    and the turnover. With a term that reports neither an energy nor its work it is not known.
     """
     remainder, seconds = ledger.remainder, ledger.t - start
     if ledger.silent or not (seconds > 0 and abs(remainder) > TRUSTED * turnover):
         return ""
     amounts = turnover, *ledger.potential.values(), *ledger.opening.values()
-    if not abs(remainder) > ROUND_OFF * sum(map(abs, amounts)) + slight(system, seconds):
+    if not abs(remainder) > ROUND_OFF * sum(map(abs, amounts)) + negligible_energy(system, seconds):
         return ""
     return (
         f"the energy balance is off by {remainder:.3g} J, where {turnover:.3g} J have "
@@ -179,10 +179,10 @@ def doubt(system: System, ledger: Ledger, turnover: float, start: float) -> str:
     )
 
 
-def slight(system: System, seconds: float) -> float:
-    """Kinetic energy [J] of a cloth that creeps: ½ m (1e-6 L/T)², a millionth of L in the time T.
+def negligible_energy(system: System, seconds: float) -> float:
+    """Return the kinetic energy [J] below which a cloth is at rest: ½ m (1e-6 L/T)².
 
-    m is its mass and L its largest extent; round-off and tolerances make less of one at rest.
+    m is its mass, L its largest extent and T the time; round-off and tolerances stay below.
     """
     pace = CREEP * float(np.ptp(system.cloth.X, axis=0).max()) / seconds
     return 0.5 * float(system.nodal_mass.sum()) * pace**2
@@ -198,8 +198,8 @@ def _pin_work(system, theta, old, step, inertia):
     at = constraints.nodes
     fixed = all(pin.motion is None for pin, _ in constraints.groups.values())
     if not len(at) or (fixed and not constraints.held(old.v).any()):
-        return 0.0  # but a start that moves what is fixed is stopped by the pins
+        return 0.0  # otherwise pins stop an initial motion of fixed nodes
     v = old.v + theta * (step.state.v - old.v)
     held_v, held_x = constraints.held(v), constraints.held(step.state.x - old.x)
     f = step.mean_force(system)[at]
-    return dot(inertia[at], held_v) - dot(f, held_x)
+    return system.sums.dot(inertia[at], held_v) - system.sums.dot(f, held_x)

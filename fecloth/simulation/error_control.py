@@ -10,14 +10,14 @@ import numpy as np
 from fecloth.errors import InputError, SolveFailed, is_number
 from fecloth.integrators.protocol import MethodTraits, check_method
 from fecloth.integrators.step import Step, arrival, held
-from fecloth.linalg.reductions import mean, rms
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
-from fecloth.records import remembered
 from fecloth.simulation.stability_limited import AtLimit
 from fecloth.simulation.within_step import unseen
-from fecloth.system.system import State, System
+from fecloth.system.records import remembered
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 SAFETY = 0.9
 SHORTEST, LONGEST = 0.2, 2.0  # of a step to the one before; BDF2 is stable below 1 + √2
@@ -157,13 +157,13 @@ class Adaptive:
         II.4.
         """
         a, rate, c = acceleration(system, state), self.allowed(system, state), self._constant
-        size = rms(system.diagonal_mass, a)
+        size = system.sums.rms(system.diagonal_mass, a)
         dt = min(longest, rate / (c * size)) if size > 0 else longest
         if self.traits.order == 2:
             x = state.x + dt * state.v + 0.5 * dt**2 * a  # as the cloth falls past its pins
             ahead = State(state.t + dt, x, state.v + dt * a)
             ahead = held(system, ahead, arrival(system, state, dt))
-            jerk = rms(system.diagonal_mass, acceleration(system, ahead) - a) / dt
+            jerk = system.sums.rms(system.diagonal_mass, acceleration(system, ahead) - a) / dt
             dt = min(longest, FAR * dt, math.sqrt(rate / (c * jerk)) if jerk > 0 else longest)
         return Control(SAFETY * dt, 1.0, a, state.t)
 
@@ -234,7 +234,8 @@ class Adaptive:
     def allowed(self, system: System, state: State) -> float:
         """Error for each second [m/s]."""
         mass = system.diagonal_mass
-        return self.atol + self.rtol * rms(mass, state.x - mean(mass, state.x))
+        distances = state.x - system.sums.mean(mass, state.x)
+        return self.atol + self.rtol * system.sums.rms(mass, distances)
 
     def error(self, system: System, old: State, step: Step, control: Control):
         """Mean acceleration, its time, and the error relative to the allowed one; inf if lost."""
@@ -243,7 +244,7 @@ class Adaptive:
         a, t = system.constraints.project((new.v - old.v) / dt), old.t + 0.5 * dt
         order = self.traits.order
         change = a if order == 1 else (a - control.a) / (t - control.t)
-        error = self._constant * dt**order * rms(system.diagonal_mass, change)
+        error = self._constant * dt**order * system.sums.rms(system.diagonal_mass, change)
         error /= self.allowed(system, new)
         return a, t, error if math.isfinite(error) else math.inf
 

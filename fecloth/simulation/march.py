@@ -14,13 +14,15 @@ from fecloth.integrators.protocol import check_method
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.options import Newton
-from fecloth.records import remembered
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.motion_jumps import jumping
-from fecloth.simulation.resolve import settled
+from fecloth.simulation.resolve import resolve
 from fecloth.simulation.stability_limited import refuse_unstable
-from fecloth.simulation.step_times import left, targets_of
-from fecloth.system.system import State, System
+from fecloth.simulation.step_times import target_times, targets_after
+from fecloth.system.arguments import check_system
+from fecloth.system.records import remembered
+from fecloth.system.state import State
+from fecloth.system.system import System
 from fecloth.terms.kinematics import largest_stretch, principal_stretches
 
 
@@ -117,11 +119,11 @@ def march(
     """
     refuse_arguments(system, method, state, newton, most_stretch)
     begin, resumed = memory or Memory(0, state.t, None), memory is not None
-    targets = left(targets_of(method, begin.start, dt, t_end, stops), state.t)
+    targets = targets_after(target_times(method, begin.start, dt, t_end, stops), state.t)
     if resumed and isinstance(method, Auto):
         raise InputError("memory with Auto()", "needs the method that Auto chose", "march")
     opening = replace(state, t=begin.start)
-    method, solver, _ = settled(system, method, opening, dt, t_end, solver, newton)
+    method, solver, _ = resolve(system, method, opening, dt, t_end, solver, newton)
     if not resumed:  # the limit is asked for at the start only
         refuse_unstable(system, method, state, dt)
     look = 8 if method.traits.explicit else 1
@@ -148,7 +150,7 @@ def march(
 def refuse_arguments(system, method, state, newton, most_stretch):
     """Refuse what is swapped, of another type or of another cloth."""
     check_method(method)
-    validation.of(system, state, "march")
+    check_system(system, state, "march")
     if newton is not None:
         validation.instance("newton", newton, Newton, "Newton(tolerance=1e-8)", "march")
     validation.number("most_stretch", most_stretch, 1.0, "march", infinite=True)

@@ -10,11 +10,12 @@ import numpy as np
 
 from fecloth.errors import InputError, SolveFailed
 from fecloth.integrators.explicit import CentralDifference
-from fecloth.integrators.newmark import GeneralizedAlpha
+from fecloth.integrators.generalized_alpha import GeneralizedAlpha
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.error_control import Adaptive
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 EXPLICIT_STEPS, IMPLICIT_STEPS = 20, 12  # of a trial, at most
 FEWEST = 3  # steps before a trial is given up

@@ -1,4 +1,4 @@
-"""What is looked at in every step: probes, displacement, sag, area, and reactions of the pins."""
+"""Quantities observed at every step: probes, displacement, sag, area, reactions of the pins."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import scipy.sparse as sparse
 
 from fecloth.errors import InputError
 from fecloth.jit import kernel
-from fecloth.linalg.reductions import mean
 from fecloth.mesh.cloth import Cloth, Where
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 from fecloth.terms.loops.green_strain import gradient
 
 
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
     """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed.
 
-    f is the mean force over the step. For a step with an acceleration `a` they are this one and
-    the force that the method solved for: BDF2's reactions are those at the end of the step.
-    Only the held directions count: a slide has no reaction along its line or plane.
+    f is the mean force over the step. If the step has its own acceleration `a` and the force that
+    it `solved` for, these are used: BDF2's reactions are those at the end of the step. Only
+    constrained directions count: a slide has no reaction along its line or plane.
     """
     if not system.constraints.groups:
         return {}
@@ -60,7 +60,7 @@ class Probe:
             raise InputError(f"probe {self.name!r}", "needs either `where` or `point`", "Probe")
 
     def weights(self, cloth: Cloth):
-        """(1, n) matrix that takes nodal positions to the probe's."""
+        """Return the (1, n) matrix from nodal positions to the probe's."""
         if self.point is not None:
             return cloth.interpolator(np.array([self.point]))
         nodes = cloth.nodes(self.where)
@@ -82,14 +82,14 @@ class Observer:
         return cls(system, start, {p.name: p.weights(system.cloth) for p in probes})
 
     def row(self, old: State | None, step) -> dict[str, float]:
-        """Probe paths, displacement, sag, area, and reactions over the step (none at the start)."""
+        """Return probes, displacement, sag, area and reactions over the step (NaN at the start)."""
         state = self.start if step is None else step.state
         mass = self.system.nodal_mass
         moved = state.x - self.start.x
         row = {"t": state.t}
         for name, weights in self.probes.items():
             row |= _components(name, np.ravel(weights @ state.x))
-        row |= _components("mean_displacement", mean(mass, moved))
+        row |= _components("mean_displacement", self.system.sums.mean(mass, moved))
         row["sag"] = float(-moved[:, 2].min())
         row["area"] = area(self.system.cloth, state.x)
         held = reactions(self.system, old, step) if step is not None else {}
@@ -99,20 +99,20 @@ class Observer:
 
 
 def _distinct(probes) -> tuple[Probe, ...]:
-    """The probes, if they are some and their columns their own."""
+    """Return the probes; refuse what is no probe, and names used twice or by other columns."""
     if isinstance(probes, Probe) or not all(isinstance(p, Probe) for p in probes):
         raise InputError(f"probes = {probes!r}", "must be a list of Probe", "Observer")
     names = [probe.name for probe in probes]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"probe {name!r} stands twice", "needs a name of its own", "Observer")
+            raise InputError(f"probe {name!r} appears twice", "needs a unique name", "Observer")
         if name in ("mean_displacement", "sag", "area") or name.startswith("reaction:"):
             raise InputError(f"probe {name!r}", "is the name of a column of every run", "Observer")
     return tuple(probes)
 
 
 def area(cloth: Cloth, x: np.ndarray) -> float:
-    """Deformed area Σ w √det(FᵀF) [m²], of P2 triangles by the 6 points of their energy."""
+    """Return the deformed area Σ w √det(FᵀF) [m²]; P2 triangles use the 6 points of the energy."""
     return _area(*cloth.shape, cloth.stencil, cloth.gradients, cloth.weights, x)
 
 

@@ -1,8 +1,8 @@
-"""What a run is settled on before its first step: the method, its solver, and why those."""
+"""The choices before the first step: who takes the steps, with which solver, and why."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from fecloth import validation
 from fecloth.errors import InputError, brief
@@ -11,18 +11,20 @@ from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
+from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.stability_limited import AtLimit
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 def solver_for(
     system: System, method, dt: float, choice: str = "auto", options: Newton | None = None
 ) -> tuple[SolverContext, str]:
-    """The solver of a run, and in words why it was chosen.
+    """Return the solver of a run, and in words why it was chosen.
 
     `choice` is "auto", "direct", "pardiso", "superlu" or "pcg". "auto" starts with conjugate
-    gradients and goes over to a factorisation, and back, by the work it counts; see `cheapest`.
+    gradients and changes to a factorisation, and back, by the work it counts; see `auto_solver`.
     """
     check_method(method)
     validation.number("dt", dt, 0.0, "solver_for")
@@ -47,7 +49,7 @@ def solver_for(
     return SolverContext(chosen, matrix, options), f"{chosen.name} ({why})"
 
 
-def settled(
+def resolve(
     system: System,
     method,
     state: State,
@@ -57,22 +59,22 @@ def settled(
     newton: Newton | None = None,
     record: Callable = lambda *step: None,
 ) -> tuple[object, SolverContext, str]:
-    """The method that takes the steps, its solver, and in words why those.
+    """Return the method that takes the steps, its solver, and in words why these.
 
-    `Auto` is replaced by its choice, and an explicit method that is given no dt by `AtLimit`;
-    `record(method, old, step)` is what follows each step, and counts in Auto's choice.
+    `Auto` is replaced by its choice, and an explicit method without dt by `AtLimit`;
+    `record(method, old, step)` is the work after each step, which counts in Auto's choice.
     """
     if isinstance(solver, SolverContext):
         if isinstance(method, Auto):
             allowed = 'must be a name such as "auto" with Auto(), whose methods need one each'
             raise InputError("solver = a SolverContext", allowed, "march")
-        return _stepping(method, dt), solver, "given"
+        return choose_steps(method, dt), solver, "given"
 
     def solver_of(one):
         return solver_for(system, one, dt or (t_end - state.t) / 1000, solver, newton)
 
     if not isinstance(method, Auto):
-        method = _stepping(method, dt)
+        method = choose_steps(method, dt)
         return method, *solver_of(method)
     way = system, state, t_end, lambda one: solver_of(one)[0], record
     method, why = method.settled(*way)
@@ -80,7 +82,16 @@ def settled(
     return method, solver, f"{reason}; {type(method.method).__name__} ({why})"
 
 
-def _stepping(method, dt):
-    """The method; an explicit one that is given no dt, with steps near its limit."""
-    explicit = method.traits.explicit and not method.traits.chooses_dt
-    return AtLimit(method) if dt is None and explicit else method
+def choose_steps(method, dt: float | None, tolerances: Mapping[str, float] | None = None):
+    """Return the method that takes steps of `dt`, or that chooses its steps where dt is None.
+
+    The one place that decides who chooses a step: an explicit method goes near its stability
+    limit (`AtLimit`) unless `tolerances` has `rtol` or `atol`; with a mapping, be it empty, any
+    other method is controlled by its error (`Adaptive`). Without one it is left as it is, and
+    `march` refuses it without a dt.
+    """
+    if dt is not None or method.traits.chooses_dt:
+        return method
+    if method.traits.explicit and not tolerances:
+        return AtLimit(method)
+    return method if tolerances is None else Adaptive(method, **tolerances)

@@ -1,10 +1,10 @@
-"""`run` marches and collects: the ledger, the probes' paths, the counts."""
+"""`run`: march to the end and collect the energies, the probes' paths and the counts."""
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,14 +14,14 @@ from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
-from fecloth.simulation.energy_ledger import Ledger, doubt, slight
-from fecloth.simulation.march import Memory, Problem, StepInfo, march, refuse_arguments, step_failed
+from fecloth.simulation.energy_ledger import Ledger, imbalance_warning
+from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
-from fecloth.simulation.resolve import settled
-from fecloth.simulation.step_times import targets_of
-from fecloth.system.system import State, System
-
-MOST_GROWTH = 4.0  # of the kinetic energy that there can be: no usable step has shown more
+from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
+from fecloth.simulation.resolve import resolve
+from fecloth.simulation.step_times import target_times
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +45,9 @@ class Result:
     solver
         The linear solver and why it was chosen.
     method
-        What took the steps; `Auto`'s choice, and an explicit method's steps without dt.
+        The method that took the steps: `Auto`'s choice; `AtLimit` for an explicit one without dt.
     doubt
-        In words that the energy balance does not close, or "": see `record.doubt`.
+        A sentence if the energy balance does not close, or "": see `imbalance_warning`.
     """
 
     state: State
@@ -91,10 +91,10 @@ def run(
 ) -> Result:
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
 
-    Arguments as for `march`; `report` is called after every step. A step after which the cloth
-    has more kinetic energy than `most_growth` times what its start, its loads and its pins can
-    have given (`Ledger.available`) has failed too. Where the energy balance does not close, the
-    result says so in `doubt`, and a `FeclothWarning` does.
+    Arguments as for `march`; `report` is called after every step. The run also fails after two
+    steps in a row with more kinetic energy than `most_growth` times what the start, the loads and
+    the pins can have supplied (`Ledger.available`). If the energy balance does not close, `doubt`
+    of the result and a `FeclothWarning` say so.
 
     Examples
     --------
@@ -110,62 +110,69 @@ def run(
     validation.number("most_growth", most_growth, 0.0, "run", infinite=True)
     validation.function("report", report, "lambda info: print(info.t)", "run")
     opening = replace(state, t=memory.start) if memory else state
-    targets_of(method, opening.t, dt, t_end, stops)  # refuse them before anything else
+    target_times(method, opening.t, dt, t_end, stops)  # refuse them first
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
-
-    def record(one, old, step):
-        return ledger.after(system, one, old, step).row(), observer.row(old, step)
-
-    method, chosen, why = settled(system, method, opening, dt, t_end, solver, newton, record)
+    record = trial_recorder(system, ledger, observer)
+    method, chosen, why = resolve(system, method, opening, dt, t_end, solver, newton, record)
     check_offers(method, ("numerical",), "run")
-    energies, observed = [ledger.row()], [observer.row(None, None)]
-    counts, begin, start, turnover = Counts(), time.perf_counter(), state.t, 0.0
     options = {"stops": stops, "most_stretch": most_stretch, "memory": memory}
-    for new, info in march(system, method, state, dt, t_end, solver=chosen, **options):
-        state, ledger = new, balanced(system, method, ledger, info, most_growth)
-        turnover = max(turnover, ledger.turnover)
+    steps = march(system, method, state, dt, t_end, solver=chosen, **options)
+    result = collect(steps, system, method, ledger, observer, why, most_growth, report)
+    if result.doubt:
+        warnings.warn(result.doubt, FeclothWarning, stacklevel=2)
+    return result
+
+
+def collect(
+    steps: Iterable[tuple[State, StepInfo]],
+    system: System,
+    method,
+    ledger: Ledger,
+    observer: Observer,
+    why: str,
+    most_growth: float = MOST_GROWTH,
+    report: Callable[[StepInfo], None] = lambda info: None,
+) -> Result:
+    """Take all steps of `march` and return what was recorded of them.
+
+    Parameters
+    ----------
+    ledger, observer
+        At the state before the first step.
+    why
+        The linear solver and why it was chosen, for the result.
+    most_growth, report
+        As for `run`.
+    """
+    state, start, turnover = observer.start, ledger.t, 0.0
+    energies, observed = [ledger.row()], [observer.row(None, None)]
+    counts, begin = Counts(), time.perf_counter()
+    records = record_steps(steps, system, method, ledger, observer, most_growth=most_growth)
+    for record in records:
+        state, ledger, turnover = record.state, record.ledger, record.turnover
         energies.append(ledger.row())
-        observed.append(observer.row(info.old, info.result))
-        counts = counts.plus(info.counts)
-        report(info)
-    seconds = counts.seconds | {"total": time.perf_counter() - begin}
-    times = np.array([row["t"] for row in energies])
-    if doubted := doubt(system, ledger, turnover, start):
-        warnings.warn(doubted, FeclothWarning, stacklevel=2)
-    kept = columns(energies), columns(observed), seconds, counts.newton, counts.linear
-    return Result(state, times, *kept, why, method, doubted)
-
-
-def balanced(
-    system: System, method, ledger: Ledger, info: StepInfo, most: float = MOST_GROWTH
-) -> Ledger:
-    """The ledger after a step; a `StepFailed` where this and the last one had too much energy.
-
-    One alone may: a load that sets in has given momentum before it has worked.
-    """
-    after = ledger.after(system, method, info.old, info.result)
-    noise = _noise(system, info)
-    grown = [one.kinetic > noise and one.growth(most) for one in (ledger, after)]
-    if all(grown):
-        raise step_failed(system, info.old, info.step, info.dt, Problem(grown[1]))
-    return after
-
-
-def _noise(system: System, info: StepInfo) -> float:
-    """Kinetic energy [J] that tells nothing.
-
-    `record.slight`, or ½ m (64 ε |x|/dt)² if that is more, which the round-off of positions makes.
-    """
-    speed = 64 * np.finfo(float).eps * np.abs(info.result.state.x).max() / info.dt
-    rounded = 0.5 * float(system.nodal_mass.sum()) * speed**2
-    return max(rounded, slight(system, info.t - info.memory.start))
+        observed.append(record.observed)
+        counts = counts.plus(record.info.counts)
+        report(record.info)
+    return Result(
+        state=state,
+        times=np.array([row["t"] for row in energies]),
+        energies=columns(energies),
+        observed=columns(observed),
+        seconds=counts.seconds | {"total": time.perf_counter() - begin},
+        newton=counts.newton,
+        linear=counts.linear,
+        solver=why,
+        method=method,
+        doubt=imbalance_warning(system, ledger, turnover, start),
+    )
 
 
 def add_seconds(a: dict[str, float], b: dict[str, float]) -> dict[str, float]:
-    """Seconds by phase, summed."""
+    """Add seconds by phase."""
     return {key: a.get(key, 0.0) + b.get(key, 0.0) for key in {**a, **b}}
 
 
 def columns(rows: list[dict[str, float]]) -> dict[str, np.ndarray]:
-    """Rows of equal keys as one array for each key."""
+    """Return rows of equal keys as one array for each key."""
     return {key: np.array([row[key] for row in rows]) for key in rows[0] if key != "t"}

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from fecloth.errors import InputError, brief
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
-from fecloth.records import remembered
 from fecloth.stability.critical_step import critical_dt, estimate
-from fecloth.system.system import State, System
+from fecloth.system.records import remembered
+from fecloth.system.state import State
+from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
 
 FRACTION = 0.9  # of the limit

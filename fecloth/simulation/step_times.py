@@ -15,7 +15,7 @@ MOST_STEPS = 10**8  # whose end times alone take 0.8 GB
 
 
 def end_times(t: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray:
-    """The stops after t and before t_end, in order, and t_end."""
+    """Return the stops after t and before t_end, in order, and t_end."""
     if not isinstance(t_end, Real) or isinstance(t_end, bool):
         raise InputError(f"t_end = {t_end!r}", "must be a number [s]", "march")
     if not (math.isfinite(t_end) and t_end > t):
@@ -28,12 +28,12 @@ def end_times(t: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray
         allowed = f"must lie in the run, from {t:g} to {t_end:g} s"
         raise InputError(f"stops: {outside[0]:g}", allowed, "march")
     times = np.concatenate([[t], stops[(stops > t) & (stops < t_end)], [t_end]])
-    apart = np.diff(times) > 1e-9 * (t_end - t)  # what is closer to the next one is the same
+    apart = np.diff(times) > 1e-9 * (t_end - t)  # closer times are the same
     return np.append(times[1:-1][apart[:-1] & apart[1:]], t_end)
 
 
 def step_times(t: float, dt: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray:
-    """The end time of every step; t + i dt without accumulated round-off."""
+    """Return the end time of every step, t + i dt without accumulated round-off."""
     if not isinstance(dt, Real) or isinstance(dt, bool):
         remedy = "Or leave it out and let Adaptive(method) or Auto() choose the steps."
         raise InputError(f"dt = {dt!r}", "must be a number [s]", "march", remedy)
@@ -50,8 +50,8 @@ def step_times(t: float, dt: float, t_end: float, stops: Sequence[float] = ()) -
     return np.concatenate(pieces)
 
 
-def targets_of(method, t, dt, t_end, stops):
-    """When a step must end; refuses what is no method, and steps that none can take."""
+def target_times(method, t, dt, t_end, stops):
+    """Return the times at which a step must end; refuse a step that the method cannot take."""
     check_method(method)
     if method.traits.explicit and (dt is None or isinstance(dt, str)):
         if dt is not None:
@@ -66,8 +66,8 @@ def targets_of(method, t, dt, t_end, stops):
     return end_times(t, t_end, stops)
 
 
-def left(targets, t):
-    """The targets after t."""
+def targets_after(targets, t):
+    """Return the targets after t."""
     if not targets[-1] > t:
         raise InputError(f"t_end = {targets[-1]}", f"must be > {t} [s]", "march")
     return targets[targets > t]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth.integrators.step import Step
-from fecloth.linalg.reductions import rms
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 # Parts of a step at which it is looked into: uneven, lest a periodic motion hide between them.
 PINS = (np.arange(1, 17) + 0.2 * np.sin(np.arange(1, 17) ** 2)) / 17
@@ -47,4 +47,4 @@ def _loads(system, state, t, dt):
 
     start, end = acceleration(0.0), acceleration(1.0)
     strays = (acceleration(s) - (start + s * (end - start)) for s in LOADS)
-    return max(rms(system.diagonal_mass, stray) for stray in strays)
+    return max(system.sums.rms(system.diagonal_mass, stray) for stray in strays)

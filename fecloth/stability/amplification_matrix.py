@@ -16,7 +16,8 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.suggest import did_you_mean
-from fecloth.system.system import State, System
+from fecloth.system.state import State
+from fecloth.system.system import System
 from fecloth.terms import Tether
 
 

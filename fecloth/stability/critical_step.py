@@ -18,12 +18,13 @@ from scipy.linalg import eigh, eigvals
 from scipy.sparse import issparse
 from scipy.sparse.linalg import LinearOperator, aslinearoperator, eigsh, splu
 
-from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.integrators.explicit import ForwardEuler
 from fecloth.stability.amplification_matrix import amplification, the
 from fecloth.stability.lanczos_estimate import estimate
-from fecloth.system.system import State, System
+from fecloth.system.arguments import check_system
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 DENSE = 400  # free directions up to which forward Euler's limit comes from all modes
 NOTHING = 1e-9  # of the largest: less damping counts as none
@@ -95,7 +96,7 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
     >>> fc.critical_dt(system, system.rest(), fc.BackwardEuler)
     inf
     """
-    validation.of(system, state, "critical_dt")
+    check_system(system, state, "critical_dt")
     method = the(method)
     if isinstance(method, ForwardEuler):
         return _forward_euler(*_free_operators(system, state))

@@ -9,7 +9,9 @@ from scipy.linalg import eigh_tridiagonal
 
 from fecloth import validation
 from fecloth.errors import InputError
-from fecloth.system.system import State, System
+from fecloth.system.arguments import check_system
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 PUSH = 1e-6  # size of the differences, relative to an edge
 LONGEST = 60  # Lanczos steps in a round
@@ -55,7 +57,7 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     >>> bool(0.96 * exact < found < 1.01 * exact)
     True
     """
-    validation.of(system, state, "estimate")
+    check_system(system, state, "estimate")
     validation.number("tol", tol, 0.0, "estimate")
     a, b = method.traits.stability or (0.0, 0.0)
     if system.mass_kind != "lumped" or not a > 0 or b < 0:

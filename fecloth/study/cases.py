@@ -15,7 +15,7 @@ from pathlib import Path
 
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
-from fecloth.runs.folder import versions
+from fecloth.runs.environment import versions
 from fecloth.study import status
 from fecloth.study.cluster import run_on_cluster
 from fecloth.study.fingerprint import source_hash

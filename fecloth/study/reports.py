@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fecloth.output.atomic_files import replace_file
-from fecloth.runs.folder import versions
+from fecloth.runs.environment import versions
 
 LONGEST_CELL = 300  # characters
 Row = Mapping[str, object]

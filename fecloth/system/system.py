@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sparse
@@ -13,25 +15,12 @@ from fecloth.errors import InputError, floats, is_number
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
-from fecloth.linalg.reductions import dot
+from fecloth.linalg.reductions import NodeSums
 from fecloth.mesh.cloth import Cloth
-from fecloth.records import remembered
 from fecloth.system.constraints import Constraints, MatrixProjection
 from fecloth.system.pins import Pin
+from fecloth.system.state import State
 from fecloth.terms import protocol
-
-
-@remembered
-@dataclass(frozen=True, eq=False)
-class State:
-    """Time t [s], positions x (n, 3) [m] and velocities v (n, 3) [m/s]."""
-
-    t: float
-    x: np.ndarray
-    v: np.ndarray
-
-    def __repr__(self) -> str:
-        return f"<State of {len(self.x)} nodes at t = {self.t:g} s>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +64,11 @@ class System:
     mass_kind: str = "lumped"
     grain: float | Mapping[str, float] = 0.0
 
-    def __init__(self, cloth, fabric, terms, pins=(), mass=None, grain=0.0):
+    def __init__(self, cloth, fabric, terms, pins=(), mass=None, grain=0.0, *, mass_kind=None):
+        """Bind the terms and pins; `mass_kind` is what `dataclasses.replace` calls `mass`."""
         terms = _several(terms, "terms", "StVK()", lambda term: hasattr(term, "bind"))
         pins = _several(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
+        mass = mass_kind if mass is None else mass
         mass = cloth.usual_mass if mass is None else mass
         _check_elements(terms, cloth.element)
         for name, value in (
@@ -91,6 +82,8 @@ class System:
             object.__setattr__(self, name, value)
         # now: errors should stand where made
         _ = self.scalar_mass, self._stencils, self.bound, self.constraints
+
+    sums: ClassVar[NodeSums] = NodeSums()  # all sums over nodes go through it
 
     # --- what is bound, once ------------------------------------------------------------------
 
@@ -164,6 +157,12 @@ class System:
         pairs = np.column_stack([rows, mass.indices]).astype(np.int32)
         return np.ascontiguousarray(self.pattern.slots(pairs)[:, 0, 1])
 
+    def with_bound(self, bound: Iterable) -> System:
+        """A copy with other bound terms, such as those over a step; all else is shared."""
+        other = copy.copy(self)
+        other.__dict__["bound"] = tuple(bound)  # in place of the cached property
+        return other
+
     # --- states -------------------------------------------------------------------------------
 
     def rest(self) -> State:
@@ -199,7 +198,7 @@ class System:
 
     def energies(self, state: State) -> dict[str, float]:
         """{"kinetic": J, term name: J, …} of the terms that have an energy."""
-        kinetic = 0.5 * dot(state.v, self.scalar_mass @ state.v)
+        kinetic = 0.5 * self.sums.dot(state.v, self.scalar_mass @ state.v)
         potentials = {
             name: term.energy(state.x, state.t)
             for name, term in zip(self.names, self.bound, strict=True)

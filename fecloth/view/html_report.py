@@ -1,8 +1,8 @@
 """report.html: what a run did on one page, which opens from disk and on a phone.
 
-The last frame on the canvas of viewer.py, the energy ledger over time, the extremes of the strain,
-step sizes, iterations, where the seconds went, warnings, and the scene. Written by the runner at
-the end from the run's own tables; NumPy alone.
+The last frame on the canvas of `web_page`, the energy ledger over time, the extremes of the strain,
+step sizes, iterations, where the seconds went, warnings, and the scene. Made at the end of a run
+from its tables by page/report.html; needs NumPy alone.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ from __future__ import annotations
 import html
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from string import Template
 
 import numpy as np
 
@@ -23,21 +24,11 @@ from fecloth.view.web_page import filled, packed, shown_fields, title_of
 MOST_ROWS = 4000  # of a table that are read for a chart
 COLUMNS = ("t", "total")  # of the ledger that are no curve of it
 PHASES = ("mesh", "bind", "compile", "choose", "assemble", "factor", "solve", "record", "output")
-STRETCHES = ("smallest", "1 %", "median", "99 %", "largest")  # columns of strains.csv
 
-Table = Mapping[str, np.ndarray]
-
-
-def stretch_row(t: float, stretches: np.ndarray) -> dict[str, float]:
-    """A row of strains.csv: extremes and percentiles of the principal stretches (m, 2).
-
-    "1 %" is the stretch that one in a hundred triangles falls short of, by its smaller one; "99 %"
-    the one that as many exceed, by their larger one; the median is of the larger ones.
-    """
-    smaller, larger = np.asarray(stretches).T
-    values = smaller.min(), np.percentile(smaller, 1), np.median(larger)
-    values += np.percentile(larger, 99), larger.max()
-    return {"t": float(t)} | {k: float(v) for k, v in zip(STRETCHES, values, strict=True)}
+NOTE = Template('<p class="$kind">$text</p>')
+TILE = Template("<div><b>$text</b><span>$name</span></div>")
+ROW = Template("<tr><td>$name</td><td>$text</td></tr>")
+BAR = Template('<span>$name</span><i style="width:$width%"></i><span>$text</span>')
 
 
 def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
@@ -52,10 +43,19 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
     """
     tables = {name: read_table(folder / f"{name}.csv") for name in ("steps", "energies", "strains")}
     data = packed([frame], shown_fields(frame))
-    words = {"title": title_of(folder), "status": summary["status"], "note": _subtitle(summary)}
     parts = {
-        "warnings": _warnings(folder, summary),
-        "body": _tiles(summary, tables) + _charts(summary, tables) + _details(folder, summary),
+        "warnings": _filled_each(NOTE, _warnings(folder, summary)),
+        "tiles": _filled_each(TILE, _named(_tiles(summary, tables))),
+        "charts": "\n".join(_charts(tables)),
+        "bars": _filled_each(BAR, _bars(summary["seconds"])),
+        "numbers": _filled_each(ROW, _named(_numbers(summary))),
+    }
+    words = {
+        "title": title_of(folder),
+        "status": summary["status"],
+        "note": _subtitle(summary),
+        "spent": f"Where {summary['seconds']['total']:.3g} s went",
+        "scene": _text(folder / "scene.resolved.toml"),
     }
     page = filled("report.html", data, parts, **words)
     file = folder / "report.html"
@@ -63,20 +63,32 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
     return file
 
 
+def _filled_each(template: Template, rows: Iterable[Mapping[str, str]]) -> str:
+    """Fill the template with each row, its texts escaped."""
+    return "".join(
+        template.substitute({key: html.escape(text) for key, text in row.items()}) for row in rows
+    )
+
+
+def _named(texts: Mapping[str, str]) -> Iterator[dict[str, str]]:
+    return ({"name": name, "text": text} for name, text in texts.items())
+
+
+def _text(file: Path) -> str:
+    return file.read_text(encoding="utf-8") if file.is_file() else ""
+
+
 def read_table(file: Path) -> dict[str, np.ndarray]:
     """Columns of a .csv of numbers; of a long one every k-th row and the last."""
-    lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+    lines = _text(file).splitlines()
     if len(lines) < 2:
         return {}
     head, rows = lines[0].split(","), lines[1:]
     kept = rows[:: math.ceil(len(rows) / MOST_ROWS)]
     kept += [rows[-1]] if kept[-1] is not rows[-1] else []
     values = np.array([row.split(",") for row in kept])
-    return {name: _numbers(values[:, i]) for i, name in enumerate(head)}
-
-
-def _numbers(texts):
-    return np.where(texts == "", "nan", texts).astype(float)
+    values = np.where(values == "", "nan", values).astype(float)
+    return {name: values[:, i] for i, name in enumerate(head)}
 
 
 # --- words ----------------------------------------------------------------------------------------
@@ -87,19 +99,20 @@ def _subtitle(summary):
     return f"{words}; {summary['method']}" if summary.get("method") else words
 
 
-def _warnings(folder, summary):
-    """The failure, the doubt of the energy balance, and what the log has warned of."""
-    kinds = (("error", "note failed"), ("warning", "note"))
-    found = [(kind, item) for key, kind in kinds if (item := summary.get(key))]
-    log = folder / "run.log"
-    lines = log.read_text(encoding="utf-8").splitlines() if log.is_file() else ()
-    told = (line.split(" warning: ", 1)[1] for line in lines if " warning: " in line)
-    found += [("note", text) for text in dict.fromkeys(told) if text != summary.get("warning")]
-    return "".join(f'<p class="{kind}">{html.escape(str(text))}</p>' for kind, text in found)
+def _warnings(folder, summary) -> Iterator[dict[str, str]]:
+    """The failure, the doubt about the energy balance, and the warnings in the log."""
+    for key, kind in (("error", "note failed"), ("warning", "note")):
+        if text := summary.get(key):
+            yield {"kind": kind, "text": str(text)}
+    lines = _text(folder / "run.log").splitlines()
+    logged = (line.split(" warning: ", 1)[1] for line in lines if " warning: " in line)
+    for text in dict.fromkeys(logged):
+        if text != summary.get("warning"):
+            yield {"kind": "note", "text": text}
 
 
-def _tiles(summary, tables):
-    """The figures one asks for first."""
+def _tiles(summary, tables) -> dict[str, str]:
+    """The figures to read first."""
     seconds = summary["seconds"]["total"]
     tiles = {
         "simulated": f"{summary['t']:.4g} of {summary['t_end']:.4g} s",
@@ -115,11 +128,7 @@ def _tiles(summary, tables):
         tiles["stretch, all frames"] = "{:.4g} – {:.4g}".format(*extremes)
     if summary.get("peak_memory_MB"):
         tiles["memory"] = f"{summary['peak_memory_MB']:.0f} MB"
-    cells = "".join(
-        f"<div><b>{html.escape(value)}</b><span>{html.escape(name)}</span></div>"
-        for name, value in tiles.items()
-    )
-    return f'<div class="tiles">{cells}</div>'
+    return tiles
 
 
 def _unexplained(summary, steps):
@@ -128,34 +137,24 @@ def _unexplained(summary, steps):
     return f"{words}, {100 * abs(steps['drift'][-1]):.2g} %" if "drift" in steps else words
 
 
-def _details(folder, summary):
-    """Settings, versions and files, folded away."""
-    scene = folder / "scene.resolved.toml"
-    text = scene.read_text(encoding="utf-8") if scene.is_file() else ""
+def _numbers(summary) -> dict[str, str]:
+    """The rest of the summary, and the versions."""
     rest = {
         key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
         for key, value in summary.items()
         if key not in ("error", "warning", "seconds", "versions", "ledger")
     }
-    rows = rest | dict(summary.get("versions", {}))
-    table = "".join(
-        f"<tr><td>{html.escape(key)}</td><td>{html.escape(str(value))}</td></tr>"
-        for key, value in rows.items()
-    )
-    return (
-        f"<details><summary>Scene</summary><pre>{html.escape(text)}</pre></details>"
-        f"<details><summary>Numbers and versions</summary><table>{table}</table></details>"
-    )
+    return rest | {name: str(value) for name, value in summary.get("versions", {}).items()}
 
 
 # --- charts ---------------------------------------------------------------------------------------
 
 
-def _charts(summary, tables):
+def _charts(tables) -> list[str]:
     steps, energies, strains = (tables[name] for name in ("steps", "energies", "strains"))
     figures = [_energies(energies), _remainder(energies)]
     if strains:
-        curves = {name: (strains["t"], strains[name]) for name in STRETCHES}
+        curves = {name: (strains["t"], strains[name]) for name in strains if name != "t"}
         figures.append(chart("Principal stretches, at the frames", curves, "t [s]", "stretch"))
     if steps:
         at = steps["t"]
@@ -163,8 +162,7 @@ def _charts(summary, tables):
         counts = {"Newton": (at, steps["newton"]), "linear": (at, steps["linear"])}
         counts = {name: curve for name, curve in counts.items() if curve[1].any()}
         figures.append(chart("Iterations a step", counts, "t [s]", "iterations", log=True))
-    figures.append(_seconds(summary["seconds"]))
-    return f'<div class="charts">{"".join(figures)}</div>'
+    return figures
 
 
 def _energies(table):
@@ -184,15 +182,11 @@ def _remainder(table):
     return chart("Energy that stays unexplained", {"|remainder|": curve}, "t [s]", "[J]", log=True)
 
 
-def _seconds(seconds):
-    """Bars of where the time went."""
+def _bars(seconds) -> Iterator[dict[str, str]]:
+    """A bar for each phase that took time."""
     total = seconds["total"]
     shares = {name: seconds[name] for name in PHASES if seconds.get(name)}
     shares["other"] = max(total - sum(shares.values()), 0.0)
-    rows = "".join(
-        f'<span>{name}</span><i style="width:{100 * value / max(shares.values()):.1f}%"></i>'
-        f"<span>{value:.3g} s · {100 * value / total:.0f} %</span>"
-        for name, value in shares.items()
-    )
-    head = f"Where {total:.3g} s went"
-    return f'<figure><figcaption>{head}</figcaption><div class="bars">{rows}</div></figure>'
+    for name, value in shares.items():
+        width = f"{100 * value / max(shares.values()):.1f}"
+        yield {"name": name, "width": width, "text": f"{value:.3g} s · {100 * value / total:.0f} %"}

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.output.atomic_files import DiskFull, in_one_go, replace_file
+from fecloth.output.atomic_files import DiskFull, replace_file, replacing
 from fecloth.output.frame_reader import FIELDS, Frame, Series, bounded, field_values, rim, straight
 from fecloth.suggest import did_you_mean
 from fecloth.view import checker_pattern
@@ -134,7 +134,7 @@ def _import_package(name: str):
 def _write(target: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
     """Write the images (h, w, 3) to a file; a failure leaves no partial file."""
     if target.suffix == ".mp4":
-        with in_one_go(target) as part:
+        with replacing(target) as part:
             _encode(part, fps, size, images)
         return
     imageio, file = _import_package("imageio.v2"), io.BytesIO()
@@ -158,7 +158,7 @@ def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
         words = process.communicate()[1].decode(errors="replace").strip()
     if process.returncode:
         too_large = process.returncode == -getattr(signal, "SIGXFSZ", 0)
-        if number := errno.EFBIG if too_large else DiskFull.said(words):
+        if number := errno.EFBIG if too_large else DiskFull.errno_in(words):
             raise OSError(number, os.strerror(number))
         raise OSError(f"ffmpeg ended with {process.returncode}: {words}")
 

@@ -332,7 +332,7 @@ def memory() -> list[Figure]:
 
 def peak_of(triangles: int) -> None:
     """Print [peak MB, triangles] of a short PCG run in this process."""
-    from fecloth.runs.folder import peak_memory
+    from fecloth.runs.environment import peak_memory
 
     system = fc.System(square(triangles), FABRIC, [fc.StVK(), fc.Gravity()], pins=["left"])
     for _ in fc.march(system, fc.ImplicitMidpoint(), system.rest(), 1e-4, 3e-4, solver="pcg"):

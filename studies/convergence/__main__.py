@@ -1,11 +1,11 @@
-"""Order of convergence under mesh refinement and in time, with a verdict on each.
+"""Orders of convergence under mesh refinement and in time, each compared with theory.
 
-In space: manufactured solutions (static and dynamic), closed forms (a strip under its own weight,
-the lowest frequency of a taut sheet, that of a disk), on structured and Gmsh's meshes, with linear
-and quadratic triangles. In time: every registered method on three motions that are known
-otherwise. An order is the slope of the line fitted to the three finest, in time to the two. Where
-nothing is exact, a swinging sheet with bending, it is Richardson's. The exit code is 1 if one is
-missed. `--scene` halves h and dt of a scene of your own and tells what it is off by.
+In space: manufactured solutions (static and dynamic) and closed forms (a strip under its group
+weight, the lowest frequencies of a taut square and a taut disk), on structured and Gmsh's meshes,
+with linear and quadratic triangles. In time: every method on three motions with known solutions.
+An order is the slope of a line fitted to the three finest meshes or the two finest steps. For a
+swinging sheet with bending, which has no exact solution, it is Richardson's. The exit code is 1 if
+an order is missed. `--scene` halves h and dt of your group scene and estimates its error.
 
     python -m studies.convergence [--quick] [--jobs N] [--out DIR] [--scene my.toml]
 """
@@ -28,17 +28,17 @@ NORMS = {
     "energy": "|energy − exact| [J]",
     "frequency": "|ω/exact − 1| [-]",
 }
-# Order and how far from it. The energy's error is a sum of either sign: it may fall faster.
+# Order and its tolerance. The energy's error is a sum with both signs: it may fall faster.
 ORDERS = {
     "P1": {"L2": (2, 0.1), "H1": (1, 0.1), "energy": (2, 0.2), "frequency": (2, 0.1)},
     "P2": {"L2": (3, 0.15), "H1": (2, 0.1), "energy": (4, 0.3), "frequency": (4, 0.15)},
 }
-DISK = (2, 0.1)  # P2 as well: its edges are straight
-IN_MOTION = (3, 0.3)  # of P2's energy: the steps fall as h^1.5, their error as dt²
+DISK = (2, 0.1)  # also for P2, because its edges are straight
+IN_MOTION = (3, 0.3)  # of P2's energy: dt ∝ h^1.5, and its error ∝ dt²
 TIME = 0.15
-# Of the swing; without bending a kink runs through the sheet, and P1 meets it as h^3/2 and h^1/2.
+# Of the swing; without bending the solution has a moving kink, which limits P1 to h^3/2 and h^1/2.
 SWING = {"HingeBending": {"L2": (2, 0.15), "H1": (1, 0.1), "depth": (2, 0.15)}}
-NO_ORDER = ("order of L2", "order of H1", "order of depth")  # where a mesh failed
+NO_ORDER = ("order of L2", "order of H1", "order of depth")  # if a mesh failed
 SWING["QuadraticBending"] = SWING["HingeBending"]
 SWING["none"] = {"L2": (1.5, 0.2), "H1": (0.5, 0.15)}
 PROBLEMS = dict.fromkeys(("static", "dynamic", "strip"), ("L2", "H1", "energy"))
@@ -46,8 +46,8 @@ PROBLEMS |= dict.fromkeys(("frequency", "disk"), ("frequency",))
 Rows = list[dict]
 
 
-def asked(quick: bool) -> Rows:
-    """The meshes of every problem."""
+def space_cases(quick: bool) -> Rows:
+    """List the meshes of every problem."""
     meshes = (8, 16, 32) if quick else (8, 16, 32, 64)
     at = {(problem, element): meshes for problem in PROBLEMS for element in ORDERS}
     at["dynamic", "P1"] = (16, 32, 64) if quick else (8, 16, 32, 64)
@@ -65,8 +65,8 @@ def asked(quick: bool) -> Rows:
     ]
 
 
-def timed(quick: bool) -> Rows:
-    """The steps of every method."""
+def time_cases(quick: bool) -> Rows:
+    """List the steps of every method."""
     return [
         {"problem": problem, "method": method, "refined": k}
         for problem in ("pendulum", "wave", "swing")
@@ -75,8 +75,8 @@ def timed(quick: bool) -> Rows:
     ]
 
 
-def swung(quick: bool) -> Rows:
-    """The meshes of the swing: nested ones, on which hinges carry one bending rigidity."""
+def swing_cases(quick: bool) -> Rows:
+    """List the meshes of the swing: nested, so that hinges have the same bending rigidity."""
     return [
         {"bending": bending, "pattern": pattern, "n": n}
         for bending in (("HingeBending", "none") if quick else SWING)
@@ -85,14 +85,14 @@ def swung(quick: bool) -> Rows:
     ]
 
 
-def path(rows: Rows, **key) -> Rows:
-    """The rows with these settings that are sound, coarse to fine."""
-    own = [r for r in rows if r["status"] == "ok" and all(r[k] == key[k] for k in key)]
-    return sorted(own, key=lambda row: row.get("n", row.get("steps")))
+def select_rows(rows: Rows, **key) -> Rows:
+    """Return the successful rows with these settings, coarse to fine."""
+    selected = [r for r in rows if r["status"] == "ok" and all(r[k] == key[k] for k in key)]
+    return sorted(selected, key=lambda row: row.get("n", row.get("steps")))
 
 
 def order(rows: Rows, step: str, error: str) -> float:
-    """Slope of log error over log step through the three finest rows; NaN for less than two.
+    """Return the slope of log error over log step of the three finest rows; NaN for less than two.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def order(rows: Rows, step: str, error: str) -> float:
 
 
 def families(rows: Rows, *keys: str) -> Rows:
-    """The distinct settings of those keys."""
+    """Return the distinct settings of the keys."""
     return [
         dict(zip(keys, v, strict=True))
         for v in dict.fromkeys(tuple(r[k] for k in keys) for r in rows)
@@ -115,7 +115,7 @@ def families(rows: Rows, *keys: str) -> Rows:
 
 
 def expected(problem: str, element: str, norm: str) -> tuple[float, float]:
-    """The order that theory gives, and how far from it an observed one may be."""
+    """Return the theoretical order and the tolerance of the observed one."""
     if problem == "disk":
         return DISK
     return (
@@ -125,41 +125,44 @@ def expected(problem: str, element: str, norm: str) -> tuple[float, float]:
     )
 
 
-def conclude(rows: Rows) -> list[study.Finding]:
-    """The order of each norm of each family of meshes."""
-    found = []
+def conclude_space(rows: Rows) -> list[study.Finding]:
+    """Return a finding for the order of each norm on each family of meshes."""
+    findings = []
     for family in families(rows, "problem", "element", "pattern"):
         problem, element, pattern = family.values()
-        own = path(rows, **family)
+        group = select_rows(rows, **family)
         for norm in PROBLEMS[problem]:
-            asked_for, off = expected(problem, element, norm)
-            high = np.inf if norm == "energy" else asked_for + off
+            theory, tolerance = expected(problem, element, norm)
+            high = np.inf if norm == "energy" else theory + tolerance
             what = f"{problem}, {element}, {pattern}: order of {norm}"
-            found.append(study.Finding(what, order(own, "h", norm), asked_for - off, high))
-    return found
+            findings.append(study.Finding(what, order(group, "h", norm), theory - tolerance, high))
+    return findings
 
 
 def conclude_time(rows: Rows) -> list[study.Finding]:
-    """The order of each method in the time step."""
-    found = []
+    """Return a finding for the order of each method in the time step."""
+    findings = []
     for family in families(rows, "problem", "method"):
         claimed = CASES[family["method"]].traits.order
         what = f"{family['problem']}, {family['method']}: order in dt"
-        value = order(path(rows, **family)[-2:], "dt", "end_error")
-        found.append(study.Finding(what, value, claimed - TIME, claimed + TIME))
-    return found
+        value = order(select_rows(rows, **family)[-2:], "dt", "end_error")
+        findings.append(study.Finding(what, value, claimed - TIME, claimed + TIME))
+    return findings
 
 
-def compare(rows: Rows) -> Rows:
-    """For each family of the swing: the distances of its meshes, orders, the depth's limit."""
+def compare_swings(rows: Rows) -> Rows:
+    """Return for each family of the swing its orders, and the limit of its depth."""
     lines = []
     for family in families(rows, "bending", "pattern"):
-        own = path(rows, **family)
-        if len(own) < 3:
+        group = select_rows(rows, **family)
+        if len(group) < 3:
             lines.append({**family, **dict.fromkeys(NO_ORDER, float("nan"))})
             continue
-        cloths = [fc.Cloth.rectangle(1.0, 0.5, row["h"], family["pattern"]) for row in own]
-        ends, depths = [np.array(row["x"]) for row in own], np.array([row["depth"] for row in own])
+        cloths = [fc.Cloth.rectangle(1.0, 0.5, row["h"], family["pattern"]) for row in group]
+        ends, depths = (
+            [np.array(row["x"]) for row in group],
+            np.array([row["depth"] for row in group]),
+        )
         apart = {norm: richardson.distances(cloths, ends, norm.lower()) for norm in ("L2", "H1")}
         apart["depth"] = np.diff(depths)
         line = {f"order of {k}": float(richardson.orders(d)[-1]) for k, d in apart.items()}
@@ -167,24 +170,24 @@ def compare(rows: Rows) -> Rows:
             "depth [m]": depths[-1],
             "limit [m]": depths[-1] + richardson.remaining_error(np.diff(depths)),
         }
-        off = richardson.remaining_error(apart["L2"])
-        lines.append({**family, "finest h": own[-1]["h"], **line, "L2 error left [m²]": off})
+        error = richardson.remaining_error(apart["L2"])
+        lines.append({**family, "finest h": group[-1]["h"], **line, "L2 error [m²]": error})
     return lines
 
 
 def conclude_swing(lines: Rows) -> list[study.Finding]:
-    """The orders of self-convergence."""
-    found = []
+    """Return the findings for the orders by Richardson."""
+    findings = []
     for line in lines:
-        for norm, (asked_for, off) in SWING[line["bending"]].items():
+        for norm, (theory, tolerance) in SWING[line["bending"]].items():
             what = f"swing, {line['bending']}, {line['pattern']}: order of {norm}"
             value = line[f"order of {norm}"]
-            found.append(study.Finding(what, value, asked_for - off, asked_for + off))
-    return found
+            findings.append(study.Finding(what, value, theory - tolerance, theory + tolerance))
+    return findings
 
 
 def table(rows: Rows, step: str, errors: tuple[str, ...]) -> Rows:
-    """The errors, each with its order since the row before."""
+    """Return the errors, each with its order against the previous row."""
     lines, before = [], {}
     for row in rows:
         line = {k: row[k] for k in ("element", "pattern", "method", step, "nodes") if k in row}
@@ -197,52 +200,52 @@ def table(rows: Rows, step: str, errors: tuple[str, ...]) -> Rows:
     return lines
 
 
-def draw(ax, rows: Rows, norm: str) -> None:
-    """A norm's errors against h: a colour for each pattern, P1 in full lines and P2 in dashes."""
+def draw_errors(ax, rows: Rows, norm: str) -> None:
+    """Draw errors against h: a colour for each pattern, solid lines for P1, dashed for P2."""
     for family in families(rows, "element", "pattern"):
-        own = path(rows, **family)
+        group = select_rows(rows, **family)
         look = study.line_style(PATTERNS.index(family["pattern"]))
         look["ls"] = "-" if family["element"] == "P1" else "--"
-        points = [(row["h"], row[norm]) for row in own]
+        points = [(row["h"], row[norm]) for row in group]
         ax.plot(*np.transpose(points), label=" ".join(family.values()), **look)
     ax.set_ylabel(NORMS[norm])
 
 
-def slopes(ax, orders: list[float]) -> None:
-    """A triangle for each expected slope."""
+def draw_slopes(ax, orders: list[float]) -> None:
+    """Draw a triangle for each expected slope."""
     low, high = ax.get_ylim()
     ax.set_ylim(low / 3, high)
-    for i, order_ in enumerate(sorted(set(orders))):
-        study.draw_slope_triangle(ax, order_, at=(0.62 + 0.25 * i, 0.06), width=0.14)
+    for i, value in enumerate(sorted(set(orders))):
+        study.draw_slope_triangle(ax, value, at=(0.62 + 0.25 * i, 0.06), width=0.14)
 
 
 def draw_space(out, rows: Rows, name: str, shown: list[tuple[str, str]]) -> None:
-    """A panel for each (problem, norm)."""
+    """Draw a panel for each (problem, norm)."""
     panels = (-(-len(shown) // 2), 2)
     size = {"panels": panels, "size": (9.0, 3.9 * panels[0] + 0.6)}
     with study.figure(out, name, "edge length h [m]", **size) as (figure, axes):
         figure.get_layout_engine().set(wspace=0.05, hspace=0.05)
         for ax, (problem, norm) in zip(axes.ravel(), shown, strict=True):
-            draw(ax, [row for row in rows if row["problem"] == problem], norm)
+            draw_errors(ax, [row for row in rows if row["problem"] == problem], norm)
             ax.set_title(problem if problem == norm else f"{problem}: {norm}")
-            slopes(ax, [expected(problem, element, norm)[0] for element in ORDERS])
+            draw_slopes(ax, [expected(problem, element, norm)[0] for element in ORDERS])
         figure.legend(
             *axes.ravel()[0].get_legend_handles_labels(), loc="outside lower center", ncols=4
         )
 
 
 def draw_time(out, rows: Rows) -> None:
-    """A panel for each problem, a line for each method, the legend in the last."""
+    """Draw a panel for each problem, a line for each method, and the legend in the last panel."""
     problems = list(dict.fromkeys(row["problem"] for row in rows))
     size = {"panels": (2, 2), "size": (9.0, 7.8)}
     with study.figure(out, "time", "time step [ms]", **size) as (figure, axes):
         figure.get_layout_engine().set(wspace=0.05, hspace=0.05)
         *panels, last = axes.ravel()
         for ax, problem in zip(panels, problems, strict=True):
-            own = [row | {"dt": 1e3 * row["dt"]} for row in path(rows, problem=problem)]
-            study.draw_lines(ax, own, x="dt", y="end_error", by="method", legend=False)
+            group = [row | {"dt": 1e3 * row["dt"]} for row in select_rows(rows, problem=problem)]
+            study.draw_lines(ax, group, x="dt", y="end_error", by="method", legend=False)
             ax.set(title=problem, ylabel="‖(x, T v) − exact‖ [m]")
-            slopes(ax, [1, 2])
+            draw_slopes(ax, [1, 2])
         last.axis("off")
         last.legend(*panels[0].get_legend_handles_labels(), loc="center", fontsize=11)
 
@@ -252,13 +255,13 @@ def main() -> int:
     if options.scene:
         return richardson.refine_scene(options)
     running = study.run_options(options)
-    rows = study.run_cases(asked(options.quick), space, **running, time_limit=300)
-    steps = study.run_cases(timed(options.quick), in_time, **running, time_limit=300)
-    swings = study.run_cases(swung(options.quick), swing, **running, time_limit=300)
-    compared = compare(swings)
+    rows = study.run_cases(space_cases(options.quick), space, **running, time_limit=300)
+    steps = study.run_cases(time_cases(options.quick), in_time, **running, time_limit=300)
+    swings = study.run_cases(swing_cases(options.quick), swing, **running, time_limit=300)
+    compared = compare_swings(swings)
     least = manufactured.least_stress()
     findings = [study.Finding("manufactured: least principal stress [N/m]", least, 1.0)]
-    findings += conclude(rows) + conclude_time(steps) + conclude_swing(compared)
+    findings += conclude_space(rows) + conclude_time(steps) + conclude_swing(compared)
     static = [("static", norm) for norm in ("L2", "H1", "energy")]
     draw_space(options.out, rows, "convergence", [*static, ("frequency", "frequency")])
     draw_space(options.out, rows, "dynamic", [("dynamic", "L2"), ("dynamic", "H1")])
@@ -268,10 +271,10 @@ def main() -> int:
         problem: table([r for r in rows if r["problem"] == problem], "h", tuple(NORMS))
         for problem in PROBLEMS
     }
-    tables["swing, by itself"] = compared
+    tables["swing, by Richardson"] = compared
     for problem in dict.fromkeys(row["problem"] for row in steps):
-        own = [row for row in steps if row["problem"] == problem]
-        tables[f"{problem}, in time"] = table(own, "dt", ("end_error",))
+        group = [row for row in steps if row["problem"] == problem]
+        tables[f"{problem}, in time"] = table(group, "dt", ("end_error",))
     return study.write_report(
         options,
         "Order of convergence",

@@ -1,4 +1,4 @@
-"""One case each of convergence.py: a mesh or a step, and how far the answer is from the exact."""
+"""One case of the convergence study: a mesh or a step, and its errors."""
 
 from __future__ import annotations
 
@@ -7,21 +7,20 @@ from scipy.sparse.linalg import eigsh
 from scipy.special import jn_zeros
 
 import fecloth as fc
-from studies.references import closed_forms, time_problems
-from studies.references import manufactured as made
+from studies.references import closed_forms, manufactured, time_problems
 
 TIGHT = fc.Newton(tolerance=1e-10)
 STRIP = {"length": 1.0, "tensile_stiffness": 20.0, "areal_density": 0.2}
-STRETCH = 1.1  # of the sheets whose frequency is asked
+STRETCH = 1.1  # of the vibrating sheets
 
 
 def space(problem: str, element: str, pattern: str, n: int) -> dict:
-    """The errors of one problem on a mesh of edge length 1/n m, by the function of that name."""
-    cloth = made_of(problem, element, pattern, n)
+    """Return the errors of the function `problem` of this file on a mesh of edge length 1/n m."""
+    cloth = make_cloth(problem, element, pattern, n)
     return globals()[problem](cloth, n) | {"h": 1 / n, "nodes": len(cloth.X)}
 
 
-def made_of(problem: str, element: str, pattern: str, n: int) -> fc.Cloth:
+def make_cloth(problem: str, element: str, pattern: str, n: int) -> fc.Cloth:
     if problem == "disk":
         return fc.Cloth.disk(1.0, 1 / n, element)
     return fc.Cloth.rectangle(1.0, 0.5 if problem == "strip" else 1.0, 1 / n, pattern, element)
@@ -35,57 +34,58 @@ def errors(cloth: fc.Cloth, x: np.ndarray, position, gradient) -> dict:
 
 
 def static(cloth: fc.Cloth, n: int) -> dict:
-    """The equilibrium under the body force that makes `manufactured` exact."""
-    system = made_system(cloth, lambda t: made_load(cloth, 1.0), ["boundary"])
-    state = fc.equilibrium(system, system.state(made.position(cloth.X)))
-    miss = abs(system.energies(state)["StVK"] - made.energy())
-    return errors(cloth, state.x, made.position, made.gradient) | {"energy": miss}
+    """Solve the equilibrium under the body force of the manufactured solution."""
+    system = manufactured_system(cloth, lambda t: manufactured_load(cloth, 1.0), ["boundary"])
+    state = fc.equilibrium(system, system.state(manufactured.position(cloth.X)))
+    miss = abs(system.energies(state)["StVK"] - manufactured.energy())
+    return errors(cloth, state.x, manufactured.position, manufactured.gradient) | {"energy": miss}
 
 
 def dynamic(cloth: fc.Cloth, n: int) -> dict:
-    """The same wave with c = cos ωt, its boundary moved along, at the end of some 60°.
+    """Run the manufactured wave with c = cos ωt and a moving boundary to about 60°.
 
-    The step falls with h so that its error, of order dt², falls faster than P2's or as P1's.
+    The step falls with h, so that its error, of order dt², does not limit the order in space.
     """
     omega, t_end = 12.0, 0.09
     rim = cloth.nodes("boundary")
-    at_rim = made.wave(cloth.X[rim])
+    at_rim = manufactured.wave(cloth.X[rim])
     pin = fc.Pin(
         "boundary",
         lambda t: np.cos(omega * t) * at_rim,
         lambda t: -omega * np.sin(omega * t) * at_rim,
     )
-    system = made_system(cloth, moving_load(cloth, omega), [pin])
+    system = manufactured_system(cloth, moving_load(cloth, omega), [pin])
     steps = 2 * n if cloth.element == "P1" else round(4 * n**1.5)
     method, dt = fc.ImplicitMidpoint(), t_end / steps
-    start = system.state(made.position(cloth.X))
+    start = system.state(manufactured.position(cloth.X))
     *_, (end, _) = fc.march(system, method, start, dt, t_end, solver="direct", newton=TIGHT)
     c, speed = np.cos(omega * t_end), -omega * np.sin(omega * t_end)
-    found = errors(cloth, end.x, lambda X: made.position(X, c), lambda X: made.gradient(X, c))
+    position = lambda X: manufactured.position(X, c)  # noqa: E731
+    found = errors(cloth, end.x, position, lambda X: manufactured.gradient(X, c))
     energies = system.energies(end)
-    miss = abs(energies["kinetic"] + energies["StVK"] - made.energy(c, speed))
+    miss = abs(energies["kinetic"] + energies["StVK"] - manufactured.energy(c, speed))
     return found | {"energy": miss, "steps": steps}
 
 
-def made_system(cloth: fc.Cloth, load, pins: list) -> fc.System:
-    """A sheet under nodal forces load(t) (n, 3), which know nothing of where it is."""
+def manufactured_system(cloth: fc.Cloth, load, pins: list) -> fc.System:
+    """Return a sheet under nodal forces load(t) (n, 3) that do not depend on its position."""
     none = np.zeros((2, len(cloth.X), 3, 3))
     force = fc.UserForce(lambda x, v, t: load(t), "node", lambda x, v, t: none)
-    fabric = fc.Fabric(made.DENSITY, made.Y, made.NU)
+    fabric = fc.Fabric(manufactured.DENSITY, manufactured.Y, manufactured.NU)
     return fc.System(cloth, fabric, [fc.StVK(), force], pins)
 
 
-def made_load(cloth: fc.Cloth, c: float) -> np.ndarray:
+def manufactured_load(cloth: fc.Cloth, c: float) -> np.ndarray:
     """(n, 3) ∫ −Div P N_a dA [N]."""
-    return cloth.load(lambda X: -made.divergence(X, c), order=8)
+    return cloth.load(lambda X: -manufactured.divergence(X, c), order=8)
 
 
 def moving_load(cloth: fc.Cloth, omega: float):
-    """∫ (ρ c̈ ∂x/∂c − Div P) N_a dA for c = cos ωt; Div P is a cubic in c, so four c tell all."""
+    """∫ (ρ c̈ ∂x/∂c − Div P) N_a dA for c = cos ωt, interpolated: Div P is cubic in c."""
     known = np.cos(np.pi * np.arange(4) / 3)
-    values = np.stack([made_load(cloth, c).ravel() for c in known])
+    values = np.stack([manufactured_load(cloth, c).ravel() for c in known])
     cubic = np.linalg.solve(np.vander(known), values)
-    inertia = cloth.load(lambda X: made.DENSITY * made.wave(X), order=8)
+    inertia = cloth.load(lambda X: manufactured.DENSITY * manufactured.wave(X), order=8)
 
     def load(t: float) -> np.ndarray:
         c = np.cos(omega * t)
@@ -98,7 +98,7 @@ def moving_load(cloth: fc.Cloth, omega: float):
 
 
 def strip(cloth: fc.Cloth, n: int) -> dict:
-    """A strip that hangs by its own weight, ν = 0: it stretches and does not narrow."""
+    """Solve for a strip under its own weight with ν = 0, which keeps its width."""
     fabric = fc.Fabric(STRIP["areal_density"], STRIP["tensile_stiffness"], 0.0)
     terms = [fc.StVK(), fc.Gravity((9.81, 0.0, 0.0))]
     system = fc.System(cloth, fabric, terms, ["left"])
@@ -123,17 +123,17 @@ def strip(cloth: fc.Cloth, n: int) -> dict:
 
 
 def frequency(cloth: fc.Cloth, n: int) -> dict:
-    """ω² = 2 (π/a)² S/ρ of a square pulled taut and held at its rim: its relative error."""
-    return {"frequency": abs(lowest(cloth) / (np.pi * np.sqrt(2)) - 1)}
+    """Return the relative error of ω² = 2 (π/a)² S/ρ of a taut square with a pinned boundary."""
+    return {"frequency": abs(lowest_wave_number(cloth) / (np.pi * np.sqrt(2)) - 1)}
 
 
 def disk(cloth: fc.Cloth, n: int) -> dict:
-    """ω = j/a √(S/ρ) with Bessel's first zero j; the rim is a polygon: its relative error."""
-    return {"frequency": abs(lowest(cloth) / jn_zeros(0, 1)[0] - 1)}
+    """Return the relative error of ω = j/a √(S/ρ), j Bessel's first zero, on a polygonal disk."""
+    return {"frequency": abs(lowest_wave_number(cloth) / jn_zeros(0, 1)[0] - 1)}
 
 
-def lowest(cloth: fc.Cloth) -> float:
-    """The lowest ω across the plane over √(S/ρ), S that of the stretched sheet [1/m]."""
+def lowest_wave_number(cloth: fc.Cloth) -> float:
+    """Return the lowest out-of-plane ω over √(S/ρ), S the tension of the stretched sheet [1/m]."""
     system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [fc.StVK()], ["boundary"])
     K = system.stiffness(system.state(STRETCH * system.rest().x)).tocsr()[2::3, 2::3]
     inside = np.setdiff1d(np.arange(len(cloth.X)), cloth.nodes("boundary"))
@@ -146,20 +146,20 @@ def lowest(cloth: fc.Cloth) -> float:
 
 
 def in_time(problem: str, method: str, refined: int) -> dict:
-    """The error at the end of one of `time_problems`, in as many steps as it has, times 2^k."""
+    """Return the error of a problem of `time_problems` with its steps times 2^refined."""
     task = getattr(time_problems, problem)()
     steps = round(task.steps[0] * 2.0**refined)
     error = task.error(time_problems.CASES[method], steps)
     return {"steps": steps, "dt": task.t_end / steps, "end_error": error}
 
 
-# --- nothing exact --------------------------------------------------------------------------------
+# --- no exact solution ----------------------------------------------------------------------------
 
 
 def swing(bending: str, pattern: str, n: int) -> dict:
-    """A sheet 1 m × 0.5 m, held at one side, swings for 0.3 s with bending, or without: its end.
+    """Run a sheet of 1 m × 0.5 m, pinned on one side, for 0.3 s, and return its end.
 
-    All meshes take the same steps, so that what differs between them is the error in space.
+    All meshes take the same steps, so that their differences are errors in space.
     """
     cloth = fc.Cloth.rectangle(1.0, 0.5, 1 / n, pattern)
     fabric = fc.Fabric(0.2, 200.0, 0.3, bending_rigidity=1e-2)

@@ -1,9 +1,9 @@
-"""Finite elements against springs: what each membrane model converges to, and what it costs.
+"""Finite elements and springs: the limit of each membrane model under refinement, and its cost.
 
-The same cloth through every model: a pull between clamps, a picture frame, a square that hangs by
-its corners, one that swings; the stiffness against the direction of a pull; the bending that
-hinges carry; the seconds of a step. A model of a material comes to one answer on all meshes. The
-cloth that was asked for is StVK's limit. `--scene` asks a scene of your own.
+Every model computes the same cloth: a pull between clamps, a picture frame, a square that hangs by
+its corners, and a swing. The study also measures the stiffness against the direction of a pull,
+the bending rigidity of hinges, and the seconds of a step. A model of a material has the same limit
+on all meshes. The reference is StVK's limit. `--scene` compares the models in your own scene.
 
     python -m studies.models [--quick] [--jobs N] [--out DIR] [--scene my.toml]
 """
@@ -13,19 +13,27 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth import study
-from studies.models.cases import ANGLES, FABRIC, PATTERNS, hinge, own, run
-from studies.models.findings import NAMES, SCENES, Rows, conclude, finest, path, sentence
+from studies.models.cases import ANGLES, FABRIC, PATTERNS, hinge, run, run_scene
+from studies.models.findings import (
+    NAMES,
+    SCENES,
+    Rows,
+    conclude,
+    describe_result,
+    finest,
+    select_rows,
+)
 
 
-def asked_of(options) -> Rows:
-    """The rows of a user's scene: where each model ends, held against StVK."""
+def compare_in_scene(options) -> Rows:
+    """Run a user's scene with each model; return the distances of the ends from StVK's."""
     shared = {
         "path": str(options.scene.resolve()),
         "text": options.scene.read_text(encoding="utf-8"),
     }
-    given = [name for name in NAMES if name != "BaraffWitkin p = 1"]  # matched to one h alone
+    names = [name for name in NAMES if name != "BaraffWitkin p = 1"]  # matched to a single h
     rows = study.run_cases(
-        [{**shared, "model": model} for model in given], own, **study.run_options(options)
+        [{**shared, "model": model} for model in names], run_scene, **study.run_options(options)
     )
     ends = {row["model"]: np.reshape(row["x"], (-1, 3)) for row in rows if row["status"] == "ok"}
     table = []
@@ -39,32 +47,32 @@ def asked_of(options) -> Rows:
     return table
 
 
-def asked(quick: bool) -> Rows:
-    """The settings of all cases of the scenes."""
+def list_cases(quick: bool) -> Rows:
+    """List the settings of all cases."""
     sizes = (0.1, 0.05) if quick else (0.1, 0.05, 0.025, 0.0125)
     steps = {"swing": (0.1,) if quick else sizes[:2], "drape": sizes[:3], "cost": sizes[:1]}
     steps |= {"rose": sizes[1:2] if quick else sizes[:3]}
     if not quick:
         steps["cost"] = sizes[1:3]
-    some = {"swing": ("right", "unstructured"), "cost": ("unstructured",)}
+    patterns = {"swing": ("right", "unstructured"), "cost": ("unstructured",)}
     if quick:
-        some["drape"] = some["swing"]
+        patterns["drape"] = patterns["swing"]
     return [
         {"scene": scene, "model": model, "pattern": pattern, "h": h, "bending": bending}
         for scene in (*SCENES, "rose", "cost")
         for model in NAMES
-        for pattern in some.get(scene, PATTERNS)
+        for pattern in patterns.get(scene, PATTERNS)
         for h in steps.get(scene, sizes)
         for bending in ((False, True) if scene in ("drape", "swing") else (False,))
     ]
 
 
-def settling(rows: Rows, scene: str) -> Rows:
-    """Where each model goes: the finest answer over that asked for, and its last change."""
+def limits_table(rows: Rows, scene: str) -> Rows:
+    """Return each model's finest value over StVK's limit, and its last change."""
     exact, table = finest(rows, scene, "StVK", "unstructured"), []
     for model in NAMES:
         for pattern in PATTERNS:
-            values = [row["value"] for row in path(rows, scene, model, pattern)]
+            values = [row["value"] for row in select_rows(rows, scene, model, pattern)]
             if not values:
                 continue
             line = {"model": model, "pattern": pattern, "over StVK's limit": values[-1] / exact}
@@ -77,8 +85,8 @@ def settling(rows: Rows, scene: str) -> Rows:
     return table
 
 
-def bent(rows: Rows) -> Rows:
-    """What hinges change of the answers."""
+def bending_table(rows: Rows) -> Rows:
+    """Return the relative change of the results by hinge bending."""
     table = []
     for scene in ("drape", "swing"):
         for model in NAMES:
@@ -88,27 +96,29 @@ def bent(rows: Rows) -> Rows:
     return table
 
 
-def costs(rows: Rows) -> Rows:
-    """Milliseconds of a step on one core, over StVK's."""
+def cost_table(rows: Rows) -> Rows:
+    """Return the CPU milliseconds of a step, also relative to StVK."""
     table = []
     for model in NAMES:
-        for row in path(rows, "cost", model, "unstructured"):
-            unit = next(r for r in path(rows, "cost", "StVK", "unstructured") if r["h"] == row["h"])
-            line = {"model": model, "h": row["h"], "CPU ms a step": row["value"]}
+        for row in select_rows(rows, "cost", model, "unstructured"):
+            unit = next(
+                r for r in select_rows(rows, "cost", "StVK", "unstructured") if r["h"] == row["h"]
+            )
+            line = {"model": model, "h": row["h"], "CPU ms per step": row["value"]}
             line |= {"over StVK": row["value"] / unit["value"], "Newton": row["newton"]}
             table.append(line | {"compiling and loading [s]": row["compile_seconds"]})
     return table
 
 
-def roses(rows: Rows) -> Rows:
-    """Highest over lowest stiffness of the directions, and the mean of what was asked for."""
+def direction_table(rows: Rows) -> Rows:
+    """Return the highest and lowest stiffness over the directions of a pull."""
     table = []
     for model in NAMES:
         for pattern in PATTERNS:
-            for row in path(rows, "rose", model, pattern)[-1:]:
+            for row in select_rows(rows, "rose", model, pattern)[-1:]:
                 measured = np.array(row["measured"]) / FABRIC.tensile[0]
                 line = {"model": model, "pattern": pattern, "highest / lowest": row["value"]}
-                line |= {"lowest / asked": measured.min(), "highest / asked": measured.max()}
+                line |= {"lowest / Y": measured.min(), "highest / Y": measured.max()}
                 if "derived" in row:
                     exact = np.array(row["derived"]) / FABRIC.tensile[0]
                     line["derived highest / lowest"] = exact.max() / exact.min()
@@ -117,7 +127,7 @@ def roses(rows: Rows) -> Rows:
 
 
 def draw_refinement(out, rows: Rows) -> None:
-    """Answers over StVK's limit against h by scene and pattern; what softens leaves the panel."""
+    """Draw results over StVK's limit against h; curves that soften leave the panel."""
     shown = ("right", "unstructured")
     size = {"panels": (2, 2), "size": (9.0, 7.6), "log": False, "sharex": True}
     with study.figure(out, "refinement", "edge length h [m]", **size) as (figure, axes):
@@ -131,30 +141,30 @@ def draw_refinement(out, rows: Rows) -> None:
                 ]
                 study.draw_lines(ax, own, x="h", y="ratio", by="model", legend=False, names=NAMES)
                 ax.set(xscale="log", yscale="log", ylim=(0.35, 1.5), title=f"{scene}, {pattern}")
-                ax.set_ylabel("answer / StVK's limit")
+                ax.set_ylabel("value / StVK's limit")
                 study.draw_slope_triangle(ax, 2, at=(0.6, 0.12))
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
 def draw_roses(out, rows: Rows) -> None:
-    """Stiffness against the direction of the pull, a panel for each pattern."""
+    """Draw the stiffness against the direction of the pull, a panel for each pattern."""
     polar = {"subplot_kw": {"projection": "polar"}, "panels": (2, 2), "size": (9.0, 6.0)}
     with study.figure(out, "roses", log=False, **polar) as (figure, axes):
         for ax, pattern in zip(axes.ravel(), PATTERNS, strict=True):
             for i, model in enumerate(NAMES):
-                for row in path(rows, "rose", model, pattern)[-1:]:
+                for row in select_rows(rows, "rose", model, pattern)[-1:]:
                     radius = np.array(row["measured"]) / FABRIC.tensile[0]
                     look = {**study.line_style(i), "markevery": (i % 6, 6), "label": model}
                     ax.plot(np.radians(ANGLES), radius, **look)
-            title = f"{pattern}: stiffness / Y asked"
+            title = f"{pattern}: stiffness / Y"
             ax.set(thetamin=0, thetamax=180, ylim=(0, 1.4), title=title)
             ax.set_rgrids((0.5, 1.0), fontsize=9)
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
 def draw_hinges(out, hinges: Rows) -> None:
-    """B_eff/B of a cantilever strip against its resolution, the derived values as lines."""
-    labels = ("edges along the strip [-]", "bending rigidity carried / asked [-]")
+    """Draw B_eff/B of a cantilever strip against its resolution, derived values as lines."""
+    labels = ("edges along the strip [-]", "B_eff / B [-]")
     with study.figure(out, "hinges", *labels, log=False) as (figure, ax):
         study.draw_lines(ax, hinges, x="along", y="value", by="pattern", legend=False)
         for i, pattern in enumerate(PATTERNS):
@@ -162,7 +172,7 @@ def draw_hinges(out, hinges: Rows) -> None:
                 for limit, dashes in ((row["narrow"], ":"), (row["wide"], "--")):
                     ax.axhline(limit, color=study.COLOURS[i], lw=1, ls=dashes)
         ax.axhline(1.0, color="black", lw=1)
-        title = "derived for endless patterns: narrow strips dotted, wide ones dashed"
+        title = "derived for infinite patterns: narrow strips dotted, wide ones dashed"
         ax.set(xscale="log", title=title)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
@@ -170,12 +180,12 @@ def draw_hinges(out, hinges: Rows) -> None:
 def main() -> int:
     options = study.parse_arguments(__doc__)
     if options.scene:
-        table = asked_of(options)
-        tables = {"The end of the scene, against StVK's": table}
+        table = compare_in_scene(options)
+        tables = {"Distance of the end of the scene from StVK's": table}
         return study.write_report(options, f"The models in {options.scene}", table, tables=tables)
     running = study.run_options(options)
-    cases = asked(options.quick)
-    alone = [case for case in cases if case["scene"] == "cost"]  # seconds are taken one at a time
+    cases = list_cases(options.quick)
+    alone = [case for case in cases if case["scene"] == "cost"]  # timed cases run one after another
     rows = study.run_cases(
         [case for case in cases if case not in alone], run, **running, time_limit=120
     )
@@ -186,9 +196,13 @@ def main() -> int:
     draw_refinement(options.out, rows)
     draw_roses(options.out, rows)
     draw_hinges(options.out, hinges)
-    tables = {f"{scene}: {what}": settling(rows, scene) for scene, what in SCENES.items()}
-    tables |= {"Stiffness against the direction of a pull": roses(rows)}
-    tables |= {"Bending": bent(rows), "Bending carried by hinges": hinges, "Cost": costs(rows)}
+    tables = {f"{scene}: {what}": limits_table(rows, scene) for scene, what in SCENES.items()}
+    tables |= {"Stiffness against the direction of a pull": direction_table(rows)}
+    tables |= {
+        "Bending": bending_table(rows),
+        "Effective bending rigidity of hinges": hinges,
+        "Cost": cost_table(rows),
+    }
     return study.write_report(
         options,
         "Finite elements against springs",
@@ -196,7 +210,7 @@ def main() -> int:
         tables=tables,
         figures=("refinement", "roses", "hinges"),
         findings=conclude(rows, hinges),
-        conclusion=sentence(rows),
+        conclusion=describe_result(rows),
         settings={"fabric": FABRIC},
     )
 

@@ -1,4 +1,4 @@
-"""What each membrane model answers in the scenes of models.py: one case, its numbers."""
+"""One case of the models study: a membrane model in a scene."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ ANGLES = [float(angle) for angle in range(0, 181, 5)]  # of the pull [degrees]
 
 
 def models(pattern: str) -> dict[str, object]:
-    """All membranes by name; Baraff and Witkin's as published is matched to Y at h = 0.1 m."""
+    """Return all membranes by name; Baraff and Witkin's original is matched to Y at h = 0.1 m."""
     return membranes(pattern) | {"NeoHookean": fc.NeoHookean()}
 
 
 def run(scene: str, model: str, pattern: str, h: float, bending: bool = False) -> dict:
-    """The numbers of one case of models.py, by the function of that name below."""
+    """Return the result of the function `scene` of this file."""
     terms = [models(pattern)[model]] + bending * [fc.HingeBending()]
     return globals()[scene](terms, pattern, h)
 
 
 def stretch(terms: list, pattern: str, h: float) -> dict:
-    """A strip 1 m × 0.5 m between clamps, kept plane, pulled by a tenth: the force it takes."""
+    """Return the force of a plane strip of 1 m × 0.5 m between clamps, pulled by a tenth."""
     cloth = fc.Cloth.rectangle(1.0, 0.5, h, pattern)
     system = fc.System(cloth, FABRIC, terms, [*clamps(cloth), in_plane(cloth, "left", "right")])
     pulled = fc.equilibrium(system, system.state(flat(cloth.X * (1 + STRETCH, 1.0))))
@@ -42,9 +42,9 @@ def stretch(terms: list, pattern: str, h: float) -> dict:
 
 
 def shear(terms: list, pattern: str, h: float) -> dict:
-    """A square in a picture frame of stiff hinged bars, kept plane: 2 W/(A sin² γ).
+    """Return 2 W/(A sin² γ) of a plane square in a picture frame of stiff hinged bars.
 
-    The bars turn by γ/2 each, so that E11 = E22 = 0 and 2 E12 = sin γ, of which StVK makes
+    The bars turn by γ/2 each, so that E11 = E22 = 0 and 2 E12 = sin γ; for StVK,
     W = A G sin² γ/2.
     """
     cloth = fc.Cloth.rectangle(0.5, 0.5, h, pattern)
@@ -56,7 +56,7 @@ def shear(terms: list, pattern: str, h: float) -> dict:
 
 
 def drape(terms: list, pattern: str, h: float) -> dict:
-    """A unit square held by 0.2 m of each edge's ends sags under its weight: its middle."""
+    """Return the sag of the centre of a unit square that is pinned 0.2 m around its corners."""
     cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern)
     system = fc.System(cloth, FABRIC, [*terms, fc.Gravity()], [fc.Pin(near_corners)])
     hung = fc.equilibrium(system, system.rest())
@@ -65,8 +65,8 @@ def drape(terms: list, pattern: str, h: float) -> dict:
 
 
 def swing(terms: list, pattern: str, h: float) -> dict:
-    """A unit square falls from level, held along its left edge: its mean depth after 0.4 s."""
-    system = swinging(terms, pattern, h)
+    """Return the mean depth after 0.4 s of a horizontal unit square pinned on the left."""
+    system = make_swing(terms, pattern, h)
     t_end, dt, limit = 0.4, 2.5e-3, study.check_time_limit
     end = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt, t_end, report=limit)
     share = system.nodal_mass / system.nodal_mass.sum()
@@ -74,8 +74,8 @@ def swing(terms: list, pattern: str, h: float) -> dict:
 
 
 def cost(terms: list, pattern: str, h: float) -> dict:
-    """A step of implicit midpoint in the first 50 ms of the swing: CPU time and iterations."""
-    system = swinging(terms, pattern, h)
+    """Return the CPU time and iterations of an implicit midpoint step in 50 ms of the swing."""
+    system = make_swing(terms, pattern, h)
     method, dt, steps = fc.ImplicitMidpoint(), 2.5e-3, 20
 
     def march() -> int:
@@ -88,22 +88,27 @@ def cost(terms: list, pattern: str, h: float) -> dict:
 
 
 def rose(terms: list, pattern: str, h: float) -> dict:
-    """Stiffness against the direction of a pull, measured on a patch and derived.
+    """Return the stiffness against the direction of a pull, measured on a patch and derived.
 
-    Three uniform stresses along the boundary of a unit square at rest give its mean compliance s,
-    W = A/2 σ·s σ; a pull along θ meets 1/(t·s t) with t = (cos², sin², cos sin). Derived: from
-    the homogenised moduli of the endless pattern.
+    Measured: three uniform stresses on the boundary of a unit square at rest give its mean
+    compliance s, W = A/2 σ·s σ; the stiffness along θ is 1/(t·s t), t = (cos², sin², cos sin).
+    Derived: from the homogenised moduli of the infinite pattern.
     """
     s = compliance(fc.Cloth.rectangle(1.0, 1.0, h, pattern), terms[0])
-    numbers = {"angle": ANGLES, "measured": pull(s), "unit": "N/m"}
-    numbers |= {"value": max(pull(s)) / min(pull(s)), "nu": -s[0, 1] / s[0, 0]}
+    numbers = {"angle": ANGLES, "measured": directional_stiffness(s), "unit": "N/m"}
+    numbers |= {
+        "value": max(directional_stiffness(s)) / min(directional_stiffness(s)),
+        "nu": -s[0, 1] / s[0, 0],
+    }
     if pattern in CELLS:
-        numbers["derived"] = pull(np.linalg.inv(fc.plane_moduli(terms[0], FABRIC, pattern, h)))
+        numbers["derived"] = directional_stiffness(
+            np.linalg.inv(fc.plane_moduli(terms[0], FABRIC, pattern, h))
+        )
     return numbers
 
 
 def hinge(pattern: str, along: int) -> dict:
-    """B_eff/B of a strip a quarter as wide as long, and those derived for narrow and wide ones."""
+    """Return B_eff/B of a strip a quarter as wide as long, and the derived values."""
     measured = {"value": cantilever(pattern, along, 0.25)}
     if pattern not in CELLS:
         return measured
@@ -111,17 +116,17 @@ def hinge(pattern: str, along: int) -> dict:
     return measured | {"narrow": 1 / np.linalg.inv(D)[0, 0], "wide": D[0, 0]}
 
 
-def own(path: str, text: str, model: str) -> dict:
-    """A scene file with its membrane replaced: where it ends, and the seconds.
+def run_scene(path: str, text: str, model: str) -> dict:
+    """Run a scene file with its membrane replaced; return its end and the CPU seconds.
 
-    `text` is the file's, so that a change of it is another case.
+    `text` is the contents of the file: it makes an edited scene another case.
     """
     built = load(path).build()
-    given = [term for term in built.system.terms if not isinstance(term, MEMBRANES)]
+    others = [term for term in built.system.terms if not isinstance(term, MEMBRANES)]
     whole, Y = built.system, built.system.panel.fabrics[0].tensile[0]
     choice = {**models("right"), "TensorCondition": fc.TensorCondition(Y / 4)}
     arguments = whole.pins, whole.mass_kind, whole.grain
-    system = fc.System(built.cloth, whole.fabric, [choice[model], *given], *arguments)
+    system = fc.System(built.cloth, whole.fabric, [choice[model], *others], *arguments)
     run_ = built.method, built.state, built.dt, built.t_end
     begin = time.process_time()
     options = {"solver": built.linear, "newton": built.newton, "report": study.check_time_limit}
@@ -144,17 +149,17 @@ def compliance(cloth: fc.Cloth, membrane) -> np.ndarray:
 
 
 def rigid(X: np.ndarray) -> list[int]:
-    """Three components that leave no rigid motion: a node, and one far from it across the line."""
+    """Return three components to fix against rigid motion: of a node, and of one far from it."""
     far = int(np.linalg.norm(X - X[0], axis=1).argmax())
     along_x = abs(X[far, 0] - X[0, 0]) >= abs(X[far, 1] - X[0, 1])
     return [0, 1, 2 * far + int(along_x)]
 
 
 def tractions(cloth: fc.Cloth, sigma: tuple[float, float, float]) -> np.ndarray:
-    """(n, 2) forces of a uniform stress on the boundary, half of each edge's to either end."""
+    """Return (n, 2) forces of a uniform stress on the boundary, half of an edge's to each end."""
     stress = np.array([[sigma[0], sigma[2]], [sigma[2], sigma[1]]])
     f, (a, b, c) = np.zeros((len(cloth.X), 2)), cloth.triangles[:, :3].T
-    for i, j in ((a, b), (b, c), (c, a)):  # what two triangles share cancels
+    for i, j in ((a, b), (b, c), (c, a)):  # inner edges cancel
         along = cloth.X[j] - cloth.X[i]
         half = 0.5 * np.column_stack([along[:, 1], -along[:, 0]]) @ stress
         np.add.at(f, i, half)
@@ -162,14 +167,14 @@ def tractions(cloth: fc.Cloth, sigma: tuple[float, float, float]) -> np.ndarray:
     return f
 
 
-def pull(s: np.ndarray) -> list[float]:
-    """Stiffness against a pull along each of the angles [N/m]."""
+def directional_stiffness(s: np.ndarray) -> list[float]:
+    """Return the stiffness against a pull along each of `ANGLES` [N/m]."""
     theta = np.radians(ANGLES)
     t = np.stack([np.cos(theta) ** 2, np.sin(theta) ** 2, np.cos(theta) * np.sin(theta)])
     return (1 / np.einsum("ia,ij,ja->a", t, s, t)).tolist()
 
 
-def swinging(terms: list, pattern: str, h: float) -> fc.System:
+def make_swing(terms: list, pattern: str, h: float) -> fc.System:
     cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern)
     loads = [fc.StrainRateDamping(0.01), fc.Gravity()]
     return fc.System(cloth, FABRIC, [*terms, *loads], ["left"])
@@ -179,14 +184,14 @@ def clamps(cloth: fc.Cloth) -> list[fc.Pin]:
     return [fc.Pin("left"), fc.Pin("right")]
 
 
-def in_plane(cloth: fc.Cloth, *held: str) -> fc.Slide:
-    """All nodes but those of the held sets stay in the plane."""
-    others = np.setdiff1d(np.arange(len(cloth.X)), np.concatenate([cloth.nodes(s) for s in held]))
+def in_plane(cloth: fc.Cloth, *pinned: str) -> fc.Slide:
+    """Constrain all nodes but those of the pinned sets to the plane."""
+    others = np.setdiff1d(np.arange(len(cloth.X)), np.concatenate([cloth.nodes(s) for s in pinned]))
     return fc.Slide(others, normal=(0, 0, 1))
 
 
 def near_corners(X: np.ndarray) -> np.ndarray:
-    """Whether a node lies on an edge of the unit square, within 0.2 m of a corner."""
+    """Return True for nodes on an edge of the unit square within 0.2 m of a corner."""
     from_edge = np.minimum(X, 1 - X)
     return (from_edge.min(axis=1) < 1e-9) & (from_edge.max(axis=1) < 0.2 + 1e-9)
 

@@ -1,9 +1,9 @@
-"""What hinges carry of B on each pattern, derived and measured: python -m studies.models.hinge_bias
+"""Effective bending rigidity of hinges on each pattern: python -m studies.models.hinge_bias
 
-Derived: the homogenised bending tensor of the endless pattern, and from it B_eff/B of a strip
-along X. Measured: a cantilever in small deflection under its own weight, B_eff = ρ g L⁴/(8 w), at
-several widths and edge lengths. Two columns of nodes are held; the slope is zero half-way between
-them, and from there the length counts.
+Derived: the homogenised bending tensor of the infinite pattern, and from it B_eff/B of a strip
+along X. Measured: a cantilever in small deflection under its own weight, B_eff = ρ g L⁴/(8 w), for
+several widths and edge lengths. Two columns of nodes are pinned; the slope is zero half-way between
+them, so the length counts from there.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SHEET = fc.Fabric(areal_density=1.0, tensile_stiffness=1.0, bending_rigidity=1.0
 
 
 def cantilever(pattern: str, along: int, width: float) -> float:
-    """B_eff/B of a cantilever with `along` edges along its length 1."""
+    """Return B_eff/B of a cantilever of length 1 with `along` edges."""
     h = 1.0 / along
     cloth = fc.Cloth.rectangle(1.0 + h, width, h, pattern)
     system = fc.System(cloth, SHEET, [fc.QuadraticBending()])

@@ -1,12 +1,11 @@
-"""Which plane material each model is, by pattern and edge length.
+"""Homogenised plane moduli of each model, by pattern and edge length.
 
     python -m studies.models.homogenised_moduli
 
-The homogenised moduli at rest of a term on an endless pattern, divided by Y of the fabric that was
-asked for. A material does not change with the edge length, nor with the pattern. Baraff and
-Witkin's conditions as published do change: their stiffness goes with the area of a triangle, so
-that each halving of h makes the cloth four times as soft; with the square root of the area in
-place of the area they are a material.
+The homogenised moduli at rest of a term on an infinite pattern, divided by Y of the fabric. Those
+of a material depend neither on the edge length nor on the pattern. Baraff and Witkin's conditions
+as published do: their stiffness is proportional to the area of a triangle, so that each halving of
+h makes the cloth four times as soft. With the square root of the area they are a material.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=Y, poisson_ratio=NU)
 
 
 def published(pattern: str) -> fc.BaraffWitkin:
-    """Baraff and Witkin's conditions with the tensile stiffness Y at the edge length H."""
+    """Return Baraff and Witkin's conditions with the tensile stiffness Y at the edge length H."""
     a = np.median(fc.Cloth.rectangle(4 * H, 4 * H, H, pattern).weights.sum(axis=1))
     return fc.BaraffWitkin((Y / a, Y / a), FABRIC.shear / a, area_exponent=1.0)
 
@@ -43,7 +42,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="two edge lengths only")
     lengths = (H, H / 2) if parser.parse_args().quick else (2 * H, H, H / 2, H / 4, H / 8)
-    print(f"fabric: Y = {Y:g} N/m, nu = {NU:g}; asked for: C/Y = {FABRIC.moduli()[:4] / Y}")
+    print(f"fabric: Y = {Y:g} N/m, nu = {NU:g}; C/Y = {FABRIC.moduli()[:4] / Y}")
     print(f"{'pattern':<12} {'model':<22} {'h [m]':>7}  C11/Y  C22/Y  C12/Y  C33/Y")
     softening = {}
     for pattern in ("right", "cross", "equilateral"):
@@ -56,7 +55,7 @@ def main() -> None:
                 print(f"{pattern:<12} {name:<22} {h:>7.4g}  {values}")
             ratio = rows[-1][0, 0] / rows[0][0, 0]
             softening[name] = np.log(ratio) / np.log(lengths[-1] / lengths[0])
-    print("C11 goes with h to the power of")
+    print("exponent of h in C11")
     for name, power in softening.items():
         print(f"  {name:<22} {power + 0.0:5.2f}")
 

@@ -1,4 +1,4 @@
-"""The converged continuum in the scenes of speed_accuracy.py: solutions that know no triangles."""
+"""The continuum solutions of the work-precision scenes, which use no triangles."""
 
 from __future__ import annotations
 

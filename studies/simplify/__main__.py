@@ -26,7 +26,7 @@ from fecloth import study
 from fecloth.errors import FeclothError
 from fecloth.output.atomic_files import replace_file
 from fecloth.scene.scene import load
-from fecloth.scene.toml_text import written
+from fecloth.scene.toml_text import to_toml
 from studies.simplify.cases import COUNTED, Answer, answer, changes, data_of, interest_of, scene_of
 from studies.simplify.dimensionless import Numbers
 from studies.simplify.dimensionless import table as table_of_numbers
@@ -64,7 +64,7 @@ class Task:
 
     @cached_property
     def text(self) -> str:
-        return written(self.data)
+        return to_toml(self.data)
 
     @cached_property
     def scene(self):
@@ -82,7 +82,7 @@ class Task:
         return Answer.of(row)
 
     def case(self, name: str, data: dict, static: bool = False) -> dict:
-        settings = {"scene": self.name, "variant": name, "text": written(data)}
+        settings = {"scene": self.name, "variant": name, "text": to_toml(data)}
         return settings | {"static": static, "repeats": self.repeats}
 
     def run(self, cases: list[dict]) -> list[dict]:
@@ -171,7 +171,7 @@ def combine_variants(task: Task, found: list[tuple[Variant, dict]]) -> tuple[dic
 def run_reduced_scene(task: Task, data: dict) -> dict:
     """Write reduced.toml, run that file, and compare it with the full scene."""
     path = task.run_options["out"] / "reduced.toml"
-    replace_file(path, written(data).encode())
+    replace_file(path, to_toml(data).encode())
     case = task.case("reduced.toml", data_of(load(path)))
     (row,) = study.run_cases([case], answer, **task.run_options | {"fresh": True})
     return task.compare(row)

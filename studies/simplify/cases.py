@@ -16,13 +16,14 @@ from fecloth import study
 from fecloth.errors import InputError
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.statistics import Counts
-from fecloth.runs.run_scene import compile_kernels
-from fecloth.scene.problem import Built
+from fecloth.runs.warm_up import compile_kernels
+from fecloth.scene.probe_tables import Interest
+from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene, load
-from fecloth.scene.tables import Interest
 from fecloth.simulation.probes import Observer
-from fecloth.simulation.resolve import settled
-from fecloth.simulation.run import balanced, columns
+from fecloth.simulation.record_steps import balanced
+from fecloth.simulation.resolve import resolve
+from fecloth.simulation.run import columns
 
 COUNTED = ("newton", "linear", "factorisations")
 ENOUGH = 1.5  # CPU seconds of timing, after which the run is not repeated
@@ -69,13 +70,13 @@ def answer(
     return {"triangles": len(built.cloth.triangles), **row, "moved": moved.tolist()}
 
 
-def march(built: Built, most: float | None) -> dict:
+def march(built: Problem, most: float | None) -> dict:
     """Run the scene in time; its CPU seconds do not include recording."""
     system, state, counts = built.system, built.state, dict.fromkeys(COUNTED, 0)
     ledger, observer = fc.Ledger.open(system, state), Observer.bind(system, state, built.probes)
     rows, seconds, begin = [ledger.row() | observer.row(None, None)], 0.0, time.process_time()
     arguments = system, built.method, state, built.dt, built.t_end
-    method, solver, _ = settled(*arguments, built.linear, built.newton)
+    method, solver, _ = resolve(*arguments, built.linear, built.newton)
     first = begin
     for state, info in fc.march(system, method, *arguments[2:], solver=solver):  # noqa: B007
         seconds += time.process_time() - begin
@@ -93,7 +94,7 @@ def column_lists(rows: list[dict]) -> dict[str, list[float]]:
     return {name: values.tolist() for name, values in columns(rows).items()}
 
 
-def solve_equilibrium(built: Built) -> dict:
+def solve_equilibrium(built: Problem) -> dict:
     """Solve for the equilibrium under the loads at the end; the rows are the start and the end."""
     if any(pin.motion for pin, _ in built.system.constraints.groups.values()):
         raise InputError("a pin moves", "equilibrium does not move pins", "studies.simplify")

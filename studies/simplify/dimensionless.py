@@ -24,7 +24,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
 import fecloth as fc
-from fecloth.scene.problem import Built
+from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene
 
 FIRST_ORDER = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler", "ForwardEuler")
@@ -40,7 +40,7 @@ class Numbers:
     """Magnitudes of a scene's terms; the docstring of the file has the formulas."""
 
     scene: Scene
-    built: Built
+    built: Problem
 
     @classmethod
     def of(cls, scene: Scene) -> Numbers:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from fecloth.errors import FeclothError
-from fecloth.scene.toml_text import written
+from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.error_control import Adaptive
 from studies.simplify.cases import data_of, scene_of
 from studies.simplify.dimensionless import BENDING, DAMPINGS, MEMBRANES, Numbers
@@ -56,7 +56,7 @@ def _change_of_reach(variant: Variant, numbers: Numbers) -> float:
 
     For example, ``inside = "X < 0.02"`` clamps another length of the cloth.
     """
-    other = Numbers.of(scene_of(written(variant.apply(data_of(numbers.scene)))))
+    other = Numbers.of(scene_of(to_toml(variant.apply(data_of(numbers.scene)))))
     return abs(other.moved * other.L / (numbers.moved * numbers.L) - 1)
 
 

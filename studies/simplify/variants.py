@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from fecloth.integrators import EXPLICIT
-from fecloth.scene.tables import Interest
+from fecloth.scene.probe_tables import Interest
 from fecloth.simulation.error_control import Adaptive
 
 Data = dict

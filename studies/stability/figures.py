@@ -1,4 +1,4 @@
-"""The figures of stability.py."""
+"""Figures of the stability study."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ LOOKS = {
     BLOWN: {"marker": "X", "color": "#D55E00"},
 }
 LINES = {
-    "foretold: explicit limit": {"color": "black", "ls": "-"},
-    "foretold: indefinite beyond": {"color": "black", "ls": "--"},
+    "predicted: explicit limit": {"color": "black", "ls": "-"},
+    "predicted: indefinite above": {"color": "black", "ls": "--"},
 }
 
 
 def draw_map(out, name: str, rows: list[dict], y: str, ylabel: str) -> None:
-    """A panel for each method: dt across, `y` up, a marker for each cell, the limit foretold."""
+    """Draw a panel for each method: dt across, `y` up, cells as markers, the predicted limit."""
     size = {"panels": (4, 3), "size": (9.0, 9.6), "sharex": True, "sharey": True}
     with study.figure(out, name, **size) as (figure, axes):
         drawn = set()
@@ -36,14 +36,14 @@ def draw_map(out, name: str, rows: list[dict], y: str, ylabel: str) -> None:
                 drawn.add(kind)
         for ax in axes.flat[len(ALL) :]:
             ax.set_axis_off()
-        legend(axes.flat[len(ALL)], drawn)
+        draw_legend(axes.flat[len(ALL)], drawn)
         figure.supxlabel("time step [s]")
         figure.supylabel(ylabel)
         figure.suptitle(f"scene {rows[0]['scene']}")
 
 
-def legend(ax, drawn: set[str]) -> None:
-    """The classes and those lines that are drawn, in an empty panel."""
+def draw_legend(ax, drawn: set[str]) -> None:
+    """Draw the legend of the classes and the drawn lines in an empty panel."""
     for outcome, look in LOOKS.items():
         ax.plot([], [], ls="", ms=7, label=outcome, **look)
     for label in sorted(drawn):
@@ -52,7 +52,7 @@ def legend(ax, drawn: set[str]) -> None:
 
 
 def draw_limits(out, rows: list[dict]) -> None:
-    """Limits of linear sheets over mesh size, stiffness and damping: measured and foretold."""
+    """Draw measured and predicted limits of linear sheets over mesh size, stiffness, damping."""
     labels = {"h": "edge length [m]", "Y": "tensile stiffness [N/m]"}
     labels |= {"damping": "strain-rate damping time [s]"}
     size = {"panels": (1, 3), "size": (10.0, 4.4), "sharey": True}
@@ -60,22 +60,22 @@ def draw_limits(out, rows: list[dict]) -> None:
         for ax, (over, label) in zip(axes, labels.items(), strict=True):
             ax.set_xlabel(label)
             for i, method in enumerate(EXPLICIT):
-                own = sorted(path(rows, method, over), key=lambda row: row[over])
+                own = sorted(select_rows(rows, method, over), key=lambda row: row[over])
                 look, x = study.line_style(i), [row[over] for row in own]
-                ax.plot(x, [row["foretold"] for row in own], "-", color=look["color"])
+                ax.plot(x, [row["predicted"] for row in own], "-", color=look["color"])
                 look |= {"ls": "", "label": f"{method.replace('_', ' ')}, measured"}
                 ax.plot(x, [row["measured"] for row in own], **look)
-        axes[0].plot([], [], "-", color="0.3", label="foretold")
+        axes[0].plot([], [], "-", color="0.3", label="predicted")
         axes[1].label_outer()
         axes[2].label_outer()
         handles = axes[0].get_legend_handles_labels()
         figure.legend(*handles, loc="outside lower center", ncols=2)
 
 
-def path(rows: list[dict], method: str, over: str) -> list[dict]:
-    """The measured limits that differ in `over` alone from the sheet that is in the middle."""
+def select_rows(rows: list[dict], method: str, over: str) -> list[dict]:
+    """Return the rows that differ from the middle sheet only in `over`."""
     middle = {"h": 0.1, "Y": 1000.0, "damping": 0.0}
     own = [row for row in rows if row["method"] == method and "measured" in row]
     same = [k for k in middle if k != over]
-    found = [row for row in own if all(row[k] == middle[k] for k in same)]
-    return [row for row in found if row[over] > 0]
+    selected = [row for row in own if all(row[k] == middle[k] for k in same)]
+    return [row for row in selected if row[over] > 0]

@@ -1,16 +1,16 @@
-"""Error against seconds: every method, step, mesh, element, model and linear solver on four scenes.
+"""Work and precision: error against seconds of methods, steps, meshes and models on four scenes.
 
     python -m studies.work_precision [--quick] [--jobs N] [--out DIR] [--peers] [--scene my.toml]
 
-A run's error is the largest distance of a path (a mean over the cloth; the centre or free edge
-beside it) from that of the converged continuum, over the path's peak, at 40 times; between the
-steps Hermite's cubic. It has three parts: in time, against a run of fine steps on the same mesh;
-in space, of that against the same on the finest mesh; of the model, of that against the
-continuum, what the finest mesh leaves included.
+The error of a run is the largest distance of a path from that of the continuum at 40 times, over
+the largest value of the path. Paths are the mean over the cloth, and one point. Between the steps
+they are Hermite's cubics. The error has three parts: in time, against a run with fine steps on the
+same mesh; in space, of that run against the same on the finest mesh; and of the model, of that run
+against the continuum, which includes the remaining error of the finest mesh.
 
-Seconds are the processor's, on one thread, of the march alone, after a warm-up of a fiftieth of
-the run, which also compiles: the least of three runs, or of the one run where that takes over 1 s.
-Timed cases run one after another whatever --jobs says.
+Seconds are CPU seconds of the march on one thread, after a warm-up of a fiftieth of the run, which
+also compiles: the least of three runs, or of one run if it takes more than 1 s. Timed cases run one
+after another, whatever --jobs is.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ import numpy as np
 from fecloth import study
 from studies.references.continuum import continuum
 from studies.work_precision import figures as charts
-from studies.work_precision.grid import asked, asked_of, fine_runs, key
-from studies.work_precision.scenes import SCENES, own, run
+from studies.work_precision.grid import fine_runs, key, scene_cases, timed_cases
+from studies.work_precision.scenes import SCENES, run, run_scene
 
 LEVELS = (0.1, 0.01, 0.001, 0.0001)
 FIRST = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler")
@@ -33,24 +33,24 @@ Rows = list[dict]
 
 
 def distance(a, b, last_only: bool = False) -> float:
-    """Largest |a − b| over the largest |b|; of the last sample alone for a static answer."""
+    """Return the largest |a − b| over the largest |b|, or only at the last sample."""
     a, b = np.asarray(a), np.asarray(b)
     if last_only:
         a, b = a[-1:], b[-1:]
     return float(np.abs(a - b).max() / np.abs(b).max())
 
 
-def limits(fine: Rows, scene: str, coarse: bool) -> dict[str, np.ndarray]:
-    """The continuum of a scene, or where none is known what the quadratic triangles tend to.
+def exact_paths(fine: Rows, scene: str, coarse: bool) -> dict[str, np.ndarray]:
+    """Return the paths of the continuum, or else the limit of quadratic triangles.
 
-    For the latter by Aitken's extrapolation of the three finest meshes.
+    The limit is Aitken's extrapolation of the three finest meshes.
     """
     times = SCENES[scene]("StVK" if scene != "swing" else "StVK + hinges", "P1", 0.1).times
     exact = continuum(scene, times, coarse)
     if exact:
         return exact
-    own_ = [r for r in fine if r["scene"] == scene and r["element"] == "P2"]
-    a, b, c = sorted(own_, key=lambda row: -row["h"])[-3:]
+    quadratic = [r for r in fine if r["scene"] == scene and r["element"] == "P2"]
+    a, b, c = sorted(quadratic, key=lambda row: -row["h"])[-3:]
     limit = {}
     for name in ("mean", "point"):
         p, q, r = (np.array(row[name]) for row in (a, b, c))
@@ -58,36 +58,36 @@ def limits(fine: Rows, scene: str, coarse: bool) -> dict[str, np.ndarray]:
     return limit
 
 
-def split(rows: Rows, fine: Rows, coarse: bool) -> None:
-    """Add the errors to the rows: of both paths, and of the mean's parts."""
-    own_ = {key(row): row for row in fine if row["status"] == "ok"}
+def add_errors(rows: Rows, fine: Rows, coarse: bool) -> None:
+    """Add the errors to the rows: of both paths, and the three parts of the mean's error."""
+    references = {key(row): row for row in fine if row["status"] == "ok"}
     for scene in dict.fromkeys(row["scene"] for row in rows):
-        exact, still = limits(fine, scene, coarse), scene == "stretch"
+        exact, still = exact_paths(fine, scene, coarse), scene == "stretch"
         for row in [*rows, *fine]:
             if row["scene"] != scene or row["status"] != "ok":
                 continue
             row["total_error"] = distance(row["mean"], exact["mean"], still)
             row["point_error"] = distance(row["point"], exact["point"], still)
-            here = own_.get(key(row))
-            kin = [r for r in own_.values() if key(r)[:3] == key(row)[:3]]
-            if here is None or not kin:
+            here = references.get(key(row))
+            same_model = [r for r in references.values() if key(r)[:3] == key(row)[:3]]
+            if here is None or not same_model:
                 continue
-            best = min(kin, key=lambda r: r["h"])
+            best = min(same_model, key=lambda r: r["h"])
             row["time_error"] = distance(row["mean"], here["mean"], still)
             row["space_error"] = distance(here["mean"], best["mean"], still)
             row["model_error"] = distance(best["mean"], exact["mean"], still)
 
 
-def failed_by_itself(rows: Rows) -> Rows:
-    """Rows whose run failed after some seconds, with the status of a failure."""
+def mark_failed(rows: Rows) -> Rows:
+    """Set the status of rows whose run failed after some seconds."""
     return [
         row | {"status": "failed", "cause": row["failure"]} if "failure" in row else row
         for row in rows
     ]
 
 
-def words(row: dict) -> str:
-    """A setting as one reads it."""
+def describe_settings(row: dict) -> str:
+    """Describe the settings of a run in words."""
     parts = [row["method"]]
     if row.get("step"):
         adaptive = row["method"].startswith(("Adaptive", "Auto"))
@@ -99,7 +99,7 @@ def words(row: dict) -> str:
 
 
 def cheapest(rows: Rows, scene: str, level: float, among=lambda row: True) -> dict | None:
-    """The row of the scene that takes the fewest seconds to that error, if there is one."""
+    """Return the row with the fewest seconds whose error is within the level, or None."""
     good = [r for r in rows if r["scene"] == scene and r["status"] == "ok" and among(r)]
     good = [r for r in good if r["total_error"] <= level]
     return min(good, key=lambda row: row["seconds"]) if good else None
@@ -109,24 +109,24 @@ def seconds(row: dict | None) -> float:
     return row["seconds"] if row else math.inf
 
 
-def table(rows: Rows, scene: str) -> Rows:
-    """The cheapest setting for each level of error."""
+def table_of_cheapest(rows: Rows, scene: str) -> Rows:
+    """Return a table of the cheapest settings for each level of error."""
     lines = []
     for level in LEVELS:
         row, line = cheapest(rows, scene, level), {"error at most": f"{100 * level:g} %"}
         if row is None:
             lines.append(line | {"cheapest": "none of these"})
             continue
-        line |= {"cheapest": words(row), "CPU seconds": row["seconds"]}
-        line |= {"error [%]": 100 * row["total_error"], "beside it [%]": 100 * row["point_error"]}
+        line |= {"cheapest": describe_settings(row), "CPU seconds": row["seconds"]}
+        line |= {"error [%]": 100 * row["total_error"], "point [%]": 100 * row["point_error"]}
         for name in ("steps", "newton", "factorisations", "force_evaluations"):
             line[name.replace("_", " ")] = row.get(name)
         lines.append(line)
     return lines
 
 
-def parts(fine: Rows) -> Rows:
-    """Errors in space and of the model, and the point's, of each mesh."""
+def table_of_parts(fine: Rows) -> Rows:
+    """Return a table of the errors in space and of the model on each mesh."""
     return [
         {
             "scene": row["scene"],
@@ -136,16 +136,16 @@ def parts(fine: Rows) -> Rows:
             "triangles": row["triangles"],
             "space [%]": 100 * row["space_error"],
             "model [%]": 100 * row["model_error"],
-            "all [%]": 100 * row["total_error"],
-            "beside it [%]": 100 * row["point_error"],
+            "total [%]": 100 * row["total_error"],
+            "point [%]": 100 * row["point_error"],
         }
         for row in fine
         if row["status"] == "ok" and "space_error" in row
     ]
 
 
-def solvers(rows: Rows) -> Rows:
-    """Seconds by each linear solver of the same runs."""
+def table_of_solvers(rows: Rows) -> Rows:
+    """Return a table of the seconds of the same runs with each linear solver."""
     named = [r for r in rows if r.get("linear", "auto") != "auto" and r["status"] == "ok"]
     same = ("scene", "h", "method", "step", "element", "model")
     lines = {}
@@ -158,13 +158,13 @@ def solvers(rows: Rows) -> Rows:
 
 
 def conclude(rows: Rows, fine: Rows, quick: bool) -> list[study.Finding]:
-    """Who wins, and how near the finest run comes."""
-    found = []
+    """Return the findings: ratios of seconds, and the error of the finest run."""
+    findings = []
 
     def ratio(what, scene, level, slow, fast, low):
         costs = [seconds(cheapest(rows, scene, level, among)) for among in (slow, fast)]
         value = costs[0] / costs[1] if math.isfinite(costs[1]) else math.nan
-        found.append(study.Finding(f"{scene}, {100 * level:g} %: {what}", value, low))
+        findings.append(study.Finding(f"{scene}, {100 * level:g} %: {what}", value, low))
 
     def explicit(row):
         return row["method"] in EXPLICIT
@@ -183,7 +183,7 @@ def conclude(rows: Rows, fine: Rows, quick: bool) -> list[study.Finding]:
     for scene in ("trampoline", "wave"):
         ratio("first order over second, implicit", scene, 0.01, first, second, 1.0)
     if quick:
-        return found
+        return findings
     ratio("cheapest explicit over implicit", "swing", 0.01, explicit, implicit, 1.5)
     marching = lambda row: row["method"] != "equilibrium"  # noqa: E731
     still = lambda row: row["method"] == "equilibrium"  # noqa: E731
@@ -192,35 +192,37 @@ def conclude(rows: Rows, fine: Rows, quick: bool) -> list[study.Finding]:
         (r for r in rows if r["scene"] == "trampoline" and r["status"] == "ok"),
         key=lambda row: (row["h"], row["total_error"]),
     )
-    what = f"trampoline, finest ({words(best)}): error of the mean [%]"
-    found.append(study.Finding(what, 100 * best["total_error"], high=0.1))
-    found.append(study.Finding("  and of the centre [%]", 100 * best["point_error"]))
-    return found
+    what = f"trampoline, finest ({describe_settings(best)}): error of the mean [%]"
+    findings.append(study.Finding(what, 100 * best["total_error"], high=0.1))
+    findings.append(study.Finding("  and of the centre [%]", 100 * best["point_error"]))
+    return findings
 
 
-def sentence(rows: Rows) -> str:
-    """What the charts say, in words."""
-    said = []
+def describe_result(rows: Rows) -> str:
+    """Return the cheapest settings at 1 % as a sentence."""
+    parts = []
     for scene in dict.fromkeys(row["scene"] for row in rows):
         row = cheapest(rows, scene, 0.01)
         if row:
-            said.append(f"the {scene} takes {words(row)} and {row['seconds']:.2g} CPU s")
-    return "At 1 % of error " + "; ".join(said) + "." if said else ""
+            parts.append(
+                f"the {scene} takes {describe_settings(row)} and {row['seconds']:.2g} CPU s"
+            )
+    return "At 1 % of error " + "; ".join(parts) + "." if parts else ""
 
 
-def of_own(options) -> int:
-    """A user's scene by other methods and steps, against its own method at fine steps."""
+def study_scene(options) -> int:
+    """Run a user's scene with other methods and steps; compare with its method at fine steps."""
     name = options.scene.stem
     digest = hashlib.sha256(options.scene.read_bytes()).hexdigest()[:12]
     shared = {"path": str(options.scene.resolve()), "digest": digest}
-    cases = [{**shared, **case} for case in asked_of(options.scene, options.quick)]
+    cases = [{**shared, **case} for case in scene_cases(options.scene, options.quick)]
     running = study.run_options(options) | {"jobs": 1}
-    exact, *rows = study.run_cases(cases, own, **running, time_limit=300)
+    exact, *rows = study.run_cases(cases, run_scene, **running, time_limit=300)
     for row in rows:
         row |= {"scene": name, "element": "P1", "model": "StVK", "h": math.nan}
         if row["status"] == exact["status"] == "ok":
             row["total_error"] = rms(row["x"], exact["x"]) / rms(exact["x"], exact["start"])
-    charts.draw_all(options.out, rows, "distance of the end [% of the way there]")
+    charts.draw_all(options.out, rows, "distance of the end [% of the displacement]")
     lines = []
     for level in LEVELS:
         row, line = cheapest(rows, name, level), {"error at most": f"{100 * level:g} %"}
@@ -232,38 +234,38 @@ def of_own(options) -> int:
         options,
         f"Speed and accuracy of {name}",
         rows,
-        tables={"Cheapest, by the rms distance of the end over that from the start": lines},
+        tables={"Cheapest, by the rms error of the end over the rms displacement": lines},
         figures=("speed_accuracy",),
-        conclusion=f"Errors in time alone, against {exact['method']} at {exact['step']:g}.",
+        conclusion=f"Errors in time only, against {exact['method']} at {exact['step']:g}.",
     )
 
 
 def rms(a, b) -> float:
-    """Root of the mean square of a − b."""
+    """Return the root mean square of a − b."""
     return float(np.sqrt(np.mean(np.square(np.subtract(a, b)))))
 
 
 def main() -> int:
     options = study.parse_arguments(__doc__, peers={"action": "store_true", "help": "add MuJoCo"})
     if options.scene:
-        return of_own(options)
+        return study_scene(options)
     running, one = study.run_options(options), study.run_options(options) | {"jobs": 1}
     fine = study.run_cases(fine_runs(options.quick), run, **running, time_limit=300)
-    rows = study.run_cases(asked(options.quick), run, **one, time_limit=60)
+    rows = study.run_cases(timed_cases(options.quick), run, **one, time_limit=60)
     if options.peers:
-        from studies.work_precision.mujoco import beside, peer_cases
+        from studies.work_precision.mujoco import list_mujoco_cases, run_mujoco
 
-        rows += study.run_cases(peer_cases(options.quick), beside, **one, time_limit=300)
-    rows = failed_by_itself(rows)
-    split(rows, fine, options.quick)
+        rows += study.run_cases(list_mujoco_cases(options.quick), run_mujoco, **one, time_limit=300)
+    rows = mark_failed(rows)
+    add_errors(rows, fine, options.quick)
     charts.draw_all(options.out, rows)
     charts.draw_time(options.out, rows)
     charts.draw_space(options.out, fine)
     scenes = dict.fromkeys(row["scene"] for row in rows)
-    tables = {f"Cheapest: {scene}": table(rows, scene) for scene in scenes}
-    tables["Space and model, at fine steps"] = parts(fine)
+    tables = {f"Cheapest: {scene}": table_of_cheapest(rows, scene) for scene in scenes}
+    tables["Errors in space and of the model, with fine steps"] = table_of_parts(fine)
     if not options.quick:
-        tables["Linear solvers, CPU seconds"] = solvers(rows)
+        tables["Linear solvers, CPU seconds"] = table_of_solvers(rows)
     return study.write_report(
         options,
         "Speed and accuracy",
@@ -271,7 +273,7 @@ def main() -> int:
         tables=tables,
         figures=("speed_accuracy", "time_error", "space_error"),
         findings=conclude(rows, fine, options.quick),
-        conclusion=sentence(rows),
+        conclusion=describe_result(rows),
     )
 
 

@@ -1,4 +1,4 @@
-"""MuJoCo's flex in the scenes of speed_accuracy.py: the same mesh, masses and material.
+"""MuJoCo's flex in the scenes of this study: the same mesh, masses and material.
 
 `Euler` starts with the half-step velocity, as the leapfrog does; `discrete` is the linearised
 backward Euler step. Its bending is a thin plate's, with the thickness that gives B at the given Y.
@@ -20,10 +20,10 @@ FLEX = {"trampoline": {}, "swing": {"pins": "left", "elastic": "both"}}
 STEPS = (5e-3, 2.5e-3, 1.25e-3)  # s
 
 
-def peer_cases(quick: bool) -> Rows:
-    """Explicit steps near the limit, and long ones of `discrete`; none without MuJoCo."""
+def list_mujoco_cases(quick: bool) -> Rows:
+    """List explicit steps near the limit, and long `discrete` steps; empty without MuJoCo."""
     if find_spec("mujoco") is None:
-        print("MuJoCo is not installed, and left out: pip install 'fecloth[peers]'")
+        print("MuJoCo is not installed and is left out: pip install 'fecloth[peers]'")
         return []
     found = []
     for scene in ("trampoline",) if quick else tuple(FLEX):
@@ -33,27 +33,27 @@ def peer_cases(quick: bool) -> Rows:
     return found
 
 
-def beside(scene, model, element, h, method, step, linear) -> dict:
-    """A run of MuJoCo: the paths, the seconds."""
-    asked = SCENES[scene](model, element, h)
-    gap = asked.t_end / SAMPLES
+def run_mujoco(scene, model, element, h, method, step, linear) -> dict:
+    """Run MuJoCo; return the paths and the seconds."""
+    problem = SCENES[scene](model, element, h)
+    gap = problem.t_end / SAMPLES
     each = int(np.ceil(gap / step - 1e-9))
-    model_, data = bound(asked, scene, gap / each, method.split()[1])
-    fly(asked, model_, data, 2, each)  # warm
+    model_, data = make_model(problem, scene, gap / each, method.split()[1])
+    run_once(problem, model_, data, 2, each)  # warm
     spent = []
     while len(spent) < 3 and (not spent or min(spent) < LONG):
         begin = time.process_time()
-        paths = fly(asked, model_, data, SAMPLES, each)
+        paths = run_once(problem, model_, data, SAMPLES, each)
         spent.append(time.process_time() - begin)
-    row = {"nodes": len(asked.system.cloth.X), "triangles": len(asked.system.cloth.triangles)}
+    row = {"nodes": len(problem.system.cloth.X), "triangles": len(problem.system.cloth.triangles)}
     row |= {"seconds": min(spent), "runs": len(spent), "steps": each * SAMPLES}
     if not np.isfinite(paths).all():
         return row | {"failure": "a position is not finite"}
     return row | {"mean": paths[0].tolist(), "point": paths[1].tolist()}
 
 
-def bound(asked: Scene, scene: str, dt: float, integrator: str):
-    """The model, and the data of its state."""
+def make_model(problem: Scene, scene: str, dt: float, integrator: str):
+    """Return MuJoCo's model and the data of its state."""
     import mujoco
 
     from studies.benchmarks.mujoco import flex
@@ -61,25 +61,25 @@ def bound(asked: Scene, scene: str, dt: float, integrator: str):
     options = dict(FLEX[scene])
     if scene == "swing":
         options["thickness"] = float(np.sqrt(12 * PAPER.bending[0] / PAPER.tensile[0]))
-    model = flex(asked.system, dt, integrator, **options)
+    model = flex(problem.system, dt, integrator, **options)
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)
     return model, data
 
 
-def fly(asked: Scene, model, data, samples: int, each: int) -> np.ndarray:
-    """(2, samples) paths of a run from the start."""
+def run_once(problem: Scene, model, data, samples: int, each: int) -> np.ndarray:
+    """Run from the start; return the paths (2, samples)."""
     import mujoco
 
     mujoco.mj_resetData(model, data)
     if model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER:
         mujoco.mj_forward(model, data)
         data.qvel[:] = -0.5 * model.opt.timestep * data.qacc
-    rest, paths = asked.system.rest().x, []
+    rest, paths = problem.system.rest().x, []
     for _ in range(samples):
         mujoco.mj_step(model, data, nstep=each)
         mujoco.mj_kinematics(model, data)  # positions of the end of the step
         mujoco.mj_flex(model, data)
-        paths.append(asked.of(data.flexvert_xpos - rest))
+        paths.append(problem.values_of(data.flexvert_xpos - rest))
         study.check_time_limit()
     return np.array(paths).T

@@ -1,4 +1,4 @@
-"""The four scenes of speed_accuracy.py, and what one run of one of them answers and costs."""
+"""The four scenes of the work-precision study; run one and measure its seconds."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fecloth.scene.scene import load
 from studies.models.homogenised_moduli import NU, Y
 
 SAMPLES = 40  # times at which the paths are compared
-LONG = 1.0  # CPU seconds of a run above which one is counted, not the least of three
+LONG = 1.0  # CPU seconds above which a run is not repeated
 MEMBRANES = {
     "StVK": fc.StVK(),
     "NeoHookean": fc.NeoHookean(),
@@ -33,7 +33,7 @@ AMPLITUDE, LENGTH, SWING, PULL, RAMP = 1e-4, 1.0, 0.3, 0.05, 0.1  # m, m, m, m, 
 
 
 class Counted(fc.System):
-    """A system that counts how often its forces are asked for."""
+    """A system that counts its force evaluations."""
 
     def __init__(self, *arguments, **keywords):
         object.__setattr__(self, "calls", [0])
@@ -46,14 +46,14 @@ class Counted(fc.System):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What moves, until when, and the numbers it is asked for.
+    """A problem: system, start, end, and the two paths to compare.
 
     Attributes
     ----------
     rows
-        (2, n) weights: of the mean, and of a point.
+        (2, n) weights of the mean and of a point.
     component
-        Of the displacement that they are taken of, and its sign.
+        Component of the displacement, and its sign.
     """
 
     system: fc.System
@@ -63,14 +63,14 @@ class Scene:
     component: tuple[int, float] = (2, -1.0)
     options: dict = field(default_factory=dict)
 
-    def of(self, values: np.ndarray) -> np.ndarray:
-        """(2,) of a nodal field (n, 3)."""
+    def values_of(self, values: np.ndarray) -> np.ndarray:
+        """Return the mean and the point value (2,) of a nodal field (n, 3)."""
         axis, sign = self.component
         return sign * (self.rows @ values[:, axis])
 
     @property
     def times(self) -> np.ndarray:
-        """When the paths are compared [s]."""
+        """Times at which paths are compared [s]."""
         return np.linspace(0.0, self.t_end, SAMPLES + 1)[1:]
 
 
@@ -78,14 +78,14 @@ class Scene:
 
 
 def trampoline(model: str, element: str, h: float) -> Scene:
-    """A disk, clamped at its rim, falls from level: mean deflection and centre."""
+    """Return a horizontal disk clamped at its rim, which falls: mean deflection and centre."""
     cloth = fc.Cloth.disk(0.5, h=h, element=element)
     system = Counted(cloth, TRAMPOLINE, [MEMBRANES[model], fc.Gravity()], ["boundary"])
     return Scene(system, system.rest(), 0.2, weights(system, (0.0, 0.0)))
 
 
 def wave(model: str, element: str, h: float) -> Scene:
-    """A strip, held at X = 0, is let go from a quarter of a sine: two periods along its length."""
+    """Return a strip pinned at X = 0 and released from a quarter sine, for two periods."""
     cloth = fc.Cloth.rectangle(LENGTH, 0.25, h=h, element=element)
     system = Counted(cloth, STRIP, [MEMBRANES[model]], ["left", in_plane(cloth, "left")])
     x = system.rest().x
@@ -95,7 +95,7 @@ def wave(model: str, element: str, h: float) -> Scene:
 
 
 def swing(model: str, element: str, h: float) -> Scene:
-    """A strip of paper, hinged along an edge, falls from level: mean depth and free edge."""
+    """Return a horizontal strip of paper, hinged at an edge, which falls: mean and free edge."""
     membrane, _, bending = model.partition(" + ")
     terms = [MEMBRANES[membrane], *([BENDING[bending]] if bending else []), fc.Gravity()]
     cloth = fc.Cloth.rectangle(SWING, 0.1, h=h, pattern="right", element=element)
@@ -104,13 +104,13 @@ def swing(model: str, element: str, h: float) -> Scene:
 
 
 def stretch(model: str, element: str, h: float) -> Scene:
-    """A strip between clamps, kept plane, is pulled by a tenth and comes to rest.
+    """Return a plane strip between clamps, clamp_shift by a tenth, until it rests.
 
-    Asked for is by how much it narrows: the mean over both halves, and the free edge's middle.
+    The paths are its narrowing: the mean over both halves, and the middle of the free edge.
     """
     cloth = fc.Cloth.rectangle(0.5, 0.5, h=h, element=element)
     terms = [MEMBRANES[model], fc.MassDamping(60.0)]
-    pins = ["left", fc.Pin("right", pulled, pulling), in_plane(cloth, "left", "right")]
+    pins = ["left", fc.Pin("right", clamp_shift, clamp_velocity), in_plane(cloth, "left", "right")]
     system = Counted(cloth, TRAMPOLINE, terms, pins)
     upper = weights(system, (0.25, 0.5))
     upper[0] *= np.sign(cloth.X[:, 1] - 0.25)
@@ -120,26 +120,26 @@ def stretch(model: str, element: str, h: float) -> Scene:
 SCENES = {"trampoline": trampoline, "wave": wave, "swing": swing, "stretch": stretch}
 
 
-def pulled(t: float) -> np.ndarray:
-    """Shift of the right clamp: a smooth ramp to PULL [m]."""
+def clamp_shift(t: float) -> np.ndarray:
+    """Return the shift of the right clamp, a smooth ramp to PULL [m]."""
     s = min(t / RAMP, 1.0)
     return np.array([PULL * s * s * (3 - 2 * s), 0.0, 0.0])
 
 
-def pulling(t: float) -> np.ndarray:
-    """Its velocity [m/s]."""
+def clamp_velocity(t: float) -> np.ndarray:
+    """Return the velocity of the right clamp [m/s]."""
     s = min(t / RAMP, 1.0)
     return np.array([PULL * 6 * s * (1 - s) / RAMP, 0.0, 0.0])
 
 
-def in_plane(cloth: fc.Cloth, *held: str) -> fc.Slide:
-    """All nodes but the held ones stay in the plane."""
-    rest = np.setdiff1d(np.arange(len(cloth.X)), np.concatenate([cloth.nodes(n) for n in held]))
+def in_plane(cloth: fc.Cloth, *pinned: str) -> fc.Slide:
+    """Constrain all nodes but those of the pinned sets to the plane."""
+    rest = np.setdiff1d(np.arange(len(cloth.X)), np.concatenate([cloth.nodes(n) for n in pinned]))
     return fc.Slide(rest, normal=(0.0, 0.0, 1.0))
 
 
 def weights(system: fc.System, point: tuple[float, float]) -> np.ndarray:
-    """(2, n): the mass-weighted mean, and a material point's interpolation."""
+    """Return (2, n): weights of the mean by mass, and of a material point."""
     at = fc.Probe("point", point=point).weights(system.cloth).toarray()
     return np.vstack([system.nodal_mass / system.nodal_mass.sum(), at])
 
@@ -157,26 +157,26 @@ def run(
     linear: str = "auto",
     repeats: int = 3,
 ) -> dict:
-    """A case of speed_accuracy.py: the paths, the seconds, the counts.
+    """Run one case; return its paths, seconds and counts.
 
-    `step` is dt [s], for Adaptive and Auto rtol [1/s]. A run that fails tells its seconds as well.
+    `step` is dt [s], or rtol [1/s] for Adaptive and Auto. The row of a failed run has its seconds.
     """
-    asked = SCENES[scene](model, element, h)
-    return outcome(asked, runner(asked, method, step, linear), repeats)
+    problem = SCENES[scene](model, element, h)
+    return measure_run(problem, make_runner(problem, method, step, linear), repeats)
 
 
-def outcome(asked: Scene, runs: Callable[[float], tuple], repeats: int) -> dict:
-    """Seconds and paths of `runs(t_end)`, warm."""
-    system = asked.system
+def measure_run(problem: Scene, runs: Callable[[float], tuple], repeats: int) -> dict:
+    """Return the seconds and paths of `runs(t_end)` after a warm-up."""
+    system = problem.system
     size = {"nodes": len(system.cloth.X), "triangles": len(system.cloth.triangles)}
     begin = time.perf_counter()
-    with suppress(StepFailed, SolveFailed):  # it will again
-        runs(0.02 * asked.t_end)
+    with suppress(StepFailed, SolveFailed):  # the timed run reports it
+        runs(0.02 * problem.t_end)
     row, spent = size | {"warm_up_seconds": time.perf_counter() - begin}, []
     while len(spent) < repeats and (not spent or min(spent)[0] < LONG):
         system.calls[0], wall, cpu = 0, time.perf_counter(), time.process_time()
         try:
-            paths, counts = runs(asked.t_end)
+            paths, counts = runs(problem.t_end)
         except (StepFailed, SolveFailed) as failure:
             seconds = {"seconds": time.process_time() - cpu, "wall": time.perf_counter() - wall}
             return row | seconds | {"failure": str(failure).splitlines()[0]}
@@ -186,66 +186,66 @@ def outcome(asked: Scene, runs: Callable[[float], tuple], repeats: int) -> dict:
     return row | {"mean": paths[0].tolist(), "point": paths[1].tolist()}
 
 
-def runner(asked: Scene, method: str, step: float | None, linear: str) -> Callable:
-    """The function of the end time that runs the scene by the method of that name."""
+def make_runner(problem: Scene, method: str, step: float | None, linear: str) -> Callable:
+    """Return the function of the end time that runs the scene with a method."""
     if method == "equilibrium":
-        return lambda t_end: static(asked, linear)
+        return lambda t_end: solve_equilibrium(problem, linear)
     if method == "many_steps":
-        return lambda t_end: fused(asked, step, t_end)
-    chosen = named(method, step)
+        return lambda t_end: march_fused(problem, step, t_end)
+    chosen = make_method(method, step)
     dt = None if chosen.traits.chooses_dt else step
-    return lambda t_end: marched(asked, chosen, dt, linear, t_end)
+    return lambda t_end: march(problem, chosen, dt, linear, t_end)
 
 
-def marched(asked: Scene, method, dt: float | None, linear: str, t_end: float) -> tuple:
-    """Paths at the sample times, by Hermite's cubics between the steps, and the counts."""
-    start, counts, steps = asked.state, Counts(), 0
-    times, values, rates = [start.t], [np.zeros(2)], [asked.of(start.v)]
-    offset = asked.of(start.x - asked.system.rest().x)
-    run_ = asked.system, method, start, dt, t_end
-    for state, info in fc.march(*run_, solver=linear, **asked.options):
+def march(problem: Scene, method, dt: float | None, linear: str, t_end: float) -> tuple:
+    """March; return the paths at the sample times by Hermite's cubics, and the counts."""
+    start, counts, steps = problem.state, Counts(), 0
+    times, values, rates = [start.t], [np.zeros(2)], [problem.values_of(start.v)]
+    offset = problem.values_of(start.x - problem.system.rest().x)
+    run_ = problem.system, method, start, dt, t_end
+    for state, info in fc.march(*run_, solver=linear, **problem.options):
         counts, steps = counts.plus(info.counts), steps + 1
         times.append(state.t)
-        values.append(asked.of(state.x - start.x))
-        rates.append(asked.of(state.v))
+        values.append(problem.values_of(state.x - start.x))
+        rates.append(problem.values_of(state.v))
         if steps % 64 == 0:
             study.check_time_limit()
     paths = [
-        offset[i] + hermite(times, np.array(values)[:, i], np.array(rates)[:, i], asked.times)
+        offset[i] + hermite(times, np.array(values)[:, i], np.array(rates)[:, i], problem.times)
         for i in (0, 1)
     ]
-    forces = asked.system.calls[0] + (steps if counts.newton else 0)  # the first residual's
-    return paths, counted(steps, counts.newton, counts.linear, counts.factorisations, forces)
+    forces = problem.system.calls[0] + (steps if counts.newton else 0)  # the first residual's
+    return paths, run_counts(steps, counts.newton, counts.linear, counts.factorisations, forces)
 
 
-def fused(asked: Scene, dt: float, t_end: float) -> tuple:
-    """Central differences in compiled calls from sample to sample, dt shortened to meet them."""
-    gap = asked.t_end / SAMPLES
+def march_fused(problem: Scene, dt: float, t_end: float) -> tuple:
+    """March with fused explicit steps between samples, dt shortened to meet the samples."""
+    gap = problem.t_end / SAMPLES
     each = int(np.ceil(gap / dt - 1e-9))
-    state, paths = asked.state, []
-    rest = asked.system.rest().x
+    state, paths = problem.state, []
+    rest = problem.system.rest().x
     for _ in range(max(1, round(t_end / gap))):
-        state = fc.many_steps(asked.system, state, gap / each, each)
-        paths.append(asked.of(state.x - rest))
+        state = fc.many_steps(problem.system, state, gap / each, each)
+        paths.append(problem.values_of(state.x - rest))
         study.check_time_limit()
-    return np.array(paths).T, counted(each * SAMPLES, forces=(each + 1) * SAMPLES)
+    return np.array(paths).T, run_counts(each * SAMPLES, forces=(each + 1) * SAMPLES)
 
 
-def static(asked: Scene, linear: str) -> tuple:
-    """The equilibrium with the pins where they end, as a path of one value."""
-    system, rest = asked.system, asked.system.rest().x
+def solve_equilibrium(problem: Scene, linear: str) -> tuple:
+    """Solve for the equilibrium with the pins at their end, as a constant path."""
+    system, rest = problem.system, problem.system.rest().x
     x = rest.copy()
-    x[:, 0] *= 1 + pulled(asked.t_end)[0] / rest[:, 0].max()
+    x[:, 0] *= 1 + clamp_shift(problem.t_end)[0] / rest[:, 0].max()
     iterations = []
     solver = "direct" if linear == "auto" else linear
-    start = system.state(x, t=asked.t_end)
+    start = system.state(x, t=problem.t_end)
     end = fc.equilibrium(system, start, solver=solver, report=iterations.append)
-    paths = np.tile(asked.of(end.x - rest)[:, None], SAMPLES)
-    return paths, counted(0, len(iterations), 0, len(iterations))
+    paths = np.tile(problem.values_of(end.x - rest)[:, None], SAMPLES)
+    return paths, run_counts(0, len(iterations), 0, len(iterations))
 
 
-def counted(steps=0, newton=0, linear=0, factorisations=0, forces=None) -> dict[str, int]:
-    """What a run took, independent of the machine."""
+def run_counts(steps=0, newton=0, linear=0, factorisations=0, forces=None) -> dict[str, int]:
+    """Return the counts of a run, which do not depend on the machine."""
     return {
         "steps": steps,
         "newton": newton,
@@ -256,7 +256,7 @@ def counted(steps=0, newton=0, linear=0, factorisations=0, forces=None) -> dict[
 
 
 def hermite(t, q, rate, at: np.ndarray) -> np.ndarray:
-    """Values at the times `at` of the cubic with the values q and the rates at both step ends.
+    """Return the cubic Hermite interpolant of values q and rates at the times `at`.
 
     Examples
     --------
@@ -272,13 +272,14 @@ def hermite(t, q, rate, at: np.ndarray) -> np.ndarray:
     return ends + d * s * (1 - s) * ((1 - s) * rate[i] - s * rate[i + 1])
 
 
-def own(path: str, digest: str, method: str, step: float | None) -> dict:
-    """A scene file by another method: where it ends, and the seconds of one run.
+def run_scene(path: str, digest: str, method: str, step: float | None) -> dict:
+    """Run a scene file with another method; return its end and seconds.
 
-    `digest` is the file's, so that a change of it is another case; `method` "own" is the scene's.
+    `digest` is the hash of the file: it makes an edited scene another case. The method "own" is
+    that of the scene.
     """
     built = load(path).build()
-    chosen = built.method if method == "own" else named(method, step)
+    chosen = built.method if method == "own" else make_method(method, step)
     dt = None if chosen.traits.chooses_dt else step
 
     def steps(t_end: float) -> tuple:
@@ -296,11 +297,11 @@ def own(path: str, digest: str, method: str, step: float | None) -> dict:
     state, number, counts = steps(built.t_end)
     row = {"seconds": time.process_time() - begin, "x": state.x.ravel().tolist()}
     row |= {"start": built.state.x.ravel().tolist(), "nodes": len(built.cloth.X)}
-    return row | counted(number, counts.newton, counts.linear, counts.factorisations)
+    return row | run_counts(number, counts.newton, counts.linear, counts.factorisations)
 
 
-def named(method: str, step: float | None):
-    """The method of that name; Adaptive's and Auto's tolerance is `step`."""
+def make_method(method: str, step: float | None):
+    """Return the method of a name; `step` is the tolerance of Adaptive and Auto."""
     if method == "Auto":
         return fc.Auto(step)
     if method.startswith("Adaptive "):

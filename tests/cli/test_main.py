@@ -308,7 +308,7 @@ def test_overwrite_replaces_runs_only(scene, capsys):
     Path("mine").mkdir()
     Path("mine/summary.json").write_text("keep")
     assert main(["run", str(scene), "-o", "mine", "--overwrite"]) == 2
-    assert "holds other things than a run" in capsys.readouterr().err
+    assert "contains other files than a run's" in capsys.readouterr().err
     assert Path("mine/summary.json").read_text() == "keep"
 
 

@@ -1,4 +1,4 @@
-"""Moduli against closed forms, the conversion from a bulk sheet, and what is refused."""
+"""Moduli against closed forms, the conversion from a homogeneous sheet, and rejected constants."""
 
 import dataclasses
 

@@ -19,7 +19,7 @@ def turn(angle):
 
 
 def rotated_moduli(fabric, angle):
-    """(2, 2, 2, 2) moduli in X and Y of a fabric whose warp lies at an angle to X."""
+    """(2, 2, 2, 2) moduli in X and Y of a fabric whose warp is at an angle to X."""
     C11, C22, C66, C12, _, _ = fabric.moduli()
     C = np.zeros((2, 2, 2, 2))
     C[0, 0, 0, 0], C[1, 1, 1, 1] = C11, C22
@@ -70,7 +70,7 @@ def test_bias_cut_strip_pulls_as_the_rotated_orthotropic_law(angle, strip):
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_grain_any_state_agrees_with_the_rotated_law(angle, strip, rng):
-    """Forces and energy of a rough state from the rotated moduli, triangle by triangle."""
+    """Forces and energy of a random state agree with the rotated moduli in each triangle."""
     system = fc.System(strip, WOVEN, [fc.StVK()], grain=angle)
     x = rough(strip, rng)
     F = np.einsum("eai,eaj->eij", x[strip.stencil], strip.gradients[:, 0])
@@ -208,7 +208,7 @@ def test_rate_bounds_stay_above_the_eigenvalues(grain):
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_rate_bounds_of_a_single_triangle_are_its_eigenvalues(angle):
-    """So they see the grain; a stretched triangle, as on an equilateral one all angles are near."""
+    """The bounds depend on the grain. The triangle is not equilateral, so that angles matter."""
     cloth = fc.Cloth.from_arrays([[0, 0], [0.3, 0.02], [0.05, 0.1]], [[0, 1, 2]])
     terms = [fc.StVK(), fc.StrainRateDamping(0.01)]
     system = fc.System(cloth, WOVEN, terms, grain=angle)
@@ -255,7 +255,7 @@ Physical Curve("seam") = {7};
 
 
 def written(folder, version):
-    """The same two surfaces as .geo, or as .msh of a format."""
+    """The same two surfaces as a .geo file, or as a .msh file of one version."""
     geo = folder / "two.geo"
     geo.write_text(GEO)
     if version == "geo":

@@ -39,7 +39,7 @@ def test_a_preset_is_a_physical_fabric(name):
 
 @pytest.mark.parametrize("name", fc.Fabric.presets())
 def test_a_preset_hangs_by_its_own_weight(name):
-    """0.2 m of it held along its upper edge sinks by ρ g L²/(2 Y₂), less what ν holds back."""
+    """A 0.2 m sheet pinned at its upper edge sinks by at most ρ g L²/(2 Y₂); ν reduces this."""
     fabric = fc.Fabric.preset(name)
     bending = [fc.HingeBending()] if fabric.bending else []
     terms = [fc.StVK(), *bending, fc.Gravity((0, -9.81, 0))]
@@ -72,7 +72,7 @@ def test_presets_woven_are_stiffer_than_knitted():
 
 
 def energy(fabric, E11, E22, E12):
-    """StVK's [J/m²]."""
+    """Energy density of StVK [J/m²]."""
     C11, C22, C66, C12, *_ = fabric.moduli()
     return C11 * E11**2 / 2 + C12 * E11 * E22 + C22 * E22**2 / 2 + 2 * C66 * E12**2
 
@@ -97,7 +97,7 @@ def test_a_fabric_of_clyde_has_the_energy_of_the_publication(strain):
     ],
 )
 def test_the_coupling_of_clyde_is_half_of_another_modulus(name, half, nu):
-    """To the third digit after the point, a₂₂ or a₁₁: which says that ν is not measured."""
+    """It is half of a₂₂ or a₁₁ to three decimals, which indicates that ν was not measured."""
     warp, weft, _, coupling, *_ = fc.Fabric.preset(name).moduli()
     assert coupling == pytest.approx((warp if half == "warp" else weft) / 2, rel=2e-4)
     assert round(fc.Fabric.preset(name).poisson_ratio, 2) == nu
@@ -160,7 +160,7 @@ def test_kes_fields_become_si():
 
 
 def pulled(fabric, extension):
-    """Force per width [N/m] of StVK alone along the warp at an extension [-]: λ Y (λ² − 1)/2."""
+    """Force per width [N/m] of StVK in uniaxial tension along the warp: λ Y (λ² − 1)/2."""
     return (1 + extension) * fabric.tensile[0] * ((1 + extension) ** 2 - 1) / 2
 
 
@@ -170,7 +170,7 @@ def test_kes_secant_stiffness_gives_500_gf_per_cm_at_emt():
 
 
 def test_a_strip_pulled_in_the_solver_stretches_by_emt():
-    """0.5 m long, under 490.3 N/m on its end: the equilibrium that a user will see."""
+    """Equilibrium of a 0.5 m strip with 490.3 N/m at its end."""
     cloth = fc.Cloth.rectangle(0.5, 0.1, h=0.05, pattern="right")
     force = 500 * GRAM_FORCE / 0.01 * 0.1
     end = cloth.nodes("right")
@@ -226,7 +226,7 @@ def test_kes_missing_fields_are_named(name):
 
 
 def test_hysteresis_changes_no_force():
-    """2HB is kept and not modelled."""
+    """2HB is stored, and no term uses it."""
     cloth = fc.Cloth.rectangle(0.2, 0.1, h=0.05, pattern="right")
     x = np.column_stack([cloth.X, cloth.X[:, 0] ** 2])
     forces = [
@@ -262,7 +262,7 @@ def test_kes_published_card_gives_the_published_constants():
 
 
 def test_fast_fields_become_si():
-    """A strip overhanging by l sinks to θ where c = l (cos(θ/2)/(8 tan θ))^⅓ (Peirce 1930)."""
+    """A strip with the overhang l bends to θ with c = l (cos(θ/2)/(8 tan θ))^⅓ (Peirce 1930)."""
     fabric = fc.Fabric.from_fast(CARD)
     sinks = math.radians(41.5)
     bending_length = 0.030 * (math.cos(sinks / 2) / (8 * math.tan(sinks))) ** (1 / 3)
@@ -368,7 +368,7 @@ FAST = "fast = { W = 168, E100 = [2.0, 4.0], EB5 = 3.0, C = [15, 14.5] }"
 
 
 def test_scene_with_fields_of_instruments(tmp_path):
-    """Beside it constants of one's own; the scene written out has them all in SI."""
+    """Constants may be given as well; the written scene has all of them in SI units."""
     read = scene(tmp_path, f"[fabric]\n{KES}\npoisson_ratio = 0.2\nareal_density = '150 g/m^2'\n")
     fabric = read.build().system.fabric
     assert (fabric.areal_density, fabric.poisson_ratio, fabric.source) == (0.15, 0.2, "KES-F")
@@ -447,7 +447,7 @@ SCENE_MISTAKES = [
     ),
     ("[fabric]\n" + FAST.replace("C =", "F ="), "fabric.fast.C is missing: required are W", ""),
     (f"[fabric]\n{FAST}\n{KES}", "fabric: kes and fast are given: give one of them", ""),
-    ("fabric = { kes = 3 }", "fabric.kes = 3: must be a table of what the instrument", ""),
+    ("fabric = { kes = 3 }", "fabric.kes = 3: must be a table of instrument readings", ""),
     ("fabric = 3", "fabric = 3: must be a table", ""),
     ("fabric = { preset = 3 }", "fabric.preset = '3': must be one of silk", ""),
     ("fabric = { preset = { name = 1 } }", "must be one of silk", ""),
@@ -476,7 +476,7 @@ def test_command_line_lists_the_presets(capsys):
 
 
 def test_each_fabric_in_the_list_names_its_source(capsys):
-    """By number, and each source is told once, whole."""
+    """Sources are numbered, and each is printed once in full."""
     assert main.main(["info", "--fabrics"]) == 0
     out = capsys.readouterr().out
     told = dict(re.findall(r"^\[(\d)\] (.*(?:\n {4}.*)*)", out, re.MULTILINE))
@@ -494,7 +494,7 @@ def test_run_summary_states_the_source_of_the_fabric(tmp_path, capsys):
     assert [line[:20] for line in describe.sources(regions)] == ["body: cotton, woven."]
 
 
-def test_what_the_page_writes_is_read(tmp_path):
+def test_examples_of_the_fabric_page_are_valid(tmp_path):
     page = Path(__file__).parents[2] / "fecloth" / "fabric" / "README.md"
     text = page.read_text(encoding="utf-8").partition("\n## Grain")[0]
     text = " ".join(text.split())  # a formula may be broken over two lines

@@ -6,7 +6,7 @@ from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
 
 import fecloth as fc
-from fecloth.integrators import METHODS
+from fecloth.integrators import METHODS, MethodTraits
 from fecloth.verify import VerificationFailed, check_integrator
 
 ALL = [method() for method in METHODS.values()]
@@ -36,7 +36,7 @@ def test_order_with_moved_pins(method, mass, small, isotropic):
 
 def test_a_wrong_order_is_seen(small, isotropic):
     class Claims(fc.BackwardEuler):
-        order = 2
+        traits = MethodTraits(order=2)
 
     system = fc.System(small, isotropic, [fc.StVK()], pins=["boundary"])
     with pytest.raises(VerificationFailed, match="expected 2"):

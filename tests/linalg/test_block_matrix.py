@@ -15,7 +15,7 @@ relaxed = settings(max_examples=50, deadline=None)  # the first example compiles
 
 @st.composite
 def stencils_of(draw):
-    """(n, stencils): node numbers of 1 to 4 nodes a row, of up to three terms."""
+    """Number of nodes, and up to three stencils with 1 to 4 nodes per row."""
     n = draw(st.integers(1, 9))
     shapes = st.tuples(st.integers(0, 6), st.integers(1, 4))
     node = st.integers(0, n - 1)
@@ -24,7 +24,7 @@ def stencils_of(draw):
 
 
 def coupled(n, stencils):
-    """(n, n) bool, by the definition: any two nodes of one row, and every node with itself."""
+    """(n, n) bool, by definition: the pairs of nodes of each row, and each node with itself."""
     table = np.eye(n, dtype=bool)
     for row in (row for stencil in stencils for row in stencil):
         table[np.ix_(row, row)] = True
@@ -37,7 +37,7 @@ def filled(pattern, rng):
 
 
 def dense(A):
-    """(3n, 3n), block by block."""
+    """Dense matrix (3n, 3n), block by block."""
     n = len(A.pattern)
     full = np.zeros((n, 3, n, 3))
     for i in range(n):
@@ -97,7 +97,7 @@ def test_product_on_a_mesh_agrees_with_scipy(sheet, rng):
 
 
 def test_pattern_of_a_mesh_is_its_edges_and_nodes(sheet):
-    """2 edges + n blocks; by Euler's formula a sheet without holes has n + m − 1 edges."""
+    """There are 2 edges + n blocks; a sheet without holes has n + m − 1 edges (Euler)."""
     n, m = len(sheet.X), len(sheet.triangles)
     pattern = BlockPattern.union(n, [sheet.stencil])
     assert len(pattern.indices) == 2 * (n + m - 1) + n

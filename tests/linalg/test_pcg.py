@@ -1,4 +1,4 @@
-"""Conjugate gradients: their counts of iterations against theory, and what they refuse."""
+"""Conjugate gradients: numbers of iterations against theory, and rejected input."""
 
 import numpy as np
 import pytest

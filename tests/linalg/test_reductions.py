@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+import fecloth as fc
 from fecloth.linalg.reductions import dot, mean, rms, size, squared, weighted
 
 
@@ -25,3 +26,10 @@ def test_sums_of_numbers_not_finite_are_not_finite(arrays):
     a[7, 2] = np.nan
     assert np.isnan([dot(a, b), squared(a), size(a)]).all()
     assert dot(np.zeros((0, 3)), np.zeros((0, 3))) == size(np.zeros((0, 3))) == 0
+
+
+def test_the_sums_of_a_system_are_these(arrays):
+    w, a, b = arrays
+    sums = fc.System.sums
+    assert (sums.dot(a, b), sums.norm(a), sums.rms(w, a)) == (dot(a, b), size(a), rms(w, a))
+    np.testing.assert_array_equal(sums.mean(w, a), mean(w, a))

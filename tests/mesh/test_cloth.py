@@ -1,4 +1,4 @@
-"""Kernel arrays, masses, interpolation and norms of a cloth, and its choice of nodes."""
+"""Kernel arrays, masses, interpolation and norms of a cloth, and the selection of nodes."""
 
 from itertools import pairwise
 
@@ -25,7 +25,7 @@ def cloth(request, disk):
 
 
 def areas(cloth):
-    """(m,) from the corners, positive for a counter-clockwise triangle."""
+    """Areas (m,) from the corners, positive for counter-clockwise triangles."""
     a, b, c = np.moveaxis(cloth.X[cloth.triangles], 1, 0)
     return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
 
@@ -36,7 +36,7 @@ def linear(X):
 
 
 def test_gradients_and_weights_in_closed_form(cloth):
-    """∂N_a/∂X is the inner normal of the opposite edge over twice the area; one point a P1."""
+    """∂N_a/∂X is the inner normal of the opposite edge over twice the area; P1 has one point."""
     m = len(cloth.triangles)
     assert cloth.shape == ((0, 0, 0), (0,))
     assert cloth.gradients.shape == (m, 1, 3, 2)
@@ -102,7 +102,7 @@ def test_source_numbers_give_the_input_mesh(renumber, rng):
 
 @pytest.mark.parametrize("stretch", [1, 50], ids=["", "slivers"])
 def test_interpolation_inside(cloth, stretch, rng):
-    """Each point by the triangle that holds it, also if other middles lie nearer."""
+    """The triangle that contains a point is found even if other centroids are nearer."""
     cloth = fc.Cloth.from_arrays(cloth.X * [stretch, 1], cloth.triangles)
     corners, shares = cloth.X[cloth.triangles], rng.dirichlet(np.ones(3), len(cloth.triangles))
     points, u = np.einsum("pa,pai->pi", shares, corners), rng.standard_normal(len(cloth.X))
@@ -115,7 +115,7 @@ def test_interpolation_inside(cloth, stretch, rng):
 
 
 def test_interpolation_between_the_polygon_and_the_circle(disk):
-    """The circle lies outside the mesh by up to h²/8r; a triangle's polynomial goes on there."""
+    """The circle is outside the mesh by up to h²/8r; the polynomial of a triangle is used there."""
     angle = np.linspace(0, 2 * np.pi, 500)
     points = 0.5 * np.column_stack([np.cos(angle), np.sin(angle)])
     got = disk.interpolate(linear(disk.X), points)
@@ -235,7 +235,7 @@ def test_fields_of_wrong_shape_are_rejected(sheet):
 
 
 def test_differences_are_integrated_exactly_to_degree_four():
-    """(X² on the fine mesh's nodes − its own interpolant) is piecewise quadratic, its square 4."""
+    """X² minus its interpolant is piecewise quadratic, so that its square has degree 4."""
     coarse = fc.Cloth.rectangle(1.0, 1.0, 1.0, "right")
     fine = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right")
     a, b = coarse.X[:, 0] * 3.0, fine.X[:, 0] ** 2

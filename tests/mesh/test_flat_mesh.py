@@ -1,4 +1,4 @@
-"""Arrays that are no mesh: every refusal names its offender."""
+"""Invalid arrays: each error message names the node, triangle or edge."""
 
 import math
 

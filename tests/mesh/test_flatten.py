@@ -1,4 +1,4 @@
-"""Meshes in space laid flat."""
+"""In-plane coordinates of meshes with three coordinates."""
 
 import math
 

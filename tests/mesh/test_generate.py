@@ -1,4 +1,4 @@
-"""Shapes and numberings: patterns, sizes, quality."""
+"""Rectangles and disks: patterns, sizes, quality; renumbering."""
 
 import math
 

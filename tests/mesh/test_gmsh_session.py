@@ -1,4 +1,4 @@
-"""Gmsh: its session is left as it was, and its missing libraries are named."""
+"""Gmsh: restoration of an open session, and the message for missing libraries."""
 
 import builtins
 import os
@@ -62,7 +62,7 @@ def test_missing_system_libraries_are_named(monkeypatch):
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no such signals")
 def test_gmsh_restores_the_signal_handlers_of_python():
-    """A new process, as it takes them the first time only; the signals would end it."""
+    """A new process is needed, because Gmsh replaces the handlers only once."""
     code = """
 import os, signal
 import gmsh

@@ -1,4 +1,4 @@
-"""Quadratic triangles: the same kernels on six nodes and six points, and the orders they buy."""
+"""Quadratic triangles: the kernels on six nodes and six points, and the orders of convergence."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ from fecloth.cli.main import main
 from fecloth.mesh.elements import add_midpoints
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.output.frames import read_frame
-from fecloth.runs import run_scene
+from fecloth.runs import run_scene, warm_up
 from fecloth.scene.scene import load
 from fecloth.stability.critical_step import critical_dt, element_bound
 from fecloth.terms.kinematics import principal_stretches
@@ -59,7 +59,7 @@ def test_nodes_are_the_corners_and_the_middles_of_the_edges(cloth):
 
 
 def test_the_orders_of_a_triangles_nodes(cloth):
-    """Both lists: three corners, and the middles of 01, 12, 20; `cells` counter-clockwise."""
+    """Three corners, then the midpoints of 01, 12, 20; `cells` is counter-clockwise."""
     for nodes in (cloth.stencil, cloth.cells):
         assert nodes.shape == (len(cloth.triangles), 6)
         x = cloth.X[nodes]
@@ -84,7 +84,7 @@ def test_sets_contain_their_midpoints(pattern, h):
 
 
 def test_sets_of_input_arrays_get_their_midpoints():
-    """A curve's set takes its own middles; a bare set's those between two of its nodes."""
+    """A curve gets its own midpoints; another set gets those between two of its nodes."""
     X = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)]
     triangles = [(0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4)]
     cloth = fc.Cloth.from_arrays(
@@ -98,7 +98,7 @@ def test_sets_of_input_arrays_get_their_midpoints():
 
 
 def test_sets_of_a_mesh_file_get_their_midpoints():
-    """An open curve of k nodes has k − 1 middles, a closed one k, a region all of its edges'."""
+    """An open curve of k nodes has k − 1 midpoints, a closed one k, a region those of its edges."""
     file = Path(__file__).parents[2] / "meshes" / "panel.geo"
     linear, cloth = (fc.Cloth.read(file, 0.1, element=name) for name in ("P1", "P2"))
     count = {name: len(linear.nodes(name)) for name in linear.node_sets}
@@ -197,7 +197,7 @@ def test_an_affine_motion_is_exact(cloth):
 
 
 def test_the_patch_test():
-    """With the border held at an affine map, equilibrium is that map at every node inside."""
+    """If the border has an affine displacement, equilibrium is affine at all inner nodes."""
     cloth = fc.Cloth.rectangle(1.0, 0.7, h=0.25, element="P2")
     F = np.array([[1.2, 0.1], [0.05, 1.1], [0.2, 0.0]])
     x = cloth.X @ F.T
@@ -259,7 +259,7 @@ def test_pressure_is_the_form_and_its_symmetric_part(cloth):
 
 
 def test_mass_damping_is_consistent(cloth, rng):
-    """d = −α M v, at the corners too."""
+    """d = −α M v, also at the corners."""
     rate = 3.0
     damping = fc.MassDamping(rate)
     system = system_on(cloth, [damping])
@@ -275,7 +275,7 @@ def test_mass_damping_is_consistent(cloth, rng):
 
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.EnergyMomentum(), fc.GeneralizedAlpha()])
 def test_methods_conserve_their_invariants(cloth, method):
-    """Momentum; and energy–momentum the energy and spin of a free cloth that swings."""
+    """All conserve momentum; energy–momentum also energy and angular momentum."""
     system = system_on(cloth)
     x = 1.05 * system.rest().x
     spin = np.array([1.0, -2.0, 3.0])
@@ -310,7 +310,7 @@ def test_the_frequency_of_a_taut_sheet():
 
 
 def test_adaptive_steps_and_the_interpolated_point(cloth):
-    """The error's norm knows all nodes; a probe between nodes is on the quadratic surface."""
+    """The error norm includes all nodes; a probe between nodes is on the quadratic surface."""
     system = system_on(cloth, [fc.StVK(), fc.Gravity()], pins=["left"])
     start = system.state(system.rest().x * [1.02, 1.0, 1.0])
     method = fc.Adaptive(fc.GeneralizedAlpha(), rtol=1e-2)
@@ -439,7 +439,7 @@ def test_frames_are_quadratic_triangles(cloth, tmp_path):
 
 @pytest.mark.filterwarnings("ignore:The default value of `algorithm`")
 def test_vtk_finds_the_curved_area(tmp_path):
-    """VTK integrates over the cells by its own shape functions: a wrong order would show."""
+    """VTK uses its own shape functions; a wrong order of the nodes would change the area."""
     pyvista = pytest.importorskip("pyvista")
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="cross", element="P2")
     x = np.column_stack([cloth.X, 0.2 * cloth.X[:, 0] ** 2])
@@ -506,10 +506,8 @@ def test_a_scene_with_quadratic_triangles(tmp_path, capsys):
 def test_run_compiles_all_kernels_before_the_first_step(tmp_path, monkeypatch):
     file, seen = tmp_path / "s.toml", []
     file.write_text(SCENE)
-    monkeypatch.setattr(
-        run_scene, "run", lambda system, *_, **__: seen.append(system.cloth.element)
-    )
-    run_scene.compile_kernels(load(file).build())
+    monkeypatch.setattr(warm_up, "run", lambda system, *_, **__: seen.append(system.cloth.element))
+    warm_up.compile_kernels(load(file).build())
     assert set(seen) == {"P2"}
 
 
@@ -519,7 +517,7 @@ STRETCH, WAVE = np.array([1.2, 1.1]), 0.08
 
 
 def motion(X):
-    """(p, 3) a sheet pulled along both axes, with waves in and out of its plane."""
+    """Positions (p, 3) of a sheet stretched along both axes, with in-plane and normal waves."""
     s, t = np.pi * X[:, 0], np.pi * X[:, 1]
     return np.column_stack(
         [
@@ -531,7 +529,7 @@ def motion(X):
 
 
 def motion_gradient(X):
-    """(p, 3, 2) F."""
+    """Deformation gradient F (p, 3, 2)."""
     s, t = np.pi * X[:, 0], np.pi * X[:, 1]
     cc, ss, sc, cs = (
         a * b

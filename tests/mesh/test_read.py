@@ -1,4 +1,4 @@
-"""Mesh files: groups and sets, sizes, numberings, and what is refused."""
+"""Mesh files: groups and sets, sizes, numbers, and rejected files."""
 
 import math
 

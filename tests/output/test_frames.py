@@ -19,7 +19,9 @@ import pytest
 
 import fecloth as fc
 from fecloth.errors import InputError
-from fecloth.output.frames import Frames, fields, read_frame, write_vtk
+from fecloth.output.atomic_files import append_in_place
+from fecloth.output.frame_arrays import fields
+from fecloth.output.frames import Frames, read_frame, write_vtk
 from fecloth.runs.folder import RunFolder
 
 POINT_DATA = {"displacement", "velocity"}
@@ -336,3 +338,27 @@ def test_a_full_disk_names_the_file_and_keeps_the_old_one(system, states, tmp_pa
     monkeypatch.undo()
     assert not list(tmp_path.rglob("*.part"))
     assert len(listed(tmp_path / "a.pvd")) == len(frames.times) == 1
+
+
+def test_a_list_grows_in_place(system, states, tmp_path):
+    frames = Frames(tmp_path / "run", system.cloth, system)
+    frames.add(states[0])
+    lists = [tmp_path / "run.pvd", tmp_path / "run.vtu.series"]
+    begun = [file.stat().st_ino for file in lists]
+    for state in states[1:]:
+        frames.add(state)
+    assert [file.stat().st_ino for file in lists] == begun
+
+
+def test_a_list_that_cannot_grow_keeps_its_end(tmp_path):
+    resource = pytest.importorskip("resource")
+    file = tmp_path / "list"
+    file.write_bytes(b"one two END")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (14, limits[1]))
+    try:
+        with pytest.raises(InputError, match="list cannot be written"):
+            append_in_place(file, b"three four END", 3)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert file.read_bytes() == b"one two END"

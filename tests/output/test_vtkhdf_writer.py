@@ -7,7 +7,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.output.frames import fields
+from fecloth.output.frame_arrays import fields
 from fecloth.output.vtkhdf_writer import HdfFrames
 
 h5py = pytest.importorskip("h5py")

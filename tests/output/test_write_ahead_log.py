@@ -8,7 +8,7 @@ import signal
 import pytest
 
 from fecloth.errors import InputError
-from fecloth.output.write_ahead_log import anew, changed, recover
+from fecloth.output.write_ahead_log import changing, recover, replace_whole
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def file(tmp_path):
 
 
 def write(file, *pieces):
-    with changed(file) as stream:
+    with changing(file) as stream:
         for place, data in pieces:
             stream.seek(place)
             stream.write(data)
@@ -27,7 +27,7 @@ def write(file, *pieces):
 
 def test_it_reads_and_writes_as_a_file_does(file):
     rng, wanted = random.Random(5), bytearray(file.read_bytes())
-    with changed(file) as stream:
+    with changing(file) as stream:
         for _ in range(300):
             at, count = rng.randrange(260), rng.randrange(1, 40)
             if rng.random() < 0.5:
@@ -42,7 +42,7 @@ def test_it_reads_and_writes_as_a_file_does(file):
                 assert stream.read(count) == wanted[at : at + count]
         assert file.read_bytes() == bytes(range(200))
     assert file.read_bytes() == wanted
-    with changed(file) as stream:
+    with changing(file) as stream:
         stream.truncate(50)
     assert file.read_bytes() == wanted[:50]
     assert [f.name for f in file.parent.iterdir()] == ["it"]
@@ -101,7 +101,7 @@ def test_changes_to_a_file_are_not_made_to_the_next_of_its_name(file, monkeypatc
         with pytest.raises(ZeroDivisionError):
             write(file, (0, b"old"))
     assert file.with_name("it.redo").exists()
-    anew(file, b"another file")
+    replace_whole(file, b"another file")
     write(file, (8, b"FILE"))
     assert file.read_bytes() == b"another FILE"
 

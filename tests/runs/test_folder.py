@@ -15,7 +15,9 @@ import pytest
 import fecloth as fc
 from fecloth.errors import InputError
 from fecloth.output.frames import Frames
-from fecloth.runs.folder import RunFolder, Table, peak_memory, versions
+from fecloth.runs.csv_table import Table
+from fecloth.runs.environment import peak_memory, versions
+from fecloth.runs.folder import RunFolder
 
 
 def fill(folder, system, state):

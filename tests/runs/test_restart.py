@@ -24,13 +24,13 @@ from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.nonlinear.statistics import Counts
 from fecloth.output import write_ahead_log
 from fecloth.output.frames import Frames, read_frame
-from fecloth.records import remembered
 from fecloth.runs import restart
 from fecloth.runs.folder import TABLES
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load
-from fecloth.system.system import State
+from fecloth.system.records import remembered
+from fecloth.system.state import State
 
 TEXT = """
 [cloth]
@@ -219,7 +219,7 @@ def test_a_run_that_is_killed_while_it_closes_is_closed(scene, tmp_path, monkeyp
     assert outcome.status == "done"
     assert (tmp_path / "out" / "report.html").exists()
     assert written(tmp_path / "out") == written(tmp_path / "whole")
-    with pytest.raises(fc.InputError, match="has come to 0.06 s already"):
+    with pytest.raises(fc.InputError, match="has already reached 0.06 s"):
         run_scene(load(scene), tmp_path / "out", resume=True)
 
 
@@ -347,7 +347,7 @@ def test_what_there_is_not_to_go_on_from_is_told(scene, tmp_path, capsys, monkey
     assert "--overwrite" not in told
     (tmp_path / "out").mkdir()
     assert main(resume) == 2
-    assert "out holds no restart file" in capsys.readouterr().err
+    assert "out has no restart file" in capsys.readouterr().err
     t = run_scene(load(scene), "out", overwrite=True).summary["t"]
     assert main(resume) == 2
     assert f"the run in out is complete up to t = {t:g} s" in capsys.readouterr().err
@@ -401,7 +401,7 @@ def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys
     assert "fabric.areal_density = 0.2 there, 0.3 here" in told
     assert "terms.1.type = HingeBending there, QuadraticBending here" in told
     assert main([*resume, "--set", "time.t_end=0.001"]) == 2
-    assert "has come to" in capsys.readouterr().err
+    assert "has already reached" in capsys.readouterr().err
     assert main([*resume, "--overwrite"]) == 2
     assert written(folder) == before
     assert main([*resume, "--set", "time.t_end=0.08"]) == 0
@@ -446,7 +446,7 @@ def test_another_mesh_behind_the_same_name_is_refused(scene, tmp_path):
     )
     interrupted(scene, tmp_path / "out", 5)
     meshio.write(tmp_path / "sheet.vtu", mesh_of(h=0.2))
-    with pytest.raises(fc.InputError, match="the mesh, or the frame"):
+    with pytest.raises(fc.InputError, match="the mesh or the frame"):
         go(scene, tmp_path / "out", resume=True)
 
 
@@ -529,7 +529,7 @@ def test_a_record_of_ones_own_must_be_marked():
     class Unmarked:
         f: float
 
-    with pytest.raises(fc.InputError, match="a Unmarked: cannot be kept .*@remembered"):
+    with pytest.raises(fc.InputError, match="a Unmarked: cannot be written .*@remembered"):
         restart._packed(Unmarked(1.0), [])
     with pytest.raises(fc.InputError, match="class Change: must have a name of its own.*bdf2"):
         remembered(dataclass(frozen=True)(type("Change", (), {})))

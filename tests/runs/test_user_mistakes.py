@@ -76,7 +76,7 @@ def told(capsys, *arguments):
 
 REFUSED = {
     "misspelt key": ("fabric.areal_densty=0.2", "unknown key", "mean 'areal_density'?"),
-    "h in mm": ("cloth.h=50", "cloth.h = 50 m: must be at most 1 m", "in mm, write 0.05"),
+    "h in mm": ("cloth.h=50", "cloth.h = 50 m: must be at most 1 m", "write 0.05 if you meant mm"),
     "negative density": ("fabric.areal_density=-0.2", "areal_density = -0.2", "number > 0 [kg/m²]"),
     "unknown pin set": ("pins.0.where=lefd", "node set 'lefd': must be one of", "mean 'left'?"),
     "missing mesh": ("cloth={shape='file', path='a.msh'}", "'a.msh'", "no such file. Look into /"),
@@ -97,10 +97,10 @@ def test_a_mistake_in_a_scene_is_refused(name, scene, capsys):
 
 
 UNITS = {
-    "g/m²": ("fabric.areal_density=200", "meant in g/m², write 0.2"),
-    "kN/m": ("fabric.tensile_stiffness=1", "meant in kN/m, write 1000"),
-    "µN m": ("fabric.bending_rigidity=20", "meant in µN m, write 2e-05"),
-    "ms": ("time.dt=2", "meant in ms, write 0.002"),
+    "g/m²": ("fabric.areal_density=200", "If you meant g/m², write 0.2"),
+    "kN/m": ("fabric.tensile_stiffness=1", "If you meant kN/m, write 1000"),
+    "µN m": ("fabric.bending_rigidity=20", "If you meant µN m, write 2e-05"),
+    "ms": ("time.dt=2", "If you meant ms, write 0.002"),
 }
 
 
@@ -166,7 +166,7 @@ def test_a_folder_that_exists_is_kept(scene, capsys):
     assert status == 2
     assert "output folder out: is not empty" in words
     assert "-o, or pass --overwrite" in words
-    assert "--resume out to go on with it" in words
+    assert "--resume out to continue it" in words
     assert written("out") == before
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fecloth.scene.expectations import check
-from fecloth.scene.tables import Expectation
+from fecloth.scene.probe_tables import Expectation
 
 
 def columns(**given):

@@ -74,7 +74,7 @@ def test_a_spoilt_scene_is_built_or_refused_in_words(data, tmp_path):
     bad = spoilt(scene, path, how, data.draw(VALUES))
     file = tmp_path / "scene.toml"
     try:
-        file.write_text(toml_text.written(bad))
+        file.write_text(toml_text.to_toml(bad))
     except (TypeError, ValueError, AttributeError):
         return  # no TOML says that
     before = sorted(tmp_path.iterdir())
@@ -92,7 +92,7 @@ def test_text_with_a_unit_at_any_key_is_read_or_refused_in_words(name, text, tmp
     file = tmp_path / "scene.toml"
     refusals = []
     for path in places(scene):
-        file.write_text(toml_text.written(spoilt(scene, path, "replace", text)), encoding="utf-8")
+        file.write_text(toml_text.to_toml(spoilt(scene, path, "replace", text)), encoding="utf-8")
         refusals.append(refused(lambda: load(file)))
     assert all(refusal == "" or len(refusal) > 20 for refusal in refusals)
     assert any("one of the units" in refusal for refusal in refusals)
@@ -119,5 +119,5 @@ def test_constants_beyond_all_measure_are_refused(key, value, tmp_path):
     scene = tomllib.loads((SCENES / "swing.toml").read_text())
     scene["cloth"]["h"], scene["fabric"][key] = 0.25, value
     file = tmp_path / "scene.toml"
-    file.write_text(toml_text.written(scene))
+    file.write_text(toml_text.to_toml(scene))
     assert f"fabric.{key} = {value}: must be between 1e-12 and 1e+12" in refused(lambda: load(file))

@@ -1,4 +1,4 @@
-"""What is foretold of a run, against what comes; and doubts where there is reason, only there."""
+"""What is predicted of a run, against what comes; warnings where there is reason, only there."""
 
 import math
 import subprocess
@@ -9,8 +9,8 @@ import pytest
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.scene import run_warnings
-from fecloth.scene.plausibility import odd
+from fecloth.scene import dimensionless, plan, run_warnings
+from fecloth.scene.plausibility import implausible_values
 from fecloth.scene.scene import load
 from studies.simplify.dimensionless import Numbers, table
 
@@ -48,69 +48,71 @@ def scene(tmp_path):
     return path
 
 
-def doubts(scene, *overrides):
-    return run_warnings.doubts(load(scene, overrides).build())
+def warnings_of(scene, *overrides):
+    return run_warnings.find_warnings(load(scene, overrides).build())
 
 
 SOFT = ["fabric.tensile_stiffness=10", "fabric.areal_density=0.4"]
-DOUBTS = {
+WARNINGS = {
     "stretch the cloth by about 39 %": SOFT,
     "areal_density = 150 kg/m²": ["fabric.areal_density=150", "terms.2.acceleration=[0, 0, -0.01]"],
     "tensile_stiffness = 2 N/m": ["fabric.tensile_stiffness=2", "terms.2.acceleration=[0, 0, -1]"],
     "bending_rigidity = 9.6 N m": ["fabric.bending_rigidity=9.6"],
-    "if it was meant in ms, write 0.005": ["time.dt=5", "time.t_end=10"],
+    "If you meant ms, write 0.005": ["time.dt=5", "time.t_end=10"],
     "wrinkles under its own weight": ["fabric.bending_rigidity=1e-7"],
     "without bending stiffness": ["terms.1.type=StVK"],
     "starts in a plane": ['start.plane="xz"', "terms.2.acceleration=[0, 0, -0.01]"],
     "may gain energy": ["time.method=implicit_midpoint"],
-    "BackwardEuler takes about 25 %": ["time.method=backward_euler", "time.dt=0.03"],
+    "damping of BackwardEuler removes about 25 %": ["time.method=backward_euler", "time.dt=0.03"],
 }
 
 
-@pytest.mark.parametrize("words", DOUBTS)
-def test_a_doubt_where_there_is_reason_and_no_other(words, scene):
-    assert doubts(scene) == []
-    found = doubts(scene, *DOUBTS[words])
+@pytest.mark.parametrize("words", WARNINGS)
+def test_a_warning_where_there_is_reason_and_no_other(words, scene):
+    assert warnings_of(scene) == []
+    found = warnings_of(scene, *WARNINGS[words])
     assert len(found) == 1
     assert words in found[0]
 
 
-def test_no_doubt_where_the_reason_is_taken_away(scene):
+def test_no_warning_without_a_reason(scene):
     damped = 'terms.0={type="StrainRateDamping", time=0.001}'
-    assert doubts(scene, "time.method=implicit_midpoint", damped) == []
-    assert doubts(scene, "time.method=energy_momentum") == []
-    assert doubts(scene, *SOFT, "pins=[]") == []
+    assert warnings_of(scene, "time.method=implicit_midpoint", damped) == []
+    assert warnings_of(scene, "time.method=energy_momentum") == []
+    assert warnings_of(scene, *SOFT, "pins=[]") == []
     hung = ['start.plane="xz"', "terms.2.acceleration=[0, 0, -0.01]"]
-    assert doubts(scene, *hung, 'start.velocity=["0", "1e-3", "0"]') == []
-    assert doubts(scene, *hung, "terms.2.acceleration=[0, 1e-3, -0.01]") == []
-    assert doubts(scene, *hung, "terms.1.type=StVK", "terms.2.acceleration=[0, 0, 0]") == []
+    assert warnings_of(scene, *hung, 'start.velocity=["0", "1e-3", "0"]') == []
+    assert warnings_of(scene, *hung, "terms.2.acceleration=[0, 1e-3, -0.01]") == []
+    assert warnings_of(scene, *hung, "terms.1.type=StVK", "terms.2.acceleration=[0, 0, 0]") == []
     bent = 'start.position=["X", "1e-4 * sin(9 * X)", "Y"]'
-    assert doubts(scene, "terms.2.acceleration=[0, 0, -0.01]", bent) == []
+    assert warnings_of(scene, "terms.2.acceleration=[0, 0, -0.01]", bent) == []
     motion = 'pins.0.motion=["0", "1e-3 * sin(t)", "0"]'
-    assert doubts(scene, *hung, motion) == []
-    assert doubts(scene, *SOFT, "terms.2.acceleration=[0, 0, -0.1]") == []
+    assert warnings_of(scene, *hung, motion) == []
+    assert warnings_of(scene, *SOFT, "terms.2.acceleration=[0, 0, -0.1]") == []
 
 
 def test_every_published_fabric_is_of_a_fabrics_magnitude(sheet):
     for name in fc.Fabric.presets():
-        assert list(odd(fc.Fabric.preset(name), sheet, 0.01)) == []
+        assert list(implausible_values(fc.Fabric.preset(name), sheet, 0.01)) == []
 
 
 def test_a_roof_membrane_is_no_mistake_and_pascals_and_millimetres_are(sheet):
     roof = fc.Fabric.sheet(E=1520e6, nu=0.3, thickness=0.82e-3, rho=1050 / 0.82)
-    assert list(odd(roof, sheet, 0.01)) == []
-    (told,) = odd(fc.Fabric(0.5, 1520e6), sheet, 0.01)
+    assert list(implausible_values(roof, sheet, 0.01)) == []
+    (told,) = implausible_values(fc.Fabric(0.5, 1520e6), sheet, 0.01)
     assert "Fabric.sheet" in told
-    (told,) = odd({"body": roof, "hem": fc.Fabric(1e-4, 1000.0)}, sheet, 0.01)
+    (told,) = implausible_values({"body": roof, "hem": fc.Fabric(1e-4, 1000.0)}, sheet, 0.01)
     assert told.startswith("hem.areal_density = 0.0001 kg/m²")
-    (told,) = odd(roof, fc.Cloth.rectangle(1000.0, 500.0, h=250.0, pattern="right"), 0.01)
-    assert "1000 m long: if its mesh is in mm" in told
+    (told,) = implausible_values(
+        roof, fc.Cloth.rectangle(1000.0, 500.0, h=250.0, pattern="right"), 0.01
+    )
+    assert "1000 m long. If its mesh is in mm" in told
 
 
 def test_a_sliver_is_named(scene, tmp_path):
     X = [(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.02)]
     cloth = fc.Cloth.from_arrays(X, [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)], {"left": [0]})
-    (found,) = run_warnings.doubts(load(scene, ["pins=[]"]).build(cloth))
+    (found,) = run_warnings.find_warnings(load(scene, ["pins=[]"]).build(cloth))
     assert "at (0.5, 0.00667) m has the quality 0.046" in found
     assert "1 are below 0.3" in found
 
@@ -142,16 +144,16 @@ def test_the_weight_over_the_bending_stiffness_is_told(
 )
 def test_no_weight_over_bending_stiffness_without_either_or_a_pin(missing, scene):
     built = load(scene, [missing]).build()
-    assert not any("weight over" in line for line in run_warnings.plan(built, "why"))
+    assert not any("weight over" in line for line in plan.plan(built, "why"))
 
 
 @pytest.mark.parametrize("angle", [0.01, 0.1, 0.5])
 def test_the_loss_of_a_swing_is_that_of_an_oscillator(angle):
     kept = fc.stability.amplification(fc.BackwardEuler(), angle, 0.0) ** (2 * math.pi / angle)
-    assert run_warnings.swing_loss(angle) == pytest.approx(1 - kept, rel=1e-9)
+    assert dimensionless.swing_loss(angle) == pytest.approx(1 - kept, rel=1e-9)
 
 
-def test_the_wave_runs_as_foretold():
+def test_the_wave_runs_as_predicted():
     """A fifth of a strip is pushed along: the front is where half of the first wave has come."""
     fabric = fc.Fabric(0.2, 1000.0, 0.3)
     cloth = fc.Cloth.rectangle(1.0, 0.01, h=0.005, pattern="right")
@@ -159,7 +161,7 @@ def test_the_wave_runs_as_foretold():
     system = fc.System(cloth, fabric, [fc.StVK()], pins)
     x, pushed = system.rest().x, cloth.X[:, 0] < 0.2 - 1e-9
     v = np.column_stack([1e-3 * pushed, np.zeros((len(x), 2))])
-    t = 0.6 / run_warnings.wave_speed(fabric)
+    t = 0.6 / dimensionless.wave_speed(fabric)
     state = fc.run(system, fc.CentralDifference(), system.state(x, v), t_end=t).state
     front = cloth.X[state.v[:, 0] > 0.25e-3, 0].max()
     assert front == pytest.approx(0.2 + 0.6, abs=0.012)  # 1 - ν12 ν21 left out: 0.772
@@ -167,23 +169,23 @@ def test_the_wave_runs_as_foretold():
 
 MEASURED = """
 import fecloth as fc, fecloth.runs.run_scene
-from fecloth.scene.run_warnings import memory
-from fecloth.runs.folder import peak_memory
+from fecloth.scene.plan import estimate_memory
+from fecloth.runs.environment import peak_memory
 cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.008, pattern="right")
 system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity()], ["left"])
 fc.run(system, fc.BDF2(), system.rest(), dt=0.005, t_end=0.01, solver="direct")
-print(memory(system), peak_memory())
+print(estimate_memory(system), peak_memory())
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere programs are of another size")
-def test_memory_is_about_what_was_foretold():
+def test_memory_is_about_as_predicted():
     done = subprocess.run([sys.executable, "-c", MEASURED], capture_output=True, text=True)
-    foretold, measured = map(float, done.stdout.split())
-    assert foretold == pytest.approx(measured, rel=0.2)
+    predicted, measured = map(float, done.stdout.split())
+    assert predicted == pytest.approx(measured, rel=0.2)
 
 
-def test_the_plan_is_told_before_the_first_step(scene, tmp_path, capsys):
+def test_the_plan_is_printed_before_the_first_step(scene, tmp_path, capsys):
     arguments = ["run", str(scene), "-o", str(tmp_path / "out"), "--set", "terms.1.type=StVK"]
     assert main(arguments) == 0
     told = capsys.readouterr().err

@@ -18,9 +18,9 @@ import fecloth as fc
 from fecloth import terms
 from fecloth.integrators import METHODS
 from fecloth.output import frames
+from fecloth.scene.overrides import override
 from fecloth.scene.scene import Scene, load
-from fecloth.scene.toml_text import overridden, read, written
-from fecloth.simulation import probes
+from fecloth.scene.toml_text import read, to_toml
 from fecloth.simulation.stability_limited import AtLimit
 from studies.references.closed_forms import hanging_strip_mean, hanging_strip_tip
 from studies.references.falling_disk import trampoline
@@ -180,10 +180,10 @@ def test_rotation_keeps_lengths_and_the_axis():
     from fecloth.scene.start_table import Rotation
 
     x = np.random.default_rng(1).normal(size=(5, 3))
-    turned = Rotation(axis=(1.0, 2.0, -1.0), degrees=40.0).applied(x)
+    turned = Rotation(axis=(1.0, 2.0, -1.0), degrees=40.0).apply(x)
     np.testing.assert_allclose(turned @ turned.T, x @ x.T, atol=1e-14)
     np.testing.assert_allclose(turned @ [1, 2, -1], x @ [1, 2, -1], atol=1e-14)
-    sixty = Rotation(axis=(0.0, 0.0, 3.0), degrees=60.0).applied(np.eye(3))
+    sixty = Rotation(axis=(0.0, 0.0, 3.0), degrees=60.0).apply(np.eye(3))
     np.testing.assert_allclose(sixty[0], [0.5, math.sqrt(0.75), 0], atol=1e-15)
 
 
@@ -334,7 +334,7 @@ MISTAKES = [
     ("output={every=0.1, every_steps=4}", "output: every and every_steps are given", ""),
     ("start={plane='xy', position=['X', 'Y', '0']}", "start: plane and position are given", ""),
     ("probes.0.where='left'", "probes.0: where and point are given", ""),
-    ("expect.sag={value=0, relative=0.1}", "expect.sag.relative is given: nothing is", "absolute"),
+    ("expect.sag={value=0, relative=0.1}", "expect.sag.relative is given: must not be", "absolute"),
     # formulas
     ("pins.0.motion.2='q'", "pins.0.motion.2: formula 'q', unknown name 'q'", "numbers, t, X, Y"),
     ("pins.0.motion=[0, 0, 0.1]", "pins.0.motion = ['0', '0', '0.1']: must depend on t", "shift"),
@@ -407,7 +407,7 @@ NO_SCENES = [
     (b"a = " + b"[" * 5000, "not TOML"),
     (b"a = " + b"1" * 5000, "not TOML"),
     (b"", "cloth is missing: must be a table"),
-    (b"#" * 1_000_001, "has 1000001 bytes: a scene is a text of at most 1000000"),
+    (b"#" * 1_000_001, "has 1000001 bytes: a scene has at most 1000000"),
 ]
 
 
@@ -457,7 +457,7 @@ def test_overrides_replace_values_and_leave_the_rest(file):
 
 def test_overrides_do_not_touch_what_they_are_given():
     data = {"terms": [{"k": 1}]}
-    assert overridden(data, ["terms.0.k=2"]) == {"terms": [{"k": 2}]}
+    assert override(data, ["terms.0.k=2"]) == {"terms": [{"k": 2}]}
     assert data == {"terms": [{"k": 1}]}
 
 
@@ -539,7 +539,7 @@ VALUES = st.recursive(
 @given(st.dictionaries(TEXTS, VALUES, max_size=4))
 def test_any_tables_survive_the_writer(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "writer.toml"
-    path.write_text(written(data), encoding="utf-8", newline="")
+    path.write_text(to_toml(data), encoding="utf-8", newline="")
     assert read(path) == data
 
 
@@ -628,7 +628,7 @@ VALID = st.fixed_dictionaries(
 @given(VALID)
 def test_any_valid_scene_loads_again_to_an_equal_one(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "scene.toml"
-    path.write_text(written(data), encoding="utf-8", newline="")
+    path.write_text(to_toml(data), encoding="utf-8", newline="")
     scene = load(path)
     path.write_text(scene.to_toml(), encoding="utf-8", newline="")
     assert load(path) == scene
@@ -649,8 +649,7 @@ def test_interest_names_columns_probes_and_the_field(file):
 def test_every_column_of_a_run_may_be_expected(file):
     scene = load(file, ["expect={}"])
     built = scene.build()
-    observer = probes.Observer.bind(built.system, built.state, built.probes)
-    names = [*observer.row(None, None), *fc.Ledger.open(built.system, built.state).row()]
+    names = [*built.observer.row(None, None), *built.ledger.row()]
     table = ", ".join(f"'{n}' = {{value = 1, relative = 1}}" for n in set(names) - {"t"})
     assert len(load(file, [f"expect={{{table}}}"]).build().probes) == 2
     assert {"tip.x", "reaction:corner.z", "dissipated:StrainRateDamping", "remainder"} < set(names)

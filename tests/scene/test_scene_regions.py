@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.runs import run_scene
+from fecloth.runs import warm_up
 from fecloth.scene.scene import load
 
 GEO = """
@@ -124,7 +124,7 @@ def test_overrides_reach_a_region(file):
         ({}, "fabrics.hem=3", "fabrics.hem = 3: must be a table"),
         ({}, "fabrics=3", "fabrics = 3: must be a table"),
         ({}, "fabrics.cuff={areal_density=1,tensile_stiffness=1}", "fabrics: region 'cuff': must"),
-        ({"fabric": REGIONS.split("[fabrics.hem]")[0]}, None, "lies in 0 of the regions body"),
+        ({"fabric": REGIONS.split("[fabrics.hem]")[0]}, None, "is in 0 of the regions body"),
         ({}, "grain_degrees='45'", "grain_degrees = '45': must be a finite number or a table of"),
         ({}, "grain_degrees=inf", "grain_degrees = inf: must be a finite number"),
         ({}, "grain_degrees.hem='x'", "grain_degrees"),
@@ -148,9 +148,9 @@ def test_mistakes(parts, override, said, file):
 def test_kernels_are_compiled_for_the_arrays_of_the_run(fabric, file, monkeypatch):
     """Constants by triangle and those of one fabric are arrays of two types to the compiler."""
     compiled = []
-    monkeypatch.setattr(run_scene, "run", lambda system, *args, **kwargs: compiled.append(system))
+    monkeypatch.setattr(warm_up, "run", lambda system, *args, **kwargs: compiled.append(system))
     built = load(file(fabric=fabric)).build()
-    run_scene.compile_kernels(built)
+    warm_up.compile_kernels(built)
     ours, theirs = (system.bound[:2] for system in (compiled[0], built.system))
     assert numba.typeof(ours[0].constants) == numba.typeof(theirs[0].constants)
     assert numba.typeof(ours[1].viscosity) == numba.typeof(theirs[1].viscosity)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.simulation.energy_ledger import doubt
+from fecloth.simulation.energy_ledger import imbalance_warning
 from fecloth.simulation.motion_jumps import jumping
 
 BUMP = np.pi / 20
@@ -93,8 +93,8 @@ def test_round_off_is_not_doubted(small):
     opened = fc.Ledger.open(system, system.rest())
     for off, told in ((2e-27, False), (2e-12, True)):
         ledger = replace(opened, t=1.0, kinetic=off)
-        assert bool(doubt(system, ledger, ledger.turnover, 0.0)) == told
-    assert doubt(system, opened, 0.0, 0.0) == ""
+        assert bool(imbalance_warning(system, ledger, ledger.turnover, 0.0)) == told
+    assert imbalance_warning(system, opened, 0.0, 0.0) == ""
 
 
 @pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.BDF2()], ids=str)
@@ -111,5 +111,5 @@ def test_a_term_that_tells_nothing_is_not_doubted(small):
     """A user's force without a potential, as the remainder is all that it does."""
     system = moved(small, None, fc.StVK())
     ledger = replace(fc.Ledger.open(system, system.rest()), t=1.0, kinetic=1.0)
-    assert doubt(system, ledger, 1.0, 0.0)
-    assert doubt(system, replace(ledger, silent=True), 1.0, 0.0) == ""
+    assert imbalance_warning(system, ledger, 1.0, 0.0)
+    assert imbalance_warning(system, replace(ledger, silent=True), 1.0, 0.0) == ""

@@ -138,7 +138,7 @@ def test_a_start_that_moves_what_is_fixed_is_stopped_by_the_pins(method, isotrop
 @pytest.mark.parametrize(
     ("probes", "message"),
     [
-        ([fc.Probe("a", "left"), fc.Probe("a", "right")], "probe 'a' stands twice"),
+        ([fc.Probe("a", "left"), fc.Probe("a", "right")], "probe 'a' appears twice"),
         ([fc.Probe("mean_displacement", "right")], "is the name of a column of every run"),
         (["left"], "must be a list of Probe"),
         (fc.Probe("a", "left"), "must be a list of Probe"),

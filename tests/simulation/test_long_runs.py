@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from fecloth.runs.folder import peak_memory
+from fecloth.runs.environment import peak_memory
 
 SCENE = """
 mass = "lumped"

@@ -9,7 +9,7 @@ import pytest
 import fecloth as fc
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation import method_choice
-from fecloth.simulation.resolve import settled
+from fecloth.simulation.resolve import resolve
 
 
 def sheet(h=0.1, stiffness=20.0, damping=None, **options):
@@ -22,7 +22,7 @@ def sheet(h=0.1, stiffness=20.0, damping=None, **options):
 
 def chosen(system, state, rtol=1e-3, t_end=1.0, **options):
     """Name of the method that is taken, and what is said."""
-    method, _, why = settled(system, fc.Auto(rtol), state, None, t_end, **options)
+    method, _, why = resolve(system, fc.Auto(rtol), state, None, t_end, **options)
     return type(method.method).__name__, why
 
 

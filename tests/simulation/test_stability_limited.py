@@ -5,7 +5,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.run import MOST_GROWTH
+from fecloth.simulation.record_steps import MOST_GROWTH
 from fecloth.simulation.stability_limited import FRACTION, LASTS, AtLimit
 from fecloth.terms.kinematics import largest_stretch, principal_stretches
 

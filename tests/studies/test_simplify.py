@@ -9,9 +9,9 @@ import pytest
 
 import fecloth as fc
 from fecloth.errors import InputError
+from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import load
-from fecloth.scene.tables import Interest
-from fecloth.scene.toml_text import written
+from fecloth.scene.toml_text import to_toml
 from studies.simplify import __main__ as simplify
 from studies.simplify import cases
 from studies.simplify.cases import Answer, changes, data_of, scene_of
@@ -82,7 +82,7 @@ def test_every_simpler_scene_is_a_scene(path):
     for variant in tried:
         simpler = variant.apply(data)
         assert variant.static or simpler != data, variant.name
-        scene_of(written(simpler))
+        scene_of(to_toml(simpler))
     assert data == data_of(load(path))  # no variant has changed it
     names = [variant.name for variant in tried]
     assert {"without StVK", "Springs for StVK", "h × 2", "equilibrium"} <= set(names)
@@ -97,7 +97,7 @@ def test_p2_becomes_p1_and_adaptive_steps_get_a_looser_tolerance():
     simpler = {one.name: one.apply(data) for one in variants(data, Interest(end=("sag",)))}
     assert "explicit" not in simpler
     assert simpler["P1 for P2"]["mass"] == "lumped"
-    assert scene_of(written(simpler["rtol × 4"])).time.rtol == 0.04
+    assert scene_of(to_toml(simpler["rtol × 4"])).time.rtol == 0.04
 
 
 def make_strip(**changed):
@@ -106,7 +106,7 @@ def make_strip(**changed):
     data["cloth"] |= {"height": 0.2, "h": 0.05}
     data["fabric"] |= {"poisson_ratio": 0.0}
     data["probes"], data["interest"] = [], {"end": ["sag"]}
-    return scene_of(written({**data, "pins": [{"where": "left"}, {"where": "right"}], **changed}))
+    return scene_of(to_toml({**data, "pins": [{"where": "left"}, {"where": "right"}], **changed}))
 
 
 def test_the_predicted_sag_across_is_that_of_the_equilibrium():

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from fecloth.study.status import attempt
 from studies.references.continuum import _pull, swinging_chain
-from studies.work_precision.__main__ import cheapest, distance, failed_by_itself, split
+from studies.work_precision.__main__ import add_errors, cheapest, distance, mark_failed
 from studies.work_precision.figures import front
 from studies.work_precision.scenes import SCENES, hermite, run
 
@@ -94,7 +94,7 @@ def test_a_run_of_every_kind_ends_at_the_same_path():
 def test_a_run_that_fails_tells_its_seconds_and_its_cause():
     settings = {"scene": "wave", "model": "StVK", "element": "P1", "h": 0.1}
     settings |= {"method": "many_steps", "step": 2e-3}
-    (row,) = failed_by_itself([settings | attempt(run, settings)])
+    (row,) = mark_failed([settings | attempt(run, settings)])
     assert row["status"] == "failed"
     assert row["seconds"] > 0
     assert "not finite" in row["cause"]
@@ -127,7 +127,7 @@ def test_the_error_is_split_and_the_cheapest_found():
 
     fine = [row(0.2, 1.04, 1.0), row(0.1, 1.01, 1.0)]
     rows = [row(0.2, 1.06, 0.5), row(0.1, 1.012, 3.0), row(0.1, 1.5, 0.1)]
-    split(rows, fine, coarse=True)
+    add_errors(rows, fine, coarse=True)
     first = rows[0]
     assert first["total_error"] == pytest.approx(0.06)
     assert first["time_error"] == pytest.approx(0.02 / 1.04)
@@ -142,9 +142,9 @@ def test_the_error_is_split_and_the_cheapest_found():
 def test_mujocos_sheet_falls_as_ours():
     """Its plate has the thickness that bends as the hinges do."""
     pytest.importorskip("mujoco")
-    from studies.work_precision.mujoco import beside
+    from studies.work_precision.mujoco import run_mujoco
 
     settings = {"scene": "swing", "model": "StVK + hinges", "element": "P1", "h": 0.03}
     ours = run(**settings, method="CentralDifference", step=4e-5, repeats=1)
-    other = beside(**settings, method="MuJoCo Euler", step=4e-5, linear="auto")
+    other = run_mujoco(**settings, method="MuJoCo Euler", step=4e-5, linear="auto")
     assert distance(other["mean"], ours["mean"]) < 1e-3

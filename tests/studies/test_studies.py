@@ -1,4 +1,4 @@
-"""Each study's --quick form; `pytest -m study` runs them, the plain test run leaves them out."""
+"""Quick form of each study: `pytest -m study`; the plain test run omits them."""
 
 import subprocess
 import sys
@@ -12,7 +12,7 @@ MODULE = [sys.executable, "-m"]
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory):
-    """Where the quick forms write, for choose.py to read."""
+    """Return the folder of the results of the quick forms."""
     return tmp_path_factory.mktemp("out")
 
 
@@ -23,7 +23,7 @@ def out(tmp_path_factory):
         ("benchmarks.kernels", "figures met"),
         ("benchmarks.terms", "StVK"),
         ("models.hinge_bias", "derived"),
-        ("models.homogenised_moduli", "power of"),
+        ("models.homogenised_moduli", "exponent of h"),
         ("benchmarks.linear_solvers", "auto over the best"),
         ("benchmarks.method_choice", "auto over the best"),
         ("models.sag_figure", "wrote out/models/sag.png"),
@@ -45,7 +45,7 @@ def test_quick(study, says, out):
     "study", ["convergence", "models", "simplify", "work_precision", "stability"]
 )
 def test_quick_report(study, out):
-    """Studies on the harness: the exit code is 1 if a finding is missed."""
+    """Check the exit code, which is 1 if a finding is missed, and the report."""
     folder = out / study
     command = [*MODULE, f"studies.{study}", "--quick", "--out", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=ROOT)

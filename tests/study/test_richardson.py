@@ -90,9 +90,9 @@ def test_a_failed_run_misses_its_orders():
     failed = {"status": "failed", "cause": "x"}
     rows, steps, swings = (
         [case | failed for case in cases(True)]
-        for cases in (convergence.asked, convergence.timed, convergence.swung)
+        for cases in (convergence.space_cases, convergence.time_cases, convergence.swing_cases)
     )
-    found = convergence.conclude(rows) + convergence.conclude_time(steps)
-    found += convergence.conclude_swing(convergence.compare(swings))
-    assert len(found) == 80
-    assert not any(finding.is_met for finding in found)
+    findings = convergence.conclude_space(rows) + convergence.conclude_time(steps)
+    findings += convergence.conclude_swing(convergence.compare_swings(swings))
+    assert len(findings) == 80
+    assert not any(finding.is_met for finding in findings)

@@ -10,9 +10,10 @@ import pytest
 
 import fecloth as fc
 from fecloth.cli.main import main
+from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
-from fecloth.output.frames import fields
-from fecloth.view.html_report import read_table, stretch_row, write_report
+from fecloth.runs.strain_statistics import stretch_row
+from fecloth.view.html_report import read_table, write_report
 from fecloth.view.svg_chart import chart
 
 SCENE = """

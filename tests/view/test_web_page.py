@@ -12,8 +12,9 @@ from test_html_report import SCENE
 
 import fecloth as fc
 from fecloth.cli.main import main
+from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame, Series, field_values, straight
-from fecloth.output.frames import Frames, fields
+from fecloth.output.frames import Frames
 from fecloth.output.vtkhdf_writer import HdfFrames
 from fecloth.view import web_page
 from fecloth.view.svg_chart import chart
@@ -144,8 +145,8 @@ def test_a_long_run_is_thinned_and_says_so(run, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["view", "."], "holds no frames"),
-        (["render", ".", "-o", "a.png"], "holds no frames"),
+        (["view", "."], "has no frames"),
+        (["render", ".", "-o", "a.png"], "has no frames"),
         (["render", ".", "-o", "a.avi"], "must end in .mp4, .gif, .png"),
         (["render", ".", "-o", "a.png", "--size", "big"], "must be like 1280x720"),
         (["render", ".", "-o", "a.mp4", "--size", "101x100"], "even for .mp4"),

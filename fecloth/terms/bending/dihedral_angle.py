@@ -1,4 +1,4 @@
-"""The dihedral angle of a hinge with its gradient and Hessian.
+"""Dihedral angle of a hinge, its gradient and its Hessian.
 
 Edge e = x₁ − x₀, arms a = x₂ − x₀ to the left and b = x₃ − x₀ to the right. In the left triangle
 ê, m = n̂ × ê and the normal n̂ = e × a/|e × a| are a right-handed frame and a = s e + h m with the
@@ -28,16 +28,19 @@ from fecloth.jit import inner, kernel
 
 @inner
 def cross(p, q):
+    """p × q."""
     return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
 
 
 @inner
 def dot(p, q):
+    """p · q."""
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
 @inner
-def scaled(factor, p):
+def multiply(factor, p):
+    """factor · p."""
     return factor * p[0], factor * p[1], factor * p[2]
 
 
@@ -65,7 +68,7 @@ def side(e, arm, normal):
     return (
         dot(e, arm) / square,
         math.sqrt(twice / square),
-        scaled(math.sqrt(square) / twice, normal),
+        multiply(math.sqrt(square) / twice, normal),
     )
 
 
@@ -82,7 +85,7 @@ def gradient(left, right, g):
 
 @inner
 def add_side(arm, s, p, q, u, t, H):
-    """Add one triangle's part to H (4, 3, 4, 3); its arm leads to the node `arm`.
+    """Add the part of one triangle to H (4, 3, 4, 3); its arm leads to the node `arm`.
 
     p = n̂/h, q = m/h, u = ê/|e| and t = h/|e|, so that A = −(p qᵀ + q pᵀ), ê gᵀ/|e| = u pᵀ and
     n̂ mᵀ/|e|² = t² p qᵀ.
@@ -110,8 +113,8 @@ def hessian(e, left, right, H):
     """H (4, 3, 4, 3) = ∂²θ/∂x∂x."""
     (sa, ha, pa), (sb, hb, pb) = left, right
     length = math.sqrt(dot(e, e))
-    unit = scaled(1.0 / length, e)
-    u = scaled(1.0 / length, unit)
+    unit = multiply(1.0 / length, e)
+    u = multiply(1.0 / length, unit)
     for i in range(3):
         for j in range(3):
             H[2, i, 3, j] = H[3, i, 2, j] = 0.0
@@ -134,7 +137,7 @@ def condition(y, c, order, C, g, H):
 
 @kernel
 def angles(nodes, x, out):
-    """out (h,) = θ of the hinges with the given nodes (h, 4) at positions x (n, 3)."""
+    """out (h,) = θ of the hinges with `nodes` (h, 4) at positions x (n, 3)."""
     y = np.empty((4, 3))
     for e in range(len(nodes)):
         for a in range(4):

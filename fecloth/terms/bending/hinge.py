@@ -1,4 +1,4 @@
-"""Bending at the hinges of the mesh: the dihedral angle of each interior edge as a condition."""
+"""Bending at the hinges of the mesh: the condition is the dihedral angle of an interior edge."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ CONVEX = (0,)  # one component, whose ∂²θ is indefinite
 class HingeBending:
     """½ k (θ − θ₀)² at every interior edge, k = B l²/(A₁ + A₂).
 
-    θ is the angle between the two triangles (`dihedral`), l the rest length of the edge, A₁ and A₂
-    the rest areas, B the fabric's bending rigidity [N m]; k is in N m.
+    θ is the angle between the two triangles (`dihedral_angle`), l the rest length of the edge, A₁
+    and A₂ the rest areas, B the fabric's bending rigidity [N m]; k is in N m.
 
     The factor is derived, not fitted: nodes on a cylinder z = κ y²/2 give an edge along its axis
     the angle θ = κ (h₁ + h₂)/2 = κ (A₁ + A₂)/l. On equilateral triangles a third of the edges
@@ -55,7 +55,7 @@ class HingeBending:
     `studies/models/hinge_bias.py`). `right` also couples bending and twist: a strip of it turns
     out of its plane.
 
-    Source: the factor as derived above; the angle and its derivatives as in `dihedral`.
+    Source: the factor as derived above; the angle and its derivatives as in `dihedral_angle`.
 
     Valid from flat to nearly folded: at θ = ±π the angle, and the energy, jump. Its tangent is
     exact; `definite` drops the part with ∂²θ, which is indefinite. Where a triangle has no height
@@ -66,8 +66,8 @@ class HingeBending:
     Parameters
     ----------
     rest
-        θ₀ [rad] of all hinges, or of each in the order of ``cloth.hinges``, as `hinge_angles` of a
-        shape gives them. Left out: flat.
+        θ₀ [rad] of all hinges, or of each in the order of ``cloth.hinges``; `hinge_angles`
+        computes them for a shape. Left out: flat.
 
     Examples
     --------
@@ -113,8 +113,8 @@ class BendingDamping:
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, for the
     condition θ; "symmetric" drops the non-symmetric part of ∂d/∂x, as they do.
 
-    Valid where `HingeBending` is, with the same factor between what is asked for and what the
-    pattern carries; the damping grows with frequency, a fabric's own hysteresis does not.
+    Valid where `HingeBending` is, with the same ratio of the rigidity that the pattern carries to
+    that of the fabric. The damping grows with frequency; the hysteresis of a fabric does not.
 
     Cost of a triangle relative to `StVK`: force 4, tangent 6; "exact" takes a solver for general
     matrices besides.
@@ -147,7 +147,7 @@ class BendingDamping:
 
 
 def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
-    """(h,) k = B(φ) l²/(A₁ + A₂) [N m] of the hinges; `where` is the term that asks.
+    """Stiffness k = B(φ) l²/(A₁ + A₂) (h,) of the hinges [N m], for the term `where`.
 
     Raises
     ------
@@ -171,14 +171,14 @@ def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
 
 
 def hinge_angles(cloth: Cloth, x: np.ndarray) -> np.ndarray:
-    """(h,) dihedral angles [rad] at positions x (n, 3), in the order of ``cloth.hinges``."""
+    """Dihedral angles (h,) at positions x (n, 3) [rad], in the order of ``cloth.hinges``."""
     out = np.empty(len(cloth.hinges.nodes))
     angles(cloth.hinges.nodes, np.ascontiguousarray(x, dtype=float), out)
     return out
 
 
 def bind(name, panel, slots, rest, stiffness, damping, tangent="symmetric"):
-    """The angle as a condition with θ₀ (h,) or (1,), and k_s and k_d (h,)."""
+    """Bind the angle as a condition with θ₀ (h,) or (1,), and k_s and k_d (h,)."""
     nodes = panel.cloth.hinges.nodes
     data = nodes, np.broadcast_to(rest, len(nodes))[:, None], stiffness, damping
     bound = bound_condition.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)

@@ -1,4 +1,4 @@
-"""∂C and ∂²C of a user's own condition: as given, held against differences, or by differences."""
+"""Derivatives ∂C and ∂²C of a user's condition: the user's functions, or finite differences."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from fecloth.errors import InputError
 
 STEP = 1e-3  # of the differences, relative to the size of the stencil
-TOLERANCE = 1e-6  # of a given derivative against differences, relative to the largest entry
+TOLERANCE = 1e-6  # of a user's derivative against differences, relative to the largest entry
 WEIGHTS = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))  # central, of order 4
 
 Function = Callable[[np.ndarray], np.ndarray]
@@ -18,7 +18,7 @@ Function = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Derivatives:
-    """C, ∂C and ∂²C of the stencils, from what the user gave.
+    """C, ∂C and ∂²C of the stencils, from the functions of the user.
 
     Attributes
     ----------
@@ -46,18 +46,18 @@ class Derivatives:
     def dC(self, y: np.ndarray) -> np.ndarray:
         """(m, r, k, 3)."""
         if self.gradient is None:
-            return self.differences(self.C, y)
-        return self._shaped("gradient", self.gradient(y), y, 1)
+            return self.differentiate(self.C, y)
+        return self._check_shape("gradient", self.gradient(y), y, 1)
 
     def ddC(self, y: np.ndarray) -> np.ndarray:
         """(m, r, k, 3, k, 3)."""
         if self.hessian is not None:
-            return self._shaped("hessian", self.hessian(y), y, 2)
-        H = self.differences(self.dC, y)
+            return self._check_shape("hessian", self.hessian(y), y, 2)
+        H = self.differentiate(self.dC, y)
         return 0.5 * (H + H.transpose(0, 1, 4, 5, 2, 3))
 
-    def differences(self, function: Function, y: np.ndarray) -> np.ndarray:
-        """∂/∂y of a function (m, k, 3) → (m, …) → (m, …, k, 3), by `WEIGHTS`."""
+    def differentiate(self, function: Function, y: np.ndarray) -> np.ndarray:
+        """Differentiate a function (m, k, 3) → (m, …) by y with `WEIGHTS`: (m, …, k, 3)."""
         m, k, _ = y.shape
         h = STEP * self.size[:, None, None]
         columns = []
@@ -67,7 +67,7 @@ class Derivatives:
         return np.stack(columns, axis=-1).reshape(*columns[0].shape, k, 3)
 
     def check(self, rest: np.ndarray) -> None:
-        """Hold the given derivatives against differences, in a state near rest."""
+        """Compare the user's derivatives with differences, in a state near rest."""
         noise = np.random.default_rng(0).standard_normal(rest.shape)
         y = rest + 0.05 * self.size[:, None, None] * noise
         for name, function, below in (
@@ -76,21 +76,21 @@ class Derivatives:
         ):
             if getattr(self, name) is None:
                 continue
-            given, expected = function(y), self.differences(below, y)
-            wrong = np.abs(given - expected) - TOLERANCE * np.abs(expected).max()
+            values, expected = function(y), self.differentiate(below, y)
+            wrong = np.abs(values - expected) - TOLERANCE * np.abs(expected).max()
             at = np.unravel_index(int(np.argmax(np.nan_to_num(wrong, nan=np.inf))), wrong.shape)
             if not wrong[at] <= 0:
                 place = ", ".join(str(int(i)) for i in at)
                 raise InputError(
-                    f"{name}[{place}] = {given[at]:.9g}",
+                    f"{name}[{place}] = {values[at]:.9g}",
                     f"differences of {'value' if name == 'gradient' else 'the gradient'} give "
                     f"{expected[at]:.9g}",
                     self.name,
                     "Correct it, or leave it out to have it computed.",
                 )
 
-    def _shaped(self, name, values, y, order):
-        """Checked for its shape, with the axis of the components put in where C has none."""
+    def _check_shape(self, name, values, y, order):
+        """Check the shape, and insert the axis of the components where C has none."""
         m, k, _ = y.shape
         values, tail = np.asarray(values, dtype=float), (k, 3) * order
         if values.shape == (m, *tail) and self.r == 1:

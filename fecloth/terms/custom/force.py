@@ -16,26 +16,26 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.units import ACCELERATION, FORCE, PRESSURE
 
-STEP = 1e-5  # m and m/s: a central difference is then good to about 1e-10 of f'''/f'
+STEP = 1e-5  # m and m/s: the relative error of a central difference is about 1e-10 f'''/f'
 VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
 
 
 @dataclass(frozen=True)
 class UserForce:
-    """f_a = A_a g(x_a, v_a, t): a force of one's own at each node, from where it is and moves.
+    """f_a = A_a g(x_a, v_a, t), a user-defined force on each node from its position and velocity.
 
-    A_a is the node's share of the reference area, of the mass, or 1. On P2 triangles the middles
-    of the edges have all of it: a rule that is exact for g of degree 0 and keeps the third order
-    of the displacement in L2 (`Cloth.load` integrates to any degree). For forces between nodes see
-    the conditions, for their derivatives `fecloth.verify.check_term`.
+    A_a is the share of the node in the reference area or in the mass, or 1. On P2 triangles A_a is
+    zero at the corners. This quadrature is exact for g of degree 0, and the displacement keeps its
+    third order in L2 (`Cloth.load` integrates to any degree). For forces between nodes see
+    `Condition`. Check derivatives with `fecloth.verify.check_term`.
 
-    Its power stands in the ledger as ``work:UserForce``, whatever it may be. Tangents: the
-    derivatives that are given, else central differences of g over ± 1e-5 m and ± 1e-5 m/s, twelve
-    evaluations.
+    The work of the force is in the column ``work:UserForce`` of the energy ledger. The tangents
+    use `derivatives`, or else central differences of g over ± 1e-5 m and ± 1e-5 m/s, which take
+    twelve evaluations of g.
 
-    Source: your own.
+    Source: the user.
 
-    Valid only if the force on a node depends on no other node; its own range is yours to know.
+    Valid only if the force on a node does not depend on other nodes. Other limits depend on g.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ class UserForce:
         g: three numbers or formulas of X, Y, x, y, z [m], vx, vy, vz [m/s] and t [s] as text, or
         a function ``g(x, v, t)`` of all nodes, (n, 3) each, that returns (n, 3).
     per
-        What g is counted by: "area" [N/m²], "mass" [N/kg] or "node" [N]; the first two mean the
-        same on every mesh.
+        The unit of g: per "area" [N/m²], per "mass" [N/kg] or per "node" [N]. The first two give
+        the same load on every mesh.
     derivatives
         A function ``(x, v, t)`` that returns ∂g/∂x and ∂g/∂v, (n, 3, 3) each.
     tangent
@@ -78,7 +78,7 @@ class UserForce:
                 allowed = " or ".join(f'"{choice}"' for choice in choices)
                 raise InputError(f"{name} = {value!r}", f"must be {allowed}", "UserForce")
         if not callable(self.force):
-            _formulas(self.force)
+            _validated_parts(self.force)
 
     elements = ("P1", "P2")
 
@@ -92,27 +92,30 @@ class UserForce:
             "mass": lambda: cloth.weighted_load(panel.density),
             "node": lambda: np.ones(len(cloth.X)),
         }[self.per]()
-        given = self.force if callable(self.force) else Written(_formulas(self.force), cloth.X)
+        if callable(self.force):
+            function = self.force
+        else:
+            function = FormulaForce(_validated_parts(self.force), cloth.X)
         diagonal = slots(np.arange(len(cloth.X), dtype=np.int32)[:, None]).ravel()
         symmetric = self.tangent == "symmetric"
-        return BoundUserForce(given, self.derivatives, amount, cloth.X, diagonal, symmetric)
+        return BoundUserForce(function, self.derivatives, amount, cloth.X, diagonal, symmetric)
 
 
-def _formulas(parts) -> tuple:
-    """Numbers and formulas, checked."""
+def _validated_parts(parts) -> tuple:
+    """Return three numbers or formulas; raise `InputError` for anything else."""
     allowed = "must be three finite numbers or formulas, or a function of x, v, t"
     if isinstance(parts, str) or not isinstance(parts, tuple | list) or len(parts) != 3:
         raise InputError(f"force = {parts!r}", allowed, "UserForce")
     for part in parts:
-        number = np.isscalar(part) and not isinstance(part, str | bool)
-        if not isinstance(part, str) and not (number and np.isfinite(part)):
+        is_number = np.isscalar(part) and not isinstance(part, str | bool)
+        if not isinstance(part, str) and not (is_number and np.isfinite(part)):
             raise InputError(f"force = {parts!r}", allowed, "UserForce")
     return tuple(Formula(p, VARIABLES) if isinstance(p, str) else float(p) for p in parts)
 
 
 @dataclass(frozen=True, eq=False)
-class Written:
-    """Three numbers or formulas as a function of the nodes' x (n, 3), v (n, 3) and of t."""
+class FormulaForce:
+    """Three numbers or formulas as a function of x (n, 3), v (n, 3) and t."""
 
     parts: tuple
     X: np.ndarray
@@ -130,7 +133,7 @@ class Written:
 class BoundUserForce:
     """`UserForce` on a cloth; `amount` (n,) is A_a."""
 
-    given: Callable
+    function: Callable
     derivatives: Callable | None
     amount: np.ndarray
     X: np.ndarray
@@ -144,18 +147,18 @@ class BoundUserForce:
     velocity_dependent = True
 
     def _value(self, x, v, t) -> np.ndarray:
-        """g (n, 3), checked."""
-        return _checked(self.given(x, v, t), x.shape, "force", t)
+        """g (n, 3); raises `InputError` if its shape is wrong or it is not finite."""
+        return _validated(self.function(x, v, t), x.shape, "force", t)
 
     def _blocks(self, x, v, t) -> tuple[np.ndarray, np.ndarray]:
-        """∂g/∂x and ∂g/∂v, (n, 3, 3)."""
+        """∂g/∂x and ∂g/∂v, (n, 3, 3) each."""
         if self.derivatives is not None:
-            given = self.derivatives(x, v, t)
-            return tuple(_checked(part, (len(x), 3, 3), "derivative", t) for part in given)
+            parts = self.derivatives(x, v, t)
+            return tuple(_validated(part, (len(x), 3, 3), "derivative", t) for part in parts)
         shifts = STEP * np.eye(3)
-        of_x = [self._value(x + s, v, t) - self._value(x - s, v, t) for s in shifts]
-        of_v = [self._value(x, v + s, t) - self._value(x, v - s, t) for s in shifts]
-        return tuple(np.stack(columns, axis=2) / (2 * STEP) for columns in (of_x, of_v))
+        dx = [self._value(x + s, v, t) - self._value(x - s, v, t) for s in shifts]
+        dv = [self._value(x, v + s, t) - self._value(x, v - s, t) for s in shifts]
+        return tuple(np.stack(columns, axis=2) / (2 * STEP) for columns in (dx, dv))
 
     def supply(self, x, v, t) -> float:
         """Power f · v [W]."""
@@ -166,9 +169,9 @@ class BoundUserForce:
         f += self.amount[:, None] * self._value(x, v, t)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J_aa −= A_a (wx ∂g/∂x + wv ∂g/∂v), or its symmetric or positive part."""
-        of_x, of_v = self._blocks(x, v, t)
-        blocks = -self.amount[:, None, None] * (wx * of_x + wv * of_v)
+        """J_aa −= A_a (wx ∂g/∂x + wv ∂g/∂v), or the symmetric or positive part of this."""
+        dg_dx, dg_dv = self._blocks(x, v, t)
+        blocks = -self.amount[:, None, None] * (wx * dg_dx + wv * dg_dv)
         if self.symmetric or definite:
             blocks = 0.5 * (blocks + blocks.transpose(0, 2, 1))
         if definite:
@@ -177,7 +180,7 @@ class BoundUserForce:
         add_blocks(self.diagonal, blocks, J.values)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """The largest eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], symmetric parts, at rest."""
+        """Largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest, of the symmetric parts."""
         x = np.column_stack([self.X, np.zeros(len(self.X))])
         bounds = []
         for part in self._blocks(x, np.zeros_like(x), 0.0):
@@ -188,7 +191,7 @@ class BoundUserForce:
         return tuple(bounds)
 
 
-def _checked(value, shape: tuple[int, ...], name: str, t: float) -> np.ndarray:
+def _validated(value, shape: tuple[int, ...], name: str, t: float) -> np.ndarray:
     value = np.asarray(value, dtype=float)
     if value.shape != shape or not np.isfinite(value).all():
         what = f"{name} of shape {value.shape} at t = {t:g}"
@@ -198,7 +201,7 @@ def _checked(value, shape: tuple[int, ...], name: str, t: float) -> np.ndarray:
 
 @kernel
 def add_blocks(diagonal, blocks, J):
-    """J_aa += the block of the node a."""
+    """J_aa += blocks[a]."""
     for a in range(len(diagonal)):
         for i in range(3):
             for j in range(3):

@@ -19,7 +19,7 @@ from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, insert
 from fecloth.mesh.cloth import Cloth
-from fecloth.terms.custom.law_check import NEAR, VOIGT, checked
+from fecloth.terms.custom.law_check import NEAR, VOIGT, check_law
 from fecloth.terms.loops import membrane
 
 
@@ -88,7 +88,7 @@ class MembraneLaw:
 
     def moduli(self, fabric: Fabric) -> np.ndarray:
         """(6,) ℂ at E = 0 [N/m]."""
-        return checked(self.law, self._row(fabric), type(self).__name__)[2]
+        return check_law(self.law, self._row(fabric), type(self).__name__)[2]
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
@@ -104,7 +104,7 @@ class MembraneLaw:
         return membrane.bind(name, _kernels(self.law), constants, moduli, panel, slots)
 
     def _row(self, fabric: Fabric) -> np.ndarray:
-        """`constants`, checked."""
+        """Check `constants` and return them as an array."""
         name = f"{type(self).__name__}.constants"
         try:
             c = np.array(self.constants(fabric), dtype=float)

@@ -1,4 +1,4 @@
-"""A user's own condition C(x): energy ½ k_s CᵀC, damping along it, from a Python function."""
+"""Condition C(x) of a user, a Python function: energy ½ k_s CᵀC and damping along it."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ class Condition:
 
         f_a = −∂C_a k_s C,   d_a = −∂C_a k_d Ċ,   Ċ = Σ_a ∂C_aᵀ v_a
 
-    These and their Hessians follow from C, ∂C and ∂²C. C works on all stencils at once, on arrays.
+    These and their Hessians follow from C, ∂C and ∂²C. C takes and returns arrays of all stencils.
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 7, 8 and 11–13; see
     `fecloth.terms.loops.condition`.
 
-    Valid where C is twice differentiable, which it must be at every state that is met: a length
-    is not at zero, an angle not at a full turn. Momentum is kept only if C does not change in
+    Valid where C is twice differentiable. It must be so in every state of the motion: a length is
+    not at zero, an angle not at a full turn. Momentum is conserved only if C does not change in
     rigid motion.
 
-    A derivative that is not given comes from central differences of order 4 with a step of 1e-3
+    A derivative without a function comes from central differences of order 4 with a step of 1e-3
     of the stencil's size. Where C is smooth on the scale of the stencil, ∂C is then good to 1e-10
-    and ∂²C to 1e-7 of their largest entries (to 1e-10 from a given ∂C). They call C 12 k times for
-    ∂C and (12 k)² times for ∂²C, each time with all stencils. A given
-    derivative is held against differences when the term is bound, near the rest state.
+    and ∂²C to 1e-7 of their largest entries (to 1e-10 from a function for ∂C). They call C 12 k
+    times for ∂C and (12 k)² times for ∂²C, each time with all stencils. A function for a derivative
+    is compared with differences when the term is bound, near the rest state.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class Condition:
             raise InputError("a stencil", "must not hold a node twice", self.name)
         return self.nodes
 
-    def bind(self, panel: Panel, slots) -> BoundUser:
+    def bind(self, panel: Panel, slots) -> BoundUserCondition:
         cloth = panel.cloth
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])[self.stencil(cloth)]
         extent = np.linalg.norm(rest - rest.mean(axis=1, keepdims=True), axis=2).max(axis=1)
@@ -155,10 +155,10 @@ class Condition:
             what = f"stiffness and damping of shapes {shapes}"
             m = len(self.nodes)
             raise InputError(what, f"must be numbers, ({m},) or ({m}, {r})", self.name) from None
-        return BoundUser(**vars(bound), functions=functions)
+        return BoundUserCondition(**vars(bound), functions=functions)
 
     def _components(self, rest: np.ndarray) -> int:
-        """r, from C at rest; refuses a wrong shape, and what is not finite there."""
+        """Return r, the length of C at rest; raise for a wrong shape or values not finite."""
         C, m = np.asarray(self.value(rest), dtype=float), len(rest)
         if C.ndim not in (1, 2) or len(C) != m:
             allowed = f"must be ({m},) or ({m}, r) for y of shape {rest.shape}"
@@ -171,13 +171,13 @@ class Condition:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundUser(bound_condition.BoundCondition):
-    """`Condition` on a cloth: what the loop takes as constants are C, ∂C and ∂²C themselves."""
+class BoundUserCondition(bound_condition.BoundCondition):
+    """`Condition` bound to a cloth: the constants of a stencil are the values of C, ∂C and ∂²C."""
 
     functions: Derivatives = None
 
     def table(self, x, t, order) -> np.ndarray:
-        """(m, p): C, and as far as `order` asks for them ∂C and ∂²C, of each stencil in a row."""
+        """Make rows (m, p) with C of each stencil, for `order` 1 also ∂C, for 2 also ∂²C."""
         y, m = x[self.nodes], len(self.nodes)
         parts = [self.functions.C, self.functions.dC, self.functions.ddC][: order + 1]
         if self.hessian == "gauss_newton" and self.symmetric:
@@ -186,8 +186,8 @@ class BoundUser(bound_condition.BoundCondition):
 
 
 @inner
-def tabulated(y, c, order, C, g, H):
-    """C, ∂C and ∂²C out of the row c."""
+def read_table(y, c, order, C, g, H):
+    """Read C, ∂C and ∂²C from the row c."""
     n, d = len(C), 3 * len(y)
     for r in range(n):
         C[r] = c[r]
@@ -200,4 +200,4 @@ def tabulated(y, c, order, C, g, H):
                     H[r, a // 3, a % 3, b // 3, b % 3] = c[n + n * d + (r * d + a) * d + b]
 
 
-KERNELS = bound_condition.kernels(tabulated)
+KERNELS = bound_condition.kernels(read_table)

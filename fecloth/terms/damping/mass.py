@@ -1,4 +1,4 @@
-"""Damping in proportion to mass and velocity."""
+"""Damping proportional to mass and velocity."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from fecloth.quantities.units import RATE
 class MassDamping:
     """d_a = −α m_a v_a with the lumped masses m_a; dissipated power α Σ m_a |v_a|².
 
-    On P2 triangles, which have no lumped masses, d = −α M v with the consistent M.
+    P2 triangles have no lumped masses. On them d = −α M v with the consistent mass M.
 
-    The part of Rayleigh's damping that goes with the mass: a mode of angular frequency ω has the
-    damping ratio ζ = α / (2 ω), and the cloth as a whole loses its momentum as e^(−α t). It acts on
-    rigid motion and so breaks the balance of momentum on purpose, like a cloth in a viscous
-    fluid; see `StrainRateDamping` for damping that does not, and `Drag` for air.
+    This is the mass-proportional part of Rayleigh damping. A mode of angular frequency ω has the
+    damping ratio ζ = α / (2 ω). The momentum of a free cloth decreases as e^(−α t). The force acts
+    on rigid motion too, as in a viscous fluid, and therefore does not conserve momentum. Use
+    `StrainRateDamping` for damping that conserves momentum, and `Drag` for air.
 
-    Source: Rayleigh (1877), The Theory of Sound, volume I, sections 81–82. Tangent in v exact and
-    symmetric, none in x.
+    Source: Rayleigh (1877), The Theory of Sound, volume I, sections 81–82. The tangent in v is
+    exact and symmetric; the tangent in x is zero.
 
-    Valid at any deformation, where the loss need not depend on direction or speed: as a means to
-    come to rest, not as a model of air or fabric.
+    Valid at any deformation, as a means to reach a state of rest. It is not a model of air or
+    fabric, because the damping does not depend on direction and speed.
 
-    Cost: a pass over the nodes.
+    Cost: one loop over the nodes.
 
     Parameters
     ----------
@@ -53,12 +53,12 @@ class MassDamping:
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
         return None if cloth.element == "P1" else cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> BoundMassDamping | BoundConsistent:
+    def bind(self, panel: Panel, slots) -> BoundMassDamping | BoundConsistentMassDamping:
         if panel.cloth.element != "P1":
             matrix = self.rate * panel.cloth.mass("consistent", panel.density)
             rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
             pairs = np.column_stack([rows, matrix.indices]).astype(np.int32)
-            return BoundConsistent(self.rate, matrix, slots(pairs)[:, 0, 1].copy())
+            return BoundConsistentMassDamping(self.rate, matrix, slots(pairs)[:, 0, 1].copy())
         mass = panel.cloth.weighted_load(panel.density)
         diagonal = slots(np.arange(len(mass), dtype=np.int32)[:, None]).ravel()
         return BoundMassDamping(self.rate * mass[:, None], diagonal)
@@ -95,10 +95,20 @@ class BoundMassDamping:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundConsistent:
-    """`MassDamping` by α M (n, n), `matrix` [N s/m]; `blocks` are its entries' in the system's."""
+class BoundConsistentMassDamping:
+    """`MassDamping` on a cloth of P2 triangles.
 
-    rate: Annotated[float, RATE]
+    Attributes
+    ----------
+    rate
+        α [1/s].
+    matrix
+        (n, n) α M [N s/m].
+    blocks
+        Blocks of the entries of `matrix` in the system's matrix.
+    """
+
+    rate: float
     matrix: sparse.csr_matrix
     blocks: np.ndarray
 
@@ -121,7 +131,7 @@ class BoundConsistent:
         add_mass(self.blocks, self.matrix.data, wv, J.values)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """The eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s]."""
+        """Largest eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], which are 0 and α."""
         return 0.0, self.rate
 
 

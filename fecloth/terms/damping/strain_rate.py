@@ -1,4 +1,4 @@
-"""Damping of the membrane's condition: a viscous stress on the Green strain rate."""
+"""Viscous damping of the membrane strain: a stress proportional to the Green strain rate."""
 
 from __future__ import annotations
 
@@ -27,33 +27,33 @@ from fecloth.terms.membranes.stvk import StVK
 
 @dataclass(frozen=True)
 class StrainRateDamping:
-    """Viscous stress S_v = τ ℂ₀ : Ė with Ė = sym(FᵀḞ); the damping d = −k_d (∂C/∂x)ᵀ Ċ, C = 2E.
+    """Viscous stress S_v = τ ℂ₀ : Ė with the strain rate Ė = sym(FᵀḞ).
 
-    Force d_a = −Σ w F S_v G_a; dissipated power Σ w Ė : S_v ≥ 0; zero in any rigid motion. With
+    The force is d_a = −Σ w F S_v G_a. The dissipated power is Σ w Ė : S_v ≥ 0. It is zero in any
+    rigid motion. In the form of Baraff and Witkin this is d = −k_d (∂C/∂x)ᵀ Ċ with C = 2E. With
     δE = B(F) δx and Ė = B(F) v the tangents are
 
         ∂d/∂v = −Bᵀ τℂ₀ B                                       symmetric
         ∂d/∂x = −(S_v ⊗ I) − Bᵀ τℂ₀ B(Ḟ)                        the last part is not symmetric
 
-    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, who drop the
-    non-symmetric part of ∂d/∂x; here for the whole tensor C at once.
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13; here for the
+    whole tensor C at once. They omit the non-symmetric part of ∂d/∂x.
 
-    Valid at any strain, as a law; the viscosity does not change with it. A motion in which the
-    cloth is not strained, as bending without stretch, it does not damp; a fabric's own damping is
-    friction between yarns and depends on frequency less than this.
+    Valid at any strain; the viscosity does not depend on the strain. Motion without strain, such
+    as bending without stretch, is not damped. The damping of a real fabric is friction between
+    yarns, which depends less on the frequency.
 
-    Cost of force and tangent relative to `StVK`: 1.2 and 1.1 times; "exact" takes a solver for
-    general matrices besides.
+    Cost of force and tangent relative to `StVK`: 1.2 and 1.1 times. "exact" also needs a linear
+    solver for general matrices.
 
     Parameters
     ----------
     time
-        τ [s], > 0: a motion of angular frequency ω that strains the cloth is damped at the ratio
-        ζ = ω τ / 2.
+        τ [s], > 0. A membrane motion of angular frequency ω has the damping ratio ζ = ω τ / 2.
     law
-        The membrane whose moduli at E = 0 are ℂ₀; left out, `StVK()` of the fabric.
+        The membrane law whose moduli at E = 0 are ℂ₀. Default: `StVK()`.
     tangent
-        "symmetric" (the non-symmetric part dropped) or "exact".
+        "symmetric" (without the non-symmetric part) or "exact".
     """
 
     time: Annotated[float, TIME]
@@ -68,7 +68,7 @@ class StrainRateDamping:
             allowed = 'must be "symmetric" or "exact"'
             raise InputError(f"tangent = {self.tangent!r}", allowed, where)
         if self.law is not None and not hasattr(self.law, "moduli"):
-            raise InputError(f"law = {self.law!r}", "must be a membrane such as StVK()", where)
+            raise InputError(f"law = {self.law!r}", "must be a membrane law such as StVK()", where)
 
     elements = ("P1", "P2")
 
@@ -110,7 +110,7 @@ class BoundStrainRate:
         add_force(*self._data, x, v, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx K + wv D; `definite` takes the symmetric part with S_v clamped at zero."""
+        """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""
         K, Q, nodes, *data = self._data
         if self.symmetric or definite:
             floor = 0.0 if definite else -np.inf
@@ -125,7 +125,7 @@ class BoundStrainRate:
 
 @inner
 def viscous_stress(c, F, H):
-    """S_v = τ ℂ₀ : Ė, and Ė."""
+    """Viscous stress S_v = τ ℂ₀ : Ė, and strain rate Ė."""
     rate = strain_rate(F, H)
     return contract((c[0], c[1], c[2], c[3], c[4], c[5]), rate), rate
 

@@ -1,1 +1,1 @@
-"""Forces from outside: gravity, pressure, air, points."""
+"""External loads: gravity, pressure, gas, drag and wind, forces on points."""

@@ -1,4 +1,4 @@
-"""The velocity of the air around a cloth: uniform, a field of x and t, or gusts."""
+"""Velocity of the air around a cloth: uniform, a field of x and t, or gusts."""
 
 from __future__ import annotations
 
@@ -12,33 +12,42 @@ from fecloth.errors import InputError
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.time_function import TimeFunction, vector
 
-GRADIENT_STEP = 1e-5  # m; a central difference is then good to about 1e-10 of |u| per metre
-PLACE = ("x", "y", "z", "t")
+GRADIENT_STEP = 1e-5  # m; the error of a central difference is about 1e-10 of |u| per metre
+VARIABLES = ("x", "y", "z", "t")
 
 
 @dataclass(frozen=True)
 class Uniform:
-    """u(t), the same everywhere; it needs no positions."""
+    """Uniform velocity u(t); the positions are not used."""
 
     value: TimeFunction
 
     def velocity(self, x: np.ndarray | None, t: float) -> np.ndarray:
-        """(1, 3) [m/s]."""
+        """Velocity (1, 3) [m/s]."""
         return self.value(t)[None]
 
     def gradient(self, x: np.ndarray | None, t: float) -> np.ndarray:
-        """(1, 3, 3), zero."""
+        """Gradient (1, 3, 3), which is zero."""
         return np.zeros((1, 3, 3))
 
 
 @dataclass(frozen=True)
 class Field:
-    """u(x, t) by a function of positions (m, 3) [m] and t [s]; ∂u/∂x by central differences."""
+    """Velocity u(x, t) from a function of positions (m, 3) [m] and time t [s].
+
+    The gradient ∂u/∂x is computed by central differences.
+    """
 
     function: Callable[[np.ndarray, float], np.ndarray]
 
     def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(m, 3), or (1, 3) where the function returns (3,) for all [m/s]."""
+        """Velocity (m, 3) [m/s], or (1, 3) if the function returns (3,).
+
+        Raises
+        ------
+        InputError
+            If the function returns another shape or numbers that are not finite.
+        """
         u = np.atleast_2d(np.asarray(self.function(x, t), dtype=float))
         if u.shape not in ((1, 3), x.shape) or not np.isfinite(u).all():
             allowed = f"must be finite and of shape (3,) or {x.shape}"
@@ -46,7 +55,7 @@ class Field:
         return np.ascontiguousarray(u)
 
     def gradient(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(m, 3, 3), ∂u_i/∂x_j [1/s]."""
+        """Gradient ∂u_i/∂x_j (m, 3, 3) [1/s]."""
         columns = []
         for shift in GRADIENT_STEP * np.eye(3):
             change = self.velocity(x + shift, t) - self.velocity(x - shift, t)
@@ -56,26 +65,30 @@ class Field:
 
 @dataclass(frozen=True)
 class Formulas:
-    """Three numbers or formulas of x, y, z and t as a function of positions and time."""
+    """A function of positions (m, 3) and time from three numbers or formulas of x, y, z, t."""
 
     parts: tuple
 
     def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
-        place = {"x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "t": t}
-        values = [part(**place) if isinstance(part, Formula) else part for part in self.parts]
+        point = {"x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "t": t}
+        values = [part(**point) if isinstance(part, Formula) else part for part in self.parts]
         return np.stack(np.broadcast_arrays(*values), axis=-1)
 
 
 @dataclass(frozen=True)
 class Gusts:
-    """Isotropic gusts of a given strength and size that the mean wind carries along.
+    """Isotropic gusts of given intensity and length that move with the mean wind.
 
-    u(x, t) = U + Σ a_n cos(k_n · (x − U t) + φ_n) with N random waves: k_n Gaussian with the
-    standard deviation 1/ℓ in each component, a_n of one length and at a random angle across k_n, so
-    that the field is free of divergence, and ½ Σ |a_n|² = 3 σ². Its components have the standard
-    deviation σ = intensity · |U| each; the correlation falls off as a Gaussian of length ℓ. A
-    frozen field in the sense of Taylor (1938), made after Kraichnan (1970), Diffusion by a random
-    velocity field, Physics of Fluids 13, 22–31, with a Gaussian spectrum.
+    u(x, t) = U + Σ a_n cos(k_n · (x − U t) + φ_n) is a sum of N random waves.
+
+    - Each component of k_n is Gaussian with the standard deviation 1/ℓ.
+    - The a_n have equal lengths and random directions normal to k_n. Therefore the divergence is
+      zero. ½ Σ |a_n|² = 3 σ².
+    - Each component of the field has the standard deviation σ = intensity · |U|.
+    - The correlation decreases as a Gaussian of length ℓ.
+
+    Source: a frozen field in the sense of Taylor (1938), constructed as in Kraichnan (1970),
+    Diffusion by a random velocity field, Physics of Fluids 13, 22–31, with a Gaussian spectrum.
 
     Parameters
     ----------
@@ -86,9 +99,9 @@ class Gusts:
     length
         ℓ [m].
     seed
-        Equal seeds make equal gusts, on every machine.
+        Seed of the random numbers. Equal seeds give equal gusts on every machine.
     waves
-        N.
+        Number of waves N.
     """
 
     mean: tuple[float, float, float]
@@ -99,7 +112,7 @@ class Gusts:
 
     def _waves(self):
         """k (N, 3), a (N, 3) and φ (N,)."""
-        random = np.random.RandomState(self.seed)  # its numbers are fixed across NumPy versions
+        random = np.random.RandomState(self.seed)  # the same numbers in all versions of NumPy
         k = random.standard_normal((self.waves, 3)) / self.length
         across = np.cross(k, random.standard_normal((self.waves, 3)))
         across /= np.linalg.norm(across, axis=1, keepdims=True)
@@ -107,19 +120,25 @@ class Gusts:
         return k, a, random.uniform(0, 2 * np.pi, self.waves)
 
     def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(m, 3) [m/s]."""
+        """Velocity (m, 3) [m/s]."""
         k, a, phase = self._waves()
         return self.mean + np.cos((x - t * np.asarray(self.mean)) @ k.T + phase) @ a
 
     def gradient(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(m, 3, 3), ∂u_i/∂x_j = −Σ a_n k_n sin(…) [1/s]."""
+        """Gradient ∂u_i/∂x_j = −Σ a_n k_n sin(…), (m, 3, 3) [1/s]."""
         k, a, phase = self._waves()
         sines = np.sin((x - t * np.asarray(self.mean)) @ k.T + phase)
         return -np.einsum("mn,ni,nj->mij", sines, a, k, optimize=True)
 
 
-def field(velocity, where: str) -> Uniform | Field:
-    """The air of three numbers or formulas of x, y, z, t, or of a function u(x, t)."""
+def velocity_field(velocity, where: str) -> Uniform | Field:
+    """Create a velocity field from three numbers, three formulas, or a function u(x, t).
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
     if callable(velocity):
         return Field(velocity)
     with contextlib.suppress(InputError):
@@ -129,7 +148,7 @@ def field(velocity, where: str) -> Uniform | Field:
     parts = []
     for part in velocity:
         if isinstance(part, str):
-            parts.append(Formula(part, PLACE))
+            parts.append(Formula(part, VARIABLES))
         elif not isinstance(part, bool) and np.isscalar(part) and np.isfinite(part):
             parts.append(float(part))
     if not len(parts) == len(velocity) == 3:

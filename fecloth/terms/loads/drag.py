@@ -1,4 +1,4 @@
-"""Drag of the air on each triangle, normal and tangential."""
+"""Normal and tangential drag of the air on each triangle."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 
 Coefficient = Annotated[float, DENSITY.where(law="quadratic"), RESISTANCE.where(law="linear")]
 
-STILL = air_velocity.field((0.0, 0.0, 0.0), "Drag")
+STILL_AIR = air_velocity.velocity_field((0.0, 0.0, 0.0), "Drag")
 
 
 @dataclass(frozen=True)
 class Drag:
-    """F = −A (k_n |w_n|ᵖ⁻¹ w_n n + k_t |w_t|ᵖ⁻¹ w_t) on each triangle, a third to each corner.
+    """F = −A (k_n |w_n|ᵖ⁻¹ w_n n + k_t |w_t|ᵖ⁻¹ w_t) on each triangle, F/3 on each corner.
 
-    w = v̄ − u is the velocity of its centroid relative to the air, w_n = w · n and w_t = w − w_n n
-    its parts, A and n its deformed area and normal; u = 0 for still air, see `Wind`. p is 1
-    (linear) or 2 (quadratic). It dissipates −Σ F · w ≥ 0.
+    w = v̄ − u is the velocity of the centroid relative to the air. Its parts are w_n = w · n and
+    w_t = w − w_n n. A and n are the deformed area and normal. In still air u = 0; for moving air
+    see `Wind`. p is 1 (linear) or 2 (quadratic). The dissipated power is −Σ F · w ≥ 0.
 
     With N = (x₂ − x₁) × (x₃ − x₁) = 2 A n and the edges e_b opposite to the corners, the tangents
     are
@@ -35,26 +35,27 @@ class Drag:
         D_ab = −(1/9) ∂F/∂w                                   symmetric, semi-definite
         K_ab = −(1/3) (∂F/∂N [e_b]× − ⅓ ∂F/∂w ∂u/∂x)          not symmetric
 
-    Source: the flow across and the flow along are taken to act each on its own, the independence
-    principle after Taylor (1952), Analysis of the swimming of long and narrow animals, Proc. R.
-    Soc. A 214, there for slender bodies.
+    Source: the normal and the tangential flow act independently of each other. This is the
+    independence principle of Taylor (1952), Analysis of the swimming of long and narrow animals,
+    Proc. R. Soc. A 214, who applied it to slender bodies.
 
-    Valid where the air's own inertia (added mass), lift by circulation and shielding do not count:
-    cloth that falls or is blown on at a large angle, at a steady speed. "linear" is for creeping
-    flow only. P1 triangles only.
+    Valid if the inertia of the air (added mass), lift by circulation and shielding are negligible.
+    This holds for cloth that falls, or that the wind meets at a large angle, at a steady speed. Use
+    "linear" for creeping flow only. P1 triangles only.
 
     Cost relative to `StVK`: force 1.3, tangent 1.4; with gusts 50 and 12.
 
     Parameters
     ----------
     normal, tangential
-        k_n and k_t, >= 0: linear [Pa s/m]; quadratic [Pa s²/m²], that is ½ ρ C with the air's
-        density ρ = 1.2 kg/m³: C is about 0.01 along; across 1.17 for a square plate, 1.98 for a
-        long one (Matthews 2002, Aeronautical Engineer's Data Book, fig. 5.13).
+        k_n and k_t, >= 0. Linear: [Pa s/m]. Quadratic: [Pa s²/m²], equal to ½ ρ C with the density
+        ρ = 1.2 kg/m³ of air. The tangential C is about 0.01. The normal C is 1.17 for a square
+        plate and 1.98 for a long plate (Matthews 2002, Aeronautical Engineer's Data Book,
+        fig. 5.13).
     law
         "quadratic" or "linear".
     tangent
-        "symmetric" (D only) or "exact" (with K).
+        "symmetric" (D only) or "exact" (D and K).
     """
 
     normal: Coefficient
@@ -63,24 +64,24 @@ class Drag:
     tangent: str = "symmetric"
 
     def __post_init__(self):
-        check(self)
+        check_drag(self)
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
     def bind(self, panel: Panel, slots) -> BoundDrag:
-        return bound(self, STILL, panel, slots)
+        return bind_drag(self, STILL_AIR, panel, slots)
 
 
-def check(drag) -> None:
-    """Refuse coefficients, a law or a tangent that there is not."""
+def check_drag(drag) -> None:
+    """Raise `InputError` if a coefficient, `law` or `tangent` is not allowed."""
     where = type(drag).__name__
     for name in ("normal", "tangential"):
         value = getattr(drag, name)
         if not (is_number(value) and value >= 0):
             raise InputError(f"{name} = {value!r}", "must be finite and >= 0", where)
     if drag.normal == drag.tangential == 0:
-        raise InputError("normal = tangential = 0", "one of them must be > 0", where)
+        raise InputError("normal = tangential = 0", "at least delta must be > 0", where)
     for name, choices in (("law", ("quadratic", "linear")), ("tangent", ("symmetric", "exact"))):
         value = getattr(drag, name)
         if value not in choices:
@@ -89,19 +90,32 @@ def check(drag) -> None:
             )
 
 
-def bound(drag, wind, panel, slots, kind=None) -> BoundDrag:
-    """A drag on a cloth, as a `kind` of `BoundDrag`, in air that moves as `wind` says."""
+def bind_drag(drag, wind, panel, slots, bound_class=None) -> BoundDrag:
+    """Bind a drag to a cloth, in air with the velocity `wind`.
+
+    The result is of the class `bound_class`, by default `BoundDrag`.
+    """
     cloth = panel.cloth
     if cloth.stencil.shape[1] != 3:
         raise InputError(f"element {cloth.element}", "must be P1", type(drag).__name__)
     law = (float(drag.normal), float(drag.tangential), drag.law == "quadratic")
     symmetric = drag.tangent == "symmetric"
-    return (kind or BoundDrag)(panel, slots(cloth.stencil), wind, law, symmetric)
+    return (bound_class or BoundDrag)(panel, slots(cloth.stencil), wind, law, symmetric)
 
 
 @dataclass(frozen=True, eq=False)
 class BoundDrag:
-    """`Drag` on a cloth; `law` is (k_n, k_t, whether quadratic), `wind` the air's velocity."""
+    """`Drag` on a cloth.
+
+    Attributes
+    ----------
+    wind
+        Velocity of the air.
+    law
+        (k_n, k_t, whether the law is quadratic).
+    symmetric
+        Whether the tangent has only the symmetric part D.
+    """
 
     panel: Panel
     slots: np.ndarray
@@ -133,7 +147,7 @@ class BoundDrag:
         add_force(self.nodes, self.law, self._air(x, t), x, v, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wv D, and wx K unless it must be symmetric or `definite`."""
+        """J += wv D + wx K, without K if J must be symmetric or `definite`."""
         u = self._air(x, t)
         if self.symmetric or definite:
             wx, change = 0.0, np.zeros((1, 3, 3))
@@ -144,14 +158,15 @@ class BoundDrag:
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest at t = 0.
 
-        D of a triangle's own: k A/9 Σ 1/m_a with its share m_a of the nodes' masses; the quadratic
-        law has 2 k |u| for k. K, of either sign, counts where it is asked for, tangent = "exact".
+        The bound of D for a triangle is k A/9 Σ 1/m_a, where m_a is its share of the mass of node
+        a. For the quadratic law k is replaced by 2 k |u|. The bound of K is that of |eigenvalues|;
+        it is zero for tangent = "symmetric".
         """
         cloth, (normal, tangential, quadratic) = self.panel.cloth, self.law
         area = cloth.weights.sum(axis=1)
-        own = area * self.panel.density
-        around = np.bincount(cloth.stencil.ravel(), np.repeat(own, 3), len(mass))
-        share = own[:, None] * (mass / around)[cloth.stencil]
+        triangle_mass = area * self.panel.density
+        around = np.bincount(cloth.stencil.ravel(), np.repeat(triangle_mass, 3), len(mass))
+        share = triangle_mass[:, None] * (mass / around)[cloth.stencil]
         k = max(normal, tangential)
         x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
         if quadratic:
@@ -176,11 +191,11 @@ def dot(a, b):
 
 @inner
 def flow(nodes, e, u, x, v):
-    """N, |N|, w = v̄ − u, s = w · N, and the part w_t of w along the triangle."""
+    """N, |N|, w = v̄ − u, s = w · N, and the tangential part w_t of w."""
     i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
     N = cross(edge(x, i, j), edge(x, i, k))
     L = np.sqrt(dot(N, N))
-    a = min(e, len(u) - 1)  # one row of u for all, or one for each
+    a = min(e, len(u) - 1)  # u has delta row for all triangles, or delta row for each
     w = (
         (v[i, 0] + v[j, 0] + v[k, 0]) / 3 - u[a, 0],
         (v[i, 1] + v[j, 1] + v[k, 1]) / 3 - u[a, 1],
@@ -192,8 +207,11 @@ def flow(nodes, e, u, x, v):
 
 
 @inner
-def total(law, N, L, s, wt):
-    """F = −½ (k_n g(s/L) N + k_t L φ w_t), g(y) = y, φ = 1 or g(y) = |y| y, φ = |w_t|."""
+def drag_force(law, N, L, s, wt):
+    """F = −½ (k_n g(s/L) N + k_t L φ w_t).
+
+    Linear: g(y) = y, φ = 1. Quadratic: g(y) = |y| y, φ = |w_t|.
+    """
     kn, kt, quadratic = law
     wn = s / L if L > 0.0 else 0.0
     if quadratic:
@@ -208,7 +226,7 @@ def add_force(nodes, law, u, x, v, f):
     """f_a += F/3."""
     for e in range(len(nodes)):
         N, L, _, s, wt = flow(nodes, e, u, x, v)
-        F = total(law, N, L, s, wt)
+        F = drag_force(law, N, L, s, wt)
         for a in range(3):
             for i in range(3):
                 f[nodes[e, a], i] += F[i] / 3
@@ -216,20 +234,20 @@ def add_force(nodes, law, u, x, v, f):
 
 @kernel
 def powers(nodes, law, u, x, v):
-    """−Σ F · w and Σ F · u."""
-    lost = brought = 0.0
+    """Dissipated power −Σ F · w and power of the air Σ F · u."""
+    dissipated = supplied = 0.0
     for e in range(len(nodes)):
         N, L, w, s, wt = flow(nodes, e, u, x, v)
-        F = total(law, N, L, s, wt)
+        F = drag_force(law, N, L, s, wt)
         a = min(e, len(u) - 1)
-        lost -= dot(F, w)
-        brought += F[0] * u[a, 0] + F[1] * u[a, 1] + F[2] * u[a, 2]
-    return lost, brought
+        dissipated -= dot(F, w)
+        supplied += F[0] * u[a, 0] + F[1] * u[a, 1] + F[2] * u[a, 2]
+    return dissipated, supplied
 
 
 @kernel
 def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
-    """J_ab −= (1/3) (wx ∂F/∂N [e_b]× + (wv/3) ∂F/∂w − (wx/3) ∂F/∂w ∂u/∂x), for all a alike."""
+    """J_ab −= (1/3) (wx ∂F/∂N [e_b]× + (wv/3) ∂F/∂w − (wx/3) ∂F/∂w ∂u/∂x), equal for all a."""
     kn, kt, quadratic = law
     Fw, FN, own = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for e in range(len(nodes)):
@@ -239,17 +257,17 @@ def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
         wn, speed = s / L, np.sqrt(dot(wt, wt))
         g, slope = (abs(wn) * wn, 2 * abs(wn)) if quadratic else (wn, 1.0)
         phi = speed if quadratic else 1.0
-        rise = 1 / speed if quadratic and speed > 0.0 else 0.0  # φ′ / |w_t|
+        phi_slope = 1 / speed if quadratic and speed > 0.0 else 0.0  # φ′ / |w_t|
         y = s / (L * L)
         for i in range(3):
             for j in range(3):
-                one = 1.0 if i == j else 0.0
+                delta = 1.0 if i == j else 0.0
                 NN, tt = N[i] * N[j], wt[i] * wt[j]
-                across = one - NN / (L * L)
-                Fw[i, j] = -0.5 * (kn * slope / L * NN + kt * L * (phi * across + rise * tt))
-                turn = wt[i] * N[j] - N[i] * (wt[j] - y * N[j]) - s * one
-                FN[i, j] = -0.5 * kn * (g * one + slope / L * N[i] * wt[j])
-                FN[i, j] -= 0.5 * kt / L * (phi * turn - s * rise * tt)
+                across = delta - NN / (L * L)
+                Fw[i, j] = -0.5 * (kn * slope / L * NN + kt * L * (phi * across + phi_slope * tt))
+                rotation = wt[i] * N[j] - N[i] * (wt[j] - y * N[j]) - s * delta
+                FN[i, j] = -0.5 * kn * (g * delta + slope / L * N[i] * wt[j])
+                FN[i, j] -= 0.5 * kt / L * (phi * rotation - s * phi_slope * tt)
         a = min(e, len(du) - 1)
         for i in range(3):
             for j in range(3):

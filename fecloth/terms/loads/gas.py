@@ -1,4 +1,4 @@
-"""An ideal gas between the cloth and the plane of its rim: its pressure follows the volume."""
+"""An ideal gas between the cloth and the plane of its rim, with a pressure from its volume."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, PRESSURE, VOLUME
-from fecloth.terms.loads.pressure import add_skew, cross, orientation
+from fecloth.terms.loads.pressure import add_skew, cross, orientation_signs
 
 
 @dataclass(frozen=True)
 class Gas:
     """f_a = (p(V) − p_ambient) ∂V/∂x_a with p V^γ = p₀ V₀^γ, for the volume V under the cloth.
 
-    V = Σ (x₁ − o) · ((x₂ − o) × (x₃ − o)) / 6 over the triangles is the volume between the cloth
-    and the plane of its rim, if the origin o and the rim lie in one plane: the disk that closes it
-    has no share. It is positive where the cloth, oriented as in its plane, arches upwards.
+    V = Σ (x₁ − o) · ((x₂ − o) × (x₃ − o)) / 6 over the triangles. If the origin o and the rim are
+    in one plane, this is the volume between the cloth and the plane, because the contribution of
+    the plane is zero. V is positive if the cloth is above the plane.
 
         energy   p₀ V₀ ((V₀/V)^(γ−1) − 1)/(γ − 1) + p_ambient (V − V₀), or −p₀ V₀ ln(V/V₀) + …
         K_ab   = −(p − p_ambient) ∂²V_ab + γ p/V ∂V_a ∂V_bᵀ
 
-    The last part couples all nodes: it is of rank one and does not enter the sparse matrix, but
-    Newton's linear solve through the Sherman–Morrison formula (Hager 1989, Updating the Inverse
-    of a Matrix, eq. 2). `System.stiffness` is without it; `System.dense` has it. The pressure is
-    uniform at every instant: waves in the gas are left out. A gas needs a volume: start from a
-    dome, for a flat cloth has forces that are not finite.
+    The last part of K couples all nodes. It has rank one and is not added to the sparse matrix.
+    Newton's linear solve includes it by the Sherman–Morrison formula (Hager 1989, Updating the
+    Inverse of a Matrix, eq. 2). `System.stiffness` does not contain it; `System.dense` returns it.
+    The pressure is uniform at each instant: waves in the gas are neglected. Start from a dome: for
+    a flat cloth the volume is zero and the forces are not finite.
 
     Source: the gas law p V^γ = const of an ideal gas, and the derivatives of V; exact on P1.
 
-    Valid while the volume is positive, the rim lies in one plane with o, and the gas is much
-    faster than the cloth.
+    Valid if the volume is positive, the rim and o are in one plane, and pressure waves in the gas
+    are much faster than the cloth.
 
     Cost: that of `Pressure`, and a second linear solve.
 
     Parameters
     ----------
     pressure, volume
-        Absolute p₀ [Pa] at V₀ [m³]: what amount of gas there is.
+        Absolute pressure p₀ [Pa] at the volume V₀ [m³]. Both define the amount of gas.
     ambient
-        Absolute pressure on the other side [Pa].
+        Absolute pressure on the other side of the cloth [Pa].
     exponent
-        γ: 1 isothermal, 1.4 air without exchange of heat.
+        γ: 1 for an isothermal gas, 1.4 for air without heat exchange.
     origin
         A point o in the plane of the rim [m].
     """
@@ -77,17 +77,17 @@ class Gas:
         if cloth.stencil.shape[1] != 3:
             raise InputError(f"element {cloth.element}", "must be P1", "Gas")
         origin = np.array(self.origin, dtype=float)
-        return BoundGas(self, origin, cloth.stencil, orientation(cloth), slots(cloth.stencil))
+        return BoundGas(self, origin, cloth.stencil, orientation_signs(cloth), slots(cloth.stencil))
 
 
 @dataclass(frozen=True, eq=False)
 class BoundGas:
-    """`Gas` on a cloth; `turns` (m,) is the orientation of each triangle's stencil."""
+    """`Gas` on a cloth; `signs` (m,) is 1 or −1, see `pressure.orientation_signs`."""
 
-    given: Gas
+    gas: Gas
     origin: np.ndarray
     nodes: np.ndarray
-    turns: np.ndarray
+    signs: np.ndarray
     slots: np.ndarray
 
     name = "Gas"
@@ -97,45 +97,45 @@ class BoundGas:
     dissipative = False
     velocity_dependent = False
 
-    def enclosed(self, x) -> float:
-        """V [m³]."""
-        return volume(self.nodes, self.turns, self.origin, x)
+    def volume(self, x) -> float:
+        """Volume V [m³]."""
+        return volume(self.nodes, self.signs, self.origin, x)
 
-    def absolute(self, V: float) -> float:
-        """p(V) [Pa]; NaN for a volume that is not positive, which no gas can have."""
-        gas = self.given
+    def absolute_pressure(self, V: float) -> float:
+        """Absolute pressure p(V) [Pa]; NaN if the volume is not positive."""
+        gas = self.gas
         return gas.pressure * (gas.volume / V) ** gas.exponent if V > 0 else math.nan
 
     def energy(self, x, t) -> float:
-        """−∫ (p − p_ambient) dV from V₀ [J]; +∞ for a volume that is not positive."""
-        gas, V = self.given, self.enclosed(x)
+        """−∫ (p − p_ambient) dV from V₀ to V [J]; +∞ if the volume is not positive."""
+        gas, V = self.gas, self.volume(x)
         if V <= 0:
             return math.inf
-        work, rest = gas.pressure * gas.volume, gas.exponent - 1
-        inner_ = -math.log(V / gas.volume)
-        if rest:
-            inner_ = math.expm1(rest * inner_) / rest
-        return work * inner_ + gas.ambient * (V - gas.volume)
+        exponent = gas.exponent - 1
+        specific = -math.log(V / gas.volume)
+        if exponent:
+            specific = math.expm1(exponent * specific) / exponent
+        return gas.pressure * gas.volume * specific + gas.ambient * (V - gas.volume)
 
     def add_force(self, x, v, t, f) -> None:
         """f += (p − p_ambient) ∂V/∂x [N]."""
-        p = self.absolute(self.enclosed(x)) - self.given.ambient
-        add_gradient(self.nodes, self.turns, self.origin, p, x, f)
+        p = self.absolute_pressure(self.volume(x)) - self.gas.ambient
+        add_gradient(self.nodes, self.signs, self.origin, p, x, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J −= wx (p − p_ambient) ∂²V; nothing where it must be `definite`."""
+        """J −= wx (p − p_ambient) ∂²V; do nothing if J must be `definite`."""
         if not definite:
-            scale = -wx * (self.absolute(self.enclosed(x)) - self.given.ambient)
-            add_hessian(self.nodes, self.turns, self.origin, self.slots, scale, x, J.values)
+            scale = -wx * (self.absolute_pressure(self.volume(x)) - self.gas.ambient)
+            add_hessian(self.nodes, self.signs, self.origin, self.slots, scale, x, J.values)
 
     def dense(self, x, t) -> tuple[float, np.ndarray]:
-        """γ p/V and ∂V/∂x (n, 3): the part of K of rank one."""
-        V, u = self.enclosed(x), np.zeros_like(x)
-        add_gradient(self.nodes, self.turns, self.origin, 1.0, x, u)
-        return self.given.exponent * self.absolute(V) / V, u
+        """γ p/V and ∂V/∂x (n, 3), which define the rank-one part of K."""
+        V, u = self.volume(x), np.zeros_like(x)
+        add_gradient(self.nodes, self.signs, self.origin, 1.0, x, u)
+        return self.gas.exponent * self.absolute_pressure(V) / V, u
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """None: at rest there may be no volume."""
+        """Return zeros: the volume at rest may be zero, so that no bound exists."""
         return 0.0, 0.0
 
 
@@ -146,33 +146,33 @@ def from_origin(x, i, o):
 
 
 @kernel
-def volume(nodes, turns, o, x):
-    """Σ x₁ · (x₂ × x₃) / 6, from o."""
+def volume(nodes, signs, o, x):
+    """Σ x₁ · (x₂ × x₃) / 6, with positions relative to o."""
     total = 0.0
     for e in range(len(nodes)):
         a = from_origin(x, nodes[e, 0], o)
         n = cross(from_origin(x, nodes[e, 1], o), from_origin(x, nodes[e, 2], o))
-        total += turns[e] * (a[0] * n[0] + a[1] * n[1] + a[2] * n[2])
+        total += signs[e] * (a[0] * n[0] + a[1] * n[1] + a[2] * n[2])
     return total / 6
 
 
 @kernel
-def add_gradient(nodes, turns, o, scale, x, f):
-    """f_a += scale (x_b × x_c) / 6 for a, b, c in cyclic order, from o."""
+def add_gradient(nodes, signs, o, scale, x, f):
+    """f_a += scale (x_b × x_c) / 6 for a, b, c in cyclic order, with positions relative to o."""
     for e in range(len(nodes)):
         for a in range(3):
             b, c = nodes[e, (a + 1) % 3], nodes[e, (a + 2) % 3]
             n = cross(from_origin(x, b, o), from_origin(x, c, o))
             for j in range(3):
-                f[nodes[e, a], j] += scale * turns[e] / 6 * n[j]
+                f[nodes[e, a], j] += scale * signs[e] / 6 * n[j]
 
 
 @kernel
-def add_hessian(nodes, turns, o, slots, scale, x, J):
-    """J_ab −= scale [x_c]× / 6 and J_ac += scale [x_b]× / 6, from o."""
+def add_hessian(nodes, signs, o, slots, scale, x, J):
+    """J_ab −= scale [x_c]× / 6, J_ac += scale [x_b]× / 6, with positions relative to o."""
     for e in range(len(nodes)):
         for a in range(3):
             b, c = (a + 1) % 3, (a + 2) % 3
-            part = scale * turns[e] / 6
+            part = scale * signs[e] / 6
             add_skew(slots[e, a, b], -part, from_origin(x, nodes[e, c], o), J)
             add_skew(slots[e, a, c], part, from_origin(x, nodes[e, b], o), J)

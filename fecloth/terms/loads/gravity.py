@@ -20,9 +20,10 @@ class Gravity:
 
     Source: virtual work of the weight ρ g of the reference area, exact on P1 and P2.
 
-    Valid at any deformation, in a uniform field: over the height of a cloth any is.
+    Valid at any deformation, in a uniform gravity field. Over the height of a cloth the field is
+    uniform.
 
-    Cost: constant, a fiftieth of `StVK`'s force, and no tangent.
+    Cost: a fiftieth of the force of `StVK`; there is no tangent.
 
     Parameters
     ----------
@@ -69,10 +70,10 @@ class BoundGravity:
         f += self.weight
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """Gravity has none."""
+        """Do nothing: the force is constant."""
 
     def between(self, start: np.ndarray, symmetric: bool) -> BoundGravity:
-        """Itself: over a step its force at the mean does the work of its energy."""
+        """Return itself: the work of the constant force equals the change of the energy."""
         return self
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:

@@ -19,21 +19,21 @@ from fecloth.quantities.units import FORCE, LENGTH
 class PointForce:
     """f_a = N_a F(t) at a point of the cloth, or f_a = F(t)/k at each of k nodes.
 
-    The resultant is F(t) on any mesh, and does not turn with the cloth. Its work stands in the
-    ledger as ``work:PointForce``. No tangent.
+    The resultant is F(t) on any mesh. Its direction does not rotate with the cloth. The work of
+    the force is in the column ``work:PointForce`` of the energy ledger. There is no tangent.
 
-    Source: virtual work F · δx of a force at a material point, N_a its shape functions there.
+    Source: virtual work F · δx of a force at a material point; N_a are the shape functions there.
 
-    Valid at any deformation, some way off: a membrane under a force at one point has no limit
-    under refinement (its displacement there grows as the logarithm of 1/h, in the plane). Measure
-    it elsewhere, or load a set of nodes that does not shrink with h.
+    Valid at any deformation, at some distance from the point. At the point itself the displacement
+    of a membrane does not converge under refinement: in the plane it grows as the logarithm of
+    1/h. Evaluate results elsewhere, or load a set of nodes whose size does not depend on h.
 
-    Cost: its nodes alone.
+    Cost: proportional to the number of loaded nodes.
 
     Parameters
     ----------
     where
-        A node set's name, a material point (X, Y) [m], node indices as a list or array, or a
+        The name of a node set, a material point (X, Y) [m], node indices as a list or array, or a
         predicate on X.
     force
         F: three numbers [N], formulas of t as text, or a function of t.
@@ -62,7 +62,7 @@ class PointForce:
         cloth, force = panel.cloth, vector(self.force, "force", "PointForce")
         if isinstance(self.where, tuple):
             if len(self.where) != 2 or not np.isfinite(self.where).all():
-                allowed = "must be two finite numbers (indices go into a list)"
+                allowed = "must be two finite numbers (write node indices as a list)"
                 raise InputError(f"point {self.where!r}", allowed, "PointForce")
             row = cloth.interpolator(np.array([self.where], dtype=float))
             return BoundPointForce(row.indices, row.data[:, None], force)
@@ -72,7 +72,7 @@ class PointForce:
 
 @dataclass(frozen=True, eq=False)
 class BoundPointForce:
-    """`PointForce` on a cloth: nodes (k,) and their shares (k, 1), which sum to 1."""
+    """`PointForce` on a cloth: nodes (k,) and their shares (k, 1), whose sum is 1."""
 
     nodes: np.ndarray
     share: np.ndarray
@@ -86,7 +86,7 @@ class BoundPointForce:
     velocity_dependent = False
 
     def supply(self, x, v, t) -> float:
-        """Power F · v of the point [W]."""
+        """Power F · v of the force [W]."""
         return float(self.force(t) @ np.sum(self.share * v[self.nodes], axis=0))
 
     def add_force(self, x, v, t, f) -> None:
@@ -94,7 +94,7 @@ class BoundPointForce:
         f[self.nodes] += self.share * self.force(t)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """A dead load has none."""
+        """Do nothing: the force does not depend on x and v."""
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         return 0.0, 0.0

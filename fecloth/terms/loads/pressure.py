@@ -1,4 +1,4 @@
-"""Follower pressure: it stays normal to the cloth and grows with its area."""
+"""Follower pressure, normal to the deformed cloth and proportional to its area."""
 
 from __future__ import annotations
 
@@ -22,39 +22,39 @@ from fecloth.terms.loops.green_strain import gradient
 class Pressure:
     """f_a = (p/6) n with n = (x₂ − x₁) × (x₃ − x₁) on each corner a of a triangle.
 
-    n is twice the deformed area times the unit normal of the triangle as it is oriented in the
-    cloth: from a flat start in the plane xy, p > 0 pushes along +z. On a P1 triangle the normal is
-    constant, so this is ∫ p N_a n dA exactly. With the edges e_b opposite to the corners (e₁ =
-    x₃ − x₂, …), ∂n/∂x_b = [e_b]× and
+    n is the unit normal times twice the deformed area. Its sign follows from the orientation of
+    the triangle in the cloth: on a flat cloth in the plane xy, p > 0 pushes along +z. On a P1
+    triangle the normal is constant. Therefore f_a is the exact value of ∫ p N_a n dA. With the
+    edges e_b opposite to the corners (e₁ = x₃ − x₂, …), ∂n/∂x_b = [e_b]× and
 
         K_ab = −∂f_a/∂x_b = −(p/6) [e_b]×                   exact
         K_ab = −(p/12) [e_b − e_a]×                         its symmetric part
 
     Source: Hibbitt (1979), Some follower forces and load stiffness, Int. J. Numer. Meth. Engng 14,
-    937–941; here for the P1 triangle, whose normal is quadratic in its corners.
+    937–941; here for the P1 triangle, whose normal is quadratic in the positions of its corners.
 
-    The assembled matrix is symmetric already, and the two choices give the same, on every node
-    that is not on the cloth's edge; so it is for the whole projected matrix where the edge is
-    pinned, or slides in one plane. With a free edge it is not: "exact" then takes a general
-    linear solver, "symmetric" Newton's quadratic convergence.
+    For nodes that are not on the border of the cloth the assembled exact matrix is symmetric, and
+    both tangents are equal. If the border is pinned, or slides in one plane, the whole projected
+    matrix is symmetric. With a free border it is not. Then "exact" needs a linear solver for
+    general matrices, and with "symmetric" Newton's method does not converge quadratically.
 
-    On P2 triangles the normal is n = F₁ × F₂ (F₁, F₂ the columns of F), and with
-    d_b = G_b1 F₂ − G_b2 F₁, integrated exactly by the 6 points,
+    On P2 triangles the normal is n = F₁ × F₂, where F₁ and F₂ are the columns of F. With
+    d_b = G_b1 F₂ − G_b2 F₁, and exactly integrated by the 6 points,
 
         f_a = p ∫ N_a n dA,   K_ab = p ∫ N_a [d_b]× dA   or   (p/2) ∫ [N_a d_b − N_b d_a]× dA
 
-    Work that the pressure does stands in the ledger's column ``work:Pressure``; it has no
-    potential in general.
+    The work of the pressure is in the column ``work:Pressure`` of the energy ledger. In general
+    the pressure has no potential.
 
-    Valid at any deformation, for a pressure that is given: that of an enclosed gas, which falls as
-    the cloth gives way, is `Gas`; that of moving air `Wind`.
+    Valid at any deformation, for a prescribed pressure. Use `Gas` for an enclosed gas, whose
+    pressure depends on the volume, and `Wind` for moving air.
 
-    Cost on P1: a third of `StVK`'s, force and tangent.
+    Cost on P1: a third of `StVK`, force and tangent.
 
     Parameters
     ----------
     p
-        Pressure on the lower side less that on the upper one [Pa]: a number, a formula of t
+        Pressure on the lower side minus pressure on the upper side [Pa]: a number, a formula of t
         as text, or a function of t.
     tangent
         "symmetric" or "exact".
@@ -88,12 +88,12 @@ class Pressure:
         p = scalar(self.p, "p", "Pressure")
         blocks, symmetric = slots(cloth.stencil), self.tangent == "symmetric"
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-        data = p, cloth.stencil, orientation(cloth), blocks, symmetric, rest
+        data = p, cloth.stencil, orientation_signs(cloth), blocks, symmetric, rest
         return BoundPressure(*data) if cloth.element == "P1" else BoundCurved(*data, cloth)
 
 
-def orientation(cloth: Cloth) -> np.ndarray:
-    """(m,) 1 where the stencil's corners run counter-clockwise on the flat cloth, else −1."""
+def orientation_signs(cloth: Cloth) -> np.ndarray:
+    """(m,) 1 if the corners of the stencil are counter-clockwise on the flat cloth, else −1."""
     a, b, c = np.moveaxis(cloth.X[cloth.stencil[:, :3]], 1, 0)
     u, v = b - a, c - a
     return np.sign(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
@@ -101,14 +101,19 @@ def orientation(cloth: Cloth) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class BoundPressure:
-    """`Pressure` on a cloth; `turns` (m,) is the orientation of each triangle's stencil.
+    """`Pressure` on a cloth of P1 triangles.
 
-    `rest` are the positions (n, 3) of the flat cloth.
+    Attributes
+    ----------
+    signs
+        (m,) 1 or −1, see `orientation_signs`.
+    rest
+        (n, 3) positions of the flat cloth [m].
     """
 
     p: TimeFunction
     nodes: np.ndarray
-    turns: np.ndarray
+    signs: np.ndarray
     slots: np.ndarray
     symmetric: bool
     rest: np.ndarray
@@ -130,16 +135,13 @@ class BoundPressure:
         self._add_force(float(self.p(t)), x, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx K; nothing where it must be `definite`: K has as much of either sign."""
+        """J += wx K; do nothing if J must be `definite`, because the trace of K is zero."""
         if definite:
             return
         self._add_tangent(self.slots, wx * float(self.p(t)), x, J.values)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Upper bounds of the eigenvalues of M⁻¹K [1/s²], of either sign, and of M⁻¹D, at rest.
-
-        With the pressure at t = 0.
-        """
+        """Upper bounds of |eigenvalues| of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest and t = 0."""
         m, k = self.nodes.shape
         slots = np.arange(m * k * k, dtype=np.int32).reshape(m, k, k)
         K, p = np.zeros((m * k * k, 3, 3)), float(self.p(0.0))
@@ -147,10 +149,10 @@ class BoundPressure:
         return stencil_bound(self.nodes, K.reshape(m, k, k, 3, 3), mass), 0.0
 
     def _add_force(self, p, x, f):
-        add_force(self.nodes, self.turns, p, x, f)
+        add_force(self.nodes, self.signs, p, x, f)
 
     def _add_tangent(self, slots, p, x, J):
-        add_tangent(self.nodes, self.turns, slots, p, self.symmetric, x, J)
+        add_tangent(self.nodes, self.signs, slots, p, self.symmetric, x, J)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,12 +196,12 @@ def add_skew(s, scale, e, J):
 
 
 @kernel
-def add_force(nodes, turns, p, x, f):
+def add_force(nodes, signs, p, x, f):
     """f_a += (p/6) n."""
     for e in range(len(nodes)):
         i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
         n = cross(edge(x, i, j), edge(x, i, k))
-        sixth = turns[e] * p / 6
+        sixth = signs[e] * p / 6
         for a in range(3):
             node = nodes[e, a]
             f[node, 0] += sixth * n[0]
@@ -208,18 +210,18 @@ def add_force(nodes, turns, p, x, f):
 
 
 @kernel
-def add_tangent(nodes, turns, slots, p, symmetric, x, J):
+def add_tangent(nodes, signs, slots, p, symmetric, x, J):
     """J_ab −= (p/6) [e_b]×, or (p/12) [e_b − e_a]×."""
     for e in range(len(nodes)):
         i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
         edges = (edge(x, j, k), edge(x, k, i), edge(x, i, j))
-        part, own = (-turns[e] * p / 12, 1.0) if symmetric else (-turns[e] * p / 6, 0.0)
+        scale, own = (-signs[e] * p / 12, 1.0) if symmetric else (-signs[e] * p / 6, 0.0)
         for a in range(3):
             d = edges[a]
             for b in range(3):
                 g = edges[b]
                 change = (g[0] - own * d[0], g[1] - own * d[1], g[2] - own * d[2])
-                add_skew(slots[e, a, b], part, change, J)
+                add_skew(slots[e, a, b], scale, change, J)
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Drag in air that moves: uniform, a field of place and time, or gusts."""
+"""Drag in moving air: uniform wind, a field of position and time, or gusts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, SPEED
 from fecloth.terms.loads import air_velocity
-from fecloth.terms.loads.drag import BoundDrag, Coefficient, bound, check, powers
+from fecloth.terms.loads.drag import BoundDrag, Coefficient, bind_drag, check_drag, powers
 
 
 @dataclass(frozen=True)
@@ -22,32 +22,32 @@ class Wind:
 
     u is the velocity of the air at the centroids of the triangles.
 
-    It takes the place of a `Drag` on the same cloth, which would count still air once more. Of
-    its power Σ F · v̄ the part Σ F · w is dissipated and Σ F · u is work of the wind: the ledger
-    has both, as ``dissipated:Wind`` and ``work:Wind``.
+    Use `Wind` instead of a `Drag` and not with it, or the drag is counted twice. The power of the
+    force is Σ F · v̄ = Σ F · w + Σ F · u. The first part is dissipated and the second part is work
+    of the wind. The energy ledger has both, as ``dissipated:Wind`` and ``work:Wind``.
 
     Source: `Drag` with w = v̄ − u(x, t); gusts after Kraichnan (1970), Diffusion by a random
     velocity field, Physics of Fluids 13, 22–31 (`fecloth.terms.loads.air_velocity.Gusts`).
 
-    Valid where `Drag` is, for air that takes no notice of the cloth: there is no wake, no shelter
-    behind another part, and no flutter that the air's own motion would bring about.
+    Valid where `Drag` is valid, if the cloth does not change the motion of the air. The model has
+    no wake, no shielding of one part by another, and no flutter caused by the motion of the air.
 
     Parameters
     ----------
     velocity
         u: three numbers [m/s], formulas of x, y, z [m] and t [s] as text, or a function
         ``u(x, t)`` of all centroids (m, 3) that returns (m, 3), or (3,) for uniform wind. The
-        exact tangent takes ∂u/∂x by central differences over 2e-5 m.
+        exact tangent computes ∂u/∂x by central differences over 2e-5 m.
     normal, tangential, law, tangent
         As for `Drag`.
     gusts
-        Turbulence intensity: the standard deviation of each component over the mean speed; then
-        `velocity` must be three numbers. The field is that of
+        Turbulence intensity: the standard deviation of each component divided by the mean speed.
+        With gusts `velocity` must be three numbers. The field is described in
         `fecloth.terms.loads.air_velocity.Gusts`.
     gust_length
-        Size of the gusts [m].
+        Length of the gusts [m].
     seed
-        Of their random waves; equal seeds make equal gusts.
+        Seed of the random waves. Equal seeds give equal gusts.
 
     Examples
     --------
@@ -69,19 +69,22 @@ class Wind:
     seed: int = 0
 
     def __post_init__(self):
-        check(self)
-        air_velocity.field(self.velocity, "Wind")
+        check_drag(self)
+        air_velocity.velocity_field(self.velocity, "Wind")
         for name in ("gusts", "gust_length"):
             value = getattr(self, name)
             if not (is_number(value) and value >= 0) or (name == "gust_length" and value == 0):
                 allowed = "must be finite and " + (">= 0" if name == "gusts" else "> 0 [m]")
                 raise InputError(f"{name} = {value!r}", allowed, "Wind")
         if not 0 <= self.seed < 2**32:
-            raise InputError(f"seed = {self.seed!r}", "must lie in 0 … 2³² − 1", "Wind")
-        steady = not callable(self.velocity) and not any(isinstance(u, str) for u in self.velocity)
-        if self.gusts and not steady:
-            remedy = "Add fecloth.terms.loads.air_velocity.Gusts to a function of your own."
-            raise InputError("gusts of a wind that is not uniform", "need numbers", "Wind", remedy)
+            raise InputError(f"seed = {self.seed!r}", "must be in 0 … 2³² − 1", "Wind")
+        is_steady = not callable(self.velocity) and not any(
+            isinstance(u, str) for u in self.velocity
+        )
+        if self.gusts and not is_steady:
+            allowed = "velocity must be three numbers"
+            remedy = "Add fecloth.terms.loads.air_velocity.Gusts to your own function."
+            raise InputError("gusts of a wind that is not uniform", allowed, "Wind", remedy)
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
@@ -91,13 +94,13 @@ class Wind:
             mean = tuple(map(float, self.velocity))
             wind = air_velocity.Gusts(mean, self.gusts, self.gust_length, self.seed)
         else:
-            wind = air_velocity.field(self.velocity, "Wind")
-        return bound(self, wind, panel, slots, BoundWind)
+            wind = air_velocity.velocity_field(self.velocity, "Wind")
+        return bind_drag(self, wind, panel, slots, BoundWind)
 
 
 @dataclass(frozen=True, eq=False)
 class BoundWind(BoundDrag):
-    """`Wind` on a cloth: a drag to which the air brings power."""
+    """`Wind` on a cloth: a drag in moving air, which does work on the cloth."""
 
     name = "Wind"
     load = True

@@ -1,1 +1,1 @@
-"""The compiled loops that all terms share, with what they need."""
+"""Compiled loops over triangles and stencils that all terms share, and their bound terms."""

@@ -1,4 +1,4 @@
-"""Baraff and Witkin's stretch and shear conditions, as published or independent of the mesh."""
+"""Stretch and shear conditions of Baraff and Witkin, as published or independent of the mesh."""
 
 from __future__ import annotations
 
@@ -93,8 +93,10 @@ class BaraffWitkin:
             ("damping", self.damping),
         ):
             size = 2 if name in ("stretch", "rest") else 1
-            given = np.ravel(values).astype(float) if values is not None else np.ones(size)
-            if given.shape != (size,) or not (np.isfinite(given).all() and (given >= 0).all()):
+            numbers = np.ravel(values).astype(float) if values is not None else np.ones(size)
+            if numbers.shape != (size,) or not (
+                np.isfinite(numbers).all() and (numbers >= 0).all()
+            ):
                 allowed = f"must be {'two numbers' if size == 2 else 'a number'} >= 0"
                 raise InputError(f"{name} = {values!r}", allowed, where)
         if p != 0.5 and (self.stretch is None or self.shear is None):

@@ -1,4 +1,4 @@
-"""Which nodes of a cloth a spring joins, and how stiff it is."""
+"""Networks of springs on a cloth: which nodes they join, and their stiffness."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ EDGE, WARP, WEFT, SHEAR, BEND = range(5)
 
 @dataclass(frozen=True, eq=False)
 class Net:
-    """Springs between pairs of nodes.
+    """A network of springs between pairs of nodes.
 
     Attributes
     ----------
@@ -34,42 +34,48 @@ class Net:
     kind: np.ndarray
     sides: np.ndarray
 
-    def around(self, values: np.ndarray) -> np.ndarray:
-        """(s,) sums of values (m,) of triangles over the one or two at each spring."""
+    def sum_over_sides(self, values: np.ndarray) -> np.ndarray:
+        """Sum values (m,) of triangles over the one or two at each spring: (s,)."""
         return np.append(values, 0.0)[self.sides].sum(axis=1)
 
-    def van_gelder(self, panel: Panel) -> np.ndarray:
-        """(s,) k = Y Σ A / l² [N/m], with each triangle's own Y."""
+    def van_gelder_stiffness(self, panel: Panel) -> np.ndarray:
+        """Stiffness k = Y Σ A / l² (s,) [N/m], with the Y of each triangle."""
         area = panel.cloth.weights.sum(axis=1)
-        return self.around(panel.each(_isotropic)[:, 0] * area) / np.sum(self.vectors**2, axis=1)
+        return self.sum_over_sides(panel.each(_isotropic)[:, 0] * area) / np.sum(
+            self.vectors**2, axis=1
+        )
 
-    def stiffness(self, panel: Panel, given) -> np.ndarray:
-        """(s,) k [N/m] of a structural network: what is `given` for stretch, shear and bend, else
-        derived from the fabric."""
-        stretch, shear, bend = given
+    def structural_stiffness(self, panel: Panel, stiffness: tuple) -> np.ndarray:
+        """Stiffness k (s,) [N/m] of a structural network.
+
+        `stiffness` has a number for stretch, shear and bend, or None: then the fabric gives it.
+        """
+        stretch, shear, bend = stiffness
         k = np.zeros(len(self.nodes))
         for kinds, value in (((EDGE, WARP, WEFT), stretch), ((SHEAR,), shear), ((BEND,), bend)):
             for kind in kinds:
-                chosen = self.kind == kind
-                if chosen.any():
-                    k[chosen] = self._derived(panel, kind)[chosen] if value is None else value
+                of_class = self.kind == kind
+                if of_class.any() and value is None:
+                    k[of_class] = self._derive_stiffness(panel, kind)[of_class]
+                elif of_class.any():
+                    k[of_class] = value
         return k
 
-    def _derived(self, panel, kind):
-        """(s,) k of the springs of a class; of the others it means nothing."""
+    def _derive_stiffness(self, panel, kind):
+        """Derive k (s,) from the fabric for the springs of a class; ignore that of the others."""
         area = panel.cloth.weights.sum(axis=1)
         square = np.sum(self.vectors**2, axis=1)
         if kind == EDGE:
             Y = panel.each(_isotropic)[:, 0]
-            return np.sqrt(0.75) * self.around(Y * area) / self.around(area)
+            return np.sqrt(0.75) * self.sum_over_sides(Y * area) / self.sum_over_sides(area)
         if panel.grain.any():
             for fabric in panel.fabrics:
                 _isotropic(fabric)
         values = panel.each(lambda fabric: np.array([*fabric.tensile, fabric.shear]))
         modulus = values[:, (WARP, WEFT, SHEAR).index(kind)]
         # the springs of a class share the whole area, in proportion to the triangles beside them
-        whole = area.sum() / self.around(area)[self.kind == kind].sum()
-        k = whole * self.around(modulus * area) / square
+        whole = area.sum() / self.sum_over_sides(area)[self.kind == kind].sum()
+        k = whole * self.sum_over_sides(modulus * area) / square
         if kind != SHEAR:
             return k
         cs = np.prod(self.vectors, axis=1) / square
@@ -77,7 +83,7 @@ class Net:
 
 
 def edges(cloth: Cloth) -> Net:
-    """All edges of the triangles, in the order of the cloth's nodes."""
+    """Make springs of all edges of the triangles, in the order of the cloth's nodes."""
     start = cloth.triangles.ravel().astype(np.int64)
     end = np.roll(cloth.triangles, -1, axis=1).ravel().astype(np.int64)
     keys = np.minimum(start, end) * len(cloth.X) + np.maximum(start, end)
@@ -88,16 +94,16 @@ def edges(cloth: Cloth) -> Net:
     last = np.empty_like(first)
     last[number] = np.arange(len(keys))
     sides = np.stack([first // 3, np.where(times > 1, last // 3, -1)], axis=1)
-    return _net(cloth, nodes, np.full(len(nodes), EDGE), sides)
+    return _make_net(cloth, nodes, np.full(len(nodes), EDGE), sides)
 
 
 def structural(cloth: Cloth, shear: float | None = None, bend: float | None = None) -> Net:
-    """Provot's classes on a grid, without those of stiffness 0; else the edges alone.
+    """Make springs of Provot's classes on a grid, without those of stiffness 0; else the edges.
 
-    Shear springs are there if left out, bend springs are not.
+    If `shear` is None there are shear springs; if `bend` is None there are no bend springs.
     """
     net = edges(cloth)
-    across, up = (_only(net.vectors, axis) for axis in (0, 1))
+    across, up = (_is_along(net.vectors, axis) for axis in (0, 1))
     oblique = ~(across | up)
     if not _is_grid(net.vectors, across, up, oblique):
         for name, value in (("shear", shear), ("bend", bend)):
@@ -107,38 +113,38 @@ def structural(cloth: Cloth, shear: float | None = None, bend: float | None = No
         return net
     kind = np.select([across, up], [WARP, WEFT], SHEAR)
     parts = [(net.nodes, kind, net.sides)]
-    slanted = oblique & (net.sides[:, 1] >= 0)
+    inner_oblique = oblique & (net.sides[:, 1] >= 0)
     if len(_directions(net.vectors[oblique])) == 1:  # the other diagonal of each cell
-        nodes = _opposite(cloth, net.nodes[slanted], net.sides[slanted])
-        parts.append((nodes, np.full(len(nodes), SHEAR), net.sides[slanted]))
+        nodes = _opposite_nodes(cloth, net.nodes[inner_oblique], net.sides[inner_oblique])
+        parts.append((nodes, np.full(len(nodes), SHEAR), net.sides[inner_oblique]))
     if bend:
-        for axis, chosen in ((0, across), (1, up)):
-            nodes = _next_but_one(cloth.X[:, axis], net.nodes[chosen])
+        for axis, is_along in ((0, across), (1, up)):
+            nodes = _next_but_one(cloth.X[:, axis], net.nodes[is_along])
             parts.append((nodes, np.full(len(nodes), BEND), np.full(nodes.shape, -1)))
     nodes, kind, sides = (np.concatenate(each) for each in zip(*parts, strict=True))
-    kept = (kind != SHEAR) | (shear != 0.0)
-    return _net(cloth, nodes[kept], kind[kept], sides[kept])
+    is_stiff = (kind != SHEAR) | (shear != 0.0)
+    return _make_net(cloth, nodes[is_stiff], kind[is_stiff], sides[is_stiff])
 
 
-def _net(cloth, nodes, kind, sides) -> Net:
+def _make_net(cloth, nodes, kind, sides) -> Net:
     nodes = np.ascontiguousarray(nodes, dtype=np.int32)
     return Net(nodes, cloth.X[nodes[:, 1]] - cloth.X[nodes[:, 0]], kind, sides)
 
 
-def _only(vectors, axis):
-    """Which vectors lie along an axis."""
+def _is_along(vectors, axis):
+    """Tell which vectors lie along an axis."""
     return np.abs(vectors[:, 1 - axis]) < 1e-9 * np.abs(vectors[:, axis])
 
 
 def _directions(vectors):
-    """The distinct vectors, up to their sign and 1e-6 of the longest."""
+    """Find the distinct vectors, up to their sign and 1e-6 of the longest."""
     sign = np.where((vectors[:, 0] < 0) | ((vectors[:, 0] == 0) & (vectors[:, 1] < 0)), -1, 1)
     return np.unique(np.round(vectors * sign[:, None] / np.abs(vectors).max() * 1e6), axis=0)
 
 
 def _is_grid(vectors, across, up, oblique) -> bool:
-    """One vector along X, one along Y, and one or two oblique ones."""
-    groups = [vectors[chosen] for chosen in (across, up, oblique)]
+    """Tell whether there is one vector along X, one along Y, and one or two oblique ones."""
+    groups = [vectors[of_group] for of_group in (across, up, oblique)]
     if not all(len(group) for group in groups):
         return False
     counts = [
@@ -147,24 +153,26 @@ def _is_grid(vectors, across, up, oblique) -> bool:
     return counts == [1, 1, 1]
 
 
-def _opposite(cloth, pairs, sides):
-    """(e, 2) the nodes of the two triangles at each edge that are not on it."""
+def _opposite_nodes(cloth, pairs, sides):
+    """Find the nodes (e, 2) of the two triangles at each edge that are not on it."""
     triangles = cloth.triangles[sides]  # (e, 2, 3)
     on = (triangles == pairs[:, :1, None]) | (triangles == pairs[:, 1:, None])
     return np.where(on, 0, triangles).sum(axis=2).astype(np.int32)
 
 
-def _next_but_one(along, pairs):
-    """(b, 2) ends of two edges in a row; `along` (n,) is the nodes' coordinate that way."""
-    forward = np.where((along[pairs[:, 0]] < along[pairs[:, 1]])[:, None], pairs, pairs[:, ::-1])
-    following = np.full(len(along) + 1, -1)
+def _next_but_one(coordinate, pairs):
+    """Join the ends (b, 2) of two edges in a row, by a `coordinate` (n,) along them."""
+    forward = np.where(
+        (coordinate[pairs[:, 0]] < coordinate[pairs[:, 1]])[:, None], pairs, pairs[:, ::-1]
+    )
+    following = np.full(len(coordinate) + 1, -1)
     following[forward[:, 0]] = forward[:, 1]
     second = following[forward[:, 1]]
     return np.stack([forward[:, 0], second], axis=1)[second >= 0].astype(np.int32)
 
 
 def _isotropic(fabric) -> float:
-    """Y; refuses a fabric whose warp and weft differ."""
+    """Y of a fabric; one whose warp and weft differ is an error."""
     warp, weft = fabric.tensile
     if warp != weft:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Springs: the discrete model of a cloth, on its edges or in its triangles."""
+"""Springs as a discrete model of a cloth: along its edges, or in its triangles."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_WIDTH, TIME
 from fecloth.terms.loops import bound_condition
+from fecloth.terms.springs import biquadratic
 from fecloth.terms.springs.networks import Net, edges, structural
 
 KINDS = ("structural", "van_gelder", "biquadratic")
@@ -115,48 +116,26 @@ class Springs:
             return edges(cloth)
         return structural(cloth, self.shear, self.bend)
 
-    def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition:
-        bind = self._triangles if self.kind == "biquadratic" else self._pairs
-        return bind(panel, slots)
+    def _stiffness(self, net: Net, panel: Panel) -> np.ndarray:
+        """Stiffness k (s,) of the springs of a network [N/m]."""
+        if self.kind == "van_gelder":
+            return net.van_gelder_stiffness(panel)
+        return net.structural_stiffness(panel, (self.stiffness, self.shear, self.bend))
 
-    def _pairs(self, panel, slots):
+    def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition:
+        if self.kind == "biquadratic":
+            return biquadratic.bind(panel, slots, self.damping, self.tangent)
         net = self._net(panel.cloth)
-        given = self.stiffness, self.shear, self.bend
-        k = net.van_gelder(panel) if self.kind == "van_gelder" else net.stiffness(panel, given)
-        length = np.linalg.norm(net.vectors, axis=1)
-        damped = self.damping * k
+        k = self._stiffness(net, panel)
+        rest_length = np.linalg.norm(net.vectors, axis=1)
         bound = bound_condition.bind(
             "Springs",
-            LENGTH,
+            KERNELS,
             (1,),
             panel,
             slots,
             net.nodes,
-            length[:, None],
-            k,
-            damped,
-            tangent=self.tangent,
-        )
-        return bound_condition.RigidCondition(**vars(bound))
-
-    def _triangles(self, panel, slots):
-        cloth = panel.cloth
-        corners = cloth.X[cloth.stencil]
-        sides = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)  # i: opposite node i
-        square = np.sum(sides**2, axis=2)
-        area = cloth.weights.sum(axis=1)
-        cot = (square.sum(axis=1, keepdims=True) - 2 * square) / (4 * area[:, None])
-        lam, mu = panel.each(_lame).T[..., None, None]
-        k = 2 * (lam + mu) * cot[:, :, None] * cot[:, None, :] + mu * (2 * np.eye(3) - 1)
-        k = k / (32 * area[:, None, None])  # ½ Cᵀ k C with halves of Delingette's k_i and c_ij
-        bound = bound_condition.bind(
-            "Springs",
-            SQUARES,
-            (1, 1, 1),
-            panel,
-            slots,
-            cloth.stencil,
-            square,
+            rest_length[:, None],
             k,
             self.damping * k,
             tangent=self.tangent,
@@ -164,23 +143,9 @@ class Springs:
         return bound_condition.RigidCondition(**vars(bound))
 
 
-def _lame(fabric):
-    """λ and μ = 2 G, as Delingette has them."""
-    warp, weft = fabric.tensile
-    nu = fabric.poisson_ratio
-    if warp != weft or not math.isclose(fabric.shear, warp / (2 * (1 + nu)), rel_tol=1e-12):
-        raise InputError(
-            "an orthotropic fabric", "must be isotropic", 'Springs(kind="biquadratic")', "Use StVK."
-        )
-    return np.array([warp * nu / (1 - nu**2), warp / (1 + nu)])
-
-
-# --- C = l − l₀ of two nodes ----------------------------------------------------------------------
-
-
 @inner
-def length(y, c, order, C, g, H):
-    """C = l − c₀; ∂C = ±n; ∂²C = ±(I − n nᵀ)/l. A spring of no length pulls nowhere."""
+def elongation(y, c, order, C, g, H):
+    """C = l − c₀, ∂C = ±n, ∂²C = ±(I − n nᵀ)/l; a spring of length 0 has no force."""
     d = (y[1, 0] - y[0, 0], y[1, 1] - y[0, 1], y[1, 2] - y[0, 2])
     l = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
     C[0] = l - c[0]
@@ -197,30 +162,4 @@ def length(y, c, order, C, g, H):
                     H[0, 0, i, 1, j] = H[0, 1, i, 0, j] = -h
 
 
-LENGTH = bound_condition.kernels(length)
-
-
-# --- C_i = l_i² − L_i² of the three sides of a triangle, side i opposite node i -------------------
-
-
-@inner
-def squares(y, c, order, C, g, H):
-    """C_i = |y_k − y_j|² − c_i; ∂C_i = ±2 (y_k − y_j); ∂²C_i = ±2 I."""
-    for r in range(3):
-        a, b = (r + 1) % 3, (r + 2) % 3
-        C[r] = -c[r]
-        for i in range(3):
-            d = y[b, i] - y[a, i]
-            C[r] += d * d
-            if order > 0:
-                g[r, r, i], g[r, a, i], g[r, b, i] = 0.0, -2.0 * d, 2.0 * d
-    if order > 1:
-        H[:] = 0.0
-        for r in range(3):
-            a, b = (r + 1) % 3, (r + 2) % 3
-            for i in range(3):
-                H[r, a, i, a, i] = H[r, b, i, b, i] = 2.0
-                H[r, a, i, b, i] = H[r, b, i, a, i] = -2.0
-
-
-SQUARES = bound_condition.kernels(squares)
+KERNELS = bound_condition.kernels(elongation)

@@ -1,4 +1,4 @@
-"""Tethers: springs from nodes to a point that may move, as a hand that pulls at the cloth."""
+"""Tethers: springs from nodes to a point that may move, such as a hand that pulls the cloth."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Tether:
             self.damping,
         )
         point = vector(self.point, "point", "Tether")
-        point(0.0)  # now: a wrong function should be refused where it is given
+        point(0.0)  # an error in a function of time is raised here, not in a step
         return BoundTether(**vars(bound), point=point)
 
 
@@ -96,7 +96,7 @@ class BoundTether(bound_condition.BoundCondition):
         return np.tile(self.point(t), (len(self.nodes), 1))
 
     def between(self, start: np.ndarray, symmetric: bool) -> BoundTether:
-        """Itself: over a step its force at the mean does the work of its energy."""
+        """Return itself: the work of its force at the mean is the change of its energy."""
         return self
 
     def speed(self, t: float) -> np.ndarray:

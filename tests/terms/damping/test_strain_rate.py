@@ -1,4 +1,4 @@
-"""Strain-rate damping: tangents, the term that is dropped, power, rigid motions."""
+"""Strain-rate damping: tangents, the omitted term, power, rigid motions."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from fecloth.terms.kinematics import deformation_gradient
 from fecloth.verify import VerificationFailed, check_term
 
 
-def test_meets_the_scikit_fem_form(sheet, orthotropic, rng):
+def test_force_agrees_with_the_scikit_fem_form(sheet, orthotropic, rng):
     system = fc.System(sheet, orthotropic, [fc.StrainRateDamping(0.02)])
     state = system.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
     expected = oracle.viscous_force(sheet, 0.02 * orthotropic.moduli(), state.x, state.v)
@@ -31,7 +31,7 @@ def test_symmetric_tangent_is_exact_in_v_only():
         check_term(fc.StrainRateDamping(0.01), tangents=("x",))
 
 
-def test_what_the_symmetric_tangent_drops(sheet, orthotropic, rng):
+def test_symmetric_tangent_differs_by_the_non_symmetric_part(sheet, orthotropic, rng):
     """exact − symmetric = Bᵀ τℂ₀ B(Ḟ), computed here from scikit-fem's derivative of Ė."""
     x, v = rough(sheet, rng), rng.standard_normal((len(sheet.X), 3))
     exact = fc.System(sheet, orthotropic, [fc.StrainRateDamping(0.02, tangent="exact")])
@@ -58,7 +58,7 @@ def test_what_the_symmetric_tangent_drops(sheet, orthotropic, rng):
     )
 
 
-def test_named_law_gives_the_moduli(sheet, orthotropic, rng):
+def test_law_defines_the_moduli(sheet, orthotropic, rng):
     plain = fc.Fabric(0.2, 1000.0)
     by_law = fc.System(sheet, orthotropic, [fc.StrainRateDamping(0.02, fc.TensorCondition(250.0))])
     twin = fc.System(sheet, plain, [fc.StrainRateDamping(0.02)])
@@ -103,6 +103,6 @@ def test_definite_part_is_symmetric_and_semidefinite(sheet, orthotropic, rng):
         ({"time": 1.0, "law": 3}, "law = 3"),
     ],
 )
-def test_refusals(arguments, said):
+def test_invalid_arguments_are_rejected(arguments, said):
     with pytest.raises(fc.InputError, match=said):
         fc.StrainRateDamping(**arguments)

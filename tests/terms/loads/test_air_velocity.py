@@ -8,7 +8,7 @@ from fecloth.terms.loads import air_velocity
 FIRST = (5.60084809682312, 1.3329103208778412, -0.9822617048592297)  # m/s, of seed 3 at the origin
 
 
-def test_equal_seeds_make_equal_gusts(rng):
+def test_gusts_equal_seeds_give_equal_gusts(rng):
     x = rng.standard_normal((5, 3))
     one, same, other = (air_velocity.Gusts((5.0, 0.0, 0.0), 0.2, 1.0, seed) for seed in (3, 3, 4))
     assert np.array_equal(one.velocity(x, 0.7), same.velocity(x, 0.7))
@@ -17,7 +17,7 @@ def test_equal_seeds_make_equal_gusts(rng):
     np.testing.assert_allclose(one.velocity(np.zeros((1, 3)), 0.0)[0], FIRST, rtol=1e-12)
 
 
-def test_gusts_have_the_asked_strength_and_length():
+def test_gusts_have_the_given_intensity_and_length():
     """Averaged over seeds: mean U, variance σ², covariance along their axis σ² e^(−r²/(2 ℓ²))."""
     U, length = np.array([5.0, 0.0, 0.0]), 0.5
     x = np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
@@ -38,7 +38,7 @@ def test_gusts_have_the_asked_strength_and_length():
     assert np.mean(u[:, 0, 0] * u[:, 1, 0]) == pytest.approx(expected, abs=0.06)
 
 
-def test_gusts_are_free_of_divergence_and_carried_along(rng):
+def test_gusts_have_no_divergence_and_move_with_the_mean(rng):
     gusts = air_velocity.Gusts((5.0, 1.0, -2.0), 0.3, 0.4, seed=1)
     x = rng.standard_normal((7, 3))
     gradient = gusts.gradient(x, 0.3)

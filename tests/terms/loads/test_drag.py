@@ -1,4 +1,4 @@
-"""Drag: force on a plate, tangents, power, terminal speed, ledger; refusals of drag and wind."""
+"""Drag: force on a plate, tangents, power, terminal speed, ledger; invalid arguments."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def square(w, law):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("pattern", ["unstructured", "cross"])
 def test_a_plate_that_moves_without_turning(pattern, law, isotropic):
-    """The closed form on its whole deformed area, through its centre."""
+    """The force is the closed form for the deformed area, and acts at the centre."""
     cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.17, pattern=pattern)
     F = np.array([[1.1, 0.3], [0.0, 0.9], [0.2, -0.4]])
     area = 0.6 * np.cross(F[:, 0], F[:, 1])
@@ -68,7 +68,7 @@ def test_definite_part_is_symmetric_and_semidefinite(law, sheet, isotropic, rng)
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_power_is_lost_to_the_air_and_brought_by_it(law, sheet, isotropic, rng):
+def test_power_is_dissipated_power_and_work_of_the_wind(law, sheet, isotropic, rng):
     x, v = rough(sheet, rng), rng.standard_normal((len(sheet.X), 3))
     still = fc.System(sheet, isotropic, [fc.Drag(0.7, 0.1, law)])
     force = still.force(still.state(x, v))
@@ -82,7 +82,7 @@ def test_power_is_lost_to_the_air_and_brought_by_it(law, sheet, isotropic, rng):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_rate_bound_holds_and_is_near(law, sheet, isotropic):
+def test_rate_bound_is_an_upper_bound_and_sharp(law, sheet, isotropic):
     system = fc.System(sheet, isotropic, [fc.Wind((1.0, 2.0, 3.0), 0.7, 0.1, law)])
     _, bound = system.rate_bounds()
     D = system.damping(system.rest()).toarray()
@@ -134,7 +134,7 @@ def test_fall_of_a_level_plate_to_its_terminal_velocity(law, sheet, isotropic):
 def test_momentum_of_a_falling_sheet_changes_by_the_force_of_the_stage(
     method, law, term, sheet, isotropic, rng
 ):
-    """m Δv = dt (m g + Σ F) at the stage, in every step, whatever the sheet's shape.
+    """m Δv = dt (m g + Σ F) at the stage, in every step and for any shape of the sheet.
 
     What Newton leaves is at most 1e-13 of the step's forces, ‖M a‖ + Σ ‖f_term‖ at its first
     iterate; that is up to 500 N here, of a stiff membrane, and over n nodes adds up to √n of it.
@@ -159,7 +159,7 @@ def test_momentum_of_a_falling_sheet_changes_by_the_force_of_the_stage(
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("method", ["backward_euler", "implicit_midpoint"])
 def test_ledger_of_a_falling_plate_closes_to_round_off(method, law, sheet, isotropic, rng):
-    """A tilted plate: no strain, so nothing of the method's is left over."""
+    """A tilted plate has no strain, so that the method adds no numerical dissipation."""
     terms = [fc.StVK(), fc.Wind((2.0, -1.0, "t"), 0.7, 0.1, law), fc.Gravity()]
     system = fc.System(sheet, isotropic, terms)
     turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
@@ -170,7 +170,7 @@ def test_ledger_of_a_falling_plate_closes_to_round_off(method, law, sheet, isotr
     assert abs(result.energies["remainder"]).max() < 1e-10 * max(flow)
 
 
-def test_linearly_implicit_step_of_a_linear_drag_closes_too(sheet, isotropic):
+def test_ledger_of_linearly_implicit_steps_closes_for_linear_drag(sheet, isotropic):
     terms = [fc.StVK(), fc.Drag(0.7, 0.7, "linear"), fc.Gravity((1.0, 0.0, -G))]
     system = fc.System(sheet, isotropic, terms)
     result = fc.run(
@@ -199,16 +199,16 @@ def test_linearly_implicit_step_of_a_linear_drag_closes_too(sheet, isotropic):
             "gusts = -0.1: must be finite and >= 0",
         ),
         (lambda: fc.Wind((1, 0, 0), 1.0, gusts=0.1, gust_length=0.0), "gust_length = 0.0"),
-        (lambda: fc.Wind((1, 0, 0), 1.0, gusts=0.1, seed=-1), "seed = -1: must lie in"),
+        (lambda: fc.Wind((1, 0, 0), 1.0, gusts=0.1, seed=-1), "seed = -1: must be in"),
         (lambda: fc.Wind((1, "t", 0), 1.0, gusts=0.1), "gusts of a wind that is not uniform"),
     ],
 )
-def test_refusals(make, said):
+def test_invalid_arguments_are_rejected(make, said):
     with pytest.raises(fc.InputError, match=said):
         make()
 
 
-def test_a_scene_can_name_them(tmp_path):
+def test_scene_with_drag_and_wind(tmp_path):
     from fecloth.scene.scene import load
 
     text = """

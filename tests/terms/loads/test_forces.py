@@ -1,4 +1,4 @@
-"""Mass damping, point forces and forces of the user's own."""
+"""Mass damping, point forces and user-defined forces."""
 
 import numpy as np
 import pytest
@@ -44,8 +44,8 @@ def slowed(method, z, steps):
 
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
-def test_a_free_cloth_loses_its_momentum_by_each_methods_own_factor(method, mass, sheet, isotropic):
-    """e^(−α t): (1 − α dt/2)/(1 + α dt/2) a step by midpoint, 1/(1 + α dt) by the Euler methods."""
+def test_mass_damping_momentum_factor_of_each_method(method, mass, sheet, isotropic):
+    """e^(−α t): (1 − α dt/2)/(1 + α dt/2) for midpoint, 1/(1 + α dt) for Euler."""
     rate, dt, v = 3.0, 0.02, np.array([1.0, -2.0, 0.5])
     system = fc.System(sheet, isotropic, [fc.StVK(), fc.MassDamping(rate)], mass=mass)
     start = system.state(system.rest().x, np.tile(v, (len(sheet.X), 1)))
@@ -60,7 +60,7 @@ def test_a_free_cloth_loses_its_momentum_by_each_methods_own_factor(method, mass
     assert lost == pytest.approx(kinetic[0] - kinetic[-1], rel=1e-10)
 
 
-def test_a_mode_decays_at_half_the_rate(isotropic):
+def test_mass_damping_mode_decays_at_half_the_rate(isotropic):
     """A stretched strip's longitudinal mode: envelope e^(−α t/2), frequency √(ω² − α²/4)."""
     cloth = fc.Cloth.rectangle(1.0, 0.1, h=0.1, pattern="right")
     every = lambda X: (X[:, 0] > 1e-9) & (X[:, 0] < 1 - 1e-9)  # noqa: E731
@@ -88,7 +88,7 @@ def test_a_mode_decays_at_half_the_rate(isotropic):
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
-def test_what_is_no_rate(rate):
+def test_mass_damping_invalid_rate_is_rejected(rate):
     with pytest.raises(fc.InputError, match="MassDamping: rate = .*: must be finite and > 0"):
         fc.MassDamping(rate)
 
@@ -105,7 +105,7 @@ def test_what_is_no_rate(rate):
         ((0.33, 0.21), [0.33, 0.21]),
     ],
 )
-def test_the_resultant_of_a_point_force_is_the_force(where, at, sheet, isotropic, rng):
+def test_point_force_resultant_is_the_force(where, at, sheet, isotropic, rng):
     F = np.array([1.0, -2.0, 0.5])
     check_term(fc.PointForce("left", tuple(F)), tangents=("x", "v"))
     system = fc.System(sheet, isotropic, [fc.PointForce(where, tuple(F))])
@@ -142,8 +142,8 @@ def test_strip_pulled_at_its_end(isotropic):
     np.testing.assert_allclose(result.state.x[:, 0], stretch * cloth.X[:, 0], atol=1e-9)
 
 
-def test_the_work_of_a_timed_force_is_in_the_ledger(sheet, isotropic):
-    """On a cloth that falls freely in one piece: F(t) = m (a, 2 a t, 0) a node each."""
+def test_point_force_work_is_in_the_ledger(sheet, isotropic):
+    """On a free cloth in rigid motion, with F(t) = m (a, 2 a t, 0) at each node."""
     system = fc.System(sheet, isotropic, [fc.StVK()])
     nodal = [
         fc.PointForce([i], lambda t, m=m: m * np.array([3.0, 6.0 * t, 0.0]))
@@ -165,7 +165,7 @@ def test_the_work_of_a_timed_force_is_in_the_ledger(sheet, isotropic):
 
 
 def spring(x, v, t):
-    """Towards the axis z, with a swirl and a damping that is not linear."""
+    """A force towards the axis z, with a swirl and nonlinear damping."""
     swirl = np.cross([0.0, 0.0, 1.5], x)
     return -3.0 * x * (1 + np.sum(x**2, axis=1))[:, None] + swirl - 0.2 * v * abs(v) * (1 + t)
 
@@ -190,7 +190,7 @@ WRITTEN = (
     ids=["differences", "derivatives", "formulas"],
 )
 @pytest.mark.parametrize("per", ["area", "mass", "node"])
-def test_a_force_of_ones_own(per, arguments, sheet, isotropic, rng):
+def test_user_force_is_the_function_times_the_amount(per, arguments, sheet, isotropic, rng):
     system = fc.System(sheet, isotropic, [fc.UserForce(**arguments, per=per, tangent="exact")])
     amount = {"area": sheet.load(), "mass": 0.2 * sheet.load(), "node": np.ones(len(sheet.X))}[per]
     state = system.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)), t=0.7)
@@ -210,8 +210,8 @@ def test_a_force_of_ones_own(per, arguments, sheet, isotropic, rng):
 
 
 @pytest.mark.parametrize("derivatives", [None, slopes])
-def test_tangents_of_ones_own_force(derivatives):
-    """All velocities away from zero, where v |v| has a kink."""
+def test_user_force_tangents_are_exact(derivatives):
+    """All velocities are away from zero, where v |v| is not smooth."""
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
     from fecloth.verify import trial_states
 
@@ -220,7 +220,7 @@ def test_tangents_of_ones_own_force(derivatives):
     check_term(term, cloth, states=states)
 
 
-def test_symmetric_and_definite_parts(sheet, isotropic, rng):
+def test_user_force_symmetric_and_definite_tangents(sheet, isotropic, rng):
     from fecloth.linalg.block_matrix import BlockMatrix
 
     exact, plain = (
@@ -239,8 +239,8 @@ def test_symmetric_and_definite_parts(sheet, isotropic, rng):
         assert np.linalg.eigvalsh(A)[0] >= lowest - 1e-15
 
 
-def test_a_well_swings_every_node_alike(sheet, isotropic):
-    """g = −ω² (x − X) per mass: x − X = u cos ωt for a cloth that is not strained."""
+def test_user_force_harmonic_well_moves_all_nodes_equally(sheet, isotropic):
+    """g = −ω² (x − X) per mass: x − X = u cos ωt for a cloth without strain."""
     omega, u = 5.0, np.array([0.1, -0.2, 0.3])
     parts = tuple(f"-25 * ({c} - {o})" for c, o in zip("xyz", ("X", "Y", "0"), strict=True))
     system = fc.System(sheet, isotropic, [fc.StVK(), fc.UserForce(parts, per="mass")])
@@ -272,12 +272,12 @@ def test_a_well_swings_every_node_alike(sheet, isotropic):
         (lambda: fc.PointForce("left", (np.inf, 0, 0)), "force = inf: must be a finite number"),
         (lambda: fc.UserForce("x"), "UserForce: force = 'x': must be three finite"),
         (lambda: fc.UserForce((1.0, np.nan, 0.0)), "UserForce: force = .*nan"),
-        (lambda: fc.UserForce(("__import__('os')", 0, 0)), "no known function"),
+        (lambda: fc.UserForce(("__import__('os')", 0, 0)), "unknown function"),
         (lambda: fc.UserForce((0, 0, 0), per="edge"), 'per = \'edge\': must be "area" or "mass"'),
         (lambda: fc.UserForce((0, 0, 0), tangent="x"), "tangent = 'x'"),
     ],
 )
-def test_refusals(make, said):
+def test_invalid_arguments_are_rejected(make, said):
     with pytest.raises(fc.InputError, match=said):
         make()
 
@@ -290,7 +290,7 @@ def test_refusals(make, said):
         (fc.PointForce((5.0, 0.5), (0, 0, 1)), "5"),
     ],
 )
-def test_places_that_the_cloth_does_not_have(term, said, sheet, isotropic):
+def test_point_force_invalid_place_is_rejected(term, said, sheet, isotropic):
     with pytest.raises(fc.InputError, match=said):
         fc.System(sheet, isotropic, [term])
 
@@ -304,13 +304,13 @@ def test_places_that_the_cloth_does_not_have(term, said, sheet, isotropic):
     ],
 )
 @pytest.mark.filterwarnings("ignore:.*:RuntimeWarning")
-def test_a_force_that_is_none_is_refused_when_asked(force, said, sheet, isotropic):
+def test_user_force_invalid_value_is_rejected_when_evaluated(force, said, sheet, isotropic):
     system = fc.System(sheet, isotropic, [fc.UserForce(force)])
     with pytest.raises(fc.InputError, match=said):
         system.force(system.rest())
 
 
-def test_scenes_can_name_them(tmp_path):
+def test_scene_with_point_and_user_forces(tmp_path):
     from fecloth.scene.scene import load
 
     text = """

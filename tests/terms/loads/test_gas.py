@@ -22,7 +22,7 @@ def dome(cloth, height):
 
 
 def domes(cloth):
-    """Rough domes, a compressed one and a steep one, all with a volume."""
+    """Random domes, a compressed one and a steep one, all with a positive volume."""
     rng = np.random.default_rng(3)
     x = dome(cloth, 0.2)
     noise, v = rng.standard_normal((2, *x.shape))
@@ -45,7 +45,7 @@ def test_derivatives_with_the_dense_part(gas):
     check_term(gas, cloth=cloth, states=domes(cloth))
 
 
-def test_the_check_sees_a_missing_dense_part(monkeypatch):
+def test_check_term_without_the_dense_part_is_rejected(monkeypatch):
     from fecloth.terms.loads.gas import BoundGas
 
     cloth = fc.Cloth.disk(RADIUS, h=0.2)
@@ -60,10 +60,10 @@ def test_volume_is_that_above_the_plane_of_the_rim(isotropic, rng):
     x = dome(cloth, 0.2)
     for shift in (np.zeros(3), np.array([3.0, -1.0, 2.0])):
         system = fc.System(cloth, isotropic, [fc.Gas(1.0, 1.0, origin=tuple(shift))])
-        assert system.bound[0].enclosed(x + shift) == pytest.approx(enclosed(cloth, x), rel=1e-12)
+        assert system.bound[0].volume(x + shift) == pytest.approx(enclosed(cloth, x), rel=1e-12)
 
 
-def test_pressure_and_gas_push_alike_inside(isotropic):
+def test_gas_and_pressure_have_equal_forces_inside(isotropic):
     cloth = fc.Cloth.disk(RADIUS, h=0.15)
     x = dome(cloth, 0.2)
     V = enclosed(cloth, x)
@@ -74,7 +74,7 @@ def test_pressure_and_gas_push_alike_inside(isotropic):
 
 
 @pytest.mark.parametrize("solver", [select.direct(), select.SuperLU(), select.PCG()])
-def test_updated_solves_with_the_rank_one_parts(solver, sheet, isotropic, rng):
+def test_solve_updated_includes_the_rank_one_parts(solver, sheet, isotropic, rng):
     system = fc.System(sheet, isotropic, [fc.StVK()])
     J = BlockMatrix.zeros(system.pattern)
     system.assemble(J, system.state(1.02 * flat(sheet)), wx=0.01, wa=100.0)
@@ -88,7 +88,7 @@ def test_updated_solves_with_the_rank_one_parts(solver, sheet, isotropic, rng):
 
 
 def inflated(gas, elements, dt=1e5):
-    """One step of a day, to the static solution, from a dome."""
+    """One step of a day from a dome, which gives the static solution."""
     cloth = fc.Cloth.disk(RADIUS, RADIUS / elements)
     fabric = fc.Fabric(0.2, STIFFNESS, NU)
     system = fc.System(cloth, fabric, [fc.StVK(), gas], pins=["boundary"])
@@ -98,17 +98,17 @@ def inflated(gas, elements, dt=1e5):
 
 
 def test_a_gas_inflates_the_membrane_to_the_exact_equilibrium():
-    """At the volume of the shooting solution the gas has just that solution's pressure."""
+    """At the volume of the reference solution the gas has the pressure of that solution."""
     height, V = shooting(500.0)
     gas = fc.Gas(2 * (500.0 + 800.0), V / 2, ambient=800.0)
     system, run = inflated(gas, 20)
-    assert system.bound[1].enclosed(run.state.x) == pytest.approx(V, rel=3e-3)
+    assert system.bound[1].volume(run.state.x) == pytest.approx(V, rel=3e-3)
     centre = run.state.x[np.argmin(np.linalg.norm(system.cloth.X, axis=1)), 2]
     assert centre == pytest.approx(height, rel=5e-3)
     assert run.newton < 15  # quadratic: without the dense part it takes far longer, or fails
 
 
-def test_newton_needs_the_dense_part(monkeypatch):
+def test_newton_without_the_dense_part_needs_more_iterations(monkeypatch):
     _, V = shooting(500.0)
     gas = fc.Gas(2 * (500.0 + 800.0), V / 2, ambient=800.0)
     counts = [inflated(gas, 8)[1].newton]
@@ -121,7 +121,7 @@ def test_newton_needs_the_dense_part(monkeypatch):
 
 
 @pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.LinearlyImplicitEuler()])
-def test_a_bouncing_gas_keeps_its_energy(method):
+def test_gas_oscillation_conserves_energy(method):
     """With the exact tangent the linearised step keeps pace with backward Euler's losses."""
     _, V = shooting(500.0)
     cloth = fc.Cloth.disk(RADIUS, h=0.1)
@@ -147,12 +147,12 @@ def test_a_bouncing_gas_keeps_its_energy(method):
         ({"pressure": 1.0, "volume": 1.0, "origin": (0.0, 1.0)}, "origin"),
     ],
 )
-def test_refusals(arguments, said):
+def test_invalid_arguments_are_rejected(arguments, said):
     with pytest.raises(fc.InputError, match=said):
         fc.Gas(**arguments)
 
 
-def test_a_flat_start_is_a_failed_step(isotropic):
+def test_flat_start_gives_a_failed_step(isotropic):
     cloth = fc.Cloth.disk(RADIUS, h=0.2)
     system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gas(900.0, 0.1)], pins=["boundary"])
     with pytest.raises(fc.StepFailed, match="not finite"):
@@ -161,7 +161,7 @@ def test_a_flat_start_is_a_failed_step(isotropic):
     system.force(system.state(rough(cloth, np.random.default_rng(0))))
 
 
-def test_a_scene_with_a_flat_gas_is_refused(tmp_path):
+def test_scene_with_gas_and_a_flat_cloth_is_rejected(tmp_path):
     from fecloth.scene.scene import load
 
     text = """

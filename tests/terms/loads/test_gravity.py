@@ -24,7 +24,7 @@ def test_derivatives():
 
 @pytest.mark.parametrize("pattern", ["unstructured", "right", "cross", "equilateral"])
 def test_total_weight_and_its_point_of_attack(pattern, isotropic):
-    """ρ A g through the centre of the sheet, on any mesh."""
+    """The resultant is ρ A g and acts at the centre of the sheet, on any mesh."""
     cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.17, pattern=pattern)
     system = fc.System(cloth, isotropic, [fc.Gravity(ACCELERATION)])
     force, weight = system.force(system.rest()), DENSITY * AREA * np.array(ACCELERATION)
@@ -33,7 +33,7 @@ def test_total_weight_and_its_point_of_attack(pattern, isotropic):
     np.testing.assert_allclose(moment, np.cross([0.5, 0.3, 0.0], weight), rtol=1e-12)
 
 
-def test_each_node_carries_its_share(system, sheet):
+def test_force_of_each_node_is_its_share_of_the_weight(system, sheet):
     """ρ g times a third of the area of the triangles around the node."""
     a, b, c = np.moveaxis(sheet.X[sheet.triangles], 1, 0)
     area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
@@ -52,7 +52,7 @@ def test_potential_is_minus_the_weight_times_the_centre(system, sheet, rng):
     assert lifted - energy == pytest.approx(DENSITY * AREA * 9.81 * 2.0, rel=1e-12)
 
 
-def test_the_force_knows_no_state_and_no_tangent(system, sheet, rng):
+def test_force_is_constant_and_has_no_tangent(system, sheet, rng):
     rest = system.rest()
     other = system.state(rough(sheet, rng), rng.standard_normal(rest.x.shape), t=3.0)
     assert np.array_equal(system.force(other), system.force(rest))
@@ -78,6 +78,6 @@ def test_free_fall_of_every_node(method, mass, sheet, isotropic):
 
 
 @pytest.mark.parametrize("bad", [9.81, (0.0, -9.81), (0.0, np.nan, 0.0), (0.0, 0.0, np.inf)])
-def test_what_is_no_acceleration(bad):
+def test_invalid_acceleration_is_rejected(bad):
     with pytest.raises(fc.InputError, match="Gravity: acceleration = .*: must be three finite"):
         fc.Gravity(bad)

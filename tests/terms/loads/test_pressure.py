@@ -37,7 +37,7 @@ def test_symmetric_tangent_is_the_symmetric_part(sheet, isotropic, rng):
 
 
 def test_both_tangents_agree_away_from_the_edge(sheet, isotropic, rng):
-    """Where the edge is pinned, the pressure has the potential −p V."""
+    """With a pinned edge the pressure has the potential −p V."""
     inner = np.setdiff1d(np.arange(len(sheet.X)), sheet.nodes("boundary"))
     dofs = (3 * inner[:, None] + np.arange(3)).ravel()
     x = rough(sheet, rng)
@@ -52,7 +52,7 @@ def test_both_tangents_agree_away_from_the_edge(sheet, isotropic, rng):
 
 @pytest.mark.parametrize("pattern", ["unstructured", "right", "cross", "equilateral"])
 def test_a_plane_is_pushed_along_its_normal_in_the_middle(pattern, isotropic):
-    """p times the deformed area, through the centre, on any mesh and whatever Gmsh's order."""
+    """The resultant is p times the deformed area and acts at the centre, on any mesh."""
     cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.17, pattern=pattern)
     F = np.array([[1.1, 0.3], [0.0, 0.9], [0.2, -0.4]])
     x = affine(cloth, F)
@@ -88,7 +88,7 @@ def test_rotated_and_shifted(sheet, isotropic, rng):
     np.testing.assert_allclose(moved, force @ turn.T, atol=1e-12 * abs(force).max())
 
 
-def test_definite_leaves_it_out(sheet, isotropic, rng):
+def test_definite_tangent_is_zero(sheet, isotropic, rng):
     from fecloth.linalg.block_matrix import BlockMatrix
 
     system = fc.System(sheet, isotropic, [fc.Pressure(30.0)])
@@ -118,18 +118,18 @@ def test_a_pressure_that_changes_in_time(sheet, isotropic):
         ({"p": 1.0, "tangent": "x"}, 'tangent = \'x\': must be "symmetric" or "exact"'),
     ],
 )
-def test_refusals(arguments, said):
+def test_invalid_arguments_are_rejected(arguments, said):
     with pytest.raises(fc.InputError, match=said):
         fc.Pressure(**arguments)
 
 
-def test_a_function_that_is_not_finite_is_refused_when_asked(sheet, isotropic):
+def test_function_not_finite_is_rejected_when_evaluated(sheet, isotropic):
     system = fc.System(sheet, isotropic, [fc.Pressure(lambda t: 1 / t if t else np.inf)])
     with pytest.raises(fc.InputError, match=r"Pressure: p\(0\) = .*inf"):
         system.force(system.rest())
 
 
-def test_a_scene_can_name_it(tmp_path):
+def test_scene_with_pressure(tmp_path):
     from fecloth.scene.scene import load
 
     text = """
@@ -150,7 +150,7 @@ def test_a_scene_can_name_it(tmp_path):
 
 
 def test_work_of_a_constant_pressure_is_p_times_the_volume(isotropic):
-    """On a pinned rim the work is p ΔV; midpoint's sum of it is exact to third order a step."""
+    """On a pinned rim the work is p ΔV; the midpoint sum has an error of third order."""
     cloth = fc.Cloth.disk(RADIUS, h=0.15)
     system = fc.System(cloth, isotropic, [fc.StVK(), fc.Pressure(50.0)], pins=["boundary"])
     newton = fc.Newton(tolerance=1e-11)
@@ -219,8 +219,8 @@ def inflated(p, elements, kind="symmetric"):
     return centre, enclosed(cloth, x), result.newton
 
 
-def test_shooting_meets_hencky_at_small_slopes():
-    """Two independent solutions: they differ by the square of the slope, as p^(2/3)."""
+def test_reference_agrees_with_hencky_at_small_slopes():
+    """Two independent solutions differ by the square of the slope, that is by p^(2/3)."""
     gaps = []
     for p in (2.0, 0.25, 0.25 / 8):
         exact, series = shooting(p), hencky(p)
@@ -229,7 +229,7 @@ def test_shooting_meets_hencky_at_small_slopes():
     np.testing.assert_allclose(np.divide(gaps[1:], gaps[:-1]), 0.25, rtol=0.02)
 
 
-def test_membrane_at_small_slopes_meets_henckys_series():
+def test_membrane_at_small_slopes_agrees_with_hencky():
     height, volume = hencky(0.25)
     assert 0.02 < height / RADIUS < 0.05
     centre, enclosed_, _ = inflated(0.25, 20)
@@ -237,7 +237,7 @@ def test_membrane_at_small_slopes_meets_henckys_series():
     assert enclosed_ == pytest.approx(volume, rel=3e-3)
 
 
-def test_membrane_at_large_deflection_meets_the_exact_equations():
+def test_membrane_at_large_deflection_agrees_with_the_exact_equations():
     height, volume = shooting(500.0)
     assert height / RADIUS > 0.4
     errors = []
@@ -252,7 +252,7 @@ def test_membrane_at_large_deflection_meets_the_exact_equations():
     np.testing.assert_allclose(orders, 2.0, atol=0.15)
 
 
-def test_both_tangents_lead_to_the_same_membrane_as_fast():
+def test_both_tangents_converge_to_the_same_membrane_equally_fast():
     one, other = inflated(500.0, 10), inflated(500.0, 10, "exact")
     assert one[:2] == pytest.approx(other[:2], rel=1e-8)
     assert one[2] == other[2]

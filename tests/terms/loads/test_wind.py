@@ -1,4 +1,4 @@
-"""Drag in moving air: tangents, cloths that it carries and lifts, refusals."""
+"""Drag in moving air: tangents, moving and hanging cloths, invalid arguments."""
 
 import numpy as np
 import pytest
@@ -31,8 +31,8 @@ def test_exact_tangents_in_wind(law, wind):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_loose_cloth_ends_with_the_wind(law, sheet, isotropic):
-    """|v − u| = |u| e^(−k t/ρ), or |u| / (1 + k |u| t/ρ), for wind straight across."""
+def test_free_cloth_reaches_the_velocity_of_the_wind(law, sheet, isotropic):
+    """|v − u| = |u| e^(−k t/ρ), or |u| / (1 + k |u| t/ρ), for wind normal to the cloth."""
     k, speed, t = 0.7, 4.0, 1.0
     system = fc.System(sheet, isotropic, [fc.StVK(), fc.Wind((0.0, 0.0, speed), k, law=law)])
     left = speed * (np.exp(-k * t / RHO) if law == "linear" else 1 / (1 + k * speed * t / RHO))
@@ -48,8 +48,8 @@ def test_a_loose_cloth_ends_with_the_wind(law, sheet, isotropic):
     assert work - lost == pytest.approx(kinetic, rel=1e-3)
 
 
-def test_a_sheet_hung_in_the_wind_stands_at_its_angle(orthotropic):
-    """k u² cos²θ = ρ g sin θ at every point: a plane, at the angle θ from the vertical."""
+def test_hanging_sheet_in_the_wind_has_the_angle_of_the_formula(orthotropic):
+    """k u² cos²θ = ρ g sin θ everywhere: a plane at the angle θ from the vertical."""
     cloth = fc.Cloth.rectangle(0.5, 0.5, h=0.125, pattern="right")
     fabric = fc.Fabric(RHO, 20000.0)
     k, speed = 0.7, 2.0
@@ -76,7 +76,7 @@ def test_a_sheet_hung_in_the_wind_stands_at_its_angle(orthotropic):
     np.testing.assert_allclose(np.arctan2(bottom[:, 1], -bottom[:, 2]), theta, atol=1e-4)
 
 
-def test_a_wind_of_the_wrong_shape_is_refused_when_asked(sheet, isotropic):
+def test_velocity_of_wrong_shape_is_rejected_when_evaluated(sheet, isotropic):
     system = fc.System(sheet, isotropic, [fc.Wind(lambda x, t: x[:, :2], 1.0)])
     with pytest.raises(fc.InputError, match=r"velocity of shape .* at t = 0: must be finite and"):
         system.force(system.rest())

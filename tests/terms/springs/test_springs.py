@@ -281,7 +281,7 @@ def test_moduli_count_the_relaxation_inside_a_period(monkeypatch):
         row = np.round(y / (0.1 * 0.75**0.5)).astype(int)
         return np.where(row[:, 0] == row[:, 1], 0.0, np.where(row.min(axis=1) % 2, k1, k2))
 
-    monkeypatch.setattr(Net, "stiffness", alternating)
+    monkeypatch.setattr(Net, "structural_stiffness", alternating)
     C = fc.plane_moduli(fc.Springs(), SQUARE, "equilateral")
     series = 2 * k1 * k2 / (k1 + k2)
     # two springs of 60° for each node: C22 = 2 k l² s⁴ / A with A = √3/2 l²

@@ -1,0 +1,36 @@
+"""What a run runs on: versions of packages, and the memory of this process."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from importlib import metadata
+from pathlib import Path
+
+PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "numba", "pypardiso", "mkl")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of fecloth, Python and installed packages, and the platform."""
+    found = {"python": platform.python_version(), "platform": platform.platform()}
+    for name in ("fecloth", *PACKAGES):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def peak_memory() -> float | None:
+    """Return the peak memory of this process so far [MB = 10⁶ bytes]; None on Windows."""
+    status = Path("/proc/self/status")
+    if status.exists():  # Linux: getrusage would count the memory of the parent process
+        for line in status.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024 / 1e6
+    try:
+        import resource
+    except ImportError:
+        return None
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6

@@ -1,0 +1,34 @@
+"""Compilation of what a run will call, before its first step."""
+
+from __future__ import annotations
+
+import warnings
+from contextlib import suppress
+
+from fecloth.errors import FeclothError
+from fecloth.mesh.cloth import Cloth
+from fecloth.output.frame_arrays import fields
+from fecloth.scene.problem import Problem
+from fecloth.simulation.run import run
+from fecloth.system.system import System
+
+
+def compile_kernels(problem: Problem) -> None:
+    """Compile what the run will call, on two triangles, before the first step.
+
+    Compiled code is cached on disk; later runs load it.
+    """
+    whole, halves = problem.system, {"lower": [0], "upper": [1]}
+    corners, triangles = [(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)]
+    sets, element = {"left": [0, 3]}, whole.cloth.element
+    cloth = Cloth.from_arrays(corners, triangles, sets, regions=halves, element=element)
+    fabric, *others = whole.panel.fabrics  # constants by triangle have another array layout
+    fabric = {"lower": fabric, "upper": others[0]} if others else fabric
+    # SuperLU compiles all that PARDISO needs, without loading the MKL
+    for linear in ("pcg", "superlu") if problem.linear == "auto" else (problem.linear,):
+        with suppress(FeclothError), warnings.catch_warnings(action="ignore"):
+            # failures and warnings there say nothing about the scene
+            system = System(cloth, fabric, whole.terms, ["left"], whole.mass_kind)
+            start = system.state(1.01 * system.rest().x)
+            fields(system, start)
+            run(system, problem.method, start, problem.dt, problem.dt or 1e-4, solver=linear)

@@ -1,0 +1,191 @@
+"""The objects of a scene, each made once: system, start, method, what is recorded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fecloth.errors import InputError, SceneError
+from fecloth.fabric.panel import Panel
+from fecloth.homogenisation import bending_note
+from fecloth.linalg import select
+from fecloth.mesh.cloth import Cloth
+from fecloth.output.frames import read_frame
+from fecloth.scene.error_words import errors_at
+from fecloth.scene.expectations import refuse_unknown
+from fecloth.scene.pin_table import PinTable
+from fecloth.scene.problem import Problem
+from fecloth.scene.time_table import Time
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.probes import Observer, Probe
+from fecloth.simulation.stability_limited import refuse_unstable
+from fecloth.simulation.step_times import step_times
+from fecloth.system.constraints import Constraints
+from fecloth.system.pins import Pin
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+if TYPE_CHECKING:
+    from fecloth.scene.scene import Scene
+
+MOST_PLACES = 1_000_000  # times × nodes at which a motion of t, X, Y is evaluated before a run
+
+At = Callable[[str], AbstractContextManager[None]]  # names the key of the scene in errors
+
+
+def build(scene: Scene, cloth: Cloth) -> Problem:
+    """Bind the terms and pins to the cloth, place the start, check the method.
+
+    Raises
+    ------
+    SceneError
+        As `Scene.build` says.
+    """
+    at = partial(errors_at, where=scene.source)
+    system = _system(scene, cloth, at)
+    state = _start(scene, system, at)
+    _check_start(scene, system, state, at)
+    method, dt = scene.time.stepping()
+    _check_method(scene, system, state, method, dt, at)
+    probes = tuple(table.probe() for table in scene.probes)
+    ledger, observer = Ledger.open(system, state), _observer(system, state, probes, at)
+    if scene.expect or scene.interest:
+        names = sorted({*observer.row(None, None), *ledger.row()} - {"t"})
+        refuse_unknown(scene.expect, scene.interest, names, scene.source)
+    return Problem(
+        cloth=cloth,
+        system=system,
+        state=state,
+        method=method,
+        dt=dt,
+        t_end=scene.time.t_end,
+        newton=scene.solver.make(),
+        linear=scene.solver.linear,
+        probes=probes,
+        ledger=ledger,
+        observer=observer,
+        frame_steps=scene.output.steps(scene.time),
+        stops=scene.output.stops(scene.time),
+        frame_format=scene.output.format,
+        note=_note(scene),
+        restarts=scene.output.restart_steps or scene.output.restart_every,
+    )
+
+
+# --- the system -----------------------------------------------------------------------------------
+
+
+def _system(scene: Scene, cloth: Cloth, at: At) -> System:
+    pins = [_pin(i, table, scene.time, cloth, at) for i, table in enumerate(scene.pins)]
+    fabric = scene.fabric.make() if scene.fabric else _each(scene.fabrics, lambda t: t.make())
+    grain = _each(scene.grain_degrees, math.radians)
+    terms = [term.make() for term in scene.terms]
+    try:
+        return System(cloth, fabric, terms, pins, scene.mass, grain)
+    except InputError:  # make its parts one by one, to name the table with the mistake
+        with at("pins"):
+            Constraints.bind(pins, cloth)
+        with at("fabric" if scene.fabric else "fabrics"):
+            Panel.cut(cloth, fabric)
+        with at("grain_degrees"):
+            Panel.cut(cloth, fabric, grain)
+        with at("terms"):
+            raise
+
+
+def _each(value: Any, function: Callable) -> Any:
+    """Apply the function to the value, or to that of each region."""
+    if isinstance(value, Mapping):
+        return {name: function(one) for name, one in value.items()}
+    return function(value)
+
+
+def _pin(number: int, table: PinTable, time: Time, cloth: Cloth, at: At) -> Pin:
+    """Return the pin of a table after evaluating its motion at all times of the run."""
+    with at(f"pins.{number}.{'inside' if table.where is None else 'where'}"):
+        X = cloth.X[cloth.nodes(table.pin.where)]
+    pin = table.pin.at(X)
+    if pin.motion:
+        times = _motion_times(time)
+        if pin.motion.by_place:  # at some of them, to limit the work
+            times = times[:: 1 + len(times) * len(X) // MOST_PLACES, None]
+        with at(f"pins.{number}.motion"):
+            pin.motion.check(times)
+    return pin
+
+
+def _motion_times(time: Time) -> np.ndarray:
+    """Return the start and the ends of all steps, at which a run needs a motion."""
+    start, end = time.t_start, time.t_end
+    dt = (end - start) / 1000 if time.dt == "auto" else time.dt
+    return np.append(start, step_times(start, dt, end))
+
+
+# --- the start ------------------------------------------------------------------------------------
+
+
+def _start(scene: Scene, system: System, at: At) -> State:
+    cloth, start = system.cloth, scene.start
+    if start.frame:
+        with at("start.frame"):
+            return replace(read_frame(start.frame, cloth), t=scene.time.t_start)
+    with at("start.position"):
+        x = start.x(cloth.X)
+    with at("start.velocity"):
+        v = start.v(cloth.X)
+    with at("start"):
+        return system.state(x, v, scene.time.t_start)
+
+
+def _check_start(scene: Scene, system: System, state: State, at: At) -> None:
+    """Refuse a term whose force at the start is not finite."""
+    for name, term in zip(system.names, system.bound, strict=True):
+        f = np.zeros_like(state.x)
+        with at("terms"):
+            term.add_force(state.x, state.v, state.t, f)
+        if not np.isfinite(f).all():
+            allowed = "has no finite force at the start"
+            remedy = "Is the start degenerate? A Gas needs a volume: give it a dome."
+            raise SceneError(f"terms: {name}", allowed, scene.source, remedy)
+
+
+# --- the method and what is recorded --------------------------------------------------------------
+
+
+def _check_method(
+    scene: Scene, system: System, state: State, method, dt: float | None, at: At
+) -> None:
+    """Refuse a mass, a step or a linear solver that the method does not allow."""
+    if method.traits.explicit:
+        with at(""):  # the mass
+            method.check(system)
+    elif scene.solver.linear != "auto":
+        symmetric = system.symmetric and method.traits.symmetric
+        with at("solver.linear"):
+            select.named(scene.solver.linear, symmetric or scene.solver.definiteness == "clamp")
+    if dt:
+        insist = f'method = {{ type = "{scene.time.method.type}", beyond_limit = true }}'
+        with at("time"):
+            refuse_unstable(system, method, state, dt, insist)
+
+
+def _observer(system: System, state: State, probes: tuple[Probe, ...], at: At) -> Observer:
+    try:
+        return Observer.bind(system, state, probes)
+    except InputError:  # bind the probes one by one, to name the one with the mistake
+        for i, probe in enumerate(probes):
+            with at(f"probes.{i}.{'where' if probe.point is None else 'point'}"):
+                probe.weights(system.cloth)
+        raise
+
+
+def _note(scene: Scene) -> str:
+    """Return what the values in [expect] owe to the mesh, or ""."""
+    pattern = getattr(scene.cloth, "pattern", "")
+    return bending_note(pattern, [t.type for t in scene.terms]) if scene.expect else ""

@@ -1,0 +1,76 @@
+"""Numbers of a cloth before its run: wave speed, weight over stiffness, reach from the pins."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from fecloth.fabric.fabric import Fabric
+from fecloth.system.system import System
+
+BENDING = ("HingeBending", "QuadraticBending")
+
+
+def wave_speed(fabric: Fabric) -> float:
+    """Speed √(Y / ((1 − ν₁₂ ν₂₁) ρ)) [m/s] of a stretching wave along the stiffer direction."""
+    warp, weft = fabric.tensile
+    across = 1 - fabric.poisson_ratio**2 * weft / warp
+    return math.sqrt(max(warp, weft) / across / fabric.areal_density)
+
+
+def swing_loss(angle: float) -> float:
+    """Part of the amplitude that backward Euler removes per period, with ω dt = angle.
+
+    Each step multiplies the amplitude by 1/√(1 + ω² dt²), and a period has 2π / (ω dt) steps.
+    """
+    return -math.expm1(-math.pi / angle * math.log1p(angle**2))
+
+
+def gravity_magnitude(system: System) -> float:
+    """Magnitude [m/s²] of the sum of all `Gravity` terms."""
+    accelerations = [t.acceleration for t in system.terms if type(t).__name__ == "Gravity"]
+    return float(np.linalg.norm(np.sum(accelerations, axis=0))) if accelerations else 0.0
+
+
+def distance_from_pins(system: System) -> float:
+    """Distance on the cloth of the node farthest from the pins [m]; 0 without pins."""
+    pinned = system.constraints.nodes
+    if not len(pinned):
+        return 0.0
+    distances, _ = cKDTree(system.cloth.X[pinned]).query(system.cloth.X)
+    return float(distances.max())
+
+
+def weight_over_stiffness(system: System) -> float:
+    """ρ g L³/B, weight over bending stiffness [-]; 0 if one of them or a pin is missing.
+
+    L is the `unsupported_length`, B the smallest rigidity. At 8 the linear deflection of a
+    cantilever is its length.
+    """
+    known = [min(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
+    if not (known and set(BENDING) & set(term_types(system))):
+        return 0.0
+    weight = gravity_magnitude(system) * system.nodal_mass.sum() / system.cloth.area
+    return weight * unsupported_length(system) ** 3 / min(known)
+
+
+def unsupported_length(system: System) -> float:
+    """Distance of the cloth from its pins [m], doubled if the pins surround its middle."""
+    return distance_from_pins(system) * (1 + is_surrounded_by_pins(system))
+
+
+def is_surrounded_by_pins(system: System) -> bool:
+    """Return whether the mean of the nodes lies within the convex hull of the pins."""
+    X = system.cloth.X
+    try:
+        hull = ConvexHull(X[system.constraints.nodes])
+    except (QhullError, ValueError):  # pins on a line, or too few
+        return False
+    return bool((hull.equations @ [*X.mean(axis=0), 1.0] <= 1e-12).all())
+
+
+def term_types(system: System) -> list[str]:
+    """Return the class names of the system's terms."""
+    return [type(term).__name__ for term in system.terms]

@@ -1,0 +1,115 @@
+"""Messages for mistakes in a scene: pydantic's errors and refusals of objects, with their keys."""
+
+from __future__ import annotations
+
+import re
+import reprlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from pydantic import ValidationError
+
+from fecloth.errors import InputError, MeshError, SceneError
+from fecloth.suggest import did_you_mean
+
+_KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
+
+
+def scene_error(error: ValidationError, data: Any, where: str) -> SceneError:
+    """Return the first mistake of the scene `data` from the file `where`, and the others in it."""
+    found = (
+        words
+        for item in error.errors(include_url=False)
+        for words in _describe(item, *_found(item["loc"], data))
+    )
+    first, *others = (SceneError(*words[:2], where, words[2]) for words in dict.fromkeys(found))
+    first.also = tuple(others)
+    return first
+
+
+def _describe(item, key: str, written: Any) -> list[tuple[str, str, str]]:
+    """Return what, allowed and remedy of each mistake; `written` is the file's value at `key`."""
+    value, cause = item["input"], item.get("ctx", {}).get("error")
+    if isinstance(cause, InputError):
+        return [
+            (with_key(key, one, value), one.allowed, one.remedy) for one in (cause, *cause.also)
+        ]
+    return [_of_type(item, key, written, value)]
+
+
+def _of_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
+    if item["type"] == "kind":
+        return _kind(key, written, *item["msg"].split(": "))
+    listed = "tuple" in item["type"] and "." not in key
+    remedy = f"Write [[{key}]] above each of them." if listed else ""
+    return (
+        f"{key} = {shortened(value)}",
+        f"must be a {'list of tables' if listed else 'table'}",
+        remedy,
+    )
+
+
+def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
+    allowed = f"must be one of {kinds}"
+    if isinstance(value, str):  # a name may replace a table
+        return f"{key} = {shortened(value)}", allowed, did_you_mean(value, kinds.split(", "))
+    if not isinstance(value, dict):
+        return f"{key} = {shortened(value)}", f"must be a table whose {name} is one of {kinds}", ""
+    if name not in value:
+        return f"{key}.{name} is missing", allowed, ""
+    remedy = did_you_mean(value[name], kinds.split(", "))
+    if key.startswith("terms"):
+        remedy = " ".join(filter(None, [remedy, _own(value[name])]))
+    return f"{key}.{name} = {shortened(value[name])}", allowed, remedy
+
+
+def _own(name: Any) -> str:
+    """Return a remedy for the name of a user's own term."""
+    if not (isinstance(name, str) and name.isidentifier()):
+        return ""
+    return f'For a term of your own: fecloth.scene.load("….toml", terms={{"{name}": {name}}}).'
+
+
+def with_key(key: str, error: InputError, value: Any = None) -> str:
+    """Return the `what` of an `InputError` about the table or value at `key`, with that key."""
+    first = error.what.split(" ", 2)
+    if not error.what:
+        return f"{key} = {shortened(value)}"
+    if len(first) > 1 and first[1] in ("=", "is") and _KEY.fullmatch(first[0]):
+        return f"{key}.{error.what}".removeprefix(".")
+    return f"{key}: {error.what}".removeprefix(": ")
+
+
+@contextmanager
+def errors_at(key: str, where: str) -> Iterator[None]:
+    """Turn an `InputError` of an object into a `SceneError` with the scene's file and key."""
+    try:
+        yield
+    except SceneError:
+        raise
+    except InputError as error:
+        what = with_key(key, error)
+        if isinstance(error, MeshError) and key == "cloth":  # where: the mesh file
+            what = f"{key}: {error.where}: {error.what}"
+        raise SceneError(what, error.allowed, where, error.remedy) from error
+
+
+def shortened(value: Any) -> str:
+    """Return the value as text of limited length, tuples as lists."""
+    return reprlib.repr(list(value) if isinstance(value, tuple) else value)
+
+
+def _found(location: tuple, data: Any) -> tuple[str, Any]:
+    """Return the dotted key of an error, and the value there.
+
+    Entries that pydantic adds for the kind of a table are left out.
+    """
+    keys = []
+    for entry in location:
+        inside = isinstance(data, dict) and entry in data
+        inside |= isinstance(data, (list, tuple)) and isinstance(entry, int) and entry < len(data)
+        if inside:
+            data = data[entry]
+            keys.append(str(entry))
+    return ".".join(keys), data

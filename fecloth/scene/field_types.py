@@ -1,0 +1,51 @@
+"""Types of the keys of several tables: formulas, names, files, vectors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, ValidationInfo
+
+from fecloth.errors import InputError
+from fecloth.quantities.formula import Formula
+from fecloth.quantities.units import LENGTH, is_quantity
+from fecloth.scene import toml_text
+
+
+def formula_text(*variables: str, condition: bool = False) -> Any:
+    def check(text: str) -> str:
+        try:
+            Formula(text, variables, condition)
+        except InputError as error:
+            remedy = "A formula is in SI and has no units." if is_quantity(text) else error.remedy
+            raise InputError(error.what, error.allowed, error.where, remedy) from None
+        return text
+
+    def text(value: Any) -> Any:
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        return repr(value) if number and not condition else value
+
+    return Annotated[str, BeforeValidator(text), AfterValidator(check)]
+
+
+def _named(name: str) -> str:
+    if not name or not all(c.isalnum() or c in "_- " for c in name):
+        raise InputError("", "must consist of letters, digits, spaces, _ and -")
+    return name
+
+
+def _located(value: str, info: ValidationInfo) -> str:
+    path = Path((info.context or {}).get("folder", ".")) / value
+    if problem := toml_text.file_problem(path):
+        raise InputError("", f"{path}: {problem[0]}", "", problem[1])
+    return str(path.resolve())
+
+
+Name = Annotated[str, AfterValidator(_named)]
+File = Annotated[str, AfterValidator(_located)]  # absolute, for copies of the scene
+OfTimeAndPlace = formula_text("t", "X", "Y")
+OfPlace = formula_text("X", "Y")
+Where = formula_text("X", "Y", condition=True)
+Vector = tuple[float, float, float]
+Length = Annotated[float, LENGTH]

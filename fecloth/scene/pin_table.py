@@ -1,0 +1,59 @@
+"""The tables [[pins]] of a scene file: which nodes are held or moved, and how."""
+
+from __future__ import annotations
+
+import re
+
+from pydantic import PrivateAttr, model_validator
+
+from fecloth.errors import InputError
+from fecloth.quantities.formula import Formula
+from fecloth.scene.field_types import Name, OfTimeAndPlace, Vector, Where
+from fecloth.scene.region import Region
+from fecloth.scene.table_model import Table, exactly_one
+from fecloth.system.pins import Pin, Slide
+
+
+class PinTable(Table):
+    """Nodes of a set (`where`) or with ``inside`` true, held fixed or moved by formulas of t.
+
+    The formulas may also depend on X and Y of each node. With a `direction` the nodes slide along
+    that line, with a `normal` in that plane.
+    """
+
+    where: str | None = None
+    inside: Where | None = None
+    motion: tuple[OfTimeAndPlace, OfTimeAndPlace, OfTimeAndPlace] | None = None
+    name: Name | None = None
+    direction: Vector | None = None
+    normal: Vector | None = None
+
+    _pin: Pin = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _one_place(self):
+        exactly_one(self, "where", "inside")
+        if self.direction and self.normal:
+            exactly_one(self, "direction", "normal")
+        self._pin = pin = self._made()
+        if self.motion and not self._names("t") and (pin.motion.by_place or pin.motion(0).any()):
+            allowed = "must depend on t: only changes of a motion move a pin"
+            remedy = 'Write "0.1 * t", or move the cloth by shift in [start].'
+            raise InputError(f"motion = {list(self.motion)}", allowed, "", remedy)
+        return self
+
+    def _names(self, variable: str) -> bool:
+        return any(re.search(rf"\b{variable}\b", text) for text in self.motion or ())
+
+    @property
+    def pin(self) -> Pin:
+        """The pin or slide, made when the table was read."""
+        return self._pin
+
+    def _made(self) -> Pin:
+        inside = self.inside and Region(Formula(self.inside, ("X", "Y"), True))
+        where = inside if self.where is None else self.where
+        if self.direction or self.normal:
+            across = {"direction": self.direction, "normal": self.normal}
+            return Slide(where, self.motion, name=self.name, **across)
+        return Pin(where, self.motion, name=self.name)

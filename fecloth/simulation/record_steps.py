@@ -1,0 +1,113 @@
+"""What is recorded of each step, in one place for `run`, `fecloth run` and `fecloth check`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.simulation.energy_ledger import Ledger, negligible_energy
+from fecloth.simulation.march import Problem, StepInfo, step_failed
+from fecloth.simulation.probes import Observer
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+MOST_GROWTH = 4.0  # times the kinetic energy available: no usable step has shown more
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A step and what is recorded of it.
+
+    Attributes
+    ----------
+    state, info
+        As `march` yields them.
+    ledger
+        After the step.
+    observed
+        Row of the probes and the other observed quantities.
+    turnover
+        Largest `Ledger.turnover` so far [J].
+    seconds
+        Wall time of the recording.
+    """
+
+    state: State
+    info: StepInfo
+    ledger: Ledger
+    observed: dict[str, float]
+    turnover: float
+    seconds: float
+
+
+def record_steps(
+    steps: Iterable[tuple[State, StepInfo]],
+    system: System,
+    method,
+    ledger: Ledger,
+    observer: Observer,
+    *,
+    turnover: float = 0.0,
+    most_growth: float = MOST_GROWTH,
+) -> Iterator[Record]:
+    """Yield a `Record` for each step of `march`.
+
+    Parameters
+    ----------
+    ledger, turnover
+        Before the first of these steps.
+    most_growth
+        See `run`.
+
+    Raises
+    ------
+    StepFailed
+        If two steps in a row have more kinetic energy than `most_growth` times what is available.
+    """
+    for state, info in steps:
+        begin = time.perf_counter()
+        ledger = balanced(system, method, ledger, info, most_growth)
+        turnover = max(turnover, ledger.turnover)
+        observed = observer.row(info.old, info.result)
+        yield Record(state, info, ledger, observed, turnover, time.perf_counter() - begin)
+
+
+def trial_recorder(system: System, ledger: Ledger, observer: Observer) -> Callable:
+    """Return ``record(method, old, step)``, which does the work of recording a trial step.
+
+    `Auto` predicts the cost of a run with it.
+    """
+
+    def record(method, old, step):
+        return ledger.after(system, method, old, step).row(), observer.row(old, step)
+
+    return record
+
+
+def balanced(
+    system: System, method, ledger: Ledger, info: StepInfo, most: float = MOST_GROWTH
+) -> Ledger:
+    """Return the ledger after a step.
+
+    Raise `StepFailed` if two steps in a row exceed the energy available. One step may: a load
+    switched on transfers momentum before it has done work.
+    """
+    after = ledger.after(system, method, info.old, info.result)
+    noise = _noise(system, info)
+    grown = [one.kinetic > noise and one.growth(most) for one in (ledger, after)]
+    if all(grown):
+        raise step_failed(system, info.old, info.step, info.dt, Problem(grown[1]))
+    return after
+
+
+def _noise(system: System, info: StepInfo) -> float:
+    """Kinetic energy [J] below which growth means nothing.
+
+    `slight`, or ½ m (64 ε |x|/dt)² if that is more: the round-off of positions.
+    """
+    speed = 64 * np.finfo(float).eps * np.abs(info.result.state.x).max() / info.dt
+    rounded = 0.5 * float(system.nodal_mass.sum()) * speed**2
+    return max(rounded, negligible_energy(system, info.t - info.memory.start))

@@ -1,0 +1,50 @@
+"""Checks of the two arguments that many public functions share: a system and a state of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fecloth.errors import InputError, brief, is_number
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+
+def check_system(system: object, state: object, where: str) -> None:
+    """Raise `InputError` for an object that is not a system, or not a state of it.
+
+    Parameters
+    ----------
+    where
+        The function whose arguments they are.
+
+    Raises
+    ------
+    InputError
+        If they are swapped or of other types, or the state belongs to another cloth, has lists in
+        it, or numbers that are not finite.
+    """
+    if not isinstance(system, System):
+        remedy = "The state comes second." if isinstance(system, State) else ""
+        allowed = "must be a System(cloth, fabric, terms, pins)"
+        raise InputError(f"system = {brief(system)}", allowed, where, remedy)
+    if not isinstance(state, State):
+        allowed = "must be a State such as system.rest() or system.state(x, v)"
+        raise InputError(f"state = {brief(state)}", allowed, where)
+    if not is_number(state.t):
+        raise InputError(f"state.t = {state.t!r}", "must be a finite number [s]", where)
+    for name in ("x", "v"):
+        _array(f"state.{name}", getattr(state, name), len(system.cloth.X), where)
+
+
+def _array(name, value, nodes, where):
+    """Raise `InputError` for anything but (nodes, 3) finite numbers."""
+    if not isinstance(value, np.ndarray) or value.dtype != float:
+        remedy = "system.state(x, v) makes arrays of lists."
+        allowed = "must be an array of floating-point numbers"
+        raise InputError(f"{name} = {brief(value)}", allowed, where, remedy)
+    if value.shape != (nodes, 3):
+        remedy = "Is it the state of another cloth?"
+        raise InputError(f"{name} of shape {value.shape}", f"must be ({nodes}, 3)", where, remedy)
+    if not np.isfinite(value).all():
+        node = int(np.argwhere(~np.isfinite(value))[0, 0])
+        raise InputError(f"{name}[{node}] = {value[node]}", "must be finite", where)

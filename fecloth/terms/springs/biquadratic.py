@@ -1,0 +1,77 @@
+"""Biquadratic springs: the sides of each triangle, coupled so that they have the energy of `StVK`.
+
+The formulas are in `Springs`. The condition of a triangle is C_i = l_i² − L_i² of its three sides,
+side i opposite node i.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.panel import Panel
+from fecloth.jit import inner
+from fecloth.terms.loops import bound_condition
+
+
+def bind(panel: Panel, slots, damping: float, tangent: str) -> bound_condition.RigidCondition:
+    """Bind the springs of all triangles, each condition damped with k_d = `damping` k."""
+    cloth = panel.cloth
+    corners = cloth.X[cloth.stencil]
+    sides = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)  # i: opposite node i
+    square = np.sum(sides**2, axis=2)
+    area = cloth.weights.sum(axis=1)
+    cot = (square.sum(axis=1, keepdims=True) - 2 * square) / (4 * area[:, None])
+    lam, mu = panel.each(_lame).T[..., None, None]
+    k = 2 * (lam + mu) * cot[:, :, None] * cot[:, None, :] + mu * (2 * np.eye(3) - 1)
+    k = k / (32 * area[:, None, None])  # ½ Cᵀ k C with halves of Delingette's k_i and c_ij
+    bound = bound_condition.bind(
+        "Springs",
+        KERNELS,
+        (1, 1, 1),
+        panel,
+        slots,
+        cloth.stencil,
+        square,
+        k,
+        damping * k,
+        tangent=tangent,
+    )
+    return bound_condition.RigidCondition(**vars(bound))
+
+
+def _lame(fabric: Fabric) -> np.ndarray:
+    """λ and μ = 2 G as Delingette defines them [N/m]; an orthotropic fabric is an error."""
+    warp, weft = fabric.tensile
+    nu = fabric.poisson_ratio
+    if warp != weft or not math.isclose(fabric.shear, warp / (2 * (1 + nu)), rel_tol=1e-12):
+        raise InputError(
+            "an orthotropic fabric", "must be isotropic", 'Springs(kind="biquadratic")', "Use StVK."
+        )
+    return np.array([warp * nu / (1 - nu**2), warp / (1 + nu)])
+
+
+@inner
+def squared_lengths(y, c, order, C, g, H):
+    """C_i = |y_k − y_j|² − c_i; ∂C_i = ±2 (y_k − y_j); ∂²C_i = ±2 I."""
+    for r in range(3):
+        a, b = (r + 1) % 3, (r + 2) % 3
+        C[r] = -c[r]
+        for i in range(3):
+            d = y[b, i] - y[a, i]
+            C[r] += d * d
+            if order > 0:
+                g[r, r, i], g[r, a, i], g[r, b, i] = 0.0, -2.0 * d, 2.0 * d
+    if order > 1:
+        H[:] = 0.0
+        for r in range(3):
+            a, b = (r + 1) % 3, (r + 2) % 3
+            for i in range(3):
+                H[r, a, i, a, i] = H[r, b, i, b, i] = 2.0
+                H[r, a, i, b, i] = H[r, b, i, a, i] = -2.0
+
+
+KERNELS = bound_condition.kernels(squared_lengths)
