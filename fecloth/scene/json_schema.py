@@ -31,8 +31,9 @@ def json_schema() -> str:
     return json.dumps(schema, indent=2, ensure_ascii=False)
 
 
-def subclasses(cls: type) -> Iterator[type]:
+def subclasses(cls: type) -> Iterator[type[Any]]:
     """Yield all classes that derive from this one."""
+    one: type[Any]
     for one in cls.__subclasses__():
         yield one
         yield from subclasses(one)
@@ -41,7 +42,7 @@ def subclasses(cls: type) -> Iterator[type]:
 def _describe(table: dict[str, Any], model: type[Table]) -> None:
     """Say what each key takes, and allow text with a unit and numbers as formulas."""
     for key, field in model.model_fields.items():
-        one = table["properties"][key]
+        one: Any = table["properties"][key]
         one["description"] = phrase(field)
         if dimensions(field):
             one = _also(one, "number", "string")

@@ -148,7 +148,7 @@ def term_tables() -> dict[str, type[Made]]:
 
 def method_tables() -> dict[str, type[Table]]:
     """Return the table of each method by its name."""
-    return _choices(Scene.model_fields["time"].annotation.model_fields["method"].annotation)
+    return _choices(time_table.Time.model_fields["method"].annotation)
 
 
 def _choices(choice: Any) -> dict[str, type]:

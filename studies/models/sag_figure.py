@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
-from fecloth.study.figures import figure, style
+from fecloth.study.figures import figure, line_style
 
 FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
 MODELS = {
@@ -47,7 +47,7 @@ def main() -> None:
             for j, pattern in enumerate(PATTERNS):
                 sags = [mean_sag(term, pattern, h) for h in sizes]
                 dash = ("-", "--", ":")[j]
-                ax.plot(sizes, sags, **style(i) | {"ls": dash}, label=f"{name}, {pattern}")
+                ax.plot(sizes, sags, **line_style(i) | {"ls": dash}, label=f"{name}, {pattern}")
                 print(f"{name:<21} {pattern:<12} {sags[-1]:.3f} mm at h = {sizes[-1]} m")
         ax.set_xscale("log")
         ax.legend(fontsize=8, ncols=1, loc="center left", bbox_to_anchor=(1, 0.5))

@@ -447,7 +447,7 @@ SCENE_MISTAKES = [
     ),
     ("[fabric]\n" + FAST.replace("C =", "F ="), "fabric.fast.C is missing: required are W", ""),
     (f"[fabric]\n{FAST}\n{KES}", "fabric: kes and fast are given: give one of them", ""),
-    ("fabric = { kes = 3 }", "fabric.kes = 3: must be a table of what the instrument", ""),
+    ("fabric = { kes = 3 }", "fabric.kes = 3: must be a table of instrument readings", ""),
     ("fabric = 3", "fabric = 3: must be a table", ""),
     ("fabric = { preset = 3 }", "fabric.preset = '3': must be one of silk", ""),
     ("fabric = { preset = { name = 1 } }", "must be one of silk", ""),
