@@ -27,7 +27,7 @@ def ledger(system, **values):
 def test_energy_balance_is_doubted_from_a_twentieth_of_what_moved(share, doubted, system):
     unexplained = ledger(system, kinetic=1.0)
     assert unexplained.remainder == 1.0
-    assert bool(energy_ledger.doubt(system, unexplained, 1.0 / share, 0.0)) == doubted
+    assert bool(energy_ledger.imbalance_warning(system, unexplained, 1.0 / share, 0.0)) == doubted
 
 
 @pytest.mark.parametrize(("times", "fails"), [(3.2, False), (5.0, True)])
