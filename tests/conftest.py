@@ -1,5 +1,11 @@
 """Cloths, fabrics and states that many tests share."""
 
+import os
+
+if "PYTEST_XDIST_WORKER" in os.environ:  # one process a core: threads would wait for each other
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
 import numpy as np
 import pytest
 
