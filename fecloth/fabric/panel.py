@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
@@ -71,7 +72,7 @@ class Panel:
                 raise InputError(f"grain = {angle!r}", "must be a finite angle [rad]", "System")
         return cls(cloth, fabrics, region, np.array(angles, dtype=float)[angle_index])
 
-    def each(self, constants: Callable[[Fabric], np.ndarray]) -> np.ndarray:
+    def each(self, constants: Callable[[Fabric], ArrayLike]) -> np.ndarray:
         """(m, p) constants of each triangle, from a function ``constants(fabric) -> (p,)``.
 
         For one fabric the result is a view of a single row.
