@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -100,7 +101,7 @@ class Panel:
         return np.ascontiguousarray(np.einsum("eqai,ije->eqaj", self.cloth.gradients, rotation))
 
 
-def _by_region(cloth: Cloth, values, name: str) -> tuple[tuple, np.ndarray]:
+def _by_region(cloth: Cloth, values: Any, name: str) -> tuple[tuple, np.ndarray]:
     """The different values, and the index (m,) of the value of each triangle."""
     if not isinstance(values, Mapping):
         return (values,), np.zeros(len(cloth.triangles), int)
