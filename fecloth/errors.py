@@ -10,6 +10,8 @@ from numbers import Real
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from typing import Any, TypeGuard
+
     import numpy as np
 
 
@@ -109,14 +111,14 @@ class StepFailed(FeclothError):
         self,
         reason: str,
         *,
-        step=None,
-        t=None,
-        dt=None,
-        residual=float("nan"),
-        stretch=float("nan"),
-        triangle=None,
-        state=None,
-        remedy="",
+        step: int | None = None,
+        t: float | None = None,
+        dt: float | None = None,
+        residual: float = float("nan"),
+        stretch: float = float("nan"),
+        triangle: int | None = None,
+        state: Any = None,
+        remedy: str = "",
     ):
         self.reason, self.step, self.t, self.dt = reason, step, t, dt
         self.residual, self.stretch, self.triangle = residual, stretch, triangle
@@ -134,7 +136,7 @@ class StepFailed(FeclothError):
         )
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """Whether the value is a finite real number; text and booleans are not."""
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 

@@ -18,13 +18,14 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
+from typing import Any
 
 import numba
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import Type
 
-OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy"}
+OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy"}
 
 
 @cache
@@ -116,7 +117,7 @@ def _copy(function: Callable, qualified_name: str, names: dict) -> Callable:
     return copy
 
 
-def _compile_by_content(function: Callable, **options) -> Callable:
+def _compile_by_content(function: Callable, **options: Any) -> Callable:
     """Compile; Numba finds the machine code on disk by a name that holds the fingerprint."""
     content = fingerprint(function)
     if content is None:
@@ -125,14 +126,15 @@ def _compile_by_content(function: Callable, **options) -> Callable:
     return _compile(_copy(function, name, function.__globals__), **options)
 
 
-def _compile(function: Callable, **options) -> Callable:
+def _compile(function: Callable, **options: Any) -> Callable:
     """Compile; Numba finds the machine code on disk by the function's name, line and bytecode."""
-    user_choice = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = cache_folder()  # read by Numba while it decorates, not later
+    config: Any = numba.config  # its types lack CACHE_DIR
+    user_choice = config.CACHE_DIR
+    config.CACHE_DIR = cache_folder()  # read by Numba while it decorates, not later
     try:
         return numba.njit(cache=True, **OPTIONS, **options)(function)
     finally:
-        numba.config.CACHE_DIR = user_choice
+        config.CACHE_DIR = user_choice
 
 
 # --- the content of a function --------------------------------------------------------------------
@@ -157,7 +159,7 @@ def fingerprint(function: Callable) -> str | None:
     return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
-def _function_content(function: FunctionType, seen: dict[int, int]) -> tuple:
+def _function_content(function: Callable, seen: dict[int, int]) -> tuple:
     """Describe a plain function by texts that are the same in every process.
 
     `seen` numbers the functions and modules already met, which may call each other.
@@ -181,7 +183,7 @@ def _function_content(function: FunctionType, seen: dict[int, int]) -> tuple:
     return function.__module__, described, defaults, *contents
 
 
-def _content(value, seen: dict[int, int], attributes: tuple[str, ...]) -> tuple:
+def _content(value: Any, seen: dict[int, int], attributes: tuple[str, ...]) -> tuple:
     """Describe a value that a function uses; of a module, only its `attributes`."""
     kind = type(value).__qualname__
     if isinstance(value, Dispatcher):

@@ -7,7 +7,7 @@ import math
 from fecloth.errors import InputError, brief, is_number
 
 
-def number(name: str, value: object, above: float, where: str, *, infinite=False) -> None:
+def number(name: str, value: object, above: float, where: str, *, infinite: bool = False) -> None:
     """Raise `InputError` for anything but a finite number > `above`, or inf if `infinite`."""
     endless = infinite and isinstance(value, float) and value == math.inf
     if not (endless or (is_number(value) and value > above)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -69,7 +69,7 @@ class Fabric:
     bending_hysteresis: Annotated[Pair | None, HYSTERESIS] = None
     source: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check_positive("areal_density", self.areal_density, "kg/m²")
         if not is_number(self.poisson_ratio):
             raise InputError(
@@ -96,7 +96,7 @@ class Fabric:
         _check_positive("shear_stiffness", self.shear, "N/m")
         for value in self.bending or ():
             _check_positive("bending_rigidity", value, "N m")
-        for value in _pair("bending_hysteresis", self.bending_hysteresis) or ():
+        for value in _optional_pair("bending_hysteresis", self.bending_hysteresis) or ():
             _check_positive("bending_hysteresis", value, "N")
 
     @classmethod
@@ -261,7 +261,7 @@ class Fabric:
     @property
     def bending(self) -> tuple[float, float] | None:
         """(B₁, B₂), bending rigidity along warp and weft [N m], or None."""
-        return _pair("bending_rigidity", self.bending_rigidity)
+        return _optional_pair("bending_rigidity", self.bending_rigidity)
 
     def isotropic(self, where: str) -> tuple[float, float]:
         """(Y [N/m], ν) for an isotropic law.
@@ -301,14 +301,17 @@ class Fabric:
         return np.array([warp / determinant, c22, self.shear, nu * c22, 0.0, 0.0])
 
 
-def _pair(name: str, value: Pair | None) -> tuple[float, float] | None:
-    if value is None:
-        return None
+def _optional_pair(name: str, value: Pair | None) -> tuple[float, float] | None:
+    return None if value is None else _pair(name, value)
+
+
+def _pair(name: str, value: Any) -> tuple[float, float]:
     if np.ndim(value) == 0:
         return (value, value)
     if len(value) != 2:
         raise InputError(f"{name} = {value!r}", "must be a number or (warp, weft)", "Fabric")
-    return tuple(value)
+    warp, weft = value
+    return warp, weft
 
 
 def _check_positive(name: str, value: float, unit: str, where: str = "Fabric") -> None:

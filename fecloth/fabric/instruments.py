@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 from fecloth.errors import InputError, is_number
 from fecloth.quantities.units import GF
@@ -120,7 +121,8 @@ def _work(values: dict[str, Pair], force: float, where: str) -> Pair:
     if "WT" in values:
         return values["WT"]
     _check_present(values, ("LT",), where)
-    return tuple(lt * force * e / 2 for lt, e in zip(values["LT"], values["EMT"], strict=True))
+    (lt1, lt2), (emt1, emt2) = values["LT"], values["EMT"]
+    return lt1 * force * emt1 / 2, lt2 * force * emt2 / 2
 
 
 def _check_agreement(values: dict[str, Pair], force: float, where: str) -> None:
@@ -143,7 +145,7 @@ def _to_si(fields: Mapping, units: Mapping[str, float], unused: list[str], where
     return {name: _pair(name, fields[name], units[name], where) for name in units if name in fields}
 
 
-def _pair(name: str, value, unit: float, where: str) -> Pair:
+def _pair(name: str, value: Any, unit: float, where: str) -> Pair:
     pair = (value, value) if is_number(value) else value
     is_pair = isinstance(pair, (tuple, list)) and len(pair) == 2
     if not (is_pair and all(is_number(number) and number > 0 for number in pair)):

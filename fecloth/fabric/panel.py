@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
@@ -71,7 +73,7 @@ class Panel:
                 raise InputError(f"grain = {angle!r}", "must be a finite angle [rad]", "System")
         return cls(cloth, fabrics, region, np.array(angles, dtype=float)[angle_index])
 
-    def each(self, constants: Callable[[Fabric], np.ndarray]) -> np.ndarray:
+    def each(self, constants: Callable[[Fabric], ArrayLike]) -> np.ndarray:
         """(m, p) constants of each triangle, from a function ``constants(fabric) -> (p,)``.
 
         For one fabric the result is a view of a single row.
@@ -99,7 +101,7 @@ class Panel:
         return np.ascontiguousarray(np.einsum("eqai,ije->eqaj", self.cloth.gradients, rotation))
 
 
-def _by_region(cloth: Cloth, values, name: str) -> tuple[tuple, np.ndarray]:
+def _by_region(cloth: Cloth, values: Any, name: str) -> tuple[tuple, np.ndarray]:
     """The different values, and the index (m,) of the value of each triangle."""
     if not isinstance(values, Mapping):
         return (values,), np.zeros(len(cloth.triangles), int)

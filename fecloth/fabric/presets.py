@@ -48,6 +48,7 @@ strips in several directions, and bent them, with their own apparatus.
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
 
@@ -116,7 +117,7 @@ def orthotropic(C11: float, C12: float, C22: float, G: float) -> dict:
     }
 
 
-_CONVERSIONS = {"clyde": clyde, "wang": wang}
+_CONVERSIONS: dict[str, Callable[..., dict]] = {"clyde": clyde, "wang": wang}
 
 
 @cache

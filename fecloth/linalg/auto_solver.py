@@ -54,6 +54,13 @@ class AutoSolver:
 
     symmetric = keeps_state = True
 
+    _mode: str
+    _home: str
+    _steps: int
+    _work: float
+    _size: float | None
+    _A: BlockMatrix | None
+
     def __init__(
         self,
         nodes: int,
@@ -109,8 +116,8 @@ class AutoSolver:
         IndefiniteMatrix
             If PCG or the direct solver finds that A is not positive definite.
         """
-        checked(self._A, b, rtol)
-        if self._mode == "direct":
+        A, _, _ = checked(self._A, b, rtol)
+        if not isinstance(self._solver, PCG):
             x, info = self._solver.solve(b, rtol, guess)
             self._work += OVERHEAD + (1 + info.iterations) * self.price / SOLVES[self.name]
             return x, info
@@ -121,7 +128,7 @@ class AutoSolver:
             raise
         except SolveFailed:
             self._spent += limit
-            self._fall_over()
+            self._fall_over(A)
             return self.solve(b, rtol, guess)
         self._work += OVERHEAD + info.iterations
         self._spent += info.iterations
@@ -135,9 +142,9 @@ class AutoSolver:
             limit = min(limit, TRIAL["pcg"] * self._home_work - self._work)
         return max(10, int(limit))
 
-    def _fall_over(self) -> None:
+    def _fall_over(self, A: BlockMatrix) -> None:
         """Factorise the same matrix and continue with the direct solver."""
-        A, lost = self._A, self._mode != self._home
+        lost = self._mode != self._home
         self._patience = self._longer() if lost else FIRST
         self._home = "direct"
         self._use("direct")
@@ -196,7 +203,7 @@ class AutoSolver:
         """Start with PCG; this is a trial if a factorisation is predicted to be cheaper."""
         iterates = WASTED * self._iterations <= self.price
         self._home = "pcg" if iterates else "direct"
-        self._home_work, self._patience, self._mode = math.inf, FIRST, None
+        self._home_work, self._patience, self._mode = math.inf, FIRST, ""  # no mode yet
         self._use("pcg")
 
     def _use(self, mode: str) -> None:

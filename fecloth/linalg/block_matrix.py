@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -69,7 +70,7 @@ class BlockPattern:
         return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.indptr))
 
 
-def _unique_objects(stencils):
+def _unique_objects(stencils: Iterable[np.ndarray]) -> Iterable[np.ndarray]:
     """The stencils without repeated references to the same array."""
     return {id(stencil): stencil for stencil in stencils}.values()
 

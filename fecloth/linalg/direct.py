@@ -7,6 +7,7 @@ import weakref
 
 import numpy as np
 import scipy.sparse as sparse
+from scipy.sparse.linalg import SuperLU as SuperLUFactor
 from scipy.sparse.linalg import splu
 
 from fecloth.errors import IndefiniteMatrix, SolveFailed
@@ -35,7 +36,9 @@ class Pardiso:
         mkl_pardiso.routine()  # a missing library raises an error here and not in a time step
         self.symmetric = symmetric
         self.prepared = 0
-        self._A = self._pattern = self._release = None
+        self._A: BlockMatrix | None = None
+        self._pattern: BlockPattern | None = None
+        self._release: weakref.finalize | None = None
 
     def prepare(self, A: BlockMatrix) -> None:
         """Factorise A; the analysis is reused as long as the pattern is the same object."""
@@ -81,7 +84,7 @@ class Pardiso:
         self._call(33, b, x)
         return x
 
-    def _call(self, phase, b, x) -> None:
+    def _call(self, phase: int, b: np.ndarray, x: np.ndarray) -> None:
         rows = self._rows.arrays
         error = mkl_pardiso.pardiso(phase, self._mtype, self._handle, rows, self._iparm, b, x)
         if error == -4 and self.symmetric:
@@ -107,7 +110,8 @@ class SuperLU:
     def __init__(self, symmetric: bool = True):
         self.symmetric = symmetric
         self.prepared = 0
-        self._A = self._rows = None
+        self._A: BlockMatrix | None = None
+        self._rows: ScalarRows | None = None
 
     def prepare(self, A: BlockMatrix) -> None:
         """Factorise A."""
@@ -134,7 +138,7 @@ class SuperLU:
     def drop(self) -> None:
         """Nothing to do: a solve depends on the prepared matrix only."""
 
-    def _factor(self, transposed):
+    def _factor(self, transposed: sparse.csc_matrix) -> SuperLUFactor:
         failure = IndefiniteMatrix if self.symmetric else SolveFailed
         try:
             if not self.symmetric:
@@ -171,14 +175,14 @@ def _refined(
         If the residual is larger.
     """
     begin = time.perf_counter()
-    b, bb = checked(solver._A, b, rtol)
+    A, b, bb = checked(solver._A, b, rtol)
     x, r, step, reached = np.zeros_like(b), b.copy(), 0, float(bb > 0.0)
     while not reached <= rtol and step <= steps:
         x += solver._apply(r)
-        reached = relative_residual(solver._A, b, bb, x, r)
+        reached = relative_residual(A, b, bb, x, r)
         step += 1
     if not reached <= rtol:
-        roundoff = 32 * EPS * np.sqrt(_rounding(*block_rows(solver._A), b, x) / bb)
+        roundoff = 32 * EPS * np.sqrt(_rounding(*block_rows(A), b, x) / bb)
         if not reached <= min(roundoff, 1e-6):
             raise SolveFailed(f"{solver.name}: A is singular or nearly singular", reached, rtol)
     refinements, seconds = max(step - 1, 0), time.perf_counter() - begin

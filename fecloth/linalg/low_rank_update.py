@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from fecloth.linalg.protocol import LinearSolver, SolveInfo
 
-def solve_updated(solver, updates: list[tuple[float, np.ndarray]], b, rtol: float, guess=None):
+
+def solve_updated(
+    solver: LinearSolver,
+    updates: list[tuple[float, np.ndarray]],
+    b: np.ndarray,
+    rtol: float,
+    guess: np.ndarray | None = None,
+) -> tuple[np.ndarray, list[SolveInfo]]:
     """Solve (A + Σ c u uᵀ) x = b, where A is the matrix that `solver` has prepared.
 
     Sherman–Morrison–Woodbury formula: with y = A⁻¹ b and Z = A⁻¹ U,

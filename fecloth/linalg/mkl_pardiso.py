@@ -6,6 +6,7 @@ import ctypes
 import os
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -32,13 +33,21 @@ def parameters() -> np.ndarray:
     return iparm[1:].copy()
 
 
-def pardiso(phase, mtype, handle, rows, iparm, b, x) -> int:
+def pardiso(
+    phase: int,
+    mtype: int,
+    handle: np.ndarray,
+    rows: tuple[np.ndarray, np.ndarray, np.ndarray],
+    iparm: np.ndarray,
+    b: np.ndarray,
+    x: np.ndarray,
+) -> int:
     """Call the MKL's ``pardiso`` and return its error code."""
 
-    def number(value):
+    def number(value: int) -> Any:
         return ctypes.byref(ctypes.c_int32(value))
 
-    def array(a, kind=ctypes.c_int32):
+    def array(a: np.ndarray, kind: type = ctypes.c_int32) -> Any:
         return a.ctypes.data_as(ctypes.POINTER(kind))
 
     data, columns, starts = rows
@@ -69,7 +78,7 @@ def routine() -> Callable:
     return pypardiso.ps._mkl_pardiso
 
 
-def _make_reproducible(library) -> None:
+def _make_reproducible(library: ctypes.CDLL) -> None:
     """Set the MKL's mode in which equal calls with equal numbers of threads give equal bits.
 
     In the default mode sums depend on the addresses of arrays, and the number of threads depends

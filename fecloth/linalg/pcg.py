@@ -7,6 +7,7 @@ and section 4.1.1 (block Jacobi). Matrices are given as the block rows of a `Blo
 from __future__ import annotations
 
 import time
+from typing import NoReturn
 
 import numpy as np
 
@@ -32,7 +33,8 @@ class PCG:
     def __init__(self, max_iterations: int = 10_000):
         self.max_iterations = max_iterations
         self.prepared = 0  # number of calls of `prepare`
-        self._A, self._inverse = None, np.empty((0, 6))
+        self._A: BlockMatrix | None = None
+        self._inverse = np.empty((0, 6))
 
     def prepare(self, A: BlockMatrix) -> None:
         """Invert the diagonal blocks of A; raise `IndefiniteMatrix` if one is not definite."""
@@ -51,20 +53,21 @@ class PCG:
     ) -> tuple[np.ndarray, SolveInfo]:
         """Solve A x = b (n, 3), starting from `guess` (n, 3) or 0: x (n, 3) and `SolveInfo`."""
         begin = time.perf_counter()
-        b, bb = checked(self._A, b, rtol)
+        A, b, bb = checked(self._A, b, rtol)
         x, r, iterations = np.zeros_like(b), self._work[0], 0
         if guess is None or bb == 0.0:
             r[:] = b
             reached = float(bb > 0.0)
         else:
             x[:] = guess
-            reached = relative_residual(self._A, b, bb, x, r)
+            reached = relative_residual(A, b, bb, x, r)
         while not reached <= rtol:
-            count, status = self._iterate(x, rtol * rtol * bb, self.max_iterations - iterations)
+            limit = self.max_iterations - iterations
+            count, status = self._iterate(A, x, rtol * rtol * bb, limit)
             iterations += count
             # Round-off makes the recurrence of r drift away from the true residual. Restart from
             # the true residual as long as this reduces it.
-            before, reached = reached, relative_residual(self._A, b, bb, x, r)
+            before, reached = reached, relative_residual(A, b, bb, x, r)
             self._check(status, iterations, before, reached, rtol)
         seconds = time.perf_counter() - begin
         return x, SolveInfo(self.name, iterations, reached, self._seconds, seconds)
@@ -75,12 +78,16 @@ class PCG:
     def drop(self) -> None:
         """Nothing to do: a solve depends on the prepared matrix only."""
 
-    def _iterate(self, x, threshold, limit):
+    def _iterate(
+        self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int
+    ) -> tuple[int, int]:
         r, z, p, q = self._work
-        rows = block_rows(self._A)
+        rows = block_rows(A)
         return conjugate_gradients(*rows, self._inverse, x, r, z, p, q, threshold, limit)
 
-    def _check(self, status, iterations, before, reached, rtol):
+    def _check(
+        self, status: int, iterations: int, before: float, reached: float, rtol: float
+    ) -> None:
         if status == NOT_FINITE:
             raise SolveFailed(f"pcg found a number that is not finite in {iterations} iterations")
         if status == INDEFINITE:
@@ -100,7 +107,7 @@ class PCG:
             )
 
 
-def _refuse_block(node, block):
+def _refuse_block(node: int, block: np.ndarray) -> NoReturn:
     where = f"the diagonal block of node {node}"
     if not np.isfinite(block).all():
         raise SolveFailed(f"pcg: A is not finite: {where} is {block.tolist()}")

@@ -95,8 +95,10 @@ class LinearSolver(Protocol):
         ...
 
 
-def checked(A: BlockMatrix | None, b: np.ndarray, rtol: float) -> tuple[np.ndarray, float]:
-    """Validate b and `rtol`: b as a contiguous array of floats (n, 3), and ‖b‖²."""
+def checked(
+    A: BlockMatrix | None, b: np.ndarray, rtol: float
+) -> tuple[BlockMatrix, np.ndarray, float]:
+    """Validate the arguments of a solve: A, b as a contiguous array of floats (n, 3), and ‖b‖²."""
     if A is None:
         raise InputError("no matrix", "call prepare(A) without error before solve", "solve")
     if not 0 < rtol < 1:
@@ -107,10 +109,10 @@ def checked(A: BlockMatrix | None, b: np.ndarray, rtol: float) -> tuple[np.ndarr
     bb = squared(b)
     if not np.isfinite(bb):
         raise SolveFailed(f"b is not finite: ‖b‖² = {bb}, largest at node {_largest(b)}")
-    return b, bb
+    return A, b, bb
 
 
-def _largest(b):
+def _largest(b: np.ndarray) -> int:
     return int(np.argmax(np.abs(b).sum(axis=1)))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sparse
 import skfem
+from numpy.typing import ArrayLike
 
 from fecloth.mesh import elements, generate, interpolation, mass, norms, selection
 from fecloth.mesh.flat_mesh import FlatMesh, quality
@@ -79,7 +80,7 @@ class Cloth:
         h: float,
         pattern: str = "unstructured",
         element: str = "P1",
-    ):
+    ) -> Cloth:
         """Mesh the rectangle [0, width] × [0, height] with edge length `h` [m].
 
         `pattern` is "unstructured" (Gmsh), "right" (each cell cut along the same diagonal),
@@ -90,12 +91,12 @@ class Cloth:
         return cls._from_mesh(mesh, element, corner_sets=["corners"])
 
     @classmethod
-    def disk(cls, radius: float, h: float, element: str = "P1"):
+    def disk(cls, radius: float, h: float, element: str = "P1") -> Cloth:
         """Mesh a disk around the origin by Gmsh with edge length `h` [m]; node set: boundary."""
         return cls._from_mesh(generate.disk(radius, h), element)
 
     @classmethod
-    def read(cls, path: str | Path, h: float | None = None, element: str = "P1"):
+    def read(cls, path: str | Path, h: float | None = None, element: str = "P1") -> Cloth:
         """Read a triangle mesh by meshio, or mesh a .geo file by Gmsh with edge length `h` [m].
 
         Physical groups become node and edge sets. A mesh with three coordinates is accepted if
@@ -106,13 +107,13 @@ class Cloth:
     @classmethod
     def from_arrays(
         cls,
-        X,
-        triangles,
+        X: ArrayLike,
+        triangles: ArrayLike,
         sets: dict | None = None,
         renumber: bool = True,
         regions: dict | None = None,
         element: str = "P1",
-    ):
+    ) -> Cloth:
         """Create a cloth from coordinates, triangles, named node sets and named regions.
 
         For P2 too the nodes are the corners only; the midpoints of the edges are added. A node set
@@ -144,7 +145,9 @@ class Cloth:
         return cls._from_mesh(mesh, element, renumber)
 
     @classmethod
-    def _from_mesh(cls, mesh: FlatMesh, element: str, renumber: bool = True, corner_sets=()):
+    def _from_mesh(
+        cls, mesh: FlatMesh, element: str, renumber: bool = True, corner_sets: Collection[str] = ()
+    ) -> Cloth:
         elements.named(element, "Cloth")
         nodes, triangles = np.arange(len(mesh.X)), np.arange(len(mesh.triangles))
         if renumber:
@@ -230,7 +233,7 @@ class Cloth:
         return self.kind.basis(self.mesh, order)
 
     @cached_property
-    def _kernel_arrays(self):
+    def _kernel_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return self.kind.arrays(self.mesh)
 
     @property

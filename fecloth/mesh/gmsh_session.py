@@ -69,8 +69,9 @@ def _signal_handlers_restored() -> Iterator[None]:
     """
     names = ("SIGTERM", "SIGPIPE", "SIGHUP")  # nohup ignores SIGHUP
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    can_block = hasattr(signal, "pthread_sigmask")
-    old_mask = signal.pthread_sigmask(signal.SIG_BLOCK, numbers) if can_block else None
+    old_mask = None
+    if hasattr(signal, "pthread_sigmask"):
+        old_mask = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
         yield
     finally:
@@ -78,7 +79,7 @@ def _signal_handlers_restored() -> Iterator[None]:
             for number in numbers:
                 if (handler := signal.getsignal(number)) is not None:
                     signal.signal(number, handler)
-        if can_block:
+        if old_mask is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, old_mask)
 
 

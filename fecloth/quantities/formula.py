@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,14 +55,14 @@ class Formula:
     variables: tuple[str, ...] = ()
     condition: bool = False
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _ = self._value  # parsed and checked now, not at the first call
 
     @cached_property
     def _value(self) -> _Compiled:
         return _compiled(self.text, self.variables, self.condition)
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple:
         return Formula, (self.text, self.variables, self.condition)
 
     def __call__(self, **values: ArrayLike) -> float | np.ndarray:
@@ -109,7 +110,7 @@ class Derivative:
     formula: Formula
     variable: str
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.formula.condition:
             what = f"the derivative of the condition {self.formula.text!r}"
             raise InputError(what, "only numbers have one", "Formula")
@@ -121,7 +122,7 @@ class Derivative:
     def _value(self) -> _Compiled:
         return _compiled(self.formula.text, self.formula.variables, False, self.variable)
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple:
         return Derivative, (self.formula, self.variable)
 
     def __call__(self, **values: ArrayLike) -> float | np.ndarray:
@@ -142,7 +143,7 @@ class _Compiled:
     of_numbers: Closure
     of_arrays: Closure
 
-    def __call__(self, values: Mapping[str, ArrayLike]) -> float | np.ndarray:
+    def __call__(self, values: Mapping[str, Any]) -> float | np.ndarray:
         given = [values[name] for name in self.variables]
         if _NUMBERS.issuperset(map(type, given)):
             return self.at([*map(float, given)])
@@ -157,7 +158,8 @@ class _Compiled:
             pass
         return self._of_arrays(numbers)
 
-    def _of_arrays(self, given: Sequence[ArrayLike]) -> float | np.ndarray:
+    def _of_arrays(self, given: Sequence[ArrayLike]) -> Any:
+        """A float, or the truth of a condition, if all are scalars; else an array."""
         arrays = [np.asarray(one, dtype=float) for one in given]
         shape = np.broadcast_shapes(*(array.shape for array in arrays))
         with np.errstate(all="ignore"):
@@ -167,7 +169,7 @@ class _Compiled:
             self._refuse(value, tuple(np.argwhere(~finite)[0]), arrays)
         return value.copy() if shape else value.item()
 
-    def _refuse(self, value: np.ndarray, place: tuple, arrays: list[np.ndarray]):
+    def _refuse(self, value: np.ndarray, place: tuple, arrays: list[np.ndarray]) -> NoReturn:
         numbers = [float(np.broadcast_to(array, value.shape)[place]) for array in arrays]
         pairs = zip(self.variables, numbers, strict=True)
         at = ", ".join(f"{name} = {number:g}" for name, number in pairs)

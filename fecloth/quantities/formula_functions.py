@@ -8,6 +8,7 @@ import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,17 +36,22 @@ FUNCTIONS: dict[str, tuple[Callable, int]] = {  # and their number of arguments
     "where": (np.where, 3),
     "smoothstep": (smoothstep, 3),
 }
-UNARY = {ast.USub: operator.neg, ast.UAdd: operator.pos}
-BINARY = {
+UNARY: dict[type[ast.unaryop], Callable] = {ast.USub: operator.neg, ast.UAdd: operator.pos}
+BINARY: dict[type[ast.operator], Callable] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
     ast.Pow: operator.pow,
 }
-COMPARE = {ast.Lt: np.less, ast.LtE: np.less_equal, ast.Gt: np.greater, ast.GtE: np.greater_equal}
+COMPARE: dict[type[ast.cmpop], Callable] = {
+    ast.Lt: np.less,
+    ast.LtE: np.less_equal,
+    ast.Gt: np.greater,
+    ast.GtE: np.greater_equal,
+}
 
-Closure = Callable[[Sequence], object]
+Closure = Callable[[Sequence], Any]
 """The value of a node at the values of the variables, in their order."""
 
 
@@ -68,8 +74,8 @@ class Arithmetic:
 
     number: type
     functions: Mapping[str, Callable]
-    binary: Mapping[type, Callable]
-    compare: Mapping[type, Callable]
+    binary: Mapping[type[ast.operator], Callable]
+    compare: Mapping[type[ast.cmpop], Callable]
     negate: Callable
     every: Callable
     some: Callable
@@ -114,7 +120,7 @@ def _closure(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Clos
     raise AssertionError(f"unchecked node {node!r}")
 
 
-def _constant(value) -> Closure:
+def _constant(value: Any) -> Closure:
     return lambda v: value
 
 
@@ -155,7 +161,7 @@ def _is_array(node: ast.AST, variables: tuple[str, ...]) -> bool:
     NumPy raises these to a power by another routine, which may differ in the last bit.
     """
     if isinstance(node, ast.Call):
-        return node.func.id == "where"
+        return isinstance(node.func, ast.Name) and node.func.id == "where"
     return isinstance(node, ast.Name) and node.id in variables
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import warnings
+from typing import NoReturn
 
 import numpy as np
 
@@ -38,7 +39,7 @@ class _Reader:
         names = ", ".join((*variables, *CONSTANTS))
         self.allowed = f"allowed are numbers, {names}, + - * / **, {', '.join(FUNCTIONS)}"
 
-    def refuse(self, problem: str, node: ast.AST | None = None, remedy: str = ""):
+    def refuse(self, problem: str, node: ast.AST | None = None, remedy: str = "") -> NoReturn:
         piece = ast.get_source_segment(self.text, node) if node is not None else None
         shown = self.text if len(self.text) <= 80 else self.text[:77] + "..."
         problem = f"{problem}: {piece!r}" if piece and piece != self.text else problem
@@ -62,7 +63,11 @@ class _Reader:
             self.refuse(f"nested more than {DEEPEST} deep")
         match node:
             case ast.Constant(value=value):
-                if type(value) not in (int, float) or not abs(value) < 1e300:
+                if (
+                    isinstance(value, bool)
+                    or not isinstance(value, int | float)
+                    or not abs(value) < 1e300
+                ):
                     self.refuse("not a finite number", node)
             case ast.Name(id=name):
                 self.name(node, name)
@@ -102,7 +107,7 @@ class _Reader:
 
     def call(self, node: ast.Call, depth: int) -> None:
         name = node.func.id if isinstance(node.func, ast.Name) else None
-        if name not in FUNCTIONS:
+        if name is None or name not in FUNCTIONS:
             self.refuse("unknown function", node.func, did_you_mean(name or "", FUNCTIONS))
         count = FUNCTIONS[name][1]
         if node.keywords or len(node.args) != count:

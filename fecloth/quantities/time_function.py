@@ -56,7 +56,7 @@ class TimeFunction:
 
     @cached_property
     def _rates(self) -> list[float | Derivative]:
-        parts = self.parts
+        parts = () if callable(self.parts) else self.parts
         return [part.derivative("t") if isinstance(part, Formula) else 0.0 for part in parts]
 
 
@@ -100,7 +100,7 @@ def vector(value: VectorOfTime, name: str, where: str) -> TimeFunction:
     return TimeFunction(tuple(_part(part, name, where) for part in value), (3,), name, where)
 
 
-def _part(value, name: str, where: str) -> float | Formula:
+def _part(value: object, name: str, where: str) -> float | Formula:
     if isinstance(value, str):
         try:
             return Formula(value, ("t",))
@@ -109,7 +109,7 @@ def _part(value, name: str, where: str) -> float | Formula:
     if isinstance(value, bool) or not np.isscalar(value) or not np.isfinite(value):
         allowed = "must be a finite number, a formula of t, or a function of t"
         raise InputError(f"{name} = {value!r}", allowed, where)
-    return float(value)
+    return float(value)  # type: ignore[arg-type]  # NumPy's scalars contain text and complex
 
 
 def _at(part: float | Formula | Derivative, t: float) -> float:

@@ -57,16 +57,17 @@ def reads_units(cls: Class) -> Class:
     >>> fc.Gravity((0, 0, "-981 cm/s^2")).acceleration
     (0, 0, -9.81)
     """
-    create, signature = cls.__init__, inspect.signature(cls)
+    create = cls.__init__  # type: ignore[misc]  # of the class itself, not of an instance
+    signature = inspect.signature(cls)
 
     @functools.wraps(create)
-    def __init__(self, *positional, **named):
+    def __init__(self: Any, *positional: Any, **named: Any) -> None:
         if any(map(_has_text, (*positional, *named.values()))):
             given = signature.bind(*positional, **named).arguments
             positional, named = (), _read(cls, given)
         create(self, *positional, **named)
 
-    cls.__init__ = __init__
+    cls.__init__ = __init__  # type: ignore[misc]  # of the class itself, not of an instance
     return cls
 
 

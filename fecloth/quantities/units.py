@@ -117,7 +117,7 @@ def is_quantity(text: str) -> bool:
     [True, True, True, False, False, False, False]
     """
     match = _QUANTITY.fullmatch(text.strip())
-    return bool(match) and not match[2].startswith("/")
+    return match is not None and not match[2].startswith("/")
 
 
 def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> float:
