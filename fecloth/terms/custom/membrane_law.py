@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
+from typing import Any, ClassVar
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
@@ -80,7 +81,7 @@ class MembraneLaw:
 
     elements = ("P1", "P2")
 
-    law = None
+    law: ClassVar[Any] = None  # a static method of a subclass
 
     def constants(self, fabric: Fabric) -> Sequence[float]:
         """(p,) c, from the parameters and the fabric; none if not overridden."""

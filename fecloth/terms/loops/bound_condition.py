@@ -32,9 +32,13 @@ def kernels(family: Callable) -> ConditionKernels:
 
     `family` is a compiled function as `fecloth.terms.loops.condition` describes it.
     """
-    templates = condition.energy, condition.power, condition.add_force, condition.add_tangent
-    made = (specialise(template, condition=family) for template in templates)
-    return ConditionKernels(*made, condition_discrete_gradient.kernels(family))
+    return ConditionKernels(
+        specialise(condition.energy, condition=family),
+        specialise(condition.power, condition=family),
+        specialise(condition.add_force, condition=family),
+        specialise(condition.add_tangent, condition=family),
+        condition_discrete_gradient.kernels(family),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -220,7 +220,8 @@ class OverStep:
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D."""
         bound, kernels = self.condition, self.condition.kernels.over_step
-        add, weights = kernels.add_tangent, (float(wx),)
+        weights: tuple[float, ...] = (float(wx),)
+        add = kernels.add_tangent
         if self.symmetric_elastic or definite:
             add, weights = kernels.add_symmetric_tangent, (float(wx), bool(definite))
         data = bound.nodes, bound.slots, bound.constants, bound.stiffness, self.start
