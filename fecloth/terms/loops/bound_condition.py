@@ -189,7 +189,7 @@ def bind(
     nodes
         (m, k) int32; the very array that the term's ``stencil`` gives, or an equal one.
     constants
-        (m, p), what the condition gets as `c`.
+        (m, p), the rows that the condition gets as `c`.
     stiffness, damping
         k_s and k_d: a number, (m,) one for each stencil, (m, r) also for each component, or
         (m, r, r).
