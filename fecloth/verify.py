@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fecloth.errors import FeclothError
 from fecloth.fabric.fabric import Fabric
@@ -165,7 +166,7 @@ def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep
 
         f = system.force(replace(state, v=np.zeros_like(state.v)))  # without damping of the term
         slope = -np.array([np.vdot(f, direction)])
-        sweeps.append(_sweep("force", energy, slope, np.linalg.norm(f), size))
+        sweeps.append(_sweep("force", energy, slope, float(np.linalg.norm(f)), size))
     if "x" in tangents:
         exact = -(system.stiffness(state) @ direction.ravel())
         for c, u in system.dense(state):
@@ -186,12 +187,13 @@ def _sweep(
 ) -> Sweep:
     """Relative errors of central differences of `function(h)` for h = size/4, size/8, …"""
     h = size * 0.5 ** np.arange(2, 18)
-    scale = scale or max(np.linalg.norm(exact), np.linalg.norm(function(0.0)) / size * 1e-6)
+    least = np.linalg.norm(function(0.0)) / size * 1e-6
+    scale = scale or float(max(np.linalg.norm(exact), least))
     errors = [np.linalg.norm((function(s) - function(-s)) / (2 * s) - exact) / scale for s in h]
     return Sweep(name, h, np.maximum(errors, 1e-16))
 
 
-def observed_order(h: Sequence[float], errors: Sequence[float]) -> np.ndarray:
+def observed_order(h: ArrayLike, errors: ArrayLike) -> np.ndarray:
     """Orders log(e_i / e_{i+1}) / log(h_i / h_{i+1}) between successive resolutions.
 
     Examples

@@ -121,13 +121,11 @@ class Constraints:
         others = np.setdiff1d(np.arange(n), self.nodes)
         values, vectors = np.linalg.eigh(self.projectors)  # columns of vectors
         at, which = np.nonzero(values > 0.5)
-        rows = [3 * others[:, None] + np.arange(3), 3 * self.nodes[at][:, None] + np.arange(3)]
-        columns = [np.arange(3 * len(others)), 3 * len(others) + np.arange(len(at))]
-        data = [np.ones(3 * len(others)), vectors[at, :, which].ravel()]
-        rows = np.concatenate([r.ravel() for r in rows])
-        columns = np.concatenate([columns[0], np.repeat(columns[1], 3)])
-        shape = (3 * n, 3 * len(others) + len(at))
-        return sparse.csc_matrix((np.concatenate(data), (rows, columns)), shape=shape)
+        nodes, free = np.concatenate([others, self.nodes[at]]), 3 * len(others)
+        rows = (3 * nodes[:, None] + np.arange(3)).ravel()
+        columns = np.concatenate([np.arange(free), np.repeat(free + np.arange(len(at)), 3)])
+        data = np.concatenate([np.ones(free), vectors[at, :, which].ravel()])
+        return sparse.csc_matrix((data, (rows, columns)), shape=(3 * n, free + len(at)))
 
 
 class _MovedGroup:

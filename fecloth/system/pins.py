@@ -56,16 +56,16 @@ class Pin:
 
     def __post_init__(self):
         if self.motion is not None and not callable(self.motion):
-            object.__setattr__(self, "motion", self._formulas())
+            object.__setattr__(self, "motion", self._formulas(self.motion))
         if self.velocity is not None and not callable(self.velocity):
             allowed = "must be a function of t, as in lambda t: [0, 0, 0.1]"
             raise InputError(f"velocity = {self.velocity!r}", allowed, self._label)
         if self.velocity is not None and self.motion is None:
             raise InputError("velocity without a motion", "needs both", self._label)
 
-    def _formulas(self) -> Motion:
+    def _formulas(self, parts: Sequence[str | float]) -> Motion:
         try:
-            return Motion.read(self.motion)
+            return Motion.read(parts)
         except InputError as error:
             raise InputError(error.what, error.allowed, self._label, error.remedy) from None
 
@@ -86,7 +86,7 @@ class Pin:
 
     def displacement(self, t: float) -> np.ndarray:
         """(3,) or (k, 3) [m]."""
-        if self.motion is None:
+        if not callable(self.motion):  # None: `__post_init__` makes formulas a `Motion`
             return np.zeros(3)
         if isinstance(self.motion, Motion):  # its values are finite and of this shape
             return self.motion(t)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import is_dataclass
 from typing import TypeVar
 
 from fecloth.errors import InputError
@@ -32,7 +31,8 @@ def remembered(cls: C) -> C:
     ...     v: object
     """
     name = cls.__name__
-    if not (is_dataclass(cls) and cls.__dataclass_params__.frozen):
+    parameters = getattr(cls, "__dataclass_params__", None)
+    if parameters is None or not parameters.frozen:
         raise InputError(f"class {name}", "must be a frozen dataclass", "remembered")
     known = RECORDS.get(name, cls)
     if (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):

@@ -36,7 +36,7 @@ class System:
     pins
         `Pin` and `Slide` objects, or names of node sets to hold fixed.
     mass
-        "lumped" (row sums) or "consistent"; left out, lumped for P1 and consistent for P2, whose
+        "lumped" (row sums) or "consistent"; default: lumped for P1 and consistent for P2, whose
         row sums give the corners of the triangles no mass.
     grain
         Angle of the warp from the X axis [rad], for all or by region.
@@ -80,7 +80,7 @@ class System:
             ("grain", grain),
         ):
             object.__setattr__(self, name, value)
-        # now: errors should stand where made
+        # here, so that an error is raised where the system is made
         _ = self.scalar_mass, self._stencils, self.bound, self.constraints
 
     sums: ClassVar[NodeSums] = NodeSums()  # all sums over nodes go through it
@@ -172,7 +172,7 @@ class System:
         return State(0.0, x, np.zeros_like(x))
 
     def state(self, x, v=None, t: float = 0.0) -> State:
-        """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero if left out."""
+        """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero by default."""
         shape = (len(self.cloth.X), 3)
         x = floats("x", x, "System.state")
         v = np.zeros(shape) if v is None else floats("v", v, "System.state")

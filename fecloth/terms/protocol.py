@@ -2,8 +2,8 @@
 
 A term is one contribution to the force f(x, v, t) of the cloth. It comes in two objects: a frozen
 description with the user's parameters (`Term`), and what `bind` makes of it for one mesh
-(`BoundTerm`). Neither knows the time step, the solver or other terms. studies/examples/term.py is
-a term in 30 lines.
+(`BoundTerm`). Neither depends on the time step, the solver or other terms.
+studies/examples/term.py is a term in 30 lines.
 
 The other protocols are abilities that a bound term may have besides. fecloth looks for their
 functions by name. Those that say "Reserved" are not called yet: their names and arguments are
@@ -169,7 +169,7 @@ class Stressed(Protocol):
 
 
 class BetweenStates(Protocol):
-    """The ability to act over a step of `EnergyMomentum` such that the energy is kept.
+    """The ability to act over a step of `EnergyMomentum` such that the energy is conserved.
 
     A term with an energy needs it there; a term without one acts at the mean state.
     """

@@ -62,7 +62,7 @@ class Derivatives:
         h = STEP * self.size[:, None, None]
         columns = []
         for dof in np.eye(3 * k).reshape(3 * k, k, 3):
-            column = sum(weight * function(y + s * h * dof) for s, weight in WEIGHTS)
+            column = np.asarray(sum(weight * function(y + s * h * dof) for s, weight in WEIGHTS))
             columns.append(column / h.reshape(m, *[1] * (column.ndim - 1)))
         return np.stack(columns, axis=-1).reshape(*columns[0].shape, k, 3)
 

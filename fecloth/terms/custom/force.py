@@ -150,7 +150,7 @@ class BoundUserForce:
         """g (n, 3); raises `InputError` if its shape is wrong or it is not finite."""
         return _validated(self.function(x, v, t), x.shape, "force", t)
 
-    def _blocks(self, x, v, t) -> tuple[np.ndarray, np.ndarray]:
+    def _blocks(self, x, v, t) -> tuple[np.ndarray, ...]:
         """∂g/∂x and ∂g/∂v, (n, 3, 3) each."""
         if self.derivatives is not None:
             parts = self.derivatives(x, v, t)
@@ -182,13 +182,15 @@ class BoundUserForce:
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest, of the symmetric parts."""
         x = np.column_stack([self.X, np.zeros(len(self.X))])
-        bounds = []
-        for part in self._blocks(x, np.zeros_like(x), 0.0):
-            K = -(self.amount / mass)[:, None, None] * part
-            bounds.append(
-                max(0.0, float(np.linalg.eigvalsh(0.5 * (K + K.transpose(0, 2, 1))).max()))
-            )
-        return tuple(bounds)
+        rate = -(self.amount / mass)[:, None, None]
+        dg_dx, dg_dv = self._blocks(x, np.zeros_like(x), 0.0)
+        return _largest_eigenvalue(rate * dg_dx), _largest_eigenvalue(rate * dg_dv)
+
+
+def _largest_eigenvalue(blocks: np.ndarray) -> float:
+    """Largest eigenvalue >= 0 of the symmetric parts of blocks (n, 3, 3)."""
+    symmetric = 0.5 * (blocks + blocks.transpose(0, 2, 1))
+    return max(0.0, float(np.linalg.eigvalsh(symmetric).max()))
 
 
 def _validated(value, shape: tuple[int, ...], name: str, t: float) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Membrane law of a user: W, S and ℂ in the Green strain become a term.
 
-The templates in `fecloth.terms.loops.membrane` are compiled with the law at its first use and kept
-on disk. They are compiled anew when the law, or a function that it calls, changes.
+The templates in `fecloth.terms.loops.membrane` are compiled with the law at its first use and
+stored on disk. They are compiled anew when the law, or a function that it calls, changes.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
+from typing import Any, ClassVar
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
@@ -40,7 +41,7 @@ class MembraneLaw:
 
     Numba compiles it: use numbers, tuples and `math`, and call only functions that are compiled
     themselves (`numba.njit`; `fecloth.terms.loops.green_strain.contract` gives ℂ : E). That takes a
-    second or two for each of force, tangent and definite tangent. The machine code is kept on disk
+    second or two for each of force, tangent and definite tangent. The machine code stays on disk
     until the law, its constants or a function that it calls changes. Write out the entries of c: a
     law with a slice of c took three times as long. When the term is bound, S and ℂ are compared
     with differences near rest; `fecloth.verify.check_term` does so far from it.
@@ -80,7 +81,7 @@ class MembraneLaw:
 
     elements = ("P1", "P2")
 
-    law = None
+    law: ClassVar[Any] = None  # a static method of a subclass
 
     def constants(self, fabric: Fabric) -> Sequence[float]:
         """(p,) c, from the parameters and the fabric; none if not overridden."""
@@ -167,7 +168,7 @@ def definite(E, c):
 
 @cache
 def _compile_law(law: Callable) -> Callable:
-    """Compile a law by itself, unless it is."""
+    """Compile a law, unless it is compiled already."""
     return law if isinstance(law, Dispatcher) else inner(law)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -174,7 +174,7 @@ class Condition:
 class BoundUserCondition(bound_condition.BoundCondition):
     """`Condition` bound to a cloth: the constants of a stencil are the values of C, ∂C and ∂²C."""
 
-    functions: Derivatives = None
+    functions: Derivatives = field(kw_only=True)
 
     def table(self, x, t, order) -> np.ndarray:
         """Make rows (m, p) with C of each stencil, for `order` 1 also ∂C, for 2 also ∂²C."""

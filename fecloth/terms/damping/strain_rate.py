@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -76,7 +76,7 @@ class StrainRateDamping:
         return cloth.stencil
 
     def bind(self, panel: Panel, slots) -> BoundStrainRate:
-        law = self.law or StVK()
+        law: Any = self.law or StVK()  # `__post_init__` requires its `moduli`
         viscosity = panel.each(lambda fabric: self.time * law.moduli(fabric))
         blocks = slots(panel.cloth.stencil)
         return BoundStrainRate(panel, blocks, viscosity, self.tangent == "symmetric")

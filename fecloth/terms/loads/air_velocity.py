@@ -22,11 +22,11 @@ class Uniform:
 
     value: TimeFunction
 
-    def velocity(self, x: np.ndarray | None, t: float) -> np.ndarray:
+    def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
         """Velocity (1, 3) [m/s]."""
         return self.value(t)[None]
 
-    def gradient(self, x: np.ndarray | None, t: float) -> np.ndarray:
+    def gradient(self, x: np.ndarray, t: float) -> np.ndarray:
         """Gradient (1, 3, 3), which is zero."""
         return np.zeros((1, 3, 3))
 
@@ -70,7 +70,7 @@ class Formulas:
     parts: tuple
 
     def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
-        point = {"x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "t": t}
+        point: dict[str, np.ndarray | float] = {"x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "t": t}
         values = [part(**point) if isinstance(part, Formula) else part for part in self.parts]
         return np.stack(np.broadcast_arrays(*values), axis=-1)
 
@@ -131,6 +131,9 @@ class Gusts:
         return -np.einsum("mn,ni,nj->mij", sines, a, k, optimize=True)
 
 
+AirVelocity = Uniform | Field | Gusts
+
+
 def velocity_field(velocity, where: str) -> Uniform | Field:
     """Create a velocity field from three numbers, three formulas, or a function u(x, t).
 
@@ -145,12 +148,12 @@ def velocity_field(velocity, where: str) -> Uniform | Field:
         return Uniform(vector(velocity, "velocity", where))
     if isinstance(velocity, str) or np.ndim(np.asarray(velocity, dtype=object)) != 1:
         velocity = (velocity,)
-    parts = []
+    parts: list[Formula | float] = []
     for part in velocity:
         if isinstance(part, str):
             parts.append(Formula(part, VARIABLES))
         elif not isinstance(part, bool) and np.isscalar(part) and np.isfinite(part):
-            parts.append(float(part))
+            parts.append(float(part))  # type: ignore[arg-type]  # isfinite refuses text
     if not len(parts) == len(velocity) == 3:
         allowed = "must be three finite numbers or formulas of x, y, z, t, or a function u(x, t)"
         raise InputError(f"velocity = {velocity!r}", allowed, where)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import numpy as np
 
@@ -12,13 +12,15 @@ from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import DENSITY, RESISTANCE
-from fecloth.terms.loads import air_velocity
+from fecloth.terms.loads.air_velocity import AirVelocity, Uniform, velocity_field
 from fecloth.terms.loads.pressure import cross, edge
 from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 
 Coefficient = Annotated[float, DENSITY.where(law="quadratic"), RESISTANCE.where(law="linear")]
 
-STILL_AIR = air_velocity.velocity_field((0.0, 0.0, 0.0), "Drag")
+Bound = TypeVar("Bound", bound="BoundDrag")
+
+STILL_AIR = velocity_field((0.0, 0.0, 0.0), "Drag")
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class Drag:
         return cloth.stencil
 
     def bind(self, panel: Panel, slots) -> BoundDrag:
-        return bind_drag(self, STILL_AIR, panel, slots)
+        return bind_drag(self, STILL_AIR, panel, slots, BoundDrag)
 
 
 def check_drag(drag) -> None:
@@ -81,7 +83,7 @@ def check_drag(drag) -> None:
         if not (is_number(value) and value >= 0):
             raise InputError(f"{name} = {value!r}", "must be finite and >= 0", where)
     if drag.normal == drag.tangential == 0:
-        raise InputError("normal = tangential = 0", "at least delta must be > 0", where)
+        raise InputError("normal = tangential = 0", "at least one must be > 0", where)
     for name, choices in (("law", ("quadratic", "linear")), ("tangent", ("symmetric", "exact"))):
         value = getattr(drag, name)
         if value not in choices:
@@ -90,17 +92,14 @@ def check_drag(drag) -> None:
             )
 
 
-def bind_drag(drag, wind, panel, slots, bound_class=None) -> BoundDrag:
-    """Bind a drag to a cloth, in air with the velocity `wind`.
-
-    The result is of the class `bound_class`, by default `BoundDrag`.
-    """
+def bind_drag(drag, wind: AirVelocity, panel: Panel, slots, bound_class: type[Bound]) -> Bound:
+    """Bind a drag to a cloth, in air with the velocity `wind`, as a `bound_class`."""
     cloth = panel.cloth
     if cloth.stencil.shape[1] != 3:
         raise InputError(f"element {cloth.element}", "must be P1", type(drag).__name__)
     law = (float(drag.normal), float(drag.tangential), drag.law == "quadratic")
     symmetric = drag.tangent == "symmetric"
-    return (bound_class or BoundDrag)(panel, slots(cloth.stencil), wind, law, symmetric)
+    return bound_class(panel, slots(cloth.stencil), wind, law, symmetric)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +118,7 @@ class BoundDrag:
 
     panel: Panel
     slots: np.ndarray
-    wind: air_velocity.Uniform | air_velocity.Field | air_velocity.Gusts
+    wind: AirVelocity
     law: tuple[float, float, bool]
     symmetric: bool
 
@@ -132,8 +131,10 @@ class BoundDrag:
     def nodes(self) -> np.ndarray:
         return self.panel.cloth.stencil
 
-    def _centroids(self, x) -> np.ndarray | None:
-        return None if isinstance(self.wind, air_velocity.Uniform) else x[self.nodes].mean(axis=1)
+    def _centroids(self, x) -> np.ndarray:
+        if isinstance(self.wind, Uniform):
+            return x  # not used: this saves the time for the means
+        return x[self.nodes].mean(axis=1)
 
     def _air(self, x, t) -> np.ndarray:
         return self.wind.velocity(self._centroids(x), t)
@@ -195,7 +196,7 @@ def flow(nodes, e, u, x, v):
     i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
     N = cross(edge(x, i, j), edge(x, i, k))
     L = np.sqrt(dot(N, N))
-    a = min(e, len(u) - 1)  # u has delta row for all triangles, or delta row for each
+    a = min(e, len(u) - 1)  # u has one row for all triangles, or one row for each
     w = (
         (v[i, 0] + v[j, 0] + v[k, 0]) / 3 - u[a, 0],
         (v[i, 1] + v[j, 1] + v[k, 1]) / 3 - u[a, 1],

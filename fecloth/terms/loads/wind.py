@@ -91,10 +91,10 @@ class Wind:
 
     def bind(self, panel: Panel, slots) -> BoundWind:
         if self.gusts:
-            mean = tuple(map(float, self.velocity))
-            wind = air_velocity.Gusts(mean, self.gusts, self.gust_length, self.seed)
-        else:
-            wind = air_velocity.velocity_field(self.velocity, "Wind")
+            x, y, z = map(float, self.velocity)  # type: ignore[arg-type]  # checked in __post_init__
+            gusts = air_velocity.Gusts((x, y, z), self.gusts, self.gust_length, self.seed)
+            return bind_drag(self, gusts, panel, slots, BoundWind)
+        wind = air_velocity.velocity_field(self.velocity, "Wind")
         return bind_drag(self, wind, panel, slots, BoundWind)
 
 

@@ -32,9 +32,13 @@ def kernels(family: Callable) -> ConditionKernels:
 
     `family` is a compiled function as `fecloth.terms.loops.condition` describes it.
     """
-    templates = condition.energy, condition.power, condition.add_force, condition.add_tangent
-    made = (specialise(template, condition=family) for template in templates)
-    return ConditionKernels(*made, condition_discrete_gradient.kernels(family))
+    return ConditionKernels(
+        specialise(condition.energy, condition=family),
+        specialise(condition.power, condition=family),
+        specialise(condition.add_force, condition=family),
+        specialise(condition.add_tangent, condition=family),
+        condition_discrete_gradient.kernels(family),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +189,7 @@ def bind(
     nodes
         (m, k) int32; the very array that the term's ``stencil`` gives, or an equal one.
     constants
-        (m, p), what the condition gets as `c`.
+        (m, p), the rows that the condition gets as `c`.
     stiffness, damping
         k_s and k_d: a number, (m,) one for each stencil, (m, r) also for each component, or
         (m, r, r).

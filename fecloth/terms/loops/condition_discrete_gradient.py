@@ -7,8 +7,8 @@ From positions y₀ of a stencil to y₁ = 2y − y₀, with d = y₁ − y₀ a
 where u is d without its rigid part, d_a − d̄ − ω × p_a with p = y − ȳ and Θω = Σ p_a × d_a for the
 tensor Θ = Σ |p_a|² I − p_a p_aᵀ, and s = u · u = u · d. Then ḡ · d = C₁ − C₀, so that the work
 −f · d is ½ C₁ᵀk_s C₁ − ½ C₀ᵀk_s C₀, and ḡ has no resultant and no moment about y, as ∂C(y) has none
-for a C that no rigid motion changes: energy and both momenta are kept at any step (Gonzalez 1996,
-Time Integration and Discrete Hamiltonian Systems, J. Nonlinear Sci. 6; here the correction
+for a C that no rigid motion changes: energy and both momenta are conserved at any step (Gonzalez
+1996, Time Integration and Discrete Hamiltonian Systems, J. Nonlinear Sci. 6; here the correction
 does not rotate the stencil). For a spring ḡ is ± 2 (y₂ − y₁)/(l₀ + l₁).
 
     −∂f_a/∂y_b = ḡ_a k_s ∂C(y₁)_bᵀ + Σ_r (k_s C̄)_r ∂ḡ_r,a/∂y_b         not symmetric
@@ -220,7 +220,8 @@ class OverStep:
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D."""
         bound, kernels = self.condition, self.condition.kernels.over_step
-        add, weights = kernels.add_tangent, (float(wx),)
+        weights: tuple[float, ...] = (float(wx),)
+        add = kernels.add_tangent
         if self.symmetric_elastic or definite:
             add, weights = kernels.add_symmetric_tangent, (float(wx), bool(definite))
         data = bound.nodes, bound.slots, bound.constants, bound.stiffness, self.start

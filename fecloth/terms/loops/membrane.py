@@ -22,7 +22,7 @@ tuples with one zero for each node and each point, so that the compiler knows th
 unrolls the loops (three times faster than a count read from an array).
 
 Which laws are the same material at small strain, that is have one ℂ at F = a rotation, for a
-fabric of Y and ν (tests/test_tension_field.py holds each line):
+fabric of Y and ν (tests/terms/membranes/test_tension_field.py tests each line):
 
     law                          uniaxial   biaxial      shear           is StVK's
     StVK                         Y          Y/(1 − ν)    Y/(2 (1 + ν))   -
@@ -127,8 +127,8 @@ def kernels(
     law
         The compiled function (see above).
     definite_law
-        The same law with ℂ positive semi-definite, for the definite tangent. Left out, ℂ of `law`
-        is semi-definite everywhere.
+        The same law with ℂ positive semi-definite, for the definite tangent. Default: `law`,
+        whose ℂ must then be semi-definite everywhere.
     is_quadratic
         W is quadratic in E, so that the average stress over a step does the work of the energy.
     """

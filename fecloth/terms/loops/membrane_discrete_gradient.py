@@ -252,7 +252,8 @@ class OverStep:
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; the symmetric one has both B at x, the definite one S̄ clamped at zero."""
         K, Q, nodes, *data = self.membrane.data
-        kernels, weights = self.membrane.kernels.over_step, (float(wx),)
+        kernels = self.membrane.kernels.over_step
+        weights: tuple[float, ...] = (float(wx),)
         add = kernels.add_tangent
         if definite:
             add, weights = kernels.add_definite_tangent, (float(wx), 0.0)

@@ -49,7 +49,7 @@ class BaraffWitkin:
         (k_u, k_v) [N/m for p = ½, N/m³ for p = 1; J/m⁴ᵖ]. Left out, for p = ½ only: Y of the
         fabric along warp and weft.
     shear
-        k_s [N/m or N/m³], likewise; left out, the fabric's G.
+        k_s [N/m or N/m³], likewise; default: the fabric's G.
     rest
         (b_u, b_v): the stretches at rest; other than 1 they shrink or widen the cloth.
     area_exponent

@@ -37,7 +37,7 @@ class NeoHookean:
 
     So that it is a membrane's, λ and μ are those of plane stress: from the fabric
     μ = Y/(2 (1 + ν)) and λ = Yν/(1 − ν²), and at rest the law agrees with `StVK`. At finite strain
-    it is a law of its own for the sheet; the thickness is not asked for. In the metric of C the
+    it is a law of its own for the sheet; it does not need the thickness. In the metric of C the
     eigenvalues of ℂ are 2 (μ − λ ln J), twice, and 2 (λ + μ − λ ln J): W is convex in E up to
     ln J = μ/λ = (1 − ν)/(2ν), an area ratio of 3.2 at ν = 0.3, and everywhere if λ = 0. Beyond, a
     definite tangent raises those eigenvalues to zero.
@@ -48,7 +48,7 @@ class NeoHookean:
     for two dimensions: their W with λ₃ = 1.
 
     Valid for isotropic fabrics at any stretch, as a law; as a rubber to strains of some 20 %, for
-    it does not know the limit at which chains, or yarns, are straight. Where `StVK` softens in
+    it has no limit at which chains, or yarns, are straight. Where `StVK` softens in
     compression, here S grows at least as 1/J and W without bound, so that no equilibrium has a
     collapsed triangle; but J is the area ratio without a sign, and a large step may turn a
     triangle over.
@@ -161,7 +161,7 @@ def incompressible(E, c):
 
 @inner
 def compressible_stress(E, c):
-    """W, S, and what ℂ is made of: g = μ − λ ln J and A = C⁻¹."""
+    """W, S, and the parts of ℂ: g = μ − λ ln J and A = C⁻¹."""
     mu, lam = c[0], c[1]
     trace, determinant, d = invariants(E)
     log_J = 0.5 * math.log1p(d)

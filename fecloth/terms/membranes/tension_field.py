@@ -36,7 +36,7 @@ class TensionField:
     141–173; the criterion is that of Roddeman, Drukker, Oomens and Janssen (1987), The wrinkling
     of thin membranes, J. Appl. Mech. 54, 884–887; here for the energy of `StVK`.
 
-    Valid where wrinkles are finer than what is asked for: it gives the mean surface and the
+    Valid where wrinkles are finer than the shapes of interest: it gives the mean surface and the
     stress, not the wrinkles, and does not depend on the mesh where `StVK` would fold at the width
     of a triangle. A slack region has no stiffness, a wrinkled one none across its wrinkles: a
     static solution needs a load or a mass there. In tension it holds for the small strains of

@@ -53,7 +53,7 @@ class TensorCondition:
         return cloth.stencil
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
-        k, moduli = panel.each(lambda fabric: self.k), panel.each(self.moduli)
+        k, moduli = panel.each(lambda fabric: np.array([self.k])), panel.each(self.moduli)
         return membrane.bind("TensorCondition", KERNELS, k, moduli, panel, slots)
 
 

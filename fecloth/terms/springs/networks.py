@@ -171,8 +171,8 @@ def _next_but_one(coordinate, pairs):
     return np.stack([forward[:, 0], second], axis=1)[second >= 0].astype(np.int32)
 
 
-def _isotropic(fabric) -> float:
-    """Y of a fabric; one whose warp and weft differ is an error."""
+def _isotropic(fabric) -> np.ndarray:
+    """(1,) Y of a fabric; one whose warp and weft differ is an error."""
     warp, weft = fabric.tensile
     if warp != weft:
         raise InputError(
@@ -181,4 +181,4 @@ def _isotropic(fabric) -> float:
             "Springs",
             'Use StVK, or kind = "structural" on the pattern "right" or "cross" without grain.',
         )
-    return warp
+    return np.array([warp])

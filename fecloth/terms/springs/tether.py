@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
@@ -90,7 +90,7 @@ class Tether:
 class BoundTether(bound_condition.BoundCondition):
     """`Tether` on a cloth; Ċ = v − ṗ, so that the loop sees velocities relative to the point."""
 
-    point: TimeFunction = None
+    point: TimeFunction = field(kw_only=True)
 
     def table(self, x, t, order) -> np.ndarray:
         return np.tile(self.point(t), (len(self.nodes), 1))
