@@ -43,7 +43,7 @@ class GeneralizedAlpha(AccelerationMethod):
         return alpha_m, alpha_f, 0.25 * (1 + lag) ** 2, 0.5 + lag
 
     @property
-    def traits(self) -> MethodTraits:
+    def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
         """Error constant β − ½ (α_f − α_m) − 1/6: a is that of a time (α_f − α_m) dt before."""
         alpha_m, alpha_f, beta, _ = self.parameters
         return MethodTraits(order=2, error_constant=beta - 0.5 * (alpha_f - alpha_m) - 1 / 6)

@@ -32,7 +32,10 @@ class AccelerationMethod(WithMemory):
     x₁ = x₀ + dt v₀ + dt² ((½ − β) a₀ + β a₁),  v₁ = v₀ + dt ((1 − γ) a₀ + γ a₁);  unknown q = a₁.
     """
 
-    share: float | None = None  # as in `Step`
+    @property
+    def share(self) -> float | None:
+        """`Step.share` of every step."""
+        return None
 
     @property
     def parameters(self) -> tuple[float, float, float, float]:
@@ -75,8 +78,15 @@ class AccelerationMethod(WithMemory):
         a_new = system.constraints.hold(q, moved)
         x, v, a_stage = stage.at(q)
         a_solved = a_stage if self.share is None else (new.v - state.v) / dt
-        solved = {"ends": (system, state), "a": a_solved, "share": self.share}
-        return Step(new, State(stage.t, x, v), Acceleration(a_new), counts, **solved)
+        return Step(
+            state=new,
+            balanced_at=State(stage.t, x, v),
+            memory=Acceleration(a_new),
+            counts=counts,
+            ends=(system, state),
+            a=a_solved,
+            share=self.share,
+        )
 
 
 @dataclass(frozen=True)
@@ -115,7 +125,7 @@ class Newmark(AccelerationMethod):
         flag("beyond_limit", self.beyond_limit, "Newmark")
 
     @property
-    def traits(self) -> MethodTraits:
+    def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
         """Of second order for γ = ½, where damping does not widen the limit as it does for γ > ½.
 
         The error constant is |β − 1/6|, but no less than 1/12, the error of the trapezoidal rule
@@ -146,7 +156,7 @@ def starting_acceleration(
     project, hold = system.constraints.project, system.constraints.hold
     a = hold(np.zeros_like(state.v), (end.v - state.v) / dt)
     b = project(system.force(state) - system.scalar_mass @ a)
-    J = system.project(system.assemble(solver.matrix, state, wa=1.0))
-    solver.linear.prepare(J)
-    free, _ = solver.linear.solve(b, rtol=solver.options.tolerance)
+    linear_solver, matrix = solver.matrix_solver()
+    linear_solver.prepare(system.project(system.assemble(matrix, state, wa=1.0)))
+    free, _ = linear_solver.solve(b, rtol=solver.options.tolerance)
     return a + free

@@ -170,8 +170,9 @@ def check_method(method: object, where: str = "march") -> None:
         remedy = "The method comes before the state." if isinstance(method, State) else ""
         raise InputError(f"method {brief(method)}", allowed, where, remedy)
     check_offers(method, ("traits",), where)
-    if not isinstance(method.traits, MethodTraits):
-        what = f"{type(method).__name__}.traits = {brief(method.traits)}"
+    traits = getattr(method, "traits", None)
+    if not isinstance(traits, MethodTraits):
+        what = f"{type(method).__name__}.traits = {brief(traits)}"
         raise InputError(what, "must be a MethodTraits(order=...)", where)
 
 

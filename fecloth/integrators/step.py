@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fecloth.errors import InputError
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -64,7 +65,7 @@ class Step:
     @cached_property
     def end_forces(self) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) forces [N] at both ends."""
-        system, old = self.ends
+        system, old = self._both_ends()
         return system.force(old), system.force(self.state)
 
     def mean_force(self, system: System) -> np.ndarray:
@@ -82,8 +83,13 @@ class Step:
     def solved_force(self) -> np.ndarray:
         """(n, 3) the force [N] that equals M a along the free directions, of a step with `ends`."""
         if self.share is None:
-            return self.ends[0].force(self.balanced_at)
+            return self._both_ends()[0].force(self.balanced_at)
         return (1 - self.share) * self.end_forces[0] + self.share * self.end_forces[1]
+
+    def _both_ends(self) -> tuple[System, State]:
+        if self.ends is None:
+            raise InputError("Step.ends = None", "must be (system, old state) here", "Step")
+        return self.ends
 
 
 def blend(old: State, new: State, theta: float) -> State:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import LinearSolver
 from fecloth.nonlinear.factor_reuse import PRICES, Kept
@@ -31,7 +32,13 @@ class SolverContext:
 
     def begin(self, wx: float, wa: float) -> None:
         """Begin a step with these weights of K and M; "auto" may change its linear solver."""
-        self.linear.begin(wx, wa)
+        self.matrix_solver()[0].begin(wx, wa)
+
+    def matrix_solver(self) -> tuple[LinearSolver, BlockMatrix]:
+        """The linear solver and its matrix; raise `InputError` if there is none."""
+        if self.linear is None or self.matrix is None:
+            raise InputError("SolverContext.linear = None", "serves explicit methods only", "step")
+        return self.linear, self.matrix
 
     @property
     def keeps_state(self) -> bool:

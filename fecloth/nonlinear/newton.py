@@ -94,8 +94,8 @@ class _Work:
     """The arrays and counters of one solve."""
 
     def __init__(self, system: System, stage: Stage, solver: SolverContext):
-        self.system, self.stage, self.linear_solver = system, stage, solver.linear
-        self.J, self.kept = solver.matrix, solver.kept
+        self.system, self.stage, self.kept = system, stage, solver.kept
+        self.linear_solver, self.J = solver.matrix_solver()
         self.options: Newton = solver.options
         self.scale = 0.0
         self.remedies = REMEDIES[solver.options.definiteness]

@@ -47,7 +47,7 @@ def prescribed(system: System, stage: Stage, state: State, dt: float, end: State
         For a stage whose arrays are not of the state's shape, as a method of one's own may give.
     """
     for name in ("x", "v", "a", "x_end"):
-        shape = np.shape(getattr(stage, name, None))
+        shape = np.shape(getattr(stage, name, 0.0))
         if shape != state.x.shape:
             raise InputError(f"stage.{name} of shape {shape}", f"must be {state.x.shape}", "step")
     held, at = system.constraints.held, system.constraints.nodes

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
 from fecloth.errors import InputError, SolveFailed, is_number
-from fecloth.integrators.protocol import MethodTraits, check_method
+from fecloth.integrators.protocol import (
+    ExplicitIntegrator,
+    Integrator,
+    MethodTraits,
+    check_method,
+)
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
@@ -112,7 +118,7 @@ class Adaptive:
     (0.2, True)
     """
 
-    method: object
+    method: Integrator | ExplicitIntegrator
     rtol: float = 1e-3
     atol: float = 0.0
 
@@ -139,7 +145,7 @@ class Adaptive:
 
     def check(self, system: System) -> None:
         """Refuse what the method refuses."""
-        self.method.check(system)
+        cast(ExplicitIntegrator, self.method).check(system)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Energy [J] that the method itself took in a step, by its own formula."""
@@ -147,7 +153,7 @@ class Adaptive:
 
     def weights(self, dt: float) -> tuple[float, float, float]:
         """Those of the method."""
-        return self.method.weights(dt)
+        return cast(Integrator, self.method).weights(dt)
 
     def start(self, system: System, state: State, longest: float) -> Control:
         """The first step: that whose error, by differences at the start, is the one allowed.
@@ -178,6 +184,7 @@ class Adaptive:
         """One step from `state` over at most `horizon` [s], and to its end if that is near."""
         control, tried = memory or self.start(system, state, horizon), Counts()
         dt = _fitted(control.dt, horizon)
+        reason: str | NewtonFailed | SolveFailed = ""
         for rejected in range(RETRIES):
             try:
                 step = self._rule.step(system, state, dt, solver, control.of_method)

@@ -11,9 +11,11 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError, SolveFailed, StepFailed
 from fecloth.integrators.protocol import check_method
+from fecloth.integrators.step import Step
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.options import Newton
+from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.motion_jumps import jumping
 from fecloth.simulation.resolve import resolve
@@ -64,11 +66,11 @@ class StepInfo:
     t: float
     dt: float
     old: State
-    result: object
+    result: Step
     memory: Memory
 
     @property
-    def counts(self):
+    def counts(self) -> Counts:
         """Newton and linear iterations, relative residual, seconds of assembly and solve."""
         return self.result.counts
 
@@ -123,8 +125,9 @@ def march(
     if resumed and isinstance(method, Auto):
         raise InputError("memory with Auto()", "needs the method that Auto chose", "march")
     opening = replace(state, t=begin.start)
-    method, solver, _ = resolve(system, method, opening, dt, t_end, solver, newton)
-    if not resumed:  # the limit is asked for at the start only
+    end = float(targets[-1])  # t_end
+    method, solver, _ = resolve(system, method, opening, dt, end, solver, newton)
+    if not resumed and dt is not None:  # the limit is asked for at the start only
         refuse_unstable(system, method, state, dt)
     look = 8 if method.traits.explicit else 1
     number, last_memory, good = begin.step, begin.of_method, state

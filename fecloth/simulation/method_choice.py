@@ -116,7 +116,9 @@ def _trial(
     system, state, t_end, method, solver, most: int, rival: float, record=lambda *step: None
 ) -> Trial:
     """So many first steps, or fewer if that is enough beside a rival of so many seconds."""
-    start, memory, seconds, sizes = state.t, None, [], []
+    start, memory = state.t, None
+    seconds: list[float] = []
+    sizes: list[float] = []
     trial = Trial(method, 0.0, math.inf)
     while len(sizes) < most and state.t < t_end and not _enough(trial, rival, seconds):
         begin = time.perf_counter()

@@ -61,7 +61,7 @@ class Probe:
 
     def weights(self, cloth: Cloth):
         """Return the (1, n) matrix from nodal positions to the probe's."""
-        if self.point is not None:
+        if self.where is None:
             return cloth.interpolator(np.array([self.point]))
         nodes = cloth.nodes(self.where)
         entries = np.full(len(nodes), 1.0 / len(nodes)), (np.zeros(len(nodes), int), nodes)
@@ -92,9 +92,9 @@ class Observer:
         row |= _components("mean_displacement", self.system.sums.mean(mass, moved))
         row["sag"] = float(-moved[:, 2].min())
         row["area"] = area(self.system.cloth, state.x)
-        held = reactions(self.system, old, step) if step is not None else {}
+        forces = {} if old is None else reactions(self.system, old, step)
         for name in self.system.constraints.groups:
-            row |= _components(f"reaction:{name}", held.get(name, np.full(3, np.nan)))
+            row |= _components(f"reaction:{name}", forces.get(name, np.full(3, np.nan)))
         return row
 
 

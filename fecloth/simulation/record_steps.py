@@ -97,9 +97,9 @@ def balanced(
     """
     after = ledger.after(system, method, info.old, info.result)
     noise = _noise(system, info)
-    grown = [one.kinetic > noise and one.growth(most) for one in (ledger, after)]
-    if all(grown):
-        raise step_failed(system, info.old, info.step, info.dt, Problem(grown[1]))
+    growths = [one.growth(most) if one.kinetic > noise else "" for one in (ledger, after)]
+    if all(growths):
+        raise step_failed(system, info.old, info.step, info.dt, Problem(growths[1]))
     return after
 
 

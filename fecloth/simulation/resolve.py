@@ -9,6 +9,7 @@ from fecloth.errors import InputError, brief
 from fecloth.integrators.protocol import check_method, check_offers
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.protocol import LinearSolver
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.error_control import Adaptive
@@ -36,6 +37,7 @@ def solver_for(
         raise InputError(f"solver = {brief(choice)}", allowed, "march")
     options = options or Newton()
     symmetric = system.symmetric and method.traits.symmetric
+    chosen: LinearSolver
     symmetric |= options.definiteness == "clamp"  # clamped tangents all are
     if choice == "auto":
         stiffness, damping = system.rate_bounds()
@@ -78,8 +80,8 @@ def resolve(
         return method, *solver_of(method)
     way = system, state, t_end, lambda one: solver_of(one)[0], record
     method, why = method.settled(*way)
-    solver, reason = solver_of(method)
-    return method, solver, f"{reason}; {type(method.method).__name__} ({why})"
+    context, reason = solver_of(method)
+    return method, context, f"{reason}; {type(method.method).__name__} ({why})"
 
 
 def choose_steps(method, dt: float | None, tolerances: Mapping[str, float] | None = None):

@@ -110,13 +110,22 @@ def run(
     validation.number("most_growth", most_growth, 0.0, "run", infinite=True)
     validation.function("report", report, "lambda info: print(info.t)", "run")
     opening = replace(state, t=memory.start) if memory else state
-    target_times(method, opening.t, dt, t_end, stops)  # refuse them first
+    end = float(target_times(method, opening.t, dt, t_end, stops)[-1])  # refuses wrong times
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
     record = trial_recorder(system, ledger, observer)
-    method, chosen, why = resolve(system, method, opening, dt, t_end, solver, newton, record)
+    method, chosen, why = resolve(system, method, opening, dt, end, solver, newton, record)
     check_offers(method, ("numerical",), "run")
-    options = {"stops": stops, "most_stretch": most_stretch, "memory": memory}
-    steps = march(system, method, state, dt, t_end, solver=chosen, **options)
+    steps = march(
+        system,
+        method,
+        state,
+        dt,
+        t_end,
+        stops=stops,
+        solver=chosen,
+        most_stretch=most_stretch,
+        memory=memory,
+    )
     result = collect(steps, system, method, ledger, observer, why, most_growth, report)
     if result.doubt:
         warnings.warn(result.doubt, FeclothWarning, stacklevel=2)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from fecloth.errors import InputError, brief
-from fecloth.integrators.protocol import MethodTraits
+from fecloth.integrators.protocol import ExplicitIntegrator, MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.stability.critical_step import critical_dt, estimate
 from fecloth.system.records import remembered
@@ -65,7 +65,7 @@ class AtLimit:
         For a method without such a limit.
     """
 
-    method: object
+    method: ExplicitIntegrator
 
     def __post_init__(self):
         method = self.method

@@ -140,7 +140,7 @@ def _filled(record, arrays: Iterator[np.ndarray]):
     """The record with its arrays replaced, in the order of `_arrays`."""
     if isinstance(record, np.ndarray):
         return next(arrays)
-    if not is_dataclass(record):
+    if not is_dataclass(record) or isinstance(record, type):
         return record
     filled = {field.name: _filled(getattr(record, field.name), arrays) for field in fields(record)}
     return replace(record, **filled)
