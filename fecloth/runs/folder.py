@@ -17,8 +17,8 @@ from fecloth.output.atomic_files import LOCK, replace_file, writing
 from fecloth.runs.csv_table import Table
 
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
-TEXTS = ("summary.json", "scene.resolved.toml", "run.log", "report.html", "view.html")
-TEXTS += ("run.vtkhdf", "run.vtkhdf.redo")
+PAGES = ("report.html", "view.html")
+TEXTS = ("summary.json", "scene.resolved.toml", "run.log", *PAGES, "run.vtkhdf", "run.vtkhdf.redo")
 LISTS = ("*.pvd", "*.vtu.series")  # only those that list frames/frame_…
 
 

@@ -15,6 +15,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -86,7 +87,7 @@ def write(folder: Path, restart: Restart) -> Path:
     arrays: list[np.ndarray] = []
     header = json.dumps({"format": FORMAT, "run": _packed(restart, arrays)})
     stream = io.BytesIO()
-    named = {f"array_{i}": array for i, array in enumerate(arrays)}
+    named: dict[str, Any] = {f"array_{i}": array for i, array in enumerate(arrays)}
     np.savez(stream, header=np.frombuffer(header.encode(), np.uint8), **named)
     replace_file(path, stream.getvalue())
     flush_to_disk(path, path.parent, folder)
@@ -138,7 +139,9 @@ def _packed(value, arrays: list):
     """Return the value in JSON's types; append its arrays."""
     name = type(value).__name__
     if RECORDS.get(name) is type(value):
-        values = {one.name: _packed(getattr(value, one.name), arrays) for one in fields(value)}
+        values = {
+            one.name: _packed(getattr(value, one.name), arrays) for one in fields(RECORDS[name])
+        }
         return {"record": name, "fields": values}
     if isinstance(value, np.ndarray):
         arrays.append(value)

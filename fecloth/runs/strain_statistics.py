@@ -14,6 +14,6 @@ def stretch_row(t: float, stretches: np.ndarray) -> dict[str, float]:
     the larger stretches.
     """
     smaller, larger = np.asarray(stretches).T
-    values = smaller.min(), np.percentile(smaller, 1), np.median(larger)
-    values += np.percentile(larger, 99), larger.max()
+    low, high = np.percentile(smaller, 1), np.percentile(larger, 99)
+    values = smaller.min(), low, np.median(larger), high, larger.max()
     return {"t": float(t)} | {k: float(v) for k, v in zip(STRETCHES, values, strict=True)}

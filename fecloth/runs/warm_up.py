@@ -22,8 +22,8 @@ def compile_kernels(problem: Problem) -> None:
     corners, triangles = [(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)]
     sets, element = {"left": [0, 3]}, whole.cloth.element
     cloth = Cloth.from_arrays(corners, triangles, sets, regions=halves, element=element)
-    fabric, *others = whole.panel.fabrics  # constants by triangle have another array layout
-    fabric = {"lower": fabric, "upper": others[0]} if others else fabric
+    first, *others = whole.panel.fabrics  # constants by triangle have another array layout
+    fabric = {"lower": first, "upper": others[0]} if others else first
     # SuperLU compiles all that PARDISO needs, without loading the MKL
     for linear in ("pcg", "superlu") if problem.linear == "auto" else (problem.linear,):
         with suppress(FeclothError), warnings.catch_warnings(action="ignore"):

@@ -27,6 +27,7 @@ from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import step_times
 from fecloth.system.constraints import Constraints
+from fecloth.system.motion import Motion
 from fecloth.system.pins import Pin
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -111,7 +112,7 @@ def _pin(number: int, table: PinTable, time: Time, cloth: Cloth, at: At) -> Pin:
     with at(f"pins.{number}.{'inside' if table.where is None else 'where'}"):
         X = cloth.X[cloth.nodes(table.pin.where)]
     pin = table.pin.at(X)
-    if pin.motion:
+    if isinstance(pin.motion, Motion):
         times = _motion_times(time)
         if pin.motion.by_place:  # at some of them, to limit the work
             times = times[:: 1 + len(times) * len(X) // MOST_PLACES, None]
@@ -159,7 +160,7 @@ def _check_start(scene: Scene, system: System, state: State, at: At) -> None:
 
 
 def _check_method(
-    scene: Scene, system: System, state: State, method, dt: float | None, at: At
+    scene: Scene, system: System, state: State, method: Any, dt: float | None, at: At
 ) -> None:
     """Refuse a mass, a step or a linear solver that the method does not allow."""
     if method.traits.explicit:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 from pydantic import model_validator
@@ -12,8 +13,10 @@ from fecloth.fabric import presets
 from fecloth.fabric.fabric import Fabric
 from fecloth.scene.table_model import table_of
 
+_FabricFields: Any = table_of(Fabric)  # a base class made at run time
 
-class FabricTable(table_of(Fabric)):
+
+class FabricTable(_FabricFields):
     """A fabric's constants; ``preset``, ``kes`` or ``fast`` gives those that are left out.
 
     The fields of `kes` and `fast` are those of `Fabric.from_kes` and `Fabric.from_fast`, in the
@@ -43,8 +46,8 @@ def _constants(key: str, value: Any) -> dict:
     if not isinstance(value, dict):
         allowed = 'must be a table of instrument readings, as in { W = 20.0, "2HB" = 0.05 }'
         raise InputError(f"{key} = {brief(value)}", allowed)
-    make, settings = _INSTRUMENTS[key]
-    settings = {name: value[name] for name in settings if name in value}
+    make, names = _INSTRUMENTS[key]
+    settings = {name: value[name] for name in names if name in value}
     fields = {name: one for name, one in value.items() if name not in settings}
     try:
         return dataclasses.asdict(make(fields, **settings))
@@ -52,7 +55,7 @@ def _constants(key: str, value: Any) -> dict:
         raise InputError(f"{key}.{error.what}", error.allowed, "", error.remedy) from None
 
 
-_INSTRUMENTS = {
+_INSTRUMENTS: dict[str, tuple[Callable[..., Fabric], tuple[str, ...]]] = {
     "kes": (Fabric.from_kes, ("load", "tensile")),
     "fast": (Fabric.from_fast, ("load",)),
 }

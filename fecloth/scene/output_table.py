@@ -20,12 +20,14 @@ class Output(Table):
     or seconds of the motion, and at the end.
     """
 
-    frames: int | None = Field(None, ge=1)
-    every: Annotated[float | None, TIME] = Field(None, gt=0)
-    every_steps: int | None = Field(None, ge=1)
-    format: Literal["vtu", "vtkhdf"] = Field("vtu", description="a file a frame, or one for all")
-    restart_steps: int | None = Field(None, ge=1)
-    restart_every: Annotated[float | None, TIME] = Field(None, gt=0)
+    frames: int | None = Field(default=None, ge=1)
+    every: Annotated[float | None, TIME] = Field(default=None, gt=0)
+    every_steps: int | None = Field(default=None, ge=1)
+    format: Literal["vtu", "vtkhdf"] = Field(
+        default="vtu", description="a file a frame, or one for all"
+    )
+    restart_steps: int | None = Field(default=None, ge=1)
+    restart_every: Annotated[float | None, TIME] = Field(default=None, gt=0)
 
     @model_validator(mode="before")
     @classmethod

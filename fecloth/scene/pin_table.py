@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import cast
 
 from pydantic import PrivateAttr, model_validator
 
@@ -51,9 +52,13 @@ class PinTable(Table):
         return self._pin
 
     def _made(self) -> Pin:
-        inside = self.inside and Region(Formula(self.inside, ("X", "Y"), True))
-        where = inside if self.where is None else self.where
-        if self.direction or self.normal:
-            across = {"direction": self.direction, "normal": self.normal}
-            return Slide(where, self.motion, name=self.name, **across)
-        return Pin(where, self.motion, name=self.name)
+        where: str | Region
+        if self.where is None:
+            where = Region(Formula(cast(str, self.inside), ("X", "Y"), True))
+        else:
+            where = self.where
+        if not (self.direction or self.normal):
+            return Pin(where, self.motion, name=self.name)
+        return Slide(
+            where, self.motion, name=self.name, direction=self.direction, normal=self.normal
+        )

@@ -87,7 +87,7 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     without hinges.
     """
     n, blocks = len(system.cloth.X), len(system.pattern.indices)
-    used = 1500 * n
+    used: float = 1500 * n
     if solver != "explicit":
         used += 72 * blocks
     if solver == "direct":

@@ -62,7 +62,7 @@ class Expectation(Table):
     @property
     def tolerance(self) -> float:
         """Allowed difference, in the unit of the value."""
-        return self.absolute or self.relative * abs(self.value)
+        return self.absolute or (self.relative or 0.0) * abs(self.value)
 
 
 class Interest(Table):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
@@ -42,7 +43,7 @@ class Problem:
     cloth: Cloth
     system: System
     state: State
-    method: object
+    method: Any  # an integrator, or `Auto` before it is resolved
     dt: float | None
     t_end: float
     newton: Newton

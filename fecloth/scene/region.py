@@ -16,4 +16,4 @@ class Region:
     formula: Formula
 
     def __call__(self, X: np.ndarray) -> np.ndarray:
-        return self.formula(X=X[:, 0], Y=X[:, 1])
+        return np.asarray(self.formula(X=X[:, 0], Y=X[:, 1]))

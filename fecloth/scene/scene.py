@@ -174,4 +174,5 @@ def _scene(terms: Mapping[str, type]) -> type[Scene]:
     """Return the class of scenes that may also have these terms."""
     if not terms:
         return Scene
-    return create_model("Scene", __base__=Scene, terms=(tuple[tables.terms_with(terms), ...], ()))
+    term: Any = tables.terms_with(terms)
+    return create_model("Scene", __base__=Scene, terms=(tuple[term, ...], ()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 from pydantic import model_validator
@@ -70,7 +70,7 @@ class Start(Table):
         if self.position:
             x = _at(self.position, X)
         else:
-            x[:, _PLANES[self.plane]] = X
+            x[:, _PLANES[cast(str, self.plane)]] = X
         x = self.rotate.apply(x) if self.rotate else x
         return x + self.shift if self.shift else x
 

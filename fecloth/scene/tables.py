@@ -62,8 +62,8 @@ Shape = one_of("shape", {"rectangle": Rectangle, "disk": Disk, "file": MeshFile}
 
 
 _LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg"]
-SolverTable = table_of(Newton, linear=(_LINEAR, "auto"))
-_TERMS = {
+SolverTable: Any = table_of(Newton, linear=(_LINEAR, "auto"))
+_TERMS: dict[str, Any] = {
     name: cls
     for name, cls in ((name, getattr(terms, name)) for name in terms.__all__)
     if dataclasses.is_dataclass(cls) and hasattr(cls, "bind")

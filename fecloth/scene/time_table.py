@@ -23,7 +23,7 @@ class AutoMethod(Table):
     type: Literal["auto"]
 
 
-_MethodTable = one_of(
+_MethodTable: Any = one_of(
     "type", {name: table_of(cls, name) for name, cls in _METHODS.items()} | {"auto": AutoMethod}
 )
 
@@ -72,8 +72,8 @@ class Time(Table):
             raise InputError(what, allowed, "", remedy)
         return self
 
-    def stepping(self) -> tuple[object, float | None]:
-        """The method and dt, as `march` takes them."""
+    def stepping(self) -> tuple[Any, float | None]:
+        """Return the method and dt, as `march` takes them."""
         tolerances = {k: getattr(self, k) for k in ("rtol", "atol") if getattr(self, k) is not None}
         if self.method.type == "auto":
             return Auto(**tolerances), None

@@ -21,7 +21,9 @@ def writable(hint: Any) -> Any:
         return Annotated[(writable(args[0]), *args[1:])]
     if origin in (Union, types.UnionType):
         return Union[tuple(writable(a) for a in args if get_origin(a) is not Callable)]  # noqa: UP007
-    return tuple[tuple(map(writable, args))] if origin is tuple else hint
+    if origin is tuple:
+        return tuple[tuple(map(writable, args))]  # type: ignore[misc]  # made at run time
+    return hint
 
 
 # --- text with a unit ---------------------------------------------------------------------------

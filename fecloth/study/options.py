@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 
 def parse_arguments(
@@ -44,6 +45,6 @@ def parse_arguments(
     return options
 
 
-def run_options(options: argparse.Namespace) -> dict[str, object]:
+def run_options(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options that `run_cases` takes."""
     return {name: getattr(options, name) for name in ("out", "jobs", "scheduler", "fresh")}

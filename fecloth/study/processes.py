@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from fecloth.study import status, threads
@@ -61,7 +62,7 @@ def serve(pipe: Connection, file: str, name: str) -> None:
 class Worker:
     """A process, the case it runs, and the time at which the case is late."""
 
-    process: multiprocessing.Process
+    process: BaseProcess
     pipe: Connection
     case: object = None
     end: float | None = None
@@ -90,7 +91,8 @@ class Worker:
 
 def run_in_processes(cases, count: int, time_limit: float | None) -> Iterator[tuple]:
     """Yield (case, result) as they finish in `count` processes; replace each stopped process."""
-    waiting, workers = deque(cases), []
+    waiting = deque(cases)
+    workers: list[Worker] = []
     try:
         while waiting or any(worker.case for worker in workers):
             busy = sum(worker.case is not None for worker in workers)
@@ -124,8 +126,9 @@ def _read_result(worker: Worker, has_answered: bool, time_limit: float | None) -
     """Return the worker's result, or None if it has none yet."""
     if not has_answered:
         is_late = worker.end is not None and time.perf_counter() >= worker.end
-        cause = status.describe_time_limit(time_limit) if is_late else ""
-        return {"status": status.LATE, "cause": cause} if is_late else None
+        if time_limit is None or not is_late:
+            return None
+        return {"status": status.LATE, "cause": status.describe_time_limit(time_limit)}
     try:
         answer = worker.pipe.recv()
     except (EOFError, ConnectionResetError):

@@ -135,8 +135,8 @@ def markdown_table(rows: Sequence[Row]) -> str:
     | 0.05 |  |
     """
     columns = list(dict.fromkeys(key for row in rows for key in row))
-    lines = [columns, *[[_cell(row.get(column)) for column in columns] for row in rows]]
-    lines = [f"| {' | '.join(cells)} |" for cells in lines]
+    table = [columns, *[[_cell(row.get(column)) for column in columns] for row in rows]]
+    lines = [f"| {' | '.join(cells)} |" for cells in table]
     return "\n".join([lines[0], f"|{'---|' * len(columns)}", *lines[1:]])
 
 
@@ -150,7 +150,7 @@ def _cell(value: object) -> str:
 def hardware() -> dict[str, object]:
     """Return the processor, its cores, the memory, the versions and the commit."""
     machine = {"processor": _processor(), "cores": os.cpu_count(), "memory": _memory()}
-    return machine | versions() | {"commit": _commit()}
+    return {**machine, **versions(), "commit": _commit()}
 
 
 def _processor() -> str:

@@ -35,7 +35,7 @@ def check_time_limit(*_: object) -> None:
     {'status': 'time limit', 'cause': 'more than -1 s'}
     """
     limit, end = getattr(_current_case, "limit", None), getattr(_current_case, "end", None)
-    if end is not None and time.perf_counter() > end:
+    if end is not None and limit is not None and time.perf_counter() > end:
         raise TimeLimit(describe_time_limit(limit))
 
 

@@ -49,7 +49,8 @@ def measure_seconds(function: Callable[[], object], repeats: int = 3) -> Seconds
     """
     first, _, _ = _measure_one_call(function)
     calls = [_measure_one_call(function) for _ in range(repeats)]
-    wall, cpu = (min(call[i] for call in calls) for i in (0, 1))
+    wall = min(call[0] for call in calls)
+    cpu = min(call[1] for call in calls)
     return Seconds(wall, cpu, first, calls[-1][2])
 
 

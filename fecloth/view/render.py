@@ -13,7 +13,7 @@ import math
 import os
 import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,7 +90,7 @@ def render(
     _check_arguments(target, field, size, fps, time)
     series = Series.open(folder)
     shot = _shot(series, field, size)
-    frames = range(len(series.times))
+    frames: Sequence[int] = range(len(series.times))
     if target.suffix == ".png":
         frames = [series.at(time)]
     if fps is None:
@@ -154,7 +154,7 @@ def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         with suppress(BrokenPipeError):  # ffmpeg has ended; its message has the reason
             for image in images:
-                process.stdin.write(image.tobytes())
+                process.stdin.write(image.tobytes())  # type: ignore[union-attr]  # it is a PIPE
         words = process.communicate()[1].decode(errors="replace").strip()
     if process.returncode:
         too_large = process.returncode == -getattr(signal, "SIGXFSZ", 0)

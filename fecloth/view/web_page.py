@@ -132,15 +132,16 @@ def packed(frames, fields: Sequence[str]) -> dict:
     fields
         Names of `frame_reader.FIELDS`, with values at the nodes or in the triangles.
     """
-    times, points, values = [], [], {name: [] for name in fields}
+    times, clouds = [], []
+    values: dict[str, list[np.ndarray]] = {name: [] for name in fields}
     for frame in frames:
         times.append(frame.t)
-        points.append(frame.points)
+        clouds.append(frame.points)
         for name in fields:
             values[name].append(field_values(frame, name))
-    if not times or not len(points[0]):
+    if not times or not len(clouds[0]):
         raise InputError("no frames", "a view needs at least one")
-    points = bounded(np.array(points))
+    points = bounded(np.array(clouds))
     low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
     view, triangles = view_of(low, high), straight(frame.cells)
     return {
