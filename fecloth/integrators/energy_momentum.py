@@ -21,10 +21,10 @@ class EnergyMomentum:
     """M (v₁ − v₀)/dt = f̄(x₀, x₁), x₁ = x₀ + dt (v₀ + v₁)/2; unknown q = v₁ − v₀.
 
     f̄ is a discrete gradient, −f̄ · (x₁ − x₀) = U(x₁) − U(x₀), term by term: for membranes quadratic
-    in E the stress of the averaged Green strain at the mean position (`terms.averaged`), for other
-    laws in E and for springs and hinges with the correction of Gonzalez (`terms.quotient`,
-    `terms.discrete`). Gravity, quadratic bending, tethers, loads and damping act at the mean
-    position, velocity and time. `Gas` and a user's `Condition` are refused.
+    in E the stress of the averaged Green strain at the mean position, for other laws in E and for
+    springs and hinges with the correction of Gonzalez (`membrane_discrete_gradient` and
+    `condition_discrete_gradient` in `fecloth.terms.loops`). Gravity, quadratic bending, tethers,
+    loads and damping act at the mean position, velocity and time. `Gas` and a user's `Condition` are refused.
 
     Second order, A-stable, no damping of linear modes of any frequency. Keeps the energy, and
     linear and angular momentum, to the Newton tolerance, at any step and on nonlinear problems:
@@ -117,8 +117,8 @@ def _between(term, start, symmetric):
     if term.has_energy:
         raise InputError(
             f"the term {term.name}",
-            "has an energy, but no force between two states that would keep it",
+            "has an energy, but no function `between`, which this method needs to conserve it",
             "EnergyMomentum",
-            "Use ImplicitMidpoint or GeneralizedAlpha, or another term.",
+            "Use ImplicitMidpoint or GeneralizedAlpha, or see fecloth.terms.protocol.BetweenStates",
         )
     return term

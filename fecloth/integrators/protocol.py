@@ -2,7 +2,9 @@
 
 A method of your own is a frozen dataclass with `traits` and the functions of `Integrator`, or of
 `ExplicitIntegrator`. `StageMethod` and `WithMemory` are bases that supply all but a few lines; the
-file studies/examples/integrator.py has one of each.
+file studies/examples/integrator.py has one of each. `fecloth.integrators` exports them, and the
+`Step`, `arrival`, `held` and `remembered` named below. `Counts()` of
+`fecloth.nonlinear.statistics` are the counts of a step without Newton's iteration.
 """
 
 from __future__ import annotations
@@ -93,7 +95,8 @@ class Stepping(Protocol):
         Parameters
         ----------
         system
-            Supplies ``force(state)`` (n, 3) [N], ``scalar_mass`` (n, n) [kg] and the constraints.
+            Supplies ``force(state)`` (n, 3) [N], ``scalar_mass`` (n, n) [kg], its row
+            sums ``nodal_mass`` (n,) [kg], and the constraints.
         state
             Time [s], x (n, 3) [m] and v (n, 3) [m/s]; do not change its arrays.
         dt
@@ -108,8 +111,8 @@ class Stepping(Protocol):
         Returns
         -------
         Step
-            Its state must have the pinned nodes where ``arrival(system, state, dt)`` puts them;
-            ``held(system, new, end)`` does that.
+            Its state must have the pinned nodes where ``end = arrival(system, state, dt)`` puts
+            them; ``held(system, new, end)`` is the state `new` with them there.
 
         Raises
         ------

@@ -135,7 +135,7 @@ def h5py():
     try:
         import h5py
     except ImportError as error:
-        remedy = 'Install it: pip install "fecloth[hdf]", or write format = "vtu".'
+        remedy = 'Install it: in the clone, pip install ".[hdf]", or write format = "vtu".'
         raise InputError("a .vtkhdf file needs the package h5py", remedy=remedy) from error
     return h5py
 

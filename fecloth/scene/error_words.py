@@ -68,7 +68,9 @@ def _own(name: Any) -> str:
     """Return a remedy for the name of a user's own term."""
     if not (isinstance(name, str) and name.isidentifier()):
         return ""
-    return f'For a term of your own: fecloth.scene.load("….toml", terms={{"{name}": {name}}}).'
+    return (
+        f'For a term of your own: fecloth.scene.scene.load("….toml", terms={{"{name}": {name}}}).'
+    )
 
 
 def with_key(key: str, error: InputError, value: Any = None) -> str:

@@ -61,8 +61,8 @@ def _needs(problem: Problem) -> str:
         return f"one thread, about {iterated:.0f} MB"
     select.direct(problem.system.symmetric)  # loads the MKL, if there is one
     count, factored = threads() or 1, estimate_memory(problem.system)
-    words = f"threads: {count} for factorisations, else one"
-    return f"{words}; about {iterated:.0f} MB, with a factor {factored:.0f}"
+    words = f"threads: {count} in factorisations, one elsewhere"
+    return f"{words}; about {iterated:.0f} MB, with a factor of the matrix {factored:.0f} MB"
 
 
 def _heavy(system: System) -> Iterator[str]:

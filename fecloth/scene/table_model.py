@@ -70,9 +70,15 @@ class Table(BaseModel):
 
 def _unknown(data: dict, fields: Mapping, shorthands: tuple[str, ...]) -> list[InputError]:
     known = (*fields, *shorthands)
+    at_top = {"title", "mass", "fabric", "grain_degrees"}  # TOML puts a late one into a table
     allowed = f"unknown key; the keys are {', '.join(known)}"
     return [
-        InputError(f"{key} = {shortened(value)}", allowed, "", did_you_mean(key, known))
+        InputError(
+            f"{key} = {shortened(value)}",
+            allowed,
+            "",
+            f"Write {key} before the first table." if key in at_top else did_you_mean(key, known),
+        )
         for key, value in data.items()
         if key not in fields
     ]

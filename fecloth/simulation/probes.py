@@ -101,7 +101,7 @@ class Observer:
 def _distinct(probes) -> tuple[Probe, ...]:
     """Return the probes; refuse what is no probe, and names used twice or by other columns."""
     if isinstance(probes, Probe) or not all(isinstance(p, Probe) for p in probes):
-        raise InputError(f"probes = {probes!r}", "must be a list of Probe", "Observer")
+        raise InputError(f"probes = {probes!r}", "must be a list of Probe(name, where)", "Observer")
     names = [probe.name for probe in probes]
     for name in names:
         if names.count(name) > 1:

@@ -47,7 +47,7 @@ class Limited:
 
 @dataclass(frozen=True)
 class AtLimit:
-    """An explicit method at 0.9 of its largest stable step, by `stability.estimate`.
+    """An explicit method at 0.9 of its largest stable step, by `lanczos_estimate.estimate`.
 
     The limit is that at the start or that at rest, whichever is less. A cloth that is stretched
     becomes stiffer, one of some materials also where it is compressed, and the limit falls: it is

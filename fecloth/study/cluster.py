@@ -22,7 +22,10 @@ def run_on_cluster(cases, scheduler: str, time_limit: float | None) -> Iterator[
     try:
         from distributed import Client, as_completed
     except ImportError as error:
-        what, remedy = f"scheduler = {scheduler}", "pip install 'fecloth[dask]', or use --jobs."
+        what, remedy = (
+            f"scheduler = {scheduler}",
+            "In the clone, pip install '.[dask]', or use --jobs.",
+        )
         raise InputError(what, "needs Dask distributed", "run_cases", remedy) from error
     with Client(scheduler) as client:
         case_of = {}

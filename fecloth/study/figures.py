@@ -38,7 +38,7 @@ def pyplot():
     try:
         import matplotlib
     except ImportError as error:
-        remedy = "pip install 'fecloth[studies]'."
+        remedy = "In the clone, pip install '.[studies]'."
         raise InputError("the figures", "need matplotlib", "studies", remedy) from error
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt

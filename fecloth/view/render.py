@@ -124,7 +124,7 @@ def _import_package(name: str):
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        remedy = 'Install it: pip install "fecloth[view]".'
+        remedy = 'Install it: in the clone, pip install ".[view]".'
         raise InputError(f"a picture needs the package {name}", remedy=remedy) from error
 
 

@@ -6,7 +6,7 @@ One mesh, one lumped mass, one material, one thread; the error is that of the me
 t <= 0.2 s, in percent of its peak, against the radial solution of `falling_disk.trampoline`. CPU
 seconds are the least of two runs after a warm-up, ratios those of one process.
 
-The other code is MuJoCo (pip install 'fecloth[peers]'), whose two-dimensional flex with
+The other code is MuJoCo (pip install '.[peers]'), whose two-dimensional flex with
 `elastic2d="stretch"` is the same element: P1 triangles of St. Venant-Kirchhoff. Its vertices get
 fecloth's lumped masses, and it starts with the half-step velocity, as the leapfrog does: so what
 `Euler` computes there is what central differences compute here, to round-off. Its `discrete` is the
@@ -200,7 +200,7 @@ def figures(h: float, elements: int) -> list[Figure]:
         Figure("EnergyMomentum at 1/240 s: over explicit", slow.cost / fast.cost, "ratio", 6),
     ]
     if mujoco is None:
-        print("MuJoCo is not installed, and left out: pip install 'fecloth[peers]'")
+        print("MuJoCo is not installed, and left out: pip install '.[peers]'")
         return found
     version = f"MuJoCo {mujoco.__version__}"
     other = result(f"{version}, Euler, 0.125 ms", peer(system, FINE, "Euler", 32))

@@ -23,7 +23,7 @@ STEPS = (5e-3, 2.5e-3, 1.25e-3)  # s
 def list_mujoco_cases(quick: bool) -> Rows:
     """List explicit steps near the limit, and long `discrete` steps; empty without MuJoCo."""
     if find_spec("mujoco") is None:
-        print("MuJoCo is not installed and is left out: pip install 'fecloth[peers]'")
+        print("MuJoCo is not installed and is left out: pip install '.[peers]'")
         return []
     found = []
     for scene in ("trampoline",) if quick else tuple(FLEX):

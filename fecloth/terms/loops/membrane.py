@@ -22,7 +22,7 @@ tuples with one zero for each node and each point, so that the compiler knows th
 unrolls the loops (three times faster than a count read from an array).
 
 Which laws are the same material at small strain, that is have one ℂ at F = a rotation, for a
-fabric of Y and ν (tests/terms/membranes/test_tension_field.py tests each line):
+fabric of Y and ν (tests/terms/membranes/test_tension_field.py checks each line):
 
     law                          uniaxial   biaxial      shear           is StVK's
     StVK                         Y          Y/(1 − ν)    Y/(2 (1 + ν))   -
