@@ -111,12 +111,14 @@ class BoundStrainRate:
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""
-        K, Q, nodes, *data = self._data
+        per_node, per_point, nodes, *data = self._data
         if self.symmetric or definite:
             floor = 0.0 if definite else -np.inf
-            add_symmetric(K, Q, nodes, self.slots, *data, x, v, wx, wv, floor, J.values)
+            add_symmetric(
+                per_node, per_point, nodes, self.slots, *data, x, v, wx, wv, floor, J.values
+            )
         else:
-            add_exact(K, Q, nodes, self.slots, *data, x, v, wx, wv, J.values)
+            add_exact(per_node, per_point, nodes, self.slots, *data, x, v, wx, wv, J.values)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest."""
@@ -131,47 +133,47 @@ def viscous_stress(c, F, H):
 
 
 @kernel
-def power(K, Q, nodes, G, w, c, x, v):
+def power(per_node, per_point, nodes, G, w, c, x, v):
     """Σ w Ė : S_v."""
     total = 0.0
     for e in range(len(nodes)):
-        for q in range(len(Q)):
-            F, H = gradient(K, nodes, G, e, q, x), gradient(K, nodes, G, e, q, v)
+        for q in range(len(per_point)):
+            F, H = gradient(per_node, nodes, G, e, q, x), gradient(per_node, nodes, G, e, q, v)
             S, rate = viscous_stress(c[e], F, H)
             total += w[e, q] * (S[0] * rate[0] + S[1] * rate[1] + 2.0 * S[2] * rate[2])
     return total
 
 
 @kernel
-def add_force(K, Q, nodes, G, w, c, x, v, f):
+def add_force(per_node, per_point, nodes, G, w, c, x, v, f):
     """d_a = −Σ w F S_v G_a."""
     for e in range(len(nodes)):
-        for q in range(len(Q)):
-            F, H = gradient(K, nodes, G, e, q, x), gradient(K, nodes, G, e, q, v)
+        for q in range(len(per_point)):
+            F, H = gradient(per_node, nodes, G, e, q, x), gradient(per_node, nodes, G, e, q, v)
             S, _ = viscous_stress(c[e], F, H)
-            scatter_force(K, nodes, G, e, q, w[e, q], F, S, f)
+            scatter_force(per_node, nodes, G, e, q, w[e, q], F, S, f)
 
 
 @kernel
-def add_symmetric(K, Q, nodes, slots, G, w, c, x, v, wx, wv, floor, J):
+def add_symmetric(per_node, per_point, nodes, slots, G, w, c, x, v, wx, wv, floor, J):
     """J_ab += w (wv B_aᵀ τℂ₀ B_b + wx (G_a · S_v G_b) I₃)."""
     for e in range(len(nodes)):
         ce = c[e]
         C = (wv * ce[0], wv * ce[1], wv * ce[2], wv * ce[3], wv * ce[4], wv * ce[5])
-        for q in range(len(Q)):
-            F, H = gradient(K, nodes, G, e, q, x), gradient(K, nodes, G, e, q, v)
+        for q in range(len(per_point)):
+            F, H = gradient(per_node, nodes, G, e, q, x), gradient(per_node, nodes, G, e, q, v)
             S, _ = viscous_stress(ce, F, H)
             S = clamp((wx * S[0], wx * S[1], wx * S[2]), floor)
-            scatter_symmetric(K, slots, G, e, q, w[e, q], F, S, C, J)
+            scatter_symmetric(per_node, slots, G, e, q, w[e, q], F, S, C, J)
 
 
 @kernel
-def add_exact(K, Q, nodes, slots, G, w, c, x, v, wx, wv, J):
+def add_exact(per_node, per_point, nodes, slots, G, w, c, x, v, wx, wv, J):
     """J_ab += w (B_a(F)ᵀ τℂ₀ B_b(wv F + wx Ḟ) + wx (G_a · S_v G_b) I₃)."""
     for e in range(len(nodes)):
         ce = c[e]
-        for q in range(len(Q)):
-            F, H = gradient(K, nodes, G, e, q, x), gradient(K, nodes, G, e, q, v)
+        for q in range(len(per_point)):
+            F, H = gradient(per_node, nodes, G, e, q, x), gradient(per_node, nodes, G, e, q, v)
             S, _ = viscous_stress(ce, F, H)
             mixed = (
                 wv * F[0] + wx * H[0],
@@ -182,4 +184,4 @@ def add_exact(K, Q, nodes, slots, G, w, c, x, v, wx, wv, J):
                 wv * F[5] + wx * H[5],
             )
             S = (wx * S[0], wx * S[1], wx * S[2])
-            scatter_mixed(K, slots, G, e, q, w[e, q], F, mixed, S, ce, J)
+            scatter_mixed(per_node, slots, G, e, q, w[e, q], F, mixed, S, ce, J)

@@ -50,7 +50,7 @@ class BoundCondition:
     kernels
         The family's entry points.
     shape
-        (K, R), as the kernels take them.
+        (per_node, convex), as the kernels take them.
     nodes, slots
         (m, k) int32 nodes of each stencil and (m, k, k) its blocks in the system matrix.
     constants

@@ -25,9 +25,9 @@ A family of conditions is a compiled function
                          names, because they hold the values of another stencil before
 
 The loops below are templates that call it; `bound_condition.kernels` compiles them and
-`bound_condition.bind` makes the bound term. `K` is a tuple with one zero for each node and `R` a
-tuple with, for each component, 1 if its ∂²C is positive semi-definite at every x and 0 if it is
-not: the compiler knows their length. A term whose constants change with x or t extends
+`bound_condition.bind` makes the bound term. `per_node` is a tuple with one zero for each node and
+`convex` a tuple with, for each component, 1 if its ∂²C is positive semi-definite at every x and 0
+if it is not: the compiler knows their length. A term whose constants change with x or t extends
 `BoundCondition` and its `table`, as user_condition.py and tether.py do.
 
 `definite` keeps the part (k_s C + k_d Ċ)_r ∂²C_r where both factors are not negative, drops the
@@ -49,90 +49,90 @@ def condition(y, c, order, C, g, H):
 
 
 @inner
-def gather(K, nodes, e, x, y):
+def gather(per_node, nodes, e, x, y):
     """y_a = x of the stencil's node a."""
-    for a in range(len(K)):
+    for a in range(len(per_node)):
         i = np.uintp(nodes[e, a])
         for j in range(3):
             y[a, j] = x[i, j]
 
 
 @inner
-def rate(K, R, g, u, out):
+def rate(per_node, convex, g, u, out):
     """Ċ_r = Σ_a ∂C_r/∂x_a · v_a."""
-    for r in range(len(R)):
+    for r in range(len(convex)):
         out[r] = 0.0
-        for a in range(len(K)):
+        for a in range(len(per_node)):
             out[r] += g[r, a, 0] * u[a, 0] + g[r, a, 1] * u[a, 1] + g[r, a, 2] * u[a, 2]
 
 
-def energy(K, R, nodes, c, ks, x):
+def energy(per_node, convex, nodes, c, ks, x):
     """½ Σ Cᵀ k_s C [J]."""
-    y, C = np.empty((len(K), 3)), np.empty(len(R))
-    g, H = np.empty((len(R), len(K), 3)), np.empty((0, 0, 0, 0, 0))
+    y, C = np.empty((len(per_node), 3)), np.empty(len(convex))
+    g, H = np.empty((len(convex), len(per_node), 3)), np.empty((0, 0, 0, 0, 0))
     total = 0.0
     for e in range(len(nodes)):
-        gather(K, nodes, e, x, y)
+        gather(per_node, nodes, e, x, y)
         condition(y, c[e], 0, C, g, H)
-        for r in range(len(R)):
-            for s in range(len(R)):
+        for r in range(len(convex)):
+            for s in range(len(convex)):
                 total += 0.5 * ks[e, r, s] * C[r] * C[s]
     return total
 
 
-def power(K, R, nodes, c, kd, x, v):
+def power(per_node, convex, nodes, c, kd, x, v):
     """Dissipated power Σ Ċᵀ k_d Ċ [W]."""
-    y, u = np.empty((len(K), 3)), np.empty((len(K), 3))
-    C, Cdot = np.empty(len(R)), np.empty(len(R))
-    g, H = np.empty((len(R), len(K), 3)), np.empty((0, 0, 0, 0, 0))
+    y, u = np.empty((len(per_node), 3)), np.empty((len(per_node), 3))
+    C, Cdot = np.empty(len(convex)), np.empty(len(convex))
+    g, H = np.empty((len(convex), len(per_node), 3)), np.empty((0, 0, 0, 0, 0))
     total = 0.0
     for e in range(len(nodes)):
-        gather(K, nodes, e, x, y)
-        gather(K, nodes, e, v, u)
+        gather(per_node, nodes, e, x, y)
+        gather(per_node, nodes, e, v, u)
         condition(y, c[e], 1, C, g, H)
-        rate(K, R, g, u, Cdot)
-        for r in range(len(R)):
-            for s in range(len(R)):
+        rate(per_node, convex, g, u, Cdot)
+        for r in range(len(convex)):
+            for s in range(len(convex)):
                 total += kd[e, r, s] * Cdot[r] * Cdot[s]
     return total
 
 
-def add_force(K, R, nodes, c, ks, kd, x, v, f):
+def add_force(per_node, convex, nodes, c, ks, kd, x, v, f):
     """f_a −= ∂C_a (k_s C + k_d Ċ)."""
-    y, u = np.empty((len(K), 3)), np.empty((len(K), 3))
-    C, Cdot = np.empty(len(R)), np.empty(len(R))
-    g, H = np.empty((len(R), len(K), 3)), np.empty((0, 0, 0, 0, 0))
+    y, u = np.empty((len(per_node), 3)), np.empty((len(per_node), 3))
+    C, Cdot = np.empty(len(convex)), np.empty(len(convex))
+    g, H = np.empty((len(convex), len(per_node), 3)), np.empty((0, 0, 0, 0, 0))
     for e in range(len(nodes)):
-        gather(K, nodes, e, x, y)
-        gather(K, nodes, e, v, u)
+        gather(per_node, nodes, e, x, y)
+        gather(per_node, nodes, e, v, u)
         condition(y, c[e], 1, C, g, H)
-        rate(K, R, g, u, Cdot)
-        for r in range(len(R)):
+        rate(per_node, convex, g, u, Cdot)
+        for r in range(len(convex)):
             tension = 0.0
-            for s in range(len(R)):
+            for s in range(len(convex)):
                 tension += ks[e, r, s] * C[s] + kd[e, r, s] * Cdot[s]
-            for a in range(len(K)):
+            for a in range(len(per_node)):
                 i = np.uintp(nodes[e, a])
                 for j in range(3):
                     f[i, j] -= tension * g[r, a, j]
 
 
-def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
+def add_tangent(per_node, convex, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
     """J_ab += ∂C_a (wx k_s + wv k_d) ∂C_bᵀ + wx Σ (k_s C + k_d Ċ)_r ∂²C_r,ab + the mixed part.
 
     `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is there.
     """
-    k, n = len(K), len(R)
+    k, n = len(per_node), len(convex)
     y, u = np.empty((k, 3)), np.empty((k, 3))
     C, Cdot, tension = np.empty(n), np.empty(n), np.empty(n)
     g, H = np.empty((n, k, 3)), np.empty((n, k, 3, k, 3))
     dCdot, T = np.zeros((n, k, 3)), np.empty((n, k, 3))  # wx ∂Ċ/∂x; the factor of ∂C_a
     order = 2 if part != GAUSS_NEWTON or mixed else 1
     for e in range(len(nodes)):
-        gather(K, nodes, e, x, y)
-        gather(K, nodes, e, v, u)
+        gather(per_node, nodes, e, x, y)
+        gather(per_node, nodes, e, v, u)
         condition(y, c[e], order, C, g, H)
-        rate(K, R, g, u, Cdot)
+        rate(per_node, convex, g, u, Cdot)
         if mixed:
             for r in range(n):
                 for b in range(k):
@@ -146,7 +146,7 @@ def add_tangent(K, R, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
             s = 0.0
             for q in range(n):
                 s += ks[e, r, q] * C[q] + kd[e, r, q] * Cdot[q]
-            drop = part == GAUSS_NEWTON or (part == DEFINITE and (R[r] == 0 or wx * s < 0.0))
+            drop = part == GAUSS_NEWTON or (part == DEFINITE and (convex[r] == 0 or wx * s < 0.0))
             tension[r] = 0.0 if drop else wx * s
             for b in range(k):
                 for j in range(3):

@@ -46,39 +46,39 @@ def condition(y, c, order, C, g, H):
 
 
 @inner
-def gradient_defect(K, g, d, change):
+def gradient_defect(per_node, g, d, change):
     """N = C₁ − C₀ − g · d, with C₁ − C₀ = `change`."""
-    for a in range(len(K)):
+    for a in range(len(per_node)):
         change -= g[a, 0] * d[a, 0] + g[a, 1] * d[a, 1] + g[a, 2] * d[a, 2]
     return change
 
 
 @inner
-def gather_over_step(K, nodes, e, start, x, y0, y, y1, d):
+def gather_over_step(per_node, nodes, e, start, x, y0, y, y1, d):
     """y₀, y, y₁ = 2y − y₀ and d = y₁ − y₀ of a stencil."""
-    gather(K, nodes, e, start, y0)
-    gather(K, nodes, e, x, y)
-    for a in range(len(K)):
+    gather(per_node, nodes, e, start, y0)
+    gather(per_node, nodes, e, x, y)
+    for a in range(len(per_node)):
         for i in range(3):
             y1[a, i] = 2.0 * y[a, i] - y0[a, i]
             d[a, i] = y1[a, i] - y0[a, i]
 
 
-def add_force(K, R, nodes, c, ks, start, x, f):
+def add_force(per_node, convex, nodes, c, ks, start, x, f):
     """f_a −= ḡ_a k_s C̄."""
-    k, n = len(K), len(R)
+    k, n = len(per_node), len(convex)
     y0, y, y1, d = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
     p, u, g = np.empty((k, 3)), np.empty((k, 3)), np.empty((n, k, 3))
     C0, C, C1, H = np.empty(n), np.empty(n), np.empty(n), np.empty((0, 0, 0, 0, 0))
     for e in range(len(nodes)):
-        gather_over_step(K, nodes, e, start, x, y0, y, y1, d)
+        gather_over_step(per_node, nodes, e, start, x, y0, y, y1, d)
         condition(y0, c[e], 0, C0, g, H)
         condition(y1, c[e], 0, C1, g, H)
         condition(y, c[e], 1, C, g, H)
-        total = subtract_mean(K, y, p)
-        _, s = remove_rigid_part(K, p, d, inverse_inertia(K, p, total), u)
+        total = subtract_mean(per_node, y, p)
+        _, s = remove_rigid_part(per_node, p, d, inverse_inertia(per_node, p, total), u)
         for r in range(n):
-            N = gradient_defect(K, g[r], d, C1[r] - C0[r])
+            N = gradient_defect(per_node, g[r], d, C1[r] - C0[r])
             factor = N / s if s > SHORT * total else 0.0
             tension = 0.0
             for q in range(n):
@@ -89,24 +89,24 @@ def add_force(K, R, nodes, c, ks, start, x, f):
                     f[i, j] -= tension * (g[r, a, j] + factor * u[a, j])
 
 
-def add_tangent(K, R, nodes, slots, c, ks, start, x, scale, J):
+def add_tangent(per_node, convex, nodes, slots, c, ks, start, x, scale, J):
     """J_ab += scale (ḡ_a k_s ∂C(y₁)_bᵀ + Σ_r (k_s C̄)_r ∂ḡ_r,a/∂y_b)."""
-    k, n = len(K), len(R)
+    k, n = len(per_node), len(convex)
     y0, y, y1, d = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
     p, u, du = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
     g, g1, H = np.empty((n, k, 3)), np.empty((n, k, 3)), np.empty((n, k, 3, k, 3))
     C0, C, C1, N, tension = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     for e in range(len(nodes)):
-        gather_over_step(K, nodes, e, start, x, y0, y, y1, d)
+        gather_over_step(per_node, nodes, e, start, x, y0, y, y1, d)
         condition(y0, c[e], 0, C0, g, H)
         condition(y1, c[e], 1, C1, g1, H)
         condition(y, c[e], 2, C, g, H)
-        total = subtract_mean(K, y, p)
-        inverse = inverse_inertia(K, p, total)
-        omega, s = remove_rigid_part(K, p, d, inverse, u)
+        total = subtract_mean(per_node, y, p)
+        inverse = inverse_inertia(per_node, p, total)
+        omega, s = remove_rigid_part(per_node, p, d, inverse, u)
         corrected = s > SHORT * total
         for r in range(n):
-            N[r] = gradient_defect(K, g[r], d, C1[r] - C0[r])
+            N[r] = gradient_defect(per_node, g[r], d, C1[r] - C0[r])
             tension[r] = 0.0
             for q in range(n):
                 tension[r] += 0.5 * scale * ks[e, r, q] * (C0[q] + C1[q])
@@ -114,7 +114,7 @@ def add_tangent(K, R, nodes, slots, c, ks, start, x, scale, J):
             for j in range(3):
                 ds = 0.0
                 if corrected:
-                    differentiate_deformation(K, p, d, omega, inverse, b, j, du)
+                    differentiate_deformation(per_node, p, d, omega, inverse, b, j, du)
                     for a in range(k):
                         for i in range(3):
                             ds += 2.0 * u[a, i] * du[a, i]
@@ -136,14 +136,14 @@ def add_tangent(K, R, nodes, slots, c, ks, start, x, scale, J):
                             J[slot, i, j] += gradient * T + tension[r] * change
 
 
-def add_symmetric_tangent(K, R, nodes, slots, c, ks, start, x, scale, definite, J):
+def add_symmetric_tangent(per_node, convex, nodes, slots, c, ks, start, x, scale, definite, J):
     """J_ab += scale (∂C_a k_s ∂C_bᵀ + Σ_r (k_s C̄)_r ∂²C_r,ab) at y, or its definite part."""
-    k, n = len(K), len(R)
+    k, n = len(per_node), len(convex)
     y0, y, y1, d = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
     g, H = np.empty((n, k, 3)), np.empty((n, k, 3, k, 3))
     C0, C, C1 = np.empty(n), np.empty(n), np.empty(n)
     for e in range(len(nodes)):
-        gather_over_step(K, nodes, e, start, x, y0, y, y1, d)
+        gather_over_step(per_node, nodes, e, start, x, y0, y, y1, d)
         condition(y0, c[e], 0, C0, g, H)
         condition(y1, c[e], 0, C1, g, H)
         condition(y, c[e], 2, C, g, H)
@@ -151,7 +151,7 @@ def add_symmetric_tangent(K, R, nodes, slots, c, ks, start, x, scale, definite, 
             tension = 0.0
             for q in range(n):
                 tension += 0.5 * scale * ks[e, r, q] * (C0[q] + C1[q])
-            if definite and (R[r] == 0 or tension < 0.0):
+            if definite and (convex[r] == 0 or tension < 0.0):
                 tension = 0.0
             for b in range(k):
                 for j in range(3):

@@ -14,10 +14,10 @@ from fecloth.jit import inner
 
 
 @inner
-def gradient(K, nodes, G, e, q, y):
+def gradient(per_node, nodes, G, e, q, y):
     """F = Σ y_a ⊗ G_a, as columns (F11, F21, F31, F12, F22, F32)."""
     F11 = F21 = F31 = F12 = F22 = F32 = 0.0
-    for a in range(len(K)):
+    for a in range(len(per_node)):
         i = np.uintp(nodes[e, a])
         G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
         F11 += y[i, 0] * G1
@@ -89,14 +89,14 @@ def clamp(S, floor):
 
 
 @inner
-def scatter_force(K, nodes, G, e, q, w, F, S, f):
+def scatter_force(per_node, nodes, G, e, q, w, F, S, f):
     """f_a −= w P G_a with P = F S."""
     F11, F21, F31, F12, F22, F32 = F
     S11, S22, S12 = S
     P11, P12 = w * (F11 * S11 + F12 * S12), w * (F11 * S12 + F12 * S22)
     P21, P22 = w * (F21 * S11 + F22 * S12), w * (F21 * S12 + F22 * S22)
     P31, P32 = w * (F31 * S11 + F32 * S12), w * (F31 * S12 + F32 * S22)
-    for a in range(len(K)):
+    for a in range(len(per_node)):
         i = np.uintp(nodes[e, a])
         G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
         f[i, 0] -= P11 * G1 + P12 * G2
@@ -136,11 +136,11 @@ def material_block(T, H, G1, G2):
 
 
 @inner
-def scatter_symmetric(K, slots, G, e, q, w, F, S, C, J):
+def scatter_symmetric(per_node, slots, G, e, q, w, F, S, C, J):
     """J_ab += w (B_aᵀ ℂ B_b + (G_a · S G_b) I₃); the lower half is the upper one transposed."""
     S11, S22, S12 = w * S[0], w * S[1], w * S[2]
     C = (w * C[0], w * C[1], w * C[2], w * C[3], w * C[4], w * C[5])
-    for a in range(len(K)):
+    for a in range(len(per_node)):
         G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
         T = material_rows(C, F, G1, G2)
         g1, g2 = S11 * G1 + S12 * G2, S12 * G1 + S22 * G2
@@ -170,15 +170,15 @@ def scatter_symmetric(K, slots, G, e, q, w, F, S, C, J):
 
 
 @inner
-def scatter_mixed(K, slots, G, e, q, w, F, F1, S, C, J):
+def scatter_mixed(per_node, slots, G, e, q, w, F, F1, S, C, J):
     """J_ab += w (B_a(F)ᵀ ℂ B_b(F₁) + (G_a · S G_b) I₃), which is not symmetric."""
     S11, S22, S12 = w * S[0], w * S[1], w * S[2]
     C = (w * C[0], w * C[1], w * C[2], w * C[3], w * C[4], w * C[5])
-    for a in range(len(K)):
+    for a in range(len(per_node)):
         G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
         T = material_rows(C, F, G1, G2)
         g1, g2 = S11 * G1 + S12 * G2, S12 * G1 + S22 * G2
-        for b in range(len(K)):
+        for b in range(len(per_node)):
             H1, H2 = G[e, q, b, 0], G[e, q, b, 1]
             M = material_block(T, F1, H1, H2)
             s = np.uintp(slots[e, a, b])

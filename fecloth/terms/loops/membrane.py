@@ -17,7 +17,7 @@ The loop forms, for the nodes a of each triangle and each quadrature point of we
     K_ab = Σ w (B_aᵀ ℂ B_b + (G_a · S G_b) I₃)            stiffness, δE = Σ B_a δx_a
 
 (Bonet and Wood 2008, Nonlinear Continuum Mechanics for Finite Element Analysis, sections 9.3
-and 9.4.) Nothing here assumes three nodes or one quadrature point: `K` and `Q` are
+and 9.4.) Nothing here assumes three nodes or one quadrature point: `per_node` and `per_point` are
 tuples with one zero for each node and each point, so that the compiler knows their number and
 unrolls the loops (three times faster than a count read from an array).
 
@@ -63,42 +63,42 @@ def law(E, c):
     raise NotImplementedError
 
 
-def energy(K, Q, nodes, G, w, c, x):
+def energy(per_node, per_point, nodes, G, w, c, x):
     """Σ w W [J]."""
     total = 0.0
     for e in range(len(nodes)):
-        for q in range(len(Q)):
-            W, _, _ = law(green_strain(gradient(K, nodes, G, e, q, x)), c[e])
+        for q in range(len(per_point)):
+            W, _, _ = law(green_strain(gradient(per_node, nodes, G, e, q, x)), c[e])
             total += w[e, q] * W
     return total
 
 
-def add_force(K, Q, nodes, G, w, c, x, f):
+def add_force(per_node, per_point, nodes, G, w, c, x, f):
     """f_a −= Σ w P G_a."""
     for e in range(len(nodes)):
-        for q in range(len(Q)):
-            F = gradient(K, nodes, G, e, q, x)
+        for q in range(len(per_point)):
+            F = gradient(per_node, nodes, G, e, q, x)
             _, S, _ = law(green_strain(F), c[e])
-            scatter_force(K, nodes, G, e, q, w[e, q], F, S, f)
+            scatter_force(per_node, nodes, G, e, q, w[e, q], F, S, f)
 
 
-def add_tangent(K, Q, nodes, slots, G, w, c, x, scale, floor, J):
+def add_tangent(per_node, per_point, nodes, slots, G, w, c, x, scale, floor, J):
     """J += scale · K, with the stress of the geometric part clamped from below at `floor`."""
     for e in range(len(nodes)):
-        for q in range(len(Q)):
-            F = gradient(K, nodes, G, e, q, x)
+        for q in range(len(per_point)):
+            F = gradient(per_node, nodes, G, e, q, x)
             _, S, C = law(green_strain(F), c[e])
-            scatter_symmetric(K, slots, G, e, q, scale * w[e, q], F, clamp(S, floor), C, J)
+            scatter_symmetric(per_node, slots, G, e, q, scale * w[e, q], F, clamp(S, floor), C, J)
 
 
-def add_stress(K, Q, nodes, G, w, c, x, out):
+def add_stress(per_node, per_point, nodes, G, w, c, x, out):
     """out[e] += (S11, S22, S12, W), the means over the triangle."""
     for e in range(len(nodes)):
         area = 0.0
-        for q in range(len(Q)):
+        for q in range(len(per_point)):
             area += w[e, q]
-        for q in range(len(Q)):
-            W, S, _ = law(green_strain(gradient(K, nodes, G, e, q, x)), c[e])
+        for q in range(len(per_point)):
+            W, S, _ = law(green_strain(gradient(per_node, nodes, G, e, q, x)), c[e])
             share = w[e, q] / area
             out[e, 0] += share * S[0]
             out[e, 1] += share * S[1]
@@ -187,11 +187,11 @@ class BoundMembrane:
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; `definite` clamps the stress of the geometric part at zero."""
-        K, Q, nodes, *data = self.data
+        per_node, per_point, nodes, *data = self.data
         add, floor = self.kernels.add_tangent, -math.inf
         if definite:
             add, floor = self.kernels.add_definite_tangent, 0.0
-        add(K, Q, nodes, self.slots, *data, x, wx, floor, J.values)
+        add(per_node, per_point, nodes, self.slots, *data, x, wx, floor, J.values)
 
     def add_stress(self, x, out) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""

@@ -128,44 +128,44 @@ def add_dyad_rows(T, F, G1, G2, e, z):
     )
 
 
-def add_average_force(K, Q, nodes, G, w, c, start, x, f):
+def add_average_force(per_node, per_point, nodes, G, w, c, start, x, f):
     """f_a −= Σ w F S̄ G_a with the average S̄."""
     for e in range(len(nodes)):
-        for q in range(len(Q)):
-            F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
+        for q in range(len(per_point)):
+            F0, F = gradient(per_node, nodes, G, e, q, start), gradient(per_node, nodes, G, e, q, x)
             _, S, _ = law(mean_strain(F0, end_gradient(F, F0)), c[e])
-            scatter_force(K, nodes, G, e, q, w[e, q], F, S, f)
+            scatter_force(per_node, nodes, G, e, q, w[e, q], F, S, f)
 
 
-def add_average_tangent(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+def add_average_tangent(per_node, per_point, nodes, slots, G, w, c, start, x, scale, J):
     """J_ab += scale · Σ w (B_a(F)ᵀ ℂ B_b(F₁) + (G_a · S̄ G_b) I₃) with the average S̄."""
     for e in range(len(nodes)):
-        for q in range(len(Q)):
-            F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
+        for q in range(len(per_point)):
+            F0, F = gradient(per_node, nodes, G, e, q, start), gradient(per_node, nodes, G, e, q, x)
             F1 = end_gradient(F, F0)
             _, S, C = law(mean_strain(F0, F1), c[e])
-            scatter_mixed(K, slots, G, e, q, scale * w[e, q], F, F1, S, C, J)
+            scatter_mixed(per_node, slots, G, e, q, scale * w[e, q], F, F1, S, C, J)
 
 
-def add_quotient_force(K, Q, nodes, G, w, c, start, x, f):
+def add_quotient_force(per_node, per_point, nodes, G, w, c, start, x, f):
     """f_a −= Σ w F S̄ G_a with the quotient's S̄."""
     for e in range(len(nodes)):
-        for q in range(len(Q)):
-            F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
+        for q in range(len(per_point)):
+            F0, F = gradient(per_node, nodes, G, e, q, start), gradient(per_node, nodes, G, e, q, x)
             E0, E1 = green_strain(F0), green_strain(end_gradient(F, F0))
             W0, _, _ = law(E0, c[e])
             W1, _, _ = law(E1, c[e])
             _, S, _ = law(mean(E0, E1), c[e])
             d = strain_increment(E0, E1)
             S = add_multiple(S, quotient(W1 - W0, S, d), d)
-            scatter_force(K, nodes, G, e, q, w[e, q], F, S, f)
+            scatter_force(per_node, nodes, G, e, q, w[e, q], F, S, f)
 
 
-def add_quotient_tangent(K, Q, nodes, slots, G, w, c, start, x, scale, J):
+def add_quotient_tangent(per_node, per_point, nodes, slots, G, w, c, start, x, scale, J):
     """J_ab += scale · Σ w (B_a(F)ᵀ (2 ∂S̄/∂E₁) B_b(F₁) + (G_a · S̄ G_b) I₃), quotient's S̄."""
     for e in range(len(nodes)):
-        for q in range(len(Q)):
-            F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
+        for q in range(len(per_point)):
+            F0, F = gradient(per_node, nodes, G, e, q, start), gradient(per_node, nodes, G, e, q, x)
             F1 = end_gradient(F, F0)
             E0, E1 = green_strain(F0), green_strain(F1)
             W0, _, _ = law(E0, c[e])
@@ -184,11 +184,11 @@ def add_quotient_tangent(K, Q, nodes, slots, G, w, c, start, x, scale, J):
                 W * C[4],
                 W * C[5],
             )
-            for a in range(len(K)):
+            for a in range(len(per_node)):
                 G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
                 T = add_dyad_rows(material_rows(C, F, G1, G2), F, G1, G2, d, z)
                 g1, g2 = W * (S[0] * G1 + S[2] * G2), W * (S[2] * G1 + S[1] * G2)
-                for b in range(len(K)):
+                for b in range(len(per_node)):
                     H1, H2 = G[e, q, b, 0], G[e, q, b, 1]
                     M = material_block(T, F1, H1, H2)
                     s = np.uintp(slots[e, a, b])
@@ -198,13 +198,13 @@ def add_quotient_tangent(K, Q, nodes, slots, G, w, c, start, x, scale, J):
                             J[s, i, j] += M[i][j]
 
 
-def add_symmetric_tangent(K, Q, nodes, slots, G, w, c, start, x, scale, floor, J):
+def add_symmetric_tangent(per_node, per_point, nodes, slots, G, w, c, start, x, scale, floor, J):
     """J += scale · Σ w (B_a(F)ᵀ ℂ B_b(F) + (G_a · S(Ē) G_b) I₃), S(Ē) clamped at `floor`."""
     for e in range(len(nodes)):
-        for q in range(len(Q)):
-            F0, F = gradient(K, nodes, G, e, q, start), gradient(K, nodes, G, e, q, x)
+        for q in range(len(per_point)):
+            F0, F = gradient(per_node, nodes, G, e, q, start), gradient(per_node, nodes, G, e, q, x)
             _, S, C = law(mean_strain(F0, end_gradient(F, F0)), c[e])
-            scatter_symmetric(K, slots, G, e, q, scale * w[e, q], F, clamp(S, floor), C, J)
+            scatter_symmetric(per_node, slots, G, e, q, scale * w[e, q], F, clamp(S, floor), C, J)
 
 
 class DiscreteGradientKernels(NamedTuple):
@@ -251,7 +251,7 @@ class OverStep:
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; the symmetric one has both B at x, the definite one S̄ clamped at zero."""
-        K, Q, nodes, *data = self.membrane.data
+        per_node, per_point, nodes, *data = self.membrane.data
         kernels = self.membrane.kernels.over_step
         weights: tuple[float, ...] = (float(wx),)
         add = kernels.add_tangent
@@ -259,4 +259,14 @@ class OverStep:
             add, weights = kernels.add_definite_tangent, (float(wx), 0.0)
         elif self.symmetric:
             add, weights = kernels.add_symmetric_tangent, (float(wx), -math.inf)
-        add(K, Q, nodes, self.membrane.slots, *data, self.start, x, *weights, J.values)
+        add(
+            per_node,
+            per_point,
+            nodes,
+            self.membrane.slots,
+            *data,
+            self.start,
+            x,
+            *weights,
+            J.values,
+        )

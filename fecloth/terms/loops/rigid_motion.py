@@ -2,7 +2,8 @@
 
     u_a = d_a − d̄ − ω × p_a,   p = y − ȳ,   Θω = Σ p_a × d_a,   Θ = Σ |p_a|² I − p_a p_aᵀ
 
-For `condition_discrete_gradient`, where d = 2 (y − y₀). `K` is a tuple with one zero for each node.
+For `condition_discrete_gradient`, where d = 2 (y − y₀). `per_node` is a tuple with one zero for
+each node.
 """
 
 from __future__ import annotations
@@ -11,27 +12,27 @@ from fecloth.jit import inner
 
 
 @inner
-def subtract_mean(K, y, p):
+def subtract_mean(per_node, y, p):
     """p_a = y_a − ȳ; return Σ |p|²."""
     total = 0.0
     for i in range(3):
         mean = 0.0
-        for a in range(len(K)):
-            mean += y[a, i] / len(K)
-        for a in range(len(K)):
+        for a in range(len(per_node)):
+            mean += y[a, i] / len(per_node)
+        for a in range(len(per_node)):
             p[a, i] = y[a, i] - mean
             total += p[a, i] * p[a, i]
     return total
 
 
 @inner
-def inverse_inertia(K, p, total):
+def inverse_inertia(per_node, p, total):
     """Θ⁻¹ = (11, 22, 33, 12, 13, 23); for two nodes without p pᵀ, as ω ⟂ p."""
-    if len(K) == 2:
+    if len(per_node) == 2:
         inverse = 1.0 / total if total > 0.0 else 0.0  # a spring of no length has no rotation
         return inverse, inverse, inverse, 0.0, 0.0, 0.0
     a11, a22, a33, a12, a13, a23 = total, total, total, 0.0, 0.0, 0.0
-    for a in range(len(K)):
+    for a in range(len(per_node)):
         a11 -= p[a, 0] * p[a, 0]
         a22 -= p[a, 1] * p[a, 1]
         a33 -= p[a, 2] * p[a, 2]
@@ -61,16 +62,16 @@ def cross(a, b):
 
 
 @inner
-def remove_rigid_part(K, p, d, inverse, u):
+def remove_rigid_part(per_node, p, d, inverse, u):
     """u_a = d_a − d̄ − ω × p_a; return ω and s = u · u."""
     L1 = L2 = L3 = 0.0
-    for a in range(len(K)):
+    for a in range(len(per_node)):
         moment = cross(p[a], d[a])
         L1, L2, L3 = L1 + moment[0], L2 + moment[1], L3 + moment[2]
     omega = multiply_symmetric(inverse, (L1, L2, L3))
-    subtract_mean(K, d, u)
+    subtract_mean(per_node, d, u)
     s = 0.0
-    for a in range(len(K)):
+    for a in range(len(per_node)):
         rotation = cross(omega, p[a])
         for i in range(3):
             u[a, i] -= rotation[i]
@@ -79,9 +80,9 @@ def remove_rigid_part(K, p, d, inverse, u):
 
 
 @inner
-def differentiate_deformation(K, p, d, omega, inverse, b, j, du):
+def differentiate_deformation(per_node, p, d, omega, inverse, b, j, du):
     """du = ∂u/∂y_bj, with L = Θω, ∂d = 2 ∂y and ∂ω = Θ⁻¹(∂L − ∂Θ ω)."""
-    k = len(K)
+    k = len(per_node)
     unit = (1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0, 1.0 if j == 2 else 0.0)
     m1 = m2 = m3 = 0.0
     for a in range(k):
