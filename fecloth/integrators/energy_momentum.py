@@ -24,7 +24,8 @@ class EnergyMomentum:
     in E the stress of the averaged Green strain at the mean position, for other laws in E and for
     springs and hinges with the correction of Gonzalez (`membrane_discrete_gradient` and
     `condition_discrete_gradient` in `fecloth.terms.loops`). Gravity, quadratic bending, tethers,
-    loads and damping act at the mean position, velocity and time. `Gas` and a user's `Condition` are refused.
+    loads and damping act at the mean position, velocity and time. `Gas` and a user's `Condition`
+    are refused.
 
     Second order, A-stable, no damping of linear modes of any frequency. Keeps the energy, and
     linear and angular momentum, to the Newton tolerance, at any step and on nonlinear problems:
