@@ -1,4 +1,4 @@
-"""The implicit method that remembers the last change: BDF2."""
+"""BDF2, the two-step backward differentiation formula."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from fecloth.integrators.newmark import Newmark
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
-from fecloth.integrators.with_memory import WithMemory, holding
+from fecloth.integrators.with_memory import WithMemory, hold_stage
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage
@@ -69,7 +69,7 @@ class BDF2(WithMemory):
             first = Newmark().step(system, state, dt, solver)
             return replace(first, memory=_change(state, first.state))
         end, stage = arrival(system, state, dt), self.stage(state, dt, memory)
-        stage = holding(system, stage, end, stage.a + stage.wa * (end.v - state.v))
+        stage = hold_stage(system, stage, end, stage.a + stage.wa * (end.v - state.v))
         q, counts = newton.solve(system, stage, solver, memory.dv)
         _, v, a = stage.at(q)
         new = held(system, State(end.t, stage.x_end + stage.w_end * q, v), end)

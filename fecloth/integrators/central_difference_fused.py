@@ -3,8 +3,9 @@
 Threads share the work by nodes: each owns a range of them, and computes every triangle that
 touches it. The triangles along the seams between the ranges are computed twice (2 % of 8,000,
 0.4 % of 200,000 on two threads, as nodes and triangles are numbered along a narrow band), so no
-thread writes what another one reads within a step: there is nothing to add up afterwards, one
-meeting a step, and each node's forces are summed in the order of one thread, to the same bits.
+thread writes data that another one reads within a step. Nothing is added up afterwards, threads
+synchronise once a step, and the forces of a node are summed in the order of a single thread, to
+the same bits.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ TERMS = "the terms must be one StVK, and constant loads: Gravity, PointForce, Us
 
 
 def many_steps(system: System, state: State, dt: float, steps: int, threads: int = 1) -> State:
-    """The state after so many steps of `CentralDifference`, to round-off.
+    """Take many steps of `CentralDifference`; return the last state, equal to round-off.
 
     The leapfrog v½ ← v½ + dt M⁻¹ f(x), x ← x + dt v½ between two half kicks: one pass over the
     triangles and one over the nodes a step, nothing allocated, no Python between steps. A call
@@ -59,7 +60,7 @@ def many_steps(system: System, state: State, dt: float, steps: int, threads: int
         threads than Numba may start.
     StepFailed
         If the end is not finite, as beyond the limit on dt (see `critical_dt`); its `state` is
-        the start, as no other is kept.
+        the start, the only state stored.
 
     Examples
     --------
@@ -136,7 +137,7 @@ def _membrane(system):
 
 
 def _is_constant(term) -> bool:
-    """Whether it is a load that is the same at any x, v and t."""
+    """Return whether a term is a load that is the same at any x, v and t."""
     if isinstance(term, BoundPointForce):
         parts = term.force.parts
     elif isinstance(term, BoundUserForce) and isinstance(term.function, FormulaForce):
@@ -160,7 +161,7 @@ def _refused(what, allowed):
 
 
 def shares(cloth: Cloth, held: np.ndarray, threads: int) -> np.ndarray:
-    """(p, 8) what each of p ≤ `threads` parts computes, as four ranges [begin, end).
+    """Return the (p, 8) work of p ≤ `threads` parts, as four ranges [begin, end) each.
 
     Its triangles, the nodes that these touch, the nodes that it owns and moves, and the entries
     in the ascending nodes `held` that are its own. Every node has one owner, whose triangles are
@@ -215,7 +216,7 @@ def weights(step, steps, dt):
 
 @kernel
 def leapfrog(K, Q, nodes, G, w, c, at, P, inverse_mass, load, dt, steps, part, x, v, f):
-    """So many steps in place: with a single part, x may be overwritten by what follows it."""
+    """Take the steps in place: with a single part the new x may overwrite the old one."""
     fixed = K, Q, nodes, G, w, c, at, P, inverse_mass, load
     for step in range(steps + 1):
         kick, drift = weights(step, steps, dt)

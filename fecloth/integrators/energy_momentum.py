@@ -1,4 +1,4 @@
-"""Energy–momentum: the midpoint rule with forces that know both ends of the step."""
+"""Energy–momentum: the midpoint rule with forces that depend on both ends of the step."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class EnergyMomentum:
         return Step(held(system, new, end), mean, q, counts, force=over.force(mean))
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the method itself took in a step: none."""
+        """Numerical dissipation [J] of a step: none."""
         return 0.0
 
 
@@ -107,7 +107,7 @@ def over_step(system: System, start: np.ndarray, symmetric: bool = False) -> Sys
     Raises
     ------
     InputError
-        For a term that has an energy and cannot say its force between two states.
+        For a term with an energy and no force between two states.
     """
     return system.with_bound(_between(term, start, symmetric) for term in system.bound)
 

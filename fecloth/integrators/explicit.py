@@ -2,7 +2,7 @@
 
 Each has its own stability limit on dt, given for a mode of frequency ω and damping ratio ζ; what
 is beyond it grows without bound. Pins and slides act through their projector P at the end of each
-step, which puts moved pins where their motion is, exactly.
+step; moved pins are exactly at their prescribed positions.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.errors import InputError, flag
-from fecloth.integrators.numerical_dissipation import taken
+from fecloth.integrators.numerical_dissipation import explicit_dissipation
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival
 from fecloth.jit import kernel
@@ -22,12 +22,12 @@ from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-# a step that overflows is reported by the loop over time, which finds it not finite
+# `march` reports a step that overflows, because its values are not finite
 quiet = np.errstate(over="ignore", invalid="ignore")
 
 
 class Explicit:
-    """What explicit methods share; `forces_at` is 0 for forces at the start, ½ at both ends."""
+    """Base of explicit methods; `forces_at` is 0 for forces at the start, ½ at both ends."""
 
     constants: MethodTraits
     forces_at: float
@@ -42,7 +42,7 @@ class Explicit:
         return replace(self.constants, beyond_limit=self.beyond_limit)
 
     def check(self, system: System) -> None:
-        """Refuse a mass that would need a linear solve.
+        """Raise `InputError` for a mass that needs a linear solve.
 
         Raises
         ------
@@ -60,8 +60,8 @@ class Explicit:
             )
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the method itself took in a step, by `taken`."""
-        return taken(system, old, step, self.forces_at)
+        """Numerical dissipation [J] of a step, by `explicit_dissipation`."""
+        return explicit_dissipation(system, old, step, self.forces_at)
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def _euler(method, system, state, dt, new_velocity):
 @remembered
 @dataclass(frozen=True, eq=False)
 class LastForce:
-    """What central differences keep from step to step: a = M⁻¹ f, and where f was taken."""
+    """The memory of central differences: a = M⁻¹ f, and the state of f."""
 
     a: np.ndarray
     at: State
@@ -187,14 +187,14 @@ class CentralDifference(Explicit):
 
 
 def acceleration(system: System, state: State) -> np.ndarray:
-    """M⁻¹ f (n, 3) [m/s²]; what it has along held directions, `put` takes out of x and v."""
+    """Return M⁻¹ f (n, 3) [m/s²]; `put` removes its effect along held directions from x and v."""
     a = system.force(state)
     divide(system.nodal_mass, a)
     return a
 
 
 def put(system: System, state: State, end: State) -> State:
-    """The state, its own arrays changed so that its held directions are at `end`, exactly."""
+    """Set the held directions in the state's own arrays exactly to `end`; return the state."""
     system.constraints.put(state.x, end.x)
     system.constraints.put(state.v, end.v)
     return state

@@ -9,7 +9,7 @@ import numpy as np
 from fecloth.errors import InputError, flag, is_number
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, blend, held
-from fecloth.integrators.with_memory import WithMemory, holding
+from fecloth.integrators.with_memory import WithMemory, hold_stage
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage
@@ -71,7 +71,7 @@ class AccelerationMethod(WithMemory):
         moved = ((end.v - state.v) / dt - (1 - gamma) * a) / gamma  # a₁ of what the pins hold
         stage = self.stage(state, dt, a)
         at, a_m = blend(state, end, 1 - alpha_f), alpha_m * a + (1 - alpha_m) * moved
-        stage = holding(system, stage, at, a_m)
+        stage = hold_stage(system, stage, at, a_m)
         q, counts = newton.solve(system, stage, solver, a)
         new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * ((1 - gamma) * a))
         new = held(system, replace(new, v=new.v + dt * gamma * q), end)

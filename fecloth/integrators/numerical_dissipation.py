@@ -1,4 +1,4 @@
-"""The forces of a step, and what the method itself took of the energy in it."""
+"""Numerical dissipation of a step, and the forces that it depends on."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 
-def taken(system: System, old: State, step: Step, theta: float) -> float:
-    """Energy [J] that an explicit method itself took in a step; negative where it gave some.
+def explicit_dissipation(system: System, old: State, step: Step, theta: float) -> float:
+    """Numerical dissipation [J] of a step of an explicit method; negative for a gain.
 
     With v̄ the mean of the old and new velocity, ° the free directions, and the mean over the
     stages of the step,
@@ -25,25 +25,25 @@ def taken(system: System, old: State, step: Step, theta: float) -> float:
     """
     energy = _between_velocities(system, old, step)
     if theta != 0.5:
-        energy += (theta - 0.5) * bend(system, old, step.state)
-    return energy - _columns_miss(system, old, step)
+        energy += (theta - 0.5) * stiffness_product(system, old, step.state)
+    return energy - _unrecorded_work(system, old, step)
 
 
-def taken_beyond(system: System, old: State, step: Step) -> float:
-    """Energy [J] that a method itself took which solved M a = f(stage), not for the mean force.
+def memory_dissipation(system: System, old: State, step: Step) -> float:
+    """Numerical dissipation [J] of a method that satisfies M a = f at one stage.
 
-    With f̄ the mean of the old and new force, and d, v̄ and ° as in `taken`,
+    With f̄ the mean of the old and new force, and d, v̄ and ° as in `explicit_dissipation`,
 
         M Δv · (Δx/dt − v̄)° + (M a − M Δv/dt + f̄ − f(stage)) · Δx° − mean of d·(Δx − dt v)
 
-    The forces' work over the step is f̄ · Δx where they are linear, and all of M a − f(stage) that
-    is left unsolved stays in the ledger's remainder.
+    The work of linear forces over the step is f̄ · Δx. The residual M a − f(stage) of the solve
+    stays in the ledger's remainder.
     """
     dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
     beyond = system.scalar_mass @ (step.a - dv / dt) + step.mean_force(system) - step.solved_force
     unbalanced = system.sums.dot(beyond, system.constraints.project(dx))
     energy = _between_velocities(system, old, step) + unbalanced
-    return energy - _columns_miss(system, old, step)
+    return energy - _unrecorded_work(system, old, step)
 
 
 def _between_velocities(system, old, step):
@@ -53,14 +53,14 @@ def _between_velocities(system, old, step):
     return system.sums.dot(system.scalar_mass @ dv, free)
 
 
-def _columns_miss(system, old, step):
-    """What the ledger's columns miss of the work of their forces: mean of d·(Δx − dt v)."""
+def _unrecorded_work(system, old, step):
+    """Work that the ledger's columns do not contain: mean of d·(Δx − dt v)."""
     dt, dx, stages = step.state.t - old.t, step.state.x - old.x, step.stages
     works = (system.sums.dot(column_forces(system, at), dx - dt * at.v) for at in stages)
     return sum(works) / len(stages)
 
 
-def bend(system: System, old: State, new: State) -> float:
+def stiffness_product(system: System, old: State, new: State) -> float:
     """Δx·K Δx [J] as the change of the conservative force along Δx."""
     return system.sums.dot(conservative(system, old) - conservative(system, new), new.x - old.x)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.integrators.numerical_dissipation import bend
+from fecloth.integrators.numerical_dissipation import stiffness_product
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.nonlinear import newton
@@ -21,7 +21,7 @@ class StageMethod:
 
     `traits.theta` says where between old and new state the forces are balanced: over a step with
     free nodes M Δv · v_θ = f · Δx with v_θ = v + θ Δv, so that for energies quadratic in x the
-    method dissipates (θ − ½)(Δv·M Δv + Δx·K Δx) by itself.
+    numerical dissipation is (θ − ½)(Δv·M Δv + Δx·K Δx).
     """
 
     traits: MethodTraits
@@ -48,7 +48,7 @@ class StageMethod:
         return Step(held(system, new, end), State(stage.t, x, v), q, counts)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the method itself took in a step: (θ − ½)(Δv·M Δv + Δx·K Δx).
+        """Numerical dissipation [J] of a step: (θ − ½)(Δv·M Δv + Δx·K Δx).
 
         Δx·K Δx is the change of the conservative force along Δx: exact for energies quadratic
         in x.
@@ -58,7 +58,7 @@ class StageMethod:
             return 0.0
         dv = step.state.v - old.v
         kinetic = system.sums.dot(dv, system.scalar_mass @ dv)
-        return (theta - 0.5) * (kinetic + bend(system, old, step.state))
+        return (theta - 0.5) * (kinetic + stiffness_product(system, old, step.state))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""One step of a method: its result, and where the pins put the held directions at its end."""
+"""The result of one step, and the held directions at its end."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Step:
     balanced_at
         Time, position and velocity at which the method balanced the forces.
     memory
-        What the next step starts from: the unknown that was found, as a first guess, or a record
-        of past values (see `remembered`).
+        Input of the next step: the solved unknown as a first guess, or a record of past values
+        (see `remembered`).
     counts
         Newton and linear iterations, residual, seconds.
     force
@@ -57,7 +57,7 @@ class Step:
 
     @cached_property
     def stages(self) -> tuple[State, ...]:
-        """Where the ledger takes the power of the forces, equal in weight."""
+        """States at which the ledger evaluates the power of the forces, with equal weights."""
         if self.ends:
             return (blend(self.ends[1], self.state, 0.5),)
         return tuple(at for at, _ in self.accelerations) or (self.balanced_at,)
@@ -99,12 +99,12 @@ def blend(old: State, new: State, theta: float) -> State:
 
 
 def arrival(system: System, state: State, dt: float) -> State:
-    """Where the pins' motion puts the held directions at the end of a step."""
+    """Return the state whose held directions follow the pins' motion at the end of a step."""
     x, v = system.constraints.target(state.t, dt, state.x)
     return State(state.t + dt, x, v)
 
 
 def held(system: System, state: State, end: State) -> State:
-    """The state with its held directions at the prescribed end, exactly."""
+    """Return the state with its held directions exactly at the prescribed `end`."""
     hold = system.constraints.hold
     return State(state.t, hold(state.x, end.x), hold(state.v, end.v))

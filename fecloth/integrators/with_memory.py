@@ -1,4 +1,4 @@
-"""What implicit methods with a memory share: Newmark's family and BDF2.
+"""Base of implicit methods with a memory: Newmark's family and BDF2.
 
 The memory is a frozen record, `Step.memory`, that `march` hands to the next step; without it a
 method starts anew.
@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fecloth.integrators.numerical_dissipation import taken_beyond
+from fecloth.integrators.numerical_dissipation import memory_dissipation
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.stage import Stage
@@ -28,12 +28,12 @@ class WithMemory:
     traits: MethodTraits
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the method itself took in a step, by `taken_beyond`."""
-        return taken_beyond(system, old, step)
+        """Numerical dissipation [J] of a step, by `memory_dissipation`."""
+        return memory_dissipation(system, old, step)
 
 
-def holding(system: System, stage: Stage, at: State, a: np.ndarray) -> Stage:
-    """The stage with its held directions at x and v of a state, and at the acceleration a."""
+def hold_stage(system: System, stage: Stage, at: State, a: np.ndarray) -> Stage:
+    """Return the stage with its held directions at x and v of `at` and at the acceleration a."""
     hold = system.constraints.hold
     x, v, a = hold(stage.x, at.x), hold(stage.v, at.v), hold(stage.a, a)
     return replace(stage, x=x, v=v, a=a)

@@ -1,4 +1,4 @@
-"""What a step solves its equations with: a linear solver, its matrix, Newton's options."""
+"""The linear solver, its matrix and Newton's options, shared by all steps of a run."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import LinearSolver
-from fecloth.nonlinear.factor_reuse import PRICES, Kept
+from fecloth.nonlinear.factor_reuse import PRICES, FactorReuse
 from fecloth.nonlinear.options import Newton
 
 
 @dataclass(eq=False)
 class SolverContext:
-    """What steps share to solve their equations; every step changes it.
+    """The solvers that steps share; every step changes their state.
 
     Attributes
     ----------
@@ -21,17 +21,17 @@ class SolverContext:
         The linear solver, and the matrix that each iteration fills; None for explicit methods.
     options
         Newton's.
-    kept
-        What is known of the factor that the linear solver holds from an earlier iteration.
+    factor_reuse
+        The record of the factor that the linear solver holds from an earlier iteration.
     """
 
     linear: LinearSolver | None
     matrix: BlockMatrix | None
     options: Newton
-    kept: Kept = field(default_factory=Kept)
+    factor_reuse: FactorReuse = field(default_factory=FactorReuse)
 
     def begin(self, wx: float, wa: float) -> None:
-        """Begin a step with these weights of K and M; "auto" may change its linear solver."""
+        """Begin a step with these weights of K and M; "auto" may change its linear solver here."""
         self.matrix_solver()[0].begin(wx, wa)
 
     def matrix_solver(self) -> tuple[LinearSolver, BlockMatrix]:
@@ -42,13 +42,13 @@ class SolverContext:
 
     @property
     def keeps_state(self) -> bool:
-        """Whether a step may depend on what the steps before have left in the solver."""
+        """Whether a step may depend on the work of earlier steps."""
         if self.linear is None:
             return False
         return self.linear.keeps_state or (self.linear.name in PRICES and self.options.reuse)
 
     def drop(self) -> None:
-        """Forget the steps before: those that follow do not depend on them."""
-        self.kept.drop()
+        """Forget earlier steps, so that later ones do not depend on them."""
+        self.factor_reuse.drop()
         if self.linear is not None:
             self.linear.drop()

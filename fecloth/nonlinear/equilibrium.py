@@ -23,18 +23,18 @@ SMALLEST = 1 / 64  # of the first load increment
 
 @dataclass(frozen=True)
 class Iteration:
-    """What one Newton iteration did.
+    """Figures of one Newton iteration.
 
     Attributes
     ----------
     number
-        From 1.
+        Counted from 1.
     residual
         ‖f‖ of the free directions after it, relative to Σ ‖f_term‖.
     shift
-        σ of the tangent K + σ M it took [1/s²]; 0 is the exact tangent.
+        σ of its tangent K + σ M [1/s²]; 0 is the exact tangent.
     length
-        Part of Newton's step that was taken, at most 1.
+        Fraction of Newton's step, at most 1.
     load
         Factor on the loads.
     """
@@ -59,7 +59,7 @@ def equilibrium(
     """The equilibrium that Newton's iteration reaches from `state`, at the loads of its time.
 
     Each iteration solves (K + σ M) s = f with the tangent K = −∂f/∂x of all terms. σ is zero where
-    K is positive definite and its step leads somewhere: near the solution the convergence is
+    K is positive definite and its step is an improvement: near the solution the convergence is
     quadratic. Elsewhere each term's tangent is made positive semi-definite, and σ grows until the
     step is an improvement (after Nocedal and Wright 2006, Numerical Optimization, algorithm 3.3,
     who add σ alone): a flat cloth without stress has no stiffness across, and σ M stands in for
@@ -87,8 +87,8 @@ def equilibrium(
         the cloth far: a strip under a follower pressure that turned it by 140° took 191 iterations
         at once and 144 in ten steps, and one turned by 237° was found in steps only.
     tolerance
-        On ‖f‖ of the free directions over Σ ‖f_term‖ at the same positions. No less is asked for
-        than the round-off of the forces themselves, 8 ε ‖K_ii x_i‖.
+        On ‖f‖ of the free directions over Σ ‖f_term‖ at the same positions. It is
+        never less than the round-off of the forces, 8 ε ‖K_ii x_i‖.
     max_iterations
         Of each load step; beyond it the step has failed.
     solver
@@ -134,11 +134,11 @@ def equilibrium(
     newton = partial(_newton, search, tolerance, max_iterations, report)
     if load_steps == 1:
         return search.state(newton(start.x)[0])
-    return search.state(_in_steps(search, newton, 1 / load_steps))
+    return search.state(_increase_loads(search, newton, 1 / load_steps))
 
 
-def _in_steps(search: Search, newton: Callable, largest: float) -> np.ndarray:
-    """x under the whole loads, which grow by `largest` of themselves or less at a time."""
+def _increase_loads(search: Search, newton: Callable, largest: float) -> np.ndarray:
+    """Return x under the full loads, increased by at most the fraction `largest` at a time."""
     x, reached, increment, rate = search.start.x, 0.0, largest, 0.0
     while reached < 1:
         to = reached + increment
@@ -148,7 +148,7 @@ def _in_steps(search: Search, newton: Callable, largest: float) -> np.ndarray:
         except EquilibriumFailed as failure:
             increment /= 2
             if increment < SMALLEST * largest:
-                raise search.stuck(failure, x, reached) from failure
+                raise search.load_step_failure(failure, x, reached) from failure
             continue
         rate = (new - x) / (search.load - reached)
         x, reached = new, search.load
@@ -169,7 +169,7 @@ def _newton(search: Search, tolerance, max_iterations, report, x) -> tuple[np.nd
         goal = max(tolerance * scale, round_off(search.system, search.J, x, shift))
         relative = search.system.sums.norm(f) / scale if scale else 0.0
         report(Iteration(number, relative, shift, length, search.load))
-        search.refuse_to_travel(x, f)
+        search.check_travel(x, f)
     if search.system.sums.norm(f) <= goal:
         return x, max_iterations
-    raise search.failed(f"no convergence in {max_iterations} iterations", x, f)
+    raise search.failure(f"no convergence in {max_iterations} iterations", x, f)

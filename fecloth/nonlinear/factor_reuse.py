@@ -1,9 +1,9 @@
-"""The factor that modified Newton keeps: what it was made for, and whether keeping it pays.
+"""Reuse of a direct solver's factor in modified Newton: what it belongs to, and when to drop it.
 
-The iteration with a tangent of earlier converges linearly: it pays while the solves that it needs
-more cost less than a new factor. All is decided by counts, in solves with the factor; a run
-repeats bit for bit. (Kelley 1995, Iterative Methods for Linear and Nonlinear Equations, algorithm
-5.3.2, the chord method.)
+With the factor of an earlier tangent Newton's iteration converges linearly. That pays while the
+additional solves cost less than a new factor. The decisions use counts of solves and no clock, so
+that a run repeats bit for bit. (Kelley 1995, Iterative Methods for Linear and Nonlinear Equations,
+algorithm 5.3.2, the chord method.)
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ LONGEST_WAIT = 64
 
 
 @dataclass
-class Kept:
-    """The state of a kept factor; the factor itself is the linear solver's.
+class FactorReuse:
+    """The record of a factor for reuse; the linear solver holds the factor itself.
 
     Attributes
     ----------
     key
-        The system, the weights and the definiteness it was made for; None if there is none.
+        The system, the weights and the definiteness of the factor's matrix; None without a factor.
     number
-        Of the linear solver's preparation that made it: another one has replaced it.
+        `prepared` of the linear solver when it made the factor; a later one replaces it.
     steps, solves
-        Steps since it was made, and iterations in them.
+        Steps since then, and iterations in them.
     failures, wait
-        Times in a row that it served badly, and new factors until one is tried again.
+        Consecutive failures of reuse, and the number of new factors before the next attempt.
     """
 
     key: tuple | None = None
@@ -40,24 +40,24 @@ class Kept:
     failures: int = 0
     wait: int = 0
 
-    def fits(self, key: tuple, linear) -> bool:
-        """Whether the linear solver's factor was made for this key, and is to be tried."""
+    def is_usable(self, key: tuple, linear) -> bool:
+        """Return whether the linear solver's factor has this key and reuse is not suspended."""
         if self.wait or self.key is None or self.number != linear.prepared:
             return False
         return self.key[0] is key[0] and self.key[1:] == key[1:]
 
-    def made(self, key: tuple, linear) -> None:
-        """There is a new factor."""
-        kept = linear.name in PRICES
-        self.key, self.number = (key if kept else None), linear.prepared
+    def record_factor(self, key: tuple, linear) -> None:
+        """Record a new factor; solvers without a price have none to reuse."""
+        self.key, self.number = (key if linear.name in PRICES else None), linear.prepared
         self.steps = self.solves = 0
         self.wait = max(0, self.wait - 1)
 
-    def served(self, contraction: float, to_go: float, linear) -> None:
-        """An iteration reduced the residual by `contraction`; `to_go` is goal over residual.
+    def record_iteration(self, contraction: float, to_go: float, linear) -> None:
+        """Record an iteration, and drop the factor if the remaining ones cost more than a new one.
 
-        ln(to_go)/ln(contraction) more are to come; the factor goes if that is dearer than a new
-        one. One that served badly is answered with 1, 2, 4, … new ones that are not tried again.
+        `contraction` is the new residual over the old one, and `to_go` the goal over the new
+        residual: ln(to_go)/ln(contraction) iterations remain. After each consecutive failure
+        reuse is suspended for 1, 2, 4, … new factors.
         """
         self.solves += 1
         cheap = contraction == 0.0 or to_go >= 1.0
@@ -69,8 +69,8 @@ class Kept:
             self.failures += 1
             self.key, self.wait = None, min(2 ** (self.failures - 1), LONGEST_WAIT)
 
-    def step_ends(self, solves: int, linear) -> None:
-        """A step took so many solves in all; a factor dearer than its average so far goes."""
+    def end_step(self, solves: int, linear) -> None:
+        """Record the solves of a step; drop the factor if they exceed its average cost per step."""
         if self.key is None:
             return
         average = (PRICES[linear.name] + self.solves - solves) / max(self.steps, 1)
@@ -79,6 +79,6 @@ class Kept:
         self.steps += 1
 
     def drop(self) -> None:
-        """Forget everything: what follows does not depend on the past."""
+        """Forget all steps, so that later ones do not depend on them."""
         self.key = None
         self.number = self.steps = self.solves = self.failures = self.wait = 0

@@ -1,4 +1,4 @@
-"""How far to go along Newton's direction, in time steps and in equilibrium alike."""
+"""Line search along Newton's direction, for time steps and equilibrium."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fecloth.linalg.reductions import NodeSums
 HALVINGS = 12
 
 
-def longest(
+def find_step(
     sums: NodeSums,
     at: Callable[[np.ndarray], tuple],
     y: np.ndarray,
@@ -21,7 +21,7 @@ def longest(
     potential: Callable[[np.ndarray], float] | None,
     first: float = 1.0,
 ):
-    """The longest part α = first, first/2, … of a step from y that improves; None if none does.
+    """Find the largest α of first, first/2, … with an improvement at y + α step; None without one.
 
     `at(y)` = (R, …), and R is that at y; `sums` is `System.sums`. A step improves if R falls, or
     the potential sufficiently (Nocedal and Wright 2006, Numerical Optimization, eq. 3.6a), or,

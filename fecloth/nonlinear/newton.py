@@ -1,4 +1,4 @@
-"""Newton's iteration for the stage equation M a(q) = f(x(q), v(q), t); it knows no method."""
+"""Newton's iteration for the stage equation M a(q) = f(x(q), v(q), t)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-# Of Newton's matrix: what is added to it of its mass, and whether its tangents are made definite.
+# Remedies (shift, definite): J contains (1 + shift) wa M, and clamped tangents if definite.
 SHIFTS = (0.0, *(4.0**n for n in range(-1, 8)))
 REMEDIES = {
     "none": [(0.0, False)],
@@ -38,7 +38,7 @@ class NewtonFailed(FeclothError):
 
 
 def solve(system: System, stage: Stage, solver: SolverContext, guess: np.ndarray | None = None):
-    """The unknown q (n, 3) of a stage, and the `Counts`.
+    """Return the unknown q (n, 3) of a stage, and the `Counts`.
 
     Newton's direction s = −J⁻¹ R with backtracking: the longest of s, s/2, s/4, … is taken that
     reduces the residual, or the incremental potential Φ(q) = ½ wa q·M q + q·M ã + U(x(q))/wx
@@ -48,8 +48,8 @@ def solve(system: System, stage: Stage, solver: SolverContext, guess: np.ndarray
     cloth that turns stretches in proportion to the angle squared, and as it is so much stiffer in
     its plane than across, good steps increase the residual.
 
-    Where there is a kept factor for the same weights, its direction is tried first; it is taken in
-    full if the residual falls, else a new factor is made.
+    If the solver holds a factor for the same weights, its direction is tried first. The full step
+    is taken if the residual falls; otherwise a new factor is computed.
 
     Raises
     ------
@@ -59,14 +59,14 @@ def solve(system: System, stage: Stage, solver: SolverContext, guess: np.ndarray
     work = _Work(system, stage, solver)
     solver.begin(stage.wx, stage.wa)
     try:
-        return _iterated(work, guess)
+        return _iterate(work, guess)
     except FeclothError:
-        solver.kept.drop()
+        solver.factor_reuse.drop()
         raise
 
 
-def _iterated(work: _Work, guess: np.ndarray | None):
-    """`solve`."""
+def _iterate(work: _Work, guess: np.ndarray | None):
+    """Iterate until the tolerance is met; see `solve`."""
     system, stage, options = work.system, work.stage, work.options
     q = np.zeros_like(stage.x) if guess is None else system.constraints.project(guess.copy())
     R = work.first_residual(q)
@@ -77,14 +77,14 @@ def _iterated(work: _Work, guess: np.ndarray | None):
         floor = round_off(system, work.J, x, inertia) / stage.wx
         norm, goal = system.sums.norm(R), max(options.tolerance * work.scale, floor)
         if norm <= goal:
-            work.kept.step_ends(work.again, work.linear_solver)
+            work.factor_reuse.end_step(work.reused_solves, work.linear_solver)
             return q, work.counts(iteration, norm)
     reason = f"Newton did not converge in {options.max_iterations} iterations"
     raise NewtonFailed(reason, work.relative(norm), "Take a smaller dt.")
 
 
 def round_off(system: System, J: BlockMatrix, x: np.ndarray, wa: float) -> float:
-    """8 ε ‖J_ii x_i‖ without J's wa M: what the rounding of positions does to wx times forces."""
+    """8 ε ‖J_ii x_i‖ without J's wa M: the error in wx times forces from rounded positions."""
     diagonal = np.einsum("sii->s", J.values[J.pattern.diagonal]) / 3
     stiffness = np.abs(diagonal - wa * system.scalar_mass.diagonal())
     return 8 * float(np.finfo(float).eps) * system.sums.norm(stiffness[:, None] * x)
@@ -94,12 +94,12 @@ class _Work:
     """The arrays and counters of one solve."""
 
     def __init__(self, system: System, stage: Stage, solver: SolverContext):
-        self.system, self.stage, self.kept = system, stage, solver.kept
+        self.system, self.stage, self.factor_reuse = system, stage, solver.factor_reuse
         self.linear_solver, self.J = solver.matrix_solver()
         self.options: Newton = solver.options
         self.scale = 0.0
         self.remedies = REMEDIES[solver.options.definiteness]
-        self.linear = self.modified = self.factorisations = self.again = 0
+        self.linear = self.modified = self.factorisations = self.reused_solves = 0
         self.seconds = {"assemble": 0.0, "factor": 0.0, "solve": 0.0}
         self.has_potential = all(term.has_energy and not term.dissipative for term in system.bound)
 
@@ -111,7 +111,7 @@ class _Work:
         return float(norm / self.scale) if self.scale else 0.0
 
     def first_residual(self, q):
-        """R at the first iterate; `scale` becomes the sum of the forces there."""
+        """Return R at the first iterate; set `scale` to the sum of the forces there."""
         x, v, a = self.stage.at(q)
         inertia = self.system.scalar_mass @ a
         R, self.scale = inertia.copy(), self.system.sums.norm(inertia)
@@ -128,48 +128,49 @@ class _Work:
         return self.system.constraints.project(self.system.scalar_mass @ a - f)
 
     def iterate(self, q, R, goal, last):
-        """q and R after one iteration, and the number of its remedy, from that of the last one."""
-        found = self.with_kept(q, R, goal, self.remedies[max(last - 1, 0)])
-        if found:
-            return *found, max(last - 1, 0)
-        for number in self.numbers(last):
-            found, reason = self.attempt(q, R, goal, self.remedies[number])
-            if found:
-                return *found, number
+        """Return q, R and the remedy's index after an iteration; `last` is the index before."""
+        result = self.iterate_with_old_factor(q, R, goal, self.remedies[max(last - 1, 0)])
+        if result:
+            return *result, max(last - 1, 0)
+        for number in self.remedies_to_try(last):
+            result, reason = self.attempt(q, R, goal, self.remedies[number])
+            if result:
+                return *result, number
         remedy = "Take a smaller dt."
         if self.options.definiteness == "none":
             remedy = 'Use definiteness = "on_failure", or a smaller dt.'
         raise NewtonFailed(reason, self.relative(self.system.sums.norm(R)), remedy)
 
-    def numbers(self, last):
-        """Those of the remedies to try: from the one before the last, less being better.
+    def remedies_to_try(self, last):
+        """Return the indices of the remedies to try, starting one below the last successful one.
 
-        Where only clamped tangents have served, the exact one is tried, then they.
+        After a clamped tangent, try the exact one and then the clamped ones.
         """
         clamped = [n for n, (_, definite) in enumerate(self.remedies) if definite]
         if last and last in clamped:
             return [0, *clamped]
         return range(max(last - 1, 0), len(self.remedies))
 
-    def with_kept(self, q, R, goal, remedy):
-        """q and R after one iteration with the kept factor; None without one, or if R grows."""
+    def iterate_with_old_factor(self, q, R, goal, remedy):
+        """Return q and R after an iteration with an earlier factor; None without one or success."""
         key, norm = self.key(*remedy), self.system.sums.norm(R)
-        if not (self.options.reuse and norm > 0 and self.kept.fits(key, self.linear_solver)):
+        is_usable = self.options.reuse and norm > 0
+        if not (is_usable and self.factor_reuse.is_usable(key, self.linear_solver)):
             return None
         try:
-            trial = q + self.solved(self.state(q), R, goal)
+            trial = q + self.solve_linear(self.state(q), R, goal)
         except SolveFailed:  # a factor too poor for refinement
-            self.kept.drop()
+            self.factor_reuse.drop()
             return None
-        self.again += 1
+        self.reused_solves += 1
         R_trial = self.residual(trial)
         norm_trial = self.system.sums.norm(R_trial)
         to_go = goal / norm_trial if norm_trial else 1.0
-        self.kept.served(norm_trial / norm, to_go, self.linear_solver)
+        self.factor_reuse.record_iteration(norm_trial / norm, to_go, self.linear_solver)
         return (trial, R_trial) if norm_trial < norm else None
 
     def key(self, shift, definite=False):
-        """What a factor is made for: with anything else it is another one."""
+        """Return the quantities that identify the matrix of a factor."""
         stage = self.stage
         return self.system, stage.wx, stage.wv, (1 + shift) * stage.wa, definite
 
@@ -178,7 +179,7 @@ class _Work:
         return State(self.stage.t, x, v)
 
     def attempt(self, q, R, goal, remedy):
-        """q and R after one iteration with the given remedy; or None, and why."""
+        """Return ((q, R), reason) for one iteration with a remedy; None for (q, R) if it fails."""
         try:
             step = self.direction(q, R, goal, *remedy)
         except SolveFailed as failure:  # IndefiniteMatrix, or singular within round-off
@@ -192,7 +193,7 @@ class _Work:
             return np.zeros_like(R)
         key = self.key(shift, definite)
         at, (_, *weights, _) = self.state(q), key
-        self.kept.key = None  # whatever happens now, the matrix is another one
+        self.factor_reuse.key = None  # from here on the matrix is another one, also if this fails
         self.system.assemble(self.J, at, *weights, definite)
         self.system.project(self.J)
         self.modified += definite or shift > 0
@@ -202,12 +203,12 @@ class _Work:
             raise NewtonFailed("the forces are not finite", float(norm), "Take a smaller dt.")
         self.factorisations += 1
         self.linear_solver.prepare(self.J)
-        step = self.solved(at, R, goal, new=True)
-        self.kept.made(key, self.linear_solver)
+        step = self.solve_linear(at, R, goal, new=True)
+        self.factor_reuse.record_factor(key, self.linear_solver)
         return step
 
-    def solved(self, at, R, goal, new=False):
-        """−J⁻¹ R for the J that was prepared."""
+    def solve_linear(self, at, R, goal, new=False):
+        """Return −J⁻¹ R for the prepared J."""
         forcing = min(0.5, max(self.options.forcing, 0.5 * goal / self.system.sums.norm(R)))
         project = self.system.constraints.project
         dense = [(self.stage.wx * c, project(u)) for c, u in self.system.dense(at)]
@@ -218,12 +219,12 @@ class _Work:
         return step
 
     def search(self, q, R, step, goal):
-        """The new q and its residual; None if no step along the direction is an improvement."""
+        """Return the new q and its residual; None without improvement along the direction."""
         potential = self.potential if self.has_potential else None
-        found = line_search.longest(
+        result = line_search.find_step(
             self.system.sums, lambda q: (self.residual(q),), q, R, step, goal, potential
         )
-        return found and (found[1], *found[2])
+        return result and (result[1], *result[2])
 
     def potential(self, q):
         """Φ(q) = ½ wa q·M q + q·M ã + U(x(q)) / wx."""

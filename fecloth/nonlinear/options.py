@@ -17,13 +17,13 @@ class Newton:
     ----------
     tolerance
         On the residual ‖M a − f‖ of the free directions, relative to the forces of the step:
-        ‖M a‖ plus the sum over the terms of ‖f_term‖ at the first iterate. The goal is
-        never less than the round-off of the forces themselves, 8 ε ‖K_ii x_i‖: a cloth at rest
-        without any load has no other force.
+        ‖M a‖ plus the sum over the terms of ‖f_term‖ at the first iterate. The limit is
+        never less than the round-off of the forces, 8 ε ‖K_ii x_i‖: a cloth at rest without any
+        load has no other force.
     max_iterations
         A step that needs more iterations fails.
     forcing
-        Relative residual to which an iterative linear solver solves in each iteration.
+        Relative residual at which an iterative linear solver stops in each iteration.
     definiteness
         "none": the exact tangent; "clamp": every term's tangent made positive semi-definite,
         and symmetric, so that conjugate gradients serve where exact tangents are not symmetric;
@@ -35,7 +35,7 @@ class Newton:
         has. On a flag at dt = 10 ms it took up to 129 iterations a step, the added mass 23.
     reuse
         Whether a direct solver's factor serves further iterations, and steps of the same size,
-        while that is cheaper than a new one; see `fecloth.nonlinear.factor_reuse.Kept`.
+        while that is cheaper than a new one; see `factor_reuse.FactorReuse`.
     """
 
     tolerance: float = 1e-6

@@ -1,4 +1,4 @@
-"""The stage: what an implicit method asks of one step, as affine maps of one unknown q.
+"""The stage of an implicit step: x, v and a as affine maps of one unknown q.
 
     x = x̃ + wx q,   v = ṽ + wv q,   a = ã + wa q,   M a = f(x, v, t)
 
@@ -36,7 +36,7 @@ class Stage:
 
 
 def prescribed(system: System, stage: Stage, state: State, dt: float, end: State) -> Stage:
-    """The stage whose held directions arrive where the pins' motion is at the end of the step.
+    """Return the stage with its held directions at the prescribed `end` of the step.
 
     There q̂ = (end.x − x_end)/w_end is known; it moves into x̃, ṽ and x_end. The held acceleration
     is the change of the prescribed velocity over the step.
@@ -44,7 +44,7 @@ def prescribed(system: System, stage: Stage, state: State, dt: float, end: State
     Raises
     ------
     InputError
-        For a stage whose arrays are not of the state's shape, as a method of one's own may give.
+        If an array of the stage does not have the state's shape, as in a user's method.
     """
     for name in ("x", "v", "a", "x_end"):
         shape = np.shape(getattr(stage, name, 0.0))

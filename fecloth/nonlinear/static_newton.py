@@ -1,4 +1,4 @@
-"""One search for a static equilibrium: a step of Newton's iteration, and what can go wrong."""
+"""Newton's iteration for a static equilibrium, and its failures."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from fecloth.terms.kinematics import principal_stretches
 
 GROWTH = 4.0  # of the shift, from one attempt to the next
 ATTEMPTS = 30
-FAR = 10.0  # extents of the cloth: whoever moves farther is held by nothing
+FAR = 10.0  # extents of the cloth: a mean displacement beyond this means that no pin holds it
 
 
 class EquilibriumFailed(FeclothError):
-    """No equilibrium was found; `state` is the best that was reached, `residual` its own.
+    """No equilibrium was found; `state` is the best one reached, with its `residual`.
 
-    Where the loads grew in steps, `state` balances `load` of them, the most that was reached, and
-    `residual` is that of the last attempt at more.
+    With load steps, `state` balances the loads times `load`, the largest factor solved, and
+    `residual` is that of the last attempt at a larger one.
     """
 
     def __init__(self, reason: str, residual: float, state: State, remedy: str, load=1.0):
@@ -34,18 +34,18 @@ class EquilibriumFailed(FeclothError):
 
 
 class Search:
-    """The matrix, the solver and the scales of one search."""
+    """The matrix, the solver and the scales of one Newton iteration for equilibrium."""
 
     def __init__(self, system: System, start: State, solver):
         self.system, self.start, self.solver = system, start, solver
         self.J = system.assemble(BlockMatrix.zeros(system.pattern), start, wx=1.0)
         self.extent = float(np.ptp(system.cloth.X, axis=0).max())
         self.load = 1.0  # factor on the terms that are loads
-        self.resume = 0.0  # the first shift to try where the exact tangent will not do
+        self.resume = 0.0  # the first shift to try if the exact tangent fails
         self.has_potential = all(
             term.has_energy or (term.dissipative and not hasattr(term, "supply"))
             for term in system.bound
-        )  # at v = 0 what only dissipates has no force, and so needs no potential
+        )  # at v = 0 a purely dissipative term has no force and needs no potential
 
     def choose_first_shift(self, f):
         """σ at which the mean acceleration moves the cloth by a tenth of its extent."""
@@ -57,7 +57,7 @@ class Search:
         return State(self.start.t, x, np.zeros_like(x))
 
     def terms(self):
-        """Each term and its factor."""
+        """Yield each term and its load factor."""
         for term in self.system.bound:
             yield term, self.load if getattr(term, "load", False) else 1.0
 
@@ -82,20 +82,20 @@ class Search:
         return sum(k * term.energy(x, t) for term, k in self.terms() if term.has_energy)
 
     def iterate(self, x, f, goal):
-        """The next x, f and Σ ‖f_term‖, the shift and the part of the step that were taken."""
+        """Return the next x, f and Σ ‖f_term‖, the shift, and the fraction of Newton's step."""
         shift = 0.0
         for _ in range(ATTEMPTS):
             try:
-                found = self.search(x, f, self.direction(x, f, shift), goal)
+                result = self.search(x, f, self.direction(x, f, shift), goal)
             except SolveFailed as failure:  # IndefiniteMatrix, or singular within round-off
-                found, reason = None, str(failure)
+                result, reason = None, str(failure)
             else:
                 reason = "no step along Newton's direction is an improvement"
-            if found:
+            if result:
                 self.resume = shift / GROWTH or self.resume
-                return *found[:3], shift, found[3]
+                return *result[:3], shift, result[3]
             shift = GROWTH * shift or self.resume
-        raise self.failed(reason, x, f)
+        raise self.failure(reason, x, f)
 
     def direction(self, x, f, shift):
         """s = (K + σ M)⁻¹ f, with the definite K where σ > 0."""
@@ -112,7 +112,7 @@ class Search:
         return project(step)
 
     def search(self, x, f, step, goal):
-        """The new x, its f and Σ ‖f_term‖, the part of the step; None if none is better."""
+        """Return the new x, f, Σ ‖f_term‖ and step fraction; None without improvement."""
 
         def at(x):
             f, scale = self.forces(x)
@@ -120,24 +120,24 @@ class Search:
 
         first = min(1.0, self.extent / np.linalg.norm(step, axis=1).max())
         potential = self.potential if self.has_potential else None
-        found = line_search.longest(self.system.sums, at, x, -f, step, goal, potential, first)
-        return found and (found[1], *found[2][1:], found[0])
+        result = line_search.find_step(self.system.sums, at, x, -f, step, goal, potential, first)
+        return result and (result[1], *result[2][1:], result[0])
 
-    def refuse_to_travel(self, x, f):
+    def check_travel(self, x, f):
         way = (x - self.start.x).mean(axis=0)
         distance = float(np.linalg.norm(way))
         if distance > FAR * self.extent:
             towards = ", ".join(f"{c:.2g}" for c in way / distance)
             reason = f"nothing holds the cloth: it went {distance:.3g} m along ({towards})"
-            raise self.failed(reason, x, f, "Pin it, or take the load away.")
+            raise self.failure(reason, x, f, "Pin it, or take the load away.")
 
-    def stuck(self, failure, x, reached):
-        """That no smaller increment of the loads can be solved."""
+    def load_step_failure(self, failure, x, reached):
+        """Return the error for loads that cannot be increased further."""
         reason = f"load stepping ended at {reached:.4g} of the loads: {failure.reason}"
         state = self.state(x)
         return EquilibriumFailed(reason, failure.residual, state, failure.remedy, reached)
 
-    def failed(self, reason, x, f, remedy=""):
+    def failure(self, reason, x, f, remedy=""):
         stretches = principal_stretches(self.system.cloth, x)
         slack = int((stretches.max(axis=1) < 1 - 1e-9).sum())
         if slack:

@@ -1,4 +1,4 @@
-"""What it took to solve the equations of a step, or of many."""
+"""Statistics of the equation solves of one or many steps."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Counts:
-    """What one solve took.
+    """Counts and times of one solve.
 
     Attributes
     ----------
@@ -20,9 +20,9 @@ class Counts:
     seconds
         Of assembly, factorisation and solution.
     factorisations
-        Or preconditioners: fewer than Newton iterations where a factor was kept.
+        Or preconditioners: fewer than Newton iterations where a factor was reused.
     rejected
-        Steps that were tried before, and too long.
+        Steps rejected before because they were too long.
     """
 
     newton: int = 0
@@ -34,7 +34,7 @@ class Counts:
     rejected: int = 0
 
     def plus(self, other: Counts) -> Counts:
-        """The sums, and the other's residual."""
+        """Return the sums, with the residual of `other`."""
         names = ("newton", "linear", "modified", "factorisations", "rejected")
         sums = {name: getattr(self, name) + getattr(other, name) for name in names}
         keys = {**self.seconds, **other.seconds}

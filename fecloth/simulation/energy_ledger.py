@@ -1,4 +1,4 @@
-"""The energy ledger of a run: where the energy is and where it went."""
+"""The energy ledger of a run: energies, dissipation and work."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-TRUSTED = 0.05  # of the turnover; a larger remainder is warned of
-CREEP = 1e-6  # extents of the cloth since the start; slower is no motion
+TRUSTED = 0.05  # fraction of the turnover; a larger remainder causes a warning
+CREEP = 1e-6  # mean motion since the start, in extents of the cloth, that counts as rest
 ROUND_OFF = 64 * np.finfo(float).eps
 
 
 @remembered
 @dataclass(frozen=True)
 class Ledger:
-    """Where the energy is and where it went, all in J, at time t.
+    """Energies, dissipation and work since the start, all in J, at time t.
 
     kinetic + Σ potential + Σ dissipated + numerical − Σ work − pins − start = remainder
 
@@ -67,8 +67,8 @@ class Ledger:
         named = list(zip(system.names, system.bound, strict=True))
         dissipated = {name: 0.0 for name, term in named if term.dissipative}
         work = {name: 0.0 for name, term in named if hasattr(term, "supply")}
-        told = {*energies, *dissipated, *work}
-        silent = any(name not in told for name in system.names)
+        reported = {*energies, *dissipated, *work}
+        silent = any(name not in reported for name in system.names)
         return cls(state.t, kinetic, energies, dissipated, work, 0.0, 0.0, opening, silent=silent)
 
     def after(self, system: System, method, old: State, step) -> Ledger:
@@ -116,8 +116,8 @@ class Ledger:
         if self.silent:
             return math.inf
         fallen = (self.opening[name] - energy for name, energy in self.potential.items())
-        got = (*fallen, *self.work.values(), self.pins)
-        return self.opening["kinetic"] + (self.first or 0.0) + sum(max(0.0, g) for g in got)
+        gains = (*fallen, *self.work.values(), self.pins)
+        return self.opening["kinetic"] + (self.first or 0.0) + sum(max(0.0, g) for g in gains)
 
     def growth(self, most: float) -> str:
         """Return a sentence if the kinetic energy exceeds `most` times the `available`, or ""."""

@@ -1,4 +1,4 @@
-"""Steps chosen by their error: a controller around any method that knows its error's constant."""
+"""Step size control by a local error estimate, for any method with an error constant."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ from fecloth.integrators.step import Step, arrival, held
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
-from fecloth.simulation.stability_limited import AtLimit
-from fecloth.simulation.within_step import unseen
+from fecloth.simulation.stability_limited import StabilityLimited
+from fecloth.simulation.within_step import deviation_within_step
 from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
 
 SAFETY = 0.9
 SHORTEST, LONGEST = 0.2, 2.0  # of a step to the one before; BDF2 is stable below 1 + √2
-STAY = 1.2  # a step that might grow by less keeps its size, and with it what was factorised
+STAY = 1.2  # a step that could grow by less keeps its size, so that its factor can be reused
 RETRIES = 40
-QUIET = 0.1  # a step with less than this part of its error is looked into
-FAR = 10.0  # times the distance ahead at which the first step's error was looked for
+QUIET = 0.1  # a step with less than this fraction of the allowed error is sampled inside
+FAR = 10.0  # largest first step, in multiples of the flight that estimates its error
 
 
 @remembered
 @dataclass(frozen=True, eq=False)
 class Control:
-    """What is handed from step to step.
+    """The memory of `Adaptive`.
 
     Attributes
     ----------
     dt
         The step to try next [s].
     error
-        That of the last step relative to what it was allowed, at most 1.
+        Error of the last step over the allowed one, at most 1.
     a, t
         (n, 3) mean acceleration [m/s²] of the last step, and the time of its middle [s].
     of_method
@@ -80,14 +80,14 @@ class Adaptive:
     Hairer and Wanner 1996, Solving Ordinary Differential Equations II, eq. IV.2.43). A step
     beyond its tolerance, or one that Newton cannot solve, is rejected and tried shorter.
 
-    A cloth at rest does not show what is to come: a step with little error is looked into, at
-    sixteen times for the pins' motion and five for loads that depend on time, and rejected if
-    these stray from what its ends tell. What is shorter than that is missed: make the step end
-    there, by `march`'s `stops`.
+    The ends of a step do not show a short motion inside it. A step with little error is therefore
+    sampled, at sixteen times for the motion of pins and at five for loads that depend on time, and
+    rejected if these deviate from the interpolation between its ends. Shorter motions are missed:
+    make a step end there with the `stops` of `march`.
 
-    Explicit methods stay below their stability limit, see `AtLimit`. The estimate sees all that
-    moves, also the fast waves in the plane of the cloth, if they are excited. A method that lets
-    them ring creeps after them: on the undamped trampoline, 2,500 nodes, 0.2 s, rtol 1e-2, the
+    Explicit methods stay below their stability limit, see `StabilityLimited`. The estimate includes
+    fast waves in the plane of the cloth. A method that does not damp them then takes short steps:
+    on the undamped trampoline, 2,500 nodes, 0.2 s, rtol 1e-2, the
     midpoint rule took 1,631 steps where generalised-α took 93, BDF2 103 and energy–momentum 97.
     Take one of these, or damp the cloth: with damping the midpoint rule takes no more steps than
     they do. The first step is chosen by the acceleration and its change over a short flight.
@@ -136,19 +136,19 @@ class Adaptive:
         if not is_method or method.traits.chooses_dt:
             allowed = "must be a method such as BDF2(), and none that chooses its own steps"
             raise InputError(f"method {method!r}", allowed, "Adaptive")
-        _ = self._rule, self._constant  # which refuse methods without a step or an estimate
+        _ = self._stepper, self._error_constant  # raise for methods without a step or an estimate
 
     @property
     def traits(self) -> MethodTraits:
-        """Those of the method; the steps are chosen, of explicit ones below the limit."""
+        """Those of the method, with chosen steps, which stay below an explicit method's limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def check(self, system: System) -> None:
-        """Refuse what the method refuses."""
+        """Check the system with the method's own `check`."""
         cast(ExplicitIntegrator, self.method).check(system)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the method itself took in a step, by its own formula."""
+        """Numerical dissipation [J] of a step, by the method's own formula."""
         return self.method.numerical(system, old, step)
 
     def weights(self, dt: float) -> tuple[float, float, float]:
@@ -156,13 +156,13 @@ class Adaptive:
         return cast(Integrator, self.method).weights(dt)
 
     def start(self, system: System, state: State, longest: float) -> Control:
-        """The first step: that whose error, by differences at the start, is the one allowed.
+        """Choose the first step so that its error, estimated by differences, is the allowed one.
 
-        The change is that over a short flight with the pins in motion; the step may be FAR times
-        that. After Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I,
-        II.4.
+        The differences are those over a short flight with moving pins; the step is at most FAR
+        times that flight. After Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential
+        Equations I, II.4.
         """
-        a, rate, c = acceleration(system, state), self.allowed(system, state), self._constant
+        a, rate, c = acceleration(system, state), self.allowed(system, state), self._error_constant
         size = system.sums.rms(system.diagonal_mass, a)
         dt = min(longest, rate / (c * size)) if size > 0 else longest
         if self.traits.order == 2:
@@ -183,11 +183,11 @@ class Adaptive:
     ) -> Step:
         """One step from `state` over at most `horizon` [s], and to its end if that is near."""
         control, tried = memory or self.start(system, state, horizon), Counts()
-        dt = _fitted(control.dt, horizon)
+        dt = _fit_step(control.dt, horizon)
         reason: str | NewtonFailed | SolveFailed = ""
         for rejected in range(RETRIES):
             try:
-                step = self._rule.step(system, state, dt, solver, control.of_method)
+                step = self._stepper.step(system, state, dt, solver, control.of_method)
                 a, t, error = self.error(system, state, step, control)
                 dt = step.state.t - state.t  # which may be less
             except (NewtonFailed, SolveFailed) as failure:
@@ -195,10 +195,10 @@ class Adaptive:
             else:
                 tried = tried.plus(step.counts)
                 if error < QUIET:
-                    error = max(error, self.unseen(system, state, step))
+                    error = max(error, self.error_within_step(system, state, step))
                 reason = f"the error is {error:.3g} times the allowed one"
                 if error <= 1:
-                    proposed = self._next(dt, control, error)
+                    proposed = self._next_dt(dt, control, error)
                     after = Control(proposed, error, a, t, step.memory)
                     return replace(step, memory=after, counts=replace(tried, rejected=rejected))
             shorter = SAFETY * error ** (-1 / self.traits.order) if error > 0 else SHORTEST
@@ -209,26 +209,27 @@ class Adaptive:
             "Is a load or a motion of the pins discontinuous? Loosen the tolerance there.",
         )
 
-    def unseen(self, system: System, old: State, step: Step) -> float:
-        """The error of what pins and loads do within a step, relative to the allowed one."""
-        astray, pushed = unseen(system, old, step)
+    def error_within_step(self, system: System, old: State, step: Step) -> float:
+        """Error from pin motion and loads inside a step, relative to the allowed one."""
+        deviation, push = deviation_within_step(system, old, step)
         dt, p = step.state.t - old.t, self.traits.order
-        length = astray + self._constant * p * dt**2 * pushed  # a change by p a/dt, dt^(p + 1)
+        # a change of p a/dt in the derivative, times dt^(p + 1)
+        length = deviation + self._error_constant * p * dt**2 * push
         return length / (dt * self.allowed(system, step.state))
 
-    def _next(self, dt, control, error):
+    def _next_dt(self, dt, control, error):
         p, least = self.traits.order, 1e-4
         before = max(control.error, least)
         factor = SAFETY * max(error, least) ** (-0.7 / p) * before ** (0.4 / p)
         return dt * (1.0 if 1 <= factor < STAY else min(LONGEST, max(SHORTEST, factor)))
 
     @property
-    def _rule(self):
-        """The method; an explicit one never beyond its limit."""
-        return AtLimit(self.method) if self.traits.explicit else self.method
+    def _stepper(self):
+        """The method, with steps below the stability limit if it is explicit."""
+        return StabilityLimited(self.method) if self.traits.explicit else self.method
 
     @property
-    def _constant(self) -> float:
+    def _error_constant(self) -> float:
         constant = self.method.traits.error_constant
         if constant is None:
             what = f"method {self.method!r}"
@@ -239,25 +240,25 @@ class Adaptive:
         return constant
 
     def allowed(self, system: System, state: State) -> float:
-        """Error for each second [m/s]."""
+        """Return the allowed error for each second [m/s]."""
         mass = system.diagonal_mass
         distances = state.x - system.sums.mean(mass, state.x)
         return self.atol + self.rtol * system.sums.rms(mass, distances)
 
     def error(self, system: System, old: State, step: Step, control: Control):
-        """Mean acceleration, its time, and the error relative to the allowed one; inf if lost."""
+        """Return mean acceleration, its time, and relative error; inf if that is not finite."""
         new = step.state
         dt = new.t - old.t
         a, t = system.constraints.project((new.v - old.v) / dt), old.t + 0.5 * dt
         order = self.traits.order
         change = a if order == 1 else (a - control.a) / (t - control.t)
-        error = self._constant * dt**order * system.sums.rms(system.diagonal_mass, change)
+        error = self._error_constant * dt**order * system.sums.rms(system.diagonal_mass, change)
         error /= self.allowed(system, new)
         return a, t, error if math.isfinite(error) else math.inf
 
 
-def _fitted(dt, horizon):
-    """The step as it fits: the horizon in as many equal parts as it takes if those are few."""
+def _fit_step(dt, horizon):
+    """Return dt, or the horizon or half of it if two such steps reach the end."""
     parts = math.ceil(horizon / dt - 1e-9)
     return horizon / parts if parts <= 2 else dt
 

@@ -17,7 +17,7 @@ from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.method_choice import Auto
-from fecloth.simulation.motion_jumps import jumping
+from fecloth.simulation.motion_jumps import find_jumping_pin
 from fecloth.simulation.resolve import resolve
 from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import target_times, targets_after
@@ -31,7 +31,7 @@ from fecloth.terms.kinematics import largest_stretch, principal_stretches
 @remembered
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What `march` needs, beside the state, to go on as if it had never stopped.
+    """The data, beside the state, from which `march` continues bit for bit.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Memory:
 
 @dataclass(frozen=True, eq=False)
 class StepInfo:
-    """What one step was and took.
+    """One step of `march` and its figures.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class StepInfo:
     old
         The state before it.
     memory
-        With which `march` goes on from here.
+        Continues `march` from here.
     """
 
     step: int
@@ -97,7 +97,7 @@ def march(
     dt
         Step [s]. All steps are dt, except that those before a stop or `t_end` are shortened to
         end there. None for `Adaptive`, which chooses its steps, and for explicit methods, which
-        then take 0.9 of their largest stable step (`AtLimit`).
+        then take 0.9 of their largest stable step (`StabilityLimited`).
     t_end, stops
         End time, and times between at which a step must end [s].
     solver
@@ -127,9 +127,9 @@ def march(
     opening = replace(state, t=begin.start)
     end = float(targets[-1])  # t_end
     method, solver, _ = resolve(system, method, opening, dt, end, solver, newton)
-    if not resumed and dt is not None:  # the limit is asked for at the start only
+    if not resumed and dt is not None:  # a continued march has passed this check
         refuse_unstable(system, method, state, dt)
-    look = 8 if method.traits.explicit else 1
+    check_every = 8 if method.traits.explicit else 1
     number, last_memory, good = begin.step, begin.of_method, state
     for target in targets:
         while state.t < target:
@@ -138,11 +138,11 @@ def march(
                 result = method.step(system, state, size, solver, last_memory)
             except (NewtonFailed, SolveFailed) as failure:
                 raise step_failed(system, state, number, size, failure) from failure
-            new = _arrived(result.state, target, size)
+            new = _snap_to_target(result.state, target, size)
             last = new.t == targets[-1]
-            if problem := _problem(system, new, most_stretch, number % look == 0 or last):
+            if problem := _problem(system, new, most_stretch, number % check_every == 0 or last):
                 raise step_failed(system, good, number, new.t - state.t, problem)
-            good = new if number % look == 0 else good
+            good = new if number % check_every == 0 else good
             after = Memory(number, begin.start, result.memory)
             result = replace(result, state=new)
             info = StepInfo(number, new.t, new.t - state.t, state, result, after)
@@ -151,7 +151,7 @@ def march(
 
 
 def refuse_arguments(system, method, state, newton, most_stretch):
-    """Refuse what is swapped, of another type or of another cloth."""
+    """Raise `InputError` for arguments that are swapped, of a wrong type or of another cloth."""
     check_method(method)
     check_system(system, state, "march")
     if newton is not None:
@@ -159,16 +159,16 @@ def refuse_arguments(system, method, state, newton, most_stretch):
     validation.number("most_stretch", most_stretch, 1.0, "march", infinite=True)
 
 
-def _arrived(state, target, size):
-    """The state at exactly the target, if it is there but for round-off."""
+def _snap_to_target(state, target, size):
+    """Return the state with t exactly at the target if it differs by round-off only."""
     return replace(state, t=target) if abs(target - state.t) <= 1e-9 * size else state
 
 
-def _problem(system, state, most_stretch, look):
-    """What is wrong with a new state, or None."""
+def _problem(system, state, most_stretch, check_stretch):
+    """Return the `Problem` of a new state, or None."""
     if not (np.isfinite(state.x).all() and np.isfinite(state.v).all()):
         return Problem("a position or velocity is not finite")
-    stretch = largest_stretch(system.cloth, state.x) if look else 0.0
+    stretch = largest_stretch(system.cloth, state.x) if check_stretch else 0.0
     if stretch <= most_stretch:
         return None
     return Problem(f"a triangle is stretched to {stretch:.3g} times, beyond {most_stretch:g}")
@@ -176,7 +176,7 @@ def _problem(system, state, most_stretch, look):
 
 @dataclass(frozen=True)
 class Problem:
-    """Why a step has failed, as `NewtonFailed` says it."""
+    """The reason of a failed step, with the attributes of `NewtonFailed`."""
 
     reason: str
     residual: float = math.nan
@@ -184,12 +184,12 @@ class Problem:
 
 
 def step_failed(system: System, state: State, number: int, dt: float, cause) -> StepFailed:
-    """The error, with the worst triangle of the last good state."""
+    """Return the error, with the most strained triangle of the last good state."""
     stretches = principal_stretches(system.cloth, state.x)
     strains = np.abs(np.log(np.maximum(stretches, 1e-300)))
     triangle, which = np.unravel_index(np.argmax(strains), strains.shape)
     remedy = getattr(cause, "remedy", "Take a smaller dt.")
-    if name := jumping(system, state.t, dt, number - 1):
+    if name := find_jumping_pin(system, state.t, dt, number - 1):
         remedy = f"The motion of the pin {name!r} jumps here: let it move without jumps."
     return StepFailed(
         getattr(cause, "reason", str(cause)),

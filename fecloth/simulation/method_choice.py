@@ -1,4 +1,4 @@
-"""The method chosen by what it is predicted to cost at the tolerance asked for."""
+"""Choice of the method by its predicted cost at a tolerance."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 EXPLICIT_STEPS, IMPLICIT_STEPS = 20, 12  # of a trial, at most
-FEWEST = 3  # steps before a trial is given up
-SHARE = 0.05  # of the cheaper run as foretold so far: what the implicit trial may cost
-DECISIVE = 5.0  # times cheaper than the other: no need to look further
+FEWEST = 3  # steps before a trial may stop early
+SHARE = 0.05  # cost of a trial as a fraction of the cheaper run predicted so far
+DECISIVE = 5.0  # a method that is cheaper by this factor ends the trial
 
 
 @dataclass(frozen=True)
 class Trial:
-    """The cost of a method over a whole run, foretold from its first steps.
+    """The cost of a method over a whole run, predicted from its first steps.
 
     Attributes
     ----------
     method
         Ready for `march`.
     dt
-        The step that it came to [s].
+        Mean step in the second half of the trial [s].
     seconds
         Wall seconds for the run, less compilation; infinite if it failed.
     """
@@ -50,7 +50,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Auto:
-    """`Adaptive` around central differences or generalised-α, whichever is foretold to be faster.
+    """`Adaptive` around central differences or generalised-α, whichever is predicted to be faster.
 
     Both take their first steps at the tolerance; the cost of the run is that of a step over its
     length. An explicit step is never longer than stability allows, an implicit one costs as much
@@ -60,9 +60,9 @@ class Auto:
     scenes (studies/benchmarks/method_choice.py); the midpoint rule needs as few steps on damped
     ones, but creeps where stiff modes ring on undamped.
 
-    The trial ends as soon as one is five times cheaper, or has taken a twentieth of the run. What
-    a run does later, the first steps do not tell. The choice is by the clock, and may fall either
-    way where both cost the same.
+    The trial ends as soon as one is five times cheaper, or has taken a twentieth of the run. The
+    first steps do not predict later changes of the motion. The choice depends on wall time, so
+    that it can vary between runs where both methods cost the same.
 
     Parameters
     ----------
@@ -83,44 +83,45 @@ class Auto:
 
     @property
     def candidates(self) -> tuple[Adaptive, Adaptive]:
-        """The methods between which it chooses."""
+        """The two methods to choose from."""
         return self._candidate(GeneralizedAlpha()), self._candidate(CentralDifference())
 
     def _candidate(self, method) -> Adaptive:
         return Adaptive(method, self.rtol, self.atol)
 
     def step(self, *_):
-        """Refused: `march` settles on a method before the first step."""
+        """Raise `InputError`: `march` chooses a method before the first step."""
         raise InputError("Auto()", "is for march and run, which choose the method", "step")
 
-    def settled(
+    def choose(
         self, system: System, state: State, t_end: float, solver_of, record=lambda *step: None
     ) -> tuple[Adaptive, str]:
-        """The method, and in words why.
+        """Choose the method; return it with the reason in words.
 
-        `solver_of` makes the `SolverContext` for a method; `record(method, old, step)` does what
-        will be done after each step, which costs time as well.
+        `solver_of` makes the `SolverContext` for a method; `record(method, old, step)` does the
+        work of recording after each step, whose time counts too.
         """
         implicit = self._candidate(GeneralizedAlpha())
         if system.mass_kind != "lumped":
             return implicit, "a consistent mass leaves no explicit method"
         explicit = self._candidate(CentralDifference())
-        way, solver = (system, state, t_end), solver_of(implicit)
-        first = _trial(*way, explicit, None, EXPLICIT_STEPS, math.inf, record)
-        second = _trial(*way, implicit, solver, IMPLICIT_STEPS, first.seconds, record)
+        solver = solver_of(implicit)
+        first = _trial(system, state, t_end, explicit, None, EXPLICIT_STEPS, math.inf, record)
+        most, rival = IMPLICIT_STEPS, first.seconds
+        second = _trial(system, state, t_end, implicit, solver, most, rival, record)
         best, other = sorted((first, second), key=lambda trial: trial.seconds)
-        return best.method, f"foretold: {best}, {other}"
+        return best.method, f"predicted: {best}, {other}"
 
 
 def _trial(
     system, state, t_end, method, solver, most: int, rival: float, record=lambda *step: None
 ) -> Trial:
-    """So many first steps, or fewer if that is enough beside a rival of so many seconds."""
+    """Time the first `most` steps; stop early once the comparison with `rival` [s] is decided."""
     start, memory = state.t, None
     seconds: list[float] = []
     sizes: list[float] = []
     trial = Trial(method, 0.0, math.inf)
-    while len(sizes) < most and state.t < t_end and not _enough(trial, rival, seconds):
+    while len(sizes) < most and state.t < t_end and not _is_decided(trial, rival, seconds):
         begin = time.perf_counter()
         try:
             step = method.step(system, state, t_end - state.t, solver, memory)
@@ -136,8 +137,8 @@ def _trial(
     return trial if np.isfinite(state.x).all() else Trial(method, 0.0, math.inf)
 
 
-def _enough(trial: Trial, rival: float, seconds: list[float]) -> bool:
-    """Whether a trial of these steps is decided, or has taken its share of the run."""
-    if DECISIVE * trial.seconds < rival < math.inf:  # the first steps are the dearest
+def _is_decided(trial: Trial, rival: float, seconds: list[float]) -> bool:
+    """Return whether a trial is decided, or has taken its share of the run."""
+    if DECISIVE * trial.seconds < rival < math.inf:  # the first steps cost most
         return True
     return len(seconds) >= FEWEST and sum(seconds) > SHARE * min(trial.seconds, rival)

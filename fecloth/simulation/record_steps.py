@@ -1,4 +1,4 @@
-"""What is recorded of each step, in one place for `run`, `fecloth run` and `fecloth check`."""
+"""Recording of each step for `run`, `fecloth run` and `fecloth check`."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from fecloth.simulation.probes import Observer
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-MOST_GROWTH = 4.0  # times the kinetic energy available: no usable step has shown more
+MOST_GROWTH = 4.0  # times the kinetic energy available: every usable step so far had less
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A step and what is recorded of it.
+    """A step with its recorded quantities.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ def record_steps(
     """
     for state, info in steps:
         begin = time.perf_counter()
-        ledger = balanced(system, method, ledger, info, most_growth)
+        ledger = update_ledger(system, method, ledger, info, most_growth)
         turnover = max(turnover, ledger.turnover)
         observed = observer.row(info.old, info.result)
         yield Record(state, info, ledger, observed, turnover, time.perf_counter() - begin)
@@ -87,7 +87,7 @@ def trial_recorder(system: System, ledger: Ledger, observer: Observer) -> Callab
     return record
 
 
-def balanced(
+def update_ledger(
     system: System, method, ledger: Ledger, info: StepInfo, most: float = MOST_GROWTH
 ) -> Ledger:
     """Return the ledger after a step.
@@ -97,7 +97,7 @@ def balanced(
     """
     after = ledger.after(system, method, info.old, info.result)
     noise = _noise(system, info)
-    growths = [one.growth(most) if one.kinetic > noise else "" for one in (ledger, after)]
+    growths = [each.growth(most) if each.kinetic > noise else "" for each in (ledger, after)]
     if all(growths):
         raise step_failed(system, info.old, info.step, info.dt, Problem(growths[1]))
     return after
@@ -106,7 +106,7 @@ def balanced(
 def _noise(system: System, info: StepInfo) -> float:
     """Kinetic energy [J] below which growth means nothing.
 
-    `slight`, or ½ m (64 ε |x|/dt)² if that is more: the round-off of positions.
+    `negligible_energy`, or ½ m (64 ε |x|/dt)² if that is more: the round-off of positions.
     """
     speed = 64 * np.finfo(float).eps * np.abs(info.result.state.x).max() / info.dt
     rounded = 0.5 * float(system.nodal_mass.sum()) * speed**2

@@ -1,4 +1,4 @@
-"""The choices before the first step: who takes the steps, with which solver, and why."""
+"""The choices before the first step: the method, its solver, and the reasons."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
-from fecloth.simulation.stability_limited import AtLimit
+from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -44,9 +44,11 @@ def solver_for(
         check_offers(method, ("weights",), 'march(solver="auto")')
         wx, wv, wa = method.weights(dt)
         condition = 1 + (wx * stiffness + wv * damping) / wa
-        chosen, why = select.choose(condition, len(system.cloth.X), symmetric)
+        chosen, why = select.choose(  # type: ignore[assignment]  # AutoSolver.name is read-only
+            condition, len(system.cloth.X), symmetric
+        )
     else:
-        chosen, why = select.named(choice, symmetric), "asked for"
+        chosen, why = select.named(choice, symmetric), "requested"
     matrix = BlockMatrix.zeros(system.pattern)
     return SolverContext(chosen, matrix, options), f"{chosen.name} ({why})"
 
@@ -63,7 +65,7 @@ def resolve(
 ) -> tuple[object, SolverContext, str]:
     """Return the method that takes the steps, its solver, and in words why these.
 
-    `Auto` is replaced by its choice, and an explicit method without dt by `AtLimit`;
+    `Auto` is replaced by its choice, and an explicit method without dt by `StabilityLimited`;
     `record(method, old, step)` is the work after each step, which counts in Auto's choice.
     """
     if isinstance(solver, SolverContext):
@@ -72,14 +74,13 @@ def resolve(
             raise InputError("solver = a SolverContext", allowed, "march")
         return choose_steps(method, dt), solver, "given"
 
-    def solver_of(one):
-        return solver_for(system, one, dt or (t_end - state.t) / 1000, solver, newton)
+    def solver_of(candidate):
+        return solver_for(system, candidate, dt or (t_end - state.t) / 1000, solver, newton)
 
     if not isinstance(method, Auto):
         method = choose_steps(method, dt)
         return method, *solver_of(method)
-    way = system, state, t_end, lambda one: solver_of(one)[0], record
-    method, why = method.settled(*way)
+    method, why = method.choose(system, state, t_end, lambda m: solver_of(m)[0], record)
     context, reason = solver_of(method)
     return method, context, f"{reason}; {type(method.method).__name__} ({why})"
 
@@ -87,13 +88,12 @@ def resolve(
 def choose_steps(method, dt: float | None, tolerances: Mapping[str, float] | None = None):
     """Return the method that takes steps of `dt`, or that chooses its steps where dt is None.
 
-    The one place that decides who chooses a step: an explicit method goes near its stability
-    limit (`AtLimit`) unless `tolerances` has `rtol` or `atol`; with a mapping, be it empty, any
-    other method is controlled by its error (`Adaptive`). Without one it is left as it is, and
-    `march` refuses it without a dt.
+    An explicit method goes near its stability limit (`StabilityLimited`) unless `tolerances` has
+    `rtol` or `atol`. With a mapping, even an empty one, any other method is controlled by its
+    error (`Adaptive`). Without one it is returned unchanged, and `march` refuses it without dt.
     """
     if dt is not None or method.traits.chooses_dt:
         return method
     if method.traits.explicit and not tolerances:
-        return AtLimit(method)
+        return StabilityLimited(method)
     return method if tolerances is None else Adaptive(method, **tolerances)

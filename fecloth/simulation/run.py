@@ -45,7 +45,8 @@ class Result:
     solver
         The linear solver and why it was chosen.
     method
-        The method that took the steps: `Auto`'s choice; `AtLimit` for an explicit one without dt.
+        The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one without
+        dt.
     doubt
         A sentence if the energy balance does not close, or "": see `imbalance_warning`.
     """

@@ -1,4 +1,4 @@
-"""Explicit steps as long as stability allows, and the refusal of those that are longer."""
+"""Explicit steps at the stability limit, and the check of a fixed dt against it."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
 
 FRACTION = 0.9  # of the limit
-LASTS = 500  # steps, after which the limit is asked for again: less than a tenth of their cost
-LOOK = 4  # steps, after which the stretches are looked at
-BEYOND = 1.02  # times the stretches met so far: the stiffness goes with their square
-LONGER = 1.05  # of the last step, at most: what was stiff at one time may be so again
+UPDATE_STEPS = 500  # the limit is computed again after so many, at less than 10 % of their cost
+LOOK = 4  # steps between two checks of the stretches
+BEYOND = 1.02  # times the largest stretch so far: the stiffness grows with its square
+LONGER = 1.05  # largest growth of a step: the cloth may become as stiff again
 
 
 @remembered
 @dataclass(frozen=True, eq=False)
 class Limited:
-    """What is handed from step to step.
+    """The memory of `StabilityLimited`.
 
     Attributes
     ----------
     dt
         The step [s].
     steps
-        Since the limit was asked for.
+        Steps since the limit was computed.
     least, largest
-        Principal stretches of all triangles that were met so far.
+        Extreme principal stretches of all triangles so far.
     of_method
         The memory of the method itself.
     """
@@ -46,13 +46,13 @@ class Limited:
 
 
 @dataclass(frozen=True)
-class AtLimit:
-    """An explicit method at 0.9 of its largest stable step, by `lanczos_estimate.estimate`.
+class StabilityLimited:
+    """An explicit method at 0.9 of its largest stable step, by `stability.estimate`.
 
-    The limit is that at the start or that at rest, whichever is less. A cloth that is stretched
-    becomes stiffer, one of some materials also where it is compressed, and the limit falls: it is
-    asked for anew where a principal stretch is 2 % beyond those met before, looked at every 4
-    steps, and in any case after 500. It then may grow, by 5 % at most.
+    The limit is that at the start or at rest, whichever is less. A stretched cloth becomes stiffer,
+    with some materials also a compressed one, and the limit falls. It is computed again if a
+    principal stretch exceeds the earlier ones by 2 %, checked every 4 steps, and otherwise after
+    500 steps. Then it may also grow, by 5 % at most.
 
     Parameters
     ----------
@@ -77,15 +77,15 @@ class AtLimit:
 
     @property
     def traits(self) -> MethodTraits:
-        """Those of the method; the steps are chosen, below its limit."""
+        """Those of the method, with steps chosen below its limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def check(self, system: System) -> None:
-        """Refuse what the method refuses."""
+        """Check the system with the method's own `check`."""
         self.method.check(system)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the method itself took in a step, by its own formula."""
+        """Numerical dissipation [J] of a step, by the method's own formula."""
         return self.method.numerical(system, old, step)
 
     def step(
@@ -97,9 +97,9 @@ class AtLimit:
         memory: Limited | None = None,
     ) -> Step:
         """One step from `state` over at most `horizon` [s]."""
-        limited = memory or self._started(system, state)
+        limited = memory or self._start(system, state)
         if limited.steps % LOOK == 0:
-            limited = self._renewed(system, state, limited)
+            limited = self._update(system, state, limited)
         parts = max(1, math.ceil(horizon / limited.dt - 1e-9))
         dt = horizon / parts if parts <= 2 else limited.dt
         step = self.method.step(system, state, dt, solver, limited.of_method)
@@ -109,17 +109,17 @@ class AtLimit:
     def _limit(self, system: System, state: State) -> float:
         return FRACTION * estimate(system, state, self.method)
 
-    def _started(self, system: System, state: State) -> Limited:
-        """The limit at the start, or that of the cloth at rest, which it may come to."""
+    def _start(self, system: System, state: State) -> Limited:
+        """Return the first memory: the lesser limit of the start and of the cloth at rest."""
         rest = system.rest()
         dt = min(self._limit(system, one) for one in (state, State(state.t, rest.x, state.v)))
         return Limited(dt, 0, *extreme_stretches(system.cloth, state.x))
 
-    def _renewed(self, system: System, state: State, last: Limited) -> Limited:
-        """The same, or with the limit asked for again where the last one may not hold."""
+    def _update(self, system: System, state: State, last: Limited) -> Limited:
+        """Return the memory, with a new limit if the last one may no longer be valid."""
         least, largest = extreme_stretches(system.cloth, state.x)
         beyond = largest > BEYOND * last.largest or least * BEYOND < last.least
-        if not beyond and last.steps < LASTS:
+        if not beyond and last.steps < UPDATE_STEPS:
             return last
         dt = min(self._limit(system, state), last.dt if beyond else LONGER * last.dt)
         return Limited(dt, 0, min(least, last.least), max(largest, last.largest), last.of_method)
@@ -128,7 +128,8 @@ class AtLimit:
 def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:
     """Raise `InputError` for a step beyond a method's limit at the start.
 
-    `insist` is how the user asks for it all the same, unless it is by `beyond_limit` in Python.
+    `insist` is the text that tells the user how to take the step all the same; by default
+    `beyond_limit` in Python.
     """
     traits = method.traits
     if traits.beyond_limit:

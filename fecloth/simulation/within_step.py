@@ -1,4 +1,4 @@
-"""What pins and loads do within a step, which its ends do not show."""
+"""Error from pin motion and loads that vary inside a step."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from fecloth.integrators.step import Step
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-# Parts of a step at which it is looked into: uneven, lest a periodic motion hide between them.
+# Sample times as fractions of a step; uneven, so that no periodic motion is zero at all of them.
 PINS = (np.arange(1, 17) + 0.2 * np.sin(np.arange(1, 17) ** 2)) / 17
 LOADS = PINS[1::3]
 
 
-def unseen(system: System, old: State, step: Step) -> tuple[float, float]:
-    """How far the motion of pins [m], and the acceleration by loads [m/s²], stray within a step.
+def deviation_within_step(system: System, old: State, step: Step) -> tuple[float, float]:
+    """Return the deviations of pin motion [m] and of acceleration by loads [m/s²] within a step.
 
-    The pins' motion from the cubic that has its ends and its velocities there; the loads, at the
-    positions and velocities at the end, from the straight line between their values at the ends.
-    What is shorter than a sixteenth of the step may still be missed.
+    Pin motion is compared with the cubic through its positions and velocities at both ends. Loads,
+    at the final positions and velocities, are compared with the straight line between both ends.
+    A change shorter than a sixteenth of the step can be missed.
     """
     t, dt = old.t, step.state.t - old.t
     moved = (pin for pin, _ in system.constraints.groups.values() if pin.motion is not None)
-    pins = max((_astray(pin, t, dt) for pin in moved), default=0.0)
-    return pins, _loads(system, step.state, t, dt)
+    pins = max((_motion_deviation(pin, t, dt) for pin in moved), default=0.0)
+    return pins, _load_deviation(system, step.state, t, dt)
 
 
-def _astray(pin, t, dt):
-    """The largest distance of a motion from its Hermite cubic."""
+def _motion_deviation(pin, t, dt):
+    """Return the largest distance [m] of a pin's motion from its Hermite cubic."""
     u0, u1 = (np.asarray(pin.displacement(at), float) for at in (t, t + dt))
     v0, v1 = (dt * np.asarray(pin.speed(at, since=t), float) for at in (t, t + dt))
     far = 0.0
@@ -38,13 +38,13 @@ def _astray(pin, t, dt):
     return far
 
 
-def _loads(system, state, t, dt):
-    """The largest root mean square over the nodes."""
+def _load_deviation(system, state, t, dt):
+    """Return the largest root mean square over the nodes [m/s²]."""
 
     def acceleration(s):
         f = system.force(State(t + s * dt, state.x, state.v))
         return system.constraints.project(f / system.diagonal_mass[:, None])
 
     start, end = acceleration(0.0), acceleration(1.0)
-    strays = (acceleration(s) - (start + s * (end - start)) for s in LOADS)
-    return max(system.sums.rms(system.diagonal_mass, stray) for stray in strays)
+    deviations = (acceleration(s) - (start + s * (end - start)) for s in LOADS)
+    return max(system.sums.rms(system.diagonal_mass, each) for each in deviations)

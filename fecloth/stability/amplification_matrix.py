@@ -1,4 +1,4 @@
-"""What one step of a method does to a damped oscillator, by taking that step."""
+"""Amplification of a damped oscillator by one step of a method, computed from that step."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
 
     Above 1 it grows; the square is the factor of its energy a step, in the long run. The system
     is a single triangle whose three nodes a `Tether` with damping draws to the origin, in nine
-    directions: nine oscillators that know nothing of each other. Each starts as another unit
+    directions: nine uncoupled oscillators. Each starts as another unit
     vector of (x, dt v) and of what the method remembers, and the method's own `step` makes of
     them the columns of its matrix: there is no other formula here. Good to about 1e-12, where two
     eigenvalues meet (as at ζ = 1) to about its root.
@@ -50,17 +50,17 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
     >>> fc.stability.amplification(fc.CentralDifference(), [1.9, 2.1]).round(3)
     array([1.   , 1.877])
     """
-    method = the(method)
+    method = resolve_method(method)
     omega_dt, zeta = _numbers("omega_dt", omega_dt, 0.0), _numbers("zeta", zeta)
     try:
         omega_dt, zeta = np.broadcast_arrays(omega_dt, zeta)
     except ValueError:
         what = f"omega_dt of shape {omega_dt.shape}, zeta of shape {zeta.shape}"
         raise InputError(what, "must go together (broadcast)", "amplification") from None
-    found = np.empty(omega_dt.shape)
-    for at in np.ndindex(found.shape):
-        found[at] = abs(np.linalg.eigvals(step_matrix(method, omega_dt[at], zeta[at]))).max()
-    return found if found.ndim else float(found)
+    radius = np.empty(omega_dt.shape)
+    for at in np.ndindex(radius.shape):
+        radius[at] = abs(np.linalg.eigvals(step_matrix(method, omega_dt[at], zeta[at]))).max()
+    return radius if radius.ndim else float(radius)
 
 
 def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
@@ -85,13 +85,13 @@ def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
     return np.array([y.ravel()[:size] for y in after])
 
 
-def the(method):
-    """The method itself, from its name or its class.
+def resolve_method(method):
+    """Return a method object from a method, its class or its name.
 
     Raises
     ------
     InputError
-        For what is none of them, and for a method that states no limit.
+        For anything else, and for a method that chooses its steps.
     """
     known = {**METHODS, **EXPLICIT}
     if isinstance(method, str):
@@ -100,12 +100,12 @@ def the(method):
             remedy = did_you_mean(method, known)
             raise InputError(f"method = {method!r}", allowed, "stability", remedy)
         method = known[method]
-    made = method() if isinstance(method, type) else method
-    traits = getattr(made, "traits", None)
+    built = method() if isinstance(method, type) else method
+    traits = getattr(built, "traits", None)
     if traits is None or traits.chooses_dt:
         allowed = "must be a method of one step size such as BDF2(), its class or its name"
         raise InputError(f"method = {method!r}", allowed, "stability")
-    return made
+    return built
 
 
 def _numbers(name: str, value, above: float | None = None) -> np.ndarray:

@@ -20,7 +20,7 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator, eigsh, splu
 
 from fecloth.errors import InputError
 from fecloth.integrators.explicit import ForwardEuler
-from fecloth.stability.amplification_matrix import amplification, the
+from fecloth.stability.amplification_matrix import amplification, resolve_method
 from fecloth.stability.lanczos_estimate import estimate
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
@@ -68,7 +68,7 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
     as none.
 
     That holds for small motions about `state`. A cloth that stretches in the run becomes stiffer,
-    so that the limit falls; ask again there (`estimate` is made for that).
+    so that the limit falls: compute it again there (`estimate` does so cheaply).
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
     inf
     """
     check_system(system, state, "critical_dt")
-    method = the(method)
+    method = resolve_method(method)
     if isinstance(method, ForwardEuler):
         return _forward_euler(*_free_operators(system, state))
     a, b = _limit(method)
@@ -130,7 +130,7 @@ def element_bound(system: System, method="symplectic_euler") -> float:
 
     No triangle bounds how little damping there is: for forward Euler it is 0 if anything is stiff.
     """
-    method = the(method)
+    method = resolve_method(method)
     stiffness, damping = system.rate_bounds()
     if isinstance(method, ForwardEuler):
         return 0.0 if stiffness > 0 else _root(0.0, 0.5 * damping)

@@ -21,7 +21,7 @@ from fecloth.scene.probe_tables import Interest
 from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene, load
 from fecloth.simulation.probes import Observer
-from fecloth.simulation.record_steps import balanced
+from fecloth.simulation.record_steps import update_ledger
 from fecloth.simulation.resolve import resolve
 from fecloth.simulation.run import columns
 
@@ -82,7 +82,7 @@ def march(built: Problem, most: float | None) -> dict:
         seconds += time.process_time() - begin
         if most and time.process_time() - first > most:
             raise study.TimeLimit(f"more than {most:g} CPU seconds, at {info.t:.3g} s")
-        ledger = balanced(system, method, ledger, info)
+        ledger = update_ledger(system, method, ledger, info)
         rows.append(ledger.row() | observer.row(info.old, info.result))
         counts = {name: counts[name] + getattr(info.counts, name) for name in COUNTED}
         begin = time.process_time()

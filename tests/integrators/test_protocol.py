@@ -8,7 +8,7 @@ from fecloth.integrators import EXPLICIT, METHODS, MethodTraits
 from fecloth.integrators.protocol import ExplicitIntegrator, Integrator, StepSizeChoice
 from fecloth.linalg import select
 from fecloth.linalg.protocol import LinearSolver
-from fecloth.simulation.stability_limited import AtLimit
+from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.terms import protocol
 
 
@@ -40,7 +40,7 @@ def test_explicit_methods_are_explicit_integrators(cls):
 
 @pytest.mark.parametrize("method", [fc.CentralDifference(), fc.SymplecticEuler()])
 def test_wrappers_hand_on_the_traits(method):
-    for wrapper in AtLimit(method), fc.Adaptive(method):
+    for wrapper in StabilityLimited(method), fc.Adaptive(method):
         assert not lacks(wrapper, StepSizeChoice)
         assert wrapper.traits.chooses_dt
         for name in ("order", "theta", "explicit", "symmetric", "error_constant", "stability"):

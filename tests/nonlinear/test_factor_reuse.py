@@ -5,7 +5,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.nonlinear import newton
-from fecloth.nonlinear.factor_reuse import Kept
+from fecloth.nonlinear.factor_reuse import FactorReuse
 from fecloth.simulation.resolve import solver_for
 
 
@@ -57,14 +57,14 @@ def test_other_weights_take_another_factor(drum):
     _, counts = fallen(drum, solver, [1.01e-3], state)
     assert counts[0].factorisations > 0
     work = newton._Work(drum, fc.ImplicitMidpoint().stage(state, 1.01e-3), solver)
-    assert solver.kept.fits(work.key(0.0), solver.linear)
+    assert solver.factor_reuse.is_usable(work.key(0.0), solver.linear)
     for stage, shift in (
         (fc.ImplicitMidpoint().stage(state, 1e-3), 0.0),
         (fc.BackwardEuler().stage(state, 1.01e-3), 0.0),
         (work.stage, 0.25),
     ):
         key = newton._Work(drum, stage, solver).key(shift)
-        assert not solver.kept.fits(key, solver.linear)
+        assert not solver.factor_reuse.is_usable(key, solver.linear)
 
 
 def test_another_system_takes_another_factor(drum, isotropic):
@@ -73,16 +73,16 @@ def test_another_system_takes_another_factor(drum, isotropic):
     heavy = fc.Fabric(0.4, 1000.0, 0.3)
     other = fc.System(drum.cloth, heavy, [fc.StVK(), fc.Gravity()], pins=["boundary"])
     key = newton._Work(other, fc.ImplicitMidpoint().stage(state, 1e-3), solver).key(0.0)
-    assert not solver.kept.fits(key, solver.linear)
+    assert not solver.factor_reuse.is_usable(key, solver.linear)
 
 
 def test_what_others_prepare_replaces_the_factor(drum):
     solver = direct(drum)
     state, _ = fallen(drum, solver, [1e-3] * 3)
     key = newton._Work(drum, fc.ImplicitMidpoint().stage(state, 1e-3), solver).key(0.0)
-    assert solver.kept.fits(key, solver.linear)
+    assert solver.factor_reuse.is_usable(key, solver.linear)
     solver.linear.prepare(drum.project(drum.assemble(solver.matrix, state, wa=1.0)))
-    assert not solver.kept.fits(key, solver.linear)
+    assert not solver.factor_reuse.is_usable(key, solver.linear)
     after, counts = fallen(drum, solver, [1e-3], state)
     fresh, _ = fallen(drum, direct(drum), [1e-3], state)
     assert counts[0].factorisations > 0
@@ -93,7 +93,7 @@ def test_after_drop_nothing_depends_on_the_past(drum):
     solver = direct(drum)
     state, _ = fallen(drum, solver, [1e-3] * 10)
     kept, _ = fallen(drum, solver, [1e-3] * 5, state)
-    solver.kept.drop()
+    solver.factor_reuse.drop()
     dropped, _ = fallen(drum, solver, [1e-3] * 5, state)
     fresh, _ = fallen(drum, direct(drum), [1e-3] * 5, state)
     assert np.array_equal(dropped.x, fresh.x)
@@ -103,37 +103,37 @@ def test_after_drop_nothing_depends_on_the_past(drum):
 def test_a_failure_drops_the_factor(drum):
     solver = direct(drum)
     state, _ = fallen(drum, solver, [1e-3] * 3)
-    assert solver.kept.key is not None
+    assert solver.factor_reuse.key is not None
     wrong = fc.State(state.t, np.where(state.x == state.x.max(), np.nan, state.x), state.v)
     with pytest.raises(newton.NewtonFailed, match="not finite"):
         fallen(drum, solver, [1e-3], wrong)
-    assert solver.kept == Kept()
+    assert solver.factor_reuse == FactorReuse()
 
 
 def test_a_factor_that_serves_badly_is_not_tried_for_longer_and_longer():
     class Linear:
         name, prepared = "pardiso", 0
 
-    kept, key, tried = Kept(), ("system", 1.0), []
+    reuse, key, tried = FactorReuse(), ("system", 1.0), []
     for number in range(40):
-        if kept.fits(key, Linear):
+        if reuse.is_usable(key, Linear):
             tried.append(number)
-            kept.served(0.9, 1e-6, Linear)  # 131 iterations to go
-        kept.made(key, Linear)
+            reuse.record_iteration(0.9, 1e-6, Linear)  # 131 iterations to go
+        reuse.record_factor(key, Linear)
     assert tried == [1, 2, 4, 8, 16, 32]
-    kept.served(0.01, 1e-3, Linear)  # 1.5 to go
-    assert kept.failures == 0
+    reuse.record_iteration(0.01, 1e-3, Linear)  # 1.5 to go
+    assert reuse.failures == 0
 
 
 def test_a_step_dearer_than_the_average_since_the_factor_ends_it():
     class Linear:
         name, prepared = "pardiso", 0
 
-    kept, steps = Kept(), 0
-    kept.made(("system",), Linear)
-    while kept.key:  # 0, 1, 2, … iterations: 5 + 0 + 1 + 2 in 3 steps are 2.67, less than the next
+    reuse, steps = FactorReuse(), 0
+    reuse.record_factor(("system",), Linear)
+    while reuse.key:  # 0, 1, 2, … iterations: 5 + 0 + 1 + 2 in 3 steps are 2.67, less than the next
         for _ in range(steps):
-            kept.served(1e-3, 1e-2, Linear)
-        kept.step_ends(steps, Linear)
+            reuse.record_iteration(1e-3, 1e-2, Linear)
+        reuse.end_step(steps, Linear)
         steps += 1
     assert steps == 4

@@ -87,7 +87,7 @@ linear = "direct"
 frames = 20
 restart_steps = 9
 """,
-    "AtLimit": """[time]
+    "StabilityLimited": """[time]
 method = "central_difference"
 t_end = 0.06
 [output]
@@ -107,7 +107,9 @@ SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(["fecloth.runs.run_scene"])
 
 
-RUNS["vtkhdf"] = RUNS["AtLimit"].replace("every = 0.01", 'every_steps = 16\nformat = "vtkhdf"')
+RUNS["vtkhdf"] = RUNS["StabilityLimited"].replace(
+    "every = 0.01", 'every_steps = 16\nformat = "vtkhdf"'
+)
 RUNS["two threads"] = """[time]
 method = "implicit_midpoint"
 dt = 0.002
@@ -167,7 +169,7 @@ def scene(tmp_path, monkeypatch):
     return path
 
 
-@pytest.mark.parametrize("name", slow_except(RUNS, "BDF2", "AtLimit"))
+@pytest.mark.parametrize("name", slow_except(RUNS, "BDF2", "StabilityLimited"))
 def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     if name == "vtkhdf":
         pytest.importorskip("h5py")
@@ -202,7 +204,7 @@ def test_a_run_that_is_killed_while_it_closes_is_closed(scene, tmp_path, monkeyp
     def killed(*_):
         raise KeyboardInterrupt
 
-    scene.write_text(TEXT + RUNS["AtLimit"])
+    scene.write_text(TEXT + RUNS["StabilityLimited"])
     run_scene(load(scene), tmp_path / "whole")
     with monkeypatch.context() as patched:
         patched.setattr(Recorder, "close", killed)
@@ -310,7 +312,7 @@ def interrupted(scene, folder, after, resume=False):
     return run_scene(load(scene), folder, report=report, resume=resume)
 
 
-UNASKED = TEXT + RUNS["AtLimit"].replace("restart_steps = 50\n", "")
+UNASKED = TEXT + RUNS["StabilityLimited"].replace("restart_steps = 50\n", "")
 
 
 def test_an_interrupted_run_goes_on_without_restart_steps(scene, tmp_path):
@@ -409,7 +411,7 @@ def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys
 
 
 def test_a_broken_restart_file_is_passed_over_or_refused(scene, tmp_path):
-    scene.write_text(TEXT + RUNS["AtLimit"])
+    scene.write_text(TEXT + RUNS["StabilityLimited"])
     run_scene(load(scene), tmp_path / "whole")
     run_scene(load(scene), tmp_path / "out")
     newest = restart.files(tmp_path / "out")[0]
@@ -442,7 +444,7 @@ def test_another_mesh_behind_the_same_name_is_refused(scene, tmp_path):
     scene.write_text(
         file
         + UNASKED[shape:].replace('"left"', '"boundary"', 1).split("[[probes]]")[0]
-        + RUNS["AtLimit"].replace("restart_steps = 50\n", "")
+        + RUNS["StabilityLimited"].replace("restart_steps = 50\n", "")
     )
     interrupted(scene, tmp_path / "out", 5)
     meshio.write(tmp_path / "sheet.vtu", mesh_of(h=0.2))
@@ -580,7 +582,7 @@ def test_a_solver_that_has_dropped_is_a_new_one(isotropic):
     assert set(used.linear._solvers) == {"pcg", "direct"}
     used.drop()
     new, _ = fc.solver_for(system, fc.BDF2(), 0.2)
-    assert used.kept == new.kept
+    assert used.factor_reuse == new.factor_reuse
     told, expected = (dict(vars(one.linear)) for one in (used, new))
     for each in (told, expected):
         each["_solvers"] = sorted(each["_solvers"])

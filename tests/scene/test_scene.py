@@ -21,7 +21,7 @@ from fecloth.output import frames
 from fecloth.scene.overrides import override
 from fecloth.scene.scene import Scene, load
 from fecloth.scene.toml_text import read, to_toml
-from fecloth.simulation.stability_limited import AtLimit
+from fecloth.simulation.stability_limited import StabilityLimited
 from studies.references.closed_forms import hanging_strip_mean, hanging_strip_tip
 from studies.references.falling_disk import trampoline
 
@@ -750,7 +750,7 @@ def test_steps_by_a_number_or_chosen(file):
     assert stepping(file, bdf2, auto) == (fc.Adaptive(fc.BDF2()), None)
     tolerances = "time.rtol=1e-2", "time.atol=1e-4"
     assert stepping(file, bdf2, auto, *tolerances) == (fc.Adaptive(fc.BDF2(), 1e-2, 1e-4), None)
-    assert stepping(file, central, auto) == (AtLimit(fc.CentralDifference()), None)
+    assert stepping(file, central, auto) == (StabilityLimited(fc.CentralDifference()), None)
     adaptive = fc.Adaptive(fc.CentralDifference(), 1e-2)
     assert stepping(file, central, auto, tolerances[0]) == (adaptive, None)
     assert stepping(file, "time.method='auto'", auto) == (fc.Auto(), None)

@@ -8,7 +8,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.simulation.energy_ledger import imbalance_warning
-from fecloth.simulation.motion_jumps import jumping
+from fecloth.simulation.motion_jumps import find_jumping_pin
 
 BUMP = np.pi / 20
 
@@ -68,12 +68,12 @@ def test_a_smooth_motion_is_not_said_to_jump(small):
 
     system = moved(small, shake, fc.StVK())
     for t in np.linspace(0.0, 0.5, 23):
-        assert jumping(system, t, 2 * np.pi / 20 / 6, 0) == ""
+        assert find_jumping_pin(system, t, 2 * np.pi / 20 / 6, 0) == ""
     assert min(asked) > -1e-4
     kink = moved(small, lambda t: (0.0, 0.0, max(0.0, t - 0.09)), fc.StVK())
-    assert jumping(kink, 0.08, 0.04, 2) == "left"
-    assert jumping(kink, 0.16, 0.04, 2) == "left"  # two steps after it
-    assert jumping(kink, 0.20, 0.04, 2) == ""
+    assert find_jumping_pin(kink, 0.08, 0.04, 2) == "left"
+    assert find_jumping_pin(kink, 0.16, 0.04, 2) == "left"  # two steps after it
+    assert find_jumping_pin(kink, 0.20, 0.04, 2) == ""
 
 
 def test_a_balance_that_does_not_close_is_told_in_python(small):

@@ -10,7 +10,7 @@ from support.tiers import slow_except
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.nonlinear.newton import NewtonFailed
-from fecloth.simulation.stability_limited import AtLimit
+from fecloth.simulation.stability_limited import StabilityLimited
 
 T_END = 0.2
 TIGHT = fc.Newton(tolerance=1e-11)
@@ -183,7 +183,10 @@ def test_the_balance_of_adaptive_steps_closes(swing):
         (lambda: fc.Adaptive(fc.BDF2), "must be a method such as BDF2"),
         (lambda: fc.Adaptive(fc.Adaptive(fc.BDF2())), "must be a method such as BDF2"),
         (lambda: fc.Adaptive(fc.Auto()), "none that chooses its own steps"),
-        (lambda: fc.Adaptive(AtLimit(fc.CentralDifference())), "none that chooses its own steps"),
+        (
+            lambda: fc.Adaptive(StabilityLimited(fc.CentralDifference())),
+            "none that chooses its own steps",
+        ),
         (lambda: fc.Adaptive(fc.Newmark(0.3, 0.6)), "gamma=0.6, .*: has no estimate"),
         (lambda: fc.Adaptive(fc.ForwardEuler()), "has no stable step to choose"),
     ],

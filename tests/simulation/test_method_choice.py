@@ -1,4 +1,4 @@
-"""Auto: the method that is foretold to be faster, what it costs to find out, and what is said."""
+"""Auto: the method that is predicted to be faster, what it costs to find out, and what is said."""
 
 import itertools
 from types import SimpleNamespace
@@ -30,7 +30,7 @@ def test_a_soft_taut_membrane_goes_to_the_explicit_method():
     name, why = chosen(*sheet())
     assert name == "CentralDifference"
     assert "no linear solver" in why
-    assert why.index("foretold: CentralDifference") < why.index("GeneralizedAlpha")
+    assert why.index("predicted: CentralDifference") < why.index("GeneralizedAlpha")
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_a_soft_taut_membrane_goes_to_the_explicit_method():
 def test_what_only_tiny_explicit_steps_resolve_goes_to_the_implicit_method(case):
     name, why = chosen(*sheet(**case), rtol=0.1)
     assert name == "GeneralizedAlpha"
-    assert why.index("foretold: GeneralizedAlpha") < why.index("CentralDifference")
+    assert why.index("predicted: GeneralizedAlpha") < why.index("CentralDifference")
 
 
 def test_a_consistent_mass_leaves_no_choice():
@@ -70,7 +70,7 @@ def test_the_run_is_bit_for_bit_that_of_the_method_alone(case):
     assert result.method.rtol == 1e-2
     assert np.array_equal(result.times, alone.times)
     assert np.array_equal(result.state.x, alone.state.x)
-    assert "foretold" in result.solver
+    assert "predicted" in result.solver
     assert type(result.method.method).__name__ in result.solver
 
 

@@ -6,7 +6,7 @@ import pytest
 import fecloth as fc
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.record_steps import MOST_GROWTH
-from fecloth.simulation.stability_limited import FRACTION, LASTS, AtLimit
+from fecloth.simulation.stability_limited import FRACTION, UPDATE_STEPS, StabilityLimited
 from fecloth.terms.kinematics import largest_stretch, principal_stretches
 
 
@@ -45,7 +45,7 @@ def test_the_step_follows_a_cloth_that_stiffens(sheet):
     method, system = fc.CentralDifference(), pulled(sheet, 2.0, 2.0)
     infos = [info for _, info in fc.march(system, method, system.rest(), t_end=2.0)]
     first, last = infos[0].dt, infos[-2].dt
-    assert len(infos) > LASTS
+    assert len(infos) > UPDATE_STEPS
     assert last < 0.6 * first
     assert last < fc.critical_dt(system, infos[-1].result.state, method)
     with pytest.raises(fc.StepFailed):
@@ -74,7 +74,7 @@ def test_forward_euler_has_no_step_on_a_sheet_without_damping(sheet):
 @pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.CentralDifference, "no method"])
 def test_only_explicit_methods_have_such_a_step(method):
     with pytest.raises(fc.InputError, match="has no stable step to choose"):
-        AtLimit(method)
+        StabilityLimited(method)
 
 
 def test_a_stretch_beyond_the_bound_ends_the_run(sheet):

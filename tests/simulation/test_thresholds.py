@@ -44,7 +44,7 @@ def test_a_motion_jumps_from_a_quarter_of_its_velocity(apart, found):
         displacement=lambda t: np.array([0.0, 0.0, (1.0 - apart) * t]),
         speed=lambda t: np.array([0.0, 0.0, 1.0]),
     )
-    assert motion_jumps.jumps(pin, 0.0, 0.1) == found
+    assert motion_jumps.has_jump(pin, 0.0, 0.1) == found
 
 
 @pytest.mark.parametrize(("factor", "kept"), [(1.16, True), (1.25, False)])
@@ -53,15 +53,15 @@ def test_an_adaptive_step_keeps_its_size_below_a_growth_of_a_fifth(factor, kept)
     method = fc.Adaptive(fc.BDF2())
     error = (error_control.SAFETY / factor) ** (2 / 0.7)
     control = SimpleNamespace(error=1.0)
-    assert method._next(0.01, control, error) == pytest.approx(0.01 if kept else 0.01 * factor)
+    assert method._next_dt(0.01, control, error) == pytest.approx(0.01 if kept else 0.01 * factor)
 
 
 @pytest.mark.parametrize(("growth", "limited"), [(1.04, False), (1.0625, True)])
 def test_an_explicit_step_grows_by_a_twentieth_at_most(growth, limited, system):
     """After many steps the limit is computed again; here it is `growth` times the last step."""
-    method = stability_limited.AtLimit(fc.CentralDifference())
+    method = stability_limited.StabilityLimited(fc.CentralDifference())
     state = system.rest()
-    start = method._started(system, state)
-    old = replace(start, dt=start.dt / growth, steps=stability_limited.LASTS)
-    new = method._renewed(system, state, old)
+    start = method._start(system, state)
+    old = replace(start, dt=start.dt / growth, steps=stability_limited.UPDATE_STEPS)
+    new = method._update(system, state, old)
     assert new.dt == pytest.approx(old.dt * (1.05 if limited else growth), rel=1e-6)

@@ -199,7 +199,9 @@ def test_newton_does_not_take_damped_springs_for_a_potential(sheet):
 
     from fecloth.nonlinear.newton import _Work
 
-    solver = SimpleNamespace(matrix_solver=lambda: (None, None), options=fc.Newton(), kept=None)
+    solver = SimpleNamespace(
+        matrix_solver=lambda: (None, None), options=fc.Newton(), factor_reuse=None
+    )
     for damping, expected in ((0.0, True), (0.01, False)):
         system = fc.System(sheet, SQUARE, [fc.Springs(damping=damping)])
         assert _Work(system, None, solver).has_potential is expected
