@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from fecloth.errors import InputError
-from fecloth.scene.error_words import shortened
+from fecloth.scene.error_words import shorten
 from fecloth.scene.type_words import holds_tables, in_si, options, phrase, writable
 from fecloth.suggest import did_you_mean
 
@@ -55,7 +55,7 @@ class Table(BaseModel):
 
     @field_validator("*", mode="wrap")
     @classmethod
-    def _worded(cls, value: Any, handler, info) -> Any:
+    def _describe_mistake(cls, value: Any, handler, info) -> Any:
         field = cls.model_fields[info.field_name]
         try:
             return handler(value)
@@ -72,7 +72,7 @@ def _unknown(data: dict, fields: Mapping, shorthands: tuple[str, ...]) -> list[I
     known = (*fields, *shorthands)
     allowed = f"unknown key; the keys are {', '.join(known)}"
     return [
-        InputError(f"{key} = {shortened(value)}", allowed, "", did_you_mean(key, known))
+        InputError(f"{key} = {shorten(value)}", allowed, "", did_you_mean(key, known))
         for key, value in data.items()
         if key not in fields
     ]
@@ -97,7 +97,7 @@ class Made(Table):
     _object: Any = PrivateAttr()
 
     @model_validator(mode="after")
-    def _hold_object(self):
+    def _make_object(self):
         names = [field.name for field in dataclasses.fields(self.makes) if field.init]
         values = {name: getattr(self, name) for name in names}
         values = {k: v.make() if isinstance(v, Made) else v for k, v in values.items()}

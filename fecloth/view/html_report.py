@@ -84,9 +84,9 @@ def read_table(file: Path) -> dict[str, np.ndarray]:
     if len(lines) < 2:
         return {}
     head, rows = lines[0].split(","), lines[1:]
-    kept = rows[:: math.ceil(len(rows) / MOST_ROWS)]
-    kept += [rows[-1]] if kept[-1] is not rows[-1] else []
-    values = np.array([row.split(",") for row in kept])
+    sample = rows[:: math.ceil(len(rows) / MOST_ROWS)]
+    sample += [rows[-1]] if sample[-1] is not rows[-1] else []
+    values = np.array([row.split(",") for row in sample])
     values = np.where(values == "", "nan", values).astype(float)
     return {name: values[:, i] for i, name in enumerate(head)}
 
@@ -100,7 +100,7 @@ def _subtitle(summary):
 
 
 def _warnings(folder, summary) -> Iterator[dict[str, str]]:
-    """The failure, the doubt about the energy balance, and the warnings in the log."""
+    """Return the failure, the warning about the energy balance, and the warnings in the log."""
     for key, kind in (("error", "note failed"), ("warning", "note")):
         if text := summary.get(key):
             yield {"kind": kind, "text": str(text)}

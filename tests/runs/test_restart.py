@@ -514,8 +514,8 @@ def test_march_goes_on_from_a_memory_that_was_written(method, dt, isotropic, tmp
     whole = list(fc.march(system, method, start, *run, **options))
     state, info = whole[len(whole) // 2]
     arrays = []
-    packed = json.dumps(restart._packed(info.memory, arrays))
-    memory = restart._unpacked(json.loads(packed), arrays)
+    packed = json.dumps(restart._pack(info.memory, arrays))
+    memory = restart._unpack(json.loads(packed), arrays)
     rest = list(fc.march(system, method, state, *run, **options, memory=memory))
     assert [i.step for _, i in rest] == [i.step for _, i in whole[len(whole) // 2 + 1 :]]
     for one, other in zip(rest, whole[len(whole) // 2 + 1 :], strict=True):
@@ -530,7 +530,7 @@ def test_a_record_of_ones_own_must_be_marked():
         f: float
 
     with pytest.raises(fc.InputError, match="a Unmarked: cannot be written .*@remembered"):
-        restart._packed(Unmarked(1.0), [])
+        restart._pack(Unmarked(1.0), [])
     with pytest.raises(fc.InputError, match="class Change: must have a name of its own.*bdf2"):
         remembered(dataclass(frozen=True)(type("Change", (), {})))
     with pytest.raises(fc.InputError, match="class Plain: must be a frozen dataclass"):
