@@ -138,7 +138,7 @@ def _unexplained(summary, steps):
 
 
 def _numbers(summary) -> dict[str, str]:
-    """The rest of the summary, and the versions."""
+    """Return the rest of the summary, and the versions."""
     rest = {
         key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
         for key, value in summary.items()
@@ -166,7 +166,7 @@ def _charts(tables) -> list[str]:
 
 
 def _energies(table):
-    """The columns of the ledger that are not zero throughout."""
+    """Draw the columns of the ledger that are not zero throughout."""
     curves = {
         name: (table["t"], values)
         for name, values in table.items()
@@ -183,7 +183,7 @@ def _remainder(table):
 
 
 def _bars(seconds) -> Iterator[dict[str, str]]:
-    """A bar for each phase that took time."""
+    """Yield a bar for each phase that took time."""
     total = seconds["total"]
     shares = {name: seconds[name] for name in PHASES if seconds.get(name)}
     shares["other"] = max(total - sum(shares.values()), 0.0)
