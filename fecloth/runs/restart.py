@@ -157,7 +157,7 @@ def _pack(value, arrays: list):
 
 
 def _unpack(value, arrays: list):
-    """Invert `_packed`; raise KeyError, TypeError or ValueError for anything else."""
+    """Invert `_pack`; raise KeyError, TypeError or ValueError for anything else."""
     if not isinstance(value, dict):
         return value
     match value:
