@@ -20,12 +20,17 @@ from .integrators.explicit import CentralDifference, ForwardEuler, SymplecticEul
 from .integrators.generalized_alpha import GeneralizedAlpha
 from .integrators.linearly_implicit_euler import LinearlyImplicitEuler
 from .integrators.newmark import Newmark
-from .integrators.one_stage import BackwardEuler, ImplicitMidpoint
+from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
+from .integrators.protocol import MethodTraits
+from .integrators.with_memory import WithMemory
 from .mesh.cloth import Cloth
 from .nonlinear.equilibrium import EquilibriumFailed, equilibrium
 from .nonlinear.options import Newton
+from .nonlinear.stage import Stage
 from .output.frame_arrays import fields
 from .output.frames import Frames, read_frame, write_vtk
+from .runs.run_scene import run_scene
+from .scene.scene import load_scene
 from .simulation.energy_ledger import Ledger
 from .simulation.error_control import Adaptive
 from .simulation.march import march
@@ -61,6 +66,7 @@ from .terms import (
 from .terms.bending.hinge import hinge_angles
 from .terms.custom.membrane_law import MembraneLaw
 from .terms.custom.user_condition import Condition
+from .terms.loops.green_strain import contract
 
 __version__: str
 
@@ -94,6 +100,7 @@ __all__ = [
     "MassDamping",
     "MembraneLaw",
     "MeshError",
+    "MethodTraits",
     "NeoHookean",
     "Newmark",
     "Newton",
@@ -108,6 +115,8 @@ __all__ = [
     "SolveFailed",
     "Springs",
     "StVK",
+    "Stage",
+    "StageMethod",
     "State",
     "StepFailed",
     "StrainRateDamping",
@@ -118,16 +127,20 @@ __all__ = [
     "Tether",
     "UserForce",
     "Wind",
+    "WithMemory",
     "bending_tensor",
+    "contract",
     "critical_dt",
     "equilibrium",
     "fields",
     "hinge_angles",
+    "load_scene",
     "many_steps",
     "march",
     "plane_moduli",
     "read_frame",
     "run",
+    "run_scene",
     "solver_for",
     "stability",
     "strip_rigidity",

@@ -19,7 +19,7 @@ import pytest
 from support.pages import COMMANDS, LINES, README, ROOT, SECTIONS, SPANS, read, words
 
 from fecloth.cli import main as cli
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from fecloth.scene.toml_text import to_toml
 
 TESTED = (ROOT / "tests" / "studies" / "test_studies.py").read_text(encoding="utf-8")
@@ -138,7 +138,7 @@ def test_toml_blocks_build(block, clone):
     if not is_scene(block.text):
         data = merged(tomllib.loads(MINIMAL), data)
     (clone / "block.toml").write_text(to_toml(data), encoding="utf-8")
-    scene = load(clone / "block.toml")
+    scene = load_scene(clone / "block.toml")
     if "expect" in data:
         scene.require_expectations()
     assert len(scene.build().system.bound) == len(data["terms"])

@@ -1,4 +1,4 @@
-"""What a cloth is, in words: its mesh and its sets, and who measured its fabrics."""
+"""Descriptions of a cloth in words: its mesh, its sets, and the sources of its fabrics."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from fecloth.fabric.fabric import Fabric
 from fecloth.mesh.cloth import Cloth
 
 
-def described(cloth: Cloth) -> list[str]:
-    """Its size, its edges and the quality of its triangles, and a line for each set."""
+def describe_cloth(cloth: Cloth) -> list[str]:
+    """Return lines on size, edges and quality of the triangles, and one line for each set."""
     corners = cloth.X[cloth.triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     (x0, y0), (x1, y1) = cloth.X.min(axis=0), cloth.X.max(axis=0)
@@ -30,6 +30,6 @@ def _triangles(cloth: Cloth) -> str:
 
 
 def sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
-    """Who measured each fabric, as far as it says so."""
+    """Return a line with the source of each fabric that has one."""
     regions = fabric if isinstance(fabric, Mapping) else {"fabric": fabric}
     return [f"{name}: {one.source}" for name, one in regions.items() if one.source]

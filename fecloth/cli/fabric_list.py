@@ -9,8 +9,8 @@ from fecloth.fabric.fabric import Fabric
 WIDTH = 100
 
 
-def listed() -> list[str]:
-    """Lines: each fabric's constants, then what it is, then who measured it and how."""
+def list_fabrics() -> list[str]:
+    """Return lines with the constants of each fabric, its kind, and the numbered sources."""
     fabrics = {name: Fabric.preset(name) for name in Fabric.presets()}
     table = [_row(name, fabric) for name, fabric in fabrics.items()]
     numbers: dict[str, int] = {}
@@ -19,11 +19,11 @@ def listed() -> list[str]:
         kind, _, source = fabric.source.partition(". ")
         number = numbers.setdefault(source, len(numbers) + 1)
         what.append(f"{name}: {kind} [{number}]")
-    sources = [_wrapped(f"[{number}] {source}") for source, number in numbers.items()]
-    return [_head(), *table, "", *what, "", *sources]
+    sources = [_wrap(f"[{number}] {source}") for source, number in numbers.items()]
+    return [_header(), *table, "", *what, "", *sources]
 
 
-def _head() -> str:
+def _header() -> str:
     head = f"{'preset':<21}{'g/m²':>5}{'Y [N/m]':>15}{'G [N/m]':>9}{'ν':>6}{'B [µN m]':>12}"
     return f"{head}  (warp / weft; small strain)"
 
@@ -37,7 +37,7 @@ def _row(name: str, fabric: Fabric) -> str:
     )
 
 
-def _wrapped(text: str) -> str:
+def _wrap(text: str) -> str:
     return textwrap.fill(
         text, WIDTH, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
     )

@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run a command and return its exit status (see `STATUS`)."""
     options = _parser().parse_args(arguments)
     try:
-        with _terminable():
+        with _handle_sigterm():
             return options.command(options)
     except DiskFull as full:
         print(f"failed: {full}", file=sys.stderr)
@@ -61,7 +61,7 @@ def main(arguments: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as refusal:  # of the system, as where Numba keeps machine code
-        remedy = "If a disk is full, free space; NUMBA_CACHE_DIR is where machine code is kept."
+        remedy = "If a disk is full, free space; NUMBA_CACHE_DIR is where machine code is stored."
         print(f"error: {refusal}. {remedy}", file=sys.stderr)
         return BAD_INPUT
     except MemoryError as full:
@@ -70,8 +70,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 @contextmanager
-def _terminable() -> Iterator[None]:
-    """SIGTERM is Ctrl-C, also before a run listens to both."""
+def _handle_sigterm() -> Iterator[None]:
+    """Handle SIGTERM as Ctrl-C, also before a run handles both."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -161,9 +161,9 @@ def _run(options) -> int:
     from fecloth.runs.outcome import DONE, FAILED, failure_message, finished_message, ledger_text
     from fecloth.runs.run_scene import run_scene
     from fecloth.scene.plan import plan
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
-    scene = load(options.scene, options.set)
+    scene = load_scene(options.scene, options.set)
     if options.resume and (options.output or options.overwrite):
         raise InputError("--resume", "needs neither -o nor --overwrite: it names the folder")
     path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
@@ -213,18 +213,18 @@ def _render(options) -> int:
         raise InputError(f"--size {options.size}", "must be like 1280x720") from error
     chosen = options.field, (width, height), options.fps, options.time
     file = render(options.folder, options.output, *chosen)
-    print(f"wrote {file}{_drawn(options) if file.suffix == '.png' else ''}")
+    print(f"wrote {file}{_describe_frame_time(options) if file.suffix == '.png' else ''}")
     return 0
 
 
-def _drawn(options) -> str:
-    """Which time a picture shows."""
+def _describe_frame_time(options) -> str:
+    """Return the time of the frame that a picture shows, in words."""
     from fecloth.output.frame_reader import Series
 
-    series, asked = Series.open(options.folder), options.time
-    t = series.times[series.at(asked)]
-    exact = asked is None or math.isclose(t, asked, rel_tol=1e-9, abs_tol=1e-12)
-    return f": t = {t:g} s" + ("" if exact else f", of the frame next to {asked:g} s")
+    series, time = Series.open(options.folder), options.time
+    t = series.times[series.at(time)]
+    exact = time is None or math.isclose(t, time, rel_tol=1e-9, abs_tol=1e-12)
+    return f": t = {t:g} s" + ("" if exact else f", of the frame next to {time:g} s")
 
 
 # --- check ----------------------------------------------------------------------------------------
@@ -234,14 +234,14 @@ def _check(options) -> int:
     from rich.console import Console
 
     from fecloth.cli.progress import progress
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
     console, passed = Console(stderr=True, quiet=options.quiet), True
     for path in options.scenes:
-        scene = load(path, options.set)
+        scene = load_scene(path, options.set)
         scene.require_expectations()
         with progress(console, scene.time.t_end) as report:
-            verdicts = _verdicts(scene, report)
+            verdicts = _compare_with_expectations(scene, report)
         for verdict in verdicts:
             if not (options.quiet and verdict.passed):
                 print(f"{path}: {verdict}")
@@ -249,7 +249,7 @@ def _check(options) -> int:
     return 0 if passed else MISSED
 
 
-def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
+def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
     from fecloth.runs.run_scene import resolve_scene
     from fecloth.scene.expectations import check
     from fecloth.simulation.run import collect
@@ -266,16 +266,16 @@ def _verdicts(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]
 
 
 def _mesh(options) -> int:
-    from fecloth.cli.describe import described
+    from fecloth.cli.describe import describe_cloth
     from fecloth.mesh.cloth import Cloth
     from fecloth.output.mesh_file import write_mesh
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
     is_scene = Path(options.path).suffix == ".toml"
     if is_scene and options.h:
         raise InputError("--h", "is for mesh files", options.path, "Change cloth.h in the scene.")
-    cloth = load(options.path).mesh() if is_scene else Cloth.read(options.path, options.h)
-    print("\n".join(described(cloth)))
+    cloth = load_scene(options.path).mesh() if is_scene else Cloth.read(options.path, options.h)
+    print("\n".join(describe_cloth(cloth)))
     if options.output:
         path = Path(options.output)
         write_mesh(path, cloth)
@@ -295,9 +295,9 @@ def _info(options) -> int:
 def _info_lines(options) -> list[str]:
     """What `info` prints for these options."""
     if options.fabrics:
-        from fecloth.cli.fabric_list import listed
+        from fecloth.cli.fabric_list import list_fabrics
 
-        return listed()
+        return list_fabrics()
     if options.schema:
         from fecloth.scene.json_schema import json_schema
 
@@ -311,14 +311,14 @@ def _info_lines(options) -> list[str]:
 
 def _plan(options) -> list[str]:
     """What a scene would do, and what may disappoint."""
-    from fecloth.cli.describe import described, sources
+    from fecloth.cli.describe import describe_cloth, sources
     from fecloth.runs.run_scene import resolve_scene
     from fecloth.scene.plan import plan
     from fecloth.scene.run_warnings import find_warnings
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
-    problem, _, why = resolve_scene(load(options.scene, options.set).build())
-    lines = [*described(problem.cloth), *sources(problem.system.fabric), *plan(problem, why)]
+    problem, _, why = resolve_scene(load_scene(options.scene, options.set).build())
+    lines = [*describe_cloth(problem.cloth), *sources(problem.system.fabric), *plan(problem, why)]
     return lines + [f"warning: {words}" for words in find_warnings(problem)]
 
 

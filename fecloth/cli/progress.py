@@ -1,4 +1,4 @@
-"""How far a run has come, shown while it runs."""
+"""The progress bar of a run."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from fecloth.simulation.march import StepInfo
 
 @contextmanager
 def progress(console: Console, t_end: float) -> Iterator[Callable[[StepInfo], None]]:
-    """A bar with simulated time, step, Newton iterations and the time that is left."""
+    """Show a bar with simulated time, step, Newton iterations and the time that is left."""
     words = TextColumn("t = {task.completed:.4g} of {task.total:g} s  {task.description}")
     columns = words, BarColumn(), TimeElapsedColumn(), "left", TimeRemainingColumn()
     bar = Progress(*columns, console=console, transient=True)
     task = bar.add_task("", total=t_end)
 
     def report(info: StepInfo) -> None:
-        bar.start()  # not before a step is done, lest a mistake be told below an empty bar
+        bar.start()  # only after a step, so that no error message follows an empty bar
         text = f"step {info.step}  Newton {info.counts.newton}"
         bar.update(task, completed=info.t, description=text)
 

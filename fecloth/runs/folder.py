@@ -129,14 +129,14 @@ class RunFolder:
 
 
 @contextmanager
-def removed_on_failure(path: Path, made: bool) -> Iterator[None]:
-    """Remove a run's files if the block raises, and the folder if it was `made` for the run."""
+def remove_on_failure(path: Path, is_new: bool) -> Iterator[None]:
+    """Remove a run's files if the block raises, and the folder if `is_new`: made for this run."""
     try:
         yield
     except BaseException:
         with suppress(OSError):
             _clear(path)
-            if made:
+            if is_new:
                 (path / LOCK).unlink(missing_ok=True)
                 path.rmdir()
         raise

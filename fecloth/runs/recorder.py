@@ -71,7 +71,7 @@ class Recorder:
         """Take the state of an earlier run, and remove what it wrote later."""
         self.state, self.memory, self.ledger = found.state, found.memory, found.ledger
         self.turnover, self.counts = found.turnover, dict(found.counts)
-        self.has_warned = bool(self.doubt())
+        self.has_warned = bool(self.balance_warning())
         self.frames.keep(self.tables["strains"].column("t"))
         self.frames_on_disk = len(self.frames.times)
         restarts.drop_later(self.folder.path, found)
@@ -149,7 +149,7 @@ class Recorder:
 
     def _warn_once(self, info: StepInfo, warn) -> None:
         """Warn at the first step at which the energy balance no longer closes."""
-        if self.has_warned or not (words := self.doubt()):
+        if self.has_warned or not (words := self.balance_warning()):
             return
         self.has_warned = True
         words = f"step {info.step}, at t = {info.t:g} s: {words}"
@@ -238,7 +238,7 @@ class Recorder:
         except Exception as failure:  # of any kind: the summary is written already
             self.folder.log(f"warning: no report: {failure}")
 
-    def doubt(self) -> str:
+    def balance_warning(self) -> str:
         """Return a sentence if the energy balance does not close, or ""."""
         return imbalance_warning(
             self.problem.system, self.ledger, self.turnover, self.problem.state.t
@@ -280,7 +280,7 @@ class Recorder:
             status, error = FAILED, error or full
         for table in self.tables.values():
             table.close()
-        warning = self.doubt()
+        warning = self.balance_warning()
         summary = self._summary(status, why, str(error) if error else None, warning or None)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         resumes = self._resume_time()

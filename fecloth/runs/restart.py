@@ -85,7 +85,7 @@ def write(folder: Path, restart: Restart) -> Path:
     """
     path = folder / FOLDER / f"restart_{restart.memory.step:09d}.npz"
     arrays: list[np.ndarray] = []
-    header = json.dumps({"format": FORMAT, "run": _packed(restart, arrays)})
+    header = json.dumps({"format": FORMAT, "run": _pack(restart, arrays)})
     stream = io.BytesIO()
     named: dict[str, Any] = {f"array_{i}": array for i, array in enumerate(arrays)}
     np.savez(stream, header=np.frombuffer(header.encode(), np.uint8), **named)
@@ -117,7 +117,7 @@ def read(path: Path) -> Restart:
         arrays = [members.pop(f"array_{i}") for i in range(len(members))]
         if header.keys() != {"format", "run"} or header["format"] != FORMAT:
             raise ValueError(f"it is of another format than {FORMAT}")
-        found = _unpacked(header["run"], arrays)
+        found = _unpack(header["run"], arrays)
         _check(found, arrays)
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         what, remedy = f"cannot be read ({error})", "Remove this file to resume from another one."
@@ -135,19 +135,19 @@ def _check(found, arrays) -> None:
             raise ValueError(f"an array is not finite, or not float64 of shape {shape}")
 
 
-def _packed(value, arrays: list):
+def _pack(value, arrays: list):
     """Return the value in JSON's types; append its arrays."""
     name = type(value).__name__
     if RECORDS.get(name) is type(value):
         values = {
-            one.name: _packed(getattr(value, one.name), arrays) for one in fields(RECORDS[name])
+            one.name: _pack(getattr(value, one.name), arrays) for one in fields(RECORDS[name])
         }
         return {"record": name, "fields": values}
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
     if isinstance(value, Mapping):
-        return {"mapping": {key: _packed(item, arrays) for key, item in value.items()}}
+        return {"mapping": {key: _pack(item, arrays) for key, item in value.items()}}
     if isinstance(value, np.generic):
         return value.item()
     if value is None or isinstance(value, bool | int | float | str):
@@ -156,19 +156,19 @@ def _packed(value, arrays: list):
     raise InputError(f"a {name}", "cannot be written to a restart file", remedy=remedy)
 
 
-def _unpacked(value, arrays: list):
-    """Invert `_packed`; raise KeyError, TypeError or ValueError for anything else."""
+def _unpack(value, arrays: list):
+    """Invert `_pack`; raise KeyError, TypeError or ValueError for anything else."""
     if not isinstance(value, dict):
         return value
     match value:
         case {"array": int(number)}:
             return arrays[range(len(arrays)).index(number)]
         case {"mapping": dict(items)}:
-            return {key: _unpacked(item, arrays) for key, item in items.items()}
+            return {key: _unpack(item, arrays) for key, item in items.items()}
         case {"record": str(name), "fields": dict(values)}:
             if values.keys() != {one.name for one in fields(RECORDS[name])}:
                 raise ValueError(f"a {name} has other fields")
-            return RECORDS[name](**{key: _unpacked(item, arrays) for key, item in values.items()})
+            return RECORDS[name](**{key: _unpack(item, arrays) for key, item in values.items()})
     raise ValueError("its header has an unknown part")
 
 
@@ -192,11 +192,11 @@ def find(folder: Path) -> Restart:
     if not found and broken:
         raise broken
     if not found:
-        raise _nothing(folder)
+        raise _missing_restart_error(folder)
     return next((one for one in found if one.exact), found[0])
 
 
-def _nothing(folder: Path) -> InputError:
+def _missing_restart_error(folder: Path) -> InputError:
     """Return the error that says why no restart was found."""
     if not folder.is_dir():
         remedy = "Give the folder of a run; -o names that of a new one."
@@ -223,7 +223,7 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
     `time.t_end` and what does not change a run may differ, but something must be left to do, if
     only to write the summary.
     """
-    then, now = (_flat(tomllib.loads(text)) for text in (restart.scene, scene))
+    then, now = (_flatten(tomllib.loads(text)) for text in (restart.scene, scene))
     keys = [key for key in {**then, **now} if then.get(key) != now.get(key)]
     keys = [key for key in keys if key.split(".")[0] not in FREE and key != "time.t_end"]
     if keys:
@@ -235,13 +235,13 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
         allowed = "the mesh or the frame of the start has changed"
         raise InputError(f"another start than that of {folder}", allowed)
     to_go = now["time.t_end"] - restart.state.t
-    if to_go < 0 or (to_go == 0 and _closed(folder, restart.state.t)):
+    if to_go < 0 or (to_go == 0 and _has_summary_at(folder, restart.state.t)):
         allowed = f"the run in {folder} has already reached {restart.state.t:g} s"
         remedy = "To continue beyond its end, raise it: --set time.t_end=..."
         raise InputError(f"time.t_end = {now['time.t_end']}", allowed, remedy=remedy)
 
 
-def _closed(folder: Path, t: float) -> bool:
+def _has_summary_at(folder: Path, t: float) -> bool:
     """Return whether summary.json reports time t; a run killed earlier still has to write it."""
     return _summary(folder).get("t") == t
 
@@ -255,14 +255,14 @@ def _summary(folder: Path) -> dict:
     return found if isinstance(found, dict) else {}
 
 
-def _flat(data, key: str = "") -> dict:
-    """{"terms.0.type": "StVK", …}."""
+def _flatten(data, key: str = "") -> dict:
+    """Return the values by dotted keys: {"terms.0.type": "StVK", …}."""
     if not isinstance(data, dict | list):
         return {key: data}
     items = data.items() if isinstance(data, dict) else enumerate(data)
     flat: dict = {}
     for name, value in items:
-        flat |= _flat(value, f"{key}.{name}" if key else str(name))
+        flat |= _flatten(value, f"{key}.{name}" if key else str(name))
     return flat
 
 

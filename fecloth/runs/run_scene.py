@@ -26,7 +26,7 @@ from fecloth.errors import InputError
 from fecloth.nonlinear.context import SolverContext
 from fecloth.output.atomic_files import locked, writing
 from fecloth.runs import restart as restarts
-from fecloth.runs.folder import RunFolder, removed_on_failure
+from fecloth.runs.folder import RunFolder, remove_on_failure
 from fecloth.runs.interruption import interruptible
 from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, Outcome, count_sizes
 from fecloth.runs.recorder import Recorder
@@ -104,7 +104,7 @@ def _run_scene(scene, path, overwrite, announce, report, resume, warn, locks: Ex
         folder = (
             RunFolder.reopen(path, found.tables) if found else RunFolder.create(path, overwrite)
         )
-        with nullcontext() if found else removed_on_failure(path, made=not existed):
+        with nullcontext() if found else remove_on_failure(path, is_new=not existed):
             _write_head(folder, scene, problem, why, warnings)
             recorder = Recorder(folder, problem, watch, solver, scene.to_toml(), start, found)
         error = recorder.march(report, warn, interrupted)

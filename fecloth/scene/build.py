@@ -187,6 +187,6 @@ def _observer(system: System, state: State, probes: tuple[Probe, ...], at: At) -
 
 
 def _note(scene: Scene) -> str:
-    """Return what the values in [expect] owe to the mesh, or ""."""
+    """Return how the mesh affects the values in [expect], or ""."""
     pattern = getattr(scene.cloth, "pattern", "")
     return bending_note(pattern, [t.type for t in scene.terms]) if scene.expect else ""

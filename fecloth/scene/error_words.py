@@ -21,7 +21,7 @@ def scene_error(error: ValidationError, data: Any, where: str) -> SceneError:
     found = (
         words
         for item in error.errors(include_url=False)
-        for words in _describe(item, *_found(item["loc"], data))
+        for words in _describe(item, *_locate(item["loc"], data))
     )
     first, *others = (SceneError(*words[:2], where, words[2]) for words in dict.fromkeys(found))
     first.also = tuple(others)
@@ -44,7 +44,7 @@ def _of_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
     listed = "tuple" in item["type"] and "." not in key
     remedy = f"Write [[{key}]] above each of them." if listed else ""
     return (
-        f"{key} = {shortened(value)}",
+        f"{key} = {shorten(value)}",
         f"must be a {'list of tables' if listed else 'table'}",
         remedy,
     )
@@ -53,31 +53,29 @@ def _of_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
 def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
     allowed = f"must be one of {kinds}"
     if isinstance(value, str):  # a name may replace a table
-        return f"{key} = {shortened(value)}", allowed, did_you_mean(value, kinds.split(", "))
+        return f"{key} = {shorten(value)}", allowed, did_you_mean(value, kinds.split(", "))
     if not isinstance(value, dict):
-        return f"{key} = {shortened(value)}", f"must be a table whose {name} is one of {kinds}", ""
+        return f"{key} = {shorten(value)}", f"must be a table whose {name} is one of {kinds}", ""
     if name not in value:
         return f"{key}.{name} is missing", allowed, ""
     remedy = did_you_mean(value[name], kinds.split(", "))
     if key.startswith("terms"):
-        remedy = " ".join(filter(None, [remedy, _own(value[name])]))
-    return f"{key}.{name} = {shortened(value[name])}", allowed, remedy
+        remedy = " ".join(filter(None, [remedy, _remedy_for_own_term(value[name])]))
+    return f"{key}.{name} = {shorten(value[name])}", allowed, remedy
 
 
-def _own(name: Any) -> str:
+def _remedy_for_own_term(name: Any) -> str:
     """Return a remedy for the name of a user's own term."""
     if not (isinstance(name, str) and name.isidentifier()):
         return ""
-    return (
-        f'For a term of your own: fecloth.scene.scene.load("….toml", terms={{"{name}": {name}}}).'
-    )
+    return f'For a term of your own: fc.load_scene("….toml", terms={{"{name}": {name}}}).'
 
 
 def with_key(key: str, error: InputError, value: Any = None) -> str:
     """Return the `what` of an `InputError` about the table or value at `key`, with that key."""
     first = error.what.split(" ", 2)
     if not error.what:
-        return f"{key} = {shortened(value)}"
+        return f"{key} = {shorten(value)}"
     if len(first) > 1 and first[1] in ("=", "is") and _KEY.fullmatch(first[0]):
         return f"{key}.{error.what}".removeprefix(".")
     return f"{key}: {error.what}".removeprefix(": ")
@@ -97,12 +95,12 @@ def errors_at(key: str, where: str) -> Iterator[None]:
         raise SceneError(what, error.allowed, where, error.remedy) from error
 
 
-def shortened(value: Any) -> str:
+def shorten(value: Any) -> str:
     """Return the value as text of limited length, tuples as lists."""
     return reprlib.repr(list(value) if isinstance(value, tuple) else value)
 
 
-def _found(location: tuple, data: Any) -> tuple[str, Any]:
+def _locate(location: tuple, data: Any) -> tuple[str, Any]:
     """Return the dotted key of an error, and the value there.
 
     Entries that pydantic adds for the kind of a table are left out.

@@ -27,7 +27,7 @@ class FabricTable(_FabricFields):
 
     @model_validator(mode="before")
     @classmethod
-    def _others(cls, data: Any) -> Any:
+    def _fill_from_shorthand(cls, data: Any) -> Any:
         if isinstance(data, str):  # fabric = "cotton"
             data = {"preset": data}
         if not isinstance(data, dict):

@@ -29,21 +29,21 @@ def formula_text(*variables: str, condition: bool = False) -> Any:
     return Annotated[str, BeforeValidator(text), AfterValidator(check)]
 
 
-def _named(name: str) -> str:
+def _check_name(name: str) -> str:
     if not name or not all(c.isalnum() or c in "_- " for c in name):
         raise InputError("", "must consist of letters, digits, spaces, _ and -")
     return name
 
 
-def _located(value: str, info: ValidationInfo) -> str:
+def _resolve_path(value: str, info: ValidationInfo) -> str:
     path = Path((info.context or {}).get("folder", ".")) / value
     if problem := toml_text.file_problem(path):
         raise InputError("", f"{path}: {problem[0]}", "", problem[1])
     return str(path.resolve())
 
 
-Name = Annotated[str, AfterValidator(_named)]
-File = Annotated[str, AfterValidator(_located)]  # absolute, for copies of the scene
+Name = Annotated[str, AfterValidator(_check_name)]
+File = Annotated[str, AfterValidator(_resolve_path)]  # absolute, for copies of the scene
 OfTimeAndPlace = formula_text("t", "X", "Y")
 OfPlace = formula_text("X", "Y")
 Where = formula_text("X", "Y", condition=True)

@@ -52,7 +52,7 @@ def _describe(table: dict[str, Any], model: type[Table]) -> None:
 
 
 def _also(schema: Any, found: str, other: str) -> Any:
-    """The schema with `other` allowed wherever it has the type `found`."""
+    """Return the schema with `other` allowed wherever it has the type `found`."""
     if isinstance(schema, list):
         return [_also(one, found, other) for one in schema]
     if not isinstance(schema, dict):

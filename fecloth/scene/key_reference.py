@@ -173,7 +173,7 @@ def meanings(table: type[Table]) -> dict[str, str]:
 
 
 def _resolved(key: str, words: str) -> str:
-    """The meaning itself where a docstring refers to another term, as in "As for `Drag`."."""
+    """Return the meaning where a docstring refers to another term, as in "As for `Drag`."."""
     other = re.fullmatch(r"As (?:for|of) `(\w+)`\.", words)
     return meanings(term_tables()[other[1]])[key] if other else words
 
@@ -202,7 +202,7 @@ def terms_part() -> str:
 
 
 def _methods() -> list[str]:
-    """The methods with parameters."""
+    """Return tables of the methods that have parameters."""
     lines = []
     for name, table in method_tables().items():
         if fields(table):
@@ -211,7 +211,7 @@ def _methods() -> list[str]:
 
 
 def _rows(table: type[Table]) -> list[str]:
-    """A Markdown table of the keys."""
+    """Return a Markdown table of the keys."""
     words, shorthands = meanings(table), dict.fromkeys(table.shorthands)
     lines = ["| key | value | default | meaning |", "|---|---|---|---|"]
     for key, field in (fields(table) | shorthands).items():
@@ -230,7 +230,7 @@ def _default(field: FieldInfo | None) -> str:
 
 
 def _toml(value: Any) -> str:
-    """A default as a scene writes it."""
+    """Return a default as a scene writes it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple):

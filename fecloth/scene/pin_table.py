@@ -36,14 +36,14 @@ class PinTable(Table):
         exactly_one(self, "where", "inside")
         if self.direction and self.normal:
             exactly_one(self, "direction", "normal")
-        self._pin = pin = self._made()
-        if self.motion and not self._names("t") and (pin.motion.by_place or pin.motion(0).any()):
+        self._pin = pin = self._make_pin()
+        if self.motion and not self._uses("t") and (pin.motion.by_place or pin.motion(0).any()):
             allowed = "must depend on t: only changes of a motion move a pin"
             remedy = 'Write "0.1 * t", or move the cloth by shift in [start].'
             raise InputError(f"motion = {list(self.motion)}", allowed, "", remedy)
         return self
 
-    def _names(self, variable: str) -> bool:
+    def _uses(self, variable: str) -> bool:
         return any(re.search(rf"\b{variable}\b", text) for text in self.motion or ())
 
     @property
@@ -51,7 +51,7 @@ class PinTable(Table):
         """The pin or slide, made when the table was read."""
         return self._pin
 
-    def _made(self) -> Pin:
+    def _make_pin(self) -> Pin:
         where: str | Region
         if self.where is None:
             where = Region(Formula(cast(str, self.inside), ("X", "Y"), True))

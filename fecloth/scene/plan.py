@@ -30,8 +30,8 @@ def plan(problem: Problem, why: str) -> list[str]:
         f"terms: {', '.join(system.names) or 'none'}",
         f"{problem.method}, {_steps(problem)} to t = {problem.t_end:g} s",
         f"linear solver: {why}",
-        _needs(problem),
-        *_heavy(system),
+        _threads_and_memory(problem),
+        *_weight_line(system),
     ]
     if problem.note:
         lines.append(problem.note)
@@ -53,7 +53,7 @@ def _steps(problem: Problem) -> str:
     return f'steps chosen by {by}, as dt is left out or "auto",'
 
 
-def _needs(problem: Problem) -> str:
+def _threads_and_memory(problem: Problem) -> str:
     if problem.method.traits.explicit:
         return f"one thread, about {estimate_memory(problem.system, 'explicit'):.0f} MB"
     iterated = estimate_memory(problem.system, "pcg")
@@ -65,7 +65,7 @@ def _needs(problem: Problem) -> str:
     return f"{words}; about {iterated:.0f} MB, with a factor of the matrix {factored:.0f} MB"
 
 
-def _heavy(system: System) -> Iterator[str]:
+def _weight_line(system: System) -> Iterator[str]:
     """Yield weight over bending stiffness, which tells whether bending matters."""
     number, length = weight_over_stiffness(system), unsupported_length(system)
     if number:

@@ -43,7 +43,7 @@ class Expectation(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _quoted(cls, data: Any) -> Any:
+    def _refuse_unquoted_dots(cls, data: Any) -> Any:
         for key, value in data.items() if isinstance(data, dict) else ():
             if isinstance(value, dict):
                 remedy = f'A name with a dot needs quotes, as in "mean_displacement.{key}".'
@@ -78,13 +78,13 @@ class Interest(Table):
     period: tuple[str, ...] = ()
 
     @model_validator(mode="after")
-    def _something(self):
+    def _refuse_empty(self):
         if not (self.end or self.path or self.period):
             raise InputError("interest is empty", "must name a quantity under end, path or period")
         return self
 
 
-def _listed(value: Any) -> Any:
+def _as_tuple(value: Any) -> Any:
     if isinstance(value, dict):
         return (value,)
     if not (isinstance(value, tuple) and value):
@@ -92,4 +92,4 @@ def _listed(value: Any) -> Any:
     return value
 
 
-Expectations = Annotated[tuple[Expectation, ...], BeforeValidator(_listed)]
+Expectations = Annotated[tuple[Expectation, ...], BeforeValidator(_as_tuple)]

@@ -137,7 +137,7 @@ class Scene(Table):
         return build(self, self.mesh() if cloth is None else cloth)
 
 
-def load(
+def load_scene(
     path: str | Path, overrides: Iterable[str] = (), terms: Mapping[str, type] | None = None
 ) -> Scene:
     """Read and check a scene file.

@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from fecloth.errors import InputError
-from fecloth.scene.error_words import shortened
+from fecloth.scene.error_words import shorten
 from fecloth.scene.type_words import holds_tables, in_si, options, phrase, writable
 from fecloth.suggest import did_you_mean
 
@@ -55,7 +55,7 @@ class Table(BaseModel):
 
     @field_validator("*", mode="wrap")
     @classmethod
-    def _worded(cls, value: Any, handler, info) -> Any:
+    def _describe_mistake(cls, value: Any, handler, info) -> Any:
         field = cls.model_fields[info.field_name]
         try:
             return handler(value)
@@ -74,7 +74,7 @@ def _unknown(data: dict, fields: Mapping, shorthands: tuple[str, ...]) -> list[I
     allowed = f"unknown key; the keys are {', '.join(known)}"
     return [
         InputError(
-            f"{key} = {shortened(value)}",
+            f"{key} = {shorten(value)}",
             allowed,
             "",
             f"Write {key} before the first table." if key in at_top else did_you_mean(key, known),
@@ -103,7 +103,7 @@ class Made(Table):
     _object: Any = PrivateAttr()
 
     @model_validator(mode="after")
-    def _hold_object(self):
+    def _make_object(self):
         names = [field.name for field in dataclasses.fields(self.makes) if field.init]
         values = {name: getattr(self, name) for name in names}
         values = {k: v.make() if isinstance(v, Made) else v for k, v in values.items()}

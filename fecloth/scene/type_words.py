@@ -35,7 +35,7 @@ def dimensions(field: FieldInfo) -> list[Dimension]:
 
 
 def in_si(table: dict, fields: Mapping[str, FieldInfo]) -> dict:
-    """The table, with each text that is a number with a unit replaced by its value in SI.
+    """Return the table with each text that is a number with a unit replaced by its SI value.
 
     Raises
     ------

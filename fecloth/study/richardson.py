@@ -13,7 +13,7 @@ import hashlib
 import numpy as np
 
 import fecloth as fc
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from fecloth.study.cases import run_cases
 from fecloth.study.options import run_options
 from fecloth.study.reports import write_report
@@ -71,7 +71,7 @@ def refine_scene(options) -> int:
         If the scene has no cloth.h.
     """
     path = str(options.scene.resolve())
-    scene, digest = load(path), hashlib.sha256(options.scene.read_bytes()).hexdigest()[:12]
+    scene, digest = load_scene(path), hashlib.sha256(options.scene.read_bytes()).hexdigest()[:12]
     if scene.cloth.h is None:
         allowed = "needs cloth.h, so that it can be halved"
         raise fc.SceneError("a mesh of one size", allowed, path, "Give a .geo file and h.")
@@ -81,7 +81,7 @@ def refine_scene(options) -> int:
     cases = [shared | {"finer_mesh": m, "finer_step": s} for m, s in levels]
     rows = run_cases(cases, run_refined_scene, **run_options(options))
     ends = dict(zip(levels, rows, strict=True))
-    cloths = [load(path, [f"cloth.h={scene.cloth.h / 2**k!r}"]).mesh() for k in range(3)]
+    cloths = [load_scene(path, [f"cloth.h={scene.cloth.h / 2**k!r}"]).mesh() for k in range(3)]
     table = [estimate_error("edge length h", cloths, [ends[key] for key in meshes])]
     if len(levels) > 3:
         table.append(estimate_error("time step dt", [cloths[0]] * 3, [ends[key] for key in steps]))
@@ -103,11 +103,11 @@ def run_refined_scene(path: str, digest: str, finer_mesh: int, finer_step: int) 
 
     `digest` is the hash of the scene file: it makes an edited scene another case.
     """
-    scene = load(path)
+    scene = load_scene(path)
     overrides = [f"cloth.h={scene.cloth.h / 2**finer_mesh!r}"]
     if finer_step:
         overrides.append(f"time.dt={scene.time.dt / 2**finer_step!r}")
-    built = load(path, overrides).build()
+    built = load_scene(path, overrides).build()
     end = fc.run(
         built.system,
         built.method,

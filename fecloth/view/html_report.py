@@ -84,9 +84,9 @@ def read_table(file: Path) -> dict[str, np.ndarray]:
     if len(lines) < 2:
         return {}
     head, rows = lines[0].split(","), lines[1:]
-    kept = rows[:: math.ceil(len(rows) / MOST_ROWS)]
-    kept += [rows[-1]] if kept[-1] is not rows[-1] else []
-    values = np.array([row.split(",") for row in kept])
+    sample = rows[:: math.ceil(len(rows) / MOST_ROWS)]
+    sample += [rows[-1]] if sample[-1] is not rows[-1] else []
+    values = np.array([row.split(",") for row in sample])
     values = np.where(values == "", "nan", values).astype(float)
     return {name: values[:, i] for i, name in enumerate(head)}
 
@@ -100,7 +100,7 @@ def _subtitle(summary):
 
 
 def _warnings(folder, summary) -> Iterator[dict[str, str]]:
-    """The failure, the doubt about the energy balance, and the warnings in the log."""
+    """Return the failure, the warning about the energy balance, and the warnings in the log."""
     for key, kind in (("error", "note failed"), ("warning", "note")):
         if text := summary.get(key):
             yield {"kind": kind, "text": str(text)}
@@ -138,7 +138,7 @@ def _unexplained(summary, steps):
 
 
 def _numbers(summary) -> dict[str, str]:
-    """The rest of the summary, and the versions."""
+    """Return the rest of the summary, and the versions."""
     rest = {
         key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
         for key, value in summary.items()
@@ -166,7 +166,7 @@ def _charts(tables) -> list[str]:
 
 
 def _energies(table):
-    """The columns of the ledger that are not zero throughout."""
+    """Draw the columns of the ledger that are not zero throughout."""
     curves = {
         name: (table["t"], values)
         for name, values in table.items()
@@ -183,7 +183,7 @@ def _remainder(table):
 
 
 def _bars(seconds) -> Iterator[dict[str, str]]:
-    """A bar for each phase that took time."""
+    """Yield a bar for each phase that took time."""
     total = seconds["total"]
     shares = {name: seconds[name] for name in PHASES if seconds.get(name)}
     shares["other"] = max(total - sum(shares.values()), 0.0)

@@ -19,7 +19,7 @@ from pathlib import Path
 import fecloth as fc
 from fecloth import study  # noqa: F401  one thread for every library, before NumPy
 from fecloth.nonlinear.statistics import Counts
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 
 SCENES = Path(__file__).parents[1] / "scenes"
 SOLVERS = ("full", "direct", "superlu", "pcg", "auto")
@@ -52,7 +52,7 @@ class Case:
 
 def scene(name: str, *overrides: str) -> Case:
     """One of studies/scenes."""
-    built = load(SCENES / f"{name}.toml", overrides).build()
+    built = load_scene(SCENES / f"{name}.toml", overrides).build()
     return Case(built.system, built.method, built.state, built.dt, built.t_end, built.newton)
 
 

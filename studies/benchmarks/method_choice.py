@@ -23,7 +23,7 @@ import numpy as np
 
 import fecloth as fc
 from fecloth import study  # noqa: F401  one thread for every library, before NumPy
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from fecloth.simulation.resolve import resolve
 
 SCENES = Path(__file__).parents[1] / "scenes"
@@ -84,7 +84,7 @@ FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.
 
 def from_file(name: str, t_end: float, *overrides: str) -> Case:
     """One of studies/scenes."""
-    built = load(SCENES / f"{name}.toml", overrides).build()
+    built = load_scene(SCENES / f"{name}.toml", overrides).build()
     return Case(built.system, built.state, t_end, built.newton)
 
 

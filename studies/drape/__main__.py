@@ -31,7 +31,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.output.frame_reader import Frame, Series
 from fecloth.runs.run_scene import run_scene
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from fecloth.view.checker_pattern import material_coordinates
 
 HERE = Path(__file__).parent
@@ -70,7 +70,7 @@ def folds(frame: Frame) -> int:
 
 
 def draped(fabric: str, h: float, folder: Path) -> Frame:
-    scene = load(HERE.parent / "scenes" / "drape.toml", [f"fabric={fabric}", f"cloth.h={h}"])
+    scene = load_scene(HERE.parent / "scenes" / "drape.toml", [f"fabric={fabric}", f"cloth.h={h}"])
     run_scene(scene, folder)
     return last(folder)
 
@@ -130,7 +130,7 @@ def methods(h: float) -> None:
         with tempfile.TemporaryDirectory() as folder:
             began = time.process_time()
             outcome = run_scene(
-                load(HERE.parent / "scenes" / "drape.toml", given), Path(folder) / "run"
+                load_scene(HERE.parent / "scenes" / "drape.toml", given), Path(folder) / "run"
             )
             seconds = time.process_time() - began
             end = outcome.status

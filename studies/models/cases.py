@@ -9,7 +9,7 @@ from scipy.sparse.linalg import spsolve
 
 import fecloth as fc
 from fecloth import study
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from studies.models.hinge_bias import CELLS, cantilever
 from studies.models.homogenised_moduli import NU, Y
 from studies.models.homogenised_moduli import models as membranes
@@ -121,7 +121,7 @@ def run_scene(path: str, text: str, model: str) -> dict:
 
     `text` is the contents of the file: it makes an edited scene another case.
     """
-    built = load(path).build()
+    built = load_scene(path).build()
     others = [term for term in built.system.terms if not isinstance(term, MEMBRANES)]
     whole, Y = built.system, built.system.panel.fabrics[0].tensile[0]
     choice = {**models("right"), "TensorCondition": fc.TensorCondition(Y / 4)}

@@ -25,7 +25,7 @@ import numpy as np
 from fecloth import study
 from fecloth.errors import FeclothError
 from fecloth.output.atomic_files import replace_file
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from fecloth.scene.toml_text import to_toml
 from studies.simplify.cases import COUNTED, Answer, answer, changes, data_of, interest_of, scene_of
 from studies.simplify.dimensionless import Numbers
@@ -56,7 +56,7 @@ class Task:
 
     @classmethod
     def of(cls, path: Path, options: argparse.Namespace) -> Task:
-        data = data_of(load(path))
+        data = data_of(load_scene(path))
         out = options.out if options.scene else options.out / path.stem
         run_options = study.run_options(options) | {"out": out}
         repeats, known = 1 if options.quick else 3, not options.scene
@@ -172,7 +172,7 @@ def run_reduced_scene(task: Task, data: dict) -> dict:
     """Write reduced.toml, run that file, and compare it with the full scene."""
     path = task.run_options["out"] / "reduced.toml"
     replace_file(path, to_toml(data).encode())
-    case = task.case("reduced.toml", data_of(load(path)))
+    case = task.case("reduced.toml", data_of(load_scene(path)))
     (row,) = study.run_cases([case], answer, **task.run_options | {"fresh": True})
     return task.compare(row)
 

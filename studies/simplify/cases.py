@@ -19,7 +19,7 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.runs.warm_up import compile_kernels
 from fecloth.scene.probe_tables import Interest
 from fecloth.scene.problem import Problem
-from fecloth.scene.scene import Scene, load
+from fecloth.scene.scene import Scene, load_scene
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.record_steps import update_ledger
 from fecloth.simulation.resolve import resolve
@@ -34,7 +34,7 @@ def scene_of(text: str) -> Scene:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.toml"
         path.write_text(text, encoding="utf-8")
-        return load(path)
+        return load_scene(path)
 
 
 def answer(

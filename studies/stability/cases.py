@@ -15,7 +15,7 @@ import fecloth as fc
 from fecloth import study
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.scene.problem import Problem
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 
 ALL = {**METHODS, **EXPLICIT}
 STABLE, WRONG, NEWTON, BLOWN = "stable", "stable but wrong", "Newton failed", "blew up"
@@ -81,7 +81,7 @@ def build_scene(path: str, content: str, stiffness: float, h: float | None, damp
 
     `content` is the hash of the file: it makes an edited scene another case.
     """
-    problem = load(path, [f"cloth.h={h}"] if h else []).build()
+    problem = load_scene(path, [f"cloth.h={h}"] if h else []).build()
     whole = problem.system
     terms = [_scale_stiffness(term, stiffness) for term in whole.terms]
     terms += [fc.StrainRateDamping(damping)] if damping else []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 
 Rows = list[dict]
 IMPLICIT = (
@@ -197,7 +197,7 @@ def failing_cases() -> Rows:
 
 def scene_cases(path: Path, quick: bool) -> Rows:
     """List runs of a user's scene: first its own method at fine steps, then others."""
-    built = load(path).build()
+    built = load_scene(path).build()
     span = built.t_end - built.state.t
     dt = built.dt or span / 200
     if built.dt is None:

@@ -13,7 +13,7 @@ import fecloth as fc
 from fecloth import study
 from fecloth.errors import SolveFailed, StepFailed
 from fecloth.nonlinear.statistics import Counts
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from studies.models.homogenised_moduli import NU, Y
 
 SAMPLES = 40  # times at which the paths are compared
@@ -278,7 +278,7 @@ def run_scene(path: str, digest: str, method: str, step: float | None) -> dict:
     `digest` is the hash of the file: it makes an edited scene another case. The method "own" is
     that of the scene.
     """
-    built = load(path).build()
+    built = load_scene(path).build()
     chosen = built.method if method == "own" else make_method(method, step)
     dt = None if chosen.traits.chooses_dt else step
 

@@ -16,7 +16,7 @@ import pyvista
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 
 TEXT = """
 [cloth]
@@ -122,7 +122,7 @@ def test_the_same_numbers_as_the_python_calls(scene):
 
 def test_the_resolved_scene_runs_to_the_same_end(scene):
     assert main(["run", str(scene), "-o", "a", "--quiet", "--set", "time.dt=0.01"]) == 0
-    assert load("a/scene.resolved.toml").time.dt == 0.01
+    assert load_scene("a/scene.resolved.toml").time.dt == 0.01
     assert main(["run", "a/scene.resolved.toml", "-o", "b", "--quiet"]) == 0
     a, b = (meshio.read(f"{x}/frames/frame_000005.vtu") for x in "ab")
     assert np.array_equal(a.points, b.points)
@@ -200,7 +200,7 @@ def test_check(scene, capsys):
 def test_mesh_describes_and_writes(scene, capsys):
     assert main(["mesh", "sheet.toml", "-o", "made/sheet.vtu"]) == 0
     printed = capsys.readouterr().out
-    cloth = load(scene).mesh()
+    cloth = load_scene(scene).mesh()
     assert f"{len(cloth.X)} nodes, {len(cloth.triangles)} triangles, area 0.5 m²" in printed
     assert "set left: 6 nodes" in printed
     mesh = meshio.read("made/sheet.vtu")

@@ -13,7 +13,7 @@ import fecloth as fc
 from fecloth.cli import describe, main
 from fecloth.errors import InputError, SceneError
 from fecloth.fabric import presets
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 
 WOVEN = ["silk", "cotton", "polyester-tablecloth", "trousers", "canvas"]
 WOVEN += ["denim-wang", "denim-clyde", "wool-coating"]
@@ -280,8 +280,8 @@ def test_fast_shear_is_that_of_a_bias_strip():
 
 @pytest.mark.parametrize(("load", "extension"), [(5, 0.0067), (20, 0.0187), (100, 0.046)])
 def test_fast_stiffness_gives_the_load_at_the_extension(load, extension):
-    fabric = fc.Fabric.from_fast(CARD, load=load)
-    assert pulled(fabric, extension) == pytest.approx(load * GRAM_FORCE / 0.01, rel=1e-12)
+    fabric = fc.Fabric.from_fast(CARD, load=load_scene)
+    assert pulled(fabric, extension) == pytest.approx(load_scene * GRAM_FORCE / 0.01, rel=1e-12)
 
 
 FAST_MISTAKES = [
@@ -319,7 +319,7 @@ t_end = 0.1
 def scene(tmp_path, fabric, rest=REST):
     path = tmp_path / "scene.toml"
     path.write_text(fabric + rest, encoding="utf-8")
-    return load(path)
+    return load_scene(path)
 
 
 def test_a_scene_names_a_preset(tmp_path):
@@ -329,7 +329,7 @@ def test_a_scene_names_a_preset(tmp_path):
     assert resolved["source"].startswith("99 % cotton")
     again = tmp_path / "again.toml"
     again.write_text(read.to_toml(), encoding="utf-8")
-    assert load(again) == read
+    assert load_scene(again) == read
 
 
 def test_a_scene_changes_a_constant_of_a_preset(tmp_path):
@@ -350,7 +350,7 @@ def test_override_changes_a_constant_of_a_named_preset(tmp_path):
     file, meant = tmp_path / "named.toml", fc.Fabric.preset("cotton")
     for table, key in (('fabric = "cotton"', "fabric"), ('fabrics.a = "cotton"', "fabrics.a")):
         file.write_text(f"{table}\n{REST}", encoding="utf-8")
-        read = load(file, [f"{key}.areal_density=200 g/m^2"])
+        read = load_scene(file, [f"{key}.areal_density=200 g/m^2"])
         fabric = read.fabric or read.fabrics["a"]
         assert fabric.make() == dataclasses.replace(meant, areal_density=0.2)
 
@@ -358,7 +358,7 @@ def test_override_changes_a_constant_of_a_named_preset(tmp_path):
 def test_override_changes_a_parameter_of_a_named_method(tmp_path):
     (tmp_path / "m.toml").write_text(f'fabric = "cotton"\n{REST}', encoding="utf-8")
     named = ["time.method=newmark", "time.method.gamma=0.6"]
-    assert load(tmp_path / "m.toml", named).time.method.make() == fc.Newmark(gamma=0.6)
+    assert load_scene(tmp_path / "m.toml", named).time.method.make() == fc.Newmark(gamma=0.6)
 
 
 CONSTANTS = ["areal_density", "tensile_stiffness", "poisson_ratio", "shear_stiffness"]

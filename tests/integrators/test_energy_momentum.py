@@ -7,7 +7,7 @@ from conftest import rough
 import fecloth as fc
 from fecloth.integrators.energy_momentum import over_step
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 
 EXACT = fc.Newton(tolerance=1e-12)
 ORTHOTROPIC = fc.Fabric(0.2, (1000.0, 600.0), 0.3, 150.0, (2e-3, 1e-3))
@@ -239,4 +239,4 @@ def test_a_scene_names_it(tmp_path):
         '[time]\nmethod = {type = "energy_momentum", tangent = "symmetric"}\n'
         "dt = 0.01\nt_end = 0.1\n"
     )
-    assert load(path).time.method.make() == fc.EnergyMomentum("symmetric")
+    assert load_scene(path).time.method.make() == fc.EnergyMomentum("symmetric")

@@ -8,7 +8,7 @@ from support.linear_term import LinearDamping, LinearMembrane
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from fecloth.verify import check_integrator
 
 ALL = [method(beyond_limit=True) for method in EXPLICIT.values()]
@@ -200,7 +200,7 @@ t_end = 2e-3
 """
     path = tmp_path / "scene.toml"
     path.write_text(text)
-    scene = load(path)
+    scene = load_scene(path)
     assert scene.time.method.make() == EXPLICIT[name](beyond_limit=True)
     outcome = run_scene(scene, tmp_path / "out")
     assert "explicit" in (tmp_path / "out" / "summary.json").read_text()

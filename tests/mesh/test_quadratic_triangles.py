@@ -18,7 +18,7 @@ from fecloth.mesh.elements import add_midpoints
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.output.frames import read_frame
 from fecloth.runs import run_scene, warm_up
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from fecloth.stability.critical_step import critical_dt, element_bound
 from fecloth.terms.kinematics import principal_stretches
 from fecloth.verify import check_term, observed_order, trial_states
@@ -480,7 +480,7 @@ frames = 2
 def test_a_scene_with_quadratic_triangles(tmp_path, capsys):
     file = tmp_path / "s.toml"
     file.write_text(SCENE)
-    scene = load(file)
+    scene = load_scene(file)
     assert (scene.mass, scene.cloth.element) == ("consistent", "P2")
     assert main(["run", str(file), "-o", str(tmp_path / "out"), "--quiet"]) == 0
     cloth = scene.mesh()
@@ -500,14 +500,14 @@ def test_a_scene_with_quadratic_triangles(tmp_path, capsys):
     ):
         file.write_text(SCENE.replace(*change))
         with pytest.raises(fc.InputError, match=said):
-            run_scene.run_scene(load(file), tmp_path / "refused")
+            run_scene.run_scene(load_scene(file), tmp_path / "refused")
 
 
 def test_run_compiles_all_kernels_before_the_first_step(tmp_path, monkeypatch):
     file, seen = tmp_path / "s.toml", []
     file.write_text(SCENE)
     monkeypatch.setattr(warm_up, "run", lambda system, *_, **__: seen.append(system.cloth.element))
-    warm_up.compile_kernels(load(file).build())
+    warm_up.compile_kernels(load_scene(file).build())
     assert set(seen) == {"P2"}
 
 

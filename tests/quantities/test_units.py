@@ -27,7 +27,7 @@ from fecloth.quantities.units import (
     quantity,
 )
 from fecloth.scene import type_words
-from fecloth.scene.scene import Scene, load
+from fecloth.scene.scene import Scene, load_scene
 from fecloth.scene.table_model import Made
 
 KILOPOND, INCH, POUND = 9.80665, 0.0254, 0.45359237
@@ -365,22 +365,22 @@ def test_a_scene_in_units_is_the_scene_in_si_bit_for_bit(file):
         text = text.replace(plain, quoted)
     other = file.with_name("units.toml")
     other.write_text(text, encoding="utf-8")
-    plain, quoted = load(file), load(other)
+    plain, quoted = load_scene(file), load_scene(other)
     assert quoted == plain
     assert quoted.to_toml() == plain.to_toml()  # and so runs the same
     resolved = tomllib.loads(quoted.to_toml())
     assert (resolved["time"]["dt"], resolved["terms"][4]["velocity"][0]) == (0.005, 5.0)
     again = file.with_name("again.toml")
     again.write_text(quoted.to_toml(), encoding="utf-8")
-    assert load(again) == plain
+    assert load_scene(again) == plain
 
 
 def test_units_on_the_command_line(file):
     """A shell takes the quotes of --set time.dt="5 ms" away."""
     for override in ("time.dt=5 ms", 'time.dt="5 ms"', "time.dt=5ms", "time.dt=0.005"):
-        assert load(file, [override]).time.dt == 0.005
-    assert load(file, ["start.shift=['1 cm', 0, 0]"]).start.shift == (0.01, 0.0, 0.0)
-    assert load(file, ["terms.3.p=2 kPa"]).terms[3].p == 2000.0
+        assert load_scene(file, [override]).time.dt == 0.005
+    assert load_scene(file, ["start.shift=['1 cm', 0, 0]"]).start.shift == (0.01, 0.0, 0.0)
+    assert load_scene(file, ["terms.3.p=2 kPa"]).terms[3].p == 2000.0
 
 
 REFUSED = [
@@ -407,31 +407,34 @@ REFUSED = [
 @pytest.mark.parametrize(("override", "message"), REFUSED, ids=[case[0] for case in REFUSED])
 def test_a_unit_of_the_wrong_kind_is_refused_with_those_allowed(file, override, message):
     with pytest.raises(fc.SceneError) as refused:
-        load(file, [override])
+        load_scene(file, [override])
     assert message in str(refused.value)
 
 
 def test_what_a_coefficient_measures_depends_on_its_law(file):
     drag = "terms.4={type='Drag', law='linear', normal='5 mPa*s/m'}"
-    assert load(file, [drag]).terms[4].normal == 0.005
-    assert load(file, ["terms.8.per=area", "terms.8.force=['1 Pa', 0, 0]"]).terms[8].force[0] == 1
+    assert load_scene(file, [drag]).terms[4].normal == 0.005
+    assert (
+        load_scene(file, ["terms.8.per=area", "terms.8.force=['1 Pa', 0, 0]"]).terms[8].force[0]
+        == 1
+    )
     published = "type='BaraffWitkin', area_exponent=1, shear='1 N/cm^3'"
     table = f"terms.0={{{published}, stretch=['1 N/cm^3', '2 N/cm^3']}}"
-    assert load(file, [table]).terms[0].stretch == (1e6, 2e6)
+    assert load_scene(file, [table]).terms[0].stretch == (1e6, 2e6)
     with pytest.raises(fc.SceneError, match=r"stretch = '1 N/m': must be .* N/m\^3"):
-        load(file, [table.replace("['1 N/cm^3'", "['1 N/m'")])
+        load_scene(file, [table.replace("['1 N/cm^3'", "['1 N/m'")])
 
 
 def test_the_name_of_a_set_is_no_quantity(file):
     force = "terms.6={type='PointForce', where='5 m', force=[0, 0, 1]}"
-    assert load(file, [force]).terms[6].where == "5 m"
+    assert load_scene(file, [force]).terms[6].where == "5 m"
 
 
 def test_what_is_missing_is_told_with_its_unit(file):
     with pytest.raises(
         fc.SceneError, match=r"time.t_end is missing: must be a finite number \[s\]"
     ):
-        load(file, ["time={method='bdf2'}"])
+        load_scene(file, ["time={method='bdf2'}"])
 
 
 # --- Python ---------------------------------------------------------------------------------------

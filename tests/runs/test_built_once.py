@@ -9,7 +9,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.output import frame_arrays
 from fecloth.runs import run_scene
 from fecloth.scene import build
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from fecloth.simulation import march
 from fecloth.simulation.probes import Observer
 from fecloth.system.constraints import Constraints
@@ -80,7 +80,7 @@ def counts(monkeypatch):
 @pytest.mark.parametrize("method", ["central_difference", "bdf2"])
 def test_a_run_makes_each_part_of_its_scene_once(method, counts, tmp_path):
     (tmp_path / "scene.toml").write_text(TEXT)
-    scene = load(tmp_path / "scene.toml", [f"time.method={method}"])
+    scene = load_scene(tmp_path / "scene.toml", [f"time.method={method}"])
     outcome = run_scene.run_scene(scene, tmp_path / "out")
     assert outcome.status == "done"
     assert outcome.summary["frames"] == 5

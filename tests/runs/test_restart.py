@@ -28,7 +28,7 @@ from fecloth.runs import restart
 from fecloth.runs.folder import TABLES
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.run_scene import run_scene
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from fecloth.system.records import remembered
 from fecloth.system.state import State
 
@@ -124,7 +124,7 @@ restart_steps = 5
 
 def go(scene, folder, resume, threads=1):
     os.environ["MKL_NUM_THREADS"] = str(threads)  # read when the MKL is loaded, in the run
-    run_scene(load(scene), folder, resume=resume)
+    run_scene(load_scene(scene), folder, resume=resume)
 
 
 def started(scene, folder, resume=False, threads=1):
@@ -153,7 +153,7 @@ def broken_off(scene, folder, steps, resume, threads):
         shutil.copytree(folder, kept)
     for _ in range(10):
         there = killed(started(scene, folder, resume, threads), folder, steps)
-        if there and restart.find(folder).state.t < load(scene).time.t_end:
+        if there and restart.find(folder).state.t < load_scene(scene).time.t_end:
             return
         shutil.rmtree(folder)
         if resume:
@@ -205,13 +205,13 @@ def test_a_run_that_is_killed_while_it_closes_is_closed(scene, tmp_path, monkeyp
         raise KeyboardInterrupt
 
     scene.write_text(TEXT + RUNS["StabilityLimited"])
-    run_scene(load(scene), tmp_path / "whole")
+    run_scene(load_scene(scene), tmp_path / "whole")
     with monkeypatch.context() as patched:
         patched.setattr(Recorder, "close", killed)
         with pytest.raises(KeyboardInterrupt):
-            run_scene(load(scene), tmp_path / "out")
+            run_scene(load_scene(scene), tmp_path / "out")
     assert not (tmp_path / "out" / "summary.json").exists()
-    outcome = run_scene(load(scene), tmp_path / "out", resume=True)
+    outcome = run_scene(load_scene(scene), tmp_path / "out", resume=True)
     told = json.loads((tmp_path / "out" / "summary.json").read_text())
     wanted = json.loads((tmp_path / "whole" / "summary.json").read_text())
     different = ("seconds", "peak_memory_MB")
@@ -222,7 +222,7 @@ def test_a_run_that_is_killed_while_it_closes_is_closed(scene, tmp_path, monkeyp
     assert (tmp_path / "out" / "report.html").exists()
     assert written(tmp_path / "out") == written(tmp_path / "whole")
     with pytest.raises(fc.InputError, match="has already reached 0.06 s"):
-        run_scene(load(scene), tmp_path / "out", resume=True)
+        run_scene(load_scene(scene), tmp_path / "out", resume=True)
 
 
 def go_and_die(scene, folder):
@@ -245,13 +245,13 @@ def test_a_run_that_is_killed_within_a_frame_of_vtkhdf_goes_on(tmp_path):
     pytest.importorskip("h5py")
     scene, whole, broken = tmp_path / "sheet.toml", tmp_path / "whole", tmp_path / "broken"
     scene.write_text(TEXT + RUNS["vtkhdf"].replace("restart_steps = 50", "restart_steps = 40"))
-    run_scene(load(scene), whole)
+    run_scene(load_scene(scene), whole)
     child = SERVER.Process(target=go_and_die, args=(str(scene), str(broken)))
     child.start()
     child.join(60)
     assert child.exitcode == -signal.SIGKILL
     assert (broken / "run.vtkhdf.redo").exists()
-    run_scene(load(scene), broken, resume=True)
+    run_scene(load_scene(scene), broken, resume=True)
     assert written(broken) == written(whole)
 
 
@@ -278,7 +278,7 @@ def test_no_restart_file_goes_before_the_next_would_survive_a_power_cut(
 
     monkeypatch.setattr(os, "fsync", fsync)
     monkeypatch.setattr(Path, "unlink", unlink)
-    run_scene(load(scene, ["time.t_end=0.16"]), folder)
+    run_scene(load_scene(scene, ["time.t_end=0.16"]), folder)
     assert [path.name for path in restart.files(folder)] == [
         "restart_000000080.npz",
         "restart_000000060.npz",
@@ -309,7 +309,7 @@ def interrupted(scene, folder, after, resume=False):
         if info.step == after:
             os.kill(os.getpid(), signal.SIGINT)
 
-    return run_scene(load(scene), folder, report=report, resume=resume)
+    return run_scene(load_scene(scene), folder, report=report, resume=resume)
 
 
 UNASKED = TEXT + RUNS["StabilityLimited"].replace("restart_steps = 50\n", "")
@@ -317,7 +317,7 @@ UNASKED = TEXT + RUNS["StabilityLimited"].replace("restart_steps = 50\n", "")
 
 def test_an_interrupted_run_goes_on_without_restart_steps(scene, tmp_path):
     scene.write_text(UNASKED)
-    run_scene(load(scene), tmp_path / "whole")
+    run_scene(load_scene(scene), tmp_path / "whole")
     outcome = interrupted(scene, tmp_path / "broken", 37)
     assert outcome.status == "interrupted"
     assert [f.name for f in restart.files(tmp_path / "broken")] == ["restart_000000037.npz"]
@@ -328,7 +328,7 @@ def test_an_interrupted_run_goes_on_without_restart_steps(scene, tmp_path):
 
 def test_an_interruption_between_two_restarts_costs_no_bit(scene, tmp_path):
     """With a kept factor the run goes back to the last regular restart."""
-    run_scene(load(scene), tmp_path / "whole")
+    run_scene(load_scene(scene), tmp_path / "whole")
     interrupted(scene, tmp_path / "broken", 33)
     assert [restart.read(f).exact for f in restart.files(tmp_path / "broken")] == [False, True]
     go(scene, tmp_path / "broken", resume=True)
@@ -350,7 +350,7 @@ def test_what_there_is_not_to_go_on_from_is_told(scene, tmp_path, capsys, monkey
     (tmp_path / "out").mkdir()
     assert main(resume) == 2
     assert "out has no restart file" in capsys.readouterr().err
-    t = run_scene(load(scene), "out", overwrite=True).summary["t"]
+    t = run_scene(load_scene(scene), "out", overwrite=True).summary["t"]
     assert main(resume) == 2
     assert f"the run in out is complete up to t = {t:g} s" in capsys.readouterr().err
 
@@ -383,10 +383,10 @@ def test_a_balance_that_had_come_apart_is_not_told_again(scene, tmp_path):
         if told:
             os.kill(os.getpid(), signal.SIGINT)
 
-    first = run_scene(load(scene, coarse), tmp_path / "out", report=stop, warn=told.append)
+    first = run_scene(load_scene(scene, coarse), tmp_path / "out", report=stop, warn=told.append)
     assert (first.status, len(told)) == ("interrupted", 1)
     assert first.warning in told[0]
-    run_scene(load(scene, coarse), tmp_path / "out", resume=True, warn=told.append)
+    run_scene(load_scene(scene, coarse), tmp_path / "out", resume=True, warn=told.append)
     assert len(told) == 1
     assert (tmp_path / "out" / "run.log").read_text().count("warning: step ") == 1
 
@@ -407,13 +407,13 @@ def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys
     assert main([*resume, "--overwrite"]) == 2
     assert written(folder) == before
     assert main([*resume, "--set", "time.t_end=0.08"]) == 0
-    assert read_frame(max((folder / "frames").iterdir()), load(scene).mesh()).t == 0.08
+    assert read_frame(max((folder / "frames").iterdir()), load_scene(scene).mesh()).t == 0.08
 
 
 def test_a_broken_restart_file_is_passed_over_or_refused(scene, tmp_path):
     scene.write_text(TEXT + RUNS["StabilityLimited"])
-    run_scene(load(scene), tmp_path / "whole")
-    run_scene(load(scene), tmp_path / "out")
+    run_scene(load_scene(scene), tmp_path / "whole")
+    run_scene(load_scene(scene), tmp_path / "out")
     newest = restart.files(tmp_path / "out")[0]
     data = newest.read_bytes()
     for place in (len(data) // 2, 200):
@@ -461,7 +461,7 @@ def mesh_of(h):
 def test_what_a_failed_run_had_reached_is_kept(scene, tmp_path):
     scene.write_text(TEXT + RUNS["midpoint"].replace("0.002", "0.02"))
     overrides = ["solver.max_iterations=2", "output.restart_steps=1"]
-    outcome = run_scene(load(scene, overrides), tmp_path / "out")
+    outcome = run_scene(load_scene(scene, overrides), tmp_path / "out")
     assert outcome.status == "failed"
     found = restart.find(tmp_path / "out")
     assert found.state.t == pytest.approx(outcome.summary["t"])
@@ -516,8 +516,8 @@ def test_march_goes_on_from_a_memory_that_was_written(method, dt, isotropic, tmp
     whole = list(fc.march(system, method, start, *run, **options))
     state, info = whole[len(whole) // 2]
     arrays = []
-    packed = json.dumps(restart._packed(info.memory, arrays))
-    memory = restart._unpacked(json.loads(packed), arrays)
+    packed = json.dumps(restart._pack(info.memory, arrays))
+    memory = restart._unpack(json.loads(packed), arrays)
     rest = list(fc.march(system, method, state, *run, **options, memory=memory))
     assert [i.step for _, i in rest] == [i.step for _, i in whole[len(whole) // 2 + 1 :]]
     for one, other in zip(rest, whole[len(whole) // 2 + 1 :], strict=True):
@@ -532,7 +532,7 @@ def test_a_record_of_ones_own_must_be_marked():
         f: float
 
     with pytest.raises(fc.InputError, match="a Unmarked: cannot be written .*@remembered"):
-        restart._packed(Unmarked(1.0), [])
+        restart._pack(Unmarked(1.0), [])
     with pytest.raises(fc.InputError, match="class Change: must have a name of its own.*bdf2"):
         remembered(dataclass(frozen=True)(type("Change", (), {})))
     with pytest.raises(fc.InputError, match="class Plain: must be a frozen dataclass"):

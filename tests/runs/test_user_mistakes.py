@@ -25,7 +25,7 @@ import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.runs import recorder, restart
 from fecloth.runs.run_scene import run_scene
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 
 TEXT = """
 [cloth]
@@ -276,7 +276,7 @@ def test_a_full_disk_costs_nothing(form, scene):
 
 def readable(folder):
     """Every file of a run that names itself whole can be read."""
-    cloth = load("sheet.toml").mesh()
+    cloth = load_scene("sheet.toml").mesh()
     for file in folder.glob("frames/*.vtu"):
         fc.read_frame(file, cloth)
     for file in restart.files(folder):
@@ -300,7 +300,7 @@ def test_a_step_that_cannot_be_written_is_none(scene, capsys):
     def block(info):
         blocked.mkdir(exist_ok=True)
 
-    outcome = run_scene(load("sheet.toml", steps[1::2]), "out", report=block)
+    outcome = run_scene(load_scene("sheet.toml", steps[1::2]), "out", report=block)
     assert outcome.status == "failed"
     assert "frame_000010.vtu cannot be written" in str(outcome.error)
     assert restart.files(Path("out"))[0].name == "restart_000000019.npz"
@@ -321,7 +321,7 @@ def test_what_cannot_be_written_at_the_end_is_told(name, scene, capsys):
             Path(f"out/{name}.part").mkdir()
             os.kill(os.getpid(), signal.SIGINT)
 
-    outcome = run_scene(load("sheet.toml"), "out", report=block)
+    outcome = run_scene(load_scene("sheet.toml"), "out", report=block)
     assert outcome.status == "failed"
     assert f"{name} cannot be written: Is a directory. Choose another folder" in str(outcome.error)
     assert restart.files(Path("out"))[0].name == "restart_000000007.npz"
@@ -400,7 +400,7 @@ def asks_twice(info):
 @pytest.mark.parametrize(("report", "error"), [(fails, OSError), (asks_twice, KeyboardInterrupt)])
 def test_what_breaks_a_run_from_outside_leaves_a_restart(report, error, scene):
     with pytest.raises(error, match=r"has gone|at once; --resume goes on"):
-        run_scene(load("sheet.toml"), "out", report=report)
+        run_scene(load_scene("sheet.toml"), "out", report=report)
     assert restart.files(Path("out"))[0].name == "restart_000000017.npz"
     assert main(["run", "sheet.toml", "-o", "whole", "--quiet"]) == 0
     assert main(["run", "sheet.toml", "--resume", "out", "--quiet"]) == 0
@@ -413,7 +413,7 @@ def test_a_report_that_fails_leaves_the_cause_of_a_failure(scene, monkeypatch):
 
     monkeypatch.setattr(recorder, "write_report", fails)
     cut = ["solver.max_iterations=1", "solver.tolerance=1e-12"]
-    outcome = run_scene(load("sheet.toml", cut), "out")
+    outcome = run_scene(load_scene("sheet.toml", cut), "out")
     assert outcome.status == "failed"
     assert "did not converge" in str(outcome.error)
     *_, end, report = Path("out/run.log").read_text().splitlines()

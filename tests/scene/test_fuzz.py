@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import fecloth as fc
 from fecloth.scene import toml_text
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 NAMES = ("swing", "hanging_strip", "dome")
@@ -78,7 +78,7 @@ def test_a_spoilt_scene_is_built_or_refused_in_words(data, tmp_path):
     except (TypeError, ValueError, AttributeError):
         return  # no TOML says that
     before = sorted(tmp_path.iterdir())
-    refusal = refused(lambda: load(file).build())
+    refusal = refused(lambda: load_scene(file).build())
     assert refusal == "" or len(refusal) > 20
     assert sorted(tmp_path.iterdir()) == before
 
@@ -93,7 +93,7 @@ def test_text_with_a_unit_at_any_key_is_read_or_refused_in_words(name, text, tmp
     refusals = []
     for path in places(scene):
         file.write_text(toml_text.to_toml(spoilt(scene, path, "replace", text)), encoding="utf-8")
-        refusals.append(refused(lambda: load(file)))
+        refusals.append(refused(lambda: load_scene(file)))
     assert all(refusal == "" or len(refusal) > 20 for refusal in refusals)
     assert any("one of the units" in refusal for refusal in refusals)
 
@@ -120,4 +120,6 @@ def test_constants_beyond_all_measure_are_refused(key, value, tmp_path):
     scene["cloth"]["h"], scene["fabric"][key] = 0.25, value
     file = tmp_path / "scene.toml"
     file.write_text(toml_text.to_toml(scene))
-    assert f"fabric.{key} = {value}: must be between 1e-12 and 1e+12" in refused(lambda: load(file))
+    assert f"fabric.{key} = {value}: must be between 1e-12 and 1e+12" in refused(
+        lambda: load_scene(file)
+    )

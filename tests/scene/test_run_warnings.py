@@ -11,7 +11,7 @@ import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.scene import dimensionless, plan, run_warnings
 from fecloth.scene.plausibility import implausible_values
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from studies.simplify.dimensionless import Numbers, table
 
 TEXT = """
@@ -49,7 +49,7 @@ def scene(tmp_path):
 
 
 def warnings_of(scene, *overrides):
-    return run_warnings.find_warnings(load(scene, overrides).build())
+    return run_warnings.find_warnings(load_scene(scene, overrides).build())
 
 
 SOFT = ["fabric.tensile_stiffness=10", "fabric.areal_density=0.4"]
@@ -112,7 +112,7 @@ def test_a_roof_membrane_is_no_mistake_and_pascals_and_millimetres_are(sheet):
 def test_a_sliver_is_named(scene, tmp_path):
     X = [(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.02)]
     cloth = fc.Cloth.from_arrays(X, [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)], {"left": [0]})
-    (found,) = run_warnings.find_warnings(load(scene, ["pins=[]"]).build(cloth))
+    (found,) = run_warnings.find_warnings(load_scene(scene, ["pins=[]"]).build(cloth))
     assert "at (0.5, 0.00667) m has the quality 0.046" in found
     assert "1 are below 0.3" in found
 
@@ -135,7 +135,7 @@ def test_the_weight_over_the_bending_stiffness_is_told(
         f"weight over bending stiffness: ρ g L³/B = {number:.3g} with L = {length:.3g} m, {words}"
     )
     assert told in capsys.readouterr().out
-    rows = {row["formula"]: row["value"] for row in table(Numbers.of(load(scene, overrides)))}
+    rows = {row["formula"]: row["value"] for row in table(Numbers.of(load_scene(scene, overrides)))}
     assert rows["ρ g L³/B"] == pytest.approx(number, rel=1e-9)
 
 
@@ -143,7 +143,7 @@ def test_the_weight_over_the_bending_stiffness_is_told(
     "missing", ["pins=[]", "terms.1.type=StVK", "terms.2.acceleration=[0,0,0]"]
 )
 def test_no_weight_over_bending_stiffness_without_either_or_a_pin(missing, scene):
-    built = load(scene, [missing]).build()
+    built = load_scene(scene, [missing]).build()
     assert not any("weight over" in line for line in plan.plan(built, "why"))
 
 

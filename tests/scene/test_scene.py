@@ -19,7 +19,7 @@ from fecloth import terms
 from fecloth.integrators import METHODS
 from fecloth.output import frames
 from fecloth.scene.overrides import override
-from fecloth.scene.scene import Scene, load
+from fecloth.scene.scene import Scene, load_scene
 from fecloth.scene.toml_text import read, to_toml
 from fecloth.simulation.stability_limited import StabilityLimited
 from studies.references.closed_forms import hanging_strip_mean, hanging_strip_tip
@@ -79,22 +79,22 @@ def file(tmp_path):
 
 
 def test_expectations_are_asked_for_by_check_only(file):
-    scene = load(file, ["expect.sag.at=3"])
+    scene = load_scene(file, ["expect.sag.at=3"])
     scene.build()
     with pytest.raises(
         fc.SceneError, match=r"expect.sag.at = 3.0: must be at most time.t_end = 0.1"
     ):
         scene.require_expectations()
     with pytest.raises(fc.SceneError, match=r"no \[expect\] table"):
-        load(file, ["expect={}"]).require_expectations()
+        load_scene(file, ["expect={}"]).require_expectations()
     with pytest.raises(fc.SceneError, match=r"at = 0.01: must be at least time.t_start = 0.05"):
-        load(file, ["expect.sag.at=0.01", "time.t_start=0.05"]).require_expectations()
+        load_scene(file, ["expect.sag.at=0.01", "time.t_start=0.05"]).require_expectations()
 
 
 def refusal(path, *overrides) -> str:
     """The message with which a scene is refused, when read or when built."""
     with pytest.raises(fc.SceneError) as caught:
-        load(path, overrides).build()
+        load_scene(path, overrides).build()
     message = str(caught.value)
     assert "pydantic" not in message
     assert "Input should" not in message
@@ -105,7 +105,7 @@ def refusal(path, *overrides) -> str:
 
 
 def test_build_makes_what_the_python_calls_make(file):
-    built = load(file).build()
+    built = load_scene(file).build()
     fabric = fc.Fabric(0.2, (1000.0, 900.0), shear_stiffness=300.0)
     damping = fc.StrainRateDamping(time=0.01, law=fc.TensorCondition(250.0))
     assert built.system.fabric == fabric
@@ -132,10 +132,10 @@ def test_every_term_and_every_method_can_be_named(file):
         required = [f.default for f in dataclasses.fields(getattr(terms, name))]
         if name not in needed and dataclasses.MISSING in required:
             continue  # a term to come, whose parameters are its own tests' matter
-        made = load(file, [f"terms.0={{{given}}}"]).terms[0].make()
+        made = load_scene(file, [f"terms.0={{{given}}}"]).terms[0].make()
         assert type(made) is getattr(terms, name)
     for name, cls in METHODS.items():
-        assert load(file, [f"time.method={name}"]).time.method.make() == cls()
+        assert load_scene(file, [f"time.method={name}"]).time.method.make() == cls()
 
 
 def test_a_method_with_parameters_is_a_table():
@@ -156,21 +156,21 @@ ALONG = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}
 
 @pytest.mark.parametrize("plane", ALONG)
 def test_start_in_a_plane(file, plane):
-    built = load(file, [f"start.plane={plane}"]).build()
+    built = load_scene(file, [f"start.plane={plane}"]).build()
     np.testing.assert_array_equal(built.state.x[:, ALONG[plane]], built.cloth.X)
     assert np.count_nonzero(built.state.x.any(axis=0)) == 2
 
 
 def test_start_is_turned_and_then_shifted(file):
     turn = "start.rotate={axis=[0, 0, 2], degrees=90}"
-    built = load(file, [turn, "start.shift=[1, 2, 3]"]).build()
+    built = load_scene(file, [turn, "start.shift=[1, 2, 3]"]).build()
     X, Y = built.cloth.X.T
     np.testing.assert_allclose(built.state.x, np.stack([1 - Y, 2 + X, 3 + 0 * X], 1), atol=1e-15)
 
 
 def test_start_from_formulas(file):
     position = 'start.position=["X", "0.01*sin(pi*X)", "Y"]'
-    built = load(file, [position, 'start.velocity=["0", "X*Y", "1"]']).build()
+    built = load_scene(file, [position, 'start.velocity=["0", "X*Y", "1"]']).build()
     X, Y = built.cloth.X.T
     np.testing.assert_allclose(built.state.x, np.stack([X, 0.01 * np.sin(np.pi * X), Y], 1))
     np.testing.assert_allclose(built.state.v, np.stack([0 * X, X * Y, 1 + 0 * X], 1))
@@ -188,11 +188,11 @@ def test_rotation_keeps_lengths_and_the_axis():
 
 
 def test_start_from_the_frame_of_a_run(file):
-    built = load(file).build()
+    built = load_scene(file).build()
     state = built.system.state(built.state.x + 0.1, built.state.v - 0.2, t=7.0)
     frames.write_vtk(file.parent / "out", built.cloth, [state])
     (frame,) = (file.parent).rglob("*.vtu")
-    start = load(file, [f"start.frame='{frame.relative_to(file.parent)}'"]).build().state
+    start = load_scene(file, [f"start.frame='{frame.relative_to(file.parent)}'"]).build().state
     np.testing.assert_array_equal(start.x, state.x)
     np.testing.assert_array_equal(start.v, state.v)
     assert start.t == 0.0
@@ -215,16 +215,16 @@ def test_start_from_the_frame_of_a_run(file):
     ],
 )
 def test_steps_between_frames(file, table, steps):
-    assert load(file, [f"output={table}", "time.t_end=1.0"]).build().frame_steps == steps
+    assert load_scene(file, [f"output={table}", "time.t_end=1.0"]).build().frame_steps == steps
 
 
 def test_consistent_mass(file):
-    mass = load(file, ["mass=consistent"]).build().system.scalar_mass
+    mass = load_scene(file, ["mass=consistent"]).build().system.scalar_mass
     assert np.count_nonzero(mass.toarray()) > mass.shape[0]
 
 
 def test_solver_options(file):
-    built = load(file, ["solver.linear=pcg", "solver.tolerance=1e-4"]).build()
+    built = load_scene(file, ["solver.linear=pcg", "solver.tolerance=1e-4"]).build()
     assert built.linear == "pcg"
     assert built.newton == fc.Newton(tolerance=1e-4)
 
@@ -232,7 +232,7 @@ def test_solver_options(file):
 def test_a_motion_of_x_and_y_gathers_an_edge(file):
     drawn = "-0.02 * X * smoothstep(0, 0.1, t)"
     moved = f"pins=[{{inside='X > 0.6', motion=['{drawn}', '0', '0.1 * X * Y * t']}}]"
-    built = load(file, [moved]).build()
+    built = load_scene(file, [moved]).build()
     ((pin, nodes),) = built.system.constraints.groups.values()
     X, Y = built.cloth.X[nodes].T
     assert len(set(X)) > 1
@@ -245,7 +245,7 @@ def test_a_motion_of_x_and_y_gathers_an_edge(file):
 
 
 def test_a_motion_of_t_alone_is_one_vector_for_all_nodes(file):
-    pin = next(iter(load(file).build().system.constraints.groups.values()))[0]
+    pin = next(iter(load_scene(file).build().system.constraints.groups.values()))[0]
     assert pin.motion(0.25).shape == (3,)
     assert pin.motion.formulas[1].variables == ("t",)
 
@@ -371,7 +371,7 @@ def test_a_frame_excludes_the_other_ways_to_start(file):
 def test_several_mistakes_are_all_told_one_a_line(file):
     given = "time.dt=0", "mass=3", "title=3", "fabric.areal_density=-1"
     with pytest.raises(fc.SceneError) as caught:
-        load(file, given)
+        load_scene(file, given)
     for error in (caught.value, pickle.loads(pickle.dumps(caught.value))):
         lines = str(error).splitlines()
         assert [line.startswith(f"{file} with {', '.join(given)}: ") for line in lines] == [
@@ -435,24 +435,26 @@ def test_paths_that_are_no_files(tmp_path):
 
 
 def test_a_scene_may_begin_with_a_byte_order_mark(file):
-    plain = load(file)
+    plain = load_scene(file)
     file.write_bytes(b"\xef\xbb\xbf" + TEXT.encode())
-    assert load(file) == plain
+    assert load_scene(file) == plain
 
 
 # --- overrides ------------------------------------------------------------------------------------
 
 
 def test_overrides_replace_values_and_leave_the_rest(file):
-    plain = load(file)
-    scene = load(file, ["time.dt=0.005", "terms.1.law.k=300", "solver.linear='pcg'", "mass=lumped"])
+    plain = load_scene(file)
+    scene = load_scene(
+        file, ["time.dt=0.005", "terms.1.law.k=300", "solver.linear='pcg'", "mass=lumped"]
+    )
     assert scene.time.dt == 0.005
     assert scene.terms[1].law.k == 300.0
     assert scene.solver.linear == "pcg"
     assert (scene.cloth, scene.pins) == (plain.cloth, plain.pins)
-    assert load(file, ["time.dt=0.005", "time.dt=0.02"]).time.dt == 0.02
-    assert load(file, ["'expect'.\"tip.z\".0.value=3"]).expect["tip.z"][0].value == 3.0
-    assert load(file, ["time.method=backward_euler"]).time.method.make() == fc.BackwardEuler()
+    assert load_scene(file, ["time.dt=0.005", "time.dt=0.02"]).time.dt == 0.02
+    assert load_scene(file, ["'expect'.\"tip.z\".0.value=3"]).expect["tip.z"][0].value == 3.0
+    assert load_scene(file, ["time.method=backward_euler"]).time.method.make() == fc.BackwardEuler()
 
 
 def test_overrides_do_not_touch_what_they_are_given():
@@ -478,7 +480,7 @@ def test_overrides_do_not_touch_what_they_are_given():
 )
 def test_overrides_that_cannot_be_read(file, override, message):
     with pytest.raises(fc.SceneError, match=message) as caught:
-        load(file, [override])
+        load_scene(file, [override])
     assert caught.value.where == f"override {override!r}"
 
 
@@ -486,15 +488,15 @@ def test_overrides_that_cannot_be_read(file, override, message):
 
 
 def test_resolved_scene_is_equal_and_has_the_defaults_written_out(file, tmp_path):
-    scene = load(file)
+    scene = load_scene(file)
     text = scene.to_toml()
     resolved = tmp_path / "elsewhere" / "scene.resolved.toml"
     resolved.parent.mkdir()
     resolved.write_text(text)
-    again = load(resolved)
+    again = load_scene(resolved)
     assert again == scene
     assert again.to_toml() == text
-    assert scene != load(file, ["time.dt=0.02"])
+    assert scene != load_scene(file, ["time.dt=0.02"])
     data = read(resolved)
     assert data["solver"]["tolerance"] == fc.Newton().tolerance
     assert data["solver"]["linear"] == "auto"
@@ -514,12 +516,12 @@ def test_resolved_scene_finds_its_mesh_from_any_folder(tmp_path, monkeypatch):
     cloth = "[cloth]\nshape = 'file'\npath = '../meshes/sheet.obj'\n"
     fabric = "[fabric]\nareal_density = 1\ntensile_stiffness = 1\n"
     path.write_text(cloth + fabric + "[time]\nmethod = 'backward_euler'\ndt = 1\nt_end = 1\n")
-    scene = load(path)
+    scene = load_scene(path)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "scene.resolved.toml").write_text(scene.to_toml())
     monkeypatch.chdir("/")
-    assert load(tmp_path / "out" / "scene.resolved.toml") == scene
-    assert len(load(tmp_path / "out" / "scene.resolved.toml").build().cloth.X) == 3
+    assert load_scene(tmp_path / "out" / "scene.resolved.toml") == scene
+    assert len(load_scene(tmp_path / "out" / "scene.resolved.toml").build().cloth.X) == 3
 
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -629,10 +631,10 @@ VALID = st.fixed_dictionaries(
 def test_any_valid_scene_loads_again_to_an_equal_one(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "scene.toml"
     path.write_text(to_toml(data), encoding="utf-8", newline="")
-    scene = load(path)
+    scene = load_scene(path)
     path.write_text(scene.to_toml(), encoding="utf-8", newline="")
-    assert load(path) == scene
-    assert load(path).to_toml() == scene.to_toml()
+    assert load_scene(path) == scene
+    assert load_scene(path).to_toml() == scene.to_toml()
     assert len(scene.terms) == len(data.get("terms", []))
     assert scene.time.dt == data["time"]["dt"]
 
@@ -641,17 +643,19 @@ def test_any_valid_scene_loads_again_to_an_equal_one(tmp_path_factory, data):
 
 
 def test_interest_names_columns_probes_and_the_field(file):
-    scene = load(file, ["interest={end=['displacement', 'sag'], path=['tip'], period=['tip.z']}"])
+    scene = load_scene(
+        file, ["interest={end=['displacement', 'sag'], path=['tip'], period=['tip.z']}"]
+    )
     assert scene.build().probes
     assert scene.interest.path == ("tip",)
 
 
 def test_every_column_of_a_run_may_be_expected(file):
-    scene = load(file, ["expect={}"])
+    scene = load_scene(file, ["expect={}"])
     built = scene.build()
     names = [*built.observer.row(None, None), *built.ledger.row()]
     table = ", ".join(f"'{n}' = {{value = 1, relative = 1}}" for n in set(names) - {"t"})
-    assert len(load(file, [f"expect={{{table}}}"]).build().probes) == 2
+    assert len(load_scene(file, [f"expect={{{table}}}"]).build().probes) == 2
     assert {"tip.x", "reaction:corner.z", "dissipated:StrainRateDamping", "remainder"} < set(names)
 
 
@@ -660,13 +664,13 @@ def test_every_column_of_a_run_may_be_expected(file):
 
 @pytest.mark.parametrize("path", SCENES, ids=[path.stem for path in SCENES])
 def test_scene_of_the_studies_builds(path):
-    built = load(path, ["cloth.h=0.1"]).build()
+    built = load_scene(path, ["cloth.h=0.1"]).build()
     assert built.t_end / built.dt <= 1000
-    assert load(path).expect
+    assert load_scene(path).expect
 
 
 def _expected(stem) -> Scene:
-    return load(ROOT / "studies" / "scenes" / f"{stem}.toml")
+    return load_scene(ROOT / "studies" / "scenes" / f"{stem}.toml")
 
 
 def test_hanging_strip_expects_the_exact_solution():
@@ -739,7 +743,7 @@ def test_swing_expects_the_motion_of_a_chain():
 
 
 def stepping(file, *overrides):
-    built = load(file, overrides).build()
+    built = load_scene(file, overrides).build()
     return built.method, built.dt
 
 
@@ -756,10 +760,10 @@ def test_steps_by_a_number_or_chosen(file):
     assert stepping(file, "time.method='auto'", auto) == (fc.Auto(), None)
     assert stepping(file, "time.method='auto'", auto, *tolerances) == (fc.Auto(1e-2, 1e-4), None)
     for overrides in ([bdf2, auto], ["time.method='auto'", auto, tolerances[0]]):
-        scene = load(file, overrides)
+        scene = load_scene(file, overrides)
         text = file.with_name("again.toml")
         text.write_text(scene.to_toml())
-        assert load(text) == scene
+        assert load_scene(text) == scene
 
 
 @pytest.mark.parametrize(
@@ -780,14 +784,14 @@ def test_steps_by_a_number_or_chosen(file):
 )
 def test_chosen_steps_are_refused(file, overrides, message):
     with pytest.raises(fc.SceneError, match=message):
-        load(file, overrides).build()
+        load_scene(file, overrides).build()
 
 
 def test_frames_of_chosen_steps_are_at_their_times(file):
-    built = load(file, ["time.dt='auto'", "time.t_end=1.0", "output={every=0.3}"]).build()
+    built = load_scene(file, ["time.dt='auto'", "time.t_end=1.0", "output={every=0.3}"]).build()
     assert built.frame_steps is None
     assert built.stops == pytest.approx((0.3, 0.6, 0.9))
-    built = load(file, ["time.dt='auto'", "output={every_steps=7}"]).build()
+    built = load_scene(file, ["time.dt='auto'", "output={every_steps=7}"]).build()
     assert (built.frame_steps, built.stops) == (7, ())
 
 
@@ -811,11 +815,11 @@ def test_frames_of_chosen_steps_are_at_their_times(file):
 )
 def test_what_a_method_cannot_have_is_told_with_file_and_key(file, overrides, message):
     with pytest.raises(fc.SceneError, match=rf"test.toml.*: {message}"):
-        load(file, overrides).build()
+        load_scene(file, overrides).build()
 
 
 def test_a_motion_may_begin_at_the_start(file):
     """√t has no value before, and its difference must not ask for one."""
-    built = load(file, ["pins.0.motion.2='0.1*sqrt(t)**3'"]).build()
+    built = load_scene(file, ["pins.0.motion.2='0.1*sqrt(t)**3'"]).build()
     steps = fc.march(built.system, built.method, built.state, built.dt, built.t_end)
     assert next(steps)[0].t == 0.01

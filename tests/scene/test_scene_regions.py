@@ -8,7 +8,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.runs import warm_up
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 
 GEO = """
 Point(1) = {0, 0, 0, 0.2}; Point(2) = {0.6, 0, 0, 0.2}; Point(3) = {1, 0, 0, 0.2};
@@ -80,7 +80,7 @@ def file(tmp_path):
     ],
 )
 def test_a_scene_means_what_the_python_calls_mean(line, grain, file, rng):
-    built = load(file(grain=line)).build()
+    built = load_scene(file(grain=line)).build()
     assert built.system.fabric == {"body": BODY, "hem": HEM}
     assert built.system.grain == pytest.approx(grain, rel=1e-15)
     terms = [fc.StVK(), fc.StrainRateDamping(0.01), fc.Gravity()]
@@ -92,7 +92,7 @@ def test_a_scene_means_what_the_python_calls_mean(line, grain, file, rng):
 
 
 def test_one_fabric_at_an_angle(file):
-    built = load(file(fabric=ONE, grain="grain_degrees = 45")).build()
+    built = load_scene(file(fabric=ONE, grain="grain_degrees = 45")).build()
     np.testing.assert_array_equal(built.system.panel.grain, math.pi / 4)
     assert built.system.fabric == fc.Fabric(0.4, 500.0)
 
@@ -100,15 +100,15 @@ def test_one_fabric_at_an_angle(file):
 @pytest.mark.parametrize("line", ["", "grain_degrees = 45", "grain_degrees = {body=30, hem=0}"])
 @pytest.mark.parametrize("fabric", [REGIONS, ONE])
 def test_round_trip(line, fabric, file, tmp_path):
-    scene = load(file(fabric=fabric, grain=line))
+    scene = load_scene(file(fabric=fabric, grain=line))
     path = tmp_path / "again.toml"
     path.write_text(scene.to_toml())
-    assert load(path) == scene
-    assert load(path).to_toml() == scene.to_toml()
+    assert load_scene(path) == scene
+    assert load_scene(path).to_toml() == scene.to_toml()
 
 
 def test_overrides_reach_a_region(file):
-    built = load(file(), ["fabrics.hem.areal_density=0.5", "grain_degrees=10"]).build()
+    built = load_scene(file(), ["fabrics.hem.areal_density=0.5", "grain_degrees=10"]).build()
     assert built.system.fabric["hem"].areal_density == 0.5
     assert built.system.grain == math.radians(10)
 
@@ -136,7 +136,7 @@ def test_mistakes(parts, override, said, file):
     path = file(**parts)
     overrides = [override] if override else []
     with pytest.raises(fc.SceneError) as caught:
-        load(path, overrides).build()
+        load_scene(path, overrides).build()
     message = str(caught.value)
     assert message.startswith(str(path))
     assert said in message
@@ -149,7 +149,7 @@ def test_kernels_are_compiled_for_the_arrays_of_the_run(fabric, file, monkeypatc
     """Constants by triangle and those of one fabric are arrays of two types to the compiler."""
     compiled = []
     monkeypatch.setattr(warm_up, "run", lambda system, *args, **kwargs: compiled.append(system))
-    built = load(file(fabric=fabric)).build()
+    built = load_scene(file(fabric=fabric)).build()
     warm_up.compile_kernels(built)
     ours, theirs = (system.bound[:2] for system in (compiled[0], built.system))
     assert numba.typeof(ours[0].constants) == numba.typeof(theirs[0].constants)

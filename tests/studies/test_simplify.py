@@ -10,7 +10,7 @@ import pytest
 import fecloth as fc
 from fecloth.errors import InputError
 from fecloth.scene.probe_tables import Interest
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from fecloth.scene.toml_text import to_toml
 from studies.simplify import __main__ as simplify
 from studies.simplify import cases
@@ -77,13 +77,13 @@ def test_a_removed_term_has_a_zero_column_and_no_oscillation_has_no_period():
     ids=lambda path: path.stem,
 )
 def test_every_simpler_scene_is_a_scene(path):
-    data = data_of(load(path))
+    data = data_of(load_scene(path))
     tried = variants(data, Interest(end=("displacement",)))
     for variant in tried:
         simpler = variant.apply(data)
         assert variant.static or simpler != data, variant.name
         scene_of(to_toml(simpler))
-    assert data == data_of(load(path))  # no variant has changed it
+    assert data == data_of(load_scene(path))  # no variant has changed it
     names = [variant.name for variant in tried]
     assert {"without StVK", "Springs for StVK", "h × 2", "equilibrium"} <= set(names)
     assert ("dt × 2" in names) == (path.stem != "dome")  # which takes one step
@@ -91,7 +91,7 @@ def test_every_simpler_scene_is_a_scene(path):
 
 
 def test_p2_becomes_p1_and_adaptive_steps_get_a_looser_tolerance():
-    data = data_of(load(SCENES / "taut.toml"))
+    data = data_of(load_scene(SCENES / "taut.toml"))
     data["cloth"]["element"], data["mass"], data["terms"] = "P2", "consistent", data["terms"][::2]
     data["time"] = {"method": "bdf2", "dt": "auto", "rtol": 0.01, "t_end": 0.1}
     simpler = {one.name: one.apply(data) for one in variants(data, Interest(end=("sag",)))}
@@ -102,7 +102,7 @@ def test_p2_becomes_p1_and_adaptive_steps_get_a_looser_tolerance():
 
 def make_strip(**changed):
     """Return the scene of a strip of 1 m × 0.2 m between two pinned ends, or with one."""
-    data = data_of(load(SCENES / "taut.toml"))
+    data = data_of(load_scene(SCENES / "taut.toml"))
     data["cloth"] |= {"height": 0.2, "h": 0.05}
     data["fabric"] |= {"poisson_ratio": 0.0}
     data["probes"], data["interest"] = [], {"end": ["sag"]}
@@ -128,7 +128,7 @@ def test_loads_across_or_along_the_cloth():
 
 
 def test_long_damped_steps_have_no_time_error_at_rest():
-    numbers = Numbers.of(load(STUDIES / "scenes" / "hanging_strip.toml"))
+    numbers = Numbers.of(load_scene(STUDIES / "scenes" / "hanging_strip.toml"))
     assert numbers.time_error(100.0) < 1e-9
     kinds = {one.name: one for one in variants(data_of(numbers.scene), Interest(path=("tip",)))}
     assert predict_change(kinds["dt × 2"], numbers) < 1e-3
@@ -158,7 +158,7 @@ def test_the_reduced_scene_is_within_the_tolerance(tmp_path, monkeypatch):
     assert "| without Gravity | 1 | 1 |" in (tmp_path / "report.md").read_text()
     paths = []
     for path in (SCENES / "taut.toml", tmp_path / "reduced.toml"):
-        built = load(path).build()
+        built = load_scene(path).build()
         run = fc.run(*_march(built), probes=built.probes)
         times = np.linspace(0.01, 0.1, 10)
         paths.append(np.interp(times, run.times, run.observed["middle.z"]))
@@ -171,7 +171,7 @@ def _march(built):
 
 
 def test_a_failing_variant_is_a_row_with_its_cause():
-    task = simplify.Task("taut", data_of(load(SCENES / "taut.toml")), 0.01, {"out": ""})
+    task = simplify.Task("taut", data_of(load_scene(SCENES / "taut.toml")), 0.01, {"out": ""})
     row = {"scene": "taut", "variant": "x", "status": "failed", "cause": "it broke"}
     assert task.compare(row)["cause"] == "it broke"
     variant = variants(task.data, task.interest)[0]

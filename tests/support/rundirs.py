@@ -40,5 +40,5 @@ def names(read):
 def record(file):
     """A restart file without the machine: MKL's threads are known where a test has loaded it."""
     arrays = []
-    packed = restart._packed(dataclasses.replace(restart.read(file), made_on={}), arrays)
+    packed = restart._pack(dataclasses.replace(restart.read(file), made_on={}), arrays)
     return json.dumps(packed), [array.tobytes() for array in arrays]

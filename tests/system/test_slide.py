@@ -274,10 +274,10 @@ name = "rail"
 
 
 def test_slides_of_a_scene(tmp_path):
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
     (path := tmp_path / "scene.toml").write_text(SCENE)
-    scene = load(path)
+    scene = load_scene(path)
     groups = scene.build().system.constraints.groups
     assert groups["left"][0] == fc.Slide("left", normal=(1.0, 0.0, 0.0))
     rail, _ = groups["rail"]
@@ -285,7 +285,7 @@ def test_slides_of_a_scene(tmp_path):
     assert (rail.direction, rail.normal) == ((0.0, 1.0, 0.5), None)
     assert rail.motion(2.0) == pytest.approx([0.2, 0.0, 0.0])
     (again := tmp_path / "again.toml").write_text(scene.to_toml())
-    assert load(again) == scene
+    assert load_scene(again) == scene
 
 
 @pytest.mark.parametrize(
@@ -298,8 +298,8 @@ def test_slides_of_a_scene(tmp_path):
     ],
 )
 def test_mistakes_in_a_scene(tmp_path, override, said):
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
     (path := tmp_path / "scene.toml").write_text(SCENE)
     with pytest.raises(fc.SceneError, match=said):
-        load(path, [override])
+        load_scene(path, [override])

@@ -8,7 +8,7 @@ import fecloth as fc
 from fecloth.homogenisation import CELLS, bending_tensor, strip_rigidity
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.runs.run_scene import run_scene
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from fecloth.terms.bending.hinge import hinge_angles, hinge_stiffness
 from fecloth.verify import VerificationFailed, check_term
 
@@ -290,7 +290,7 @@ t_end = 0.1
 def test_a_scene_is_told_what_its_pattern_bends_as(tmp_path, pattern, term, expect, said):
     file = tmp_path / "strip.toml"
     file.write_text(STRIP.format(pattern, term, expect))
-    run_scene(load(file), tmp_path / "out")
+    run_scene(load_scene(file), tmp_path / "out")
     log = (tmp_path / "out" / "run.log").read_text()
     assert ("bends along X" in log) == bool(said)
     assert said in log

@@ -18,7 +18,7 @@ from fecloth.integrators import METHODS
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.runs.run_scene import run_scene
-from fecloth.scene.scene import load
+from fecloth.scene.scene import load_scene
 from fecloth.terms.custom.membrane_law import positive
 from fecloth.verify import VerificationFailed, check_integrator, check_term
 
@@ -489,7 +489,7 @@ def test_a_scene_runs_with_terms_of_ones_own(own, tmp_path):
     terms = {"Winkler": own.term.Winkler, "Fung": own.law.Fung}
     path = tmp_path / "scene.toml"
     path.write_text(SCENE, encoding="utf-8")
-    scene = load(path, terms=terms)
+    scene = load_scene(path, terms=terms)
     system = scene.build().system
     assert system.terms[0] == own.law.Fung(0.15)
     assert system.terms[1].law == own.law.Fung(0.2)
@@ -498,8 +498,8 @@ def test_a_scene_runs_with_terms_of_ones_own(own, tmp_path):
     assert outcome.status == "done"
     header = (tmp_path / "out" / "energies.csv").read_text().splitlines()[0]
     assert header.split(",")[:4] == ["t", "kinetic", "Fung", "Winkler"]
-    assert load(tmp_path / "out" / "scene.resolved.toml", terms=terms) == scene
-    assert load(path, ["terms.2.k=20"], terms=terms).terms[2].make().k == 20
+    assert load_scene(tmp_path / "out" / "scene.resolved.toml", terms=terms) == scene
+    assert load_scene(path, ["terms.2.k=20"], terms=terms).terms[2].make().k == 20
 
 
 def test_a_scene_refuses_a_term_that_it_is_not_given(own, tmp_path):
@@ -507,16 +507,16 @@ def test_a_scene_refuses_a_term_that_it_is_not_given(own, tmp_path):
     path.write_text(SCENE, encoding="utf-8")
     winkler, fung = own.term.Winkler, own.law.Fung
     with pytest.raises(fc.SceneError, match=r"terms.0.type = 'Fung': must be one of BaraffWitkin"):
-        load(path)
+        load_scene(path)
     with pytest.raises(fc.SceneError, match=r"terms.2.type = 'Winkler': must be one of .*, Fung"):
-        load(path, terms={"Fung": fung})
+        load_scene(path, terms={"Fung": fung})
     path.write_text(SCENE.replace("k = 300.0", "kk = 300.0"), encoding="utf-8")
     with pytest.raises(fc.SceneError, match="terms.2.kk = 300.0: unknown key; the keys are type"):
-        load(path, terms={"Winkler": winkler, "Fung": fung})
+        load_scene(path, terms={"Winkler": winkler, "Fung": fung})
     with pytest.raises(
         fc.InputError, match="'StVK': must not be the name of a term of the package"
     ):
-        load(path, terms={"StVK": fung})
+        load_scene(path, terms={"StVK": fung})
     for wrong in (winkler(1.0), Stub, 3):
         with pytest.raises(fc.InputError, match="must be the class of a term: a dataclass"):
-            load(path, terms={"Winkler": wrong})
+            load_scene(path, terms={"Winkler": wrong})

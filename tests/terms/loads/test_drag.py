@@ -141,14 +141,14 @@ def test_momentum_of_a_falling_sheet_changes_by_the_force_of_the_stage(
     """
     loads = {"drag": fc.Drag(0.7, 0.1, law), "wind": fc.Wind((2.0, "z", 1.0), 0.7, 0.1, law)}
     system = fc.System(sheet, isotropic, [fc.StVK(), loads[term], fc.Gravity()])
-    load = fc.System(sheet, isotropic, [loads[term]])
+    load_scene = fc.System(sheet, isotropic, [loads[term]])
     start = system.state(rough(sheet, rng, 0.002), rng.standard_normal((len(sheet.X), 3)))
     mass, dt = system.nodal_mass, 0.005
     for _, info in fc.march(
         system, METHODS[method](), start, dt, 0.05, solver="direct", newton=fc.Newton(1e-13)
     ):
         change = mass @ (info.result.state.v - info.old.v)
-        drag = load.force(info.result.balanced_at).sum(axis=0)
+        drag = load_scene.force(info.result.balanced_at).sum(axis=0)
         pushed = drag + mass.sum() * np.array([0, 0, -G])
         assert np.linalg.norm(drag) > 0.01 * mass.sum() * G
         left = 1e-13 * 500.0 * np.sqrt(len(mass))
@@ -209,7 +209,7 @@ def test_invalid_arguments_are_rejected(make, said):
 
 
 def test_scene_with_drag_and_wind(tmp_path):
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
     text = """
     cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25 }
@@ -223,9 +223,9 @@ def test_scene_with_drag_and_wind(tmp_path):
     time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }
     """
     (path := tmp_path / "scene.toml").write_text(text)
-    scene = load(path)
+    scene = load_scene(path)
     terms = scene.build().system.terms
     assert terms[1:3] == (fc.Drag(0.7), fc.Wind(("2 * z", 0.0, "t"), 0.7, law="linear"))
     assert terms[3] == fc.Wind((5.0, 0.0, 0.0), 0.7, gusts=0.2, seed=4)
     (again := tmp_path / "again.toml").write_text(scene.to_toml())
-    assert load(again) == scene
+    assert load_scene(again) == scene

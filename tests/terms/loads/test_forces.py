@@ -311,7 +311,7 @@ def test_user_force_invalid_value_is_rejected_when_evaluated(force, said, sheet,
 
 
 def test_scene_with_point_and_user_forces(tmp_path):
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
     text = """
     cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25 }
@@ -326,13 +326,13 @@ def test_scene_with_point_and_user_forces(tmp_path):
     time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }
     """
     (path := tmp_path / "scene.toml").write_text(text)
-    scene = load(path)
+    scene = load_scene(path)
     terms = scene.build().system.terms
     assert terms[1:3] == (fc.MassDamping(2.0), fc.PointForce("right", (0.0, "t", 1.0)))
     assert terms[3] == fc.PointForce((0.5, 0.25), (0.0, 0.0, 1.0))
     assert terms[4] == fc.UserForce(("-x", 0.0, "-3 * vz"), per="mass")
     (again := tmp_path / "again.toml").write_text(scene.to_toml())
-    assert load(again) == scene
+    assert load_scene(again) == scene
     (wrong := tmp_path / "wrong.toml").write_text(text.replace('"-x"', '"-q"'))
     with pytest.raises(fc.SceneError, match="terms.4: formula '-q', unknown name 'q'"):
-        load(wrong)
+        load_scene(wrong)

@@ -162,7 +162,7 @@ def test_flat_start_gives_a_failed_step(isotropic):
 
 
 def test_scene_with_gas_and_a_flat_cloth_is_rejected(tmp_path):
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
     text = """
     cloth = { shape = "disk", radius = 0.5, h = 0.2 }
@@ -173,5 +173,5 @@ def test_scene_with_gas_and_a_flat_cloth_is_rejected(tmp_path):
     """
     (path := tmp_path / "scene.toml").write_text(text)
     with pytest.raises(fc.SceneError, match=r"terms: Gas: has no finite force at the start.*dome"):
-        load(path).build()
-    load(path, ["start={position=['X', 'Y', '0.1*(0.25-X**2-Y**2)']}"]).build()
+        load_scene(path).build()
+    load_scene(path, ["start={position=['X', 'Y', '0.1*(0.25-X**2-Y**2)']}"]).build()

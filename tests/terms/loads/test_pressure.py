@@ -130,7 +130,7 @@ def test_function_not_finite_is_rejected_when_evaluated(sheet, isotropic):
 
 
 def test_scene_with_pressure(tmp_path):
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
     text = """
     cloth = { shape = "disk", radius = 0.5, h = 0.2 }
@@ -140,10 +140,10 @@ def test_scene_with_pressure(tmp_path):
     time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }
     """
     (path := tmp_path / "scene.toml").write_text(text)
-    scene = load(path)
+    scene = load_scene(path)
     assert scene.build().system.terms[1] == fc.Pressure("100 * t", "exact")
     (again := tmp_path / "again.toml").write_text(scene.to_toml())
-    assert load(again) == scene
+    assert load_scene(again) == scene
 
 
 # --- work -----------------------------------------------------------------------------------------
@@ -261,9 +261,9 @@ def test_both_tangents_converge_to_the_same_membrane_equally_fast():
 def test_the_scene_expects_the_exact_height():
     from pathlib import Path
 
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
-    scene = load(Path(__file__).parents[3] / "studies" / "scenes" / "dome.toml")
+    scene = load_scene(Path(__file__).parents[3] / "studies" / "scenes" / "dome.toml")
     (expected,) = scene.expect["centre.z"]
     height, _ = shooting(500.0)
     assert expected.value == pytest.approx(height, rel=1e-6)

@@ -231,7 +231,7 @@ def test_moduli_serve_strain_rate_damping(sheet, orthotropic):
 
 
 def test_a_scene_may_name_it(tmp_path):
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
     path = tmp_path / "scene.toml"
     path.write_text("""
@@ -246,7 +246,7 @@ def test_a_scene_may_name_it(tmp_path):
     damping = 0.01
     """)
     expected = fc.BaraffWitkin((3e5, 2e5), 4e4, area_exponent=1.0, damping=0.01)
-    assert tuple(load(path).build().system.terms) == (expected,)
+    assert tuple(load_scene(path).build().system.terms) == (expected,)
 
 
 @pytest.mark.parametrize(

@@ -314,7 +314,7 @@ def test_networks_without_directions_refuse_an_orthotropic_fabric(kind, sheet, o
 
 
 def test_a_scene_may_name_them(tmp_path):
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
     text = """
     [cloth]
@@ -338,5 +338,5 @@ def test_a_scene_may_name_them(tmp_path):
     """
     path = tmp_path / "springs.toml"
     path.write_text(text)
-    system = load(path).build().system
+    system = load_scene(path).build().system
     assert tuple(system.terms) == (fc.Springs(shear=30.0, damping=0.01),)

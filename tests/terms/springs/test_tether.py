@@ -75,7 +75,7 @@ def test_ledger_closes_with_the_work_of_the_hand(cloth):
 
 
 def test_scene(tmp_path):
-    from fecloth.scene.scene import load
+    from fecloth.scene.scene import load_scene
 
     path = tmp_path / "tether.toml"
     path.write_text("""
@@ -88,7 +88,7 @@ def test_scene(tmp_path):
     point = [0.0, "0.1 * t", 0.0]
     stiffness = 20.0
     """)
-    system = load(path).build().system
+    system = load_scene(path).build().system
     assert tuple(system.terms) == (fc.Tether("left", (0.0, "0.1 * t", 0.0), 20.0),)
 
 
