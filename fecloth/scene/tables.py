@@ -55,7 +55,7 @@ class MeshFile(Table):
         return Cloth.read(self.path, self.h, self.element)
 
 
-Shape = one_of("shape", {"rectangle": Rectangle, "disk": Disk, "file": MeshFile})
+Shape: Any = one_of("shape", {"rectangle": Rectangle, "disk": Disk, "file": MeshFile})
 
 
 # --- the tables of dataclasses: their fields are the keys -----------------------------------------
@@ -96,4 +96,4 @@ def terms_with(own: Mapping[str, type]) -> Any:
     return term
 
 
-Term = terms_with({})
+Term: Any = terms_with({})
