@@ -84,11 +84,11 @@ def terms_with(own: Mapping[str, type]) -> Any:
     for name, cls in own.items():
         if name in _TERMS:
             raise InputError(
-                f"terms: {name!r}", "must not be the name of a term of the package", "load"
+                f"terms: {name!r}", "must not be the name of a term of the package", "load_scene"
             )
         if not (isinstance(cls, type) and dataclasses.is_dataclass(cls) and hasattr(cls, "bind")):
             allowed = "must be the class of a term: a dataclass with stencil and bind"
-            raise InputError(f"terms: {name!r} = {brief(cls)}", allowed, "load")
+            raise InputError(f"terms: {name!r} = {brief(cls)}", allowed, "load_scene")
     tables = {name: table_of(cls, name) for name, cls in (_TERMS | dict(own)).items()}
     term = one_of("type", tables)
     for table in tables.values():

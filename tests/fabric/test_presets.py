@@ -280,8 +280,8 @@ def test_fast_shear_is_that_of_a_bias_strip():
 
 @pytest.mark.parametrize(("load", "extension"), [(5, 0.0067), (20, 0.0187), (100, 0.046)])
 def test_fast_stiffness_gives_the_load_at_the_extension(load, extension):
-    fabric = fc.Fabric.from_fast(CARD, load=load_scene)
-    assert pulled(fabric, extension) == pytest.approx(load_scene * GRAM_FORCE / 0.01, rel=1e-12)
+    fabric = fc.Fabric.from_fast(CARD, load=load)
+    assert pulled(fabric, extension) == pytest.approx(load * GRAM_FORCE / 0.01, rel=1e-12)
 
 
 FAST_MISTAKES = [

@@ -306,7 +306,7 @@ MISTAKES = [
     ("probes.0.point=[9, 9]", "probes.0.point: ", "The cloth spans"),
     # names
     ("terms.0.type='StVKs'", "terms.0.type = 'StVKs': must be one of ", "mean 'StVK'?"),
-    ("terms.0.type='Bed'", "= 'Bed': must be one of", 'load("….toml", terms={"Bed": Bed})'),
+    ("terms.0.type='Bed'", "= 'Bed': must be one of", 'load_scene("….toml", terms={"Bed": Bed})'),
     ("terms.1.law.type='Oak'", "terms.1.law.type = 'Oak': must be", 'terms={"Oak": Oak})'),
     ("terms.1.tangent='exat'", 'terms.1.tangent = \'exat\': must be "symmetric" or "exact"', ""),
     ("terms.1.law={type='Gravity'}", "terms.1.law = Gravity", "must be a membrane"),

@@ -23,5 +23,5 @@ def test_a_cluster_gives_the_same_rows(tmp_path):
 
 def test_a_cluster_needs_dask(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"fecloth\[dask\]"):
+    with pytest.raises(InputError, match=r"\.\[dask\]"):
         study.run_cases([{"how": "no"}], fail_or_return, tmp_path, scheduler="tcp://nowhere:1")

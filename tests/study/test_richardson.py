@@ -63,7 +63,7 @@ def test_a_scene_is_refined_in_space_and_time(tmp_path, monkeypatch):
     space, time = next(iter(made.values()))
     assert (space["order"], time["order"]) == pytest.approx((2, 2), abs=0.15)
     # the time error against a run of a sixteenth of the step
-    built = richardson.load(file).build()
+    built = richardson.load_scene(file).build()
     run_ = built.system, built.method, built.state
     ends = [
         fc.run(*run_, dt, built.t_end, newton=built.newton).state.x for dt in (0.0025, 0.0025 / 16)
