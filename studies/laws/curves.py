@@ -1,4 +1,4 @@
-"""What each law bears in stretch, shear, bending and wind: the numbers of studies/laws/.
+"""Forces and moments of each law in stretch, shear, bending and wind, for studies/laws.
 
 Every term lies on a patch of a regular pattern that is put into one uniform deformation, and its
 own forces f are asked for. Their virtual work is that of the stress: P = ∂W/∂F = −Σ f ⊗ X / area.
