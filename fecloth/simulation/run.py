@@ -19,6 +19,7 @@ from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
 from fecloth.simulation.resolve import choose_steps, reported, resolve
+from fecloth.simulation.set_up_warnings import find_set_up_warnings
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -116,6 +117,8 @@ def run(
     record = trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
     check_offers(steps.method, ("numerical",), "run")
+    for words in find_set_up_warnings(system, opening, steps.dt, end):
+        warnings.warn(words, FeclothWarning, stacklevel=2)
     states = march(
         system,
         steps,
