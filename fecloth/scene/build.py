@@ -14,6 +14,7 @@ import numpy as np
 from fecloth.errors import InputError, SceneError
 from fecloth.fabric.panel import Panel
 from fecloth.homogenisation import bending_note
+from fecloth.integrators.protocol import check_terms, has_symmetric_matrix
 from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.frames import read_frame
@@ -162,12 +163,14 @@ def _check_start(scene: Scene, system: System, state: State, at: At) -> None:
 def _check_method(
     scene: Scene, system: System, state: State, method: Any, dt: float | None, at: At
 ) -> None:
-    """Refuse a mass, a step or a linear solver that the method does not allow."""
+    """Refuse a term, a mass, a step or a linear solver that the method does not allow."""
+    with at("terms"):
+        check_terms(system, method, "terms")
     if method.traits.explicit:
         with at(""):  # the mass
             method.check(system)
     elif scene.solver.linear != "auto":
-        symmetric = system.symmetric and method.traits.symmetric
+        symmetric = has_symmetric_matrix(system, method)
         with at("solver.linear"):
             select.named(scene.solver.linear, symmetric or scene.solver.definiteness == "clamp")
     if dt:
