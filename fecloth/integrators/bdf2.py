@@ -93,11 +93,11 @@ class BDF2(WithMemory):
         return Step(new, new, change, counts, ends=(system, state), a=a, share=1.0, over=over)
 
 
-def _coefficients(dt, last):
+def _coefficients(dt: float, last: Change) -> tuple[float, float]:
     """Return e and b dt."""
     r = dt / last.dt
     return r**2 / (1 + 2 * r), (1 + r) / (1 + 2 * r) * dt
 
 
-def _change(old, new):
+def _change(old: State, new: State) -> Change:
     return Change(new.t - old.t, new.x - old.x, new.v - old.v)

@@ -57,7 +57,7 @@ class EnergyMomentum(StageMethod):
 
     tangent: str = "exact"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.tangent not in ("symmetric", "exact"):
             allowed = 'must be "symmetric" or "exact"'
             raise InputError(f"tangent = {self.tangent!r}", allowed, "EnergyMomentum")

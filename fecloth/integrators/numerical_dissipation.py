@@ -66,18 +66,18 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
     only, over = (system.with_bound(terms) for terms in zip(*pairs, strict=True))
     ends = (only, old) if step.ends else None
     f = replace(step, over=over, ends=ends).mean_force(only)
-    dissipated = sum(term.dissipation(step.state.x) for term in over.bound)
+    dissipated: float = sum(term.dissipation(step.state.x) for term in over.bound)
     return -system.sums.dot(f, step.state.x - old.x) - dissipated
 
 
-def _between_velocities(system, old, step):
+def _between_velocities(system: System, old: State, step: Step) -> float:
     """M Δv · (Δx/dt − v̄) of the free directions."""
     dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
     free = system.constraints.project(dx / dt - old.v - 0.5 * dv)
     return system.sums.dot(system.scalar_mass @ dv, free)
 
 
-def _unrecorded_work(system, old, step):
+def _unrecorded_work(system: System, old: State, step: Step) -> float:
     """Work that the ledger's columns do not contain: mean of d·(Δx − dt v)."""
     dt, dx, stages = step.state.t - old.t, step.state.x - old.x, step.stages
     acting = step.over or system  # what dissipates over the step is not booked by its power
