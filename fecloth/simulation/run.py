@@ -14,10 +14,11 @@ from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
-from fecloth.simulation.energy_ledger import Ledger, imbalance_warning
+from fecloth.simulation.energy_balance import Balance
+from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
-from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
+from fecloth.simulation.record_steps import MOST_GROWTH, Record, record_steps, trial_recorder
 from fecloth.simulation.resolve import resolve
 from fecloth.simulation.step_times import target_times
 from fecloth.system.state import State
@@ -47,8 +48,9 @@ class Result:
     method
         The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one without
         dt.
-    doubt
-        A sentence if the energy balance does not close, or "": see `imbalance_warning`.
+    warnings
+        A sentence for each reason to doubt the result, such as an energy balance that was off
+        (`Balance.warning`), also if it closes at the end.
     """
 
     state: State
@@ -60,11 +62,16 @@ class Result:
     linear: int
     solver: str
     method: object
-    doubt: str = ""
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def doubt(self) -> str:
+        """The first of the warnings, or ""."""
+        return self.warnings[0] if self.warnings else ""
 
     def __repr__(self) -> str:
         steps, t = len(self.times) - 1, self.times[-1]
-        remark = ", energy balance in doubt" if self.doubt else ""
+        remark = f", {count_warnings(self.warnings)}" if self.warnings else ""
         return f"<Result of {steps} steps of {self.method} to t = {t:g} s{remark}>"
 
     def _repr_html_(self) -> str:
@@ -93,9 +100,9 @@ def run(
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
 
     Arguments as for `march`; `report` is called after every step. The run also fails after two
-    steps in a row with more kinetic energy than `most_growth` times what the start, the loads and
-    the pins can have supplied (`Ledger.available`). If the energy balance does not close, `doubt`
-    of the result and a `FeclothWarning` say so.
+    steps in a row that deform with more kinetic energy than `most_growth` times what the start,
+    the loads and the pins can have supplied (`Ledger.available`). If the energy balance does not
+    close, `warnings` of the result and a `FeclothWarning` say so.
 
     Examples
     --------
@@ -128,8 +135,8 @@ def run(
         memory=memory,
     )
     result = collect(steps, system, method, ledger, observer, why, most_growth, report)
-    if result.doubt:
-        warnings.warn(result.doubt, FeclothWarning, stacklevel=2)
+    for words in result.warnings:
+        warnings.warn(words, FeclothWarning, stacklevel=2)
     return result
 
 
@@ -154,12 +161,13 @@ def collect(
     most_growth, report
         As for `run`.
     """
-    state, start, turnover = observer.start, ledger.t, 0.0
+    state, balance, told = observer.start, Balance.open(ledger), ""
     energies, observed = [ledger.row()], [observer.row(None, None)]
     counts, begin = Counts(), time.perf_counter()
     records = record_steps(steps, system, method, ledger, observer, most_growth=most_growth)
     for record in records:
-        state, ledger, turnover = record.state, record.ledger, record.turnover
+        state, ledger, balance = record.state, record.ledger, record.balance
+        told = told or balance_warning(record)
         energies.append(ledger.row())
         observed.append(record.observed)
         counts = counts.plus(record.info.counts)
@@ -174,8 +182,20 @@ def collect(
         linear=counts.linear,
         solver=why,
         method=method,
-        doubt=imbalance_warning(system, ledger, turnover, start),
+        warnings=tuple(filter(None, [told or balance.warning(ledger, ended=True)])),
     )
+
+
+def balance_warning(record: Record) -> str:
+    """Return the sentence of the balance after a step, with the step and the time, or ""."""
+    words = record.balance.warning(record.ledger)
+    return words and f"step {record.info.step}, at t = {record.info.t:g} s: {words}"
+
+
+def count_warnings(sentences: Sequence[str]) -> str:
+    """Return "no warnings", "1 warning" or "2 warnings"."""
+    number = len(sentences)
+    return f"{number or 'no'} warning{'' if number == 1 else 's'}"
 
 
 def add_seconds(a: dict[str, float], b: dict[str, float]) -> dict[str, float]:
