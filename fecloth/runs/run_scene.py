@@ -64,7 +64,7 @@ def run_scene(
     resume
         Continue the run in that folder from its last restart file; what it wrote later is removed.
     warn
-        Called with a sentence at the first step at which the energy balance no longer closes.
+        Called with a sentence when the energy balance no longer closes.
 
     Raises
     ------
@@ -106,10 +106,12 @@ def _run_scene(scene, path, overwrite, announce, report, resume, warn, locks: Ex
         )
         with nullcontext() if found else remove_on_failure(path, is_new=not existed):
             _write_head(folder, scene, problem, why, warnings)
-            recorder = Recorder(folder, problem, watch, solver, scene.to_toml(), start, found)
+            recorder = Recorder(
+                folder, problem, watch, solver, scene.to_toml(), start, found, warnings
+            )
         error = recorder.march(report, warn, interrupted)
         stopped = INTERRUPTED if recorder.state.t < problem.t_end else DONE
-        return recorder.close(FAILED if error else stopped, why, error)
+        return recorder.close(FAILED if error else stopped, why, error, warn)
 
 
 def _write_head(folder, scene, problem, why, warnings: list[str]) -> None:
@@ -125,18 +127,18 @@ def _write_head(folder, scene, problem, why, warnings: list[str]) -> None:
 def resolve_scene(problem: Problem) -> tuple[Problem, SolverContext, str]:
     """Return the problem with the method that takes the steps, its solver, and why these."""
     record = trial_recorder(problem.system, problem.ledger, problem.observer)
-    run_ = problem.system, problem.method, problem.state, problem.dt, problem.t_end
-    method, solver, why = resolve(*run_, problem.linear, problem.newton, record)
-    return replace(problem, method=method), solver, why
+    run_ = problem.system, problem.steps, problem.state, problem.t_end
+    steps, solver, why = resolve(*run_, problem.linear, problem.newton, record)
+    return replace(problem, steps=steps), solver, why
 
 
 def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
     """Return the problem with the method that the earlier part of the run used."""
-    if not found or not isinstance(problem.method, Auto):
+    if not found or not isinstance(problem.steps, Auto):
         return problem
-    for method in problem.method.candidates:
-        if str(method) == found.method:
-            return replace(problem, method=method)
+    for steps in problem.steps.candidates:
+        if str(steps) == found.method:
+            return replace(problem, steps=steps)
     raise InputError(f"the run used {found.method}", "is none of Auto's methods")
 
 

@@ -12,6 +12,7 @@ from fecloth.system.records import remembered
 from fecloth.system.system import System
 
 TRUSTED = 0.05  # fraction of the energy of deformation; a larger remainder causes a warning
+OF_DISSIPATED = 0.02  # of what inner damping dissipates: the error of its power within a step
 LASTING = 10  # steps after which a balance that stays off is told
 ROUND_OFF = 64 * np.finfo(float).eps
 
@@ -23,8 +24,8 @@ class Balance:
 
     Attributes
     ----------
-    start
-        Time of the start [s].
+    start, steps
+        Time of the start [s], and number of steps.
     largest
         Largest `Ledger.deformation` that three steps in a row have reached [J]. One step's spike,
         such as that of a pin that jumps, does not count.
@@ -35,6 +36,7 @@ class Balance:
     """
 
     start: float
+    steps: int = 0
     largest: float = 0.0
     last: float = 0.0
     before: float = 0.0
@@ -50,7 +52,8 @@ class Balance:
         """Return the balance after a step with its ledger."""
         now, remainder = ledger.deformation, abs(ledger.remainder)
         largest = max(self.largest, min(now, self.last, self.before))
-        new = replace(self, largest=largest, last=now, before=self.last)
+        steps = self.steps + 1
+        new = replace(self, steps=steps, largest=largest, last=now, before=self.last)
         trusted = new.trusted(system, ledger)
         if remainder <= trusted:
             return replace(new, off=0, least=math.inf)
@@ -66,15 +69,16 @@ class Balance:
     def trusted(self, system: System, ledger: Ledger) -> float:
         """Largest remainder that causes no warning [J].
 
-        It is 5 % of the `scale`, or `negligible_energy` with 64 ε of the amounts in the
-        remainder's difference if that is more. With a term that reports neither an energy nor its
-        work nothing is known, and it is infinite.
+        It is 5 % of the `scale` and 2 % of what inner damping has dissipated, or
+        `negligible_energy` with 64 ε of the amounts in the remainder's difference if that is more.
+        With a term that reports neither an energy nor its work nothing is known, and it is
+        infinite.
         """
         if ledger.silent or ledger.t <= self.start:
             return math.inf
         amounts = sum(abs(amount) for amount in ledger.amounts())
         noise = ROUND_OFF * amounts + negligible_energy(system, ledger.t - self.start)
-        return max(TRUSTED * self.scale, noise)
+        return max(TRUSTED * self.scale + OF_DISSIPATED * ledger.lost_inside, noise)
 
     def warning(self, ledger: Ledger, ended: bool = False) -> str:
         """Return a sentence if the balance does not close, or "".
@@ -84,8 +88,9 @@ class Balance:
         """
         if self.off < (1 if ended else LASTING):
             return ""
+        when = f"step {self.steps}, at t = {ledger.t:g} s"
         return (
-            f"the energy balance is off by {ledger.remainder:.3g} J, where the energy of "
+            f"{when}: the energy balance is off by {ledger.remainder:.3g} J, where the energy of "
             f"deformation was {self.scale:.3g} J at most: do not trust this motion; take a "
             "smaller dt"
         )

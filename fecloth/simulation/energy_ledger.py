@@ -139,12 +139,12 @@ class Ledger:
     def deformation(self) -> float:
         """Energy of deformation [J]: the measure of what has moved.
 
-        It is the kinetic energy of the motion relative to the rigid motion of each piece, plus the
-        amount by which each term's energy has changed since the start, loads taken at positions
-        without the mean displacement. It neither depends on the observer nor grows with what
-        loads bring in and dampings carry off.
+        It is the kinetic energy of the motion relative to the rigid motion of each piece or, if
+        that is more, the largest change of a term's energy since the start, of loads without the
+        mean displacement. It neither depends on the observer nor grows with what loads bring in
+        and dampings carry off.
         """
-        return self.deforming + sum(abs(change) for change in self._changes())
+        return max([self.deforming, *(abs(change) for change in self._changes())])
 
     def _changes(self) -> list[float]:
         """Changes of the terms' energies since the start, loads in place [J]."""
@@ -161,7 +161,7 @@ class Ledger:
         rigid = self.kinetic - self.deforming
         rigid -= self.opening["kinetic"] - self.opening_deforming
         rigid += sum(self.potential[name] - energy for name, energy in self.in_place.items())
-        return sum(self.work.values()) + self.pins - self._lost_outside - rigid
+        return sum(self.work.values()) + self.pins - self.lost_outside - rigid
 
     @property
     def available(self) -> float:
@@ -175,13 +175,18 @@ class Ledger:
         if self.silent:
             return math.inf
         gains = sum(max(0.0, -change) for change in self._changes()) + max(0.0, self.inflow)
-        own = OWN_ERROR * (self._lost_outside + sum(map(abs, self.work.values())))
+        own = OWN_ERROR * (self.lost_outside + sum(map(abs, self.work.values())))
         return self.opening_deforming + (self.first_deforming or 0.0) + gains + own
 
     @property
-    def _lost_outside(self) -> float:
+    def lost_outside(self) -> float:
         """Dissipation by what also resists a rigid motion [J]."""
         return sum(self.dissipated[name] for name in self.resisting)
+
+    @property
+    def lost_inside(self) -> float:
+        """Dissipation by damping that a rigid motion does not feel [J]."""
+        return sum(self.dissipated.values()) - self.lost_outside
 
     def growth(self, most: float) -> str:
         """Return a sentence if `deforming` exceeds `most` times the `available` energy, or "".

@@ -18,9 +18,9 @@ from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
-from fecloth.simulation.record_steps import MOST_GROWTH, Record, record_steps, trial_recorder
-from fecloth.simulation.resolve import resolve
-from fecloth.simulation.step_times import target_times
+from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
+from fecloth.simulation.resolve import choose_steps, reported, resolve
+from fecloth.simulation.set_up_warnings import find_set_up_warnings
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -118,24 +118,30 @@ def run(
     validation.number("most_growth", most_growth, 0.0, "run", infinite=True)
     validation.function("report", report, "lambda info: print(info.t)", "run")
     opening = replace(state, t=memory.start) if memory else state
-    end = float(target_times(method, opening.t, dt, t_end, stops)[-1])  # refuses wrong times
+    steps = choose_steps(method, dt)
+    end = float(steps.end_times(opening.t, t_end, stops)[-1])  # refuses wrong times
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
     record = trial_recorder(system, ledger, observer)
-    method, chosen, why = resolve(system, method, opening, dt, end, solver, newton, record)
-    check_offers(method, ("numerical",), "run")
-    steps = march(
+    steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
+    check_offers(steps.method, ("numerical",), "run")
+    foreseen = tuple(find_set_up_warnings(system, opening, steps.dt, end))
+    for words in foreseen:
+        warnings.warn(words, FeclothWarning, stacklevel=2)
+    states = march(
         system,
-        method,
+        steps,
         state,
-        dt,
+        None,
         t_end,
         stops=stops,
         solver=chosen,
         most_stretch=most_stretch,
         memory=memory,
     )
-    result = collect(steps, system, method, ledger, observer, why, most_growth, report)
-    for words in result.warnings:
+    result = collect(
+        states, system, reported(steps), ledger, observer, why, most_growth, report, foreseen
+    )
+    for words in result.warnings[len(foreseen) :]:
         warnings.warn(words, FeclothWarning, stacklevel=2)
     return result
 
@@ -149,6 +155,7 @@ def collect(
     why: str,
     most_growth: float = MOST_GROWTH,
     report: Callable[[StepInfo], None] = lambda info: None,
+    foreseen: tuple[str, ...] = (),
 ) -> Result:
     """Take all steps of `march` and return what was recorded of them.
 
@@ -160,6 +167,8 @@ def collect(
         The linear solver and why it was chosen, for the result.
     most_growth, report
         As for `run`.
+    foreseen
+        Warnings from before the first step; those of the steps follow them in the result.
     """
     state, balance, told = observer.start, Balance.open(ledger), ""
     energies, observed = [ledger.row()], [observer.row(None, None)]
@@ -167,7 +176,7 @@ def collect(
     records = record_steps(steps, system, method, ledger, observer, most_growth=most_growth)
     for record in records:
         state, ledger, balance = record.state, record.ledger, record.balance
-        told = told or balance_warning(record)
+        told = told or balance.warning(ledger)
         energies.append(ledger.row())
         observed.append(record.observed)
         counts = counts.plus(record.info.counts)
@@ -182,14 +191,8 @@ def collect(
         linear=counts.linear,
         solver=why,
         method=method,
-        warnings=tuple(filter(None, [told or balance.warning(ledger, ended=True)])),
+        warnings=(*foreseen, *filter(None, [told or balance.warning(ledger, ended=True)])),
     )
-
-
-def balance_warning(record: Record) -> str:
-    """Return the sentence of the balance after a step, with the step and the time, or ""."""
-    words = record.balance.warning(record.ledger)
-    return words and f"step {record.info.step}, at t = {record.info.t:g} s: {words}"
 
 
 def count_warnings(sentences: Sequence[str]) -> str:

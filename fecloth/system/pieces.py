@@ -93,8 +93,8 @@ def movable_pieces(
         held = constraints.nodes[ours]
         outside = np.eye(3) - constraints.projectors[ours]
         if moved[held].any() or np.linalg.matrix_rank(outside.sum(axis=0), tol=TINY) < 3:
-            nodes = np.flatnonzero(label == number) if count > 1 else slice(None)
-            movable.append(Piece(nodes, held, outside))
+            all_nodes = slice(None) if count == 1 else np.flatnonzero(label == number)
+            movable.append(Piece(all_nodes, held, outside))
     return tuple(movable)
 
 

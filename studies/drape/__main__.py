@@ -135,7 +135,8 @@ def methods(h: float) -> None:
             seconds = time.process_time() - began
             end = outcome.status
             if end == "done":
-                balance = ", its balance off on the way" if outcome.summary["warning"] else ""
+                off = any("energy balance" in words for words in outcome.warnings)
+                balance = ", its balance off on the way" if off else ""
                 end = found(last(outcome.folder)) + balance
         print(f"{method:24s} {1000 * dt:3.0f} ms  {seconds:5.1f} CPU s  {end}")
 
