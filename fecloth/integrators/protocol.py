@@ -9,8 +9,11 @@ file studies/examples/integrator.py has one of each. `fecloth.integrators` expor
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Protocol
+from typing import Any, Protocol
+
+import numpy as np
 
 from fecloth.errors import InputError, brief
 from fecloth.integrators.step import Step
@@ -73,7 +76,7 @@ class MethodTraits:
     beyond_limit: bool = True
     chooses_dt: bool = False
 
-    def __new__(cls, *values, **named):
+    def __new__(cls, *values: object, **named: object) -> MethodTraits:
         """Refuse a misspelt trait before the constructor of the dataclass runs."""
         known = [field.name for field in fields(cls)]
         for name in named:
@@ -82,7 +85,7 @@ class MethodTraits:
                 raise InputError(f"trait {name!r}", allowed, cls.__name__)
         return super().__new__(cls)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.explicit and self.stability == (0.0, 0.0):
             allowed = "must be (a, b) with a limit, or None: no explicit method is A-stable"
             raise InputError(f"stability = {self.stability}", allowed, "MethodTraits")
@@ -96,7 +99,9 @@ class Stepping(Protocol):
         """The constants of the method: a class attribute, or a property if they vary."""
         ...
 
-    def step(self, system: System, state: State, dt: float, solver, memory=None) -> Step:
+    def step(
+        self, system: System, state: State, dt: float, solver: Any, memory: Any = None
+    ) -> Step:
         """Take one step from `state` over `dt` [s].
 
         Parameters
@@ -158,18 +163,47 @@ class ExplicitIntegrator(Stepping, Protocol):
         ...
 
 
-class StepSizeChoice(Stepping, Protocol):
-    """A method that chooses its steps: `traits.chooses_dt` is True.
+class StepChoice(Stepping, Protocol):
+    """A method together with the choice of its steps: `traits.chooses_dt` is True.
 
     Its ``step(system, state, horizon, solver, memory)`` takes one step of any size up to
-    `horizon` [s]; the time of the state that it returns says how long it was. A wrapper around
-    another method hands on ``replace(method.traits, chooses_dt=True)``, and its memory contains
-    that of the method.
+    `horizon` [s]; the time of the state that it returns says how long it was. It hands on
+    ``replace(method.traits, chooses_dt=True)``, and its memory contains that of the method.
+
+    `FixedStep`, `StabilityLimited` and `Adaptive` of `fecloth.simulation` are such values, and
+    `simulation.resolve.choose_steps` decides between them. The base `ChosenSteps` has all but
+    `traits`, `step` and `numerical` of a value whose steps are not fixed.
     """
 
     @property
     def method(self) -> Stepping:
-        """The method whose steps it chooses."""
+        """The method that takes the steps."""
+        ...
+
+    @property
+    def dt(self) -> float | None:
+        """The step [s] if it is fixed, else None."""
+        ...
+
+    def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
+        """Times [s] at which a step must end, in order: `t_end` is the last, `t` not among them.
+
+        Raises
+        ------
+        InputError
+            For an end or stops that make no step.
+        """
+        ...
+
+    def check(self, system: System) -> None:
+        """Raise `InputError` for a system that the method cannot step, as by its mass."""
+        ...
+
+    def check_start(self, system: System, state: State, insist: str = "") -> None:
+        """Raise `InputError` for steps that the method cannot take from `state`.
+
+        `insist` is the text that tells the user how to take them all the same.
+        """
         ...
 
 
@@ -190,6 +224,8 @@ def check_offers(method: object, names: tuple[str, ...], where: str) -> None:
     """Raise `InputError` for a method without the attributes that `where` needs."""
     if missing := [name for name in names if not hasattr(method, name)]:
         remedy = "StageMethod and WithMemory are base classes that have them."
+        if "end_times" in missing:
+            remedy = "ChosenSteps, of fecloth.simulation.step_times, is a base class that has them."
         if missing == ["traits"]:
             remedy = "Add traits = MethodTraits(order=...), from fecloth.integrators.protocol."
         what = f"method {type(method).__name__}"
