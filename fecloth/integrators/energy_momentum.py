@@ -71,9 +71,7 @@ class EnergyMomentum:
     def traits(self) -> MethodTraits:
         """A-stable; its matrix is symmetric if the tangents of the forces between states are."""
         symmetric = self.tangent == "symmetric"
-        return MethodTraits(
-            order=2, symmetric=symmetric, error_constant=1 / 12, drift=(2, 1 / 12)
-        )
+        return MethodTraits(order=2, symmetric=symmetric, error_constant=1 / 12, drift=(2, 1 / 12))
 
     def stage(self, state: State, dt: float) -> Stage:
         """The stage of the midpoint rule."""

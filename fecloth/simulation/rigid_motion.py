@@ -1,4 +1,4 @@
-"""Lengths and rates of change without their rigid part, so that they do not depend on the observer."""
+"""Lengths and rates without their rigid part, so that they are the same for every observer."""
 
 from __future__ import annotations
 
