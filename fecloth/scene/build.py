@@ -14,7 +14,7 @@ import numpy as np
 from fecloth.errors import InputError, SceneError
 from fecloth.fabric.panel import Panel
 from fecloth.homogenisation import bending_note
-from fecloth.integrators.protocol import StepChoice
+from fecloth.integrators.protocol import StepChoice, check_terms, has_symmetric_matrix
 from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.frames import read_frame
@@ -162,11 +162,13 @@ def _check_start(scene: Scene, system: System, state: State, at: At) -> None:
 def _check_method(
     scene: Scene, system: System, state: State, steps: StepChoice | Auto, at: At
 ) -> None:
-    """Refuse a mass, a step or a linear solver that the method does not allow."""
+    """Refuse a term, a mass, a step or a linear solver that the method does not allow."""
+    with at("terms"):
+        check_terms(system, steps, "terms")
     with at(""):  # the mass
         steps.check(system)
     if scene.solver.linear != "auto" and not steps.traits.explicit:
-        symmetric = system.symmetric and steps.traits.symmetric
+        symmetric = has_symmetric_matrix(system, steps)
         with at("solver.linear"):
             select.named(scene.solver.linear, symmetric or scene.solver.definiteness == "clamp")
     insist = f'method = {{ type = "{scene.time.method.type}", beyond_limit = true }}'

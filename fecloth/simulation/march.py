@@ -10,7 +10,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError, SolveFailed, StepFailed
-from fecloth.integrators.protocol import check_method
+from fecloth.integrators.protocol import check_method, check_terms
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
@@ -154,6 +154,7 @@ def refuse_arguments(system, method, state, newton, most_stretch):
     """Raise `InputError` for arguments that are swapped, of a wrong type or of another cloth."""
     check_method(method)
     check_system(system, state, "march")
+    check_terms(system, method, "march")
     if newton is not None:
         validation.instance("newton", newton, Newton, "Newton(tolerance=1e-8)", "march")
     validation.number("most_stretch", most_stretch, 1.0, "march", infinite=True)

@@ -6,7 +6,12 @@ from collections.abc import Callable, Mapping
 
 from fecloth import validation
 from fecloth.errors import InputError, brief
-from fecloth.integrators.protocol import StepChoice, check_method, check_offers
+from fecloth.integrators.protocol import (
+    StepChoice,
+    check_method,
+    check_offers,
+    has_symmetric_matrix,
+)
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import LinearSolver
@@ -37,7 +42,7 @@ def solver_for(
         allowed = f"must be one of auto, {', '.join(select.NAMES)}"
         raise InputError(f"solver = {brief(choice)}", allowed, "march")
     options = options or Newton()
-    symmetric = system.symmetric and method.traits.symmetric
+    symmetric = has_symmetric_matrix(system, method)
     chosen: LinearSolver
     symmetric |= options.definiteness == "clamp"  # clamped tangents all are
     if choice == "auto":
