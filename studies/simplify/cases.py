@@ -80,6 +80,7 @@ def march(built: Problem, most: float | None) -> dict:
     first = begin
     for state, info in fc.march(system, method, *arguments[2:], solver=solver):  # noqa: B007
         seconds += time.process_time() - begin
+        study.check_time_limit()
         if most and time.process_time() - first > most:
             raise study.TimeLimit(f"more than {most:g} CPU seconds, at {info.t:.3g} s")
         ledger = update_ledger(system, method, ledger, info)
