@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fecloth.errors import InputError
+from fecloth.integrators import EXPLICIT
 from fecloth.scene.dimensionless import wave_speed
 from fecloth.scene.scene import Scene, load_scene
 
@@ -39,7 +40,7 @@ class Workload:
     def of(cls, scene: Scene, refined: float = 1.0, dt: float | None = None) -> Workload:
         """Predict the size of a scene with the edge length h / refined, and with another dt [s]."""
         steps = count_steps(scene) if dt is None else _span(scene) / dt
-        is_explicit = dt is None and scene.time.stepping()[0].traits.explicit
+        is_explicit = dt is None and scene.time.method.type in EXPLICIT
         return cls(refined**2 * count_triangles(scene), steps, is_explicit)
 
     @classmethod
@@ -61,7 +62,7 @@ def count_steps(scene: Scene) -> float:
     """Return the number of steps; `STEPS` if an implicit run chooses them."""
     if scene.time.dt != "auto":
         return math.ceil(_span(scene) / scene.time.dt - 1e-9)
-    return _explicit_steps(scene) if scene.time.stepping()[0].traits.explicit else STEPS
+    return _explicit_steps(scene) if scene.time.method.type in EXPLICIT else STEPS
 
 
 def _explicit_steps(scene: Scene) -> float:

@@ -195,7 +195,7 @@ def failing_cases() -> Rows:
 
 def scene_cases(scene: Scene, quick: bool) -> Rows:
     """List runs of a user's scene: first its own method at fine steps, then others."""
-    _, own_dt = scene.time.stepping()
+    own_dt = None if scene.time.dt == "auto" else scene.time.dt
     dt = own_dt or (scene.time.t_end - scene.time.t_start) / 200
     if own_dt is None:
         cases = [{"method": "Adaptive GeneralizedAlpha", "step": 1e-4}]
