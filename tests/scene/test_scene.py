@@ -345,7 +345,7 @@ MISTAKES = [
     ("pins.1.inside='X'", "pins.1.inside: formula 'X', a condition such as", ""),
     ("pins.1.inside='X < -1'", "no node is selected", "X from 0 to 1 m, Y from 0 to 0.5"),
     ("terms.1.time=-1", "> 0 [s]. (It is the second [[terms]], StrainRateDamping, line 15.)", ""),
-    ("terms.2.g=1", "the keys are type, acceleration", "(It is the third [[terms]], Gravity, line 19.)"),
+    ("terms.2.g=1", "unknown key", "(It is the third [[terms]], Gravity, line 19.)"),
     ("pins.1.inside='Z'", "(It is the second [[pins]], line 25.)", ""),
     ("probes.1.where='rigt'", "(It is the second [[probes]].)", ""),
     ("terms=[{type='StVK', a=1}]", "(It is the first [[terms]], StVK.)", ""),
