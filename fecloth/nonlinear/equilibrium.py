@@ -130,7 +130,7 @@ def equilibrium(
         allowed = "must be direct, pardiso or superlu"
         raise InputError(f"solver = {solver!r}", allowed, "equilibrium")
     start = State(state.t, state.x.copy(), np.zeros_like(state.x))
-    search = Search(system, start, select.named(solver, system.symmetric))
+    search = Search(system, start, select.create(solver, system.symmetric))
     newton = partial(_newton, search, tolerance, max_iterations, report)
     if load_steps == 1:
         return search.state(newton(start.x)[0])

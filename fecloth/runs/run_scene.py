@@ -24,7 +24,7 @@ from pathlib import Path
 
 from fecloth.errors import InputError
 from fecloth.nonlinear.context import SolverContext
-from fecloth.output.atomic_files import locked, writing
+from fecloth.output.atomic_files import lock_folder, writing
 from fecloth.runs import restart as restarts
 from fecloth.runs.folder import RunFolder, remove_on_failure
 from fecloth.runs.interruption import interruptible
@@ -74,7 +74,7 @@ def run_scene(
     path = Path(path)
     with ExitStack() as locks:
         if path.is_dir():
-            locks.enter_context(locked(path))
+            locks.enter_context(lock_folder(path))
         return _run_scene(scene, path, overwrite, announce, report, resume, warn, locks)
 
 
@@ -100,7 +100,7 @@ def _run_scene(scene, path, overwrite, announce, report, resume, warn, locks: Ex
         if not existed:
             with writing(path):
                 path.mkdir(parents=True, exist_ok=True)
-            locks.enter_context(locked(path))
+            locks.enter_context(lock_folder(path))
         folder = (
             RunFolder.reopen(path, found.tables) if found else RunFolder.create(path, overwrite)
         )

@@ -169,10 +169,10 @@ def meanings(table: type[Table]) -> dict[str, str]:
     if not issubclass(table, Made):
         return own
     words = docstrings.parameters(table.makes)
-    return {key: _resolved(key, one) for key, one in words.items()} | own
+    return {key: _resolve_reference(key, one) for key, one in words.items()} | own
 
 
-def _resolved(key: str, words: str) -> str:
+def _resolve_reference(key: str, words: str) -> str:
     """Return the meaning where a docstring refers to another term, as in "As for `Drag`."."""
     other = re.fullmatch(r"As (?:for|of) `(\w+)`\.", words)
     return meanings(term_tables()[other[1]])[key] if other else words
@@ -238,7 +238,7 @@ def _toml(value: Any) -> str:
     return f'"{value}"' if isinstance(value, str) else repr(value)
 
 
-def updated(page: str, part: str) -> str:
+def replace_generated(page: str, part: str) -> str:
     """Return the page with this generated part in place of its own."""
     before, _, rest = page.partition(BEGIN)
     return f"{before}{BEGIN}\n\n{part}\n\n{END}{rest.partition(END)[2]}"
@@ -248,7 +248,9 @@ def pages() -> dict[Path, str]:
     """Return the text that both pages should have."""
     parts = {"scene": scene_part(), "terms": terms_part()}
     files = {PAGES[name] / "README.md": part for name, part in parts.items()}
-    return {file: updated(file.read_text(encoding="utf-8"), files[file]) for file in files}
+    return {
+        file: replace_generated(file.read_text(encoding="utf-8"), files[file]) for file in files
+    }
 
 
 if __name__ == "__main__":
