@@ -77,5 +77,5 @@ class BDF2(WithMemory):
         return Step(new, new, change, counts, ends=(system, state), a=a, share=1.0)
 
 
-def _change(old, new):
+def _change(old: State, new: State) -> Change:
     return Change(new.t - old.t, new.x - old.x, new.v - old.v)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,7 @@ class EnergyMomentum:
 
     tangent: str = "exact"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.tangent not in ("symmetric", "exact"):
             allowed = 'must be "symmetric" or "exact"'
             raise InputError(f"tangent = {self.tangent!r}", allowed, "EnergyMomentum")
@@ -84,7 +85,12 @@ class EnergyMomentum:
         return 0.25 * dt, 0.5, 1.0 / dt
 
     def step(
-        self, system: System, state: State, dt: float, solver: SolverContext, memory=None
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: SolverContext,
+        memory: np.ndarray | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s]."""
         end = arrival(system, state, dt)
@@ -112,7 +118,7 @@ def over_step(system: System, start: np.ndarray, symmetric: bool = False) -> Sys
     return system.with_bound(_between(term, start, symmetric) for term in system.bound)
 
 
-def _between(term, start, symmetric):
+def _between(term: Any, start: np.ndarray, symmetric: bool) -> Any:
     if hasattr(term, "between"):
         return term.between(start, symmetric)
     if term.has_energy:

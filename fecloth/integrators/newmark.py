@@ -116,7 +116,7 @@ class Newmark(AccelerationMethod):
     gamma: float = 0.5
     beyond_limit: bool = False
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not (is_number(self.beta) and self.beta > 0):
             remedy = "beta = 0 is CentralDifference."
             raise InputError(f"beta = {self.beta!r}", "must be > 0", "Newmark", remedy)
@@ -159,4 +159,5 @@ def starting_acceleration(
     linear_solver, matrix = solver.matrix_solver()
     linear_solver.prepare(system.project(system.assemble(matrix, state, wa=1.0)))
     free, _ = linear_solver.solve(b, rtol=solver.options.tolerance)
-    return a + free
+    total: np.ndarray = a + free
+    return total

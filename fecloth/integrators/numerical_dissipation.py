@@ -46,14 +46,14 @@ def memory_dissipation(system: System, old: State, step: Step) -> float:
     return energy - _unrecorded_work(system, old, step)
 
 
-def _between_velocities(system, old, step):
+def _between_velocities(system: System, old: State, step: Step) -> float:
     """M Δv · (Δx/dt − v̄) of the free directions."""
     dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
     free = system.constraints.project(dx / dt - old.v - 0.5 * dv)
     return system.sums.dot(system.scalar_mass @ dv, free)
 
 
-def _unrecorded_work(system, old, step):
+def _unrecorded_work(system: System, old: State, step: Step) -> float:
     """Work that the ledger's columns do not contain: mean of d·(Δx − dt v)."""
     dt, dx, stages = step.state.t - old.t, step.state.x - old.x, step.stages
     works = (system.sums.dot(column_forces(system, at), dx - dt * at.v) for at in stages)

@@ -37,7 +37,12 @@ class StageMethod:
         return stage.wx, stage.wv, stage.wa
 
     def step(
-        self, system: System, state: State, dt: float, solver: SolverContext, memory=None
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: SolverContext,
+        memory: np.ndarray | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s]."""
         end = arrival(system, state, dt)

@@ -10,7 +10,7 @@ file studies/examples/integrator.py has one of each. `fecloth.integrators` expor
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Protocol
+from typing import Any, Protocol
 
 from fecloth.errors import InputError, brief
 from fecloth.integrators.step import Step
@@ -66,7 +66,7 @@ class MethodTraits:
     beyond_limit: bool = True
     chooses_dt: bool = False
 
-    def __new__(cls, *values, **named):
+    def __new__(cls, *values: object, **named: object) -> MethodTraits:
         """Refuse a misspelt trait before the constructor of the dataclass runs."""
         known = [field.name for field in fields(cls)]
         for name in named:
@@ -75,7 +75,7 @@ class MethodTraits:
                 raise InputError(f"trait {name!r}", allowed, cls.__name__)
         return super().__new__(cls)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.explicit and self.stability == (0.0, 0.0):
             allowed = "must be (a, b) with a limit, or None: no explicit method is A-stable"
             raise InputError(f"stability = {self.stability}", allowed, "MethodTraits")
@@ -89,7 +89,9 @@ class Stepping(Protocol):
         """The constants of the method: a class attribute, or a property if they vary."""
         ...
 
-    def step(self, system: System, state: State, dt: float, solver, memory=None) -> Step:
+    def step(
+        self, system: System, state: State, dt: float, solver: Any, memory: Any = None
+    ) -> Step:
         """Take one step from `state` over `dt` [s].
 
         Parameters

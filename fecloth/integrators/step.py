@@ -73,10 +73,13 @@ class Step:
         if self.force is not None:
             return self.force
         if self.ends:
-            return 0.5 * (self.end_forces[0] + self.end_forces[1])
+            old, new = self.end_forces
+            mean: np.ndarray = 0.5 * (old + new)
+            return mean
         if self.accelerations:
             mass = system.nodal_mass[:, None] / len(self.accelerations)
-            return mass * sum(a for _, a in self.accelerations)
+            force: np.ndarray = mass * sum(a for _, a in self.accelerations)
+            return force
         return system.force(self.balanced_at)
 
     @cached_property

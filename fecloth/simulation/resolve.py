@@ -44,9 +44,7 @@ def solver_for(
         check_offers(method, ("weights",), 'march(solver="auto")')
         wx, wv, wa = method.weights(dt)
         condition = 1 + (wx * stiffness + wv * damping) / wa
-        chosen, why = select.choose(  # type: ignore[assignment]  # AutoSolver.name is read-only
-            condition, len(system.cloth.X), symmetric
-        )
+        chosen, why = select.choose(condition, len(system.cloth.X), symmetric)
     else:
         chosen, why = select.named(choice, symmetric), "requested"
     matrix = BlockMatrix.zeros(system.pattern)
