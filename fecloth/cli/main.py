@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import signal
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from fecloth.runs.interruption import set_handler
+from fecloth.runs.interruption import set_handler, stop_at_once
 
 # Each command imports what it needs when it runs, so that --version and --help answer at once, and
 # that signals are handled before NumPy is imported.
@@ -39,12 +40,13 @@ def main(arguments: list[str] | None = None) -> int:
     Without arguments, those of the process are taken; signals are then ignored from the end of the
     command to that of the process, so that its status stays.
     """
-    before = set_handler(signal.default_int_handler)
+    before = set_handler(stop_at_once)
     try:
         return _run_command(arguments)
     except KeyboardInterrupt as stop:
         set_handler(signal.SIG_IGN)
-        print(f"interrupted{f' {stop}' if stop.args else '; run it again'}", file=sys.stderr)
+        with suppress(OSError):  # a closed pipe
+            print(f"interrupted{f' {stop}' if stop.args else '; run it again'}", file=sys.stderr)
         return STOPPED
     finally:
         set_handler(signal.SIG_IGN)

@@ -22,7 +22,9 @@ def terminal(quiet: bool) -> Console:
 @contextmanager
 def progress(console: Console, t_end: float) -> Iterator[Callable[[StepInfo], None]]:
     """Show a bar with simulated time, step, Newton iterations and the time that is left."""
-    words = TextColumn("t = {task.completed:.4g} of {task.total:g} s  {task.description}", markup=False)
+    words = TextColumn(
+        "t = {task.completed:.4g} of {task.total:g} s  {task.description}", markup=False
+    )
     columns = words, BarColumn(), TimeElapsedColumn(), "left", TimeRemainingColumn()
     bar = Progress(*columns, console=console, transient=True)
     task = bar.add_task("", total=t_end)

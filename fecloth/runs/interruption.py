@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,6 +23,20 @@ def set_handler(handler: Callable | signal.Handlers) -> dict[int, Callable | int
     return {number: signal.signal(number, handler) for number in numbers}
 
 
+class Interrupted(KeyboardInterrupt):
+    """A signal that stops at once.
+
+    If a plain KeyboardInterrupt leaves code that is run from a text, as dataclasses do, Python ends
+    the process by SIGINT at its exit, even if it was caught since.
+    """
+
+
+def stop_at_once(number: int, frame: object) -> None:
+    """Handle a signal by raising `Interrupted`."""
+    sys.unraisablehook = lambda unraisable: None  # destructors of what it finds half made
+    raise Interrupted
+
+
 @contextmanager
 def interruptible() -> Iterator[threading.Event]:
     """Yield an event that a signal sets, to stop between two steps; a second one stops at once.
@@ -32,7 +47,7 @@ def interruptible() -> Iterator[threading.Event]:
 
     def request(number, frame):
         if requested.is_set():
-            raise KeyboardInterrupt("at once; --resume goes on from what it left")
+            raise Interrupted("at once; --resume goes on from what it left")
         requested.set()
 
     before = set_handler(request)

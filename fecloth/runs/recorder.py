@@ -235,7 +235,7 @@ class Recorder:
             if frame is None or frame.points is not state.x:
                 frame = Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
             write_report(self.folder.path, summary, frame)
-        except Exception as failure:  # of any kind: the summary is written already
+        except Exception as failure:  # of any kind: all else is written
             self.folder.log(f"warning: no report: {failure}")
 
     def balance_warning(self) -> str:
@@ -287,11 +287,11 @@ class Recorder:
         if status == INTERRUPTED and resumes is not None:
             words += f"; --resume goes on from {resumes:g} s"
         try:
-            self.folder.summary(summary)
             self.folder.log(f"{words}: {error}" if error else words)
             if warning:
                 self.folder.log(f"warning: {warning}")
             self._report(summary)
+            self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing
         except InputError as full:
             status, error = FAILED, error or full
         ends = self.ledger, error, warning, resumes
