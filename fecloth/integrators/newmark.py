@@ -63,8 +63,12 @@ class AccelerationMethod(WithMemory):
         dt: float,
         solver: SolverContext,
         memory: Acceleration | None = None,
+        over: System | None = None,
     ) -> Step:
-        """One step from `state` over `dt` [s], after the step that left this memory."""
+        """One step from `state` over `dt` [s], after the step that left this memory.
+
+        `over` is the system over the step, if it is not `system`.
+        """
         alpha_m, alpha_f, _, gamma = self.parameters
         end = arrival(system, state, dt)
         a = memory.a if memory else starting_acceleration(system, state, end, dt, solver)
@@ -72,7 +76,7 @@ class AccelerationMethod(WithMemory):
         stage = self.stage(state, dt, a)
         at, a_m = blend(state, end, 1 - alpha_f), alpha_m * a + (1 - alpha_m) * moved
         stage = hold_stage(system, stage, at, a_m)
-        q, counts = newton.solve(system, stage, solver, a)
+        q, counts = newton.solve(over or system, stage, solver, a)
         new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * ((1 - gamma) * a))
         new = held(system, replace(new, v=new.v + dt * gamma * q), end)
         a_new = system.constraints.hold(q, moved)
@@ -86,6 +90,7 @@ class AccelerationMethod(WithMemory):
             ends=(system, state),
             a=a_solved,
             share=self.share,
+            over=over,
         )
 
 
@@ -132,9 +137,11 @@ class Newmark(AccelerationMethod):
         in v. For γ > ½ the error in v is of first order, and there is no estimate of it.
         """
         second = self.gamma == 0.5
+        drift = (2, 0.5 * abs(self.beta - 1 / 12)) if second else (1, 0.5 * (self.gamma - 0.5))
         return MethodTraits(
             order=2 if second else 1,
             error_constant=max(abs(self.beta - 1 / 6), 1 / 12) if second else None,
+            drift=drift,
             stability=(max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma),
             beyond_limit=self.beyond_limit,
         )

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from fecloth.errors import InputError, SolveFailed, brief
 from fecloth.integrators.protocol import ExplicitIntegrator, MethodTraits
 from fecloth.integrators.step import Step
+from fecloth.simulation.step_times import ChosenSteps
 from fecloth.stability.critical_step import critical_dt, estimate
 from fecloth.system.records import remembered
 from fecloth.system.state import State
@@ -47,7 +48,7 @@ class Limited:
 
 
 @dataclass(frozen=True)
-class StabilityLimited:
+class StabilityLimited(ChosenSteps):
     """An explicit method at 0.9 of its largest stable step, by `stability.estimate`.
 
     The limit is that at the start or, without loads, at rest, whichever is less. A stretched cloth
@@ -74,16 +75,12 @@ class StabilityLimited:
         if traits is None or not (traits.explicit and traits.stability) or traits.chooses_dt:
             allowed = "has no stable step to choose"
             remedy = "Take CentralDifference or SymplecticEuler."
-            raise InputError(f"method {brief(self.method)}", allowed, "", remedy)
+            raise InputError(f"method {brief(self.method)}", allowed, "StabilityLimited", remedy)
 
     @property
     def traits(self) -> MethodTraits:
         """Those of the method, with steps chosen below its limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
-
-    def check(self, system: System) -> None:
-        """Check the system with the method's own `check`."""
-        self.method.check(system)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step, by the method's own formula."""

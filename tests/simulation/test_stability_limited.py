@@ -7,7 +7,7 @@ import fecloth as fc
 from fecloth.errors import SolveFailed
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.record_steps import MOST_GROWTH
-from fecloth.simulation.stability_limited import FRACTION, UPDATE_STEPS, StabilityLimited
+from fecloth.simulation.stability_limited import FRACTION, UPDATE_STEPS
 from fecloth.terms.kinematics import largest_stretch, principal_stretches
 
 
@@ -70,12 +70,6 @@ def test_forward_euler_has_no_step_on_a_sheet_without_damping(sheet):
         next(fc.march(system, fc.ForwardEuler(), system.rest(), 1e-9, 1e-8))
     with pytest.raises(fc.InputError, match=r"has no stable step to choose\. Take CentralDiff"):
         next(fc.march(system, fc.ForwardEuler(), system.rest(), t_end=1.0))
-
-
-@pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.CentralDifference, "no method"])
-def test_only_explicit_methods_have_such_a_step(method):
-    with pytest.raises(fc.InputError, match="has no stable step to choose"):
-        StabilityLimited(method)
 
 
 def test_a_stretch_beyond_the_bound_ends_the_run(sheet):
@@ -180,12 +174,6 @@ def test_newmark_beyond_its_limit_is_refused_likewise(sheet):
     next(fc.march(system, method, start, 0.99 * limit, 1.0))
     next(fc.march(system, fc.Newmark(0.1, 0.5, beyond_limit=True), start, 1.01 * limit, 1.0))
     next(fc.march(system, fc.Newmark(), start, 100 * limit, 100.0))
-
-
-@pytest.mark.parametrize("cls", [fc.CentralDifference, fc.ForwardEuler, fc.Newmark])
-def test_beyond_limit_is_true_or_false(cls):
-    with pytest.raises(fc.InputError, match=rf"{cls.__name__}: beyond_limit = 'yes': must be True"):
-        cls(beyond_limit="yes")
 
 
 # --- terms without a finite stiffness at rest -----------------------------------------------------

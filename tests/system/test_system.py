@@ -165,40 +165,6 @@ def test_states_that_are_refused(system, name, change):
         system.state(**(given | {name: bad}))
 
 
-def test_what_is_no_term_or_names_no_node(sheet, isotropic):
-    for term in (3, "StVK", None):
-        with pytest.raises(fc.InputError, match=rf"System\(terms=...\): term {term!r}: must be"):
-            fc.System(sheet, isotropic, [fc.StVK(), term])
-    for pin in ("lft", fc.Pin("lft")):
-        with pytest.raises(fc.InputError, match="node set 'lft'.* Did you mean 'left'"):
-            fc.System(sheet, isotropic, [fc.StVK()], pins=[pin])
-    with pytest.raises(fc.InputError, match="no node is selected"):
-        fc.System(sheet, isotropic, [fc.StVK()], pins=[fc.Pin(lambda X: X[:, 0] > 9)])
-    with pytest.raises(fc.InputError, match="held by more than one pin"):
-        fc.System(sheet, isotropic, [fc.StVK()], pins=["left", "boundary"])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"terms": [fc.StVK]}, r"System\(terms=...\): term <class"),
-        ({"terms": fc.StVK()}, r"must be a list, as in \[StVK\(\)\]"),
-        ({"terms": [], "pins": "left"}, "pins = 'left': must be a list"),
-        ({"terms": [], "pins": [3]}, "pin 3: must be such as Pin"),
-        ({"terms": [], "mass": "diagonal"}, "mass = 'diagonal'"),
-    ],
-)
-def test_what_cannot_be_a_system_is_refused_at_once(arguments, message, sheet, isotropic):
-    with pytest.raises(fc.InputError, match=message):
-        fc.System(sheet, isotropic, **arguments)
-
-
-def test_a_state_has_a_time(sheet, isotropic):
-    system = fc.System(sheet, isotropic, [])
-    with pytest.raises(fc.InputError, match=r"t = nan: must be finite"):
-        system.state(system.rest().x, t=np.nan)
-
-
 @pytest.mark.parametrize("mass", [None, "lumped", "consistent"])
 def test_a_system_can_be_copied_with_a_change(mass):
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")

@@ -17,6 +17,7 @@ from fecloth.terms.loops import condition, condition_discrete_gradient
 from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
 from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels, OverStep
 from fecloth.terms.loops.eigenvalue_bounds import bound_from_squares, squared_norms
+from fecloth.terms.step_difference import StepDifference
 
 
 class ConditionKernels(NamedTuple):
@@ -165,11 +166,11 @@ class BoundCondition:
 class RigidCondition(BoundCondition):
     """Conditions that no rigid motion changes."""
 
-    def between(self, start: np.ndarray, symmetric: bool) -> OverStep | RigidCondition:
-        """The conditions over a step from positions `start` (n, 3)."""
-        if not self.has_energy:
+    def over_step(self, step: StepDifference) -> OverStep | RigidCondition:
+        """The conditions over a step at whose mean they are evaluated; otherwise themselves."""
+        if not (step.at_mean and self.has_energy):
             return self
-        return OverStep(self, start, symmetric)
+        return OverStep(self, step.start, step.symmetric)
 
 
 def bind(

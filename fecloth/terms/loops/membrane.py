@@ -59,6 +59,7 @@ from fecloth.terms.loops.green_strain import (
     scatter_symmetric,
 )
 from fecloth.terms.loops.membrane_discrete_gradient import DiscreteGradientKernels, OverStep
+from fecloth.terms.step_difference import StepDifference
 
 
 def law(E: Three, c: Array) -> tuple[float, Three, Six]:
@@ -240,9 +241,9 @@ class BoundMembrane:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest and of M⁻¹D [1/s]."""
         return membrane_bound(self.panel, self.moduli, mass), 0.0
 
-    def between(self, start: np.ndarray, symmetric: bool) -> OverStep:
-        """The membrane over a step from positions `start` (n, 3)."""
-        return OverStep(self, start, symmetric)
+    def over_step(self, step: StepDifference) -> OverStep | BoundMembrane:
+        """The membrane over a step at whose mean it is evaluated; otherwise itself."""
+        return OverStep(self, step.start, step.symmetric) if step.at_mean else self
 
 
 def bind(
