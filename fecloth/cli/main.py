@@ -194,7 +194,8 @@ def _run(options) -> int:
         console.print("\n".join(lines), soft_wrap=True)
 
     def warn(words: str) -> None:
-        console.print(f"warning: {words}", soft_wrap=True)
+        loud = terminal(quiet=False) if options.quiet else console
+        loud.print(f"warning: {words}", soft_wrap=True)
 
     with progress(console, scene.time.t_end) as report:
         resume = bool(options.resume)
@@ -203,8 +204,6 @@ def _run(options) -> int:
     if not options.quiet:
         print(ledger_text(outcome.ledger))
         print(finished_message(outcome))
-    if outcome.warning:
-        print(f"warning: {outcome.warning}", file=sys.stderr)
     if outcome.status == DONE:
         return 0
     print(failure_message(outcome), file=sys.stderr)
@@ -280,8 +279,8 @@ def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None])
     problem, solver, why = resolve_scene(scene.build())
     start = problem.system, problem.method, problem.ledger, problem.observer
     result = collect(problem.march(solver), *start, why, report=report)
-    if result.doubt:
-        print(f"warning: {result.doubt}", file=sys.stderr)
+    for words in result.warnings:
+        print(f"warning: {words}", file=sys.stderr)
     return check(scene.expect, result.times, result.observed, result.energies)
 
 
