@@ -6,12 +6,14 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from io import TextIOWrapper
+from typing import TextIO
 
 
 class Tolerant:
     """A text stream that goes to the null device from the first write that the system refuses."""
 
-    def __init__(self, stream):
+    def __init__(self, stream: TextIO):
         self.stream = stream
         self.failure: OSError | None = None
 
@@ -47,10 +49,9 @@ def tolerant_streams() -> Iterator[None]:
     """Make sys.stdout and sys.stderr tolerant; characters that an encoding lacks become ``?``."""
     before = sys.stdout, sys.stderr
     for stream in before:
-        # stderr writes \u03c1 for ρ by itself, and None is a closed stream
-        if stream is not None and getattr(stream, "errors", "") != "backslashreplace":
-            with suppress(AttributeError):  # a stream of another kind
-                stream.reconfigure(errors="replace")
+        # stderr writes \u03c1 for ρ by itself; a stream may be closed (None) or of another kind
+        if isinstance(stream, TextIOWrapper) and stream.errors != "backslashreplace":
+            stream.reconfigure(errors="replace")
     sys.stdout, sys.stderr = (stream and Tolerant(stream) for stream in before)
     try:
         yield
@@ -67,5 +68,6 @@ def lost_output() -> str:
         if stream:
             stream.flush()
     failure = getattr(sys.stdout, "failure", None)
-    lost = failure is not None and not isinstance(failure, BrokenPipeError)
-    return f"standard output cannot be written ({failure.strerror})" if lost else ""
+    if failure is None or isinstance(failure, BrokenPipeError):
+        return ""
+    return f"standard output cannot be written ({failure.strerror})"

@@ -50,7 +50,7 @@ def run_scene(
     report: Callable[[StepInfo], None] = lambda info: None,
     resume: bool = False,
     warn: Callable[[str], None] = lambda words: None,
-    closed: Callable[[], None] = lambda: None,
+    closed: Callable[[], object] = lambda: None,
 ) -> Outcome:
     """Mesh, compile, march and write.
 
