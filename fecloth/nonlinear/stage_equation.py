@@ -106,8 +106,8 @@ class StageEquation:
 
     def key(self, remedy: Remedy) -> tuple:
         """The system, the weights of K, D and M, and whether K and D are definite."""
-        stage = self.stage
-        return self.system, stage.wx, stage.wv, (1 + remedy.shift) * stage.wa, remedy.definite
+        stage, system = self.stage, self.system.constraints  # which the system over a step shares
+        return system, stage.wx, stage.wv, (1 + remedy.shift) * stage.wa, remedy.definite
 
     def failure(self, reason: str, point: Point, residual: float) -> NewtonFailed:
         """The error, with what may help."""
