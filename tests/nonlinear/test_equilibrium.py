@@ -292,11 +292,12 @@ def test_part_of_the_loads_has_its_part_of_the_potential(isotropic):
 
 
 def quadratic(iterations):
-    """Each of the last exact full steps squares the residual, down to round-off."""
+    """Each of the last two exact full steps squares the residual, down to round-off."""
     r = np.array([it.residual for it in iterations if it.shift == 0 and it.length == 1])
-    r = r[r < 0.2]
-    pairs = [(a, b) for a, b in pairwise(r) if a > 1e-7]
-    return len(pairs) >= 2 and all(b < max(20 * a**2, 1e-9) for a, b in pairs)
+    r = r[-3:]
+    return (
+        len(r) == 3 and 1e-7 < r[0] < 0.05 and all(b < max(20 * a**2, 1e-9) for a, b in pairwise(r))
+    )
 
 
 def test_convergence_is_quadratic_near_the_solution():

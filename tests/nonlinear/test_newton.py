@@ -62,7 +62,7 @@ def test_quadratic_convergence_on_a_taut_cloth(sheet, isotropic, rng):
 def test_the_symmetric_damping_tangent_costs_quadratic_convergence(
     tangent, fast, sheet, isotropic, rng
 ):
-    terms = [fc.StVK(), fc.StrainRateDamping(0.02, tangent=tangent)]
+    terms = [fc.StVK(), fc.StrainRateDamping(0.02, tangent=tangent, rate="velocity")]
     system = fc.System(sheet, isotropic, terms, pins=["boundary"])
     x = affine(sheet, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]])
     start = system.state(x, system.constraints.project(0.2 * rng.standard_normal(x.shape)))
@@ -129,7 +129,7 @@ def test_the_search_cuts_a_step_that_is_too_long_for_the_potential(sheet, isotro
 
 
 def test_the_search_cuts_a_step_at_whose_end_the_residual_pushes_back(sheet, isotropic):
-    work, start, step = turning(sheet, isotropic, [fc.StrainRateDamping(0.01)])
+    work, start, step = turning(sheet, isotropic, [fc.StrainRateDamping(0.01, rate="velocity")])
     long = 8 * step
     new, _ = work.search(start, long, 0.0)
     assert 0 < np.linalg.norm(new.y) / np.linalg.norm(step) < 8
@@ -185,7 +185,9 @@ def test_a_cloth_at_rest_without_load_is_solved(sheet, isotropic, rng):
 
 def test_the_last_residual_is_that_of_the_equation(sheet, isotropic, rng):
     """M a − f, written out for backward Euler."""
-    system = fc.System(sheet, isotropic, [fc.StVK(), fc.StrainRateDamping(0.01)], pins=["left"])
+    system = fc.System(
+        sheet, isotropic, [fc.StVK(), fc.StrainRateDamping(0.01, rate="velocity")], pins=["left"]
+    )
     start = system.state(rough(sheet, rng, 0.003))
     dt = 1e-3
     new, info = next(fc.march(system, fc.BackwardEuler(), start, dt, dt))

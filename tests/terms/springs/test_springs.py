@@ -175,7 +175,7 @@ def test_ledger_tells_energy_and_damping_of_one_term_apart(sheet):
         fc.System(sheet, SQUARE, [*terms, fc.Gravity()], pins=["left"])
         for terms in (
             [fc.Springs("biquadratic", damping=0.02)],
-            [fc.StVK(), fc.StrainRateDamping(0.02)],
+            [fc.StVK(), fc.StrainRateDamping(0.02, rate="velocity")],
         )
     )
     x = flat(sheet) * [1.05, 1.0, 1.0]
