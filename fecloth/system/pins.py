@@ -25,7 +25,7 @@ class Pin:
 
     Valid at any deformation, for a rigid support. A single pinned node is a softer support the
     finer the mesh is, as `PointForce` explains: pin edges. Steps must be short enough to sample a
-    motion; a run does not see what the motion does between two of them.
+    motion; a run with fixed steps warns of one that mostly acts between them.
 
     Parameters
     ----------

@@ -31,30 +31,6 @@ def test_projectors(length, rng):
     assert not fc.Pin("left").projector.any()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ({}, r"Slide\('left'\): neither of direction and normal: needs one"),
-        ({"direction": (1, 0, 0), "normal": (0, 1, 0)}, "both of direction and normal"),
-        (
-            {"direction": (0, 0, 0)},
-            r"direction = \(0, 0, 0\): must be three finite .* not all zero",
-        ),
-        ({"normal": (0.0, np.nan, 1.0)}, "normal = .*: must be three finite numbers"),
-        ({"normal": (0.0, 1.0)}, "normal = .*: must be three finite numbers"),
-        ({"normal": "z"}, "normal = 'z': must be three finite numbers"),
-    ],
-)
-def test_refusals(arguments, said):
-    with pytest.raises(fc.InputError, match=said):
-        fc.Slide("left", **arguments)
-
-
-def test_a_node_has_one_pin_or_slide(small):
-    with pytest.raises(fc.InputError, match="held by more than one pin"):
-        fc.System(small, fc.Fabric(0.2, 1e3), [], ["left", fc.Slide("bottom", normal=(0, 1, 0))])
-
-
 def test_each_node_has_its_own_groups_projector(small):
     """The groups stand in any order, and their nodes too."""
     first, second = small.nodes("right"), small.nodes("left")[::-1]
