@@ -317,7 +317,8 @@ def _plan(options) -> list[str]:
     from fecloth.scene.scene import load_scene
 
     problem, _, why = resolve_scene(load_scene(options.scene, options.set).build())
-    lines = [*describe_cloth(problem.cloth), *sources(problem.system.fabric), *plan(problem, why)]
+    _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes
+    lines = [*plan(problem, why), *mesh, *sources(problem.system.fabric)]
     return lines + [f"warning: {words}" for words in find_warnings(problem)]
 
 
