@@ -118,5 +118,5 @@ def choose_steps(
 
 
 def method_to_report(steps: StepChoice | Auto):
-    """Return the method that reports name: that of fixed steps, as dt is reported apart."""
+    """Return the method that reports name: that of fixed steps, as dt is method_to_report apart."""
     return steps.method if steps.dt else steps
