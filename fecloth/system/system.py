@@ -18,6 +18,7 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
 from fecloth.linalg.reductions import NodeSums
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.constraints import Constraints, MatrixProjection
+from fecloth.system.pieces import Piece, movable_pieces
 from fecloth.system.pins import Pin
 from fecloth.system.state import State
 from fecloth.terms import protocol
@@ -146,6 +147,11 @@ class System:
     @cached_property
     def constraints(self) -> Constraints:
         return Constraints.bind(self.pins, self.cloth)
+
+    @cached_property
+    def movable_pieces(self) -> tuple[Piece, ...]:
+        """The connected pieces that can move as a whole: free, on moving pins, or sliding."""
+        return movable_pieces(self.cloth, self.pattern, self.constraints)
 
     @cached_property
     def _projection(self) -> MatrixProjection:

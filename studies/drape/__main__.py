@@ -132,7 +132,8 @@ def compare_methods(h: float) -> None:
             seconds = time.process_time() - begin
             end = outcome.status
             if end == "done":
-                warned = ", with a warning" if outcome.summary["warning"] else ""
+                off = any("energy balance" in words for words in outcome.warnings)
+                warned = ", its energy balance off on the way" if off else ""
                 end = describe_drape(read_last_frame(outcome.folder)) + warned
         print(f"{method:24s} {1000 * dt:3.0f} ms  {seconds:5.1f} CPU s  {end}")
 

@@ -119,7 +119,7 @@ def test_available_energy_bounds_the_kinetic_one(sheet, name):
     begin = start if name == "spin" else rest
     for _, info in fc.march(system, method, begin, 2e-3, 0.3):
         ledger = ledger.after(system, method, info.old, info.result)
-        shares.append(ledger.kinetic / ledger.available)
+        shares.append(ledger.deforming / ledger.available)
     assert 0.2 < max(shares) < 1.01
 
 
