@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -26,11 +27,14 @@ from fecloth.scene.problem import Problem
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
+from fecloth.simulation.time_error import TimeError, relative_error
+from fecloth.simulation.time_error_words import describe_time_error, find_doubts
 from fecloth.view.html_report import write_report
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 _TABLES = ("steps", "energies", "observed", "strains")
+_SO_FAR = ("state", "memory", "ledger", "balance", "time_error")
 _COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
 
 
@@ -57,8 +61,10 @@ class Recorder:
         self.shown: Frame | None = None  # the last frame written
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
         self.balance = Balance.open(problem.ledger)
+        self.time_error = TimeError.open(problem.state, 0, problem.ledger)
         self.foreseen = foreseen  # warnings before the first step
         self.raised: tuple[str, ...] = ()  # since
+        self.ended: tuple[str, ...] = ()  # at the end
         self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
         self.frames_on_disk = 0  # frames that would survive a power cut
         with watch.phase("output"):
@@ -74,6 +80,7 @@ class Recorder:
         """Take the state of an earlier run, and remove what it wrote later."""
         self.state, self.memory, self.ledger = found.state, found.memory, found.ledger
         self.balance, self.counts = found.balance, dict(found.counts)
+        self.time_error = found.time_error
         self.raised = found.warnings
         self.frames.keep(self.tables["strains"].column("t"))
         self.frames_on_disk = len(self.frames.times)
@@ -95,6 +102,7 @@ class Recorder:
             memory=self.memory,
             ledger=self.ledger,
             balance=self.balance,
+            time_error=self.time_error,
             warnings=self.raised,
             counts=self.counts,
             frames=len(self.frames.times),
@@ -133,7 +141,8 @@ class Recorder:
             return
         steps = problem.march(self.solver, self.state, self.memory)
         start = problem.system, problem.method, self.ledger, problem.observer
-        for record in record_steps(steps, *start, balance=self.balance):
+        records = record_steps(steps, *start, balance=self.balance, time_error=self.time_error)
+        for record in records:
             info = record.info
             self.watch.add({"record": record.seconds})
             with self.watch.phase("output"):
@@ -162,12 +171,16 @@ class Recorder:
     def _take(self, record: Record) -> None:
         self._count(record.info)
         self.state, self.memory = record.state, record.info.memory
-        self.ledger, self.balance = record.ledger, record.balance
+        self.ledger, self.balance, self.time_error = (
+            record.ledger,
+            record.balance,
+            record.time_error,
+        )
 
     @contextmanager
     def _all_or_nothing(self) -> Iterator[None]:
         """Remove a step from all tables if writing it fails or is interrupted."""
-        before = {name: getattr(self, name) for name in ("state", "memory", "ledger", "balance")}
+        before = {name: getattr(self, name) for name in _SO_FAR}
         counts, frames = dict(self.counts), len(self.frames.times)
         sizes = {name: table.size for name, table in self.tables.items()}
         try:
@@ -244,17 +257,37 @@ class Recorder:
     @property
     def warnings(self) -> list[str]:
         """All warnings of the run, those before the first step first."""
-        return [*self.foreseen, *self.raised]
+        return [*self.foreseen, *self.raised, *self.ended]
 
-    def _summary(self, status: str, why: str, error: str | None) -> dict:
-        """Return the content of summary.json."""
+    @property
+    def mean_dt(self) -> float:
+        """Mean size of the steps so far [s]; NaN before the first one."""
+        steps = self.counts["steps"]
+        return (self.state.t - self.problem.state.t) / steps if steps else math.nan
+
+    def _doubts(self, warn) -> float:
+        """Return the error in time, and warn of what casts doubt on the run at its end."""
+        self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
+        problem, last = self.problem, (self.state, self.counts["steps"], self.ledger)
+        error = relative_error(self.time_error, problem.system, problem.method, *last)
+        rest = self.mean_dt, self.balance, self.ledger
+        for words in find_doubts(error, problem.method, *rest):
+            self.ended = (*self.ended, words)
+            self.folder.log(f"warning: {words}")
+            warn(words)
+        return error
+
+    def _summary(self, status: str, why: str, failure: str | None, error: float) -> dict:
+        """Return the content of summary.json; `error` is that in time."""
         return {
             "status": status,
-            "error": error,
+            "error": failure,
             "warnings": self.warnings,
             "warning": next(iter(self.warnings), None),  # as older runs have it
             "t": self.state.t,
             "t_end": self.problem.t_end,
+            "time_error": None if math.isnan(error) else error,
+            "time_error_in_words": describe_time_error(error, self.problem.method, self.mean_dt),
             **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
@@ -283,8 +316,8 @@ class Recorder:
             status, error = FAILED, error or full
         for table in self.tables.values():
             table.close()
-        self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
-        summary = self._summary(status, why, str(error) if error else None)
+        time_error = self._doubts(warn)
+        summary = self._summary(status, why, str(error) if error else None, time_error)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         resumes = self._resume_time()
         if status == INTERRUPTED and resumes is not None:
@@ -292,6 +325,7 @@ class Recorder:
         try:
             self.folder.summary(summary)
             self.folder.log(f"{words}: {error}" if error else words)
+            self.folder.log(summary["time_error_in_words"])
             self._report(summary)
         except InputError as full:
             status, error = FAILED, error or full

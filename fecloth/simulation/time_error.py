@@ -26,7 +26,8 @@ OFTEN = 0.03  # of the time so far between two looks at the displacement
 class Sample:
     """Time [s], number of the step, x (n, 3) [m], and two energies [J].
 
-    `kinetic` is relative to the mean velocity of the start, `dissipated` the sum since then.
+    `kinetic` is that of the deformation, `Ledger.deforming`; `dissipated` is the sum since the
+    start, of a cloth that moves as a whole without what also resists a rigid motion.
     """
 
     t: float
@@ -59,7 +60,7 @@ class TimeError:
     Attributes
     ----------
     start
-        The state before the first step.
+        That before the first step.
     recent
         The last p + 1 samples.
     lag
@@ -74,7 +75,7 @@ class TimeError:
         Time of the next sample [s].
     """
 
-    start: State
+    start: Sample
     recent: tuple[Sample, ...]
     lag: float = 0.0
     length: float = 0.0
@@ -85,11 +86,10 @@ class TimeError:
     due: float = 0.0
 
     @classmethod
-    def open(cls, system: System, state: State) -> TimeError:
-        """Return the estimate before the first step."""
-        ledger = Ledger.open(system, state)
-        start = _sample(system, state, state, 0, ledger)
-        return cls(state, (start,), looked=state.t, due=state.t)
+    def open(cls, state: State, step: int, ledger: Ledger) -> TimeError:
+        """Return the estimate after `step` steps, from where on it counts."""
+        start = _sample(state, step, ledger)
+        return cls(start, (start,), looked=state.t, due=state.t)
 
     def after(self, system: System, method, info: StepInfo, ledger: Ledger) -> TimeError:
         """Return the estimate after a step: nearly always the same object."""
@@ -105,7 +105,7 @@ class TimeError:
             return replace(self, due=math.inf)
         q, constant = drift
         mass, is_first = system.diagonal_mass, len(self.recent) < q + 2
-        recent = (*self.recent, _sample(system, self.start, state, step, ledger))[-(q + 2) :]
+        recent = (*self.recent, _sample(state, step, ledger))[-(q + 2) :]
         old, new = recent[-2:]
         lag = constant * _mean_step(old, new) ** q * (new.t - old.t)
         length, total = self.length, self.lag + lag
@@ -149,7 +149,7 @@ def relative_error(
     traits = method.traits
     if (drift := drift_of(traits)) is None:
         return math.nan
-    if step > error.recent[-1].step:
+    if state.t > error.recent[-1].t:
         error = error.sampled(system, traits, state, step, ledger)
     error = error._looked(system.diagonal_mass)
     extent = float(np.ptp(system.cloth.X, axis=0).max())
@@ -157,7 +157,7 @@ def relative_error(
         return math.nan
     length = error.largest
     if traits.order < drift[0] and traits.error_constant is not None:
-        dt = (state.t - error.start.t) / step
+        dt = _mean_step(error.start, error.recent[-1])
         length += traits.error_constant * dt * error.speed
     return length / error.moved
 
@@ -179,13 +179,9 @@ def derivative(samples: Sequence[Sample]) -> np.ndarray:
     return y
 
 
-def _sample(system, start, state, step, ledger):
-    """Return a sample of a state."""
-    velocity = system.sums.mean(system.diagonal_mass, start.v)
-    mean = system.sums.mean(system.diagonal_mass, state.v)
-    mass = float(system.nodal_mass.sum())
-    kinetic = ledger.kinetic + mass * float(0.5 * velocity @ velocity - mean @ velocity)
-    return Sample(state.t, step, state.x, kinetic, sum(ledger.dissipated.values()))
+def _sample(state: State, step: int, ledger: Ledger) -> Sample:
+    lost = sum(ledger.dissipated.values()) if ledger.start_x is None else ledger.lost_inside
+    return Sample(state.t, step, state.x, ledger.deforming, lost)
 
 
 def _mean_step(a, b):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from fecloth.simulation.energy_balance import Balance
+from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_control import Adaptive
 
 RESOLVED = 0.3  # largest error that the estimate can tell
@@ -29,22 +31,38 @@ def describe_time_error(error: float, method, dt: float) -> str:
     >>> describe_time_error(0.16, fc.BDF2(), dt=0.004)
     'error in time about 16 %; dt = 0.001 s would give 1 %'
     """
+    if error >= RESOLVED:
+        finer = "rtol" if isinstance(method, Adaptive) else "dt"
+        return f"{name_time_error(error)}; take a smaller {finer}"
+    return name_time_error(error) + (_proposal(error, method, dt) if error >= LEAST else "")
+
+
+def name_time_error(error: float) -> str:
+    """Return how large an error in time is, in words.
+
+    Examples
+    --------
+    >>> [name_time_error(error) for error in (0.0123, 0.5)]
+    ['error in time about 1.2 %', 'error in time: not resolved']
+    """
     if math.isnan(error):
         return "error in time: no estimate"
     if error >= RESOLVED:
-        finer = "rtol" if isinstance(method, Adaptive) else "dt"
-        return f"error in time: not resolved; take a smaller {finer}"
+        return "error in time: not resolved"
     if error < LEAST:
         return f"error in time below {100 * LEAST:g} %"
-    return f"error in time about {100 * error:.2g} %{_proposal(error, method, dt)}"
+    return f"error in time about {100 * error:.2g} %"
 
 
-def is_warned_of(error: float) -> bool:
-    """Whether the sentence is a warning."""
-    return error > WARNED
+def find_doubts(
+    error: float, method, dt: float, balance: Balance, ledger: Ledger
+) -> tuple[str, ...]:
+    """Return the warnings at the end of a run: a large error in time, numerical dissipation."""
+    words = describe_time_error(error, method, dt) if error > WARNED else ""
+    return tuple(filter(None, (words, balance.dissipation_warning(ledger))))
 
 
-def _proposal(error, method, dt):
+def _proposal(error: float, method, dt: float) -> str:
     """Return which step gives 1 %, or "" where that is far away or beyond a stability limit."""
     if isinstance(method, Adaptive):  # its error is proportional to the tolerance
         name, value, unit, factor = "rtol", method.rtol, "", WANTED / error
