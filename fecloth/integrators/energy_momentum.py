@@ -50,8 +50,9 @@ class EnergyMomentum(StageMethod):
     >>> x = 1.1 * system.rest().x
     >>> start = system.state(x, np.cross([0, 0, 5.0], x))
     >>> exact = fc.Newton(tolerance=1e-10)
-    >>> result = fc.run(system, fc.EnergyMomentum(), start, dt=0.01, t_end=0.5, newton=exact)
-    >>> bool(np.ptp(result.energies["total"]) < 1e-8 * result.energies["total"][0])
+    >>> steps = fc.march(system, fc.EnergyMomentum(), start, dt=0.01, t_end=0.5, newton=exact)
+    >>> totals = [sum(system.energies(state).values()) for state, _ in steps]
+    >>> bool(np.ptp(totals) < 1e-8 * totals[0])
     True
     """
 

@@ -270,8 +270,8 @@ class Recorder:
         self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
         problem, last = self.problem, (self.state, self.counts["steps"], self.ledger)
         error = relative_error(self.time_error, problem.system, problem.method, *last)
-        rest = self.mean_dt, self.balance, self.ledger
-        for words in find_doubts(error, problem.method, *rest):
+        run = problem.system, problem.method, self.mean_dt
+        for words in find_doubts(error, *run, self.balance, self.ledger):
             self.ended = (*self.ended, words)
             self.folder.log(f"warning: {words}")
             warn(words)
@@ -324,8 +324,8 @@ class Recorder:
             words += f"; --resume goes on from {resumes:g} s"
         try:
             self.folder.summary(summary)
-            self.folder.log(f"{words}: {error}" if error else words)
             self.folder.log(summary["time_error_in_words"])
+            self.folder.log(f"{words}: {error}" if error else words)
             self._report(summary)
         except InputError as full:
             status, error = FAILED, error or full

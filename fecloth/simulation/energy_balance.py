@@ -96,7 +96,7 @@ class Balance:
             "smaller dt"
         )
 
-    def dissipation_warning(self, ledger: Ledger) -> str:
+    def dissipation_warning(self, system: System, ledger: Ledger) -> str:
         """Return a sentence if the method has dissipated more than 20 % of the motion, or "".
 
         The motion is the `scale` or, if that is more, all that was dissipated: a cloth that loads
@@ -105,6 +105,8 @@ class Balance:
         lost = ledger.numerical + sum(ledger.dissipated.values())
         motion = max(self.scale, lost)
         noise = ROUND_OFF * sum(abs(amount) for amount in ledger.amounts())
+        if ledger.t > self.start:
+            noise += negligible_energy(system, ledger.t - self.start)
         if ledger.silent or not ledger.numerical > max(EATEN * motion, noise):
             return ""
         return (

@@ -192,12 +192,13 @@ def collect(
         observed.append(record.observed)
         counts = counts.plus(record.info.counts)
         report(record.info)
-    error, words, doubts = math.nan, (told or balance.warning(ledger, ended=True),), ()
+    told = told or balance.warning(ledger, ended=True)
+    error, doubts = math.nan, foreseen + ((told,) if told else ())
     if record:
         step = record.info.step
         error = relative_error(record.time_error, system, method, state, step, ledger)
         dt = (state.t - record.time_error.start.t) / (len(energies) - 1)
-        doubts = find_doubts(error, method, dt, balance, ledger)
+        doubts += find_doubts(error, system, method, dt, balance, ledger)
     return Result(
         state=state,
         times=np.array([row["t"] for row in energies]),
@@ -208,7 +209,7 @@ def collect(
         linear=counts.linear,
         solver=why,
         method=method,
-        warnings=(*foreseen, *filter(None, words), *doubts),
+        warnings=doubts,
         time_error=error,
     )
 

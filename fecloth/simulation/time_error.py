@@ -24,17 +24,20 @@ OFTEN = 0.03  # of the time so far between two looks at the displacement
 @remembered
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Time [s], number of the step, x (n, 3) [m], and two energies [J].
+    """Time [s], number of the step, x (n, 3) [m], and energies [J].
 
-    `kinetic` is that of the deformation, `Ledger.deforming`; `dissipated` is the sum since the
-    start, of a cloth that moves as a whole without what also resists a rigid motion.
+    `deforming` and `inside` are the kinetic energy of the deformation and what damping has
+    dissipated that a rigid motion does not feel; `kinetic` and `outside` the whole kinetic energy
+    and what the other damping has dissipated. See `Ledger`.
     """
 
     t: float
     step: int
     x: np.ndarray
+    deforming: float
+    inside: float
     kinetic: float
-    dissipated: float
+    outside: float
 
 
 @remembered
@@ -48,6 +51,8 @@ class TimeError:
     the nodes without its rigid part. Damping of rate γ forgets earlier errors:
 
         de/dt = MEAN κ dt^q |d^p x / dt^p| − γ e,    γ = power dissipated / (4 kinetic energy)
+
+    with the kinetic energy of the deformation for damping that a rigid motion does not feel.
 
     A mode cannot be off by more than 2 A. The derivative is therefore a divided difference over
     times τ apart, at most (2/τ)^p A for a mode of any frequency, with
@@ -180,8 +185,8 @@ def derivative(samples: Sequence[Sample]) -> np.ndarray:
 
 
 def _sample(state: State, step: int, ledger: Ledger) -> Sample:
-    lost = sum(ledger.dissipated.values()) if ledger.start_x is None else ledger.lost_inside
-    return Sample(state.t, step, state.x, ledger.deforming, lost)
+    energies = ledger.deforming, ledger.lost_inside, ledger.kinetic, ledger.lost_outside
+    return Sample(state.t, step, state.x, *energies)
 
 
 def _mean_step(a, b):
@@ -189,9 +194,14 @@ def _mean_step(a, b):
     return (b.t - a.t) / (b.step - a.step)
 
 
-def _add_forgetting(length, added, a, b):
+def _add_forgetting(length: float, added: float, a: Sample, b: Sample) -> float:
     """Return e at b: e at a decays, and what is added between them decays as it comes."""
-    lost, moving = max(b.dissipated - a.dissipated, 0.0), max(a.kinetic + b.kinetic, 0.0)
-    decay = lost / max(2 * moving, 1e-3 * lost) if lost else 0.0  # γ (t_b − t_a)
+    decay = _decay(b.inside - a.inside, a.deforming + b.deforming)
+    decay += _decay(b.outside - a.outside, a.kinetic + b.kinetic)
     share = -math.expm1(-decay) / decay if decay > 1e-9 else 1.0
     return length * math.exp(-decay) + added * share
+
+
+def _decay(lost: float, moving: float) -> float:
+    """Return γ (t_b − t_a) from the energy lost in between and the sum of the kinetic energies."""
+    return lost / max(2 * moving, 1e-3 * lost) if lost > 0 else 0.0

@@ -7,6 +7,7 @@ import math
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_control import Adaptive
+from fecloth.system.system import System
 
 RESOLVED = 0.3  # largest error that the estimate can tell
 WARNED = 0.1
@@ -55,11 +56,11 @@ def name_time_error(error: float) -> str:
 
 
 def find_doubts(
-    error: float, method, dt: float, balance: Balance, ledger: Ledger
+    error: float, system: System, method, dt: float, balance: Balance, ledger: Ledger
 ) -> tuple[str, ...]:
     """Return the warnings at the end of a run: a large error in time, numerical dissipation."""
     words = describe_time_error(error, method, dt) if error > WARNED else ""
-    return tuple(filter(None, (words, balance.dissipation_warning(ledger))))
+    return tuple(filter(None, (words, balance.dissipation_warning(system, ledger))))
 
 
 def _proposal(error: float, method, dt: float) -> str:
