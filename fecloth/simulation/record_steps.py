@@ -117,5 +117,5 @@ def _noise(system: System, info: StepInfo) -> float:
     `negligible_energy`, or ½ m (64 ε |x|/dt)² if that is more: the round-off of positions.
     """
     speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
-    rounded = 0.5 * float(system.nodal_mass.sum()) * speed**2
+    rounded = 0.5 * system.total_mass * speed**2
     return max(rounded, negligible_energy(system, info.t - info.memory.start))

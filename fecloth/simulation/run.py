@@ -20,7 +20,7 @@ from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
-from fecloth.simulation.resolve import choose_steps, reported, resolve
+from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.set_up_warnings import find_set_up_warnings
 from fecloth.simulation.time_error import relative_error
 from fecloth.simulation.time_error_words import find_doubts, name_time_error
@@ -137,6 +137,8 @@ def run(
     foreseen = tuple(find_set_up_warnings(system, opening, steps.dt, end))
     for words in foreseen:
         warnings.warn(words, FeclothWarning, stacklevel=2)
+    if memory is None:  # `march` checks and warns only without a memory
+        steps.check_start(system, state)
     states = march(
         system,
         steps,
@@ -146,10 +148,18 @@ def run(
         stops=stops,
         solver=chosen,
         most_stretch=most_stretch,
-        memory=memory,
+        memory=memory or Memory(0, state.t, None),
     )
     result = collect(
-        states, system, reported(steps), ledger, observer, why, most_growth, report, foreseen
+        states,
+        system,
+        method_to_report(steps),
+        ledger,
+        observer,
+        why,
+        most_growth,
+        report,
+        foreseen,
     )
     for words in result.warnings[len(foreseen) :]:
         warnings.warn(words, FeclothWarning, stacklevel=2)

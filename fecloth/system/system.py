@@ -105,6 +105,11 @@ class System:
         return self.cloth.weighted_load(self.panel.density)
 
     @cached_property
+    def total_mass(self) -> float:
+        """Of the whole cloth [kg]."""
+        return self.sums.total(float(self.nodal_mass.sum()))
+
+    @cached_property
     def diagonal_mass(self) -> np.ndarray:
         """(n,) masses > 0 [kg] for norms and estimates: P1's row sums, `Cloth.diagonal_mass`."""
         return self.cloth.diagonal_mass(self.panel.density)
@@ -217,7 +222,7 @@ class System:
         """{"kinetic": J, term name: J, …} of the terms that have an energy."""
         kinetic = 0.5 * self.sums.dot(state.v, self.scalar_mass @ state.v)
         potentials = {
-            name: term.energy(state.x, state.t)
+            name: self.sums.total(term.energy(state.x, state.t))
             for name, term in zip(self.names, self.bound, strict=True)
             if term.has_energy
         }

@@ -217,7 +217,9 @@ def test_info(scene, capsys):
     assert f"fecloth: {fc.__version__}" in printed
     assert "direct solver:" in printed
     assert main(["info", str(scene)]) == 0
-    assert "terms: StVK, StrainRateDamping, Gravity" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "terms: StVK, StrainRateDamping, Gravity" in printed
+    assert printed.count("triangles") == 1  # the sizes are not told twice
 
 
 def long_run(scene, out, **options):

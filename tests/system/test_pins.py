@@ -72,6 +72,9 @@ def test_velocity_by_central_difference_or_as_given():
         assert pin.displacement(t) == pytest.approx([np.sin(7 * t), t**2, 2.0], abs=1e-15)
     told = fc.Pin("left", lambda t: [t, 0.0, 0.0], velocity=lambda t: [1.0, 0.0, t])
     assert told.speed(0.5).tolist() == [1.0, 0.0, 0.5]
+    formulas = fc.Pin("left", lambda t: [t, 0.0, 0.0], velocity=["1", 0, "t * Y"])
+    there = formulas.at(np.array([[0.0, 2.0], [0.0, 4.0]]))
+    assert there.speed(0.5).tolist() == [[1.0, 0.0, 1.0], [1.0, 0.0, 2.0]]
     assert not fc.Pin("left").speed(1.0).any()
     assert not fc.Pin("left").displacement(1.0).any()
 

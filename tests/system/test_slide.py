@@ -31,6 +31,23 @@ def test_projectors(length, rng):
     assert not fc.Pin("left").projector.any()
 
 
+SHARED = [  # free directions of the second slide, and what holds the node in place of both
+    ({"normal": (0, 1, 0)}, r"slide by a third Slide with direction = \[0.0, 0.0, 1.0\]"),
+    ({"normal": (1, 1, 0)}, r"slide by a third Slide with direction = \[0.0, 0.0, 1.0\]"),
+    ({"normal": (0, 1, 2)}, r"a third Slide with direction = \[0.0, -1.0, 0.5\]|0.0, 1.0, -0.5"),
+    ({"direction": (0, 0, 3)}, r"slide by a third Slide with direction = \[0.0, 0.0, 1.0\]"),
+    ({"direction": (1, 0, 1)}, "hold it, at .0, 0. m, by a Pin of its own"),
+    ({"normal": (-2, 0, 0)}, "Leave it out of one of the groups"),
+]
+
+
+@pytest.mark.parametrize(("second", "remedy"), SHARED)
+def test_the_remedy_for_two_slides_at_a_node(second, remedy, small):
+    slides = [fc.Slide("left", normal=(1, 0, 0)), fc.Slide("bottom", **second)]
+    with pytest.raises(fc.InputError, match=remedy):
+        fc.System(small, fc.Fabric(0.2, 1e3), [], slides)
+
+
 def test_each_node_has_its_own_groups_projector(small):
     """The groups stand in any order, and their nodes too."""
     first, second = small.nodes("right"), small.nodes("left")[::-1]

@@ -11,6 +11,7 @@ from scipy.sparse.linalg import eigsh
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.reductions import NodeSums
 
 MASSES = ["lumped", "consistent"]
 TERMS = [fc.Gravity((1, 0, 0)), fc.StVK(), fc.StrainRateDamping(0.01), fc.Gravity((0, 0, -9.81))]
@@ -177,3 +178,24 @@ def test_a_system_can_be_copied_with_a_change(mass):
     assert (turned.mass_kind, turned.grain) == (expected.mass_kind, 0.1)
     assert replace(turned, mass="consistent").mass_kind == "consistent"
     assert replace(turned, terms=[fc.StVK()]).names == ("StVK",)
+
+
+def test_sums_over_parts_of_a_cloth_go_through_one_object(sheet, isotropic, rng):
+    """A process that holds one of two equal halves has half of the energies, terms included."""
+
+    class OfTwoHalves(NodeSums):
+        def total(self, part):
+            return 2 * part
+
+        def dot(self, a, b):
+            return 2 * super().dot(a, b)
+
+    class Half(fc.System):
+        sums = OfTwoHalves()
+
+    terms = [fc.StVK(), fc.Gravity(), fc.TensorCondition(3.0)]
+    half, whole = Half(sheet, isotropic, terms), fc.System(sheet, isotropic, terms)
+    state = whole.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
+    expected = {name: 2 * energy for name, energy in whole.energies(state).items()}
+    assert half.energies(state) == expected
+    assert half.total_mass == 2 * whole.total_mass == pytest.approx(2 * 0.2 * 0.6)
