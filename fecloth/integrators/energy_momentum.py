@@ -44,6 +44,7 @@ class EnergyMomentum(StageMethod):
     A free sheet that turns and swings, at four times the largest explicit step; the midpoint rule
     changes its energy by a fifth:
 
+    >>> import numpy as np
     >>> import fecloth as fc
     >>> cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
     >>> system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()])
@@ -52,7 +53,7 @@ class EnergyMomentum(StageMethod):
     >>> exact = fc.Newton(tolerance=1e-10)
     >>> steps = fc.march(system, fc.EnergyMomentum(), start, dt=0.01, t_end=0.5, newton=exact)
     >>> totals = [sum(system.energies(state).values()) for state, _ in steps]
-    >>> bool(np.ptp(totals) < 1e-8 * totals[0])
+    >>> bool(max(totals) - min(totals) < 1e-8 * totals[0])
     True
     """
 

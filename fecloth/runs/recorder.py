@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -21,6 +22,7 @@ from fecloth.runs.environment import peak_memory, versions
 from fecloth.runs.folder import RunFolder
 from fecloth.runs.outcome import FAILED, INTERRUPTED, Outcome, count_sizes
 from fecloth.runs.restart import Restart
+from fecloth.runs.shape_watch import ShapeWatch, last_count, shape_summary
 from fecloth.runs.stopwatch import Watch
 from fecloth.runs.strain_statistics import stretch_row
 from fecloth.scene.problem import Problem
@@ -34,7 +36,7 @@ from fecloth.view.html_report import write_report
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 _TABLES = ("steps", "energies", "observed", "strains")
-_SO_FAR = ("state", "memory", "ledger", "balance", "time_error")
+_SO_FAR = ("state", "memory", "ledger", "balance", "time_error", "counted")
 _COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
 
 
@@ -59,12 +61,14 @@ class Recorder:
         self.frames = frames(folder.path / name, problem.cloth, problem.system)
         self.ledger = problem.ledger
         self.shown: Frame | None = None  # the last frame written
+        self.watched = ShapeWatch.bind(problem)
+        self.seen: dict[str, float] = {}  # its row of strains.csv
+        self.counted = -math.inf  # the step of the last count of intersections
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
         self.balance = Balance.open(problem.ledger)
         self.time_error = TimeError.open(problem.state, 0, problem.ledger)
         self.foreseen = foreseen  # warnings before the first step
         self.raised: tuple[str, ...] = ()  # since
-        self.ended: tuple[str, ...] = ()  # at the end
         self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
         self.frames_on_disk = 0  # frames that would survive a power cut
         with watch.phase("output"):
@@ -84,6 +88,7 @@ class Recorder:
         self.raised = found.warnings
         self.frames.keep(self.tables["strains"].column("t"))
         self.frames_on_disk = len(self.frames.times)
+        self.counted = last_count(self.tables["strains"], self.tables["steps"])
         restarts.drop_later(self.folder.path, found)
         exactly = "" if found.exact else ", exact to the solver's tolerance only: a factor was lost"
         self.folder.log(f"goes on from step {found.memory.step} at {found.state.t:g} s{exactly}")
@@ -150,8 +155,10 @@ class Recorder:
                     self._take(record)
                     self._rows(record.observed, info)
                     if self._is_frame_due(info):
-                        self._frame()
+                        self._frame(ended=info.t >= problem.t_end)
                 self._warn_once(self.balance.warning(self.ledger), warn)
+                if self._is_frame_due(info):
+                    self._warn_of_shape(warn)
                 if regular := self._is_restart_due(info):
                     self.restart(regular)
             report(info)
@@ -160,11 +167,16 @@ class Recorder:
                     self.restart()
                 return
 
+    def _warn_of_shape(self, warn) -> None:
+        """Warn of what the last frame shows."""
+        for words in self.watched.warnings(self.seen) if self.seen else ():
+            self._warn_once(words, warn)
+
     def _warn_once(self, words: str, warn) -> None:
-        """Keep and tell the first warning that the energy balance no longer closes."""
-        if self.raised or not words:
+        """Keep and tell the first warning of each kind; its words but the numbers tell the kind."""
+        if not words or _kind(words) in map(_kind, self.raised):
             return
-        self.raised = (words,)
+        self.raised += (words,)
         self.folder.log(f"warning: {words}")
         warn(words)
 
@@ -237,12 +249,16 @@ class Recorder:
         """Remainder of the energy balance relative to the largest energy of deformation so far."""
         return self.ledger.remainder / self.balance.scale if self.balance.scale else 0.0
 
-    def _frame(self) -> None:
-        """Write the state as a frame, and the extremes of its strain."""
+    def _frame(self, ended: bool = False) -> None:
+        """Write the state as a frame, the extremes of its strain, and what else its shape shows."""
         arrays = fields(self.problem.system, self.state)
         self.frames.add(self.state, arrays)
         self.shown = Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
-        self.tables["strains"].add(stretch_row(self.state.t, arrays[1]["principal_stretches"]))
+        row = stretch_row(self.state.t, arrays[1]["principal_stretches"])
+        counts = self.watched.is_due(self.counts["steps"] - self.counted, ended)
+        self.seen = row | self.watched.row(self.state, arrays[1], counts)
+        self.tables["strains"].add(self.seen)
+        self.counted = self.counts["steps"] if counts else self.counted
 
     def _report(self, summary: dict) -> None:
         """Write report.html; a failure to write it must not fail the run."""
@@ -257,7 +273,7 @@ class Recorder:
     @property
     def warnings(self) -> list[str]:
         """All warnings of the run, those before the first step first."""
-        return [*self.foreseen, *self.raised, *self.ended]
+        return [*self.foreseen, *self.raised]
 
     @property
     def mean_dt(self) -> float:
@@ -272,9 +288,7 @@ class Recorder:
         error = relative_error(self.time_error, problem.system, problem.method, *last)
         run = problem.system, problem.method, self.mean_dt
         for words in find_doubts(error, *run, self.balance, self.ledger):
-            self.ended = (*self.ended, words)
-            self.folder.log(f"warning: {words}")
-            warn(words)
+            self._warn_once(words, warn)
         return error
 
     def _summary(self, status: str, why: str, failure: str | None, error: float) -> dict:
@@ -291,6 +305,7 @@ class Recorder:
             **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
+            **shape_summary(self.tables["strains"]),
             "frames": len(self.frames.times),
             "open": self.frames.opens.name,
             "solver": why,
@@ -311,12 +326,13 @@ class Recorder:
         try:
             with self.watch.phase("output"):
                 if self.state.t > self.frames.times[-1] and not isinstance(error, WriteError):
-                    self._frame()
+                    self._frame(ended=True)
         except InputError as full:
             status, error = FAILED, error or full
         for table in self.tables.values():
             table.close()
         time_error = self._doubts(warn)
+        self._warn_of_shape(warn)
         summary = self._summary(status, why, str(error) if error else None, time_error)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         resumes = self._resume_time()
@@ -331,3 +347,8 @@ class Recorder:
             status, error = FAILED, error or full
         ends = self.ledger, error, tuple(self.warnings), resumes
         return Outcome(status, self.folder.path, summary, *ends)
+
+
+def _kind(words: str) -> str:
+    """Return the first words of a warning, without numbers."""
+    return re.sub(r"[-+.\de]*\d", "", words)[:50]

@@ -22,6 +22,7 @@ from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.set_up_warnings import find_set_up_warnings
+from fecloth.simulation.surface_checks import Shape, intersection_warning
 from fecloth.simulation.time_error import relative_error
 from fecloth.simulation.time_error_words import find_doubts, name_time_error
 from fecloth.system.state import State
@@ -51,6 +52,9 @@ class Result:
     method
         The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one without
         dt.
+    shape
+        The least and largest stretch, triangles turned over and pairs of triangles that intersect,
+        at the end.
     warnings
         A sentence for each reason to doubt the result, such as an energy balance that was off
         (`Balance.warning`), also if it closes at the end.
@@ -69,6 +73,7 @@ class Result:
     linear: int
     solver: str
     method: object
+    shape: Shape
     warnings: tuple[str, ...] = ()
     time_error: float = math.nan
 
@@ -202,13 +207,17 @@ def collect(
         observed.append(record.observed)
         counts = counts.plus(record.info.counts)
         report(record.info)
-    told = told or balance.warning(ledger, ended=True)
-    error, doubts = math.nan, foreseen + ((told,) if told else ())
+    shape, error = Shape.of(system, state), math.nan
+    inaccurate: tuple[str, ...] = ()
     if record:
-        step = record.info.step
-        error = relative_error(record.time_error, system, method, state, step, ledger)
+        error = relative_error(record.time_error, system, method, state, record.info.step, ledger)
         dt = (state.t - record.time_error.start.t) / (len(energies) - 1)
-        doubts += find_doubts(error, system, method, dt, balance, ledger)
+        inaccurate = find_doubts(error, system, method, dt, balance, ledger)
+    doubts = (
+        told or balance.warning(ledger, ended=True),
+        *inaccurate,
+        intersection_warning(state.t, shape.intersecting, "at"),
+    )
     return Result(
         state=state,
         times=np.array([row["t"] for row in energies]),
@@ -219,7 +228,8 @@ def collect(
         linear=counts.linear,
         solver=why,
         method=method,
-        warnings=doubts,
+        shape=shape,
+        warnings=(*foreseen, *filter(None, doubts)),
         time_error=error,
     )
 
