@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.integrators.one_stage import ImplicitMidpoint, StageMethod
 from fecloth.integrators.protocol import MethodTraits
+from fecloth.integrators.step import Step
+from fecloth.linalg import select
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.factor_reuse import FactorReuse
+from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.step_difference import StepDifference
+
+
+FEW = 40  # iterations with the symmetric tangent
 
 
 @dataclass(frozen=True)
@@ -55,19 +65,40 @@ class EnergyMomentum(StageMethod):
     True
     """
 
-    tangent: str = "exact"
+    tangent: str = "auto"
 
     def __post_init__(self) -> None:
-        if self.tangent not in ("symmetric", "exact"):
-            allowed = 'must be "symmetric" or "exact"'
+        if self.tangent not in ("auto", "symmetric", "exact"):
+            allowed = 'must be "auto", "symmetric" or "exact"'
             raise InputError(f"tangent = {self.tangent!r}", allowed, "EnergyMomentum")
 
     @property
     def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
         """A-stable; its matrix is symmetric if the tangents of the forces between states are."""
-        return MethodTraits(order=2, symmetric=self.tangent == "symmetric", error_constant=1 / 12)
+        return MethodTraits(order=2, symmetric=self.tangent != "exact", error_constant=1 / 12)
 
     stage = ImplicitMidpoint.stage
+
+    def step(
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: SolverContext,
+        memory: np.ndarray | None = None,
+    ) -> Step:
+        """One step from `state` over `dt` [s]; with "auto" by the exact tangent where it must."""
+        options = solver.options
+        if self.tangent != "auto" or options.definiteness == "clamp":  # all clamped are symmetric
+            return super().step(system, state, dt, solver, memory)
+        if solver.matrix_solver()[0].symmetric:
+            few = replace(options, max_iterations=min(FEW, options.max_iterations))
+            try:
+                return super().step(system, state, dt, replace(solver, options=few), memory)
+            except NewtonFailed:
+                linear = select.direct(symmetric=False)
+                solver = replace(solver, linear=linear, factor_reuse=FactorReuse())
+        return replace(self, tangent="exact").step(system, state, dt, solver, memory)
 
     def over_step(self, system: System, state: State, dt: float) -> System:
         """The system with forces between x₀ and x₁ = 2x − x₀ that do the work of the energies.

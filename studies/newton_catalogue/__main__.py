@@ -20,9 +20,8 @@ import time
 from itertools import product
 from pathlib import Path
 
-from fecloth import study
-
 import fecloth as fc
+from fecloth import study
 
 FABRICS = ("interlock", "denim-wang", "cotton")
 METHODS = ("BackwardEuler", "BDF2", "GeneralizedAlpha")
@@ -133,10 +132,7 @@ def main() -> int:
         for own in [[row for row in rows if row["method"] == method]]
         for limit in [0 if method in SAFE else float("inf")]
     ]
-    text = (
-        "Each cell: Newton iterations a step, the most in one step, and CPU seconds for each second "
-        "of motion."
-    )
+    text = "Each cell: Newton iterations a step, the most in one, CPU seconds a second of motion."
     code = study.write_report(
         options,
         "Newton's iteration on hanging cloth",
