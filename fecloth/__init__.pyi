@@ -64,8 +64,8 @@ from .terms import (
     Wind,
 )
 from .terms.bending.hinge import hinge_angles
+from .terms.custom.condition import Condition
 from .terms.custom.membrane_law import MembraneLaw
-from .terms.custom.user_condition import Condition
 from .terms.loops.green_strain import contract
 
 __version__: str

@@ -175,7 +175,8 @@ def _run(options) -> int:
         console.print("\n".join(lines), highlight=False, soft_wrap=True)
 
     def warn(words: str) -> None:
-        console.print(f"warning: {words}", highlight=False, soft_wrap=True)
+        loud = Console(stderr=True) if options.quiet else console
+        loud.print(f"warning: {words}", highlight=False, soft_wrap=True, markup=False)
 
     with progress(console, scene.time.t_end) as report:
         resume = bool(options.resume)
@@ -183,8 +184,6 @@ def _run(options) -> int:
     if not options.quiet:
         print(ledger_text(outcome.ledger))
         print(finished_message(outcome))
-    if outcome.warning:
-        print(f"warning: {outcome.warning}", file=sys.stderr)
     if outcome.status == DONE:
         return 0
     print(failure_message(outcome), file=sys.stderr)
@@ -257,8 +256,8 @@ def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None])
     problem, solver, why = resolve_scene(scene.build())
     start = problem.system, problem.method, problem.ledger, problem.observer
     result = collect(problem.march(solver), *start, why, report=report)
-    if result.doubt:
-        print(f"warning: {result.doubt}", file=sys.stderr)
+    for words in result.warnings:
+        print(f"warning: {words}", file=sys.stderr)
     return check(scene.expect, result.times, result.observed, result.energies)
 
 
@@ -318,7 +317,8 @@ def _plan(options) -> list[str]:
     from fecloth.scene.scene import load_scene
 
     problem, _, why = resolve_scene(load_scene(options.scene, options.set).build())
-    lines = [*describe_cloth(problem.cloth), *sources(problem.system.fabric), *plan(problem, why)]
+    _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes
+    lines = [*plan(problem, why), *mesh, *sources(problem.system.fabric)]
     return lines + [f"warning: {words}" for words in find_warnings(problem)]
 
 

@@ -43,7 +43,8 @@ class BDF2(WithMemory):
     Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, III.5.
     """
 
-    traits = MethodTraits(order=2, error_constant=2 / 9, has_difference=True)  # at constant steps
+    # the error constant is that of constant steps
+    traits = MethodTraits(order=2, error_constant=2 / 9, drift=(2, 1 / 3), has_difference=True)
 
     def stage(self, state: State, dt: float, last: Change) -> Stage:
         """The stage of a step from `state`, after the change that led there."""

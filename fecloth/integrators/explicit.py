@@ -81,7 +81,9 @@ class ForwardEuler(Explicit):
     """
 
     # its limit is of another form: see `critical_dt`
-    constants = MethodTraits(order=1, explicit=True, error_constant=1 / 2, stability=None)
+    constants = MethodTraits(
+        order=1, explicit=True, error_constant=1 / 2, drift=(1, 1 / 2), stability=None
+    )
     forces_at = 0.0
     beyond_limit: bool = False
 
@@ -107,7 +109,13 @@ class SymplecticEuler(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    constants = MethodTraits(order=1, explicit=True, error_constant=1 / 2, stability=(1 / 4, 1 / 2))
+    constants = MethodTraits(
+        order=1,
+        explicit=True,
+        error_constant=1 / 2,
+        drift=(2, 1 / 24),  # that of central differences, started half a step off
+        stability=(1 / 4, 1 / 2),
+    )
     forces_at = 0.0
     beyond_limit: bool = False
 
@@ -157,7 +165,9 @@ class CentralDifference(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    constants = MethodTraits(order=2, explicit=True, error_constant=1 / 6, stability=(1 / 4, 1.0))
+    constants = MethodTraits(
+        order=2, explicit=True, error_constant=1 / 6, drift=(2, 1 / 24), stability=(1 / 4, 1.0)
+    )
     forces_at = 0.5
     beyond_limit: bool = False
 

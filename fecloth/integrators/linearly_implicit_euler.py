@@ -29,7 +29,7 @@ class LinearlyImplicitEuler:
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 6 (their ∂f/∂x is −K).
     """
 
-    traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2)
+    traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2, drift=(1, 1 / 2))
 
     def weights(self, dt: float) -> tuple[float, float, float]:
         """(wx, wv, wa), scaled as backward Euler's."""

@@ -137,9 +137,11 @@ class Newmark(AccelerationMethod):
         in v. For γ > ½ the error in v is of first order, and there is no estimate of it.
         """
         second = self.gamma == 0.5
+        drift = (2, 0.5 * abs(self.beta - 1 / 12)) if second else (1, 0.5 * (self.gamma - 0.5))
         return MethodTraits(
             order=2 if second else 1,
             error_constant=max(abs(self.beta - 1 / 6), 1 / 12) if second else None,
+            drift=drift,
             stability=(max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma),
             beyond_limit=self.beyond_limit,
         )

@@ -84,7 +84,9 @@ class BackwardEuler(StageMethod):
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 4.
     """
 
-    traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2, has_difference=True)
+    traits = MethodTraits(
+        order=1, theta=1.0, error_constant=1 / 2, drift=(1, 1 / 2), has_difference=True
+    )
 
     def stage(self, state: State, dt: float) -> Stage:
         x, zero = state.x + dt * state.v, np.zeros_like(state.v)
@@ -105,7 +107,7 @@ class ImplicitMidpoint(StageMethod):
     Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, section I.1, eq. 1.7.
     """
 
-    traits = MethodTraits(order=2, error_constant=1 / 12)
+    traits = MethodTraits(order=2, error_constant=1 / 12, drift=(2, 1 / 12))
 
     def stage(self, state: State, dt: float) -> Stage:
         x, zero = state.x + 0.5 * dt * state.v, np.zeros_like(state.v)

@@ -57,7 +57,15 @@ def weighted(w: Array, a: Array, b: Array) -> float:
 
 
 class NodeSums:
-    """The sums over the nodes of one cloth; arrays a, b, y are (n, 3) and weights (n,)."""
+    """The sums over a whole cloth; arrays a, b, y are (n, 3) and weights (n,).
+
+    Here one process holds the whole cloth. Where several hold a part each, such an object adds up
+    what they have, and nothing else changes.
+    """
+
+    def total(self, part: float) -> float:
+        """The sum over the cloth of a number that a process has summed over its part."""
+        return part
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Σ a_i · b_i."""

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.mesh.flat_mesh import FlatMesh
-from fecloth.mesh.gmsh_import import check_positive, check_size, gmsh_plane
+from fecloth.mesh.gmsh_import import gmsh_plane
 from fecloth.suggest import did_you_mean
 
 
@@ -49,9 +50,9 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
     >>> mesh.X.shape, mesh.triangles.shape, mesh.node_sets["left"].tolist()
     ((15, 2), (16, 3), [0, 5, 10])
     """
-    check_positive("width", width, "rectangle")
-    check_positive("height", height, "rectangle")
-    check_size(h, max(width, height), width * height, "rectangle")
+    validation.length("width", width, "rectangle")
+    validation.length("height", height, "rectangle")
+    validation.mesh_size(h, max(width, height), width * height, "rectangle")
     if pattern not in _PATTERNS:
         allowed = f"must be one of {', '.join(_PATTERNS)}"
         remedy = did_you_mean(pattern, _PATTERNS, cutoff=0.0)
@@ -86,8 +87,8 @@ def disk(radius: float, h: float) -> FlatMesh:
     >>> bool(np.allclose(np.hypot(*mesh.X[mesh.node_sets["boundary"]].T), 0.5))
     True
     """
-    check_positive("radius", radius, "disk")
-    check_size(h, radius, np.pi * radius**2, "disk")
+    validation.length("radius", radius, "disk")
+    validation.mesh_size(h, radius, np.pi * radius**2, "disk")
 
     def draw(geo):
         centre = geo.addPoint(0, 0, 0, h)

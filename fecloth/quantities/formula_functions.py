@@ -33,6 +33,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {  # and their number of 
     **{name: (getattr(np, name), 1) for name in _OF_ONE},
     "min": (np.minimum, 2),
     "max": (np.maximum, 2),
+    "mod": (np.mod, 2),
     "where": (np.where, 3),
     "smoothstep": (smoothstep, 3),
 }
@@ -46,6 +47,7 @@ BINARY: dict[type[ast.operator], Callable[..., Any]] = {
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
     ast.Pow: operator.pow,
+    ast.Mod: np.mod,
 }
 COMPARE: dict[type[ast.cmpop], Callable[..., Any]] = {
     ast.Lt: np.less,
@@ -215,9 +217,10 @@ NUMBERS = Arithmetic(
         "abs": abs,
         "min": lambda a, b: float(np.minimum(a, b)),
         "max": lambda a, b: float(np.maximum(a, b)),
+        "mod": operator.mod,
         "smoothstep": _smoothstep,
     },
-    binary=BINARY | {ast.Pow: _power},
+    binary=BINARY | {ast.Pow: _power, ast.Mod: operator.mod},
     compare={ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge},
     negate=operator.not_,
     every=all,

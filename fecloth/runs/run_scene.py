@@ -64,7 +64,7 @@ def run_scene(
     resume
         Continue the run in that folder from its last restart file; what it wrote later is removed.
     warn
-        Called with a sentence at the first step at which the energy balance no longer closes.
+        Called with a sentence when the energy balance no longer closes.
 
     Raises
     ------
@@ -106,10 +106,12 @@ def _run_scene(scene, path, overwrite, announce, report, resume, warn, locks: Ex
         )
         with nullcontext() if found else remove_on_failure(path, is_new=not existed):
             _write_head(folder, scene, problem, why, warnings)
-            recorder = Recorder(folder, problem, watch, solver, scene.to_toml(), start, found)
+            recorder = Recorder(
+                folder, problem, watch, solver, scene.to_toml(), start, found, warnings
+            )
         error = recorder.march(report, warn, interrupted)
         stopped = INTERRUPTED if recorder.state.t < problem.t_end else DONE
-        return recorder.close(FAILED if error else stopped, why, error)
+        return recorder.close(FAILED if error else stopped, why, error, warn)
 
 
 def _write_head(folder, scene, problem, why, warnings: list[str]) -> None:

@@ -165,7 +165,7 @@ def load_scene(
     try:
         scene = _scene(terms or {}).model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
-        raise scene_error(error, data, source) from None
+        raise scene_error(error, data, source, toml_text.text(path)) from None
     scene._source = source
     return scene
 

@@ -74,7 +74,7 @@ class StabilityLimited(ChosenSteps):
         if traits is None or not (traits.explicit and traits.stability) or traits.chooses_dt:
             allowed = "has no stable step to choose"
             remedy = "Take CentralDifference or SymplecticEuler."
-            raise InputError(f"method {brief(self.method)}", allowed, "", remedy)
+            raise InputError(f"method {brief(self.method)}", allowed, "StabilityLimited", remedy)
 
     @property
     def traits(self) -> MethodTraits:

@@ -52,7 +52,8 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
     }
     words = {
         "title": title_of(folder),
-        "status": summary["status"],
+        "status": summary["status"] + (", with warnings" if doubtful(summary) else ""),
+        "badge": "warned" if doubtful(summary) else summary["status"],
         "note": _subtitle(summary),
         "spent": f"Where {summary['seconds']['total']:.3g} s went",
         "scene": _text(folder / "scene.resolved.toml"),
@@ -94,21 +95,24 @@ def read_table(file: Path) -> dict[str, np.ndarray]:
 # --- words ----------------------------------------------------------------------------------------
 
 
+def doubtful(summary: Mapping) -> bool:
+    """Return whether a run came to its end with warnings: its badge is then amber."""
+    return summary["status"] == "done" and bool(summary.get("warnings"))
+
+
 def _subtitle(summary):
     words = f"{summary['nodes']} nodes, {summary['triangles']} triangles"
     return f"{words}; {summary['method']}" if summary.get("method") else words
 
 
 def _warnings(folder, summary) -> Iterator[dict[str, str]]:
-    """Return the failure, the warning about the energy balance, and the warnings in the log."""
-    for key, kind in (("error", "note failed"), ("warning", "note")):
-        if text := summary.get(key):
-            yield {"kind": kind, "text": str(text)}
+    """Return the failure, the warnings of the summary, and those that only the log has."""
+    if text := summary.get("error"):
+        yield {"kind": "note failed", "text": str(text)}
     lines = _text(folder / "run.log").splitlines()
     logged = (line.split(" warning: ", 1)[1] for line in lines if " warning: " in line)
-    for text in dict.fromkeys(logged):
-        if text != summary.get("warning"):
-            yield {"kind": "note", "text": text}
+    for text in dict.fromkeys([*summary.get("warnings", ()), *logged]):
+        yield {"kind": "note", "text": text}
 
 
 def _tiles(summary, tables) -> dict[str, str]:
@@ -142,7 +146,7 @@ def _numbers(summary) -> dict[str, str]:
     rest = {
         key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
         for key, value in summary.items()
-        if key not in ("error", "warning", "seconds", "versions", "ledger")
+        if key not in ("error", "warning", "warnings", "seconds", "versions", "ledger")
     }
     return rest | {name: str(value) for name, value in summary.get("versions", {}).items()}
 

@@ -382,38 +382,6 @@ def test_element_bound_is_an_upper_bound_and_sharp(cloth):
 # --- what is refused ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "term",
-    [
-        fc.HingeBending(),
-        fc.QuadraticBending(),
-        fc.BendingDamping(0.1),
-        fc.BaraffWitkin(),
-        fc.Springs(),
-        fc.Drag(2.0),
-        fc.Wind((1, 0, 0), 2.0),
-        fc.Gas(3.0, volume=1.0),
-    ],
-    ids=lambda term: type(term).__name__,
-)
-def test_terms_for_p1_only_are_rejected_by_name(cloth, term):
-    said = f"System: {type(term).__name__} on element P2: must be on P1. Leave .* element = 'P1'"
-    with pytest.raises(fc.InputError, match=said):
-        system_on(cloth, [fc.StVK(), term])
-
-
-def test_lumped_mass_and_explicit_methods_are_rejected(cloth):
-    said = 'mass = "lumped": must be "consistent" for element P2: the row sums .* implicit method'
-    with pytest.raises(fc.InputError, match=said):
-        system_on(cloth, mass="lumped")
-    system = system_on(cloth)
-    for method in (fc.SymplecticEuler(), fc.CentralDifference()):
-        with pytest.raises(fc.InputError, match="a lumped P2 triangle has no mass at its corners"):
-            fc.run(system, method, system.rest(), dt=1e-5, t_end=1e-4)
-    with pytest.raises(fc.InputError, match="element = 'P3': must be one of P1, P2"):
-        fc.Cloth.disk(1.0, 0.5, element="P3")
-
-
 # --- files and scenes -----------------------------------------------------------------------------
 
 

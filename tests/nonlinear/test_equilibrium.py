@@ -341,18 +341,3 @@ def test_slack_triangles_are_counted(isotropic):
     with pytest.raises(fc.EquilibriumFailed, match=r"in 1 iterations; \d+ of \d+ triangles") as e:
         fc.equilibrium(system, state, max_iterations=1)
     assert "bending stiffness" in str(e.value)
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"tolerance": 0.0}, r"equilibrium: tolerance = 0.0: must lie in \(0, 1\)"),
-        ({"max_iterations": 0}, "max_iterations = 0: must be an integer >= 1"),
-        ({"load_steps": 2.5}, "load_steps = 2.5: must be an integer >= 1"),
-        ({"solver": "pcg"}, "solver = 'pcg': must be direct, pardiso or superlu"),
-    ],
-)
-def test_refusals(sheet, isotropic, options, said):
-    system = fc.System(sheet, isotropic, [fc.StVK()])
-    with pytest.raises(fc.InputError, match=said):
-        fc.equilibrium(system, system.rest(), **options)

@@ -195,22 +195,6 @@ def test_the_last_residual_is_that_of_the_equation(sheet, isotropic, rng):
     assert info.counts.residual <= 1e-6
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"tolerance": 0.0}, "tolerance"),
-        ({"tolerance": np.nan}, "tolerance"),
-        ({"forcing": 1.0}, "forcing"),
-        ({"max_iterations": 0}, "max_iterations"),
-        ({"reuse": 1}, "reuse = 1: must be True or False"),
-        ({"definiteness": "clamped"}, "none, clamp, on_failure"),
-    ],
-)
-def test_options_out_of_range(options, message):
-    with pytest.raises(fc.InputError, match=message):
-        fc.Newton(**options)
-
-
 def test_a_step_so_long_that_the_mass_hardly_counts_is_solved():
     """A cantilever in one step of 100 s: no multiple of the mass makes up for its bending."""
     strip = fc.Cloth.rectangle(0.5, 0.1, h=0.05, pattern="equilateral")

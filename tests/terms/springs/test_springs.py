@@ -290,21 +290,6 @@ def test_moduli_count_the_relaxation_inside_a_period(monkeypatch):
     assert C[1, 1] == pytest.approx(2 * series * 0.75**2 / 0.75**0.5, rel=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ({"kind": "cable"}, "van_gelder"),
-        ({"stiffness": -1.0}, "stiffness = -1.0"),
-        ({"kind": "van_gelder", "stiffness": 3.0}, "Leave it out"),
-        ({"damping": float("nan")}, r"damping = nan: must be >= 0 \[s\]"),
-        ({"tangent": "x"}, "symmetric, exact"),
-    ],
-)
-def test_refusals(arguments, said):
-    with pytest.raises(fc.InputError, match=said):
-        fc.Springs(**arguments)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_networks_without_directions_refuse_an_orthotropic_fabric(kind, sheet, orthotropic):
     with pytest.raises(fc.InputError):
