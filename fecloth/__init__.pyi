@@ -24,7 +24,7 @@ from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
 from .integrators.protocol import MethodTraits
 from .integrators.with_memory import WithMemory
 from .mesh.cloth import Cloth
-from .nonlinear.equilibrium import EquilibriumFailed, equilibrium
+from .nonlinear.equilibrium import Equilibrium, EquilibriumFailed, equilibrium
 from .nonlinear.options import Newton
 from .nonlinear.stage import Stage
 from .output.frame_arrays import fields
@@ -82,6 +82,7 @@ __all__ = [
     "Condition",
     "Drag",
     "EnergyMomentum",
+    "Equilibrium",
     "EquilibriumFailed",
     "Fabric",
     "FeclothError",

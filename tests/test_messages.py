@@ -398,7 +398,7 @@ METHODS = [
     (lambda: fc.Newton(max_iterations=0), "max_iterations"),
     (lambda: fc.Newton(reuse=1), "reuse = 1: must be True or False"),
     (lambda: fc.Newton(definiteness="clamped"), "none, clamp, on_failure"),
-    (lambda: equilibrium(tolerance=0.0), r"equilibrium: tolerance = 0.0: must lie in \(0, 1\)"),
+    (lambda: equilibrium(tolerance=0.0), r"equilibrium: tolerance = 0.0: must lie in \[1e-13, 1\)"),
     (lambda: equilibrium(max_iterations=0), "max_iterations = 0: must be an integer >= 1"),
     (lambda: equilibrium(load_steps=2.5), "load_steps = 2.5: must be an integer >= 1"),
     (lambda: equilibrium(solver="pcg"), "solver = 'pcg': must be direct, pardiso or superlu"),

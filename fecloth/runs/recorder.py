@@ -238,7 +238,7 @@ class Recorder:
             if frame is None or frame.points is not state.x:
                 frame = Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
             write_report(self.folder.path, summary, frame)
-        except Exception as failure:  # of any kind: the summary is written already
+        except Exception as failure:  # of any kind: all else is written
             self.folder.log(f"warning: no report: {failure}")
 
     @property
@@ -290,9 +290,9 @@ class Recorder:
         if status == INTERRUPTED and resumes is not None:
             words += f"; --resume goes on from {resumes:g} s"
         try:
-            self.folder.summary(summary)
             self.folder.log(f"{words}: {error}" if error else words)
             self._report(summary)
+            self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing
         except InputError as full:
             status, error = FAILED, error or full
         ends = self.ledger, error, tuple(self.warnings), resumes

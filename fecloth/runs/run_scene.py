@@ -50,6 +50,7 @@ def run_scene(
     report: Callable[[StepInfo], None] = lambda info: None,
     resume: bool = False,
     warn: Callable[[str], None] = lambda words: None,
+    closed: Callable[[], object] = lambda: None,
 ) -> Outcome:
     """Mesh, compile, march and write.
 
@@ -65,6 +66,8 @@ def run_scene(
         Continue the run in that folder from its last restart file; what it wrote later is removed.
     warn
         Called with a sentence when the energy balance no longer closes.
+    closed
+        Called when all files are written, before signals are handled as before the run.
 
     Raises
     ------
@@ -75,10 +78,13 @@ def run_scene(
     with ExitStack() as locks:
         if path.is_dir():
             locks.enter_context(locked(path))
-        return _run_scene(scene, path, overwrite, announce, report, resume, warn, locks)
+        calls = announce, report, warn, closed
+        return _run_scene(scene, path, overwrite, resume, *calls, locks)
 
 
-def _run_scene(scene, path, overwrite, announce, report, resume, warn, locks: ExitStack) -> Outcome:
+def _run_scene(
+    scene, path, overwrite, resume, announce, report, warn, closed, locks: ExitStack
+) -> Outcome:
     watch, existed = Watch(), path.is_dir()
     if not resume:
         RunFolder.refuse(path, overwrite)
@@ -111,7 +117,9 @@ def _run_scene(scene, path, overwrite, announce, report, resume, warn, locks: Ex
             )
         error = recorder.march(report, warn, interrupted)
         stopped = INTERRUPTED if recorder.state.t < problem.t_end else DONE
-        return recorder.close(FAILED if error else stopped, why, error, warn)
+        outcome = recorder.close(FAILED if error else stopped, why, error, warn)
+        closed()
+        return outcome
 
 
 def _write_head(folder, scene, problem, why, warnings: list[str]) -> None:

@@ -123,7 +123,7 @@ def signals(system: System, state: State) -> Iterator[Signal]:
         if pin.motion is not None:
             values, most = each(pin.displacement), FUNCTIONS
             if isinstance(pin.motion, Motion):
-                values, most = _motion(pin.motion), FORMULAS
+                values, most = motion_values(pin.motion), FORMULAS
             yield Signal(f"the motion of the pin {name!r}", values, most, moves=True)
     for name, bound in zip(system.names, system.bound, strict=True):
         for attribute, values, most in _of_term(bound, state):
@@ -161,7 +161,7 @@ def _has_time(parts) -> bool:
     return any(isinstance(p, Formula) and re.search(r"\bt\b", p.text) for p in parts)
 
 
-def _motion(motion: Motion) -> Callable[[np.ndarray], np.ndarray]:
+def motion_values(motion: Motion) -> Callable[[np.ndarray], np.ndarray]:
     """Return the displacement (m, k) at times (m,), of a few nodes where it differs by node."""
     if not motion.by_place or motion.X is None:
         return motion

@@ -127,6 +127,8 @@ def run(
     foreseen = tuple(find_set_up_warnings(system, opening, steps.dt, end))
     for words in foreseen:
         warnings.warn(words, FeclothWarning, stacklevel=2)
+    if memory is None:  # `march` checks and warns only without a memory
+        steps.check_start(system, state)
     states = march(
         system,
         steps,
@@ -136,7 +138,7 @@ def run(
         stops=stops,
         solver=chosen,
         most_stretch=most_stretch,
-        memory=memory,
+        memory=memory or Memory(0, state.t, None),
     )
     result = collect(
         states, system, reported(steps), ledger, observer, why, most_growth, report, foreseen

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from fecloth.errors import InputError, brief
+from fecloth.errors import InputError, SolveFailed, brief
 from fecloth.integrators.protocol import ExplicitIntegrator, MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.simulation.step_times import ChosenSteps
@@ -50,10 +51,10 @@ class Limited:
 class StabilityLimited(ChosenSteps):
     """An explicit method at 0.9 of its largest stable step, by `stability.estimate`.
 
-    The limit is that at the start or at rest, whichever is less. A stretched cloth becomes stiffer,
-    with some materials also a compressed one, and the limit falls. It is computed again if a
-    principal stretch exceeds the earlier ones by 2 %, checked every 4 steps, and otherwise after
-    500 steps. Then it may also grow, by 5 % at most.
+    The limit is that at the start or, without loads, at rest, whichever is less. A stretched cloth
+    becomes stiffer, with some materials also a compressed one, and the limit falls. It is computed
+    again if a principal stretch exceeds the earlier ones by 2 %, checked every 4 steps, and
+    otherwise after 500 steps. Then it may also grow, by 5 % at most.
 
     Parameters
     ----------
@@ -107,9 +108,14 @@ class StabilityLimited(ChosenSteps):
         return FRACTION * estimate(system, state, self.method)
 
     def _start(self, system: System, state: State) -> Limited:
-        """Return the first memory: the lesser limit of the start and of the cloth at rest."""
-        rest = system.rest()
-        dt = min(self._limit(system, one) for one in (state, State(state.t, rest.x, state.v)))
+        """Return the first memory: the lesser limit of the start and of the cloth at rest.
+
+        At rest loads do not count, nor what has no finite stiffness there: a `Gas` has no volume.
+        """
+        dt = self._limit(system, state)
+        unloaded = system.with_bound(t for t in system.bound if not getattr(t, "load", False))
+        with suppress(SolveFailed):
+            dt = min(dt, self._limit(unloaded, State(state.t, system.rest().x, state.v)))
         return Limited(dt, 0, *extreme_stretches(system.cloth, state.x))
 
     def _update(self, system: System, state: State, last: Limited) -> Limited:
