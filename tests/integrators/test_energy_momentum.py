@@ -132,7 +132,8 @@ FLIGHTS += [[term] for term in [*SPRINGS, *GENERAL]]
 
 @pytest.mark.parametrize("terms", FLIGHTS, ids=repr)
 def test_a_free_flight_keeps_everything_at_a_coarse_step(terms, cloth):
-    result, (p0, L0), (p1, L1) = flight(cloth, terms, fc.EnergyMomentum(), 2e-3, 0.1)
+    method = fc.EnergyMomentum(tangent="exact")  # its last iteration goes down to round-off
+    result, (p0, L0), (p1, L1) = flight(cloth, terms, method, 2e-3, 0.1)
     turnover = result.energies["kinetic"].max()
     for term in terms:  # something has happened
         exchanged = np.ptp(result.energies[type(term).__name__])
@@ -225,7 +226,7 @@ def test_a_scene_names_it(tmp_path):
     assert load_scene(path).time.method.make() == fc.EnergyMomentum("symmetric")
 
 
-def test_the_exact_tangent_helps_where_the_symmetric_one_does_not_converge(monkeypatch):
+def test_the_exact_tangent_helps_where_the_symmetric_one_does_not_converge():
     """A sheet that turns by 0.6 rad in each step."""
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.25, pattern="right")
     system = fc.System(cloth, ISOTROPIC, [fc.StVK(), fc.HingeBending()])
