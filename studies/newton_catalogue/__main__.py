@@ -79,8 +79,8 @@ def hang(
 
 def cases(quick: bool, sizes: list[int]) -> list[dict]:
     """The settings of all cases; the quick ones fall for 0.3 s, one for each fabric and method."""
-    axes = product(sizes, FABRICS, (0.0, DAMPING), METHODS, STEPS, SOLVERS)
-    names = ("triangles", "fabric", "damping", "method", "dt", "solver")
+    axes = product(sizes, STEPS, FABRICS, (0.0, DAMPING), METHODS, SOLVERS)
+    names = ("triangles", "dt", "fabric", "damping", "method", "solver")
     every = [dict(zip(names, values, strict=True)) for values in axes]
     if quick:
         picked = {"triangles": 1000, "dt": 1 / 60, "solver": "pcg"}

@@ -228,14 +228,15 @@ def test_a_scene_names_it(tmp_path):
 
 def test_the_exact_tangent_helps_where_the_symmetric_one_does_not_converge():
     """A sheet that turns by 0.6 rad in each step."""
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.25, pattern="right")
-    system = fc.System(cloth, ISOTROPIC, [fc.StVK(), fc.HingeBending()])
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1)
+    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.HingeBending()])
     x = system.rest().x - [0.5, 0.5, 0.0]
     start = system.state(1.02 * x, np.cross([0.0, 30.0, 9.0], x))
 
     def end(tangent):
         method = fc.EnergyMomentum(tangent=tangent)
-        return [s.x for s, _ in fc.march(system, method, start, 0.02, 0.2, newton=EXACT)][-1]
+        return [s.x for s, _ in fc.march(system, method, start, 0.02, 0.06, newton=EXACT)][-1]
 
     with pytest.raises(fc.StepFailed):
         end("symmetric")
