@@ -58,7 +58,7 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
         remedy = did_you_mean(pattern, _PATTERNS, cutoff=0.0)
         raise InputError(f"pattern = {pattern!r}", allowed, "rectangle", remedy)
     X, triangles = _PATTERNS[pattern](float(width), float(height), float(h))
-    return _with_side_sets(FlatMesh.checked(X, triangles, where="rectangle"), width, height)
+    return _with_side_sets(FlatMesh.from_arrays(X, triangles, where="rectangle"), width, height)
 
 
 def disk(radius: float, h: float) -> FlatMesh:
@@ -97,10 +97,10 @@ def disk(radius: float, h: float) -> FlatMesh:
         arcs = [geo.addCircleArc(points[i], centre, points[(i + 1) % 4]) for i in range(4)]
         geo.addPlaneSurface([geo.addCurveLoop(arcs)])
 
-    return FlatMesh.checked(*gmsh_plane(draw, "disk"), where="disk")
+    return FlatMesh.from_arrays(*gmsh_plane(draw, "disk"), where="disk")
 
 
-def _unstructured(width, height, h):
+def _mesh_unstructured(width, height, h):
     def draw(geo):
         corners = [(0, 0), (width, 0), (width, height), (0, height)]
         points = [geo.addPoint(x, y, 0, h) for x, y in corners]
@@ -155,7 +155,7 @@ def _equilateral(width, height, h):
 
 
 _PATTERNS = {
-    "unstructured": _unstructured,
+    "unstructured": _mesh_unstructured,
     "right": _right,
     "cross": _cross,
     "equilateral": _equilateral,
