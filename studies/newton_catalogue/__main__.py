@@ -125,7 +125,8 @@ def main() -> int:
     sizes = {"type": int, "nargs": "+", "choices": list(SIZES), "default": list(SIZES)}
     options = study.parse_arguments(__doc__, triangles=sizes)
     settings = cases(options.quick, options.triangles)
-    rows = study.run_cases(settings, hang, **study.run_options(options), time_limit=1800)
+    costs = [case["triangles"] * case["t_end"] / case["dt"] ** 0.5 for case in settings]
+    rows = study.run_cases(settings, hang, costs=costs, **study.run_options(options))
     findings = [
         study.Finding(f"failures of {method}", sum(map(failed, own)), high=limit)
         for method in METHODS
@@ -148,4 +149,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    study.run_main(main)
