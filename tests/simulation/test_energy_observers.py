@@ -56,7 +56,7 @@ def test_a_free_cloth_is_judged_alike_in_flight_and_in_a_fall(u, element):
 
 
 @pytest.mark.parametrize("u", FRAMES.values(), ids=FRAMES)
-def test_pins_that_move_steadily_change_nothing(u, cloth):
+def test_ledger_is_the_same_in_a_steadily_moving_frame(u, cloth):
     terms = [fc.StVK(), fc.Gravity()]
     held = fc.System(cloth, FABRIC, terms, ["left"])
     moved = fc.System(cloth, FABRIC, terms, [fc.Pin("left", lambda t: np.array(u) * t)])
@@ -94,7 +94,7 @@ def test_a_spin_of_free_or_pinned_cloth_is_no_deformation(cloth):
     assert ledger.deforming < 1e-9 * ledger.kinetic
 
 
-def test_a_spike_of_one_step_is_no_scale(cloth):
+def test_spike_of_one_step_does_not_set_the_energy_scale(cloth):
     system = fc.System(cloth, FABRIC, [fc.StVK()], ["left"])
     opened = fc.Ledger.open(system, system.rest())
     balance = Balance.open(opened)

@@ -17,7 +17,7 @@ def result():
     return system, fc.run(system, fc.BDF2(), system.rest(), 0.01, 0.1, probes=probes)
 
 
-def test_a_line_says_what_an_object_is(result):
+def test_repr_is_one_line(result):
     system, ended = result
     sets = ", ".join(sorted(system.cloth.node_sets))
     lines = {
