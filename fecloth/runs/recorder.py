@@ -10,6 +10,7 @@ import numpy as np
 
 from fecloth.errors import FeclothError, InputError, StepFailed
 from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.statistics import warn_of_round_off
 from fecloth.output.atomic_files import WriteError, flush_to_disk
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
@@ -31,7 +32,7 @@ from fecloth.view.html_report import write_report
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 _TABLES = ("steps", "energies", "observed", "strains")
-_COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
+_COUNTED = ("newton", "linear", "modified", "factorisations", "rejected", "limited")
 
 
 class Recorder:
@@ -153,9 +154,14 @@ class Recorder:
 
     def _warn_once(self, words: str, warn) -> None:
         """Keep and tell the first warning that the energy balance no longer closes."""
-        if self.raised or not words:
+        if not self.raised:
+            self._warn(words, warn)
+
+    def _warn(self, words: str, warn) -> None:
+        """Keep and tell a warning."""
+        if not words:
             return
-        self.raised = (words,)
+        self.raised += (words,)
         self.folder.log(f"warning: {words}")
         warn(words)
 
@@ -284,6 +290,7 @@ class Recorder:
         for table in self.tables.values():
             table.close()
         self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
+        self._warn(warn_of_round_off(self.counts["limited"]), warn)
         summary = self._summary(status, why, str(error) if error else None)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         resumes = self._resume_time()

@@ -13,7 +13,7 @@ from fecloth import validation
 from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
-from fecloth.nonlinear.statistics import Counts
+from fecloth.nonlinear.statistics import Counts, warn_of_round_off
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
@@ -191,6 +191,7 @@ def collect(
         observed.append(record.observed)
         counts = counts.plus(record.info.counts)
         report(record.info)
+    raised = told or balance.warning(ledger, ended=True), warn_of_round_off(counts.limited)
     return Result(
         state=state,
         times=np.array([row["t"] for row in energies]),
@@ -201,7 +202,7 @@ def collect(
         linear=counts.linear,
         solver=why,
         method=method,
-        warnings=(*foreseen, *filter(None, [told or balance.warning(ledger, ended=True)])),
+        warnings=(*foreseen, *filter(None, raised)),
     )
 
 
