@@ -64,7 +64,7 @@ def test_projector_splits_free_and_held_parts(sliding, small, rng):
     rest = np.eye(len(P)) - P
     close = {"rtol": 0, "atol": 1e-14}
     expected = (P @ y.ravel()).reshape(-1, 3)
-    held, kept = sliding.held(y), y.copy()
+    held, kept = sliding.held_part(y), y.copy()
     np.testing.assert_allclose(held, (rest @ y.ravel()).reshape(-1, 3)[sliding.nodes], **close)
     mixed = (P @ y.ravel() + rest @ target.ravel()).reshape(-1, 3)
     np.testing.assert_allclose(sliding.hold(y, target), mixed, **close)
