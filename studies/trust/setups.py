@@ -343,8 +343,9 @@ FREE = ("rest", "20 m/s", "100 m/s", "falling", "spinning")
 MOVED = ("rest", "20 m/s", "100 m/s")
 
 SETUPS: tuple[Setup, ...] = (
-    *_grid("released", {"midpoint": [0.005], "bdf2": [0.02, 0.005]}, FREE),
-    *_grid("breathing", {"midpoint": [5e-4, 4e-3], "bdf2": [2.5e-4, 5e-3]}, FREE),
+    *_grid("released", {"midpoint": [0.005]}, FREE),
+    *_grid("released", {"bdf2": [0.02]}, ("rest", "100 m/s")),
+    *_grid("breathing", {"midpoint": [2e-4, 4e-3], "bdf2": [5e-3]}, FREE),
     *_grid("bent", {"midpoint": [0.002, 0.02], "backward_euler": [0.01]}, FREE),
     *_grid("drum", {"bdf2": [0.02, 0.001], "midpoint": [0.02, 0.002]}, MOVED),
     *_grid("drum", {"backward_euler": [0.01], "linearised": [0.01]}),
@@ -354,7 +355,7 @@ SETUPS: tuple[Setup, ...] = (
     *_grid("spring_drum", {"bdf2": [0.02, 0.001], "energy_momentum": [0.002]}),
     *_grid("p2_drum", {"bdf2": [0.02, 0.001], "midpoint": [0.002]}),
     *_grid("rubber_drum", {"bdf2": [0.02, 0.001], "midpoint": [0.002]}),
-    *_grid("swing", {"bdf2": [0.02, 0.005, 0.001], "backward_euler": [0.01, 5e-4]}, MOVED),
+    *_grid("swing", {"bdf2": [0.02, 0.005, 0.001], "backward_euler": [0.01]}, MOVED),
     *_grid("hanging", {"midpoint": [0.001], "bdf2": [0.001, 0.02]}),
     *_grid("cantilever", {"bdf2": [0.002, 0.02], "generalized_alpha": [0.002]}),
     *_grid("flag", {"bdf2": [0.002, 0.01], "midpoint": [0.002]}),
