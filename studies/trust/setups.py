@@ -171,14 +171,14 @@ def p2_drum(frame: Frame):
 
 def rubber_drum(frame: Frame):
     """The drum of a neo-Hookean membrane."""
-    return drum(frame, fc.NeoHookean())
+    return drum(frame, fc.NeoHookean("compressible"))
 
 
 def swing(frame: Frame):
     """A damped sheet, let go from the horizontal, held at one side."""
     cloth = _sheet(0.5, 0.5, 0.08)
     terms = [fc.StVK(), fc.HingeBending(), fc.StrainRateDamping(time=0.005), fc.Gravity(G)]
-    system = _system(frame, cloth, terms, [_pin("left", frame)], bending_rigidity=1e-3)
+    system = _system(frame, cloth, terms, [_pin("left", frame)], bending_rigidity=1e-5)
     return system, _start(frame, system, (*_plane(cloth), 0.0)), 0.4
 
 
