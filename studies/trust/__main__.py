@@ -29,7 +29,7 @@ QUICK = (
     Setup("drum", "bdf2", 0.02),
     Setup("drum", "midpoint", 0.002, "100 m/s"),
     Setup("jump", "bdf2", 0.005),
-    Setup("pulse", "adaptive bdf2", None),
+    Setup("slow_pulse", "midpoint", 0.001),
 )
 HERE = Path(__file__).parent
 
