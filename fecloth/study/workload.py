@@ -109,7 +109,7 @@ def check_scene(cases: Sequence[Workload], options: argparse.Namespace) -> None:
     print(f"{size}; predicted: about {in_words(seconds)}", file=sys.stderr, flush=True)
     if seconds > LONGEST and not options.yes:
         allowed = f"predicted time above {in_words(LONGEST)}"
-        remedy = "Check width, height, h and dt of the scene; --yes runs it all the same."
+        remedy = "Check width, height, h and dt of the scene; --yes runs it anyway."
         raise InputError(size, allowed, str(options.scene), remedy)
     load_scene(options.scene).build()
 
