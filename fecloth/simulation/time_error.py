@@ -19,7 +19,7 @@ from fecloth.system.system import System
 MEAN = math.pi / 2  # peak of |sin| over its mean
 STILL = 1e-6  # of the cloth's extent: a cloth that has moved by less is at rest
 NEVER = 2**62
-OFTEN = 0.06  # of the time so far between two looks at the displacement
+OFTEN = 0.15  # of the time so far between two looks at the displacement
 
 
 @remembered
