@@ -53,7 +53,7 @@ def test_sheets_that_are_shaken_without_end_are_not_stopped(where, terms, small)
     system = moved(small, lambda t: (0, 0, 0.05 * np.sin(20 * t) ** 2), *terms, where=where)
     result = fc.run(system, fc.BDF2(), system.rest(), 4e-3, 0.6, most_growth=1.5)
     assert result.times[-1] == 0.6
-    assert result.doubt == ""
+    assert not any("balance" in words for words in result.warnings)
 
 
 def test_a_motion_that_jumps_is_named_and_no_smaller_dt(small):
