@@ -8,7 +8,7 @@ import numpy as np
 
 from fecloth.integrators.numerical_dissipation import stiffness_product, work_beyond_dissipation
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step, arrival, held
+from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, prescribed
@@ -50,13 +50,13 @@ class StageMethod:
         memory: np.ndarray | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s]."""
-        end = arrival(system, state, dt)
+        end = prescribed_end(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
         over = self.over_step(system, state, dt)
         q, counts = newton.solve(over, stage, solver, memory)
         x, v, a = stage.at(q)
         new = State(state.t + dt, stage.x_end + stage.w_end * q, state.v + dt * a)
-        return Step(held(system, new, end), State(stage.t, x, v), q, counts, over=over)
+        return Step(set_prescribed(system, new, end), State(stage.t, x, v), q, counts, over=over)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step: (θ − ½)(Δv·M Δv + Δx·K Δx).

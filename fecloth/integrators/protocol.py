@@ -3,7 +3,7 @@
 A method of your own is a frozen dataclass with `traits` and the functions of `Integrator`, or of
 `ExplicitIntegrator`. `StageMethod` and `WithMemory` are bases that supply all but a few lines; the
 file studies/examples/integrator.py has one of each. `fecloth.integrators` exports them, and the
-`Step`, `arrival`, `held` and `remembered` named below. `Counts()` of
+`Step`, `prescribed_end`, `set_prescribed` and `remembered` named below. `Counts()` of
 `fecloth.nonlinear.statistics` are the counts of a step without Newton's iteration.
 """
 
@@ -128,8 +128,8 @@ class Stepping(Protocol):
         Returns
         -------
         Step
-            Its state must have the pinned nodes where ``end = arrival(system, state, dt)`` puts
-            them; ``held(system, new, end)`` is the state `new` with them there.
+            Its state must have the pinned nodes at their prescribed places:
+            ``set_prescribed(system, new, prescribed_end(system, state, dt))`` puts them there.
 
         Raises
         ------

@@ -62,7 +62,7 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
         remedy = did_you_mean(pattern, _PATTERNS, cutoff=0.0)
         raise InputError(f"pattern = {pattern!r}", allowed, "rectangle", remedy)
     X, triangles = _PATTERNS[pattern](float(width), float(height), float(h))
-    return _with_side_sets(FlatMesh.checked(X, triangles, where="rectangle"), width, height)
+    return _with_side_sets(FlatMesh.from_arrays(X, triangles, where="rectangle"), width, height)
 
 
 def disk(radius: float, h: float) -> FlatMesh:
@@ -94,11 +94,11 @@ def disk(radius: float, h: float) -> FlatMesh:
     validation.length("radius", radius, "disk")
     validation.mesh_size(h, radius, np.pi * radius**2, "disk")
 
-    return FlatMesh.checked(*_meshed("disk", np.pi * radius**2, h, radius), where="disk")
+    return FlatMesh.from_arrays(*_meshed("disk", np.pi * radius**2, h, radius), where="disk")
 
 
 def _meshed(name: str, area: float, h: float, *sizes: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh a drawing by Gmsh, X (n, 2) and triangles (m, 3); many in a process of their own."""
+    """Mesh a drawing by Gmsh: X (n, 2) and triangles (m, 3); many in a process of their own."""
     draw, sizes = DRAWINGS[name], (*map(float, sizes), float(h))
     if area / h**2 < AT_ONCE:
         raw = gmsh_plane(lambda geo: draw(geo, *sizes), name)
@@ -125,7 +125,7 @@ def _draw_rectangle(geo, width: float, height: float, h: float) -> None:
 DRAWINGS: dict[str, Callable[..., None]] = {"disk": _draw_disk, "rectangle": _draw_rectangle}
 
 
-def _unstructured(width, height, h):
+def _mesh_unstructured(width, height, h):
     X, triangles = _meshed("rectangle", width * height, h, width, height)
     for x, side in zip(X.T, (width, height), strict=True):  # put side nodes exactly on the sides
         x[np.abs(x) < 1e-9 * side] = 0.0
@@ -174,7 +174,7 @@ def _equilateral(width, height, h):
 
 
 _PATTERNS = {
-    "unstructured": _unstructured,
+    "unstructured": _mesh_unstructured,
     "right": _right,
     "cross": _cross,
     "equilateral": _equilateral,

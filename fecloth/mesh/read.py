@@ -41,7 +41,7 @@ def read(
     Returns
     -------
     FlatMesh
-        Validated by `FlatMesh.checked`. Physical groups of points, curves and surfaces become node
+        Made by `FlatMesh.from_arrays`. Physical groups of points, curves and surfaces become node
         sets. Those of curves also become edge sets. A group without a name is called
         ``curve_<tag>``, and likewise for points and surfaces. Groups with the same name are united.
         meshio's point and cell sets, and the names in ``field_data`` for ``gmsh:physical`` cell
@@ -65,7 +65,7 @@ def read(
     MeshError
         For a file that is missing or unreadable, commands of a ``.geo`` file that are not allowed,
         meshing that takes too long, cells other than triangles, lines and points, empty groups, and
-        every error of `FlatMesh.checked`. Messages use the numbers of the file.
+        every error of `FlatMesh.from_arrays`. Messages use the numbers of the file.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
         in_mesh[:] = True
     ids, xyz = raw.node_ids[in_mesh], raw.xyz[in_mesh]
     regions = raw.triangle_sets
-    return FlatMesh.checked(xyz, t, nodes, edges, where, ids, raw.triangle_ids, regions)
+    return FlatMesh.from_arrays(xyz, t, nodes, edges, where, ids, raw.triangle_ids, regions)
 
 
 def _from_meshio(path: Path, suffix: str) -> RawMesh:

@@ -156,7 +156,7 @@ def equilibrium(
     start = State(state.t, state.x.copy(), np.zeros_like(state.x))
     options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)
     matrix = BlockMatrix.zeros(system.pattern)
-    context = SolverContext(select.named(solver, system.symmetric), matrix, options)
+    context = SolverContext(select.create(solver, system.symmetric), matrix, options)
     if load_steps == 1:
         x, counts = _solve(StaticEquation(system, start), start.x, context, report)
     else:

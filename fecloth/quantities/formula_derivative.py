@@ -74,7 +74,7 @@ def _chain(partials: Sequence[str], arguments: list[ast.expr], variable: str) ->
     for partial, argument in zip(partials, arguments, strict=True):
         slope = _slope(argument, variable)
         if slope is not None and partial != "0":
-            term = _product(_filled(partial, arguments), slope)
+            term = _product(_substitute(partial, arguments), slope)
             total = term if total is None else ast.BinOp(total, ast.Add(), term)
     return total
 
@@ -91,10 +91,12 @@ def _choice(name: str, arguments: list[ast.expr], variable: str) -> ast.expr | N
     slopes = [first, *(_slope(argument, variable) for argument in arguments[1:])]
     if not any(slopes):
         return None
-    return _filled(_CHOICES[name], arguments, [slope or _ZERO for slope in slopes])
+    return _substitute(_CHOICES[name], arguments, [slope or _ZERO for slope in slopes])
 
 
-def _filled(text: str, arguments: Sequence[ast.expr], slopes: Sequence[ast.expr] = ()) -> ast.expr:
+def _substitute(
+    text: str, arguments: Sequence[ast.expr], slopes: Sequence[ast.expr] = ()
+) -> ast.expr:
     """The rule with the arguments and their derivatives in place of a, b, c and da, db, dc."""
     parts = dict(zip("abc", arguments, strict=False))
     parts |= {f"d{letter}": slope for letter, slope in zip("abc", slopes, strict=False)}

@@ -87,14 +87,14 @@ class Arithmetic:
     for_numbers: bool
 
 
-def compiled(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
+def compile_tree(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
     """The closure of a checked syntax tree."""
     closure = _closure(node, variables, kit)
-    return _folded(closure, node, variables) if kit.for_numbers else closure
+    return _fold_constant(closure, node, variables) if kit.for_numbers else closure
 
 
 def _closure(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
-    inner = partial(compiled, variables=variables, kit=kit)
+    inner = partial(compile_tree, variables=variables, kit=kit)
     match node:
         case ast.Constant(value=number):
             return _constant(kit.number(number))
@@ -149,7 +149,7 @@ def _choose(condition: Closure, a: Closure, b: Closure) -> Closure:
     return lambda v: a(v) if condition(v) else b(v)
 
 
-def _folded(closure: Closure, node: ast.AST, variables: tuple[str, ...]) -> Closure:
+def _fold_constant(closure: Closure, node: ast.AST, variables: tuple[str, ...]) -> Closure:
     """The closure, or its value if no variable is in it and the value is finite."""
     if any(isinstance(part, ast.Name) and part.id in variables for part in ast.walk(node)):
         return closure

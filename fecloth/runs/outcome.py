@@ -57,11 +57,11 @@ def finished_message(outcome: Outcome) -> str:
     return (
         f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
         f"{seconds['total']:.1f} s; open {outcome.folder / counts['open']} in ParaView"
-        f"{warned(outcome)}"
+        f"{warning_count(outcome)}"
     )
 
 
-def warned(outcome: Outcome) -> str:
+def warning_count(outcome: Outcome) -> str:
     """Return the end of the last line if there were warnings, or ""."""
     if not outcome.warnings:
         return ""
@@ -77,7 +77,7 @@ def failure_message(outcome: Outcome) -> str:
     readable = f"{folder} is readable up to t = {t:g} s"
     again = f"--resume {folder} goes on from"
     if outcome.error and not isinstance(outcome.error, WriteError):
-        return f"failed: {outcome.error}\n{readable}{warned(outcome)}"
+        return f"failed: {outcome.error}\n{readable}{warning_count(outcome)}"
     if outcome.resumes is None:
         goes = "no restart file was written; set restart_steps in [output] to have them"
     elif outcome.error:
@@ -87,7 +87,7 @@ def failure_message(outcome: Outcome) -> str:
     else:
         goes = f"{again} there"
     cause = f"failed: {outcome.error}\n" if outcome.error else "interrupted; "
-    return f"{cause}{readable}; {goes}{warned(outcome)}"
+    return f"{cause}{readable}; {goes}{warning_count(outcome)}"
 
 
 def ledger_text(ledger: Ledger) -> str:

@@ -50,7 +50,7 @@ class Recorder:
     ):
         self.folder, self.problem, self.watch, self.solver = folder, problem, watch, solver
         self.scene, self.start = scene, start
-        self.state, self.memory = problem.state, problem.unstarted
+        self.state, self.memory = problem.state, problem.first_memory
         frames, name = FRAMES[problem.frame_format]
         self.frames = frames(folder.path / name, problem.cloth, problem.system)
         self.ledger = problem.ledger

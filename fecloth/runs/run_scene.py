@@ -24,7 +24,7 @@ from pathlib import Path
 
 from fecloth.errors import InputError
 from fecloth.nonlinear.context import SolverContext
-from fecloth.output.atomic_files import locked, writing
+from fecloth.output.atomic_files import lock_folder, writing
 from fecloth.runs import restart as restarts
 from fecloth.runs.folder import RunFolder, remove_on_failure
 from fecloth.runs.interruption import interruptible
@@ -77,7 +77,7 @@ def run_scene(
     path = Path(path)
     with ExitStack() as locks:
         if path.is_dir():
-            locks.enter_context(locked(path))
+            locks.enter_context(lock_folder(path))
         calls = announce, report, warn, closed
         return _run_scene(scene, path, overwrite, resume, *calls, locks)
 
@@ -106,7 +106,7 @@ def _run_scene(
         if not existed:
             with writing(path):
                 path.mkdir(parents=True, exist_ok=True)
-            locks.enter_context(locked(path))
+            locks.enter_context(lock_folder(path))
         folder = (
             RunFolder.reopen(path, found.tables) if found else RunFolder.create(path, overwrite)
         )

@@ -227,7 +227,7 @@ def _toml(value: Any) -> str:
     return f'"{value}"' if isinstance(value, str) else repr(value)
 
 
-def updated(page: str, part: str) -> str:
+def replace_generated(page: str, part: str) -> str:
     """Return the page with this generated part in place of its own."""
     before, _, rest = page.partition(BEGIN)
     return f"{before}{BEGIN}\n\n{part}\n\n{END}{rest.partition(END)[2]}"
@@ -237,7 +237,9 @@ def pages() -> dict[Path, str]:
     """Return the text that both pages should have."""
     parts = {"scene": scene_part(), "terms": terms_part()}
     files = {PAGES[name] / "README.md": part for name, part in parts.items()}
-    return {file: updated(file.read_text(encoding="utf-8"), files[file]) for file in files}
+    return {
+        file: replace_generated(file.read_text(encoding="utf-8"), files[file]) for file in files
+    }
 
 
 if __name__ == "__main__":

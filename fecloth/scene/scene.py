@@ -29,7 +29,7 @@ from fecloth.scene.pin_table import PinTable
 from fecloth.scene.probe_tables import Expectations, Interest, ProbeTable
 from fecloth.scene.problem import Problem
 from fecloth.scene.start_table import Start
-from fecloth.scene.table_model import Table, as_tuples, exactly_one
+from fecloth.scene.table_model import Table, as_tuples, require_exactly_one
 from fecloth.scene.time_table import Time
 
 
@@ -75,7 +75,7 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _consistent(self):
-        exactly_one(self, "fabric", "fabrics")
+        require_exactly_one(self, "fabric", "fabrics")
         if self.mass == "lumped" and self.cloth.element == "P2":
             allowed = 'must be "consistent" for element P2: row sums give its corners no mass'
             raise InputError('mass = "lumped"', allowed, "", "Leave it out.")

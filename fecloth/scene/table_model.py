@@ -172,7 +172,7 @@ def as_tuples(value: Any) -> Any:
     return tuple(as_tuples(item) for item in value) if isinstance(value, (list, tuple)) else value
 
 
-def exactly_one(table: Table, *keys: str) -> None:
+def require_exactly_one(table: Table, *keys: str) -> None:
     """Refuse a table with none or several of these keys."""
     used = [key for key in keys if getattr(table, key) is not None]
     if len(used) != 1:

@@ -299,9 +299,9 @@ def _pin_work(system, theta, old, step, inertia):
     constraints = system.constraints
     at = constraints.nodes
     fixed = all(pin.motion is None for pin, _ in constraints.groups.values())
-    if not len(at) or (fixed and not constraints.held(old.v).any()):
+    if not len(at) or (fixed and not constraints.held_part(old.v).any()):
         return 0.0  # otherwise pins stop an initial motion of fixed nodes
     v = old.v + theta * (step.state.v - old.v)
-    held_v, held_x = constraints.held(v), constraints.held(step.state.x - old.x)
+    held_v, held_x = constraints.held_part(v), constraints.held_part(step.state.x - old.x)
     f = step.mean_force(system)[at]
     return system.sums.dot(inertia[at], held_v) - system.sums.dot(f, held_x)

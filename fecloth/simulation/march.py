@@ -37,13 +37,13 @@ class Memory:
     ----------
     step, start
         Steps so far, and the time at which the first of them began [s].
-    of_method
+    method_memory
         `Step.memory` of the last step.
     """
 
     step: int
     start: float
-    of_method: object
+    method_memory: object
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ def march(
         for words in find_motion_jumps(system, state, end):
             warnings.warn(words, FeclothWarning, stacklevel=2)
     check_every = 8 if steps.traits.explicit else 1
-    number, last_memory, good = begin.step, begin.of_method, state
+    number, last_memory, good = begin.step, begin.method_memory, state
     for target in targets:
         while state.t < target:
             number, size = number + 1, target - state.t

@@ -19,7 +19,7 @@ from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
-from fecloth.simulation.resolve import choose_steps, reported, resolve
+from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.set_up_warnings import find_set_up_warnings
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -141,7 +141,15 @@ def run(
         memory=memory or Memory(0, state.t, None),
     )
     result = collect(
-        states, system, reported(steps), ledger, observer, why, most_growth, report, foreseen
+        states,
+        system,
+        method_to_report(steps),
+        ledger,
+        observer,
+        why,
+        most_growth,
+        report,
+        foreseen,
     )
     for words in result.warnings[len(foreseen) :]:
         warnings.warn(words, FeclothWarning, stacklevel=2)

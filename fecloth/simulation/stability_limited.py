@@ -25,7 +25,7 @@ LONGER = 1.05  # largest growth of a step: the cloth may become as stiff again
 
 @remembered
 @dataclass(frozen=True, eq=False)
-class Limited:
+class LimitMemory:
     """The memory of `StabilityLimited`.
 
     Attributes
@@ -36,7 +36,7 @@ class Limited:
         Steps since the limit was computed.
     least, largest
         Extreme principal stretches of all triangles so far.
-    of_method
+    method_memory
         The memory of the method itself.
     """
 
@@ -44,7 +44,7 @@ class Limited:
     steps: int
     least: float
     largest: float
-    of_method: object = None
+    method_memory: object = None
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class StabilityLimited(ChosenSteps):
         state: State,
         horizon: float,
         solver=None,
-        memory: Limited | None = None,
+        memory: LimitMemory | None = None,
     ) -> Step:
         """One step from `state` over at most `horizon` [s]."""
         limited = memory or self._start(system, state)
@@ -100,14 +100,14 @@ class StabilityLimited(ChosenSteps):
             limited = self._update(system, state, limited)
         parts = max(1, math.ceil(horizon / limited.dt - 1e-9))
         dt = horizon / parts if parts <= 2 else limited.dt
-        step = self.method.step(system, state, dt, solver, limited.of_method)
-        after = replace(limited, steps=limited.steps + 1, of_method=step.memory)
+        step = self.method.step(system, state, dt, solver, limited.method_memory)
+        after = replace(limited, steps=limited.steps + 1, method_memory=step.memory)
         return replace(step, memory=after)
 
     def _limit(self, system: System, state: State) -> float:
         return FRACTION * estimate(system, state, self.method)
 
-    def _start(self, system: System, state: State) -> Limited:
+    def _start(self, system: System, state: State) -> LimitMemory:
         """Return the first memory: the lesser limit of the start and of the cloth at rest.
 
         At rest loads do not count, nor what has no finite stiffness there: a `Gas` has no volume.
@@ -116,16 +116,18 @@ class StabilityLimited(ChosenSteps):
         unloaded = system.with_bound(t for t in system.bound if not getattr(t, "load", False))
         with suppress(SolveFailed):
             dt = min(dt, self._limit(unloaded, State(state.t, system.rest().x, state.v)))
-        return Limited(dt, 0, *extreme_stretches(system.cloth, state.x))
+        return LimitMemory(dt, 0, *extreme_stretches(system.cloth, state.x))
 
-    def _update(self, system: System, state: State, last: Limited) -> Limited:
+    def _update(self, system: System, state: State, last: LimitMemory) -> LimitMemory:
         """Return the memory, with a new limit if the last one may no longer be valid."""
         least, largest = extreme_stretches(system.cloth, state.x)
         beyond = largest > BEYOND * last.largest or least * BEYOND < last.least
         if not beyond and last.steps < UPDATE_STEPS:
             return last
         dt = min(self._limit(system, state), last.dt if beyond else LONGER * last.dt)
-        return Limited(dt, 0, min(least, last.least), max(largest, last.largest), last.of_method)
+        return LimitMemory(
+            dt, 0, min(least, last.least), max(largest, last.largest), last.method_memory
+        )
 
 
 def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:

@@ -66,17 +66,17 @@ class Constraints:
         y[self.nodes] = np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
         return y
 
-    def held(self, y: np.ndarray) -> np.ndarray:
+    def held_part(self, y: np.ndarray) -> np.ndarray:
         """(I − P) y of the constrained nodes, (c, 3)."""
         return y[self.nodes] - np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
 
     def hold(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
         """P y + (I − P) target, a copy: exactly the target where P is 0."""
-        return self.put(y.copy(), target)
+        return self.set_held(y.copy(), target)
 
-    def put(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
+    def set_held(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
         """P y + (I − P) target, in place."""
-        _put(self.nodes, self.projectors, target, y)
+        _set_held(self.nodes, self.projectors, target, y)
         return y
 
     def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -188,7 +188,7 @@ def _prescribe(nodes, change, speed, x, v):
 
 
 @kernel
-def _put(nodes, projectors, target, y):
+def _set_held(nodes, projectors, target, y):
     """y ← target + P (y − target) at the nodes."""
     for n in range(len(nodes)):
         P, i = projectors[n], nodes[n]

@@ -60,11 +60,11 @@ class Motion:
 
     def __call__(self, t: float | np.ndarray) -> np.ndarray:
         """Displacement (3,) or (k, 3) [m]; of times (m,) or (m, 1) one for each."""
-        return self._stacked(self.formulas, t)
+        return self._stack(self.formulas, t)
 
     def velocity(self, t: float | np.ndarray) -> np.ndarray:
         """The exact derivative of the displacement by t, of the same shape [m/s]."""
-        return self._stacked(self._derivatives, t)
+        return self._stack(self._derivatives, t)
 
     def check(self, times: np.ndarray) -> None:
         """Refuse a motion without a finite value, or velocity, at the times (m,) of a run [s].
@@ -86,7 +86,7 @@ class Motion:
     def _derivatives(self) -> tuple[Derivative, ...]:
         return tuple(formula.derivative("t") for formula in self.formulas)
 
-    def _stacked(self, parts: Sequence[Formula | Derivative], t) -> np.ndarray:
+    def _stack(self, parts: Sequence[Formula | Derivative], t) -> np.ndarray:
         if not self.by_place:
             if isinstance(t, float):
                 t = float(t)  # not NumPy's, which is slower

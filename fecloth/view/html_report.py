@@ -19,7 +19,7 @@ import numpy as np
 from fecloth.output.atomic_files import replace_file
 from fecloth.output.frame_reader import Frame
 from fecloth.view.svg_chart import chart
-from fecloth.view.web_page import filled, packed, shown_fields, title_of
+from fecloth.view.web_page import fill_template, pack_frames, shown_fields, title_of
 
 MOST_ROWS = 4000  # of a table that are read for a chart
 COLUMNS = ("t", "total")  # of the ledger that are no curve of it
@@ -42,13 +42,13 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
         The last one.
     """
     tables = {name: read_table(folder / f"{name}.csv") for name in ("steps", "energies", "strains")}
-    data = packed([frame], shown_fields(frame))
+    data = pack_frames([frame], shown_fields(frame))
     parts = {
-        "warnings": _filled_each(NOTE, _warnings(folder, summary)),
-        "tiles": _filled_each(TILE, _named(_tiles(summary, tables))),
+        "warnings": _fill_each(NOTE, _warnings(folder, summary)),
+        "tiles": _fill_each(TILE, _named(_tiles(summary, tables))),
         "charts": "\n".join(_charts(tables)),
-        "bars": _filled_each(BAR, _bars(summary["seconds"])),
-        "numbers": _filled_each(ROW, _named(_numbers(summary))),
+        "bars": _fill_each(BAR, _bars(summary["seconds"])),
+        "numbers": _fill_each(ROW, _named(_numbers(summary))),
     }
     words = {
         "title": title_of(folder),
@@ -58,13 +58,13 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
         "spent": f"Where {summary['seconds']['total']:.3g} s went",
         "scene": _text(folder / "scene.resolved.toml"),
     }
-    page = filled("report.html", data, parts, **words)
+    page = fill_template("report.html", data, parts, **words)
     file = folder / "report.html"
     replace_file(file, page.encode())
     return file
 
 
-def _filled_each(template: Template, rows: Iterable[Mapping[str, str]]) -> str:
+def _fill_each(template: Template, rows: Iterable[Mapping[str, str]]) -> str:
     """Fill the template with each row, its texts escaped."""
     return "".join(
         template.substitute({key: html.escape(text) for key, text in row.items()}) for row in rows

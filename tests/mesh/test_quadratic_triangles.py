@@ -111,7 +111,7 @@ def test_sets_of_a_mesh_file_get_their_midpoints():
         [0, 4, 3],
     ]  # next to an edge of "west" nodes that is not one of its triangles
     X = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1), (0.5, -1)]
-    mesh = FlatMesh.checked(
+    mesh = FlatMesh.from_arrays(
         X,
         [*west, [1, 2, 5], [1, 5, 4], [6, 2, 1], [0, 6, 1]],
         {"west": [0, 1, 3, 4, 6]},

@@ -490,7 +490,7 @@ class Kicks:
         last = f if memory is None else memory.f
         v = state.v + dt * (1.5 * f - 0.5 * last) / system.nodal_mass[:, None]
         new = fc.State(state.t + dt, state.x + dt * v, v)
-        new = integrators.held(system, new, integrators.arrival(system, state, dt))
+        new = integrators.set_prescribed(system, new, integrators.prescribed_end(system, state, dt))
         return integrators.Step(new, state, ForceBefore(f), Counts())
 
     def numerical(self, system, old, step):
