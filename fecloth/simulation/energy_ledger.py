@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fecloth.integrators.numerical_dissipation import has_power_column, load_displacement
+from fecloth.linalg.reductions import dot
 from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -34,7 +36,8 @@ class Ledger:
         methods with a memory at the mean of both ends of the step; Σ dt Ė:S_v with
         Ė = (E₁ − E₀)/dt for strain-rate damping over the step.
     work
-        Work of each load that has no energy, Σ dt · supply there.
+        Work of each load that has no energy: its mean force there times the displacement
+        (`load_displacement`); of loads that also dissipate, Σ dt · supply there.
     pins
         Work that the pins did on the cloth: change of the pinned nodes' kinetic energy less the
         work of the other forces on them.
@@ -100,7 +103,7 @@ class Ledger:
     def after(self, system: System, method, old: State, step) -> Ledger:
         """Return the ledger after `step`, taken by `method` from the state `old`."""
         new = step.state
-        dt, stages, acting = new.t - old.t, step.stages, (step.over or system).bound
+        dt, acting = new.t - old.t, (step.over or system).bound
         energies = system.energies(new)
         kinetic = energies.pop("kinetic")
         pin_v = (new.x - old.x) / dt if system.movable_pieces else new.v
@@ -112,7 +115,7 @@ class Ledger:
             if term.dissipative
         }
         work = {
-            name: self.work[name] + dt * _mean(term.supply, stages)
+            name: self.work[name] + _work(term, old, step, method.traits.explicit)
             for name, term in zip(system.names, system.bound, strict=True)
             if name in self.work
         }
@@ -288,6 +291,19 @@ def _dissipation(term, over, step, dt):
     if hasattr(over, "dissipation"):
         return over.dissipation(step.state.x)
     return dt * _mean(term.power, step.stages)
+
+
+def _work(term, old, step, explicit):
+    """Work [J] of a load in a step: its mean force at the stages times `load_displacement`.
+
+    The air's, whose force also dissipates, is its power at the stages.
+    """
+    if has_power_column(term):
+        return (step.state.t - old.t) * _mean(term.supply, step.stages)
+    f = np.zeros_like(old.x)
+    for at in step.stages:
+        term.add_force(at.x, at.v, at.t, f)
+    return dot(f, load_displacement(old, step.state, explicit)) / len(step.stages)
 
 
 def _mean(function, stages):
