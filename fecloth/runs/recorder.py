@@ -85,6 +85,7 @@ class Recorder:
 
     def restart(self, regular: bool = False) -> None:
         """Write a restart file; a regular one drops the solver's factor first."""
+        self.folder.check_in_place()
         if regular:
             self.solver.drop()
         restart = Restart(
@@ -226,6 +227,7 @@ class Recorder:
 
     def _frame(self) -> None:
         """Write the state as a frame, and the extremes of its strain."""
+        self.folder.check_in_place()
         arrays = fields(self.problem.system, self.state)
         self.frames.add(self.state, arrays)
         self.shown = Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
@@ -283,7 +285,8 @@ class Recorder:
             status, error = FAILED, error or full
         for table in self.tables.values():
             table.close()
-        self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
+        with suppress(WriteError):  # the next line that is logged says it
+            self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
         summary = self._summary(status, why, str(error) if error else None)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         resumes = self._resume_time()
