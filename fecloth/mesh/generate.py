@@ -94,10 +94,10 @@ def disk(radius: float, h: float) -> FlatMesh:
     validation.length("radius", radius, "disk")
     validation.mesh_size(h, radius, np.pi * radius**2, "disk")
 
-    return FlatMesh.from_arrays(*_meshed("disk", np.pi * radius**2, h, radius), where="disk")
+    return FlatMesh.from_arrays(*_mesh_drawing("disk", np.pi * radius**2, h, radius), where="disk")
 
 
-def _meshed(name: str, area: float, h: float, *sizes: float) -> tuple[np.ndarray, np.ndarray]:
+def _mesh_drawing(name: str, area: float, h: float, *sizes: float) -> tuple[np.ndarray, np.ndarray]:
     """Mesh a drawing by Gmsh: X (n, 2) and triangles (m, 3); many in a process of their own."""
     draw, sizes = DRAWINGS[name], (*map(float, sizes), float(h))
     if area / h**2 < AT_ONCE:
@@ -126,7 +126,7 @@ DRAWINGS: dict[str, Callable[..., None]] = {"disk": _draw_disk, "rectangle": _dr
 
 
 def _mesh_unstructured(width, height, h):
-    X, triangles = _meshed("rectangle", width * height, h, width, height)
+    X, triangles = _mesh_drawing("rectangle", width * height, h, width, height)
     for x, side in zip(X.T, (width, height), strict=True):  # put side nodes exactly on the sides
         x[np.abs(x) < 1e-9 * side] = 0.0
         x[np.abs(x - side) < 1e-9 * side] = side

@@ -16,6 +16,7 @@ from fecloth.output.frame_reader import Frame
 from fecloth.output.frames import Frames
 from fecloth.output.vtkhdf_writer import HdfFrames
 from fecloth.runs import restart as restarts
+from fecloth.runs.disk_space import MOST_FRAMES, check_space
 from fecloth.runs.environment import peak_memory, versions
 from fecloth.runs.folder import RunFolder
 from fecloth.runs.outcome import FAILED, INTERRUPTED, Outcome, count_sizes
@@ -23,6 +24,7 @@ from fecloth.runs.restart import Restart
 from fecloth.runs.stopwatch import Watch
 from fecloth.runs.strain_statistics import stretch_row
 from fecloth.scene.problem import Problem
+from fecloth.scene.time_table import MOST_STEPS
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
@@ -66,6 +68,7 @@ class Recorder:
                 self._resume(found)
             else:
                 self._frame()
+                check_space(folder.path, problem, self.frames.files(0)[0].stat().st_size)
                 self._rows(problem.observer.row(None, None))
                 if problem.restarts:
                     self.restart(regular=True)
@@ -136,6 +139,9 @@ class Recorder:
         start = problem.system, problem.method, self.ledger, problem.observer
         for record in record_steps(steps, *start, balance=self.balance):
             info = record.info
+            if info.step > MOST_STEPS:
+                allowed, remedy = f"must be at most {MOST_STEPS}", "Raise rtol, or lower t_end."
+                raise InputError(f"step {info.step}", allowed, remedy=remedy)
             self.watch.add({"record": record.seconds})
             with self.watch.phase("output"):
                 with self._all_or_nothing():
@@ -228,6 +234,9 @@ class Recorder:
     def _frame(self) -> None:
         """Write the state as a frame, and the extremes of its strain."""
         self.folder.check_in_place()
+        if len(self.frames.times) >= MOST_FRAMES:
+            remedy = "Raise every, or lower frames, in [output]."
+            raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=remedy)
         arrays = fields(self.problem.system, self.state)
         self.frames.add(self.state, arrays)
         self.shown = Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
