@@ -8,6 +8,7 @@ from pathlib import Path
 from fecloth.errors import FeclothError
 from fecloth.output.atomic_files import WriteError
 from fecloth.runs.folder import FolderMoved
+from fecloth.runs.shape_watch import shape_message
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.system.system import System
 
@@ -56,6 +57,7 @@ def finished_message(outcome: Outcome) -> str:
     """Return what a run has cost, the file to open, and whether there were warnings."""
     counts, seconds = outcome.summary, outcome.summary["seconds"]
     return (
+        f"{shape_message(counts)}\n"
         f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
         f"{seconds['total']:.1f} s; open {outcome.folder / counts['open']} in ParaView"
         f"{warning_count(outcome)}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -21,6 +23,7 @@ from fecloth.runs.environment import peak_memory, versions
 from fecloth.runs.folder import RunFolder
 from fecloth.runs.outcome import FAILED, INTERRUPTED, Outcome, count_sizes
 from fecloth.runs.restart import Restart
+from fecloth.runs.shape_watch import ShapeWatch, last_count, shape_summary
 from fecloth.runs.stopwatch import Watch
 from fecloth.runs.strain_statistics import stretch_row
 from fecloth.scene.problem import Problem
@@ -57,6 +60,9 @@ class Recorder:
         self.frames = frames(folder.path / name, problem.cloth, problem.system)
         self.ledger = problem.ledger
         self.shown: Frame | None = None  # the last frame written
+        self.watched = ShapeWatch.bind(problem)
+        self.seen: dict[str, float] = {}  # its row of strains.csv
+        self.counted = -math.inf  # the step of the last count of intersections
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
         self.balance = Balance.open(problem.ledger)
         self.foreseen = foreseen  # warnings before the first step
@@ -80,6 +86,7 @@ class Recorder:
         self.raised = found.warnings
         self.frames.keep(self.tables["strains"].column("t"))
         self.frames_on_disk = len(self.frames.times)
+        self.counted = last_count(self.tables["strains"], self.tables["steps"])
         restarts.drop_later(self.folder.path, found)
         exactly = "" if found.exact else ", exact to the solver's tolerance only: a factor was lost"
         self.folder.log(f"goes on from step {found.memory.step} at {found.state.t:g} s{exactly}")
@@ -148,8 +155,10 @@ class Recorder:
                     self._take(record)
                     self._rows(record.observed, info)
                     if self._is_frame_due(info):
-                        self._frame()
+                        self._frame(ended=info.t >= problem.t_end)
                 self._warn_once(self.balance.warning(self.ledger), warn)
+                if self._is_frame_due(info):
+                    self._warn_of_shape(warn)
                 if regular := self._is_restart_due(info):
                     self.restart(regular)
             report(info)
@@ -158,11 +167,16 @@ class Recorder:
                     self.restart()
                 return
 
+    def _warn_of_shape(self, warn) -> None:
+        """Warn of what the last frame shows."""
+        for words in self.watched.warnings(self.seen) if self.seen else ():
+            self._warn_once(words, warn)
+
     def _warn_once(self, words: str, warn) -> None:
-        """Keep and tell the first warning that the energy balance no longer closes."""
-        if self.raised or not words:
+        """Keep and tell the first warning of each kind; its words but the numbers tell the kind."""
+        if not words or _kind(words) in map(_kind, self.raised):
             return
-        self.raised = (words,)
+        self.raised += (words,)
         self.folder.log(f"warning: {words}")
         warn(words)
 
@@ -174,7 +188,10 @@ class Recorder:
     @contextmanager
     def _all_or_nothing(self) -> Iterator[None]:
         """Remove a step from all tables if writing it fails or is interrupted."""
-        before = {name: getattr(self, name) for name in ("state", "memory", "ledger", "balance")}
+        before = {
+            name: getattr(self, name)
+            for name in ("state", "memory", "ledger", "balance", "counted")
+        }
         counts, frames = dict(self.counts), len(self.frames.times)
         sizes = {name: table.size for name, table in self.tables.items()}
         try:
@@ -231,8 +248,8 @@ class Recorder:
         """Remainder of the energy balance relative to the largest energy of deformation so far."""
         return self.ledger.remainder / self.balance.scale if self.balance.scale else 0.0
 
-    def _frame(self) -> None:
-        """Write the state as a frame, and the extremes of its strain."""
+    def _frame(self, ended: bool = False) -> None:
+        """Write the state as a frame, the extremes of its strain, and what else its shape shows."""
         self.folder.check_in_place()
         if len(self.frames.times) >= MOST_FRAMES:
             remedy = "Raise every, or lower frames, in [output]."
@@ -240,7 +257,11 @@ class Recorder:
         arrays = fields(self.problem.system, self.state)
         self.frames.add(self.state, arrays)
         self.shown = Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
-        self.tables["strains"].add(stretch_row(self.state.t, arrays[1]["principal_stretches"]))
+        row = stretch_row(self.state.t, arrays[1]["principal_stretches"])
+        counts = self.watched.is_due(self.counts["steps"] - self.counted, ended)
+        self.seen = row | self.watched.row(self.state, arrays[1], counts)
+        self.tables["strains"].add(self.seen)
+        self.counted = self.counts["steps"] if counts else self.counted
 
     def _report(self, summary: dict) -> None:
         """Write report.html; a failure to write it must not fail the run."""
@@ -269,6 +290,7 @@ class Recorder:
             **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
+            **shape_summary(self.tables["strains"]),
             "frames": len(self.frames.times),
             "open": self.frames.opens.name,
             "solver": why,
@@ -289,13 +311,14 @@ class Recorder:
         try:
             with self.watch.phase("output"):
                 if self.state.t > self.frames.times[-1] and not isinstance(error, WriteError):
-                    self._frame()
+                    self._frame(ended=True)
         except InputError as full:
             status, error = FAILED, error or full
         for table in self.tables.values():
             table.close()
         with suppress(WriteError):  # the next line that is logged says it
             self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
+            self._warn_of_shape(warn)
         summary = self._summary(status, why, str(error) if error else None)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         resumes = self._resume_time()
@@ -309,3 +332,8 @@ class Recorder:
             status, error = FAILED, error or full
         ends = self.ledger, error, tuple(self.warnings), resumes
         return Outcome(status, self.folder.path, summary, *ends)
+
+
+def _kind(words: str) -> str:
+    """Return the first words of a warning, without numbers."""
+    return re.sub(r"[-+.\de]*\d", "", words)[:50]

@@ -78,6 +78,7 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
         frame_format=scene.output.format,
         note=_note(scene),
         restarts=scene.output.restart_steps or scene.output.restart_every,
+        intersections=scene.output.intersections,
     )
 
 

@@ -16,6 +16,7 @@ from fecloth.scene.dimensionless import (
     weight_over_stiffness,
 )
 from fecloth.scene.problem import Problem
+from fecloth.scene.wrinkles import mean_edge, wrinkle_length
 from fecloth.simulation.pin_warnings import rotation_about_pins
 from fecloth.stability.critical_step import element_bound
 from fecloth.system.system import System
@@ -34,6 +35,7 @@ def plan(problem: Problem, why: str) -> list[str]:
         f"linear solver: {why}",
         _threads_and_memory(problem),
         *_weight_line(system),
+        *_wrinkle_line(system),
     ]
     if problem.note:
         lines.append(problem.note)
@@ -92,6 +94,13 @@ def _weight_line(system: System) -> Iterator[str]:
                 else "the reach from the pins"
             )
         )
+
+
+def _wrinkle_line(system: System) -> Iterator[str]:
+    """Yield the length of wrinkles and of edges; a run warns if they matter."""
+    if wave := wrinkle_length(system):
+        edge = mean_edge(system)
+        yield f"wrinkles under its own weight: about {wave:.2g} m long, edges {edge:.2g} m"
 
 
 def estimate_memory(system: System, solver: str = "direct") -> float:

@@ -21,6 +21,7 @@ from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.set_up_warnings import find_set_up_warnings
+from fecloth.simulation.surface_checks import Shape, intersection_warning
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -48,6 +49,9 @@ class Result:
     method
         The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one without
         dt.
+    shape
+        The least and largest stretch, triangles turned over and pairs of triangles that intersect,
+        at the end.
     warnings
         A sentence for each reason to doubt the result, such as an energy balance that was off
         (`Balance.warning`), also if it closes at the end.
@@ -62,6 +66,7 @@ class Result:
     linear: int
     solver: str
     method: object
+    shape: Shape
     warnings: tuple[str, ...] = ()
 
     @property
@@ -191,6 +196,11 @@ def collect(
         observed.append(record.observed)
         counts = counts.plus(record.info.counts)
         report(record.info)
+    shape = Shape.of(system, state)
+    doubts = (
+        told or balance.warning(ledger, ended=True),
+        intersection_warning(state.t, shape.intersecting, "at"),
+    )
     return Result(
         state=state,
         times=np.array([row["t"] for row in energies]),
@@ -201,7 +211,8 @@ def collect(
         linear=counts.linear,
         solver=why,
         method=method,
-        warnings=(*foreseen, *filter(None, [told or balance.warning(ledger, ended=True)])),
+        shape=shape,
+        warnings=(*foreseen, *filter(None, doubts)),
     )
 
 

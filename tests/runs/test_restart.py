@@ -363,7 +363,7 @@ def test_an_interrupted_run_tells_from_where_it_will_go_on(scene, tmp_path, monk
     assert outcome.resumes == found.state.t < outcome.summary["t"]
     log = (tmp_path / "out" / "run.log").read_text()
     assert f"after 33 steps; --resume goes on from {found.state.t:g} s" in log
-    monkeypatch.setattr("fecloth.runs.run_scene.run_scene", lambda *_: outcome)
+    monkeypatch.setattr("fecloth.runs.run_scene.run_scene", lambda *_, **__: outcome)
     assert main(["run", str(scene), "-o", "out", "--quiet"]) == 4
     words = f"--resume out goes on from t = {found.state.t:g} s, the last at which its solver"
     assert words in capsys.readouterr().err
