@@ -45,7 +45,7 @@ def test_a_package_imports_only_from_those_before_it(room):
             assert not above, f"{source.relative_to(PACKAGE)} imports {sorted(above)}"
 
 
-def test_every_file_is_in_a_room_of_the_order():
+def test_every_file_is_in_a_package_of_the_order():
     for source in PACKAGE.rglob("*.py"):
         room = room_of(source)
         assert room in ORDER or room in ("__init__", "__main__"), source
@@ -58,7 +58,7 @@ def test_the_test_sees_an_import_that_climbs(tmp_path):
     assert imports_of(climbing) == {"scene"}
 
 
-def test_dir_shows_the_public_names_and_nothing_else():
+def test_dir_shows_only_the_public_names():
     assert sorted(dir(fecloth)) == sorted(fecloth.__all__)
     for name in fecloth.__all__:
         getattr(fecloth, name)

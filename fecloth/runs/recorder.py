@@ -31,11 +31,14 @@ from fecloth.scene.time_table import MOST_STEPS
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
+from fecloth.simulation.time_error import TimeError, relative_error
+from fecloth.simulation.time_error_words import describe_time_error, find_doubts
 from fecloth.view.html_report import write_report
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 _TABLES = ("steps", "energies", "observed", "strains")
+_SO_FAR = ("state", "memory", "ledger", "balance", "time_error", "counted")
 _COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
 
 
@@ -65,6 +68,7 @@ class Recorder:
         self.counted = -math.inf  # the step of the last count of intersections
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
         self.balance = Balance.open(problem.ledger)
+        self.time_error = TimeError.open(problem.state, 0, problem.ledger)
         self.foreseen = foreseen  # warnings before the first step
         self.raised: tuple[str, ...] = ()  # since
         self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
@@ -83,6 +87,7 @@ class Recorder:
         """Take the state of an earlier run, and remove what it wrote later."""
         self.state, self.memory, self.ledger = found.state, found.memory, found.ledger
         self.balance, self.counts = found.balance, dict(found.counts)
+        self.time_error = found.time_error
         self.raised = found.warnings
         self.frames.keep(self.tables["strains"].column("t"))
         self.frames_on_disk = len(self.frames.times)
@@ -106,6 +111,7 @@ class Recorder:
             memory=self.memory,
             ledger=self.ledger,
             balance=self.balance,
+            time_error=self.time_error,
             warnings=self.raised,
             counts=self.counts,
             frames=len(self.frames.times),
@@ -144,7 +150,8 @@ class Recorder:
             return
         steps = problem.march(self.solver, self.state, self.memory)
         start = problem.system, problem.method, self.ledger, problem.observer
-        for record in record_steps(steps, *start, balance=self.balance):
+        records = record_steps(steps, *start, balance=self.balance, time_error=self.time_error)
+        for record in records:
             info = record.info
             if info.step > MOST_STEPS:
                 allowed, remedy = f"must be at most {MOST_STEPS}", "Raise rtol, or lower t_end."
@@ -177,21 +184,23 @@ class Recorder:
         if not words or _kind(words) in map(_kind, self.raised):
             return
         self.raised += (words,)
-        self.folder.log(f"warning: {words}")
+        with suppress(WriteError):  # the line is told all the same, and the next one fails the run
+            self.folder.log(f"warning: {words}")
         warn(words)
 
     def _take(self, record: Record) -> None:
         self._count(record.info)
         self.state, self.memory = record.state, record.info.memory
-        self.ledger, self.balance = record.ledger, record.balance
+        self.ledger, self.balance, self.time_error = (
+            record.ledger,
+            record.balance,
+            record.time_error,
+        )
 
     @contextmanager
     def _all_or_nothing(self) -> Iterator[None]:
         """Remove a step from all tables if writing it fails or is interrupted."""
-        before = {
-            name: getattr(self, name)
-            for name in ("state", "memory", "ledger", "balance", "counted")
-        }
+        before = {name: getattr(self, name) for name in _SO_FAR}
         counts, frames = dict(self.counts), len(self.frames.times)
         sizes = {name: table.size for name, table in self.tables.items()}
         try:
@@ -278,15 +287,33 @@ class Recorder:
         """All warnings of the run, those before the first step first."""
         return [*self.foreseen, *self.raised]
 
-    def _summary(self, status: str, why: str, error: str | None) -> dict:
-        """Return the content of summary.json."""
+    @property
+    def mean_dt(self) -> float:
+        """Mean size of the steps so far [s]; NaN before the first one."""
+        steps = self.counts["steps"]
+        return (self.state.t - self.problem.state.t) / steps if steps else math.nan
+
+    def _doubts(self, warn) -> float:
+        """Return the error in time, and warn of what casts doubt on the run at its end."""
+        self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
+        problem, last = self.problem, (self.state, self.counts["steps"], self.ledger)
+        error = relative_error(self.time_error, problem.system, problem.method, *last)
+        run = problem.system, problem.method, self.mean_dt
+        for words in find_doubts(error, *run, self.balance, self.ledger):
+            self._warn_once(words, warn)
+        return error
+
+    def _summary(self, status: str, why: str, failure: str | None, error: float) -> dict:
+        """Return the content of summary.json; `error` is that in time."""
         return {
             "status": status,
-            "error": error,
+            "error": failure,
             "warnings": self.warnings,
             "warning": next(iter(self.warnings), None),  # as older runs have it
             "t": self.state.t,
             "t_end": self.problem.t_end,
+            "time_error": None if math.isnan(error) else error,
+            "time_error_in_words": describe_time_error(error, self.problem.method, self.mean_dt),
             **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
@@ -316,15 +343,15 @@ class Recorder:
             status, error = FAILED, error or full
         for table in self.tables.values():
             table.close()
-        with suppress(WriteError):  # the next line that is logged says it
-            self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
-            self._warn_of_shape(warn)
-        summary = self._summary(status, why, str(error) if error else None)
+        time_error = self._doubts(warn)
+        self._warn_of_shape(warn)
+        summary = self._summary(status, why, str(error) if error else None, time_error)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         resumes = self._resume_time()
         if status == INTERRUPTED and resumes is not None:
             words += f"; --resume goes on from {resumes:g} s"
         try:
+            self.folder.log(summary["time_error_in_words"])
             self.folder.log(f"{words}: {error}" if error else words)
             self._report(summary)
             self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing

@@ -28,10 +28,11 @@ from fecloth.runs.outcome import DONE
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory
+from fecloth.simulation.time_error import TimeError
 from fecloth.system.records import RECORDS, remembered
 from fecloth.system.state import State
 
-FORMAT = 3
+FORMAT = 4
 FOLDER, PATTERN = "restart", "restart_*.npz"
 KEPT = 2  # files
 FREE = ("title", "expect", "interest")  # keys that do not change a run
@@ -52,8 +53,9 @@ class Restart:
         The method that takes the steps, as text; for "auto" the chosen one.
     state, memory, ledger
         After the last step.
-    balance, warnings, counts
-        The energy balance, the warnings since the first step, and counts of the recorder so far.
+    balance, time_error, warnings, counts
+        The energy balance, the error in time, the warnings since the first step, and counts of the
+        recorder so far.
     frames, tables
         Number of frames, and the bytes of each table.
     exact
@@ -70,6 +72,7 @@ class Restart:
     memory: Memory
     ledger: Ledger
     balance: Balance
+    time_error: TimeError
     warnings: tuple[str, ...]
     counts: Mapping[str, int]
     frames: int

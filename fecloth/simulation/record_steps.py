@@ -12,6 +12,7 @@ from fecloth.simulation.energy_balance import ROUND_OFF, Balance
 from fecloth.simulation.energy_ledger import Ledger, negligible_energy
 from fecloth.simulation.march import Problem, StepInfo, step_failed
 from fecloth.simulation.probes import Observer
+from fecloth.simulation.time_error import TimeError
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -30,8 +31,8 @@ class Record:
         After the step.
     observed
         Row of the probes and the other observed quantities.
-    balance
-        Of the energies so far.
+    balance, time_error
+        Of the steps so far.
     seconds
         Wall time of the recording.
     """
@@ -41,6 +42,7 @@ class Record:
     ledger: Ledger
     observed: dict[str, float]
     balance: Balance
+    time_error: TimeError
     seconds: float
 
 
@@ -52,14 +54,15 @@ def record_steps(
     observer: Observer,
     *,
     balance: Balance | None = None,
+    time_error: TimeError | None = None,
     most_growth: float = MOST_GROWTH,
 ) -> Iterator[Record]:
     """Yield a `Record` for each step of `march`.
 
     Parameters
     ----------
-    ledger, balance
-        Before the first of these steps; no balance stands for that of an unstarted run.
+    ledger, balance, time_error
+        Before the first of these steps; None stands for an unstarted run.
     most_growth
         See `run`.
 
@@ -72,10 +75,13 @@ def record_steps(
     balance = balance or Balance.open(ledger)
     for state, info in steps:
         begin = time.perf_counter()
+        time_error = time_error or TimeError.open(info.old, info.step - 1, ledger)
         ledger = update_ledger(system, method, ledger, info, most_growth)
         balance = balance.after(system, ledger)
         observed = observer.row(info.old, info.result)
-        yield Record(state, info, ledger, observed, balance, time.perf_counter() - begin)
+        time_error = time_error.after(system, method, info, ledger)
+        so_far = balance, time_error
+        yield Record(state, info, ledger, observed, *so_far, time.perf_counter() - begin)
 
 
 def trial_recorder(system: System, ledger: Ledger, observer: Observer) -> Callable:

@@ -24,16 +24,20 @@ OFTEN = 0.03  # of the time so far between two looks at the displacement
 @remembered
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Time [s], number of the step, x (n, 3) [m], and two energies [J].
+    """Time [s], number of the step, x (n, 3) [m], and energies [J].
 
-    `kinetic` is relative to the mean velocity of the start, `dissipated` the sum since then.
+    `deforming` and `inside` are the kinetic energy of the deformation and what damping has
+    dissipated that a rigid motion does not feel; `kinetic` and `outside` the whole kinetic energy
+    and what the other damping has dissipated. See `Ledger`.
     """
 
     t: float
     step: int
     x: np.ndarray
+    deforming: float
+    inside: float
     kinetic: float
-    dissipated: float
+    outside: float
 
 
 @remembered
@@ -48,6 +52,8 @@ class TimeError:
 
         de/dt = MEAN κ dt^q |d^p x / dt^p| − γ e,    γ = power dissipated / (4 kinetic energy)
 
+    with the kinetic energy of the deformation for damping that a rigid motion does not feel.
+
     A mode cannot be off by more than 2 A. The derivative is therefore a divided difference over
     times τ apart, at most (2/τ)^p A for a mode of any frequency, with
 
@@ -59,7 +65,7 @@ class TimeError:
     Attributes
     ----------
     start
-        The state before the first step.
+        That before the first step.
     recent
         The last p + 1 samples.
     lag
@@ -74,7 +80,7 @@ class TimeError:
         Time of the next sample [s].
     """
 
-    start: State
+    start: Sample
     recent: tuple[Sample, ...]
     lag: float = 0.0
     length: float = 0.0
@@ -85,11 +91,10 @@ class TimeError:
     due: float = 0.0
 
     @classmethod
-    def open(cls, system: System, state: State) -> TimeError:
-        """Return the estimate before the first step."""
-        ledger = Ledger.open(system, state)
-        start = _sample(system, state, state, 0, ledger)
-        return cls(state, (start,), looked=state.t, due=state.t)
+    def open(cls, state: State, step: int, ledger: Ledger) -> TimeError:
+        """Return the estimate after `step` steps, from where on it counts."""
+        start = _sample(state, step, ledger)
+        return cls(start, (start,), looked=state.t, due=state.t)
 
     def after(self, system: System, method, info: StepInfo, ledger: Ledger) -> TimeError:
         """Return the estimate after a step: nearly always the same object."""
@@ -105,7 +110,7 @@ class TimeError:
             return replace(self, due=math.inf)
         q, constant = drift
         mass, is_first = system.diagonal_mass, len(self.recent) < q + 2
-        recent = (*self.recent, _sample(system, self.start, state, step, ledger))[-(q + 2) :]
+        recent = (*self.recent, _sample(state, step, ledger))[-(q + 2) :]
         old, new = recent[-2:]
         lag = constant * _mean_step(old, new) ** q * (new.t - old.t)
         length, total = self.length, self.lag + lag
@@ -149,7 +154,7 @@ def relative_error(
     traits = method.traits
     if (drift := drift_of(traits)) is None:
         return math.nan
-    if step > error.recent[-1].step:
+    if state.t > error.recent[-1].t:
         error = error.sampled(system, traits, state, step, ledger)
     error = error._looked(system.diagonal_mass)
     extent = float(np.ptp(system.cloth.X, axis=0).max())
@@ -157,7 +162,7 @@ def relative_error(
         return math.nan
     length = error.largest
     if traits.order < drift[0] and traits.error_constant is not None:
-        dt = (state.t - error.start.t) / step
+        dt = _mean_step(error.start, error.recent[-1])
         length += traits.error_constant * dt * error.speed
     return length / error.moved
 
@@ -179,13 +184,9 @@ def derivative(samples: Sequence[Sample]) -> np.ndarray:
     return y
 
 
-def _sample(system, start, state, step, ledger):
-    """Return a sample of a state."""
-    velocity = system.sums.mean(system.diagonal_mass, start.v)
-    mean = system.sums.mean(system.diagonal_mass, state.v)
-    mass = float(system.nodal_mass.sum())
-    kinetic = ledger.kinetic + mass * float(0.5 * velocity @ velocity - mean @ velocity)
-    return Sample(state.t, step, state.x, kinetic, sum(ledger.dissipated.values()))
+def _sample(state: State, step: int, ledger: Ledger) -> Sample:
+    energies = ledger.deforming, ledger.lost_inside, ledger.kinetic, ledger.lost_outside
+    return Sample(state.t, step, state.x, *energies)
 
 
 def _mean_step(a, b):
@@ -193,9 +194,14 @@ def _mean_step(a, b):
     return (b.t - a.t) / (b.step - a.step)
 
 
-def _add_forgetting(length, added, a, b):
+def _add_forgetting(length: float, added: float, a: Sample, b: Sample) -> float:
     """Return e at b: e at a decays, and what is added between them decays as it comes."""
-    lost, moving = max(b.dissipated - a.dissipated, 0.0), max(a.kinetic + b.kinetic, 0.0)
-    decay = lost / max(2 * moving, 1e-3 * lost) if lost else 0.0  # γ (t_b − t_a)
+    decay = _decay(b.inside - a.inside, a.deforming + b.deforming)
+    decay += _decay(b.outside - a.outside, a.kinetic + b.kinetic)
     share = -math.expm1(-decay) / decay if decay > 1e-9 else 1.0
     return length * math.exp(-decay) + added * share
+
+
+def _decay(lost: float, moving: float) -> float:
+    """Return γ (t_b − t_a) from the energy lost in between and the sum of the kinetic energies."""
+    return lost / max(2 * moving, 1e-3 * lost) if lost > 0 else 0.0

@@ -126,6 +126,7 @@ def _tiles(summary, tables) -> dict[str, str]:
         "Newton iterations": f"{summary['newton']}",
         "linear iterations": f"{summary['linear']}",
         "energy unexplained": _unexplained(summary, tables["steps"]),
+        "error in time": _time_error(summary),
         "frames": f"{summary['frames']}",
     }
     if strains := tables["strains"]:
@@ -138,6 +139,12 @@ def _tiles(summary, tables) -> dict[str, str]:
     if summary.get("peak_memory_MB"):
         tiles["memory"] = f"{summary['peak_memory_MB']:.0f} MB"
     return tiles
+
+
+def _time_error(summary):
+    """The estimate of the error in time without its first words; older runs have none."""
+    words = summary.get("time_error_in_words", "no estimate").removeprefix("error in time")
+    return words.partition(";")[0].removeprefix(":").strip()
 
 
 def _unexplained(summary, steps):

@@ -339,7 +339,7 @@ def test_an_interruption_between_two_restarts_costs_no_bit(scene, tmp_path):
         assert summary[key] == expected[key]
 
 
-def test_what_there_is_not_to_go_on_from_is_told(scene, tmp_path, capsys, monkeypatch):
+def test_resume_without_a_usable_restart_is_refused(scene, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scene.write_text(UNASKED)
     resume = ["run", str(scene), "--resume", "out"]
@@ -369,7 +369,7 @@ def test_an_interrupted_run_tells_from_where_it_will_go_on(scene, tmp_path, monk
     assert words in capsys.readouterr().err
 
 
-def test_a_balance_that_had_come_apart_is_not_told_again(scene, tmp_path):
+def test_energy_warning_is_not_repeated_after_resume(scene, tmp_path):
     scene.write_text(TEXT + RUNS["midpoint"])
     coarse = [
         "time.dt=0.02",
@@ -458,7 +458,7 @@ def mesh_of(h):
     return meshio.Mesh(points, {"triangle": cloth.triangles})
 
 
-def test_what_a_failed_run_had_reached_is_kept(scene, tmp_path):
+def test_failed_run_leaves_its_last_state(scene, tmp_path):
     scene.write_text(TEXT + RUNS["midpoint"].replace("0.002", "0.02"))
     overrides = ["solver.max_iterations=2", "output.restart_steps=1"]
     outcome = run_scene(load_scene(scene, overrides), tmp_path / "out")
@@ -526,7 +526,7 @@ def test_march_goes_on_from_a_memory_that_was_written(method, dt, isotropic, tmp
         np.testing.assert_array_equal(one[0].v, other[0].v)
 
 
-def test_a_record_of_ones_own_must_be_marked():
+def test_user_record_must_be_marked_with_remembered():
     @dataclass(frozen=True)
     class Unmarked:
         f: float

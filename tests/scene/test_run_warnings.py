@@ -166,7 +166,7 @@ WEIGHTS = [  # overrides, L [m], B [N m], its words
 
 
 @pytest.mark.parametrize(("overrides", "length", "rigidity", "words"), WEIGHTS)
-def test_the_weight_over_the_bending_stiffness_is_told(
+def test_plan_states_weight_over_bending_stiffness(
     overrides, length, rigidity, words, scene, capsys
 ):
     number = 0.2 * 9.81 * length**3 / rigidity
@@ -218,7 +218,7 @@ PINNED = {  # the pins, and what the plan says of them
 
 
 @pytest.mark.parametrize("pins", PINNED)
-def test_the_plan_says_how_many_nodes_each_pin_holds(pins, scene):
+def test_plan_states_the_nodes_of_each_pin(pins, scene):
     built = load_scene(scene, [f"pins={pins}"]).build()
     assert PINNED[pins] in plan.plan(built, "why")
 

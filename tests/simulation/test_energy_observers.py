@@ -56,7 +56,7 @@ def test_a_free_cloth_is_judged_alike_in_flight_and_in_a_fall(u, element):
 
 
 @pytest.mark.parametrize("u", FRAMES.values(), ids=FRAMES)
-def test_pins_that_move_steadily_change_nothing(u, cloth):
+def test_ledger_is_the_same_in_a_steadily_moving_frame(u, cloth):
     terms = [fc.StVK(), fc.Gravity()]
     held = fc.System(cloth, FABRIC, terms, ["left"])
     moved = fc.System(cloth, FABRIC, terms, [fc.Pin("left", lambda t: np.array(u) * t)])
@@ -94,7 +94,7 @@ def test_a_spin_of_free_or_pinned_cloth_is_no_deformation(cloth):
     assert ledger.deforming < 1e-9 * ledger.kinetic
 
 
-def test_a_spike_of_one_step_is_no_scale(cloth):
+def test_spike_of_one_step_does_not_set_the_energy_scale(cloth):
     system = fc.System(cloth, FABRIC, [fc.StVK()], ["left"])
     opened = fc.Ledger.open(system, system.rest())
     balance = Balance.open(opened)
@@ -129,8 +129,9 @@ def test_a_warning_of_a_run_stays_though_the_balance_closes_again(cloth):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         result = fc.run(system, fc.ImplicitMidpoint(), start(system, FRAMES["100 m/s"]), 0.01, 0.5)
-    assert len(result.warnings) == 1
-    assert str(caught[-1].message) == result.warnings[0] == result.doubt
+    told = [str(one.message) for one in caught]
+    assert told[-len(result.warnings) :] == list(result.warnings)
+    assert sum("energy of deformation" in words for words in result.warnings) == 1
     assert "energy of deformation" in result.doubt
 
 

@@ -32,7 +32,7 @@ def moments():
 # --- the page -------------------------------------------------------------------------------------
 
 
-def test_page_is_what_the_docstrings_give(curves, moments):
+def test_page_is_generated_from_the_docstrings(curves, moments):
     assert laws.page(curves, moments) == PAGE, "run python -m studies.laws"
 
 

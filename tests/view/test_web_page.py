@@ -79,7 +79,7 @@ def test_the_page_holds_the_material_coordinates_in_squares(run):
 
 
 @pytest.mark.filterwarnings("error")
-def test_what_overflows_is_drawn_as_the_largest_that_does_not(run):
+def test_overflowing_values_are_drawn_as_the_largest_finite_one(run):
     _, system, states, _ = run
     frame = Frame(0.0, states[-1].x, system.cloth.cells, *fields(system, states[-1]))
     energy = frame.cell_data["energy_density"]
@@ -127,7 +127,7 @@ def test_one_file_and_many_hold_the_same(tmp_path):
             assert np.array_equal(*(field_values(s.read(i), name) for s in (a, b)))
 
 
-def test_a_long_run_is_thinned_and_says_so(run, monkeypatch):
+def test_long_run_is_thinned_with_a_note(run, monkeypatch):
     folder = run[0]
     first, fields = Series.open(folder).read(0), 5
     a_frame = 3 * len(first.points) + fields * max(len(first.points), len(first.cells))
