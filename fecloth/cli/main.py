@@ -98,17 +98,16 @@ def _parser() -> argparse.ArgumentParser:
     import argparse
 
     from fecloth import __version__
+    from fecloth.cli.suggesting_parser import SuggestingParser
 
-    parser = argparse.ArgumentParser(
+    parser = SuggestingParser(
         prog="fecloth",
         description="A continuum cloth solver.",
         epilog=STATUS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"fecloth {__version__}")
-    commands = parser.add_subparsers(
-        required=True, metavar="run | view | render | check | mesh | info"
-    )
+    commands = parser.add_subparsers(required=True, title="commands", metavar="COMMAND")
 
     sub = _command(commands, "run", _run, "run a scene and leave files for ParaView")
     sub.add_argument("scene", help="a .toml file")

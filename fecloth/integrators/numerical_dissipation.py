@@ -83,8 +83,10 @@ def _unrecorded_work(system: System, old: State, step: Step, explicit: bool) -> 
     """Work that the ledger's columns do not contain: mean of d·(Δx − dt v)."""
     acting = step.over or system  # what dissipates over the step is not booked by its power
     dt, dx = step.state.t - old.t, step.state.x - old.x
-    works = [system.sums.dot(column_forces(acting, at), dx - dt * at.v) for at in step.stages]
-    if explicit:
+    works = [0.0]
+    if any(map(has_power_column, acting.bound)):
+        works = [system.sums.dot(column_forces(acting, at), dx - dt * at.v) for at in step.stages]
+    if explicit and any(map(has_work_column, acting.bound)):
         lag = dx - load_displacement(old, step.state, explicit)
         works += [system.sums.dot(load_forces(acting, at), lag) for at in step.stages]
     return sum(works) / len(step.stages)
@@ -112,6 +114,11 @@ def has_power_column(term: BoundTerm) -> bool:
     return term.dissipative or (term.has_energy and hasattr(term, "supply"))
 
 
+def has_work_column(term: BoundTerm) -> bool:
+    """Return whether the ledger sums the work of a load's force along a displacement."""
+    return hasattr(term, "supply") and not has_power_column(term)
+
+
 def column_forces(system: System, state: State) -> np.ndarray:
     """(n, 3) forces [N] of which the ledger sums the power."""
     f, still = np.zeros_like(state.x), np.zeros_like(state.v)
@@ -127,9 +134,8 @@ def column_forces(system: System, state: State) -> np.ndarray:
 def load_forces(system: System, state: State) -> np.ndarray:
     """(n, 3) forces [N] of the loads of which the ledger has the work along a displacement."""
     f = np.zeros_like(state.x)
-    for term in system.bound:
-        if hasattr(term, "supply") and not has_power_column(term):
-            term.add_force(state.x, state.v, state.t, f)
+    for term in filter(has_work_column, system.bound):
+        term.add_force(state.x, state.v, state.t, f)
     return f
 
 

@@ -15,6 +15,7 @@ from fecloth.mesh.gmsh_import import gmsh_plane
 from fecloth.suggest import did_you_mean
 
 AT_ONCE = 10_000  # area/h²; below, Gmsh takes less time than the start of a process for it
+MOST_SHORTENED = 1.5  # factor by which edges of "equilateral" may be shorter than h
 
 
 def rectangle(width: float, height: float, h: float, pattern: str = "unstructured") -> FlatMesh:
@@ -46,7 +47,8 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
     Raises
     ------
     InputError
-        For sides or h that are not positive and finite, h out of range, or an unknown pattern.
+        For sides or h that are not positive and finite, h out of range, an unknown pattern, or a
+        rectangle lower than one row of equilateral triangles of that h.
 
     Examples
     --------
@@ -61,6 +63,8 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
         allowed = f"must be one of {', '.join(_PATTERNS)}"
         remedy = did_you_mean(pattern, _PATTERNS, cutoff=0.0)
         raise InputError(f"pattern = {pattern!r}", allowed, "rectangle", remedy)
+    if pattern == "equilateral":
+        _refuse_another_size(float(height), float(h))
     X, triangles = _PATTERNS[pattern](float(width), float(height), float(h))
     return _with_side_sets(FlatMesh.from_arrays(X, triangles, where="rectangle"), width, height)
 
@@ -151,6 +155,15 @@ def _cross(width, height, h):
     o = len(X) + np.arange(len(a))
     triangles = np.stack((a, b, o, b, c, o, c, d, o, d, a, o), axis=1).reshape(-1, 3)
     return np.concatenate((X, 0.5 * (X[a] + X[c]))), triangles
+
+
+def _refuse_another_size(height: float, h: float) -> None:
+    """Raise `InputError` if one row of equilateral triangles has much shorter edges than h."""
+    edge = height / np.sqrt(0.75)
+    if h > MOST_SHORTENED * edge:
+        allowed = f"must be at most {edge:.4g} m, the edges of one row of height {height:g} m"
+        remedy = 'Write that, or use the pattern "right", whose cells may be longer than high.'
+        raise InputError(f"h = {h!r}", allowed, "rectangle", remedy)
 
 
 def _equilateral(width, height, h):

@@ -104,18 +104,20 @@ def update_ledger(
     Raise `StepFailed` if two steps in a row exceed the energy available. One step may: a load
     switched on transfers momentum before it has done work.
     """
-    after, noise = ledger.after(system, method, info.old, info.result), _noise(system, info)
+    after = ledger.after(system, method, info.old, info.result)
+    noise = _noise(system, info, after.kinetic)
     growths = [each.growth(most) if each.deforming > noise else "" for each in (ledger, after)]
     if all(growths):
         raise step_failed(system, info.old, info.step, info.dt, Problem(growths[1]))
     return after
 
 
-def _noise(system: System, info: StepInfo) -> float:
+def _noise(system: System, info: StepInfo, kinetic: float) -> float:
     """Kinetic energy [J] below which growth means nothing.
 
-    `negligible_energy`, or ½ m (64 ε |x|/dt)² if that is more: the round-off of positions.
+    `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)² and 64 ε of the kinetic energy: the
+    round-off of positions, and of the rigid motion's energy.
     """
     speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
-    rounded = 0.5 * system.total_mass * speed**2
+    rounded = 0.5 * system.total_mass * speed**2 + ROUND_OFF * kinetic
     return max(rounded, negligible_energy(system, info.t - info.memory.start))

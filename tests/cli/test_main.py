@@ -349,3 +349,17 @@ def test_the_version_needs_no_numerical_package():
     imported = {line.split("|")[-1].strip() for line in done.stderr.splitlines()}
     assert "fecloth.cli.main" in imported
     assert not imported & {"numpy", "scipy", "numba", "pydantic", "rich", "meshio"}
+
+
+WRONG_COMMANDS = {"runn": "Did you mean 'run'?", "chek": "Did you mean 'check'?", "qqqq": "info."}
+
+
+@pytest.mark.parametrize("wrong", WRONG_COMMANDS)
+def test_a_wrong_command_suggests_the_right_one(wrong, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([wrong, "scene.toml"])
+    assert stop.value.code == 2
+    told = capsys.readouterr().err
+    assert f"{wrong!r}: must be one of run, view, render, check, mesh, info." in told
+    assert told.strip().endswith(WRONG_COMMANDS[wrong])
+    assert "usage: fecloth [-h] [--version] COMMAND ..." in told

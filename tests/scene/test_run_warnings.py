@@ -1,8 +1,10 @@
 """What is predicted of a run, against what comes; warnings where there is reason, only there."""
 
 import math
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -256,3 +258,31 @@ def test_the_plan_is_printed_before_the_first_step(scene, tmp_path, capsys):
     assert "warning: StVK stands 2 times" in (tmp_path / "out" / "run.log").read_text()
     assert main(["info", str(scene)]) == 0
     assert "MB, with a factor" in capsys.readouterr().out
+
+
+# --- the scenes of the README ---------------------------------------------------------------------
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(params=["napkin.toml", "flag.toml", "drape.toml"])
+def shown(request, tmp_path):
+    """A scene that the README shows or names."""
+    path = ROOT / "studies" / "scenes" / request.param
+    if request.param == "napkin.toml":
+        page = (ROOT / "README.md").read_text(encoding="utf-8")
+        path = tmp_path / request.param
+        path.write_text(re.search(r"```toml\n(.*?)```", page, re.DOTALL)[1], encoding="utf-8")
+    return path
+
+
+def test_no_warning_before_a_scene_of_the_readme_runs(shown):
+    assert run_warnings.find_warnings(load_scene(shown).build()) == []
+
+
+@pytest.mark.slow
+def test_no_warning_while_a_scene_of_the_readme_runs(shown, tmp_path):
+    outcome = fc.run_scene(load_scene(shown), tmp_path / "out")
+    assert outcome.status == "done"
+    assert outcome.summary["warnings"] == []
+    assert outcome.summary["intersecting_pairs"] == 0

@@ -252,3 +252,10 @@ def test_stops_that_are_one_are_one():
     stops = [0.1, 0.1 + 1e-12, 0.3 - 1e-13]
     result = fc.run(system, fc.Adaptive(fc.BDF2()), system.rest(), t_end=0.3, stops=stops)
     assert np.diff(result.times).min() > 1e-3
+
+
+def test_steps_below_the_round_off_of_the_time_fail(small, isotropic):
+    system = fc.System(small, isotropic, [fc.StVK(), fc.Gravity()], ["left"])
+    late = system.state(system.rest().x, t=1e12)  # where the last bit is 1.2e-4 s
+    with pytest.raises(NewtonFailed, match="no step is short enough"):
+        fc.Adaptive(fc.BDF2()).step(system, late, 1e-6, None)

@@ -44,7 +44,15 @@ def test_quick(study, says, out):
 @pytest.mark.study
 @pytest.mark.parametrize(
     "study",
-    ["convergence", "models", "simplify", "work_precision", "stability", "newton_catalogue"],
+    [
+        "convergence",
+        "models",
+        "simplify",
+        "work_precision",
+        "stability",
+        "newton_catalogue",
+        "trust",
+    ],
 )
 def test_quick_report(study, out):
     """Check the exit code, which is 1 if a finding is missed, and the report."""
