@@ -1,7 +1,7 @@
 """Gmsh in a process of its own, which can be stopped at any moment and has limits.
 
 `in_child` starts ``python -m fecloth.mesh.gmsh_child``, sends it a task as JSON and reads the
-arrays of the mesh from its standard output, as an .npz file. A start takes about 0.3 s.
+arrays of the mesh from its standard output, as an .npz file. A start takes about 0.4 s.
 """
 
 from __future__ import annotations
