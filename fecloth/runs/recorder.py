@@ -12,6 +12,7 @@ import numpy as np
 
 from fecloth.errors import FeclothError, InputError, StepFailed
 from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.statistics import warn_of_round_off
 from fecloth.output.atomic_files import WriteError, flush_to_disk
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
@@ -39,7 +40,7 @@ FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 _TABLES = ("steps", "energies", "observed", "strains")
 _SO_FAR = ("state", "memory", "ledger", "balance", "time_error", "counted")
-_COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
+_COUNTED = ("newton", "linear", "modified", "factorisations", "rejected", "limited")
 
 
 class Recorder:
@@ -344,6 +345,7 @@ class Recorder:
         for table in self.tables.values():
             table.close()
         time_error = self._doubts(warn)
+        self._warn_once(warn_of_round_off(self.counts["limited"]), warn)
         self._warn_of_shape(warn)
         summary = self._summary(status, why, str(error) if error else None, time_error)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"

@@ -14,7 +14,7 @@ from fecloth import validation
 from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
-from fecloth.nonlinear.statistics import Counts
+from fecloth.nonlinear.statistics import Counts, warn_of_round_off
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
@@ -215,6 +215,7 @@ def collect(
         inaccurate = find_doubts(error, system, method, dt, balance, ledger)
     doubts = (
         told or balance.warning(ledger, ended=True),
+        warn_of_round_off(counts.limited),
         *inaccurate,
         intersection_warning(state.t, shape.intersecting, "at"),
     )
