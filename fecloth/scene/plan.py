@@ -115,7 +115,7 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     hinges, P2 to 40,000; direct to 250,000. All were within a sixth.
     """
     n, blocks = len(system.cloth.X), len(system.pattern.indices)
-    used = 258 * n + 157 * math.prod(system.cloth.gradients.shape[:3]) + 150 * blocks
+    used: float = 258 * n + 157 * math.prod(system.cloth.gradients.shape[:3]) + 150 * blocks
     if solver != "explicit":
         used += 18 * blocks  # less than the matrix: what binding takes is free by then
     if solver == "direct":
