@@ -213,6 +213,11 @@ class Cloth:
         return quality(self.X, self.triangles)
 
     @cached_property
+    def extent(self) -> float:
+        """The larger of the widths along X and Y [m]."""
+        return float(np.ptp(self.X, axis=0).max())
+
+    @cached_property
     def hinges(self) -> Hinges:
         """The interior edges, each with its two triangles."""
         return Hinges.from_triangles(self.X, self.triangles)

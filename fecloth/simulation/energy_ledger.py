@@ -245,7 +245,7 @@ def negligible_energy(system: System, seconds: float) -> float:
 
     m is its mass, L its largest extent and T the time; round-off and tolerances stay below.
     """
-    pace = CREEP * float(np.ptp(system.cloth.X, axis=0).max()) / seconds
+    pace = CREEP * system.cloth.extent / seconds
     return 0.5 * float(system.nodal_mass.sum()) * pace**2
 
 

@@ -85,9 +85,9 @@ def main(argv: list[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     study.write_csv(lines, options.out / "catalogue.csv")
     findings = findings_of(rows, 1 if options.quick else ENOUGH)
-    text = "\n\n".join(
-        ["# Catalogue", "\n".join(f"- {one}" for one in findings), markdown_table(lines)]
-    )
+    head = f"# Catalogue\n\nMade by `python -m studies.trust{' --quick' if options.quick else ''}`."
+    numbers = "\n".join(f"- {one}" for one in findings)
+    text = "\n\n".join([head, numbers, markdown_table(lines)])
     (options.out / "catalogue.md").write_text(text + "\n", encoding="utf-8")
     tables = {"Catalogue": lines}
     return study.write_report(
@@ -96,4 +96,4 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    study.run_main(main)

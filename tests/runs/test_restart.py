@@ -29,6 +29,7 @@ from fecloth.runs.folder import TABLES
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
+from fecloth.simulation.energy_balance import Balance
 from fecloth.system.records import remembered
 from fecloth.system.state import State
 
@@ -589,3 +590,16 @@ def test_a_solver_that_has_dropped_is_a_new_one(isotropic):
         for key in ("_price", "_make", "_solver", "prepared"):
             del each[key]
     assert told == expected
+
+
+def test_a_ledger_of_a_free_cloth_is_read_back_as_it_was():
+    """With the places of its pieces, tuples in a tuple, and the energy balance."""
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.5, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity(), fc.Drag(1.0)])
+    ledger, arrays = fc.Ledger.open(system, system.rest()), []
+    balance = Balance.open(ledger).after(system, ledger)
+    for record in (ledger, balance):
+        header = json.dumps(restart._pack(record, arrays))
+        assert restart._unpack(json.loads(header), arrays) == record
+    assert len(ledger.places[0]) == 3
+    assert ledger.resisting == ("Drag",)
