@@ -159,6 +159,7 @@ class Recorder:
                 raise InputError(f"step {info.step}", allowed, remedy=remedy)
             self.watch.add({"record": record.seconds})
             with self.watch.phase("output"):
+                self.folder.check_in_place()
                 with self._all_or_nothing():
                     self._take(record)
                     self._rows(record.observed, info)
@@ -318,7 +319,7 @@ class Recorder:
             **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
-            **shape_summary(self.tables["strains"]),
+            **self._shape_summary(),
             "frames": len(self.frames.times),
             "open": self.frames.opens.name,
             "solver": why,
@@ -327,6 +328,12 @@ class Recorder:
             "peak_memory_MB": peak_memory(),
             "versions": versions(),
         }
+
+    def _shape_summary(self) -> dict:
+        """Return what strains.csv says; nothing if its folder has moved."""
+        with suppress(WriteError):
+            return shape_summary(self.tables["strains"])
+        return {}
 
     def _resume_time(self) -> float | None:
         """Return the time from which `--resume` goes on [s]; None without a restart file."""
