@@ -43,7 +43,7 @@ class EnergyMomentum(StageMethod):
 
         dt         knit (interlock)    denim (denim-wang)    cotton, Y = 3000 N/m
         1/240 s    2 (3.5, 2.3)        2 (4.8, 3.1)          2 (6.6, 3.9)
-        1/60 s     2.5 (10, 4.4)       3 (18, 5.9)           10 and more
+        1/60 s     2.5 (10, 4.4)       3 (18, 5.9)           7 (45, 8.9)
         1/30 s     2 (30, 7.9)         4 (48, 10)            fails
 
     Source: Simo and Tarnow (1992), The Discrete Energy–Momentum Method, ZAMP 43.

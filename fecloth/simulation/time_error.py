@@ -11,14 +11,15 @@ import numpy as np
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import StepInfo
-from fecloth.simulation.rigid_motion import deformation, rms_without_rigid
+from fecloth.simulation.rigid_motion import deformation, rms_without_rigid, weighted_sum
 from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-MEAN = 1.5  # peak of |sin| over its mean, π/2; √2 where many modes swing
+MEAN = math.pi / 2  # peak of |sin| over its mean
 STILL = 1e-6  # of the cloth's extent: a cloth that has moved by less is at rest
-OFTEN = 0.03  # of the time so far between two looks at the displacement
+NEVER = 2**62
+OFTEN = 0.15  # of the time so far between two looks at the displacement
 
 
 @remembered
@@ -59,8 +60,9 @@ class TimeError:
 
         (2/τ)^p κ ∫ dt^q dt = 2
 
-    so that positions are needed every τ only, which grows with time. The largest e so far over the
-    largest displacement is the relative error.
+    so that positions are needed every τ only, which grows with time. (For τ, dt is that of the
+    present, so that a short motion after a long rest is not passed over.) The largest e so far
+    over the largest displacement is the relative error.
 
     Attributes
     ----------
@@ -77,7 +79,7 @@ class TimeError:
     moved, looked
         Largest rms displacement [m], and the time of the last look at it [s].
     due
-        Time of the next sample [s].
+        The step of the next sample.
     """
 
     start: Sample
@@ -88,17 +90,17 @@ class TimeError:
     speed: float = 0.0
     moved: float = 0.0
     looked: float = 0.0
-    due: float = 0.0
+    due: int = 0
 
     @classmethod
     def open(cls, state: State, step: int, ledger: Ledger) -> TimeError:
         """Return the estimate after `step` steps, from where on it counts."""
         start = _sample(state, step, ledger)
-        return cls(start, (start,), looked=state.t, due=state.t)
+        return cls(start, (start,), looked=state.t)
 
     def after(self, system: System, method, info: StepInfo, ledger: Ledger) -> TimeError:
         """Return the estimate after a step: nearly always the same object."""
-        if info.t < self.due:
+        if info.step < self.due:
             return self
         return self.sampled(system, method.traits, info.result.state, info.step, ledger)
 
@@ -107,12 +109,13 @@ class TimeError:
     ) -> TimeError:
         """Return the estimate with one more sample, after that many steps."""
         if (drift := drift_of(traits)) is None:
-            return replace(self, due=math.inf)
+            return replace(self, due=NEVER)
         q, constant = drift
         mass, is_first = system.diagonal_mass, len(self.recent) < q + 2
         recent = (*self.recent, _sample(state, step, ledger))[-(q + 2) :]
         old, new = recent[-2:]
-        lag = constant * _mean_step(old, new) ** q * (new.t - old.t)
+        dt = _mean_step(old, new)
+        lag = constant * dt**q * (new.t - old.t)
         length, total = self.length, self.lag + lag
         if len(recent) == q + 2:  # the first derivative stands for all time before
             rate = MEAN * rms_without_rigid(mass, state.x, derivative(recent))
@@ -126,9 +129,13 @@ class TimeError:
             length=length,
             largest=max(self.largest, length),
             speed=speed,
-            due=new.t + (2**q * total) ** (1 / (q + 1)),
+            due=step + math.ceil(self._apart(q, constant, dt, new.t) / dt - 1e-6),
         )
         return after if new.t < self._next_look else after._looked(mass)
+
+    def _apart(self, q: int, constant: float, dt: float, t: float) -> float:
+        """Return τ [s] for steps of the present size from the start on."""
+        return (2**q * constant * dt**q * (t - self.start.t)) ** (1 / (q + 1))
 
     @property
     def _next_look(self) -> float:
@@ -176,12 +183,12 @@ def drift_of(traits: MethodTraits) -> tuple[int, float] | None:
 
 def derivative(samples: Sequence[Sample]) -> np.ndarray:
     """Return d^p x / dt^p (n, 3) from p + 1 samples: p! times Newton's divided difference."""
-    order = len(samples) - 1
-    x, y = samples[0].x, np.zeros_like(samples[0].x)
-    for one in samples[1:]:  # the weights add up to 0: differences keep the digits far away
-        weight = math.factorial(order) / math.prod(one.t - b.t for b in samples if b is not one)
-        y += weight * (one.x - x)
-    return y
+    scale = math.factorial(len(samples) - 1)
+    weights = [
+        scale / math.prod(one.t - other.t for other in samples if other is not one)
+        for one in samples
+    ]  # they add up to 0: differences keep the digits of a cloth that is far away
+    return weighted_sum(tuple(one.x for one in samples), np.array(weights))
 
 
 def _sample(state: State, step: int, ledger: Ledger) -> Sample:
