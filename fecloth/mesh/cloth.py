@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from fecloth.mesh import elements, generate, interpolation, mass, norms, selection
 from fecloth.mesh.flat_mesh import FlatMesh, quality
+from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.mesh.hinges import Hinges
 from fecloth.mesh.read import read
 from fecloth.mesh.renumber import renumber_mesh
@@ -96,13 +97,21 @@ class Cloth:
         return cls._from_mesh(generate.disk(radius, h), element)
 
     @classmethod
-    def read(cls, path: str | Path, h: float | None = None, element: str = "P1") -> Cloth:
+    def read(
+        cls,
+        path: str | Path,
+        h: float | None = None,
+        element: str = "P1",
+        trust: bool = False,
+        time_limit: float = TIME_LIMIT,
+    ) -> Cloth:
         """Read a triangle mesh by meshio, or mesh a .geo file by Gmsh with edge length `h` [m].
 
         Physical groups become node and edge sets. A mesh with three coordinates is accepted if
-        all nodes lie in one plane.
+        all nodes lie in one plane. A .geo file is a program: with `trust` it may hold any command,
+        otherwise only those of geometry and mesh sizes. Gmsh is stopped after `time_limit` seconds.
         """
-        return cls._from_mesh(read(path, h), element)
+        return cls._from_mesh(read(path, h, trust, time_limit), element)
 
     @classmethod
     def from_arrays(

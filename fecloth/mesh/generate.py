@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,11 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.mesh.flat_mesh import FlatMesh
+from fecloth.mesh.gmsh_child import in_child
 from fecloth.mesh.gmsh_import import gmsh_plane
 from fecloth.suggest import did_you_mean
 
+AT_ONCE = 10_000  # area/h²; below, Gmsh takes less time than the start of a process for it
 MOST_SHORTENED = 1.5  # factor by which edges of "equilateral" may be shorter than h
 
 
@@ -95,24 +98,39 @@ def disk(radius: float, h: float) -> FlatMesh:
     validation.length("radius", radius, "disk")
     validation.mesh_size(h, radius, np.pi * radius**2, "disk")
 
-    def draw(geo):
-        centre = geo.addPoint(0, 0, 0, h)
-        rim = [(radius, 0), (0, radius), (-radius, 0), (0, -radius)]
-        points = [geo.addPoint(x, y, 0, h) for x, y in rim]
-        arcs = [geo.addCircleArc(points[i], centre, points[(i + 1) % 4]) for i in range(4)]
-        geo.addPlaneSurface([geo.addCurveLoop(arcs)])
+    return FlatMesh.from_arrays(*_mesh_drawing("disk", np.pi * radius**2, h, radius), where="disk")
 
-    return FlatMesh.from_arrays(*gmsh_plane(draw, "disk"), where="disk")
+
+def _mesh_drawing(name: str, area: float, h: float, *sizes: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mesh a drawing by Gmsh: X (n, 2) and triangles (m, 3); many in a process of their own."""
+    draw, sizes = DRAWINGS[name], (*map(float, sizes), float(h))
+    if area / h**2 < AT_ONCE:
+        raw = gmsh_plane(lambda geo: draw(geo, *sizes), name)
+    else:
+        raw = in_child({"draw": name, "sizes": sizes}, name)
+    return raw.xyz[:, :2], raw.triangles
+
+
+def _draw_disk(geo, radius: float, h: float) -> None:
+    centre = geo.addPoint(0, 0, 0, h)
+    rim = [(radius, 0), (0, radius), (-radius, 0), (0, -radius)]
+    points = [geo.addPoint(x, y, 0, h) for x, y in rim]
+    arcs = [geo.addCircleArc(points[i], centre, points[(i + 1) % 4]) for i in range(4)]
+    geo.addPlaneSurface([geo.addCurveLoop(arcs)])
+
+
+def _draw_rectangle(geo, width: float, height: float, h: float) -> None:
+    corners = [(0, 0), (width, 0), (width, height), (0, height)]
+    points = [geo.addPoint(x, y, 0, h) for x, y in corners]
+    lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
+    geo.addPlaneSurface([geo.addCurveLoop(lines)])
+
+
+DRAWINGS: dict[str, Callable[..., None]] = {"disk": _draw_disk, "rectangle": _draw_rectangle}
 
 
 def _mesh_unstructured(width, height, h):
-    def draw(geo):
-        corners = [(0, 0), (width, 0), (width, height), (0, height)]
-        points = [geo.addPoint(x, y, 0, h) for x, y in corners]
-        lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
-        geo.addPlaneSurface([geo.addCurveLoop(lines)])
-
-    X, triangles = gmsh_plane(draw, "rectangle")
+    X, triangles = _mesh_drawing("rectangle", width * height, h, width, height)
     for x, side in zip(X.T, (width, height), strict=True):  # put side nodes exactly on the sides
         x[np.abs(x) < 1e-9 * side] = 0.0
         x[np.abs(x - side) < 1e-9 * side] = side

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fecloth.errors import FeclothError
 from fecloth.output.atomic_files import WriteError
+from fecloth.runs.folder import FolderMoved
 from fecloth.runs.shape_watch import shape_message
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.system.system import System
@@ -79,6 +80,8 @@ def failure_message(outcome: Outcome) -> str:
     folder, t = outcome.folder, outcome.summary["t"]
     readable = f"{folder} is readable up to t = {t:g} s"
     again = f"--resume {folder} goes on from"
+    if isinstance(outcome.error, FolderMoved):
+        return f"failed: {outcome.error}"
     if outcome.error and not isinstance(outcome.error, WriteError):
         return f"failed: {outcome.error}\n{readable}{warning_count(outcome)}"
     if outcome.resumes is None:

@@ -19,6 +19,7 @@ from fecloth.output.frame_reader import Frame
 from fecloth.output.frames import Frames
 from fecloth.output.vtkhdf_writer import HdfFrames
 from fecloth.runs import restart as restarts
+from fecloth.runs.disk_space import MOST_FRAMES, check_space
 from fecloth.runs.environment import peak_memory, versions
 from fecloth.runs.folder import RunFolder
 from fecloth.runs.outcome import FAILED, INTERRUPTED, Outcome, count_sizes
@@ -27,6 +28,7 @@ from fecloth.runs.shape_watch import ShapeWatch, last_count, shape_summary
 from fecloth.runs.stopwatch import Watch
 from fecloth.runs.strain_statistics import stretch_row
 from fecloth.scene.problem import Problem
+from fecloth.scene.time_table import MOST_STEPS
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
@@ -77,6 +79,7 @@ class Recorder:
                 self._resume(found)
             else:
                 self._frame()
+                check_space(folder.path, problem, self.frames.files(0)[0].stat().st_size)
                 self._rows(problem.observer.row(None, None))
                 if problem.restarts:
                     self.restart(regular=True)
@@ -98,6 +101,7 @@ class Recorder:
 
     def restart(self, regular: bool = False) -> None:
         """Write a restart file; a regular one drops the solver's factor first."""
+        self.folder.check_in_place()
         if regular:
             self.solver.drop()
         restart = Restart(
@@ -150,8 +154,12 @@ class Recorder:
         records = record_steps(steps, *start, balance=self.balance, time_error=self.time_error)
         for record in records:
             info = record.info
+            if info.step > MOST_STEPS:
+                allowed, remedy = f"must be at most {MOST_STEPS}", "Raise rtol, or lower t_end."
+                raise InputError(f"step {info.step}", allowed, remedy=remedy)
             self.watch.add({"record": record.seconds})
             with self.watch.phase("output"):
+                self.folder.check_in_place()
                 with self._all_or_nothing():
                     self._take(record)
                     self._rows(record.observed, info)
@@ -178,7 +186,8 @@ class Recorder:
         if not words or _kind(words) in map(_kind, self.raised):
             return
         self.raised += (words,)
-        self.folder.log(f"warning: {words}")
+        with suppress(WriteError):  # the line is told all the same, and the next one fails the run
+            self.folder.log(f"warning: {words}")
         warn(words)
 
     def _take(self, record: Record) -> None:
@@ -252,6 +261,10 @@ class Recorder:
 
     def _frame(self, ended: bool = False) -> None:
         """Write the state as a frame, the extremes of its strain, and what else its shape shows."""
+        self.folder.check_in_place()
+        if len(self.frames.times) >= MOST_FRAMES:
+            remedy = "Raise every, or lower frames, in [output]."
+            raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=remedy)
         arrays = fields(self.problem.system, self.state)
         self.frames.add(self.state, arrays)
         self.shown = Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
@@ -306,7 +319,7 @@ class Recorder:
             **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
-            **shape_summary(self.tables["strains"]),
+            **self._shape_summary(),
             "frames": len(self.frames.times),
             "open": self.frames.opens.name,
             "solver": why,
@@ -315,6 +328,12 @@ class Recorder:
             "peak_memory_MB": peak_memory(),
             "versions": versions(),
         }
+
+    def _shape_summary(self) -> dict:
+        """Return what strains.csv says; nothing if its folder has moved."""
+        with suppress(WriteError):
+            return shape_summary(self.tables["strains"])
+        return {}
 
     def _resume_time(self) -> float | None:
         """Return the time from which `--resume` goes on [s]; None without a restart file."""

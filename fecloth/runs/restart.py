@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, is_number
 from fecloth.linalg.mkl_pardiso import threads
 from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
 from fecloth.runs.environment import versions
@@ -132,9 +132,12 @@ def read(path: Path) -> Restart:
 
 
 def _check(found, arrays) -> None:
-    """Raise `ValueError` unless this is a restart whose arrays are all (n, 3) finite float64."""
+    """Raise `ValueError` unless this is a restart with finite times and (n, 3) finite float64."""
     if not isinstance(found, Restart):
         raise ValueError("it is no restart of a run")
+    for name, t in (("t", found.state.t), ("the first t", found.memory.start)):
+        if not is_number(t):
+            raise ValueError(f"{name} = {t!r} is not finite")
     shape = found.state.x.shape
     for array in arrays:
         if array.shape != shape or array.dtype != np.float64 or not np.isfinite(array).all():
