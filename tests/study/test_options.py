@@ -140,6 +140,7 @@ def test_the_size_of_a_shape_from_a_file_needs_no_fine_mesh(tmp_path):
     assert Workload.of(tiny).triangles == pytest.approx(1e4 * triangles, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_study_that_would_take_hours_needs_yes(scene, capsys):
     """A width of 40 m, meant in cm, as in a file of a user."""
     scene.write_text(SCENE.replace("width = 1.0", "width = 40").replace("h = 0.05", "h = 0.01"))
