@@ -83,10 +83,8 @@ def shape_summary(strains: Table) -> dict[str, float | int | None]:
 def shape_message(summary: Mapping) -> str:
     """Return the extremes over all frames in words."""
     pairs = summary["intersecting_pairs"]
-    words = (
-        "intersections not counted" if pairs is None else f"{pairs} pairs of triangles intersect"
-    )
-    return (
-        f"stretch {summary['least_stretch']:.4g} to {summary['largest_stretch']:.4g}, "
-        f"{summary['inverted_triangles']} triangles turned over, {words} (most, at the frames)"
-    )
+    inverted = f"at most {summary['inverted_triangles']} triangles turned over"
+    counts = f"{inverted} and {pairs} pairs that intersect, in any frame"
+    if pairs is None:
+        counts = f"{inverted} in any frame; intersections were not counted"
+    return f"stretch {summary['least_stretch']:.4g} to {summary['largest_stretch']:.4g}, {counts}"
