@@ -306,7 +306,7 @@ def test_meshing_ends_at_the_limit_of_time(folder):
 
 @pytest.mark.slow
 def test_a_disk_is_interrupted_too(folder):
-    code = "import fecloth as fc; fc.Cloth.disk(1.0, 1e-3)"
+    code = "import fecloth as fc; fc.Cloth.disk(1.0, 2e-3)"
     assert stopped([sys.executable, "-c", code], signal.SIGINT) != 0
 
 
