@@ -61,7 +61,10 @@ class Equation(Protocol):
 
     @property
     def resume(self) -> int:
-        """Number of the remedy to try after the first one, in the first iteration; or more."""
+        """Where to go on after the first remedy has failed in the first iteration.
+
+        The remedies from number max(resume − 1, 1) on are then tried.
+        """
         ...
 
     def residual(self, y: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
@@ -213,7 +216,11 @@ class _Work:
         return point, 0.0, last
 
     def to_try(self, last: int, resume: int) -> list[int]:
-        """The remedies to try: from one below the `last` on, but after clamping the first again."""
+        """Return the numbers of the remedies to try, in order; `last` is the one used before.
+
+        After the first remedy, and after one that clamps, the first is tried again, and then those
+        from max(resume − 1, 1) on. After any other, those from last − 1 on are tried.
+        """
         numbers = list(range(len(self.equation.remedies)))
         if last == 0 or self.equation.remedies[last].definite:
             return [0, *numbers[max(resume - 1, 1) :]]

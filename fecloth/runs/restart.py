@@ -233,8 +233,8 @@ def drop_later(folder: Path, restart: Restart) -> None:
 def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> None:
     """Raise `InputError` with the differences if a restart belongs to another scene.
 
-    `time.t_end` and what does not change a run may differ, but something must be left to do, if
-    only to write the summary.
+    `time.t_end` may differ, and so may the keys that do not change a motion (`FREE`). But the run
+    must not be complete: it must have steps left, or its last summary.json still to write.
     """
     then, now = (_flatten(tomllib.loads(text)) for text in (restart.scene, scene))
     keys = [key for key in {**then, **now} if then.get(key) != now.get(key)]

@@ -21,15 +21,15 @@ APART = {True: 150, False: 6}  # fewest steps between two counts, explicit or no
 
 @dataclass(frozen=True, eq=False)
 class ShapeWatch:
-    """What is looked at in a frame.
+    """Computes the columns of a frame in strains.csv, and the warnings that follow from them.
 
     Attributes
     ----------
     system, surface
-        The cloth.
+        The system, and its cloth as a surface of flat triangles.
     apart
-        Fewest steps between two counts of intersections; infinite for none. A count takes as long
-        as some fifteen explicit steps, or half an implicit one.
+        Least number of steps between two counts of intersections; infinite for no counts. A count
+        takes as long as about fifteen explicit steps, or half an implicit one.
     """
 
     system: System

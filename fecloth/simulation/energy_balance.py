@@ -14,7 +14,7 @@ from fecloth.system.system import System
 EATEN = 0.2  # fraction of the motion that the method may dissipate without a warning
 TRUSTED = 0.05  # fraction of the energy of deformation; a larger remainder causes a warning
 OF_DISSIPATED = 0.02  # of what inner damping dissipates: the error of its power within a step
-LASTING = 10  # steps after which a balance that stays off is told
+LASTING = 10  # steps after which a balance that stays off is reported
 ROUND_OFF = 64 * np.finfo(float).eps
 
 

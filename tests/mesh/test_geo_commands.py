@@ -192,7 +192,7 @@ def test_a_command_outside_the_list_is_refused_before_gmsh_starts(folder, monkey
 
 @pytest.mark.slow
 @pytest.mark.parametrize("lines", HARMLESS)
-def test_what_is_left_of_an_attack_is_harmless(folder, lines):
+def test_harmless_parts_of_an_attack_leave_no_files(folder, lines):
     path = written(folder, SQUARE + lines + "\n")
     with suppress(MeshError):
         assert len(read(path).triangles) > 4

@@ -65,7 +65,7 @@ def run(scene, name, *overrides):
     return json.loads((out / "summary.json").read_text()), rows
 
 
-def test_a_cloth_drawn_through_itself_is_told_once(scene, capsys):
+def test_a_cloth_that_passes_through_itself_is_reported_once(scene, capsys):
     summary, rows = run(scene, "through")
     printed = capsys.readouterr()
     counts = [row["intersecting"] for row in rows]

@@ -1,6 +1,6 @@
 """Ten mistakes of a new user: each ends in words that name cause and remedy, and loses nothing.
 
-Mistakes of the command line itself are in test_cli.py, what is foretold in test_foresight.py, how
+Mistakes of the command line itself are in test_cli.py, what is predicted in test_foresight.py, how
 runs go on in test_restart.py.
 """
 

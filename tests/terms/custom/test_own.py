@@ -95,7 +95,7 @@ def test_cloth_on_a_winkler_bed_agrees_with_the_formula(own):
         assert float(found) == pytest.approx(float(formula), rel=3e-4)
 
 
-def test_the_shorter_ways_are_the_same_bed(own, cloth, isotropic, rng):
+def test_all_ways_to_write_an_elastic_bed_give_the_same_force(own, cloth, isotropic, rng):
     k, nodes = 300.0, np.arange(len(cloth.X))[:, None]
     ways = [
         own.term.Winkler(k),
