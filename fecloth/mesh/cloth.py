@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 
 from fecloth.mesh import elements, generate, interpolation, mass, norms, selection
 from fecloth.mesh.flat_mesh import FlatMesh, quality
+from fecloth.mesh.edge_slopes import EdgeSlopes
+from fecloth.mesh.half_edges import HalfEdges
 from fecloth.mesh.hinges import Hinges
 from fecloth.mesh.read import read
 from fecloth.mesh.renumber import renumber_mesh
@@ -207,6 +209,18 @@ class Cloth:
     def hinges(self) -> Hinges:
         """The interior edges, each with its two triangles."""
         return Hinges.from_triangles(self.X, self.triangles)
+
+    @cached_property
+    def edge_slopes(self) -> EdgeSlopes:
+        """The slopes of the edges of each triangle, for P2 of its four parts (`parts`)."""
+        if self.element == "P1":
+            return EdgeSlopes(HalfEdges(self.X, self.triangles, self.hinges))
+        return EdgeSlopes(HalfEdges.from_triangles(self.X, self.parts))
+
+    @property
+    def parts(self) -> np.ndarray:
+        """(m, 3) triangles between neighbouring nodes; for P2 (4m, 3), four of each triangle."""
+        return self.cells[:, self.kind.parts].reshape(-1, 3)
 
     # --- scikit-fem ---------------------------------------------------------------------------
 
