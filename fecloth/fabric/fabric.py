@@ -42,8 +42,8 @@ class Fabric:
         B, moment per width and curvature [N m]; one number, (warp, weft), or None if unknown. A
         term that needs it then raises an error.
     bending_poisson_ratio
-        ν_b [-] of bending: a strip bent to the curvature κ along the warp, and free to curve across,
-        takes the curvature −ν_b κ √(B₁/B₂) there. −1 < ν_b < 1.
+        ν_b [-] of bending: a strip bent to the curvature κ along the warp and free across
+        takes −ν_b κ √(B₁/B₂) there. −1 < ν_b < 1.
     bias_rigidity
         B₄₅ [N m], the bending rigidity at 45° to the warp. Default: Huber's estimate, for which the
         rigidity of twist is D₆₆ = (1 − ν_b) √(B₁ B₂) / 2. It must exceed

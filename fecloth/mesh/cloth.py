@@ -13,8 +13,8 @@ import skfem
 from numpy.typing import ArrayLike
 
 from fecloth.mesh import elements, generate, interpolation, mass, norms, selection
-from fecloth.mesh.flat_mesh import FlatMesh, quality
 from fecloth.mesh.edge_slopes import EdgeSlopes
+from fecloth.mesh.flat_mesh import FlatMesh, quality
 from fecloth.mesh.half_edges import HalfEdges
 from fecloth.mesh.hinges import Hinges
 from fecloth.mesh.read import read

@@ -1,4 +1,4 @@
-"""Half-edges of a triangle mesh: the three edges of each triangle, and the hinges they belong to."""
+"""Half-edges of a triangle mesh: the three edges of each triangle, and their hinges."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -17,6 +17,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
 from fecloth.linalg.reductions import NodeSums
 from fecloth.mesh.cloth import Cloth
+from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints, MatrixProjection
 from fecloth.system.pins import Pin
 from fecloth.system.state import State
@@ -40,6 +41,9 @@ class System:
         row sums give the corners of the triangles no mass.
     grain
         Angle of the warp from the X axis [rad], for all or by region.
+    start
+        State at which the run starts; clamped pins hold its normals, and a ``rest="start"`` means
+        its angles. Default: `rest`.
 
     Raises
     ------
@@ -63,8 +67,11 @@ class System:
     pins: Sequence[Pin | str] = ()
     mass_kind: str = "lumped"
     grain: float | Mapping[str, float] = 0.0
+    start: State | None = None
 
-    def __init__(self, cloth, fabric, terms, pins=(), mass=None, grain=0.0, *, mass_kind=None):
+    def __init__(
+        self, cloth, fabric, terms, pins=(), mass=None, grain=0.0, start=None, *, mass_kind=None
+    ):
         """Bind the terms and pins; `mass_kind` is what `dataclasses.replace` calls `mass`."""
         terms = _several(terms, "terms", "StVK()", lambda term: hasattr(term, "bind"))
         pins = _several(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
@@ -78,6 +85,7 @@ class System:
             ("pins", pins),
             ("mass_kind", mass),
             ("grain", grain),
+            ("start", start),
         ):
             object.__setattr__(self, name, value)
         # here, so that an error is raised where the system is made
@@ -90,7 +98,14 @@ class System:
     @cached_property
     def panel(self) -> Panel:
         """The cloth cut from its fabrics."""
-        return Panel.cut(self.cloth, self.fabric, self.grain)
+        panel = Panel.cut(self.cloth, self.fabric, self.grain)
+        start = self.rest() if self.start is None else self.start
+        clamps = find_clamps(self.constraints, self.cloth, start)
+        if clamps and not any(getattr(term, "holds_normals", False) for term in self.terms):
+            what, allowed = "a pin with clamp = true", "needs a bending term that holds normals"
+            remedy = "Add PlateBending, or pin without a clamp."
+            raise InputError(what, allowed, "System", remedy)
+        return replace(panel, start=self.start and self.start.x, clamps=clamps)
 
     @cached_property
     def scalar_mass(self) -> sparse.csr_matrix:

@@ -171,9 +171,13 @@ def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
 
 
 def hinge_angles(cloth: Cloth, x: np.ndarray) -> np.ndarray:
-    """Dihedral angles (h,) at positions x (n, 3) [rad], in the order of ``cloth.hinges``."""
-    out = np.empty(len(cloth.hinges.nodes))
-    angles(cloth.hinges.nodes, np.ascontiguousarray(x, dtype=float), out)
+    """Dihedral angles (h,) at positions x (n, 3) [rad], in the order of ``cloth.hinges``.
+
+    On P2 they are the angles between the four parts of each triangle.
+    """
+    nodes = cloth.edge_slopes.edges.hinges.nodes
+    out = np.empty(len(nodes))
+    angles(nodes, np.ascontiguousarray(x, dtype=float), out)
     return out
 
 

@@ -32,6 +32,17 @@ def plate_rigidity(panel: Panel, where: str) -> np.ndarray:
     return np.einsum("eki,ekl,elj->eij", R, D, R, optimize=True)
 
 
+def panel_stiffness(panel: Panel, where: str) -> sparse.csr_matrix:
+    """Q of a panel, on P2 of the four parts of each triangle, for the term `where`."""
+    slopes = panel.cloth.edge_slopes
+    copies = len(slopes.edges.triangles) // len(panel.cloth.triangles)
+    D = np.repeat(plate_rigidity(panel, where), copies, axis=0)
+    cut = np.column_stack([panel.region, panel.grain])
+    material = np.unique(cut, axis=0, return_inverse=True)[1].ravel()
+    clamped = np.empty(0, int) if panel.clamps is None else panel.clamps.half_edges
+    return angle_stiffness(slopes, D, np.repeat(material, copies), clamped)
+
+
 def angle_stiffness(
     slopes: EdgeSlopes, rigidity: np.ndarray, material: np.ndarray, clamped: np.ndarray
 ) -> sparse.csr_matrix:
