@@ -40,6 +40,7 @@ from .simulation.resolve import solver_for
 from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
 from .system.pins import Pin, Slide
+from .system.rotation import Rotation
 from .system.state import State
 from .system.system import System
 from .terms import (
@@ -112,6 +113,7 @@ __all__ = [
     "Probe",
     "QuadraticBending",
     "Result",
+    "Rotation",
     "SceneError",
     "Slide",
     "SolveFailed",

@@ -213,9 +213,15 @@ class Cloth:
     @cached_property
     def edge_slopes(self) -> EdgeSlopes:
         """The slopes of the edges of each triangle, for P2 of its four parts (`parts`)."""
+        region = np.zeros(len(self.triangles), int)
+        for triangles in self.triangle_sets.values():  # a number for each combination of regions
+            inside = np.zeros(len(region), int)
+            inside[triangles] = 1
+            region = np.unique(2 * region + inside, return_inverse=True)[1]
         if self.element == "P1":
-            return EdgeSlopes(HalfEdges(self.X, self.triangles, self.hinges))
-        return EdgeSlopes(HalfEdges.from_triangles(self.X, self.parts))
+            return EdgeSlopes(HalfEdges(self.X, self.triangles, self.hinges), region)
+        edges = HalfEdges.from_triangles(self.X, self.parts)
+        return EdgeSlopes(edges, np.repeat(region, len(self.kind.parts)))
 
     @property
     def parts(self) -> np.ndarray:

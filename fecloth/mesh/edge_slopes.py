@@ -37,9 +37,13 @@ class EdgeSlopes:
     ----------
     edges
         The half-edges.
+    region
+        (m,) equal where two triangles lie in the same named regions. Only between others may the
+        material change.
     """
 
     edges: HalfEdges
+    region: np.ndarray
 
     @cached_property
     def patches(self) -> sparse.csr_matrix:
@@ -70,9 +74,15 @@ class EdgeSlopes:
 
     @cached_property
     def pairs(self) -> np.ndarray:
-        """(p, 2) int32 pairs i < j of nodes that the angles of one triangle's slopes couple."""
+        """(p, 2) int32 pairs i < j of nodes that the angles of one triangle's slopes couple.
+
+        They are those of any plate on this mesh. Without a seam many weights are zero, on regular
+        meshes; the edges between two regions may be seams and have all weights of their patches.
+        """
         m, h = len(self.edges.triangles), len(self.edges.of_hinge)
-        slopes, nodes = self.plain.copy(), self.edges.hinges.nodes
+        nodes, sides = self.edges.hinges.nodes, self.edges.hinges.sides
+        seam = sparse.diags((self.region[sides[:, 0]] != self.region[sides[:, 1]]).astype(float))
+        slopes = abs(self.plain) + abs(self._sides) @ seam @ self.patches @ self._plain.in_triangle
         slopes.data[:] = 1.0
         of_triangle = sparse.csr_matrix(
             (np.ones(3 * m), np.arange(3 * m), np.arange(0, 3 * m + 1, 3)), shape=(m, 3 * m)
@@ -118,9 +128,14 @@ class EdgeSlopes:
         columns = np.concatenate([hinges, h + np.arange(c)])
         parts = np.concatenate([np.full(2 * h, 0.5), np.ones(c)])
         mean = sparse.csr_matrix((parts, (rows, columns)), shape=(size, h + c))
-        signs = np.repeat([1.0, -1.0], h)
-        sides = sparse.csr_matrix((signs, (half_edges, hinges)), shape=(size, h))
-        return (mean + sides @ self._weights(plate)).tocsr()
+        return (mean + self._sides @ self._weights(plate)).tocsr()
+
+    @property
+    def _sides(self) -> sparse.csr_matrix:
+        """(3m, h) 1 for the left and −1 for the right half-edge of each interior edge."""
+        h, size = len(self.edges.of_hinge), 3 * len(self.edges.triangles)
+        place = np.concatenate(self.edges.of_hinge.T), np.tile(np.arange(h), 2)
+        return sparse.csr_matrix((np.repeat([1.0, -1.0], h), place), shape=(size, h))
 
     def _weights(self, plate: _Plate) -> sparse.csr_matrix:
         """(h, h + c) W with φ = W θ.

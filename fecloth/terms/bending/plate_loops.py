@@ -167,6 +167,7 @@ def fill_rows(nodes, indptr, indices, block_ptr, block_nodes, blocks, start, wid
     """Fill `place` and `slots` of `add_products` from the blocks of each pair of nodes.
 
     Row i of the pairs has the nodes block_nodes[block_ptr[i] …], ascending, with their `blocks`.
+    Return the first hinge with a pair that has no block, or −1.
     """
     n = len(block_ptr) - 1
     last, position = np.full(n, -1), np.zeros(n, np.int64)
@@ -190,4 +191,7 @@ def fill_rows(nodes, indptr, indices, block_ptr, block_nodes, blocks, start, wid
                 if i >= 0:
                     begin, end = block_ptr[i], block_ptr[i + 1]
                     found = begin + np.searchsorted(block_nodes[begin:end], row[b])
+                    if found == end or block_nodes[found] != row[b]:
+                        return e
                     slots[first + b] = blocks[found]
+    return -1

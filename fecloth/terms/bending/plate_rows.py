@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.errors import InputError
 from fecloth.terms.bending import plate_loops
 
 
@@ -49,6 +50,10 @@ class CoupledRows:
         start = np.concatenate([[0], np.cumsum(4 * width)])
         place, found = np.empty((Q.nnz, 4), np.int16), np.empty(start[-1], np.int32)
         data = first, j[order], blocks[order], start, width
-        plate_loops.fill_rows(nodes, Q.indptr, Q.indices, *data, place, found)
+        missing = plate_loops.fill_rows(nodes, Q.indptr, Q.indices, *data, place, found)
+        if missing >= 0:
+            what = f"the nodes around hinge {missing}"
+            remedy = "Name the regions of both fabrics in the cloth: materials may change there."
+            raise InputError(what, "are not all coupled in the matrix", "PlateBending", remedy)
         row = np.repeat(np.arange(len(nodes)), np.diff(Q.indptr))
         return cls(place, start[:-1], width, found, np.flatnonzero(Q.indices == row))
