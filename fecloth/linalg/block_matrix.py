@@ -73,7 +73,7 @@ class BlockPattern:
 def _sorted_unique(keys: np.ndarray) -> np.ndarray:
     """Like `np.unique`, which from NumPy 2.3 on is ten times slower for millions of integers."""
     keys = np.sort(keys)
-    return keys[np.append(True, keys[1:] != keys[:-1])]
+    return keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]]
 
 
 def _unique_objects(stencils: Iterable[np.ndarray]) -> Iterable[np.ndarray]:
