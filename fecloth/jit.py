@@ -18,12 +18,19 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import Type
+
+Array = np.ndarray
+"""An array as a kernel takes it; the docstring has its shape."""
+Zeros = tuple[int, ...]
+"""A tuple with one zero for each node or point, so that the compiler knows their number."""
+Function = TypeVar("Function", bound=Callable)
+Result = TypeVar("Result")
 
 OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy"}
 
@@ -59,7 +66,7 @@ def _writable(folder: Path) -> bool:
     return os.access(folder, os.W_OK)
 
 
-def kernel(function: Callable) -> Callable:
+def kernel(function: Callable[..., Result]) -> Callable[..., Result]:
     """Compile a function over arrays and keep the machine code on disk (an entry point).
 
     Products and sums may be contracted to fused multiply-adds; no other liberty is taken, so NaN
@@ -69,7 +76,7 @@ def kernel(function: Callable) -> Callable:
     return _compile(function) if _is_of_package(function) else _compile_by_content(function)
 
 
-def threaded_kernel(function: Callable) -> Callable:
+def threaded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
     """Compile an entry point whose loops over `numba.prange` are shared among threads.
 
     The passes of such a loop must write nothing that another one reads or writes; then it keeps
@@ -79,12 +86,12 @@ def threaded_kernel(function: Callable) -> Callable:
     return compile_function(function, parallel=True)
 
 
-def inner(function: Callable) -> Callable:
+def inner(function: Function) -> Function:
     """Compile a function that only kernels call: it is cached as a part of them."""
     return numba.njit(**OPTIONS)(function)
 
 
-def insert(template: Callable, **functions: Callable) -> Callable:
+def insert(template: Function, **functions: Callable) -> Function:
     """Copy a template, a plain function, with compiled `functions` for its globals of that name.
 
     The compiled copy calls them directly. Numba caches such a copy on disk, but neither a closure
@@ -96,7 +103,7 @@ def insert(template: Callable, **functions: Callable) -> Callable:
     return _copy(template, name, template.__globals__ | functions)
 
 
-def specialise(template: Callable, **functions: Callable) -> Callable:
+def specialise(template: Callable[..., Result], **functions: Callable) -> Callable[..., Result]:
     """Compile a template as a `kernel`, with `functions` inserted (see `insert`).
 
     The machine code is found again by the bytecode, the constants and the callees of all of them.
@@ -108,7 +115,7 @@ def _is_of_package(function: Callable) -> bool:
     return str(function.__module__).partition(".")[0] == __name__.partition(".")[0]
 
 
-def _copy(function: Callable, qualified_name: str, names: dict) -> Callable:
+def _copy(function: Any, qualified_name: str, names: dict) -> Any:
     """Copy a function with another name in the cache, and with `names` for its globals."""
     code, closure = function.__code__, function.__closure__
     copy = FunctionType(code, names, function.__name__, function.__defaults__, closure)
@@ -117,7 +124,7 @@ def _copy(function: Callable, qualified_name: str, names: dict) -> Callable:
     return copy
 
 
-def _compile_by_content(function: Callable, **options: Any) -> Callable:
+def _compile_by_content(function: Any, **options: Any) -> Any:
     """Compile; Numba finds the machine code on disk by a name that holds the fingerprint."""
     content = fingerprint(function)
     if content is None:
@@ -126,7 +133,7 @@ def _compile_by_content(function: Callable, **options: Any) -> Callable:
     return _compile(_copy(function, name, function.__globals__), **options)
 
 
-def _compile(function: Callable, **options: Any) -> Callable:
+def _compile(function: Any, **options: Any) -> Any:
     """Compile; Numba finds the machine code on disk by the function's name, line and bytecode."""
     config: Any = numba.config  # its types lack CACHE_DIR
     user_choice = config.CACHE_DIR

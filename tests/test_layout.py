@@ -1,6 +1,7 @@
 """The layout: a package imports only from those before it in the order of fecloth/README.md."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -67,3 +68,10 @@ def test_import_loads_no_numerical_library():
     code = "import sys, fecloth; print(*{'numpy', 'scipy', 'numba', 'skfem'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
+
+
+def test_every_ignored_type_error_is_named_and_explained():
+    for source in PACKAGE.rglob("*.py"):
+        for line in source.read_text().splitlines():
+            if "# type: ignore" in line:
+                assert re.search(r"# type: ignore\[[a-z, -]+\]  # \w", line), f"{source}: {line}"

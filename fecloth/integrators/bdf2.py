@@ -16,6 +16,7 @@ from fecloth.nonlinear.stage import Stage
 from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.step_difference import StepDifference
 
 
 @remembered
@@ -36,19 +37,33 @@ class BDF2(WithMemory):
     b = (1 + r)/(1 + 2r). Second order, also with steps of changing size, whose ratio r must stay
     below 1 + √2 for stability; A-stable and L-stable at constant steps: fast modes vanish, slow
     ones lose about (ω dt)⁴/4 of their amplitude a step (1.7e-3 at ω dt = 0.3). The first step is
-    by the trapezoidal rule.
+    by the trapezoidal rule. Strain rates are the same differences of E, so that damping has a
+    potential over the step.
     Keeps linear momentum, loses angular momentum and energy.
     Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, III.5.
     """
 
-    traits = MethodTraits(order=2, error_constant=2 / 9)  # of the error at constant steps
+    traits = MethodTraits(order=2, error_constant=2 / 9, has_difference=True)  # at constant steps
 
     def stage(self, state: State, dt: float, last: Change) -> Stage:
         """The stage of a step from `state`, after the change that led there."""
-        r = dt / last.dt
-        e, h = r**2 / (1 + 2 * r), (1 + r) / (1 + 2 * r) * dt
+        e, h = _coefficients(dt, last)
         x = state.x + e * last.dx + h * state.v
         return Stage(state.t + dt, x, state.v, -e / h * last.dv, h, 1.0, 1.0 / h, x, h)
+
+    def difference(self, state: State, dt: float, last: Change | None) -> StepDifference:
+        """The method's rate of y(x): (y₁ − (1 + e) y₀ + e y₋)/(b dt).
+
+        That of the first step is the trapezoidal rule's, (y₁ − y₀)/(dt/2) − ẏ₀, with ẏ₀ as the
+        difference between x₀ ± dt/2 v₀ that is exact for y quadratic in x.
+        """
+        x = state.x
+        if last is None:
+            way = 0.5 * dt * state.v
+            past = (1.0, x), (0.5, x + way), (-0.5, x - way)
+            return StepDifference(x, dt, 0.5 * dt, past)
+        e, h = _coefficients(dt, last)
+        return StepDifference(x, dt, h, ((1 + e, x), (-e, x - last.dx)))
 
     def weights(self, dt: float) -> tuple[float, float, float]:
         """(wx, wv, wa) of J = wa M + wv D + wx K, after a step of the same size."""
@@ -65,17 +80,24 @@ class BDF2(WithMemory):
         memory: Change | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s], after the step that left this memory."""
+        over = system.over_step(self.difference(state, dt, memory))
         if memory is None:
-            first = Newmark().step(system, state, dt, solver)
+            first = Newmark().step(system, state, dt, solver, over=over)
             return replace(first, memory=_change(state, first.state))
         end, stage = arrival(system, state, dt), self.stage(state, dt, memory)
         stage = hold_stage(system, stage, end, stage.a + stage.wa * (end.v - state.v))
-        q, counts = newton.solve(system, stage, solver, memory.dv)
+        q, counts = newton.solve(over, stage, solver, memory.dv)
         _, v, a = stage.at(q)
         new = held(system, State(end.t, stage.x_end + stage.w_end * q, v), end)
         change = _change(state, new)
-        return Step(new, new, change, counts, ends=(system, state), a=a, share=1.0)
+        return Step(new, new, change, counts, ends=(system, state), a=a, share=1.0, over=over)
 
 
-def _change(old, new):
+def _coefficients(dt: float, last: Change) -> tuple[float, float]:
+    """Return e and b dt."""
+    r = dt / last.dt
+    return r**2 / (1 + 2 * r), (1 + r) / (1 + 2 * r) * dt
+
+
+def _change(old: State, new: State) -> Change:
     return Change(new.t - old.t, new.x - old.x, new.v - old.v)

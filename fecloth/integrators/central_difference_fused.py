@@ -11,6 +11,7 @@ the same bits.
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numba
 import numpy as np
@@ -18,7 +19,7 @@ from numba import prange
 
 from fecloth import validation
 from fecloth.errors import InputError, StepFailed
-from fecloth.jit import inner, kernel, threaded_kernel
+from fecloth.jit import Array, Zeros, inner, kernel, threaded_kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
@@ -26,6 +27,7 @@ from fecloth.system.system import System
 from fecloth.terms.custom.force import BoundUserForce, FormulaForce
 from fecloth.terms.loads.gravity import BoundGravity
 from fecloth.terms.loads.point_force import BoundPointForce
+from fecloth.terms.loops.membrane import BoundMembrane
 from fecloth.terms.membranes import stvk
 
 add_force = stvk.KERNELS.add_force
@@ -103,7 +105,7 @@ def many_steps(system: System, state: State, dt: float, steps: int, threads: int
     return State(state.t + steps * dt, x, v)
 
 
-def _check(system, dt, steps, threads):
+def _check(system: System, dt: float, steps: int, threads: int) -> None:
     if system.mass_kind != "lumped":
         raise _refused(f"mass = {system.mass_kind!r}", "must be 'lumped'")
     groups = system.constraints.groups.items()
@@ -113,7 +115,8 @@ def _check(system, dt, steps, threads):
     if not (isinstance(steps, int) and steps >= 1):
         raise InputError(f"steps = {steps!r}", "must be a whole number >= 1", "many_steps")
     validation.number("dt", dt, 0.0, "many_steps")
-    most = numba.config.NUMBA_NUM_THREADS
+    config: Any = numba.config  # its types lack the settings
+    most = config.NUMBA_NUM_THREADS
     if not (isinstance(threads, int) and not isinstance(threads, bool) and 1 <= threads <= most):
         raise InputError(
             f"threads = {threads!r}",
@@ -123,9 +126,9 @@ def _check(system, dt, steps, threads):
         )
 
 
-def _membrane(system):
+def _membrane(system: System) -> BoundMembrane:
     """The one StVK membrane."""
-    elastic = []
+    elastic: list[BoundMembrane] = []
     for name, term in zip(system.names, system.bound, strict=True):
         if getattr(term, "kernels", None) is stvk.KERNELS:
             elastic.append(term)
@@ -136,7 +139,7 @@ def _membrane(system):
     return elastic[0]
 
 
-def _is_constant(term) -> bool:
+def _is_constant(term: object) -> bool:
     """Return whether a term is a load that is the same at any x, v and t."""
     if isinstance(term, BoundPointForce):
         parts = term.force.parts
@@ -147,7 +150,7 @@ def _is_constant(term) -> bool:
     return not callable(parts) and all(isinstance(part, float) for part in parts)
 
 
-def _load(system, state):
+def _load(system: System, state: State) -> np.ndarray:
     """The sum of the constant loads (n, 3) [N]."""
     load = np.zeros_like(state.x)
     for term in system.bound:
@@ -156,7 +159,7 @@ def _load(system, state):
     return load
 
 
-def _refused(what, allowed):
+def _refused(what: str, allowed: str) -> InputError:
     return InputError(what, allowed, "many_steps", "Use march with CentralDifference().")
 
 
@@ -188,7 +191,25 @@ def shares(cloth: Cloth, held: np.ndarray, threads: int) -> np.ndarray:
 
 
 @inner
-def kick_and_drift(K, Q, nodes, G, w, c, at, P, inverse_mass, load, kick, drift, part, x, y, v, f):
+def kick_and_drift(
+    K: Zeros,
+    Q: Zeros,
+    nodes: Array,
+    G: Array,
+    w: Array,
+    c: Array,
+    at: Array,
+    P: Array,
+    inverse_mass: Array,
+    load: Array,
+    kick: float,
+    drift: float,
+    part: Array,
+    x: Array,
+    y: Array,
+    v: Array,
+    f: Array,
+) -> None:
     """v += kick M⁻¹ P f(x), y = x + drift v on the nodes of a part; f is work space."""
     first, last, low, high, begin, end = part[0], part[1], part[2], part[3], part[4], part[5]
     for i in range(low, high):
@@ -208,14 +229,31 @@ def kick_and_drift(K, Q, nodes, G, w, c, at, P, inverse_mass, load, kick, drift,
 
 
 @inner
-def weights(step, steps, dt):
+def weights(step: int, steps: int, dt: float) -> tuple[float, float]:
     """(kick, drift) [s] of v and x: a half kick first and last, and no drift after the last."""
     kick = dt if 0 < step < steps else 0.5 * dt
     return kick, (dt if step < steps else 0.0)
 
 
 @kernel
-def leapfrog(K, Q, nodes, G, w, c, at, P, inverse_mass, load, dt, steps, part, x, v, f):
+def leapfrog(
+    K: Zeros,
+    Q: Zeros,
+    nodes: Array,
+    G: Array,
+    w: Array,
+    c: Array,
+    at: Array,
+    P: Array,
+    inverse_mass: Array,
+    load: Array,
+    dt: float,
+    steps: int,
+    part: Array,
+    x: Array,
+    v: Array,
+    f: Array,
+) -> None:
     """Take the steps in place: with a single part the new x may overwrite the old one."""
     fixed = K, Q, nodes, G, w, c, at, P, inverse_mass, load
     for step in range(steps + 1):
@@ -224,7 +262,24 @@ def leapfrog(K, Q, nodes, G, w, c, at, P, inverse_mass, load, dt, steps, part, x
 
 
 @threaded_kernel
-def threaded_leapfrog(K, Q, nodes, G, w, c, at, P, inverse_mass, load, dt, steps, parts, x, v, f):
+def threaded_leapfrog(
+    K: Zeros,
+    Q: Zeros,
+    nodes: Array,
+    G: Array,
+    w: Array,
+    c: Array,
+    at: Array,
+    P: Array,
+    inverse_mass: Array,
+    load: Array,
+    dt: float,
+    steps: int,
+    parts: Array,
+    x: Array,
+    v: Array,
+    f: Array,
+) -> None:
     """The same, a thread and an f for each part; the two x take turns, and are equal at the end."""
     for step in range(steps + 1):
         kick, drift = weights(step, steps, dt)

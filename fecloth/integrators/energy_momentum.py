@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from fecloth.errors import InputError
+from fecloth.integrators.one_stage import ImplicitMidpoint, StageMethod
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step, arrival, held
-from fecloth.nonlinear import newton
-from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.stage import Stage, prescribed
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True)
-class EnergyMomentum:
+class EnergyMomentum(StageMethod):
     """M (v₁ − v₀)/dt = f̄(x₀, x₁), x₁ = x₀ + dt (v₀ + v₁)/2; unknown q = v₁ − v₀.
 
     f̄ is a discrete gradient, −f̄ · (x₁ − x₀) = U(x₁) − U(x₀), term by term: for membranes quadratic
@@ -61,65 +57,35 @@ class EnergyMomentum:
 
     tangent: str = "exact"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.tangent not in ("symmetric", "exact"):
             allowed = 'must be "symmetric" or "exact"'
             raise InputError(f"tangent = {self.tangent!r}", allowed, "EnergyMomentum")
 
     @property
-    def traits(self) -> MethodTraits:
+    def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
         """A-stable; its matrix is symmetric if the tangents of the forces between states are."""
         return MethodTraits(order=2, symmetric=self.tangent == "symmetric", error_constant=1 / 12)
 
-    def stage(self, state: State, dt: float) -> Stage:
-        """The stage of the midpoint rule."""
-        mean, zero = state.x + 0.5 * dt * state.v, np.zeros_like(state.v)
-        end = state.x + dt * state.v
-        return Stage(
-            state.t + 0.5 * dt, mean, state.v, zero, 0.25 * dt, 0.5, 1.0 / dt, end, 0.5 * dt
-        )
+    stage = ImplicitMidpoint.stage
 
-    def weights(self, dt: float) -> tuple[float, float, float]:
-        """(wx, wv, wa) of J = wa M + wv D + wx K."""
-        return 0.25 * dt, 0.5, 1.0 / dt
+    def over_step(self, system: System, state: State, dt: float) -> System:
+        """The system with forces between x₀ and x₁ = 2x − x₀ that do the work of the energies.
 
-    def step(
-        self, system: System, state: State, dt: float, solver: SolverContext, memory=None
-    ) -> Step:
-        """One step from `state` over `dt` [s]."""
-        end = arrival(system, state, dt)
-        stage = prescribed(system, self.stage(state, dt), state, dt, end)
-        over = over_step(system, state.x, self.traits.symmetric)
-        q, counts = newton.solve(over, stage, solver, memory)
-        x, v, a = stage.at(q)
-        new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * a)
-        mean = State(stage.t, x, v)
-        return Step(held(system, new, end), mean, q, counts, force=over.force(mean))
-
-    def numerical(self, system: System, old: State, step: Step) -> float:
-        """Numerical dissipation [J] of a step: none."""
-        return 0.0
-
-
-def over_step(system: System, start: np.ndarray, symmetric: bool = False) -> System:
-    """The system whose forces at x are those over a step from `start` (n, 3) to 2x − start.
-
-    Raises
-    ------
-    InputError
-        For a term with an energy and no force between two states.
-    """
-    return system.with_bound(_between(term, start, symmetric) for term in system.bound)
-
-
-def _between(term, start, symmetric):
-    if hasattr(term, "between"):
-        return term.between(start, symmetric)
-    if term.has_energy:
-        raise InputError(
-            f"the term {term.name}",
-            "has an energy, but no function `between`, which this method needs to conserve it",
-            "EnergyMomentum",
-            "Use ImplicitMidpoint or GeneralizedAlpha, or see fecloth.terms.protocol.BetweenStates",
-        )
-    return term
+        Raises
+        ------
+        InputError
+            For a term with an energy and no force over a step.
+        """
+        for term in system.bound:
+            if term.has_energy and not hasattr(term, "over_step"):
+                raise InputError(
+                    f"the term {term.name}",
+                    "has an energy, but no function `over_step`, which this method needs",
+                    "EnergyMomentum",
+                    "Use ImplicitMidpoint or GeneralizedAlpha, or see "
+                    "fecloth.terms.protocol.OverStep",
+                )
+        start, symmetric = state.x, self.traits.symmetric
+        past = ((1.0, start),)  # (x − x₀)/(dt/2) is the mean velocity
+        return system.over_step(StepDifference(start, dt, dt / 2, past, True, symmetric))

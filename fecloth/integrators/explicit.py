@@ -16,7 +16,7 @@ from fecloth.errors import InputError, flag
 from fecloth.integrators.numerical_dissipation import explicit_dissipation
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival
-from fecloth.jit import kernel
+from fecloth.jit import Array, kernel
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.records import remembered
 from fecloth.system.state import State
@@ -33,7 +33,7 @@ class Explicit:
     forces_at: float
     beyond_limit: bool
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         flag("beyond_limit", self.beyond_limit, type(self).__name__)
 
     @property
@@ -85,7 +85,9 @@ class ForwardEuler(Explicit):
     forces_at = 0.0
     beyond_limit: bool = False
 
-    def step(self, system: System, state: State, dt: float, solver=None, memory=None) -> Step:
+    def step(
+        self, system: System, state: State, dt: float, solver: object = None, memory: object = None
+    ) -> Step:
         """One step from `state` over `dt` [s]."""
         return _euler(self, system, state, dt, new_velocity=0.0)
 
@@ -109,13 +111,15 @@ class SymplecticEuler(Explicit):
     forces_at = 0.0
     beyond_limit: bool = False
 
-    def step(self, system: System, state: State, dt: float, solver=None, memory=None) -> Step:
+    def step(
+        self, system: System, state: State, dt: float, solver: object = None, memory: object = None
+    ) -> Step:
         """One step from `state` over `dt` [s]."""
         return _euler(self, system, state, dt, new_velocity=1.0)
 
 
 @quiet
-def _euler(method, system, state, dt, new_velocity):
+def _euler(method: Explicit, system: System, state: State, dt: float, new_velocity: float) -> Step:
     method.check(system)
     begin = time.perf_counter()
     x, v = np.empty((2, *state.x.shape))
@@ -163,7 +167,7 @@ class CentralDifference(Explicit):
         system: System,
         state: State,
         dt: float,
-        solver=None,
+        solver: object = None,
         memory: LastForce | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s], after the step that left this memory.
@@ -201,7 +205,7 @@ def put(system: System, state: State, end: State) -> State:
 
 
 @kernel
-def move(x, v, a, dt, share, x_new, v_new):
+def move(x: Array, v: Array, a: Array, dt: float, share: float, x_new: Array, v_new: Array) -> None:
     """v_new = v + dt a, x_new = x + dt (v + share dt a)."""
     for i in range(len(x)):
         for k in range(3):
@@ -211,7 +215,7 @@ def move(x, v, a, dt, share, x_new, v_new):
 
 
 @kernel
-def kick(v, a, b, dt, v_new):
+def kick(v: Array, a: Array, b: Array, dt: float, v_new: Array) -> None:
     """v_new = v + dt (a + b)/2."""
     for i in range(len(v)):
         for k in range(3):
@@ -219,7 +223,7 @@ def kick(v, a, b, dt, v_new):
 
 
 @kernel
-def divide(mass, f):
+def divide(mass: Array, f: Array) -> None:
     """f_i ← f_i / m_i."""
     for i in range(len(f)):
         inverse = 1.0 / mass[i]

@@ -29,7 +29,7 @@ class GeneralizedAlpha(AccelerationMethod):
 
     rho_inf: float = 0.5
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not (is_number(self.rho_inf) and 0 <= self.rho_inf <= 1):
             raise InputError(
                 f"rho_inf = {self.rho_inf!r}", "must lie in [0, 1]", "GeneralizedAlpha"

@@ -36,7 +36,12 @@ class LinearlyImplicitEuler:
         return dt, 1.0, 1.0 / dt
 
     def step(
-        self, system: System, state: State, dt: float, solver: SolverContext, memory=None
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: SolverContext,
+        memory: np.ndarray | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s]; the linear system is solved to Newton's tolerance.
 
@@ -59,10 +64,18 @@ class LinearlyImplicitEuler:
     numerical = StageMethod.numerical
 
 
-def _velocity_change(system, state, dt, solver, end, definite, guess):
+def _velocity_change(
+    system: System,
+    state: State,
+    dt: float,
+    solver: SolverContext,
+    end: State,
+    definite: bool,
+    guess: np.ndarray | None,
+) -> tuple[np.ndarray, Counts]:
     """Δv from the linearised step, and the counts."""
     begin = time.perf_counter()
-    J, nodes = solver.matrix, system.constraints.nodes
+    (linear, J), nodes = solver.matrix_solver(), system.constraints.nodes
     dv, inertial = np.zeros((2, *state.v.shape))  # of the held directions: what moves x, and v
     dv[nodes] = system.constraints.held((end.x - state.x) / dt - state.v)
     inertial[nodes] = system.constraints.held(end.v - state.v)
@@ -75,11 +88,11 @@ def _velocity_change(system, state, dt, solver, end, definite, guess):
     system.project(J)
     seconds = {"assemble": time.perf_counter() - begin}
     solver.begin(dt, 1.0 / dt)
-    solver.linear.prepare(J)
+    linear.prepare(J)
     project, rtol = system.constraints.project, solver.options.tolerance
     start = None if guess is None else project(guess.copy())
     updates = [(dt * c, project(u)) for c, u in dense]
-    free, infos = solve_updated(solver.linear, updates, project(b), rtol, start)
+    free, infos = solve_updated(linear, updates, project(b), rtol, start)
     seconds["factor"] = infos[0].seconds_factor
     seconds["solve"] = sum(info.seconds_solve for info in infos)
     iterations = sum(info.iterations for info in infos)
@@ -93,6 +106,8 @@ def _velocity_change(system, state, dt, solver, end, definite, guess):
     )
 
 
-def _times(system, dense, wx, v):
+def _times(
+    system: System, dense: list[tuple[float, np.ndarray]], wx: float, v: np.ndarray
+) -> np.ndarray:
     """wx Σ c u (u · v)."""
     return sum((wx * c * system.sums.dot(u, v) * u for c, u in dense), np.zeros_like(v))

@@ -63,8 +63,12 @@ class AccelerationMethod(WithMemory):
         dt: float,
         solver: SolverContext,
         memory: Acceleration | None = None,
+        over: System | None = None,
     ) -> Step:
-        """One step from `state` over `dt` [s], after the step that left this memory."""
+        """One step from `state` over `dt` [s], after the step that left this memory.
+
+        `over` is the system over the step, if it is not `system`.
+        """
         alpha_m, alpha_f, _, gamma = self.parameters
         end = arrival(system, state, dt)
         a = memory.a if memory else starting_acceleration(system, state, end, dt, solver)
@@ -72,7 +76,7 @@ class AccelerationMethod(WithMemory):
         stage = self.stage(state, dt, a)
         at, a_m = blend(state, end, 1 - alpha_f), alpha_m * a + (1 - alpha_m) * moved
         stage = hold_stage(system, stage, at, a_m)
-        q, counts = newton.solve(system, stage, solver, a)
+        q, counts = newton.solve(over or system, stage, solver, a)
         new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * ((1 - gamma) * a))
         new = held(system, replace(new, v=new.v + dt * gamma * q), end)
         a_new = system.constraints.hold(q, moved)
@@ -86,6 +90,7 @@ class AccelerationMethod(WithMemory):
             ends=(system, state),
             a=a_solved,
             share=self.share,
+            over=over,
         )
 
 
@@ -116,7 +121,7 @@ class Newmark(AccelerationMethod):
     gamma: float = 0.5
     beyond_limit: bool = False
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not (is_number(self.beta) and self.beta > 0):
             remedy = "beta = 0 is CentralDifference."
             raise InputError(f"beta = {self.beta!r}", "must be > 0", "Newmark", remedy)
@@ -159,4 +164,5 @@ def starting_acceleration(
     linear_solver, matrix = solver.matrix_solver()
     linear_solver.prepare(system.project(system.assemble(matrix, state, wa=1.0)))
     free, _ = linear_solver.solve(b, rtol=solver.options.tolerance)
-    return a + free
+    total: np.ndarray = a + free
+    return total

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fecloth.integrators.step import Step
@@ -37,26 +39,49 @@ def memory_dissipation(system: System, old: State, step: Step) -> float:
         M Δv · (Δx/dt − v̄)° + (M a − M Δv/dt + f̄ − f(stage)) · Δx° − mean of d·(Δx − dt v)
 
     The work of linear forces over the step is f̄ · Δx. The residual M a − f(stage) of the solve
-    stays in the ledger's remainder.
+    stays in the ledger's remainder. Added is `work_beyond_dissipation`.
     """
     dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
     beyond = system.scalar_mass @ (step.a - dv / dt) + step.mean_force(system) - step.solved_force
     unbalanced = system.sums.dot(beyond, system.constraints.project(dx))
     energy = _between_velocities(system, old, step) + unbalanced
+    energy += work_beyond_dissipation(system, old, step)
     return energy - _unrecorded_work(system, old, step)
 
 
-def _between_velocities(system, old, step):
+def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
+    """Work −f̄ · Δx [J] against the terms that dissipate over the step, less what they dissipate.
+
+    f̄ is their part of the force that moved the cloth. The work differs from the dissipated energy
+    as far as the cloth turns, and its rates change, in one step.
+    """
+    acting = (step.over or system).bound
+    pairs = [
+        (term, over)
+        for term, over in zip(system.bound, acting, strict=True)
+        if hasattr(over, "dissipation")
+    ]
+    if not pairs:
+        return 0.0
+    only, over = (system.with_bound(terms) for terms in zip(*pairs, strict=True))
+    ends = (only, old) if step.ends else None
+    f = replace(step, over=over, ends=ends).mean_force(only)
+    dissipated: float = sum(term.dissipation(step.state.x) for term in over.bound)
+    return -system.sums.dot(f, step.state.x - old.x) - dissipated
+
+
+def _between_velocities(system: System, old: State, step: Step) -> float:
     """M Δv · (Δx/dt − v̄) of the free directions."""
     dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
     free = system.constraints.project(dx / dt - old.v - 0.5 * dv)
     return system.sums.dot(system.scalar_mass @ dv, free)
 
 
-def _unrecorded_work(system, old, step):
+def _unrecorded_work(system: System, old: State, step: Step) -> float:
     """Work that the ledger's columns do not contain: mean of d·(Δx − dt v)."""
     dt, dx, stages = step.state.t - old.t, step.state.x - old.x, step.stages
-    works = (system.sums.dot(column_forces(system, at), dx - dt * at.v) for at in stages)
+    acting = step.over or system  # what dissipates over the step is not booked by its power
+    works = (system.sums.dot(column_forces(acting, at), dx - dt * at.v) for at in stages)
     return sum(works) / len(stages)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.integrators.numerical_dissipation import stiffness_product
+from fecloth.integrators.numerical_dissipation import stiffness_product, work_beyond_dissipation
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, arrival, held
 from fecloth.nonlinear import newton
@@ -14,6 +14,7 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, prescribed
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.step_difference import StepDifference
 
 
 class StageMethod:
@@ -36,29 +37,40 @@ class StageMethod:
         stage = self.stage(State(0.0, nothing, nothing), dt)
         return stage.wx, stage.wv, stage.wa
 
+    def over_step(self, system: System, state: State, dt: float) -> System:
+        """The system with the forces over a step from `state`: by default that of the stage."""
+        return system
+
     def step(
-        self, system: System, state: State, dt: float, solver: SolverContext, memory=None
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: SolverContext,
+        memory: np.ndarray | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s]."""
         end = arrival(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
-        q, counts = newton.solve(system, stage, solver, memory)
+        over = self.over_step(system, state, dt)
+        q, counts = newton.solve(over, stage, solver, memory)
         x, v, a = stage.at(q)
         new = State(state.t + dt, stage.x_end + stage.w_end * q, state.v + dt * a)
-        return Step(held(system, new, end), State(stage.t, x, v), q, counts)
+        return Step(held(system, new, end), State(stage.t, x, v), q, counts, over=over)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step: (θ − ½)(Δv·M Δv + Δx·K Δx).
 
         Δx·K Δx is the change of the conservative force along Δx: exact for energies quadratic
-        in x.
+        in x. Added is the work against damping over the step beyond what that dissipates.
         """
         theta = self.traits.theta
         if theta == 0.5:
             return 0.0
         dv = step.state.v - old.v
         kinetic = system.sums.dot(dv, system.scalar_mass @ dv)
-        return (theta - 0.5) * (kinetic + stiffness_product(system, old, step.state))
+        lost = (theta - 0.5) * (kinetic + stiffness_product(system, old, step.state))
+        return lost + work_beyond_dissipation(system, old, step)
 
 
 @dataclass(frozen=True)
@@ -67,15 +79,20 @@ class BackwardEuler(StageMethod):
 
     First order, A-stable and L-stable: an undamped mode of frequency ω loses the factor
     1/√(1 + ω²dt²) of its amplitude in each step. Keeps linear momentum, loses angular momentum
-    and energy. For energies quadratic in x it dissipates ½ Δv·M Δv + ½ Δx·K Δx a step.
+    and energy. For energies quadratic in x it dissipates ½ Δv·M Δv + ½ Δx·K Δx a step. Strain
+    rates are (E₁ − E₀)/dt, so that damping has a potential over the step.
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 4.
     """
 
-    traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2)
+    traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2, has_difference=True)
 
     def stage(self, state: State, dt: float) -> Stage:
         x, zero = state.x + dt * state.v, np.zeros_like(state.v)
         return Stage(state.t + dt, x, state.v, zero, dt, 1.0, 1.0 / dt, x, dt)
+
+    def over_step(self, system: System, state: State, dt: float) -> System:
+        """The system with rates over the step, (y(x₁) − y(x₀))/dt."""
+        return system.over_step(StepDifference(state.x, dt, dt, ((1.0, state.x),)))
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,17 @@ file studies/examples/integrator.py has one of each. `fecloth.integrators` expor
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Protocol
+from typing import Any, Protocol
+
+import numpy as np
 
 from fecloth.errors import InputError, brief
 from fecloth.integrators.step import Step
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,9 @@ class MethodTraits:
         Whether `march` may take steps beyond that limit; otherwise it refuses them.
     chooses_dt
         Whether the method chooses its steps; then `march` takes no dt.
+    has_difference
+        Whether the method hands terms its difference for rates over a step; see
+        `fecloth.terms.step_difference`. Others refuse a term that needs one.
 
     Raises
     ------
@@ -65,8 +72,9 @@ class MethodTraits:
     stability: tuple[float, float] | None = (0.0, 0.0)
     beyond_limit: bool = True
     chooses_dt: bool = False
+    has_difference: bool = False
 
-    def __new__(cls, *values, **named):
+    def __new__(cls, *values: object, **named: object) -> MethodTraits:
         """Refuse a misspelt trait before the constructor of the dataclass runs."""
         known = [field.name for field in fields(cls)]
         for name in named:
@@ -75,7 +83,7 @@ class MethodTraits:
                 raise InputError(f"trait {name!r}", allowed, cls.__name__)
         return super().__new__(cls)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.explicit and self.stability == (0.0, 0.0):
             allowed = "must be (a, b) with a limit, or None: no explicit method is A-stable"
             raise InputError(f"stability = {self.stability}", allowed, "MethodTraits")
@@ -89,7 +97,9 @@ class Stepping(Protocol):
         """The constants of the method: a class attribute, or a property if they vary."""
         ...
 
-    def step(self, system: System, state: State, dt: float, solver, memory=None) -> Step:
+    def step(
+        self, system: System, state: State, dt: float, solver: Any, memory: Any = None
+    ) -> Step:
         """Take one step from `state` over `dt` [s].
 
         Parameters
@@ -151,18 +161,56 @@ class ExplicitIntegrator(Stepping, Protocol):
         ...
 
 
-class StepSizeChoice(Stepping, Protocol):
-    """A method that chooses its steps: `traits.chooses_dt` is True.
+class ChoosesMethod(Protocol):
+    """A choice of the method itself, such as `Auto`, before it is made."""
+
+    @property
+    def traits(self) -> MethodTraits:
+        """The constants that every method it may choose has."""
+        ...
+
+
+class StepChoice(Stepping, Protocol):
+    """A method together with the choice of its steps: `traits.chooses_dt` is True.
 
     Its ``step(system, state, horizon, solver, memory)`` takes one step of any size up to
-    `horizon` [s]; the time of the state that it returns says how long it was. A wrapper around
-    another method hands on ``replace(method.traits, chooses_dt=True)``, and its memory contains
-    that of the method.
+    `horizon` [s]; the time of the state that it returns says how long it was. It hands on
+    ``replace(method.traits, chooses_dt=True)``, and its memory contains that of the method.
+
+    `FixedStep`, `StabilityLimited` and `Adaptive` of `fecloth.simulation` are such values, and
+    `simulation.resolve.choose_steps` decides between them. The base `ChosenSteps` has all but
+    `traits`, `step` and `numerical` of a value whose steps are not fixed.
     """
 
     @property
     def method(self) -> Stepping:
-        """The method whose steps it chooses."""
+        """The method that takes the steps."""
+        ...
+
+    @property
+    def dt(self) -> float | None:
+        """The step [s] if it is fixed, else None."""
+        ...
+
+    def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
+        """Times [s] at which a step must end, in order: `t_end` is the last, `t` not among them.
+
+        Raises
+        ------
+        InputError
+            For an end or stops that make no step.
+        """
+        ...
+
+    def check(self, system: System) -> None:
+        """Raise `InputError` for a system that the method cannot step, as by its mass."""
+        ...
+
+    def check_start(self, system: System, state: State, insist: str = "") -> None:
+        """Raise `InputError` for steps that the method cannot take from `state`.
+
+        `insist` is the text that tells the user how to take them all the same.
+        """
         ...
 
 
@@ -183,7 +231,32 @@ def check_offers(method: object, names: tuple[str, ...], where: str) -> None:
     """Raise `InputError` for a method without the attributes that `where` needs."""
     if missing := [name for name in names if not hasattr(method, name)]:
         remedy = "StageMethod and WithMemory are base classes that have them."
+        if "end_times" in missing:
+            remedy = "ChosenSteps, of fecloth.simulation.step_times, is a base class that has them."
         if missing == ["traits"]:
             remedy = "Add traits = MethodTraits(order=...), from fecloth.integrators.protocol."
         what = f"method {type(method).__name__}"
         raise InputError(what, f"must have {', '.join(missing)}", where, remedy)
+
+
+def check_terms(system: System, method: Stepping | ChoosesMethod, where: str) -> None:
+    """Raise `InputError` for a term that needs a difference over the step, if `method` has none."""
+    if method.traits.has_difference:
+        return
+    for term in system.bound:
+        if getattr(term, "needs_difference", False):
+            chosen = getattr(method, "method", method)  # of a method that chooses its steps
+            raise InputError(
+                f'{term.name} with rate = "step"',
+                f"needs a method with a difference over the step, which {chosen!r} has not",
+                where,
+                'Leave rate out, or take BackwardEuler or BDF2 ("backward_euler", "bdf2").',
+            )
+
+
+def has_symmetric_matrix(system: System, method: Stepping | ChoosesMethod) -> bool:
+    """Whether the system matrix of the method's steps is symmetric."""
+    if method.traits.has_difference:  # over the step a term may have another tangent
+        x = system.rest().x
+        system = system.over_step(StepDifference(x, 1.0, 1.0, ((1.0, x),)))
+    return system.symmetric and method.traits.symmetric

@@ -31,8 +31,8 @@ class Step:
         (see `remembered`).
     counts
         Newton and linear iterations, residual, seconds.
-    force
-        (n, 3) the force [N] that moved the cloth, if it is not that of any state.
+    over
+        The system over the step, where terms act over it: its force moved the cloth.
     accelerations
         ((state, M⁻¹ f there (n, 3) [m/s²]), …): the step was by the mean of these forces.
     ends
@@ -49,7 +49,7 @@ class Step:
     balanced_at: State
     memory: object
     counts: Counts
-    force: np.ndarray | None = None
+    over: System | None = None
     accelerations: tuple[tuple[State, np.ndarray], ...] = ()
     ends: tuple[System, State] | None = None
     a: np.ndarray | None = None
@@ -66,24 +66,25 @@ class Step:
     def end_forces(self) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) forces [N] at both ends."""
         system, old = self._both_ends()
-        return system.force(old), system.force(self.state)
+        return system.force(old), (self.over or system).force(self.state)
 
     def mean_force(self, system: System) -> np.ndarray:
         """(n, 3) force [N] that moved the cloth over the step."""
-        if self.force is not None:
-            return self.force
         if self.ends:
-            return 0.5 * (self.end_forces[0] + self.end_forces[1])
+            old, new = self.end_forces
+            mean: np.ndarray = 0.5 * (old + new)
+            return mean
         if self.accelerations:
             mass = system.nodal_mass[:, None] / len(self.accelerations)
-            return mass * sum(a for _, a in self.accelerations)
-        return system.force(self.balanced_at)
+            force: np.ndarray = mass * sum(a for _, a in self.accelerations)
+            return force
+        return (self.over or system).force(self.balanced_at)
 
     @cached_property
     def solved_force(self) -> np.ndarray:
         """(n, 3) the force [N] that equals M a along the free directions, of a step with `ends`."""
         if self.share is None:
-            return self._both_ends()[0].force(self.balanced_at)
+            return (self.over or self._both_ends()[0]).force(self.balanced_at)
         return (1 - self.share) * self.end_forces[0] + self.share * self.end_forces[1]
 
     def _both_ends(self) -> tuple[System, State]:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.errors import InputError
-from fecloth.jit import kernel
+from fecloth.jit import Array, kernel
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,8 @@ class BlockPattern:
 def _sorted_unique(keys: np.ndarray) -> np.ndarray:
     """Like `np.unique`, which from NumPy 2.3 on is ten times slower for millions of integers."""
     keys = np.sort(keys)
-    return keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]]
+    unique: np.ndarray = keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]]
+    return unique
 
 
 def _unique_objects(stencils: Iterable[np.ndarray]) -> Iterable[np.ndarray]:
@@ -119,7 +120,7 @@ class BlockMatrix:
 
 
 @kernel
-def multiply(indptr, indices, values, x, y):
+def multiply(indptr: Array, indices: Array, values: Array, x: Array, y: Array) -> None:
     """y = A x."""
     for i in range(len(indptr) - 1):
         y1 = y2 = y3 = 0.0
@@ -133,7 +134,7 @@ def multiply(indptr, indices, values, x, y):
 
 
 @kernel
-def _find_slots(indptr, indices, stencil, slots):
+def _find_slots(indptr: Array, indices: Array, stencil: Array, slots: Array) -> int:
     """Fill `slots`; return the first row of the stencil with a pair that has no block, or −1."""
     m, k = stencil.shape
     for e in range(m):
@@ -149,7 +150,7 @@ def _find_slots(indptr, indices, stencil, slots):
 
 
 @kernel
-def add_mass(slots, mass, scale, values):
+def add_mass(slots: Array, mass: Array, scale: float, values: Array) -> None:
     """values += scale * mass ⊗ I₃, where `slots` are the blocks of the mass entries."""
     for s in range(len(slots)):
         for c in range(3):

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import SuperLU as SuperLUFactor
 from scipy.sparse.linalg import splu
 
 from fecloth.errors import IndefiniteMatrix, SolveFailed
-from fecloth.jit import kernel
+from fecloth.jit import Array, kernel
 from fecloth.linalg import mkl_pardiso
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.protocol import SolveInfo, block_rows, checked, relative_residual
@@ -38,7 +38,7 @@ class Pardiso:
         self.prepared = 0
         self._A: BlockMatrix | None = None
         self._pattern: BlockPattern | None = None
-        self._release: weakref.finalize | None = None
+        self._release: weakref.finalize[..., Pardiso] | None = None
 
     def prepare(self, A: BlockMatrix) -> None:
         """Factorise A; the analysis is reused as long as the pattern is the same object."""
@@ -158,7 +158,8 @@ class SuperLU:
         return lu
 
     def _apply(self, b: np.ndarray) -> np.ndarray:
-        return self._lu.solve(b.ravel(), trans="T").reshape(b.shape)
+        x: np.ndarray = self._lu.solve(b.ravel(), trans="T")
+        return x.reshape(b.shape)
 
 
 def _refined(
@@ -190,7 +191,7 @@ def _refined(
 
 
 @kernel
-def _rounding(indptr, indices, values, b, x):
+def _rounding(indptr: Array, indices: Array, values: Array, b: Array, x: Array) -> float:
     """‖ |b| + |A| |x| ‖²; times eps² this is the square of the round-off error of b − A x."""
     total = 0.0
     for i in range(len(b)):

@@ -63,7 +63,7 @@ def pardiso(
 
 
 @cache
-def routine() -> Callable:
+def routine() -> Callable[..., None]:
     """The C function ``pardiso``; the first call loads the MKL (0.4 s).
 
     Raises
@@ -75,7 +75,8 @@ def routine() -> Callable:
 
     # The module-wide solver is used because a new PyPardisoSolver() searches the disk again.
     _make_reproducible(pypardiso.ps.libmkl)
-    return pypardiso.ps._mkl_pardiso
+    call: Callable[..., None] = pypardiso.ps._mkl_pardiso
+    return call
 
 
 def _make_reproducible(library: ctypes.CDLL) -> None:
@@ -97,4 +98,4 @@ def threads() -> int | None:
         return None
     import pypardiso
 
-    return pypardiso.ps.libmkl.MKL_Get_Max_Threads()
+    return int(pypardiso.ps.libmkl.MKL_Get_Max_Threads())

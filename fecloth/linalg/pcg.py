@@ -12,7 +12,7 @@ from typing import NoReturn
 import numpy as np
 
 from fecloth.errors import IndefiniteMatrix, SolveFailed
-from fecloth.jit import inner, kernel
+from fecloth.jit import Array, inner, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import SolveInfo, block_rows, checked, relative_residual
 
@@ -118,7 +118,19 @@ def _refuse_block(node: int, block: np.ndarray) -> NoReturn:
 
 
 @kernel
-def conjugate_gradients(indptr, indices, values, inverse, x, r, z, p, q, threshold, limit):
+def conjugate_gradients(
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    inverse: Array,
+    x: Array,
+    r: Array,
+    z: Array,
+    p: Array,
+    q: Array,
+    threshold: float,
+    limit: int,
+) -> tuple[int, int]:
     """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations.
 
     Parameters
@@ -152,7 +164,7 @@ def conjugate_gradients(indptr, indices, values, inverse, x, r, z, p, q, thresho
 
 
 @inner
-def _turn(z, beta, p):
+def _turn(z: Array, beta: float, p: Array) -> None:
     """p = z + β p."""
     for i in range(len(p)):
         for c in range(3):
@@ -161,7 +173,7 @@ def _turn(z, beta, p):
 
 
 @inner
-def _multiply(indptr, indices, values, p, q):
+def _multiply(indptr: Array, indices: Array, values: Array, p: Array, q: Array) -> float:
     """q = A p; returns pᵀ q."""
     pq = 0.0
     for i in range(len(p)):
@@ -178,7 +190,9 @@ def _multiply(indptr, indices, values, p, q):
 
 
 @inner
-def _advance(alpha, p, q, inverse, x, r, z):
+def _advance(
+    alpha: float, p: Array, q: Array, inverse: Array, x: Array, r: Array, z: Array
+) -> tuple[float, float]:
     """x += α p, r −= α q (unless α = 0), z = M⁻¹ r; returns rᵀ z and rᵀ r."""
     rz = rr = 0.0
     for i in range(len(x)):
@@ -198,7 +212,7 @@ def _advance(alpha, p, q, inverse, x, r, z):
 
 
 @kernel
-def invert_blocks(diagonal, values, inverse):
+def invert_blocks(diagonal: Array, values: Array, inverse: Array) -> int:
     """Invert the symmetric diagonal blocks by their cofactors.
 
     Parameters

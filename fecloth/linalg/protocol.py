@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from fecloth.errors import InputError, SolveFailed
-from fecloth.jit import kernel
+from fecloth.jit import Array, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.reductions import squared
 
@@ -45,7 +45,8 @@ class LinearSolver(Protocol):
     Attributes
     ----------
     name
-        For reports, and the key of its prices in `nonlinear.factor_reuse`.
+        For reports, and the key of its prices in `nonlinear.factor_reuse`: an attribute or a
+        property.
     symmetric
         Whether it takes symmetric matrices only.
     prepared
@@ -55,10 +56,12 @@ class LinearSolver(Protocol):
         steps before.
     """
 
-    name: str
     symmetric: bool
     prepared: int
     keeps_state: bool
+
+    @property
+    def name(self) -> str: ...
 
     def prepare(self, A: BlockMatrix) -> None:
         """Analyse the pattern if it is new, and factorise A or build the preconditioner.
@@ -129,7 +132,7 @@ def relative_residual(
 
 
 @kernel
-def residual(indptr, indices, values, b, x, r):
+def residual(indptr: Array, indices: Array, values: Array, b: Array, x: Array, r: Array) -> float:
     """r = b − A x; returns ‖r‖²."""
     rr = 0.0
     for i in range(len(b)):

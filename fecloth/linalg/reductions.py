@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from fecloth.jit import kernel
+from fecloth.jit import Array, kernel
 
 
 def size(a: np.ndarray) -> float:
@@ -20,7 +20,8 @@ def size(a: np.ndarray) -> float:
 
 def mean(weights: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Σ w_i y_i / Σ w_i, (3,), of (n, 3)."""
-    return np.einsum("i,ij->j", weights, y) / weights.sum()
+    average: np.ndarray = np.einsum("i,ij->j", weights, y) / weights.sum()
+    return average
 
 
 def rms(weights: np.ndarray, y: np.ndarray) -> float:
@@ -29,7 +30,7 @@ def rms(weights: np.ndarray, y: np.ndarray) -> float:
 
 
 @kernel
-def squared(a):
+def squared(a: Array) -> float:
     """‖a‖² of (n, 3)."""
     total = 0.0
     for i in range(len(a)):
@@ -38,7 +39,7 @@ def squared(a):
 
 
 @kernel
-def dot(a, b):
+def dot(a: Array, b: Array) -> float:
     """Σ a_i · b_i of (n, 3)."""
     total = 0.0
     for i in range(len(a)):
@@ -47,7 +48,7 @@ def dot(a, b):
 
 
 @kernel
-def weighted(w, a, b):
+def weighted(w: Array, a: Array, b: Array) -> float:
     """Σ w_i a_i · b_i of (n,) and (n, 3)."""
     total = 0.0
     for i in range(len(a)):

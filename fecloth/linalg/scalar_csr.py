@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth.errors import SolveFailed
-from fecloth.jit import kernel
+from fecloth.jit import Array, kernel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 
 
@@ -34,7 +34,9 @@ class ScalarRows:
 
 
 @kernel
-def _expand_pattern(indptr, indices, first, upper, columns, starts):
+def _expand_pattern(
+    indptr: Array, indices: Array, first: Array, upper: bool, columns: Array, starts: Array
+) -> None:
     k = 0
     for i in range(len(first)):
         for c in range(3):
@@ -50,7 +52,7 @@ def _expand_pattern(indptr, indices, first, upper, columns, starts):
 
 
 @kernel
-def _expand_values(indptr, first, values, upper, data):
+def _expand_values(indptr: Array, first: Array, values: Array, upper: bool, data: Array) -> bool:
     """Fill `data`; return True if all values are finite, that is if 0 times their sum is 0."""
     k, zero = 0, 0.0
     for i in range(len(first)):

@@ -172,7 +172,8 @@ class _Work:
     def key(self, shift, definite=False):
         """Return the quantities that identify the matrix of a factor."""
         stage = self.stage
-        return self.system, stage.wx, stage.wv, (1 + shift) * stage.wa, definite
+        system = self.system.constraints  # which the system over a step shares
+        return system, stage.wx, stage.wv, (1 + shift) * stage.wa, definite
 
     def state(self, q):
         x, v, _ = self.stage.at(q)

@@ -62,7 +62,7 @@ class Formula:
     def _value(self) -> _Compiled:
         return _compiled(self.text, self.variables, self.condition)
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[Any, ...]:
         return Formula, (self.text, self.variables, self.condition)
 
     def __call__(self, **values: ArrayLike) -> float | np.ndarray:
@@ -122,7 +122,7 @@ class Derivative:
     def _value(self) -> _Compiled:
         return _compiled(self.formula.text, self.formula.variables, False, self.variable)
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[Any, ...]:
         return Derivative, (self.formula, self.variable)
 
     def __call__(self, **values: ArrayLike) -> float | np.ndarray:
@@ -147,16 +147,18 @@ class _Compiled:
         given = [values[name] for name in self.variables]
         if _NUMBERS.issuperset(map(type, given)):
             return self.at([*map(float, given)])
-        return self._of_arrays(given)
+        value: float | np.ndarray = self._of_arrays(given)
+        return value
 
     def at(self, numbers: Sequence[float]) -> float:
         try:
-            value = self.of_numbers(numbers)
+            value: float = self.of_numbers(numbers)
             if math.isfinite(value):
                 return value
         except (ArithmeticError, ValueError):  # a part of it is not finite
             pass
-        return self._of_arrays(numbers)
+        value = self._of_arrays(numbers)
+        return value
 
     def _of_arrays(self, given: Sequence[ArrayLike]) -> Any:
         """A float, or the truth of a condition, if all are scalars; else an array."""
@@ -169,7 +171,9 @@ class _Compiled:
             self._refuse(value, tuple(np.argwhere(~finite)[0]), arrays)
         return value.copy() if shape else value.item()
 
-    def _refuse(self, value: np.ndarray, place: tuple, arrays: list[np.ndarray]) -> NoReturn:
+    def _refuse(
+        self, value: np.ndarray, place: tuple[np.intp, ...], arrays: list[np.ndarray]
+    ) -> NoReturn:
         numbers = [float(np.broadcast_to(array, value.shape)[place]) for array in arrays]
         pairs = zip(self.variables, numbers, strict=True)
         at = ", ".join(f"{name} = {number:g}" for name, number in pairs)

@@ -95,7 +95,8 @@ def _filled(text: str, arguments: Sequence[ast.expr], slopes: Sequence[ast.expr]
     """The rule with the arguments and their derivatives in place of a, b, c and da, db, dc."""
     parts = dict(zip("abc", arguments, strict=False))
     parts |= {f"d{letter}": slope for letter, slope in zip("abc", slopes, strict=False)}
-    return _Fill(parts).visit(copy.deepcopy(_RULES[text]))
+    filled: ast.expr = _Fill(parts).visit(copy.deepcopy(_RULES[text]))
+    return filled
 
 
 class _Fill(ast.NodeTransformer):

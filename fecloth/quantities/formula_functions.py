@@ -29,29 +29,32 @@ def smoothstep(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> np.ndarray:
 
 
 _OF_ONE = ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt", "abs", "sign", "floor")
-FUNCTIONS: dict[str, tuple[Callable, int]] = {  # and their number of arguments
+FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {  # and their number of arguments
     **{name: (getattr(np, name), 1) for name in _OF_ONE},
     "min": (np.minimum, 2),
     "max": (np.maximum, 2),
     "where": (np.where, 3),
     "smoothstep": (smoothstep, 3),
 }
-UNARY: dict[type[ast.unaryop], Callable] = {ast.USub: operator.neg, ast.UAdd: operator.pos}
-BINARY: dict[type[ast.operator], Callable] = {
+UNARY: dict[type[ast.unaryop], Callable[..., Any]] = {
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+BINARY: dict[type[ast.operator], Callable[..., Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
     ast.Pow: operator.pow,
 }
-COMPARE: dict[type[ast.cmpop], Callable] = {
+COMPARE: dict[type[ast.cmpop], Callable[..., Any]] = {
     ast.Lt: np.less,
     ast.LtE: np.less_equal,
     ast.Gt: np.greater,
     ast.GtE: np.greater_equal,
 }
 
-Closure = Callable[[Sequence], Any]
+Closure = Callable[[Sequence[Any]], Any]
 """The value of a node at the values of the variables, in their order."""
 
 
@@ -73,12 +76,12 @@ class Arithmetic:
     """
 
     number: type
-    functions: Mapping[str, Callable]
-    binary: Mapping[type[ast.operator], Callable]
-    compare: Mapping[type[ast.cmpop], Callable]
-    negate: Callable
-    every: Callable
-    some: Callable
+    functions: Mapping[str, Callable[..., Any]]
+    binary: Mapping[type[ast.operator], Callable[..., Any]]
+    compare: Mapping[type[ast.cmpop], Callable[..., Any]]
+    negate: Callable[..., Any]
+    every: Callable[..., Any]
+    some: Callable[..., Any]
     for_numbers: bool
 
 
@@ -124,7 +127,7 @@ def _constant(value: Any) -> Closure:
     return lambda v: value
 
 
-def _apply(function: Callable, *parts: Closure) -> Closure:
+def _apply(function: Callable[..., Any], *parts: Closure) -> Closure:
     if len(parts) == 1:
         (a,) = parts
         return lambda v: function(a(v))
@@ -134,7 +137,7 @@ def _apply(function: Callable, *parts: Closure) -> Closure:
     return lambda v: function(*[part(v) for part in parts])
 
 
-def _join(function: Callable, parts: list[Closure]) -> Closure:
+def _join(function: Callable[..., Any], parts: list[Closure]) -> Closure:
     if len(parts) == 1:
         return parts[0]
     return lambda v: function([part(v) for part in parts])
@@ -165,7 +168,9 @@ def _is_array(node: ast.AST, variables: tuple[str, ...]) -> bool:
     return isinstance(node, ast.Name) and node.id in variables
 
 
-def _numpy(function: Callable, low: float = -math.inf, high: float = math.inf) -> Callable:
+def _numpy(
+    function: Callable[..., Any], low: float = -math.inf, high: float = math.inf
+) -> Callable[..., Any]:
     """NumPy's function of a float, for its bits; an ArithmeticError where it might warn."""
 
     def guarded(x: float) -> float:

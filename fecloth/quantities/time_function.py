@@ -7,8 +7,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fecloth.errors import InputError
 from fecloth.quantities.formula import Derivative, Formula
@@ -33,7 +35,7 @@ class TimeFunction:
         What errors call it, as in "Pressure: p(0.3) = nan".
     """
 
-    parts: Callable | tuple
+    parts: Callable[[float], ArrayLike] | tuple[float | Formula, ...]
     shape: tuple[int, ...]
     name: str
     where: str
@@ -60,16 +62,18 @@ class TimeFunction:
         return [part.derivative("t") if isinstance(part, Formula) else 0.0 for part in parts]
 
 
-def difference_quotient(function: Callable, t: float, since: float = -math.inf) -> np.ndarray:
+def difference_quotient(
+    function: Callable[[float], Any], t: float, since: float = -math.inf
+) -> np.ndarray:
     """The derivative of a function of time by differences of second order, over 2e-5 s.
 
     It is central, (u(t + h) − u(t − h))/(2h), but (−3 u(t) + 4 u(t + h) − u(t + 2h))/(2h) where
     t − h is before `since`.
     """
     u, h = function, DIFFERENCE_STEP
-    if t - h < since:
-        return (4 * u(t + h) - 3 * u(t) - u(t + 2 * h)) / (2 * h)
-    return (u(t + h) - u(t - h)) / (2 * h)
+    difference = u(t + h) - u(t - h) if t - h >= since else 4 * u(t + h) - 3 * u(t) - u(t + 2 * h)
+    rate: np.ndarray = difference / (2 * h)
+    return rate
 
 
 def scalar(value: OfTime, name: str, where: str) -> TimeFunction:

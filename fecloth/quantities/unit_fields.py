@@ -109,7 +109,7 @@ def _value(key: str, value: Any, hint: Any, dimension: Dimension, refuse: bool) 
     return quantity(key, value, dimension, ", or a formula" if formula else "")
 
 
-def _kinds(hint: Any) -> list:
+def _kinds(hint: Any) -> list[Any]:
     """The members of a union of types, without annotations."""
     if get_origin(hint) is Annotated:
         return _kinds(get_args(hint)[0])

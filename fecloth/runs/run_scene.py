@@ -125,18 +125,18 @@ def _write_head(folder, scene, problem, why, warnings: list[str]) -> None:
 def resolve_scene(problem: Problem) -> tuple[Problem, SolverContext, str]:
     """Return the problem with the method that takes the steps, its solver, and why these."""
     record = trial_recorder(problem.system, problem.ledger, problem.observer)
-    run_ = problem.system, problem.method, problem.state, problem.dt, problem.t_end
-    method, solver, why = resolve(*run_, problem.linear, problem.newton, record)
-    return replace(problem, method=method), solver, why
+    run_ = problem.system, problem.steps, problem.state, problem.t_end
+    steps, solver, why = resolve(*run_, problem.linear, problem.newton, record)
+    return replace(problem, steps=steps), solver, why
 
 
 def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
     """Return the problem with the method that the earlier part of the run used."""
-    if not found or not isinstance(problem.method, Auto):
+    if not found or not isinstance(problem.steps, Auto):
         return problem
-    for method in problem.method.candidates:
-        if str(method) == found.method:
-            return replace(problem, method=method)
+    for steps in problem.steps.candidates:
+        if str(steps) == found.method:
+            return replace(problem, steps=steps)
     raise InputError(f"the run used {found.method}", "is none of Auto's methods")
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from fecloth.errors import InputError, SceneError
 from fecloth.fabric.panel import Panel
 from fecloth.homogenisation import bending_note
+from fecloth.integrators.protocol import StepChoice, check_terms, has_symmetric_matrix
 from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.frames import read_frame
@@ -23,8 +24,8 @@ from fecloth.scene.pin_table import PinTable
 from fecloth.scene.problem import Problem
 from fecloth.scene.time_table import Time
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.probes import Observer, Probe
-from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import step_times
 from fecloth.system.constraints import Constraints
 from fecloth.system.motion import Motion
@@ -52,8 +53,8 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
     system = _system(scene, cloth, at)
     state = _start(scene, system, at)
     _check_start(scene, system, state, at)
-    method, dt = scene.time.stepping()
-    _check_method(scene, system, state, method, dt, at)
+    steps = scene.time.steps()
+    _check_method(scene, system, state, steps, at)
     probes = tuple(table.probe() for table in scene.probes)
     ledger, observer = Ledger.open(system, state), _observer(system, state, probes, at)
     if scene.expect or scene.interest:
@@ -63,8 +64,7 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
         cloth=cloth,
         system=system,
         state=state,
-        method=method,
-        dt=dt,
+        steps=steps,
         t_end=scene.time.t_end,
         newton=scene.solver.make(),
         linear=scene.solver.linear,
@@ -160,20 +160,20 @@ def _check_start(scene: Scene, system: System, state: State, at: At) -> None:
 
 
 def _check_method(
-    scene: Scene, system: System, state: State, method: Any, dt: float | None, at: At
+    scene: Scene, system: System, state: State, steps: StepChoice | Auto, at: At
 ) -> None:
-    """Refuse a mass, a step or a linear solver that the method does not allow."""
-    if method.traits.explicit:
-        with at(""):  # the mass
-            method.check(system)
-    elif scene.solver.linear != "auto":
-        symmetric = system.symmetric and method.traits.symmetric
+    """Refuse a term, a mass, a step or a linear solver that the method does not allow."""
+    with at("terms"):
+        check_terms(system, steps, "terms")
+    with at(""):  # the mass
+        steps.check(system)
+    if scene.solver.linear != "auto" and not steps.traits.explicit:
+        symmetric = has_symmetric_matrix(system, steps)
         with at("solver.linear"):
             select.named(scene.solver.linear, symmetric or scene.solver.definiteness == "clamp")
-    if dt:
-        insist = f'method = {{ type = "{scene.time.method.type}", beyond_limit = true }}'
-        with at("time"):
-            refuse_unstable(system, method, state, dt, insist)
+    insist = f'method = {{ type = "{scene.time.method.type}", beyond_limit = true }}'
+    with at("time"):
+        steps.check_start(system, state, insist)
 
 
 def _observer(system: System, state: State, probes: tuple[Probe, ...], at: At) -> Observer:

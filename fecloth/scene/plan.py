@@ -16,6 +16,7 @@ from fecloth.scene.dimensionless import (
     weight_over_stiffness,
 )
 from fecloth.scene.problem import Problem
+from fecloth.simulation.pin_warnings import rotation_about_pins
 from fecloth.stability.critical_step import element_bound
 from fecloth.system.system import System
 
@@ -28,6 +29,7 @@ def plan(problem: Problem, why: str) -> list[str]:
         f"{len(system.cloth.X)} nodes, {len(system.cloth.triangles)} {name}, "
         f"{system.admissible.shape[1]} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
+        f"pins: {_pins(system)}",
         f"{problem.method}, {_steps(problem)} to t = {problem.t_end:g} s",
         f"linear solver: {why}",
         _threads_and_memory(problem),
@@ -43,6 +45,19 @@ def plan(problem: Problem, why: str) -> list[str]:
             needs = "a consistent mass allows no explicit method"
         lines.append(f"{fastest}; {needs}")
     return lines
+
+
+def _pins(system: System) -> str:
+    """Return how many nodes each pin holds, in words."""
+    groups = system.constraints.groups.items()
+    counts = [f"{name} ({_count(len(nodes))})" for name, (_, nodes) in groups]
+    turns = rotation_about_pins(system, system.rest().x) is not None
+    words = ", ".join(counts) or "none"
+    return f"{words}, on a line, about which the cloth is free to turn" if turns else words
+
+
+def _count(nodes: int) -> str:
+    return "1 node" if nodes == 1 else f"{nodes} nodes"
 
 
 def _steps(problem: Problem) -> str:

@@ -6,12 +6,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from fecloth.integrators.protocol import StepChoice
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory, StepInfo, march
+from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.probes import Observer, Probe
+from fecloth.simulation.resolve import reported
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -22,8 +25,10 @@ class Problem:
 
     Attributes
     ----------
-    cloth, system, state, method, dt, t_end
+    cloth, system, state, t_end
         As `march` takes them; state is the start.
+    steps
+        The method and the choice of its steps, or `Auto` before it is resolved.
     newton, linear
         Options of the nonlinear solve, and the choice of the linear solver.
     probes
@@ -43,8 +48,7 @@ class Problem:
     cloth: Cloth
     system: System
     state: State
-    method: Any  # an integrator, or `Auto` before it is resolved
-    dt: float | None
+    steps: StepChoice | Auto
     t_end: float
     newton: Newton
     linear: str
@@ -56,6 +60,16 @@ class Problem:
     frame_format: str = "vtu"
     note: str = ""
     restarts: int | float | None = None
+
+    @property
+    def method(self) -> Any:
+        """What to report as the method: see `reported`."""
+        return reported(self.steps)
+
+    @property
+    def dt(self) -> float | None:
+        """The step [s] if it is fixed, else None."""
+        return self.steps.dt
 
     @property
     def unstarted(self) -> Memory:
@@ -70,5 +84,5 @@ class Problem:
         With a memory `march` does not search the stable step again: `build` has refused a longer
         dt.
         """
-        run = self.system, self.method, state or self.state, self.dt, self.t_end
+        run = self.system, self.steps, state or self.state, None, self.t_end
         return march(*run, stops=self.stops, solver=solver, memory=memory or self.unstarted)

@@ -18,15 +18,19 @@ from fecloth.scene.dimensionless import (
     swing_loss,
     term_types,
 )
-from fecloth.scene.plausibility import implausible_values
 from fecloth.scene.problem import Problem
+from fecloth.simulation.set_up_warnings import find_set_up_warnings
 from fecloth.stability.critical_step import element_bound
 from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms import MassDamping
 
 POOR = 0.3  # quality of a triangle; 1 is equilateral, 0.87 half a square
 STRAINED = 0.2  # strain of a hanging cloth; measured constants hold for a few per cent
 RESOLVED = 4.0  # fewest edges per wrinkle
 UNRESOLVED = 20.0  # explicit limits; beyond, fast waves were seen to gain energy
+LOST = 0.01  # part of the amplitude in a step that damping must take from waves
+SHORT = 0.01  # of the explicit limit
 DAMPED = 0.1  # part of the amplitude lost in one swing
 ELASTIC = ("StVK", "NeoHookean", "TensionField")  # terms as stiff as the fabric
 GAINING = (ImplicitMidpoint, LinearlyImplicitEuler, Newmark, GeneralizedAlpha)
@@ -35,9 +39,10 @@ FIRST_ORDER = (BackwardEuler, LinearlyImplicitEuler)
 
 def find_warnings(problem: Problem) -> list[str]:
     """Return a sentence for each likely problem of the run, with its remedy."""
-    units = implausible_values(problem.system.fabric, problem.cloth, problem.dt)
-    checks = (_mesh, _weight, _wrinkles, _flat, _fast_waves, _damping)
-    return [*units, *(sentence for check in checks for sentence in check(problem))]
+    dt = None if _is_static(problem) else problem.dt
+    set_up = find_set_up_warnings(problem.system, problem.state, dt, problem.t_end)
+    checks = (_mesh, _weight, _wrinkles, _flat, _fast_waves, _short_steps, _damping)
+    return [*set_up, *(sentence for check in checks for sentence in check(problem))]
 
 
 def _mesh(problem: Problem) -> Iterator[str]:
@@ -127,15 +132,47 @@ def _fast_waves(problem: Problem) -> Iterator[str]:
     """Warn if steps far beyond the explicit limit may feed undamped fast waves."""
     method, system = problem.method, problem.system
     gains = isinstance(method, GAINING) and getattr(method, "rho_inf", 1.0) > 0
-    damped = any(term.dissipative for term in system.bound)
-    if not (gains and problem.dt) or damped:
+    if not (gains and problem.dt):
         return
-    limit = element_bound(system, "central_difference")
-    if problem.dt > UNRESOLVED * limit:
+    limit, loss = element_bound(system, "central_difference"), _loss(system, problem.dt)
+    if problem.dt > UNRESOLVED * limit and loss < LOST:
+        damping = (
+            f"damping takes {100 * loss:.1g} % a step from them" if loss else "there is no damping"
+        )
         yield (
-            f"dt = {problem.dt:g} s is {problem.dt / limit:.0f} times the explicit limit and "
-            f"there is no damping: {type(method).__name__} may gain energy from waves that it does "
-            "not resolve; add StrainRateDamping, or use BDF2 or EnergyMomentum"
+            f"dt = {problem.dt:g} s is {problem.dt / limit:.0f} times the explicit limit, and "
+            f"{damping}: {type(method).__name__} may gain energy from waves that it does "
+            "not resolve; add StrainRateDamping with a time near dt, or use BDF2 or EnergyMomentum"
+        )
+
+
+def _loss(system: System, dt: float) -> float:
+    """Return the part of the amplitude that damping takes in a step, of fast or of all waves.
+
+    The midpoint rule multiplies a wave of ω dt ≫ 2 and damping d = 2 ζ ω by 1 − 4 d/(ω² dt), one
+    that it resolves by 1 − d dt/2.
+    """
+    stiffness, damping = system.rate_bounds()
+    return min(1.0, max(4 * damping / (stiffness * dt), damping * dt / 2)) if stiffness else 0.0
+
+
+def _is_static(problem: Problem) -> bool:
+    """Return whether a few steps of backward Euler, minutes long, seek a state of rest."""
+    steps = (problem.t_end - problem.state.t) / problem.dt if problem.dt else math.inf
+    return isinstance(problem.method, BackwardEuler) and steps <= 10 and (problem.dt or 0) >= 100
+
+
+def _short_steps(problem: Problem) -> Iterator[str]:
+    """Warn of an implicit method with steps so short that an explicit one needs longer ones."""
+    method, dt = problem.method, problem.dt
+    if not dt or method.traits.explicit:
+        return
+    limit = element_bound(problem.system, "central_difference")
+    if dt < SHORT * limit < math.inf:
+        yield (
+            f"dt = {dt:g} s is {limit / dt:.0f} times shorter than even an explicit method needs "
+            f"({limit:.2g} s). If you meant ms, write {1000 * dt:g}; without dt the error "
+            "determines it"
         )
 
 
@@ -144,8 +181,11 @@ def _damping(problem: Problem) -> Iterator[str]:
     pull, length = gravity_magnitude(problem.system), distance_from_pins(problem.system)
     if not (isinstance(problem.method, FIRST_ORDER) and problem.dt and pull and length):
         return
-    lost = swing_loss(math.sqrt(pull / length) * problem.dt)
-    if lost > DAMPED:
+    rate = math.sqrt(pull / length)
+    lost = swing_loss(rate * problem.dt)
+    rates = [term.rate for term in problem.system.terms if isinstance(term, MassDamping)]
+    meant = -math.expm1(-sum(rates) * math.pi / rate)  # what the terms take in a period
+    if lost > max(DAMPED, meant) and not _is_static(problem):
         yield (
             f"numerical damping of {type(problem.method).__name__} removes about "
             f"{100 * lost:.0f} % of the amplitude of a swing over {length:.2g} m per period. Fine "

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.integrators.protocol import StepChoice
 from fecloth.quantities.units import RATE, SPEED, TIME
 from fecloth.scene.table_model import Table, one_of, table_of
 from fecloth.simulation.method_choice import Auto
@@ -58,7 +59,7 @@ class Time(Table):
             allowed = f"must be greater than {self.t_start:g} [s]"
             raise InputError(f"t_end = {self.t_end!r}", allowed)
         if self.dt == "auto":
-            self.stepping()
+            self.steps()
             return self
         for key in ("rtol", "atol"):
             if getattr(self, key) is not None:
@@ -72,10 +73,10 @@ class Time(Table):
             raise InputError(what, allowed, "", remedy)
         return self
 
-    def stepping(self) -> tuple[Any, float | None]:
-        """Return the method and dt, as `march` takes them."""
+    def steps(self) -> StepChoice | Auto:
+        """Return the method with the choice of its steps, as `march` takes it."""
         tolerances = {k: getattr(self, k) for k in ("rtol", "atol") if getattr(self, k) is not None}
         if self.method.type == "auto":
-            return Auto(**tolerances), None
+            return Auto(**tolerances)
         dt = None if self.dt == "auto" else self.dt
-        return choose_steps(self.method.make(), dt, tolerances), dt
+        return choose_steps(self.method.make(), dt, tolerances)

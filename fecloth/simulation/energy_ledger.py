@@ -30,7 +30,8 @@ class Ledger:
         ½ v·M v, and each term's energy, now.
     dissipated
         Work done against each damping since the start, Σ dt · power at the method's stage, of
-        methods with a memory at the mean of both ends of the step.
+        methods with a memory at the mean of both ends of the step; Σ dt Ė:S_v with
+        Ė = (E₁ − E₀)/dt for strain-rate damping over the step.
     work
         Work of each load that has no energy, Σ dt · supply there.
     pins
@@ -74,13 +75,13 @@ class Ledger:
     def after(self, system: System, method, old: State, step) -> Ledger:
         """Return the ledger after `step`, taken by `method` from the state `old`."""
         new = step.state
-        dt, stages = new.t - old.t, step.stages
+        dt, stages, acting = new.t - old.t, step.stages, (step.over or system).bound
         energies = system.energies(new)
         kinetic = energies.pop("kinetic")
         inertia = system.scalar_mass @ (new.v - old.v)
         dissipated = {
-            name: self.dissipated[name] + dt * _mean(term.power, stages)
-            for name, term in zip(system.names, system.bound, strict=True)
+            name: self.dissipated[name] + _dissipation(term, over, step, dt)
+            for name, term, over in zip(system.names, system.bound, acting, strict=True)
             if term.dissipative
         }
         work = {
@@ -186,6 +187,13 @@ def negligible_energy(system: System, seconds: float) -> float:
     """
     pace = CREEP * float(np.ptp(system.cloth.X, axis=0).max()) / seconds
     return 0.5 * float(system.nodal_mass.sum()) * pace**2
+
+
+def _dissipation(term, over, step, dt):
+    """Energy [J] dissipated in a step: over it, or else the power at the method's stages."""
+    if hasattr(over, "dissipation"):
+        return over.dissipation(step.state.x)
+    return dt * _mean(term.power, step.stages)
 
 
 def _mean(function, stages):

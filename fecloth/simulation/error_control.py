@@ -20,6 +20,7 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.stability_limited import StabilityLimited
+from fecloth.simulation.step_times import ChosenSteps
 from fecloth.simulation.within_step import deviation_within_step
 from fecloth.system.records import remembered
 from fecloth.system.state import State
@@ -58,7 +59,7 @@ class Control:
 
 
 @dataclass(frozen=True)
-class Adaptive:
+class Adaptive(ChosenSteps):
     """A method whose steps are as long as a tolerance on their error allows.
 
     A step of the method, of order p, errs in x by c dt^(p + 1) x^(p + 1). The derivative is taken
@@ -142,10 +143,6 @@ class Adaptive:
     def traits(self) -> MethodTraits:
         """Those of the method, with chosen steps, which stay below an explicit method's limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
-
-    def check(self, system: System) -> None:
-        """Check the system with the method's own `check`."""
-        cast(ExplicitIntegrator, self.method).check(system)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step, by the method's own formula."""

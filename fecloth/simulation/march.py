@@ -10,7 +10,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError, SolveFailed, StepFailed
-from fecloth.integrators.protocol import check_method
+from fecloth.integrators.protocol import check_method, check_terms
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
@@ -18,9 +18,8 @@ from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.motion_jumps import find_jumping_pin
-from fecloth.simulation.resolve import resolve
-from fecloth.simulation.stability_limited import refuse_unstable
-from fecloth.simulation.step_times import target_times, targets_after
+from fecloth.simulation.resolve import choose_steps, resolve
+from fecloth.simulation.step_times import targets_after
 from fecloth.system.arguments import check_system
 from fecloth.system.records import remembered
 from fecloth.system.state import State
@@ -121,21 +120,22 @@ def march(
     """
     refuse_arguments(system, method, state, newton, most_stretch)
     begin, resumed = memory or Memory(0, state.t, None), memory is not None
-    targets = targets_after(target_times(method, begin.start, dt, t_end, stops), state.t)
-    if resumed and isinstance(method, Auto):
+    steps = choose_steps(method, dt)
+    targets = targets_after(steps.end_times(begin.start, t_end, stops), state.t)
+    if resumed and isinstance(steps, Auto):
         raise InputError("memory with Auto()", "needs the method that Auto chose", "march")
     opening = replace(state, t=begin.start)
     end = float(targets[-1])  # t_end
-    method, solver, _ = resolve(system, method, opening, dt, end, solver, newton)
-    if not resumed and dt is not None:  # a continued march has passed this check
-        refuse_unstable(system, method, state, dt)
-    check_every = 8 if method.traits.explicit else 1
+    steps, solver, _ = resolve(system, steps, opening, end, solver, newton)
+    if not resumed:  # a continued march has passed this check
+        steps.check_start(system, state)
+    check_every = 8 if steps.traits.explicit else 1
     number, last_memory, good = begin.step, begin.of_method, state
     for target in targets:
         while state.t < target:
             number, size = number + 1, target - state.t
             try:
-                result = method.step(system, state, size, solver, last_memory)
+                result = steps.step(system, state, size, solver, last_memory)
             except (NewtonFailed, SolveFailed) as failure:
                 raise step_failed(system, state, number, size, failure) from failure
             new = _snap_to_target(result.state, target, size)
@@ -154,6 +154,7 @@ def refuse_arguments(system, method, state, newton, most_stretch):
     """Raise `InputError` for arguments that are swapped, of a wrong type or of another cloth."""
     check_method(method)
     check_system(system, state, "march")
+    check_terms(system, method, "march")
     if newton is not None:
         validation.instance("newton", newton, Newton, "Newton(tolerance=1e-8)", "march")
     validation.number("most_stretch", most_stretch, 1.0, "march", infinite=True)

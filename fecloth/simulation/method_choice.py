@@ -14,6 +14,7 @@ from fecloth.integrators.generalized_alpha import GeneralizedAlpha
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.error_control import Adaptive
+from fecloth.simulation.step_times import ChosenSteps
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -49,7 +50,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Auto:
+class Auto(ChosenSteps):
     """`Adaptive` around central differences or generalised-α, whichever is predicted to be faster.
 
     Both take their first steps at the tolerance; the cost of the run is that of a step over its

@@ -6,13 +6,19 @@ from collections.abc import Callable, Mapping
 
 from fecloth import validation
 from fecloth.errors import InputError, brief
-from fecloth.integrators.protocol import check_method, check_offers
+from fecloth.integrators.protocol import (
+    StepChoice,
+    check_method,
+    check_offers,
+    has_symmetric_matrix,
+)
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import LinearSolver
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.error_control import Adaptive
+from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.system.state import State
@@ -36,7 +42,7 @@ def solver_for(
         allowed = f"must be one of auto, {', '.join(select.NAMES)}"
         raise InputError(f"solver = {brief(choice)}", allowed, "march")
     options = options or Newton()
-    symmetric = system.symmetric and method.traits.symmetric
+    symmetric = has_symmetric_matrix(system, method)
     chosen: LinearSolver
     symmetric |= options.definiteness == "clamp"  # clamped tangents all are
     if choice == "auto":
@@ -44,9 +50,7 @@ def solver_for(
         check_offers(method, ("weights",), 'march(solver="auto")')
         wx, wv, wa = method.weights(dt)
         condition = 1 + (wx * stiffness + wv * damping) / wa
-        chosen, why = select.choose(  # type: ignore[assignment]  # AutoSolver.name is read-only
-            condition, len(system.cloth.X), symmetric
-        )
+        chosen, why = select.choose(condition, len(system.cloth.X), symmetric)
     else:
         chosen, why = select.named(choice, symmetric), "requested"
     matrix = BlockMatrix.zeros(system.pattern)
@@ -55,45 +59,64 @@ def solver_for(
 
 def resolve(
     system: System,
-    method,
+    steps: StepChoice | Auto,
     state: State,
-    dt: float | None,
     t_end: float,
     solver: str | SolverContext = "auto",
     newton: Newton | None = None,
     record: Callable = lambda *step: None,
-) -> tuple[object, SolverContext, str]:
-    """Return the method that takes the steps, its solver, and in words why these.
+) -> tuple[StepChoice, SolverContext, str]:
+    """Return the choice of steps, their solver, and in words why these.
 
-    `Auto` is replaced by its choice, and an explicit method without dt by `StabilityLimited`;
-    `record(method, old, step)` is the work after each step, which counts in Auto's choice.
+    `Auto` is replaced by its choice; `record(method, old, step)` is the work after each step,
+    which counts in that choice.
     """
     if isinstance(solver, SolverContext):
-        if isinstance(method, Auto):
+        if isinstance(steps, Auto):
             allowed = 'must be a name such as "auto" with Auto(), whose methods need one each'
             raise InputError("solver = a SolverContext", allowed, "march")
-        return choose_steps(method, dt), solver, "given"
+        return steps, solver, "given"
 
-    def solver_of(candidate):
-        return solver_for(system, candidate, dt or (t_end - state.t) / 1000, solver, newton)
+    def solver_of(chosen: StepChoice) -> tuple[SolverContext, str]:
+        dt = chosen.dt or (t_end - state.t) / 1000
+        return solver_for(system, chosen.method, dt, solver, newton)
 
-    if not isinstance(method, Auto):
-        method = choose_steps(method, dt)
-        return method, *solver_of(method)
-    method, why = method.choose(system, state, t_end, lambda m: solver_of(m)[0], record)
-    context, reason = solver_of(method)
-    return method, context, f"{reason}; {type(method.method).__name__} ({why})"
+    if not isinstance(steps, Auto):
+        return steps, *solver_of(steps)
+    chosen, why = steps.choose(system, state, t_end, lambda each: solver_of(each)[0], record)
+    context, reason = solver_of(chosen)
+    return chosen, context, f"{reason}; {type(chosen.method).__name__} ({why})"
 
 
-def choose_steps(method, dt: float | None, tolerances: Mapping[str, float] | None = None):
-    """Return the method that takes steps of `dt`, or that chooses its steps where dt is None.
+def choose_steps(
+    method, dt: float | None, tolerances: Mapping[str, float] | None = None
+) -> StepChoice | Auto:
+    """Decide which steps a run takes; a method that chooses its own is returned unchanged.
 
-    An explicit method goes near its stability limit (`StabilityLimited`) unless `tolerances` has
-    `rtol` or `atol`. With a mapping, even an empty one, any other method is controlled by its
-    error (`Adaptive`). Without one it is returned unchanged, and `march` refuses it without dt.
+    They have the size `dt`. Where that is None, an explicit method goes near its stability limit
+    (`StabilityLimited`) unless `tolerances` has `rtol` or `atol`. With a mapping, even an empty
+    one, any other method is controlled by its error (`Adaptive`).
+
+    Raises
+    ------
+    InputError
+        For a dt that is no number > 0, or given besides a choice; without it, for an implicit
+        method without tolerances.
     """
-    if dt is not None or method.traits.chooses_dt:
+    check_method(method)
+    if method.traits.chooses_dt:
+        if dt is not None:
+            allowed = f"must be left out: {type(method).__name__} chooses its steps"
+            raise InputError(f"dt = {dt!r}", allowed, "march")
+        check_offers(method, ("end_times", "check_start", "dt"), "march")
         return method
-    if method.traits.explicit and not tolerances:
+    if dt is None and method.traits.explicit and not tolerances:
         return StabilityLimited(method)
-    return method if tolerances is None else Adaptive(method, **tolerances)
+    if dt is None and tolerances is not None:
+        return Adaptive(method, **tolerances)
+    return FixedStep(method, dt)  # type: ignore[arg-type]  # it refuses None
+
+
+def reported(steps: StepChoice | Auto):
+    """Return the method that reports name: fixed steps go without saying, as dt is told apart."""
+    return steps.method if steps.dt else steps

@@ -18,8 +18,8 @@ from fecloth.simulation.energy_ledger import Ledger, imbalance_warning
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
-from fecloth.simulation.resolve import resolve
-from fecloth.simulation.step_times import target_times
+from fecloth.simulation.resolve import choose_steps, reported, resolve
+from fecloth.simulation.set_up_warnings import find_set_up_warnings
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -111,23 +111,26 @@ def run(
     validation.number("most_growth", most_growth, 0.0, "run", infinite=True)
     validation.function("report", report, "lambda info: print(info.t)", "run")
     opening = replace(state, t=memory.start) if memory else state
-    end = float(target_times(method, opening.t, dt, t_end, stops)[-1])  # refuses wrong times
+    steps = choose_steps(method, dt)
+    end = float(steps.end_times(opening.t, t_end, stops)[-1])  # refuses wrong times
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
     record = trial_recorder(system, ledger, observer)
-    method, chosen, why = resolve(system, method, opening, dt, end, solver, newton, record)
-    check_offers(method, ("numerical",), "run")
-    steps = march(
+    steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
+    check_offers(steps.method, ("numerical",), "run")
+    for words in find_set_up_warnings(system, opening, steps.dt, end):
+        warnings.warn(words, FeclothWarning, stacklevel=2)
+    states = march(
         system,
-        method,
+        steps,
         state,
-        dt,
+        None,
         t_end,
         stops=stops,
         solver=chosen,
         most_stretch=most_stretch,
         memory=memory,
     )
-    result = collect(steps, system, method, ledger, observer, why, most_growth, report)
+    result = collect(states, system, reported(steps), ledger, observer, why, most_growth, report)
     if result.doubt:
         warnings.warn(result.doubt, FeclothWarning, stacklevel=2)
     return result

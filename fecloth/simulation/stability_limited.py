@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from fecloth.errors import InputError, brief
 from fecloth.integrators.protocol import ExplicitIntegrator, MethodTraits
 from fecloth.integrators.step import Step
+from fecloth.simulation.step_times import ChosenSteps
 from fecloth.stability.critical_step import critical_dt, estimate
 from fecloth.system.records import remembered
 from fecloth.system.state import State
@@ -46,7 +47,7 @@ class Limited:
 
 
 @dataclass(frozen=True)
-class StabilityLimited:
+class StabilityLimited(ChosenSteps):
     """An explicit method at 0.9 of its largest stable step, by `stability.estimate`.
 
     The limit is that at the start or at rest, whichever is less. A stretched cloth becomes stiffer,
@@ -79,10 +80,6 @@ class StabilityLimited:
     def traits(self) -> MethodTraits:
         """Those of the method, with steps chosen below its limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
-
-    def check(self, system: System) -> None:
-        """Check the system with the method's own `check`."""
-        self.method.check(system)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step, by the method's own formula."""

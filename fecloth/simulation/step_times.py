@@ -9,12 +9,13 @@ from numbers import Real
 import numpy as np
 
 from fecloth.errors import InputError, floats
-from fecloth.integrators.protocol import check_method
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 MOST_STEPS = 10**8  # whose end times alone take 0.8 GB
 
 
-def end_times(t: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray:
+def end_times(t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
     """Return the stops after t and before t_end, in order, and t_end."""
     if not isinstance(t_end, Real) or isinstance(t_end, bool):
         raise InputError(f"t_end = {t_end!r}", "must be a number [s]", "march")
@@ -32,13 +33,8 @@ def end_times(t: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray
     return np.append(times[1:-1][apart[:-1] & apart[1:]], t_end)
 
 
-def step_times(t: float, dt: float, t_end: float, stops: Sequence[float] = ()) -> np.ndarray:
+def step_times(t: float, dt: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
     """Return the end time of every step, t + i dt without accumulated round-off."""
-    if not isinstance(dt, Real) or isinstance(dt, bool):
-        remedy = "Or leave it out and let Adaptive(method) or Auto() choose the steps."
-        raise InputError(f"dt = {dt!r}", "must be a number [s]", "march", remedy)
-    if not (math.isfinite(dt) and dt > 0):
-        raise InputError(f"dt = {dt!r}", "must be finite and > 0 [s]", "march")
     pieces = []
     for target in end_times(t, t_end, stops):
         steps = max(1, math.ceil((target - t) / dt - 1e-9))
@@ -50,20 +46,28 @@ def step_times(t: float, dt: float, t_end: float, stops: Sequence[float] = ()) -
     return np.concatenate(pieces)
 
 
-def target_times(method, t, dt, t_end, stops):
-    """Return the times at which a step must end; refuse a step that the method cannot take."""
-    check_method(method)
-    if method.traits.explicit and (dt is None or isinstance(dt, str)):
-        if dt is not None:
-            remedy = "Leave it out for the largest stable step."
-            raise InputError(f"dt = {dt!r}", "must be a number [s]", "march", remedy)
+class ChosenSteps:
+    """Base of values whose steps have no fixed size; see `integrators.protocol.StepChoice`."""
+
+    dt: None = None
+
+    def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
+        """Return the stops and the end, at which a step must end."""
         return end_times(t, t_end, stops)
-    if not method.traits.chooses_dt:
-        return step_times(t, dt, t_end, stops)
-    if dt is not None:
-        allowed = f"must be left out: {type(method).__name__} chooses its steps"
-        raise InputError(f"dt = {dt!r}", allowed, "march")
-    return end_times(t, t_end, stops)
+
+    def check(self, system: System) -> None:
+        """Raise `InputError` for a system that the method cannot step."""
+        if method := getattr(self, "method", None):  # Auto has none yet
+            check_mass(method, system)
+
+    def check_start(self, system: System, state: State, insist: str = "") -> None:
+        """Nothing to refuse: the steps are chosen so that the method can take them."""
+
+
+def check_mass(method, system: System) -> None:
+    """Raise `InputError` for a mass that an explicit method cannot step."""
+    if method.traits.explicit:
+        method.check(system)
 
 
 def targets_after(targets, t):

@@ -22,6 +22,7 @@ from fecloth.system.constraints import Constraints, MatrixProjection
 from fecloth.system.pins import Pin
 from fecloth.system.state import State
 from fecloth.terms import protocol
+from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,7 @@ class System:
             what, allowed = "a pin with clamp = true", "needs a bending term that holds normals"
             remedy = "Add PlateBending, or pin without a clamp."
             raise InputError(what, allowed, "System", remedy)
-        return replace(panel, start=self.start and self.start.x, clamps=clamps)
+        return replace(panel, start=self.start.x if self.start else None, clamps=clamps)
 
     @cached_property
     def scalar_mass(self) -> sparse.csr_matrix:
@@ -177,6 +178,16 @@ class System:
         other = copy.copy(self)
         other.__dict__["bound"] = tuple(bound)  # in place of the cached property
         return other
+
+    def over_step(self, step: StepDifference) -> System:
+        """The system over a step, with the terms as their `over_step` gives them.
+
+        It is the system itself if no term depends on the step.
+        """
+        over = [term.over_step(step) if hasattr(term, "over_step") else term for term in self.bound]
+        if all(new is old for new, old in zip(over, self.bound, strict=True)):
+            return self
+        return self.with_bound(over)
 
     # --- states -------------------------------------------------------------------------------
 

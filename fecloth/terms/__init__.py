@@ -10,10 +10,11 @@ on each node by itself, and `MembraneLaw`, for a membrane. studies/examples has 
 """
 
 from fecloth.quantities.unit_fields import reads_units
-from fecloth.terms.bending.hinge import BendingDamping, HingeBending
+from fecloth.terms.bending.hinge import HingeBending
 from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.bending.quadratic import QuadraticBending
 from fecloth.terms.custom.force import UserForce
+from fecloth.terms.damping.bending import BendingDamping
 from fecloth.terms.damping.mass import MassDamping
 from fecloth.terms.damping.strain_rate import StrainRateDamping
 from fecloth.terms.loads.drag import Drag

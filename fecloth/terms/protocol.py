@@ -25,6 +25,7 @@ from fecloth.errors import InputError, brief
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.mesh.cloth import Cloth
+from fecloth.terms.step_difference import StepDifference
 
 ALWAYS = (
     "name",
@@ -168,32 +169,34 @@ class Stressed(Protocol):
         ...
 
 
-class BetweenStates(Protocol):
-    """The ability to act over a step of `EnergyMomentum` such that the energy is conserved.
+class OverStep(Protocol):
+    """The ability to act over a step: the force depends on where the step began.
 
-    A term with an energy needs it there; a term without one acts at the mean state.
+    `BackwardEuler`, `BDF2` and `EnergyMomentum` ask for it; the other methods call the term itself.
+    `EnergyMomentum` needs it of each term with an energy.
+
+    Attributes
+    ----------
+    needs_difference
+        Optional; True for a term that other methods must refuse, because only `BackwardEuler` and
+        `BDF2` have a difference for rates over the step.
     """
 
-    def between(self, start: np.ndarray, symmetric: bool) -> BoundTerm:
-        """The term over a step from positions `start` (n, 3) to 2x − start, with x the mean.
+    def over_step(self, step: StepDifference) -> BoundTerm:
+        """The term over this step, or the term itself where it does not depend on the step.
 
-        Its force f̄ at x does the work of the energy: −f̄ · (x₁ − x₀) = energy(x₁) − energy(x₀).
-        With `symmetric` its tangent must be symmetric, and may be inexact.
+        Where ``step.at_mean`` is False, x is the end of the step. An `energy` of what is returned
+        is then its potential over the step, −∂energy/∂x its force, so that the step can minimise.
+        Where it is True, x is the mean of both ends, and the force does the work of the energy.
         """
         ...
 
 
-class OverStep(Protocol):
-    """Reserved: the ability of a term whose force depends on a step, such as friction.
+class DissipatesOverStep(Protocol):
+    """The ability of what `over_step` returns, if the term is `dissipative` by itself."""
 
-    Nothing calls it yet; `EnergyMomentum` uses `BetweenStates`.
-    """
-
-    def over_step(self, state, memory, dt: float) -> tuple[BoundTerm, object]:
-        """The bound term over a step of `dt` [s] from `state`, and its memory for the next step.
-
-        `memory` is what the step before returned, None at first; mark its class with `remembered`.
-        """
+    def dissipation(self, x: np.ndarray) -> float:
+        """Energy [J] dissipated in the step that ends at x: the ledger's column of the term."""
         ...
 
 

@@ -24,7 +24,7 @@ import numpy as np
 import fecloth as fc
 from fecloth import study  # noqa: F401  one thread for every library, before NumPy
 from fecloth.scene.scene import load_scene
-from fecloth.simulation.resolve import resolve
+from fecloth.simulation.resolve import choose_steps, resolve
 
 SCENES = Path(__file__).parents[1] / "scenes"
 RTOL = 1e-2  # 1/s
@@ -64,7 +64,7 @@ class Run:
 def marched(case: Case, method, solver: str = "auto", most: float = math.inf) -> Run:
     """One run, given up after `most` seconds, the choice of the method included."""
     begin, count, rejected = time.process_time(), 0, 0
-    run = case.system, method, case.state, None, case.t_end
+    run = case.system, choose_steps(method, None), case.state, case.t_end
     method, chosen, why = resolve(*run, solver, case.newton)
     choosing, last = time.process_time() - begin, None
     steps = fc.march(case.system, method, case.state, None, case.t_end, solver=chosen)

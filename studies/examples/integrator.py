@@ -6,8 +6,10 @@
 
 `SDIRK2` has two stages, each a backward Euler step over γ dt, γ = 1 − 1/√2: with the slope y' that
 the first one found, the second starts from y₀ + (1 − γ) dt y'. Second order, A- and L-stable, and
-without a memory, so that every step may have another size. Source: Alexander (1977), Diagonally
-implicit Runge–Kutta methods for stiff O.D.E.'s, SIAM J. Numer. Anal. 14, 1006–1021.
+without a memory, so that every step may have another size. Its stages are `Theta(1.0)`, as
+`BackwardEuler` itself takes strain rates over its step, which between stages is of first order.
+Source: Alexander (1977), Diagonally implicit Runge–Kutta methods for stiff O.D.E.'s, SIAM J.
+Numer. Anal. 14, 1006–1021.
 """
 
 import math
@@ -40,7 +42,7 @@ class SDIRK2(integrators.WithMemory):  # for its energy balance
         return fc.BackwardEuler().weights(self.gamma * dt)
 
     def step(self, system, state, dt, solver, memory=None):
-        euler, h, rest = fc.BackwardEuler(), self.gamma * dt, (1 - self.gamma) * dt
+        euler, h, rest = Theta(1.0), self.gamma * dt, (1 - self.gamma) * dt
         a = euler.step(system, state, h, solver, memory)
         x, v = state.x + rest * a.state.v, state.v + rest / h * (a.state.v - state.v)
         end = integrators.arrival(system, state, rest)

@@ -46,7 +46,7 @@ class BoundWinkler:
     def add_tangent(self, x, v, t, wx, wv, J, definite):
         J.values[self.own, 2, 2] += wx * self.k
 
-    def between(self, start, symmetric):
+    def over_step(self, step):
         return self
 
     def rate_bounds(self, mass):

@@ -75,14 +75,15 @@ def march(built: Problem, most: float | None) -> dict:
     system, state, counts = built.system, built.state, dict.fromkeys(COUNTED, 0)
     ledger, observer = fc.Ledger.open(system, state), Observer.bind(system, state, built.probes)
     rows, seconds, begin = [ledger.row() | observer.row(None, None)], 0.0, time.process_time()
-    arguments = system, built.method, state, built.dt, built.t_end
-    method, solver, _ = resolve(*arguments, built.linear, built.newton)
+    run = system, built.steps, state, built.t_end
+    steps, solver, _ = resolve(*run, built.linear, built.newton)
     first = begin
-    for state, info in fc.march(system, method, *arguments[2:], solver=solver):  # noqa: B007
+    marching = fc.march(system, steps, state, t_end=built.t_end, solver=solver)
+    for state, info in marching:  # noqa: B007
         seconds += time.process_time() - begin
         if most and time.process_time() - first > most:
             raise study.TimeLimit(f"more than {most:g} CPU seconds, at {info.t:.3g} s")
-        ledger = update_ledger(system, method, ledger, info)
+        ledger = update_ledger(system, steps, ledger, info)
         rows.append(ledger.row() | observer.row(info.old, info.result))
         counts = {name: counts[name] + getattr(info.counts, name) for name in COUNTED}
         begin = time.process_time()

@@ -69,8 +69,9 @@ def test_angular_momentum_that_backward_euler_loses(mass, small, isotropic):
     system = fc.System(small, isotropic, [fc.StVK(), fc.StrainRateDamping(0.005)], mass=mass)
     x, dt = 1.1 * flat(small), 5e-3
     state = system.state(x, np.cross([0.0, 0.0, 8.0], x))
+    end = 4 * dt  # later steps lose little more than the round-off of the forces
     for new, _ in fc.march(
-        system, fc.BackwardEuler(), state, dt, 0.03, solver="direct", newton=TIGHT
+        system, fc.BackwardEuler(), state, dt, end, solver="direct", newton=TIGHT
     ):
         loss = momenta(system, new)[1] - momenta(system, state)[1]
         formula = dt * np.cross(new.v, system.scalar_mass @ state.v).sum(axis=0)

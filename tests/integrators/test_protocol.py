@@ -5,9 +5,10 @@ import pytest
 import fecloth as fc
 from fecloth import terms
 from fecloth.integrators import EXPLICIT, METHODS, MethodTraits
-from fecloth.integrators.protocol import ExplicitIntegrator, Integrator, StepSizeChoice
+from fecloth.integrators.protocol import ExplicitIntegrator, Integrator, StepChoice
 from fecloth.linalg import select
 from fecloth.linalg.protocol import LinearSolver
+from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.terms import protocol
 
@@ -40,8 +41,8 @@ def test_explicit_methods_are_explicit_integrators(cls):
 
 @pytest.mark.parametrize("method", [fc.CentralDifference(), fc.SymplecticEuler()])
 def test_wrappers_hand_on_the_traits(method):
-    for wrapper in StabilityLimited(method), fc.Adaptive(method):
-        assert not lacks(wrapper, StepSizeChoice)
+    for wrapper in StabilityLimited(method), fc.Adaptive(method), FixedStep(method, 0.1):
+        assert not lacks(wrapper, StepChoice)
         assert wrapper.traits.chooses_dt
         for name in ("order", "theta", "explicit", "symmetric", "error_constant", "stability"):
             assert getattr(wrapper.traits, name) == getattr(method.traits, name)

@@ -8,9 +8,8 @@ import fecloth as fc
 from fecloth.fabric.panel import Panel
 from fecloth.output import frame_arrays
 from fecloth.runs import run_scene
-from fecloth.scene import build
 from fecloth.scene.scene import load_scene
-from fecloth.simulation import march
+from fecloth.simulation import fixed_step
 from fecloth.simulation.probes import Observer
 from fecloth.system.constraints import Constraints
 
@@ -70,8 +69,7 @@ def counts(monkeypatch):
 
     for cls, name in MAKERS:
         count(cls, name, f"{cls.__name__}.{name}")
-    for module in (build, march):
-        count(module, "refuse_unstable", "refuse_unstable")
+    count(fixed_step, "refuse_unstable", "refuse_unstable")
     count(frame_arrays, "principal_stretches", "principal_stretches")
     monkeypatch.setattr(run_scene, "compile_kernels", lambda problem: None)
     return found

@@ -22,7 +22,7 @@ def sheet(h=0.1, stiffness=20.0, damping=None, **options):
 
 def chosen(system, state, rtol=1e-3, t_end=1.0, **options):
     """Name of the method that is taken, and what is said."""
-    method, _, why = resolve(system, fc.Auto(rtol), state, None, t_end, **options)
+    method, _, why = resolve(system, fc.Auto(rtol), state, t_end, **options)
     return type(method.method).__name__, why
 
 

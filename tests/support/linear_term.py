@@ -88,7 +88,7 @@ class BoundLinear:
         for s, (i, j) in enumerate(zip(rows, J.pattern.indices, strict=True)):
             J.values[s] += factor * dense[i, j]
 
-    def between(self, start, symmetric):
+    def over_step(self, step):
         return self
 
     def rate_bounds(self, mass):

@@ -149,6 +149,33 @@ def add_curvatures(nodes, ghosts, first, x, place, own, start, width, slots, mom
 
 
 @kernel
+def add_gradient_rates(nodes, ghosts, first, x, v, scale, out):
+    """out (h, 4, 3) += scale ∂μ̇/∂x = scale ∂²μ/∂x∂x · v."""
+    y, g, H = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3, 4, 3))
+    for n in range(len(nodes)):
+        gather(nodes, ghosts, first, n, x, y)
+        e, a, b = arms(y)
+        _, slope, bend = measure(angle(e, a, b))
+        left, right = side(e, a, cross(e, a)), side(e, b, cross(b, e))
+        gradient(left, right, g)
+        hessian(e, left, right, H)
+        rate = 0.0
+        for j in range(4):
+            i = nodes[n, j]
+            if i >= 0:
+                rate += g[j, 0] * v[i, 0] + g[j, 1] * v[i, 1] + g[j, 2] * v[i, 2]
+        for k in range(4):
+            for c in range(3):
+                total = bend * rate * g[k, c]
+                for j in range(4):
+                    i = nodes[n, j]
+                    if i >= 0:
+                        for d in range(3):
+                            total += slope * H[k, c, j, d] * v[i, d]
+                out[n, k, c] += scale * total
+
+
+@kernel
 def count_row_nodes(nodes, indptr, indices, n, width):
     """width[e] = the number of different nodes of the hinges in row e of Q."""
     last = np.full(n, -1)

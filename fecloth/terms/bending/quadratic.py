@@ -12,6 +12,7 @@ from fecloth.linalg.block_matrix import add_mass
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.hinge import hinge_stiffness
+from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class BoundQuadratic:
         """J += wx Q ⊗ I₃."""
         add_mass(self.blocks, self.values, wx, J.values)
 
-    def between(self, start: np.ndarray, symmetric: bool) -> BoundQuadratic:
+    def over_step(self, step: StepDifference) -> BoundQuadratic:
         """Itself: over a step its force at the mean does the work of its energy."""
         return self
 

@@ -12,6 +12,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import TIME
+from fecloth.terms.damping.strain_rate_over_step import StrainRateOverStep
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.green_strain import (
     clamp,
@@ -23,28 +24,44 @@ from fecloth.terms.loops.green_strain import (
     strain_rate,
 )
 from fecloth.terms.membranes.stvk import StVK
+from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True)
 class StrainRateDamping:
-    """Viscous stress S_v = τ ℂ₀ : Ė with the strain rate Ė = sym(FᵀḞ).
+    """Viscous stress S_v = τ ℂ₀ : Ė with the strain rate Ė = sym(FᵀḞ), or its difference.
 
-    The force is d_a = −Σ w F S_v G_a. The dissipated power is Σ w Ė : S_v ≥ 0. It is zero in any
-    rigid motion. In the form of Baraff and Witkin this is d = −k_d (∂C/∂x)ᵀ Ċ with C = 2E. With
-    δE = B(F) δx and Ė = B(F) v the tangents are
+    The force is d_a = −Σ w F S_v G_a. The dissipated power is Σ w Ė : S_v ≥ 0. There are two forms.
+
+    "velocity" takes Ė = sym(FᵀḞ) from the velocity, zero in any rigid motion. In the form of Baraff
+    and Witkin this is d = −k_d (∂C/∂x)ᵀ Ċ with C = 2E. With δE = B(F) δx and Ė = B(F) v the
+    tangents are
 
         ∂d/∂v = −Bᵀ τℂ₀ B                                       symmetric
         ∂d/∂x = −(S_v ⊗ I) − Bᵀ τℂ₀ B(Ḟ)                        the last part is not symmetric
 
+    "step" takes the method's own difference of E over the step (`strain_rate_over_step`):
+
+        backward Euler   Ė = (E₁ − E₀)/dt
+        BDF2             Ė = (3E₁ − 4E₀ + E₋₁)/(2dt),    or that for steps of changing size
+
+    It is zero where the step turns the cloth by any angle, while sym(FᵀḞ) at the end of a step that
+    turns it by φ is about −φ²/(2dt). It has a potential, h/2 Σ w Ė : S_v with h = dt and 2dt/3, so
+    that the step minimises if the other terms have energies, and its tangent is symmetric. Both
+    forms are the same as dt → 0, to the order of the method. In the midpoint rule and
+    `EnergyMomentum` they are the same at any dt: there sym(FᵀḞ) is (E₁ − E₀)/dt.
+
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13; here for the
-    whole tensor C at once. They omit the non-symmetric part of ∂d/∂x.
+    whole tensor C at once. They omit the non-symmetric part of ∂d/∂x. A step as a
+    minimum: Gast and Schroeder (2014), Optimization Integrator for Large Time Steps, SCA; the
+    difference of E as derived above.
 
     Valid at any strain; the viscosity does not depend on the strain. Motion without strain, such
     as bending without stretch, is not damped. The damping of a real fabric is friction between
     yarns, which depends less on the frequency.
 
-    Cost of force and tangent relative to `StVK`: 1.2 and 1.1 times. "exact" also needs a linear
-    solver for general matrices.
+    Cost of force and tangent relative to `StVK`: 1.2 and 1.1 times, in both forms.
+    tangent="exact" also needs a linear solver for general matrices.
 
     Parameters
     ----------
@@ -53,12 +70,21 @@ class StrainRateDamping:
     law
         The membrane law whose moduli at E = 0 are ℂ₀. Default: `StVK()`.
     tangent
-        "symmetric" (without the non-symmetric part) or "exact".
+        Of "velocity": "symmetric" (without the non-symmetric part) or "exact".
+    rate
+        "velocity"; or "step", for `BackwardEuler` and `BDF2` only. Left out: "step" in these two
+        methods, and "velocity" in all others.
+
+    Raises
+    ------
+    InputError
+        For a value that is not allowed; from the run, for "step" with another method.
     """
 
     time: Annotated[float, TIME]
     law: object = None
     tangent: str = "symmetric"
+    rate: str | None = None
 
     def __post_init__(self):
         where = "StrainRateDamping"
@@ -67,6 +93,9 @@ class StrainRateDamping:
         if self.tangent not in ("symmetric", "exact"):
             allowed = 'must be "symmetric" or "exact"'
             raise InputError(f"tangent = {self.tangent!r}", allowed, where)
+        if self.rate not in (None, "step", "velocity"):
+            allowed = 'must be "step" or "velocity", or left out'
+            raise InputError(f"rate = {self.rate!r}", allowed, where)
         if self.law is not None and not hasattr(self.law, "moduli"):
             raise InputError(f"law = {self.law!r}", "must be a membrane law such as StVK()", where)
 
@@ -79,17 +108,22 @@ class StrainRateDamping:
         law: Any = self.law or StVK()  # `__post_init__` requires its `moduli`
         viscosity = panel.each(lambda fabric: self.time * law.moduli(fabric))
         blocks = slots(panel.cloth.stencil)
-        return BoundStrainRate(panel, blocks, viscosity, self.tangent == "symmetric")
+        symmetric = self.tangent == "symmetric"
+        return BoundStrainRate(panel, blocks, viscosity, symmetric, self.rate)
 
 
 @dataclass(frozen=True, eq=False)
 class BoundStrainRate:
-    """`StrainRateDamping` on a cloth; `viscosity` (m, 6) is τ ℂ₀ [N s/m] in each triangle."""
+    """`StrainRateDamping` on a cloth; `viscosity` (m, 6) is τ ℂ₀ [N s/m] in each triangle.
+
+    Its own functions are those of rate = "velocity"; `over_step` has those of "step".
+    """
 
     panel: Panel
     slots: np.ndarray
     viscosity: np.ndarray
     symmetric: bool
+    rate: str | None = None
 
     name = "StrainRateDamping"
     has_energy = False
@@ -97,21 +131,33 @@ class BoundStrainRate:
     velocity_dependent = True
 
     @property
-    def _data(self):
+    def needs_difference(self) -> bool:
+        """Whether a method without a difference over the step must refuse it."""
+        return self.rate == "step"
+
+    @property
+    def data(self) -> tuple:
+        """What every kernel takes first; those of tangents take `slots` after the nodes."""
         cloth, gradients = self.panel.cloth, self.panel.gradients
         return *cloth.shape, cloth.stencil, gradients, cloth.weights, self.viscosity
 
+    def over_step(self, step: StepDifference) -> StrainRateOverStep | BoundStrainRate:
+        """The damping with the method's difference of E, or itself for rate = "velocity"."""
+        if step.at_mean or self.rate == "velocity":
+            return self
+        return StrainRateOverStep(self, step)
+
     def power(self, x, v, t) -> float:
         """Dissipated power Σ w Ė : S_v [W]."""
-        return power(*self._data, x, v)
+        return power(*self.data, x, v)
 
     def add_force(self, x, v, t, f) -> None:
         """f −= Σ w F S_v G_a [N]."""
-        add_force(*self._data, x, v, f)
+        add_force(*self.data, x, v, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""
-        per_node, per_point, nodes, *data = self._data
+        per_node, per_point, nodes, *data = self.data
         if self.symmetric or definite:
             floor = 0.0 if definite else -np.inf
             add_symmetric(

@@ -12,6 +12,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import ACCELERATION
+from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class BoundGravity:
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """Do nothing: the force is constant."""
 
-    def between(self, start: np.ndarray, symmetric: bool) -> BoundGravity:
+    def over_step(self, step: StepDifference) -> BoundGravity:
         """Return itself: the work of the constant force equals the change of the energy."""
         return self
 

@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.jit import specialise
+from fecloth.jit import Zeros, specialise
+from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.loops import condition, condition_discrete_gradient
 from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
 from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels, OverStep
 from fecloth.terms.loops.eigenvalue_bounds import bound_from_squares, squared_norms
+from fecloth.terms.step_difference import StepDifference
 
 
 class ConditionKernels(NamedTuple):
     """The entry points of a family, each a template of `condition` compiled with the family."""
 
-    energy: Callable
-    power: Callable
-    add_force: Callable
-    add_tangent: Callable
+    energy: Callable[..., float]
+    power: Callable[..., float]
+    add_force: Callable[..., None]
+    add_tangent: Callable[..., None]
     over_step: DiscreteGradientKernels
 
 
-def kernels(family: Callable) -> ConditionKernels:
+def kernels(family: Callable[..., Any]) -> ConditionKernels:
     """Compile the entry points of a family; each is compiled at its first call, or read from disk.
 
     `family` is a compiled function as `fecloth.terms.loops.condition` describes it.
@@ -67,7 +70,7 @@ class BoundCondition:
 
     name: str
     kernels: ConditionKernels
-    shape: tuple[tuple, tuple]
+    shape: tuple[Zeros, Zeros]
     nodes: np.ndarray
     slots: np.ndarray
     constants: np.ndarray
@@ -93,7 +96,7 @@ class BoundCondition:
     def symmetric(self) -> bool:
         return self.tangent == "symmetric" or not self.dissipative
 
-    def table(self, x, t, order) -> np.ndarray:
+    def table(self, x: np.ndarray, t: float, order: int) -> np.ndarray:
         """Constants (m, p) at x and t, as far as C, ∂C and ∂²C up to `order` need them."""
         return self.constants
 
@@ -101,16 +104,25 @@ class BoundCondition:
         """½ Σ Cᵀ k_s C [J]."""
         return self.kernels.energy(*self.shape, self.nodes, self.table(x, t, 0), self.stiffness, x)
 
-    def power(self, x, v, t) -> float:
+    def power(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
         """Dissipated power Σ Ċᵀ k_d Ċ [W]."""
         return self.kernels.power(*self.shape, self.nodes, self.table(x, t, 1), self.damping, x, v)
 
-    def add_force(self, x, v, t, f) -> None:
+    def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
         """f_a −= ∂C_a (k_s C + k_d Ċ) [N]."""
         data = self.table(x, t, 1), self.stiffness, self.damping
         self.kernels.add_force(*self.shape, self.nodes, *data, x, v, f)
 
-    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+    def add_tangent(
+        self,
+        x: np.ndarray,
+        v: np.ndarray,
+        t: float,
+        wx: float,
+        wv: float,
+        J: BlockMatrix,
+        definite: bool,
+    ) -> None:
         """J += wx K + wv D."""
         part = EXACT if self.hessian == "exact" else GAUSS_NEWTON
         if definite and part == EXACT:
@@ -126,14 +138,14 @@ class BoundCondition:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest and of M⁻¹D [1/s]."""
         return self._bound(mass, 1.0, 0.0), self._bound(mass, 0.0, 1.0)
 
-    def _bound(self, mass, wx, wv) -> float:
+    def _bound(self, mass: np.ndarray, wx: float, wv: float) -> float:
         """Bound the eigenvalues of M⁻¹(wx K + wv D) by those of the stencils."""
         if not (self.stiffness.any() if wx else self.damping.any()):
             return 0.0
         parts = [squared_norms(blocks) for blocks in self._blocks(wx, wv)]
         return bound_from_squares(self.nodes, np.concatenate(parts), mass)
 
-    def _blocks(self, wx, wv, size=8192):
+    def _blocks(self, wx: float, wv: float, size: int = 8192) -> Iterator[np.ndarray]:
         """Yield the matrices (s, k, k, 3, 3) of the stencils at rest, `size` of them at once."""
         zero, constants = np.zeros_like(self.rest), self.table(self.rest, 0.0, 2)
         for start in range(0, len(self.nodes), size):
@@ -154,11 +166,11 @@ class BoundCondition:
 class RigidCondition(BoundCondition):
     """Conditions that no rigid motion changes."""
 
-    def between(self, start: np.ndarray, symmetric: bool) -> OverStep | RigidCondition:
-        """The conditions over a step from positions `start` (n, 3)."""
-        if not self.has_energy:
+    def over_step(self, step: StepDifference) -> OverStep | RigidCondition:
+        """The conditions over a step at whose mean they are evaluated; otherwise themselves."""
+        if not (step.at_mean and self.has_energy):
             return self
-        return OverStep(self, start, symmetric)
+        return OverStep(self, step.start, step.symmetric)
 
 
 def bind(
@@ -166,7 +178,7 @@ def bind(
     kernels: ConditionKernels,
     convex: tuple[int, ...],
     panel: Panel,
-    slots: Callable,
+    slots: Callable[[np.ndarray], np.ndarray],
     nodes: np.ndarray,
     constants: np.ndarray,
     stiffness: np.ndarray | float,
@@ -214,7 +226,7 @@ def bind(
     )
 
 
-def _matrices(values, m: int, r: int) -> np.ndarray:
+def _matrices(values: ArrayLike, m: int, r: int) -> np.ndarray:
     """Make (m, r, r) from a number, (m,), (m, r) or (m, r, r)."""
     values = np.asarray(values, dtype=float)
     if values.ndim < 3:

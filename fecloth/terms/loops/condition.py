@@ -38,18 +38,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from fecloth.jit import inner
+from fecloth.jit import Array, Zeros, inner
 
 GAUSS_NEWTON, EXACT, DEFINITE = 0, 1, 2  # what becomes of the part with ∂²C
 
 
-def condition(y, c, order, C, g, H):
+def condition(y: Array, c: Array, order: int, C: Array, g: Array, H: Array) -> None:
     """Fill C, g and H; `bound_condition.kernels` puts a family in place of this one."""
     raise NotImplementedError
 
 
 @inner
-def gather(per_node, nodes, e, x, y):
+def gather(per_node: Zeros, nodes: Array, e: int, x: Array, y: Array) -> None:
     """y_a = x of the stencil's node a."""
     for a in range(len(per_node)):
         i = np.uintp(nodes[e, a])
@@ -58,7 +58,7 @@ def gather(per_node, nodes, e, x, y):
 
 
 @inner
-def rate(per_node, convex, g, u, out):
+def rate(per_node: Zeros, convex: Zeros, g: Array, u: Array, out: Array) -> None:
     """Ċ_r = Σ_a ∂C_r/∂x_a · v_a."""
     for r in range(len(convex)):
         out[r] = 0.0
@@ -66,7 +66,7 @@ def rate(per_node, convex, g, u, out):
             out[r] += g[r, a, 0] * u[a, 0] + g[r, a, 1] * u[a, 1] + g[r, a, 2] * u[a, 2]
 
 
-def energy(per_node, convex, nodes, c, ks, x):
+def energy(per_node: Zeros, convex: Zeros, nodes: Array, c: Array, ks: Array, x: Array) -> float:
     """½ Σ Cᵀ k_s C [J]."""
     y, C = np.empty((len(per_node), 3)), np.empty(len(convex))
     g, H = np.empty((len(convex), len(per_node), 3)), np.empty((0, 0, 0, 0, 0))
@@ -80,7 +80,9 @@ def energy(per_node, convex, nodes, c, ks, x):
     return total
 
 
-def power(per_node, convex, nodes, c, kd, x, v):
+def power(
+    per_node: Zeros, convex: Zeros, nodes: Array, c: Array, kd: Array, x: Array, v: Array
+) -> float:
     """Dissipated power Σ Ċᵀ k_d Ċ [W]."""
     y, u = np.empty((len(per_node), 3)), np.empty((len(per_node), 3))
     C, Cdot = np.empty(len(convex)), np.empty(len(convex))
@@ -97,7 +99,17 @@ def power(per_node, convex, nodes, c, kd, x, v):
     return total
 
 
-def add_force(per_node, convex, nodes, c, ks, kd, x, v, f):
+def add_force(
+    per_node: Zeros,
+    convex: Zeros,
+    nodes: Array,
+    c: Array,
+    ks: Array,
+    kd: Array,
+    x: Array,
+    v: Array,
+    f: Array,
+) -> None:
     """f_a −= ∂C_a (k_s C + k_d Ċ)."""
     y, u = np.empty((len(per_node), 3)), np.empty((len(per_node), 3))
     C, Cdot = np.empty(len(convex)), np.empty(len(convex))
@@ -117,7 +129,22 @@ def add_force(per_node, convex, nodes, c, ks, kd, x, v, f):
                     f[i, j] -= tension * g[r, a, j]
 
 
-def add_tangent(per_node, convex, nodes, slots, c, ks, kd, x, v, wx, wv, part, mixed, J):
+def add_tangent(
+    per_node: Zeros,
+    convex: Zeros,
+    nodes: Array,
+    slots: Array,
+    c: Array,
+    ks: Array,
+    kd: Array,
+    x: Array,
+    v: Array,
+    wx: float,
+    wv: float,
+    part: int,
+    mixed: bool,
+    J: Array,
+) -> None:
     """J_ab += ∂C_a (wx k_s + wv k_d) ∂C_bᵀ + wx Σ (k_s C + k_d Ċ)_r ∂²C_r,ab + the mixed part.
 
     `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is there.

@@ -21,11 +21,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fecloth.jit import inner, specialise
+from fecloth.jit import Array, Zeros, inner, specialise
+from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.loops.condition import gather
 from fecloth.terms.loops.rigid_motion import (
     differentiate_deformation,
@@ -40,13 +41,13 @@ if TYPE_CHECKING:
 SHORT = 1e-16  # of s, relative to Σ |p|²
 
 
-def condition(y, c, order, C, g, H):
+def condition(y: Array, c: Array, order: int, C: Array, g: Array, H: Array) -> None:
     """Fill C, g and H; `kernels` puts a family in its place (see `condition`)."""
     raise NotImplementedError
 
 
 @inner
-def gradient_defect(per_node, g, d, change):
+def gradient_defect(per_node: Zeros, g: Array, d: Array, change: float) -> float:
     """N = C₁ − C₀ − g · d, with C₁ − C₀ = `change`."""
     for a in range(len(per_node)):
         change -= g[a, 0] * d[a, 0] + g[a, 1] * d[a, 1] + g[a, 2] * d[a, 2]
@@ -54,7 +55,17 @@ def gradient_defect(per_node, g, d, change):
 
 
 @inner
-def gather_over_step(per_node, nodes, e, start, x, y0, y, y1, d):
+def gather_over_step(
+    per_node: Zeros,
+    nodes: Array,
+    e: int,
+    start: Array,
+    x: Array,
+    y0: Array,
+    y: Array,
+    y1: Array,
+    d: Array,
+) -> None:
     """y₀, y, y₁ = 2y − y₀ and d = y₁ − y₀ of a stencil."""
     gather(per_node, nodes, e, start, y0)
     gather(per_node, nodes, e, x, y)
@@ -64,7 +75,16 @@ def gather_over_step(per_node, nodes, e, start, x, y0, y, y1, d):
             d[a, i] = y1[a, i] - y0[a, i]
 
 
-def add_force(per_node, convex, nodes, c, ks, start, x, f):
+def add_force(
+    per_node: Zeros,
+    convex: Zeros,
+    nodes: Array,
+    c: Array,
+    ks: Array,
+    start: Array,
+    x: Array,
+    f: Array,
+) -> None:
     """f_a −= ḡ_a k_s C̄."""
     k, n = len(per_node), len(convex)
     y0, y, y1, d = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
@@ -89,7 +109,18 @@ def add_force(per_node, convex, nodes, c, ks, start, x, f):
                     f[i, j] -= tension * (g[r, a, j] + factor * u[a, j])
 
 
-def add_tangent(per_node, convex, nodes, slots, c, ks, start, x, scale, J):
+def add_tangent(
+    per_node: Zeros,
+    convex: Zeros,
+    nodes: Array,
+    slots: Array,
+    c: Array,
+    ks: Array,
+    start: Array,
+    x: Array,
+    scale: float,
+    J: Array,
+) -> None:
     """J_ab += scale (ḡ_a k_s ∂C(y₁)_bᵀ + Σ_r (k_s C̄)_r ∂ḡ_r,a/∂y_b)."""
     k, n = len(per_node), len(convex)
     y0, y, y1, d = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
@@ -136,7 +167,19 @@ def add_tangent(per_node, convex, nodes, slots, c, ks, start, x, scale, J):
                             J[slot, i, j] += gradient * T + tension[r] * change
 
 
-def add_symmetric_tangent(per_node, convex, nodes, slots, c, ks, start, x, scale, definite, J):
+def add_symmetric_tangent(
+    per_node: Zeros,
+    convex: Zeros,
+    nodes: Array,
+    slots: Array,
+    c: Array,
+    ks: Array,
+    start: Array,
+    x: Array,
+    scale: float,
+    definite: bool,
+    J: Array,
+) -> None:
     """J_ab += scale (∂C_a k_s ∂C_bᵀ + Σ_r (k_s C̄)_r ∂²C_r,ab) at y, or its definite part."""
     k, n = len(per_node), len(convex)
     y0, y, y1, d = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
@@ -167,16 +210,15 @@ def add_symmetric_tangent(per_node, convex, nodes, slots, c, ks, start, x, scale
 class DiscreteGradientKernels(NamedTuple):
     """The entry points of a family over a step, each a template above compiled with the family."""
 
-    add_force: Callable
-    add_tangent: Callable
-    add_symmetric_tangent: Callable
+    add_force: Callable[..., None]
+    add_tangent: Callable[..., None]
+    add_symmetric_tangent: Callable[..., None]
 
 
-def kernels(condition: Callable) -> DiscreteGradientKernels:
+def kernels(condition: Callable[..., Any]) -> DiscreteGradientKernels:
     """Compile the entry points of a family over a step."""
     templates = add_force, add_tangent, add_symmetric_tangent
-    made = (specialise(template, condition=condition) for template in templates)
-    return DiscreteGradientKernels(*made)
+    return DiscreteGradientKernels(*(specialise(each, condition=condition) for each in templates))
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +251,7 @@ class OverStep:
     def _damping(self) -> BoundCondition:
         return replace(self.condition, stiffness=np.zeros_like(self.condition.stiffness))
 
-    def add_force(self, x, v, t, f) -> None:
+    def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f_a −= ḡ_a k_s C̄ + ∂C_a k_d Ċ [N]."""
         bound = self.condition
         data = bound.nodes, bound.constants, bound.stiffness, self.start
@@ -217,7 +259,9 @@ class OverStep:
         if self.dissipative:
             self._damping.add_force(x, v, t, f)
 
-    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+    def add_tangent(
+        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
+    ) -> None:
         """J += wx K + wv D."""
         bound, kernels = self.condition, self.condition.kernels.over_step
         weights: tuple[float, ...] = (float(wx),)

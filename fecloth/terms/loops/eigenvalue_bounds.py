@@ -54,7 +54,8 @@ def stencil_bound(nodes: np.ndarray, blocks: np.ndarray, mass: np.ndarray) -> fl
 def squared_norms(blocks: np.ndarray) -> np.ndarray:
     """Squared Frobenius norms (m, k, k) of the blocks (m, k, k, 3, 3) of A's symmetric part."""
     A = 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
-    return np.sum(A**2, axis=(3, 4))
+    squares: np.ndarray = np.sum(A**2, axis=(3, 4))
+    return squares
 
 
 def bound_from_squares(nodes: np.ndarray, squares: np.ndarray, mass: np.ndarray) -> float:

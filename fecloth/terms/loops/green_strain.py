@@ -10,11 +10,17 @@ import math
 
 import numpy as np
 
-from fecloth.jit import inner
+from fecloth.jit import Array, Zeros, inner
+
+Three = tuple[float, float, float]
+"""The components 11, 22, 12 of a strain or stress, or a vector."""
+Six = tuple[float, float, float, float, float, float]
+"""F as its columns, or the moduli ℂ."""
+Rows = tuple[Three, Three, Three]
 
 
 @inner
-def gradient(per_node, nodes, G, e, q, y):
+def gradient(per_node: Zeros, nodes: Array, G: Array, e: int, q: int, y: Array) -> Six:
     """F = Σ y_a ⊗ G_a, as columns (F11, F21, F31, F12, F22, F32)."""
     F11 = F21 = F31 = F12 = F22 = F32 = 0.0
     for a in range(len(per_node)):
@@ -30,7 +36,7 @@ def gradient(per_node, nodes, G, e, q, y):
 
 
 @inner
-def green_strain(F):
+def green_strain(F: Six) -> Three:
     """E = (FᵀF − I)/2."""
     F11, F21, F31, F12, F22, F32 = F
     E11 = 0.5 * (F11 * F11 + F21 * F21 + F31 * F31 - 1.0)
@@ -40,7 +46,7 @@ def green_strain(F):
 
 
 @inner
-def contract(C, E):
+def contract(C: Six, E: Three) -> Three:
     """S = ℂ : E."""
     C11, C22, C66, C12, C16, C26 = C
     E11, E22, E12 = E
@@ -51,13 +57,13 @@ def contract(C, E):
 
 
 @inner
-def double_contraction(S, E):
+def double_contraction(S: Three, E: Three) -> float:
     """S : E."""
     return S[0] * E[0] + S[1] * E[1] + 2.0 * S[2] * E[2]
 
 
 @inner
-def strain_rate(F, H):
+def strain_rate(F: Six, H: Six) -> Three:
     """Ė = sym(FᵀḞ) with H = Ḟ."""
     F11, F21, F31, F12, F22, F32 = F
     H11, H21, H31, H12, H22, H32 = H
@@ -68,7 +74,7 @@ def strain_rate(F, H):
 
 
 @inner
-def clamp(S, floor):
+def clamp(S: Three, floor: float) -> Three:
     """Raise the principal values of S to `floor` (0: positive semi-definite; −inf: S itself)."""
     S11, S22, S12 = S
     mean = 0.5 * (S11 + S22)
@@ -89,7 +95,9 @@ def clamp(S, floor):
 
 
 @inner
-def scatter_force(per_node, nodes, G, e, q, w, F, S, f):
+def scatter_force(
+    per_node: Zeros, nodes: Array, G: Array, e: int, q: int, w: float, F: Six, S: Three, f: Array
+) -> None:
     """f_a −= w P G_a with P = F S."""
     F11, F21, F31, F12, F22, F32 = F
     S11, S22, S12 = S
@@ -105,7 +113,7 @@ def scatter_force(per_node, nodes, G, e, q, w, F, S, f):
 
 
 @inner
-def material_rows(C, F, G1, G2):
+def material_rows(C: Six, F: Six, G1: float, G2: float) -> Rows:
     """T = ℂ B_a, three columns for δx_a: B_a = (F₁ G1, F₂ G2, F₁ G2 + F₂ G1)."""
     C11, C22, C66, C12, C16, C26 = C
     F11, F21, F31, F12, F22, F32 = F
@@ -121,7 +129,7 @@ def material_rows(C, F, G1, G2):
 
 
 @inner
-def material_block(T, H, G1, G2):
+def material_block(T: Rows, H: Six, G1: float, G2: float) -> Rows:
     """Tᵀ B_b(H) = p ⊗ H₁ + r ⊗ H₂, the 3×3 material block of the pair (a, b)."""
     T1, T2, T3 = T
     H11, H21, H31, H12, H22, H32 = H
@@ -136,7 +144,18 @@ def material_block(T, H, G1, G2):
 
 
 @inner
-def scatter_symmetric(per_node, slots, G, e, q, w, F, S, C, J):
+def scatter_symmetric(
+    per_node: Zeros,
+    slots: Array,
+    G: Array,
+    e: int,
+    q: int,
+    w: float,
+    F: Six,
+    S: Three,
+    C: Six,
+    J: Array,
+) -> None:
     """J_ab += w (B_aᵀ ℂ B_b + (G_a · S G_b) I₃); the lower half is the upper one transposed."""
     S11, S22, S12 = w * S[0], w * S[1], w * S[2]
     C = (w * C[0], w * C[1], w * C[2], w * C[3], w * C[4], w * C[5])
@@ -170,7 +189,19 @@ def scatter_symmetric(per_node, slots, G, e, q, w, F, S, C, J):
 
 
 @inner
-def scatter_mixed(per_node, slots, G, e, q, w, F, F1, S, C, J):
+def scatter_mixed(
+    per_node: Zeros,
+    slots: Array,
+    G: Array,
+    e: int,
+    q: int,
+    w: float,
+    F: Six,
+    F1: Six,
+    S: Three,
+    C: Six,
+    J: Array,
+) -> None:
     """J_ab += w (B_a(F)ᵀ ℂ B_b(F₁) + (G_a · S G_b) I₃), which is not symmetric."""
     S11, S22, S12 = w * S[0], w * S[1], w * S[2]
     C = (w * C[0], w * C[1], w * C[2], w * C[3], w * C[4], w * C[5])

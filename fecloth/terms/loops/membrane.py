@@ -40,15 +40,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fecloth.fabric.panel import Panel
-from fecloth.jit import specialise
+from fecloth.jit import Array, Zeros, specialise
+from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.loops import membrane_discrete_gradient
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.green_strain import (
+    Six,
+    Three,
     clamp,
     gradient,
     green_strain,
@@ -56,14 +59,17 @@ from fecloth.terms.loops.green_strain import (
     scatter_symmetric,
 )
 from fecloth.terms.loops.membrane_discrete_gradient import DiscreteGradientKernels, OverStep
+from fecloth.terms.step_difference import StepDifference
 
 
-def law(E, c):
+def law(E: Three, c: Array) -> tuple[float, Three, Six]:
     """Return W, S (3,) and ℂ (6,) at E (3,); `kernels` puts a law in place of this one."""
     raise NotImplementedError
 
 
-def energy(per_node, per_point, nodes, G, w, c, x):
+def energy(
+    per_node: Zeros, per_point: Zeros, nodes: Array, G: Array, w: Array, c: Array, x: Array
+) -> float:
     """Σ w W [J]."""
     total = 0.0
     for e in range(len(nodes)):
@@ -73,7 +79,16 @@ def energy(per_node, per_point, nodes, G, w, c, x):
     return total
 
 
-def add_force(per_node, per_point, nodes, G, w, c, x, f):
+def add_force(
+    per_node: Zeros,
+    per_point: Zeros,
+    nodes: Array,
+    G: Array,
+    w: Array,
+    c: Array,
+    x: Array,
+    f: Array,
+) -> None:
     """f_a −= Σ w P G_a."""
     for e in range(len(nodes)):
         for q in range(len(per_point)):
@@ -82,7 +97,19 @@ def add_force(per_node, per_point, nodes, G, w, c, x, f):
             scatter_force(per_node, nodes, G, e, q, w[e, q], F, S, f)
 
 
-def add_tangent(per_node, per_point, nodes, slots, G, w, c, x, scale, floor, J):
+def add_tangent(
+    per_node: Zeros,
+    per_point: Zeros,
+    nodes: Array,
+    slots: Array,
+    G: Array,
+    w: Array,
+    c: Array,
+    x: Array,
+    scale: float,
+    floor: float,
+    J: Array,
+) -> None:
     """J += scale · K, with the stress of the geometric part clamped from below at `floor`."""
     for e in range(len(nodes)):
         for q in range(len(per_point)):
@@ -91,7 +118,16 @@ def add_tangent(per_node, per_point, nodes, slots, G, w, c, x, scale, floor, J):
             scatter_symmetric(per_node, slots, G, e, q, scale * w[e, q], F, clamp(S, floor), C, J)
 
 
-def add_stress(per_node, per_point, nodes, G, w, c, x, out):
+def add_stress(
+    per_node: Zeros,
+    per_point: Zeros,
+    nodes: Array,
+    G: Array,
+    w: Array,
+    c: Array,
+    x: Array,
+    out: Array,
+) -> None:
     """out[e] += (S11, S22, S12, W), the means over the triangle."""
     for e in range(len(nodes)):
         area = 0.0
@@ -109,16 +145,18 @@ def add_stress(per_node, per_point, nodes, G, w, c, x, out):
 class MembraneKernels(NamedTuple):
     """The entry points of a law, each a template above compiled with the law."""
 
-    energy: Callable
-    add_force: Callable
-    add_tangent: Callable
-    add_definite_tangent: Callable
-    add_stress: Callable
+    energy: Callable[..., float]
+    add_force: Callable[..., None]
+    add_tangent: Callable[..., None]
+    add_definite_tangent: Callable[..., None]
+    add_stress: Callable[..., None]
     over_step: DiscreteGradientKernels
 
 
 def kernels(
-    law: Callable, definite_law: Callable | None = None, is_quadratic: bool = False
+    law: Callable[..., Any],
+    definite_law: Callable[..., Any] | None = None,
+    is_quadratic: bool = False,
 ) -> MembraneKernels:
     """Compile the entry points of a law; each is compiled at its first call, or read from disk.
 
@@ -172,7 +210,7 @@ class BoundMembrane:
     velocity_dependent = False
 
     @property
-    def data(self) -> tuple:
+    def data(self) -> tuple[Any, ...]:
         """What every entry point takes first; those of tangents take `slots` after the nodes."""
         cloth, gradients = self.panel.cloth, self.panel.gradients
         return *cloth.shape, cloth.stencil, gradients, cloth.weights, self.constants
@@ -181,11 +219,13 @@ class BoundMembrane:
         """Σ w W [J]."""
         return self.kernels.energy(*self.data, x)
 
-    def add_force(self, x, v, t, f) -> None:
+    def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f −= Σ w P G_a [N]."""
         self.kernels.add_force(*self.data, x, f)
 
-    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+    def add_tangent(
+        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
+    ) -> None:
         """J += wx K; `definite` clamps the stress of the geometric part at zero."""
         per_node, per_point, nodes, *data = self.data
         add, floor = self.kernels.add_tangent, -math.inf
@@ -193,7 +233,7 @@ class BoundMembrane:
             add, floor = self.kernels.add_definite_tangent, 0.0
         add(per_node, per_point, nodes, self.slots, *data, x, wx, floor, J.values)
 
-    def add_stress(self, x, out) -> None:
+    def add_stress(self, x: Array, out: Array) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""
         self.kernels.add_stress(*self.data, x, out)
 
@@ -201,9 +241,9 @@ class BoundMembrane:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest and of M⁻¹D [1/s]."""
         return membrane_bound(self.panel, self.moduli, mass), 0.0
 
-    def between(self, start: np.ndarray, symmetric: bool) -> OverStep:
-        """The membrane over a step from positions `start` (n, 3)."""
-        return OverStep(self, start, symmetric)
+    def over_step(self, step: StepDifference) -> OverStep | BoundMembrane:
+        """The membrane over a step at whose mean it is evaluated; otherwise itself."""
+        return OverStep(self, step.start, step.symmetric) if step.at_mean else self
 
 
 def bind(
@@ -212,7 +252,7 @@ def bind(
     constants: np.ndarray,
     moduli: np.ndarray,
     panel: Panel,
-    slots: Callable,
+    slots: Callable[[np.ndarray], np.ndarray],
 ) -> BoundMembrane:
     """Bind a law with its constants (m, p) and moduli (m, 6) to a panel."""
     return BoundMembrane(name, kernels, panel, slots(panel.cloth.stencil), constants, moduli)

@@ -29,12 +29,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fecloth.jit import inner, specialise
+from fecloth.jit import Array, Zeros, inner, specialise
+from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.loops.green_strain import (
+    Rows,
+    Six,
+    Three,
     clamp,
     contract,
     double_contraction,
@@ -53,13 +57,13 @@ if TYPE_CHECKING:
 SMALL = 1e-12  # e : e
 
 
-def law(E, c):
+def law(E: Three, c: Array) -> tuple[float, Three, Six]:
     """Return W, S and ℂ; `kernels` puts a law in its place (see `membrane.law`)."""
     raise NotImplementedError
 
 
 @inner
-def end_gradient(F, F0):
+def end_gradient(F: Six, F0: Six) -> Six:
     """F₁ = 2F − F₀."""
     return (
         2.0 * F[0] - F0[0],
@@ -72,38 +76,38 @@ def end_gradient(F, F0):
 
 
 @inner
-def mean(E0, E1):
+def mean(E0: Three, E1: Three) -> Three:
     """½ (E₀ + E₁)."""
     return 0.5 * (E0[0] + E1[0]), 0.5 * (E0[1] + E1[1]), 0.5 * (E0[2] + E1[2])
 
 
 @inner
-def mean_strain(F0, F1):
+def mean_strain(F0: Six, F1: Six) -> Three:
     """½ (E₀ + E₁) from the deformation gradients."""
     return mean(green_strain(F0), green_strain(F1))
 
 
 @inner
-def strain_increment(E0, E1):
+def strain_increment(E0: Three, E1: Three) -> Three:
     """e = E₁ − E₀."""
     return E1[0] - E0[0], E1[1] - E0[1], E1[2] - E0[2]
 
 
 @inner
-def quotient(energy_change, S, e):
+def quotient(energy_change: float, S: Three, e: Three) -> float:
     """β for W₁ − W₀ = `energy_change`."""
     square = double_contraction(e, e)
     return (energy_change - double_contraction(S, e)) / square if square > SMALL else 0.0
 
 
 @inner
-def add_multiple(S, beta, e):
+def add_multiple(S: Three, beta: float, e: Three) -> Three:
     """S + β e."""
     return S[0] + beta * e[0], S[1] + beta * e[1], S[2] + beta * e[2]
 
 
 @inner
-def quotient_derivative(S1, S, C, beta, e):
+def quotient_derivative(S1: Three, S: Three, C: Six, beta: float, e: Three) -> Three:
     """2 (S₁ − S(Ē) − ½ ℂ : e − 2 β e) / (e : e)."""
     square, D = double_contraction(e, e), contract(C, e)
     if square <= SMALL:
@@ -116,7 +120,7 @@ def quotient_derivative(S1, S, C, beta, e):
 
 
 @inner
-def add_dyad_rows(T, F, G1, G2, e, z):
+def add_dyad_rows(T: Rows, F: Six, G1: float, G2: float, e: Three, z: Three) -> Rows:
     """T + z ⊗ (e : B_a), for the part e ⊗ z of the moduli."""
     p, r = e[0] * G1 + e[2] * G2, e[2] * G1 + e[1] * G2
     h = (p * F[0] + r * F[3], p * F[1] + r * F[4], p * F[2] + r * F[5])
@@ -128,7 +132,17 @@ def add_dyad_rows(T, F, G1, G2, e, z):
     )
 
 
-def add_average_force(per_node, per_point, nodes, G, w, c, start, x, f):
+def add_average_force(
+    per_node: Zeros,
+    per_point: Zeros,
+    nodes: Array,
+    G: Array,
+    w: Array,
+    c: Array,
+    start: Array,
+    x: Array,
+    f: Array,
+) -> None:
     """f_a −= Σ w F S̄ G_a with the average S̄."""
     for e in range(len(nodes)):
         for q in range(len(per_point)):
@@ -137,7 +151,19 @@ def add_average_force(per_node, per_point, nodes, G, w, c, start, x, f):
             scatter_force(per_node, nodes, G, e, q, w[e, q], F, S, f)
 
 
-def add_average_tangent(per_node, per_point, nodes, slots, G, w, c, start, x, scale, J):
+def add_average_tangent(
+    per_node: Zeros,
+    per_point: Zeros,
+    nodes: Array,
+    slots: Array,
+    G: Array,
+    w: Array,
+    c: Array,
+    start: Array,
+    x: Array,
+    scale: float,
+    J: Array,
+) -> None:
     """J_ab += scale · Σ w (B_a(F)ᵀ ℂ B_b(F₁) + (G_a · S̄ G_b) I₃) with the average S̄."""
     for e in range(len(nodes)):
         for q in range(len(per_point)):
@@ -147,7 +173,17 @@ def add_average_tangent(per_node, per_point, nodes, slots, G, w, c, start, x, sc
             scatter_mixed(per_node, slots, G, e, q, scale * w[e, q], F, F1, S, C, J)
 
 
-def add_quotient_force(per_node, per_point, nodes, G, w, c, start, x, f):
+def add_quotient_force(
+    per_node: Zeros,
+    per_point: Zeros,
+    nodes: Array,
+    G: Array,
+    w: Array,
+    c: Array,
+    start: Array,
+    x: Array,
+    f: Array,
+) -> None:
     """f_a −= Σ w F S̄ G_a with the quotient's S̄."""
     for e in range(len(nodes)):
         for q in range(len(per_point)):
@@ -161,7 +197,19 @@ def add_quotient_force(per_node, per_point, nodes, G, w, c, start, x, f):
             scatter_force(per_node, nodes, G, e, q, w[e, q], F, S, f)
 
 
-def add_quotient_tangent(per_node, per_point, nodes, slots, G, w, c, start, x, scale, J):
+def add_quotient_tangent(
+    per_node: Zeros,
+    per_point: Zeros,
+    nodes: Array,
+    slots: Array,
+    G: Array,
+    w: Array,
+    c: Array,
+    start: Array,
+    x: Array,
+    scale: float,
+    J: Array,
+) -> None:
     """J_ab += scale · Σ w (B_a(F)ᵀ (2 ∂S̄/∂E₁) B_b(F₁) + (G_a · S̄ G_b) I₃), quotient's S̄."""
     for e in range(len(nodes)):
         for q in range(len(per_point)):
@@ -198,7 +246,20 @@ def add_quotient_tangent(per_node, per_point, nodes, slots, G, w, c, start, x, s
                             J[s, i, j] += M[i][j]
 
 
-def add_symmetric_tangent(per_node, per_point, nodes, slots, G, w, c, start, x, scale, floor, J):
+def add_symmetric_tangent(
+    per_node: Zeros,
+    per_point: Zeros,
+    nodes: Array,
+    slots: Array,
+    G: Array,
+    w: Array,
+    c: Array,
+    start: Array,
+    x: Array,
+    scale: float,
+    floor: float,
+    J: Array,
+) -> None:
     """J += scale · Σ w (B_a(F)ᵀ ℂ B_b(F) + (G_a · S(Ē) G_b) I₃), S(Ē) clamped at `floor`."""
     for e in range(len(nodes)):
         for q in range(len(per_point)):
@@ -210,13 +271,15 @@ def add_symmetric_tangent(per_node, per_point, nodes, slots, G, w, c, start, x, 
 class DiscreteGradientKernels(NamedTuple):
     """The entry points of a law over a step, each a template above compiled with the law."""
 
-    add_force: Callable
-    add_tangent: Callable
-    add_symmetric_tangent: Callable
-    add_definite_tangent: Callable
+    add_force: Callable[..., None]
+    add_tangent: Callable[..., None]
+    add_symmetric_tangent: Callable[..., None]
+    add_definite_tangent: Callable[..., None]
 
 
-def kernels(law: Callable, definite_law: Callable, is_quadratic: bool) -> DiscreteGradientKernels:
+def kernels(
+    law: Callable[..., Any], definite_law: Callable[..., Any], is_quadratic: bool
+) -> DiscreteGradientKernels:
     """Compile the entry points of a law over a step (see `membrane.kernels`)."""
     force, tangent = add_quotient_force, add_quotient_tangent
     if is_quadratic:
@@ -245,11 +308,13 @@ class OverStep:
     def name(self) -> str:
         return self.membrane.name
 
-    def add_force(self, x, v, t, f) -> None:
+    def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f −= Σ w F S̄ G_a [N]."""
         self.membrane.kernels.over_step.add_force(*self.membrane.data, self.start, x, f)
 
-    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+    def add_tangent(
+        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
+    ) -> None:
         """J += wx K; the symmetric one has both B at x, the definite one S̄ clamped at zero."""
         per_node, per_point, nodes, *data = self.membrane.data
         kernels = self.membrane.kernels.over_step

@@ -8,11 +8,12 @@ each node.
 
 from __future__ import annotations
 
-from fecloth.jit import inner
+from fecloth.jit import Array, Zeros, inner
+from fecloth.terms.loops.green_strain import Six, Three
 
 
 @inner
-def subtract_mean(per_node, y, p):
+def subtract_mean(per_node: Zeros, y: Array, p: Array) -> float:
     """p_a = y_a − ȳ; return Σ |p|²."""
     total = 0.0
     for i in range(3):
@@ -26,7 +27,7 @@ def subtract_mean(per_node, y, p):
 
 
 @inner
-def inverse_inertia(per_node, p, total):
+def inverse_inertia(per_node: Zeros, p: Array, total: float) -> Six:
     """Θ⁻¹ = (11, 22, 33, 12, 13, 23); for two nodes without p pᵀ, as ω ⟂ p."""
     if len(per_node) == 2:
         inverse = 1.0 / total if total > 0.0 else 0.0  # a spring of no length has no rotation
@@ -46,7 +47,7 @@ def inverse_inertia(per_node, p, total):
 
 
 @inner
-def multiply_symmetric(A, b):
+def multiply_symmetric(A: Six, b: Three) -> Three:
     """A b for a symmetric A = (11, 22, 33, 12, 13, 23)."""
     return (
         A[0] * b[0] + A[3] * b[1] + A[4] * b[2],
@@ -56,13 +57,15 @@ def multiply_symmetric(A, b):
 
 
 @inner
-def cross(a, b):
+def cross(a: Three, b: Three) -> Three:
     """a × b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inner
-def remove_rigid_part(per_node, p, d, inverse, u):
+def remove_rigid_part(
+    per_node: Zeros, p: Array, d: Array, inverse: Six, u: Array
+) -> tuple[Three, float]:
     """u_a = d_a − d̄ − ω × p_a; return ω and s = u · u."""
     L1 = L2 = L3 = 0.0
     for a in range(len(per_node)):
@@ -80,7 +83,9 @@ def remove_rigid_part(per_node, p, d, inverse, u):
 
 
 @inner
-def differentiate_deformation(per_node, p, d, omega, inverse, b, j, du):
+def differentiate_deformation(
+    per_node: Zeros, p: Array, d: Array, omega: Three, inverse: Six, b: int, j: int, du: Array
+) -> None:
     """du = ∂u/∂y_bj, with L = Θω, ∂d = 2 ∂y and ∂ω = Θ⁻¹(∂L − ∂Θ ω)."""
     k = len(per_node)
     unit = (1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0, 1.0 if j == 2 else 0.0)

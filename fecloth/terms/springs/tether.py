@@ -14,6 +14,7 @@ from fecloth.mesh.cloth import Cloth, Where
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import DAMPER, LENGTH, PER_WIDTH
 from fecloth.terms.loops import bound_condition
+from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ class BoundTether(bound_condition.BoundCondition):
     def table(self, x, t, order) -> np.ndarray:
         return np.tile(self.point(t), (len(self.nodes), 1))
 
-    def between(self, start: np.ndarray, symmetric: bool) -> BoundTether:
+    def over_step(self, step: StepDifference) -> BoundTether:
         """Return itself: the work of its force at the mean is the change of its energy."""
         return self
 

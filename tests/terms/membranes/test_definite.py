@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from conftest import rough
+from support.over_step import energy_momentum as over_step
 
 import fecloth as fc
-from fecloth.integrators.energy_momentum import over_step
 from fecloth.linalg.block_matrix import BlockMatrix
 
 SKEW = {

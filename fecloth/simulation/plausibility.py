@@ -10,7 +10,8 @@ them are warned of, not refused. Bending is judged by the length (B/(ρ g))^⅓ 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +22,10 @@ G = 9.81  # m/s²
 DENSITY = 0.004, 5.0  # kg/m²
 STIFFNESS = 10.0, 1e7  # N/m
 BENDING_LENGTH = 0.25  # m
-SIZE = 50.0  # m
+SIZE = 0.002, 10.0  # m
 STEP = 0.1  # s; a cloth swings within seconds, fast waves cross it within hundredths
+GRAVITY, AIR_SPEED = 50.0, 100.0  # m/s², m/s
+DAMPING_TIME = 1.0  # s; in measured cloth it is below 0.1
 
 
 def implausible_values(
@@ -42,13 +45,57 @@ def implausible_values(
         for sentence in _of_fabric(one):
             yield f"{name}.{sentence}" if name else sentence
     size = float(np.ptp(cloth.X, axis=0).max())
-    if size > SIZE:
-        yield (f"the cloth is {size:.4g} m long. If its mesh is in mm, scale it to metres")
+    least, most = SIZE
+    if size > most:
+        yield (
+            f"the cloth is {size:.4g} m long: few are longer than {most:g} m. If you meant cm, "
+            f"write {size / 100:.4g}; if its mesh is in mm, scale it to metres"
+        )
+    if size < least:
+        yield (
+            f"the cloth is {size:.4g} m long: the fabric of so small a piece is its yarns. If you "
+            f"meant m in place of mm, write {1000 * size:.4g}"
+        )
     if dt and dt > STEP:
         yield (
             f"dt = {dt:g} s is large: cloth swings within a second. If you meant ms, write "
             f"{dt / 1000:g}, and t_end in s too"
         )
+
+
+def implausible_terms(terms: Iterable[Any]) -> Iterator[str]:
+    """Yield a sentence for each value of a term that was probably meant in another unit.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> print(*implausible_terms([fc.Gravity((0, 0, -981))]))
+    Gravity has 981 m/s²: on Earth it is 9.81. If you meant cm/s², write 9.81
+    """
+    for term in terms:
+        name = type(term).__name__
+        if name == "Gravity" and (g := float(np.linalg.norm(term.acceleration))) > GRAVITY:
+            yield (
+                f"Gravity has {g:g} m/s²: on Earth it is 9.81. If you meant cm/s², "
+                f"write {g / 100:g}"
+            )
+        if name in ("StrainRateDamping", "BendingDamping") and term.time > DAMPING_TIME:
+            yield (
+                f"{name} has time = {term.time:g} s: cloth has less than 0.1. If you meant ms, "
+                f"write {term.time / 1000:g}"
+            )
+        if name == "Wind" and (speed := _speed(term.velocity)) > AIR_SPEED:
+            yield (
+                f"Wind blows at {speed:g} m/s: a hurricane has 33. If you meant km/h, write "
+                f"{speed / 3.6:.3g}"
+            )
+
+
+def _speed(velocity: Any) -> float:
+    """Return the speed of a wind of three numbers [m/s], 0 for a function or formulas."""
+    if not isinstance(velocity, (tuple, list)) or any(isinstance(v, str) for v in velocity):
+        return 0.0
+    return float(np.linalg.norm(velocity))
 
 
 def _of_fabric(fabric: Fabric) -> Iterator[str]:
@@ -62,9 +109,20 @@ def _of_fabric(fabric: Fabric) -> Iterator[str]:
             meant = f"kN/m, write {1000 * Y:g}" if least > Y else "Pa, use Fabric.sheet"
             yield f"tensile_stiffness = {Y:g} N/m: cloth has 30 to 1e6. If you meant {meant}"
     for B in dict.fromkeys(fabric.bending or ()):
-        length = (B / (density * G)) ** (1 / 3)
+        length = bending_length(B, density)
         if length > BENDING_LENGTH:
             yield (
                 f"bending_rigidity = {B:g} N m: it bends under its weight over {length:.2g} m, "
                 f"cloth over 0.01 to 0.05 m. If you meant µN m, write {B * 1e-6:g}"
             )
+
+
+def bending_length(B: float, density: float) -> float:
+    """Return Peirce's (B/(ρ g))^⅓ [m]."""
+    return float((B / (density * G)) ** (1 / 3))
+
+
+def is_stiff(fabric: Fabric) -> bool:
+    """Return whether the bending rigidity is beyond that of cloth, and is warned of."""
+    lengths = [bending_length(B, fabric.areal_density) for B in fabric.bending or ()]
+    return any(length > BENDING_LENGTH for length in lengths)

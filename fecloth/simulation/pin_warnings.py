@@ -1,0 +1,126 @@
+"""Warnings about pins that hold less than was probably meant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
+
+from fecloth.mesh.cloth import Cloth
+from fecloth.simulation.plausibility import is_stiff
+from fecloth.system.pins import Pin, Slide
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+BENDING = ("HingeBending", "QuadraticBending", "PlateBending")
+TIMES = 101  # times at which a motion is looked at
+DROPPED = 0.01  # part of a motion along its slide that is told
+REACH = 0.25  # of an edge; a region that covers more was meant to hold more than its one node
+CORNER = 0.5  # rad, between two edges of the border
+STICKS_OUT = 12.0  # bending lengths; a cloth that is longer hangs down from a clamp as well
+TURNS = 0.1  # part of the load that turns the cloth about its pins
+
+
+def find_pin_warnings(system: System, state: State, t_end: float) -> Iterator[str]:
+    """Yield a sentence with a remedy for each pin that holds less than was probably meant."""
+    for name, (pin, nodes) in system.constraints.groups.items():
+        yield from _dropped_motion(name, pin, state.t, t_end)
+        if len(nodes) == 1:
+            yield from _one_node(system.cloth, name, pin, int(nodes[0]))
+    yield from _free_to_turn(system, state)
+
+
+def _dropped_motion(name: str, pin: Pin, start: float, end: float) -> Iterator[str]:
+    """Warn of a slide that is moved along itself, where its nodes are free."""
+    if not isinstance(pin, Slide) or pin.motion is None:
+        return
+    places = np.stack([np.atleast_2d(pin.displacement(t)) for t in np.linspace(start, end, TIMES)])
+    moves = places - places[0]
+    along = np.linalg.norm(moves @ pin.projector, axis=-1).max()
+    most = np.linalg.norm(moves, axis=-1).max()
+    if along > DROPPED * most:
+        key = "direction" if pin.normal is None else "normal"
+        yield (
+            f"pin {name!r}: {100 * along / most:.0f} % of its motion of {most:.3g} m lies along "
+            f"its own slide, where the nodes are free, and has no effect; leave {key} out to "
+            "move the nodes, or move the slide across itself"
+        )
+
+
+# --- a region that catches one node ---------------------------------------------------------------
+
+
+def _one_node(cloth: Cloth, name: str, pin: Pin, node: int) -> Iterator[str]:
+    """Warn of a region that holds one node of a side, and of one that was meant to hold more."""
+    if not callable(pin.where):  # a list of one node, or the name of one, is meant
+        return
+    X, Y = cloth.X[node]
+    near = np.unique(cloth.cells[(cloth.cells == node).any(axis=1)])
+    steps = cloth.X[near[near != node]] - cloth.X[node]
+    reaches = False
+    with suppress(Exception):  # a user's predicate may know the nodes of the cloth alone
+        reaches = bool(np.any(pin.where(cloth.X[node] + REACH * steps)))
+    if reaches or _is_within_a_side(cloth, node):
+        edge = np.linalg.norm(steps, axis=1).min()
+        yield (
+            f"pin {name!r} holds one node only, at ({X:.3g}, {Y:.3g}) m, and the cloth turns about "
+            f"it: the next one is {edge:.3g} m away. Make the region larger to hold an edge, or "
+            f"give the node by its number, {node}, if it is meant"
+        )
+
+
+def _is_within_a_side(cloth: Cloth, node: int) -> bool:
+    """Return whether the node lies on the border of the cloth and is no corner of it."""
+    border = cloth.edge_sets.get("boundary", np.empty((0, 2), int))
+    ends = border[(border == node).any(axis=1)]
+    if len(ends) != 2:
+        return False
+    a, b = (cloth.X[e[e != node][0]] - cloth.X[node] for e in ends)
+    turn = np.pi - np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1))
+    return bool(turn < CORNER)
+
+
+# --- a line of pins about which the cloth turns ---------------------------------------------------
+
+
+def _free_to_turn(system: System, state: State) -> Iterator[str]:
+    """Warn of pins on a line if the load turns a cloth about it that a clamp would hold up."""
+    motion = rotation_about_pins(system, state.x)
+    bending = {type(term).__name__ for term in system.terms} & set(BENDING)
+    rigidities = [max(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
+    if motion is None or not (bending and rigidities) or any(map(is_stiff, system.panel.fabrics)):
+        return
+    f = system.force(state)
+    reach = np.linalg.norm(motion, axis=1).max()  # of a rotation by 1 rad/s: a distance
+    load = float(np.linalg.norm(f, axis=1).sum())
+    if not abs(np.vdot(f, motion)) > TURNS * load * reach:
+        return
+    length = (max(rigidities) * system.cloth.area / load) ** (1 / 3)
+    if reach < STICKS_OUT * length:
+        yield (
+            f"the pins lie on a line, and the cloth turns about it like a door ({reach:.3g} m "
+            f"wide), though it is stiff in bending over {length:.2g} m: to clamp it, pin a second "
+            "row of nodes, next to the line, too"
+        )
+
+
+def rotation_about_pins(system: System, x: np.ndarray) -> np.ndarray | None:
+    """Return the velocities (n, 3) [m] of a rotation by 1 rad/s that all pins allow.
+
+    None if they allow no rigid motion, or several, or a translation.
+    """
+    constraints = system.constraints
+    if not len(constraints.nodes):
+        return None
+    middle, size = x.mean(axis=0), np.ptp(x, axis=0).max()
+    units = np.eye(3)
+    turns = [np.cross(axis, (x - middle) / size) for axis in units]
+    modes = np.stack([*(np.tile(axis, (len(x), 1)) for axis in units), *turns])
+    held = np.stack([constraints.held(mode).ravel() for mode in modes], axis=1)
+    _, values, rows = np.linalg.svd(held, full_matrices=True)
+    values = np.pad(values, (0, 6 - len(values)))
+    free = rows[values <= 1e-6 * max(values[0], 1e-300)]
+    if len(free) != 1 or np.linalg.norm(free[0, 3:]) < 1e-6:
+        return None
+    return np.tensordot(free[0], modes, 1) * size / np.linalg.norm(free[0, 3:])

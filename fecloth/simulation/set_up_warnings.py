@@ -1,0 +1,158 @@
+"""Warnings about a system that cannot be meant so: its terms, the loads in them, and its fabric.
+
+`pin_warnings` has those about pins. `run` and scenes give both before the first step.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+
+from fecloth import terms
+from fecloth.simulation.pin_warnings import find_pin_warnings
+from fecloth.simulation.plausibility import implausible_terms, implausible_values
+from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms import protocol
+
+MEMBRANES = ("BaraffWitkin", "NeoHookean", "Springs", "StVK", "TensionField", "TensorCondition")
+ONE_OF_EACH = {  # terms that stand for the same thing: with two of them it counts twice
+    "membranes": MEMBRANES,
+    "bending terms": ("HingeBending", "QuadraticBending", "PlateBending"),
+    "drag terms": ("Drag", "Wind"),
+}
+PLACED = ("PointForce", "Pressure", "Tether", "UserForce")  # may act at several places
+STRETCH = 0.01  # strain at which the resistance of a system is measured
+RESISTS = 1e-3  # of the fabric's resistance; less is none
+ALIKE = 0.1  # a net of springs within this is as stiff as the fabric
+EXHAUSTED = 0.5  # of the ambient pressure; a gas with less lets the cloth collapse
+
+
+def find_set_up_warnings(
+    system: System, state: State, dt: float | None, t_end: float
+) -> Iterator[str]:
+    """Yield a sentence with a remedy for each part of a system that is probably not meant so."""
+    yield from implausible_values(system.fabric, system.cloth, dt)
+    yield from implausible_terms(system.terms)
+    yield from _no_membrane(system)
+    yield from _counted_twice(system)
+    yield from _springs_of_another_fabric(system)
+    yield from _ignored_poisson_ratio(system)
+    yield from _gas_without_pressure(system, state)
+    yield from find_pin_warnings(system, state, t_end)
+
+
+# --- membranes ------------------------------------------------------------------------------------
+
+
+def _no_membrane(system: System) -> Iterator[str]:
+    """Warn if nothing resists a stretch, though there are terms for more than free fall."""
+    names = [type(term).__name__ for term in system.terms]
+    held = len(system.constraints.nodes) or set(names) & set(ONE_OF_EACH["bending terms"])
+    if not (names and held) or (resistance := _resistance(system)) > RESISTS:
+        return
+    yield (
+        f"no membrane is among the terms ({', '.join(names)}): they resist a stretch with "
+        f"{100 * resistance:.2g} % of the fabric's stiffness, so the cloth will be drawn out "
+        "without limit; add StVK"
+    )
+
+
+def _resistance(system: System) -> float:
+    """Return the work of a uniform stretch on the internal forces, relative to the fabric's."""
+    rest = system.rest().x
+    f, resists = np.zeros_like(rest), np.zeros_like(rest)
+    for term, bound in zip(system.terms, system.bound, strict=True):
+        stencil = protocol.stencil(term, system.cloth)
+        is_internal = stencil is not None and stencil.shape[1] > 1
+        if is_internal and not getattr(bound, "load", False):
+            bound.add_force((1 + STRETCH) * rest, np.zeros_like(rest), 0.0, resists)
+            bound.add_force(rest, np.zeros_like(rest), 0.0, f)
+    stiffness = system.panel.each(lambda fabric: fabric.moduli()[[0, 1, 3, 3]].sum())[:, 0]
+    fabric = STRETCH * float(system.cloth.weights.sum(axis=1) @ stiffness)
+    return float(np.vdot(f - resists, rest)) / fabric
+
+
+def _counted_twice(system: System) -> Iterator[str]:
+    """Warn of terms that stand twice, and of two that stand for one thing."""
+    given = [term for term in system.terms if getattr(term, "stiffness", None) != 0]
+    counts = Counter(map(_identity, given))
+    for (name, *_), count in counts.items():
+        if count > 1:
+            yield (
+                f"{name} stands {count} times among the terms, and their forces add up; "
+                "leave one out, or join them into one"
+            )
+    for kind, names in ONE_OF_EACH.items():
+        found = list(dict.fromkeys(n for n in (type(t).__name__ for t in given) if n in names))
+        if len(found) > 1:
+            yield (
+                f"{len(found)} {kind} act at once ({', '.join(found)}), and their forces add up; "
+                f"leave {' or '.join(found)} out"
+            )
+
+
+def _identity(term: object) -> tuple[str, ...]:
+    """Return what two terms share if they stand for the same: their class, of some all values."""
+    name = type(term).__name__
+    several = name in PLACED or name not in terms.__all__
+    return (name, repr(term)) if several else (name,)
+
+
+def _springs_of_another_fabric(system: System) -> Iterator[str]:
+    """Warn of a net in place of a membrane that is stiffer or softer than the fabric."""
+    nets = [b for t, b in zip(system.terms, system.bound, strict=True) if _is_net(t)]
+    others = {type(term).__name__ for term in system.terms} & set(MEMBRANES) - {"Springs"}
+    if not nets or others:
+        return
+    fabric = System(system.cloth, system.fabric, [terms.StVK()], grain=system.grain).bound[0]
+    ratios = []
+    for strain in ([[1, 0], [0, 0]], [[0, 0], [0, 1]], [[0, 0.5], [0.5, 0]]):
+        x = system.rest().x
+        x[:, :2] += 1e-4 * system.cloth.X @ np.array(strain)
+        ratios.append(sum(net.energy(x, 0.0) for net in nets) / fabric.energy(x, 0.0))
+    if max(abs(ratio - 1) for ratio in ratios) > ALIKE:
+        yield (
+            "the Springs are {:.3g}, {:.3g} and {:.3g} times as stiff as the fabric in a stretch "
+            "along X, along Y and in shear: a net is a material of its own, and no finer mesh "
+            'changes that; use StVK, or kind = "biquadratic" for an isotropic fabric'
+        ).format(*np.round(ratios, 6))
+
+
+def _is_net(term: object) -> bool:
+    return isinstance(term, terms.Springs) and term.kind != "biquadratic"
+
+
+def _ignored_poisson_ratio(system: System) -> Iterator[str]:
+    """Warn if the fabric states a ν that the incompressible sheet, with ν = ½, does not have."""
+    if not any(
+        isinstance(t, terms.NeoHookean) and t.kind == "incompressible" for t in system.terms
+    ):
+        return
+    given = {fabric.poisson_ratio for fabric in system.panel.fabrics} - {0.0}
+    for nu in (nu for nu in sorted(given) if abs(nu - 0.5) > ALIKE / 2):
+        yield (
+            f"poisson_ratio = {nu:g} has no effect: NeoHookean is incompressible, with 0.5; "
+            'use kind = "compressible", or leave poisson_ratio out'
+        )
+
+
+# --- loads ----------------------------------------------------------------------------------------
+
+
+def _gas_without_pressure(system: System, state: State) -> Iterator[str]:
+    """Warn of a gas whose absolute pressure at the start is far below the ambient one."""
+    for gas, bound in zip(system.terms, system.bound, strict=True):
+        if not isinstance(gas, terms.Gas):
+            continue
+        volume = bound.volume(state.x)
+        p = bound.absolute_pressure(volume) if volume > 0 else gas.pressure
+        if p < EXHAUSTED * gas.ambient:
+            yield (
+                f"the Gas has {p:.3g} Pa at the start, {100 * p / gas.ambient:.2g} % of the "
+                f"ambient {gas.ambient:.6g} Pa, which crushes the cloth: pressure is absolute. "
+                f"If you meant {gas.pressure:g} Pa above the ambient, write "
+                f"{gas.ambient + gas.pressure:.10g}"
+            )

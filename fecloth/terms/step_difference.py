@@ -1,0 +1,46 @@
+"""A step as the terms see it that act over it, with the method's difference for rates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class StepDifference:
+    """The rate of a quantity y(x) over a step, ẏ = (y(x) − Σ cᵢ y(xᵢ))/h with Σ cᵢ = 1.
+
+    A method makes one for each step and hands it to `System.over_step`. For y = x it is the
+    method's own velocity, v = (x − Σ cᵢ xᵢ)/h.
+
+    Attributes
+    ----------
+    start
+        (n, 3) positions x₀ at the begin of the step [m].
+    dt
+        Size of the step [s].
+    h
+        h [s].
+    past
+        ((cᵢ, xᵢ), …) with xᵢ (n, 3) [m].
+    at_mean
+        Whether x is the mean of both ends of the step, so that x₁ = 2x − x₀, and the energy is to
+        be conserved: −f(x) · (x₁ − x₀) = energy(x₁) − energy(x₀). Otherwise x is the end x₁.
+    symmetric
+        With `at_mean`: whether tangents must be symmetric, and may be inexact.
+
+    Examples
+    --------
+    Backward Euler's difference, ẏ = (y(x) − y(x₀))/dt:
+
+    >>> start = np.zeros((3, 3))
+    >>> step = StepDifference(start, dt=0.01, h=0.01, past=((1.0, start),))
+    """
+
+    start: np.ndarray
+    dt: float
+    h: float
+    past: tuple[tuple[float, np.ndarray], ...]
+    at_mean: bool = False
+    symmetric: bool = False

@@ -1,0 +1,1 @@
+"""The catalogue of trust: which runs are wrong, and which warn."""

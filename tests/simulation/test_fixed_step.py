@@ -1,0 +1,79 @@
+"""The choice of the steps is one value; a user may write another."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.simulation.fixed_step import FixedStep
+from fecloth.simulation.resolve import choose_steps
+from fecloth.simulation.stability_limited import StabilityLimited
+from fecloth.simulation.step_times import ChosenSteps
+
+
+@pytest.fixture(scope="module")
+def system():
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    return fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity()], pins=["left"])
+
+
+@dataclass(frozen=True)
+class Growing(ChosenSteps):
+    """Steps that grow by a tenth, as a user writes them; the memory is the next step."""
+
+    method: fc.BackwardEuler
+    first: float
+
+    @property
+    def traits(self):
+        return replace(self.method.traits, chooses_dt=True)
+
+    def step(self, system, state, horizon, solver, memory=None):
+        dt = min(memory or self.first, horizon)
+        return replace(self.method.step(system, state, dt, solver), memory=1.1 * dt)
+
+    def numerical(self, system, old, step):
+        return self.method.numerical(system, old, step)
+
+
+@pytest.mark.parametrize(
+    ("method", "dt", "tolerances", "expected"),
+    [
+        (fc.BDF2(), 0.01, None, FixedStep(fc.BDF2(), 0.01)),
+        (fc.CentralDifference(), 1e-4, None, FixedStep(fc.CentralDifference(), 1e-4)),
+        (fc.CentralDifference(), None, None, StabilityLimited(fc.CentralDifference())),
+        (fc.CentralDifference(), None, {}, StabilityLimited(fc.CentralDifference())),
+        (fc.CentralDifference(), None, {"rtol": 0.1}, fc.Adaptive(fc.CentralDifference(), 0.1)),
+        (fc.BDF2(), None, {}, fc.Adaptive(fc.BDF2())),
+        (fc.Adaptive(fc.BDF2()), None, None, fc.Adaptive(fc.BDF2())),
+        (FixedStep(fc.BDF2(), 0.01), None, None, FixedStep(fc.BDF2(), 0.01)),
+    ],
+)
+def test_method_and_dt_decide_the_steps(method, dt, tolerances, expected):
+    assert choose_steps(method, dt, tolerances) == expected
+
+
+def test_a_fixed_step_is_the_same_run_as_its_method_with_dt(system):
+    start, method = system.rest(), fc.BDF2()
+    by_value = fc.run(system, FixedStep(method, 0.01), start, t_end=0.095)
+    by_dt = fc.run(system, method, start, 0.01, 0.095)
+    assert np.array_equal(by_value.state.x, by_dt.state.x)
+    assert by_value.method == by_dt.method == method
+    assert len(by_dt.times) == 11
+
+
+def test_a_choice_of_the_user_decides_every_step(system):
+    result = fc.run(system, Growing(fc.BackwardEuler(), 0.01), system.rest(), t_end=0.2)
+    sizes = np.diff(result.times)
+    assert sizes[1:-1] == pytest.approx(1.1 * sizes[:-2])
+    assert result.times[-1] == 0.2
+
+
+def test_a_choice_without_end_times_is_refused_with_the_base_class(system):
+    class Bare:
+        traits = fc.MethodTraits(order=1, chooses_dt=True)
+        step = None
+
+    with pytest.raises(fc.InputError, match="must have end_times.*ChosenSteps.* is a base class"):
+        fc.run(system, Bare(), system.rest(), t_end=0.1)
