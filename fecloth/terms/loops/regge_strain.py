@@ -90,7 +90,9 @@ class ReggeStrain:
         X = np.stack([c * X + s * Y, c * Y - s * X], axis=-1)  # (m, 6, 2) along warp and weft
         barycentric = _barycentric_gradients(X[:, :3])
         points = np.zeros((6, 3))
-        points[np.arange(6)[:, None], np.repeat(EDGES, 2, axis=0)] = _both_ends(np.tile(GAUSS, 3))
+        along = np.tile(GAUSS, 3)
+        ends = np.repeat(EDGES, 2, axis=0)
+        points[np.arange(6)[:, None], ends] = np.stack([1 - along, along], axis=-1)
         edge = X[:, EDGES[:, 1]] - X[:, EDGES[:, 0]]
         t = np.repeat(edge / np.linalg.norm(edge, axis=-1, keepdims=True), 2, axis=1)  # (m, 6, 2)
         slopes = np.einsum("esai,esi->esa", _gradients(points, barycentric), t)
@@ -107,15 +109,12 @@ class ReggeStrain:
         return cls(cloth.stencil, forms, weights, rest, slopes, gradients, samples)
 
 
-def _both_ends(s: np.ndarray) -> np.ndarray:
-    return np.stack([1 - s, s], axis=-1)
-
-
 def _barycentric_gradients(corners: np.ndarray) -> np.ndarray:
     """(m, 3, 2) gradients of the barycentric coordinates of triangles (m, 3, 2)."""
     e = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)  # opposite to each corner
     double_area = e[:, 0, 0] * e[:, 1, 1] - e[:, 0, 1] * e[:, 1, 0]
-    return np.stack([-e[..., 1], e[..., 0]], axis=-1) / double_area[:, None, None]
+    turned: np.ndarray = np.stack([-e[..., 1], e[..., 0]], axis=-1)
+    return turned / double_area[:, None, None]
 
 
 def _gradients(points: np.ndarray, g: np.ndarray) -> np.ndarray:
