@@ -10,4 +10,15 @@ import lazy_loader
 
 __version__ = "0.1.0"
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_imported, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first used; suggest one where there is none."""
+    try:
+        return _imported(name)
+    except AttributeError:
+        from fecloth.suggest import did_you_mean
+
+        text = f"module 'fecloth' has no attribute {name!r}. {did_you_mean(name, __all__)}"
+        raise AttributeError(text.strip()) from None

@@ -24,7 +24,7 @@ from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
 from .integrators.protocol import MethodTraits
 from .integrators.with_memory import WithMemory
 from .mesh.cloth import Cloth
-from .nonlinear.equilibrium import EquilibriumFailed, equilibrium
+from .nonlinear.equilibrium import Equilibrium, EquilibriumFailed, equilibrium
 from .nonlinear.options import Newton
 from .nonlinear.stage import Stage
 from .output.frame_arrays import fields
@@ -66,8 +66,8 @@ from .terms import (
     Wind,
 )
 from .terms.bending.hinge import hinge_angles
+from .terms.custom.condition import Condition
 from .terms.custom.membrane_law import MembraneLaw
-from .terms.custom.user_condition import Condition
 from .terms.loops.green_strain import contract
 
 __version__: str
@@ -84,6 +84,7 @@ __all__ = [
     "Condition",
     "Drag",
     "EnergyMomentum",
+    "Equilibrium",
     "EquilibriumFailed",
     "Fabric",
     "FeclothError",

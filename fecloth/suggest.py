@@ -17,8 +17,13 @@ def closest(name: object, names: Iterable[str], cutoff: float = CUTOFF) -> str:
     --------
     >>> closest("CentralDiference", ["bdf2", "central_difference"])
     'central_difference'
+    >>> closest("cosine", ["sin", "cos"])
+    'cos'
     """
     plain = {_plain(one): one for one in names}
+    begins = [one for one in plain if len(one) > 2 and _plain(name).startswith(one)]
+    if begins:  # as "cosine" with "cos"
+        return plain[max(begins, key=len)]
     close = difflib.get_close_matches(_plain(name), list(plain), n=1, cutoff=cutoff)
     return plain[close[0]] if close else ""
 

@@ -1,10 +1,13 @@
-"""Checks of the arguments of public functions: numbers, functions, objects of a class."""
+"""Checks of the arguments of public functions: numbers, lengths, functions, objects of a class."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from fecloth.errors import InputError, brief, is_number
+
+MOST_TRIANGLES = 20_000_000  # more triangles than this: h is assumed to be a mistake
 
 
 def number(name: str, value: object, above: float, where: str, *, infinite: bool = False) -> None:
@@ -26,3 +29,32 @@ def instance(name: str, value: object, cls: type | tuple, example: str, where: s
     """Raise `InputError` for a value that is not an object of the class."""
     if not isinstance(value, cls):
         raise InputError(f"{name} = {brief(value)}", f"must be such as {example}", where)
+
+
+def length(name: str, value: Any, where: str) -> None:
+    """Raise `InputError` for anything but a finite length > 0 [m]."""
+    try:
+        is_length = not isinstance(value, (str, bytes, bool)) and 0 < float(value) < math.inf
+    except (TypeError, ValueError):
+        is_length = False
+    if not is_length:
+        raise InputError(f"{name} = {value!r}", "must be a finite length > 0, in m", where)
+
+
+def mesh_size(h: Any, extent: float, area: float, where: str) -> None:
+    """Raise `InputError` if an edge length h [m] does not fit the extent [m] and area [m²].
+
+    h must be at most the extent, and give at most `MOST_TRIANGLES` triangles.
+    """
+    length("h", h, where)
+    if h > extent:
+        in_mm = f", or write {h / 1000:g} if you meant mm" if h / 1000 < extent / 2 else ""
+        allowed, remedy = f"must be at most {extent:g} m", f"Use a smaller h{in_mm}."
+        raise InputError(f"h = {h:g} m", allowed, where, remedy)
+    equilateral = math.sqrt(3) / 4  # the area for h = 1 m
+    count = float(area) / equilateral / h / h
+    if count > MOST_TRIANGLES:
+        least = math.sqrt(area / equilateral / MOST_TRIANGLES)
+        what = f"h = {h:g} m would make about {count:.1e} triangles"
+        allowed, remedy = f"h must be at least {least:.2g} m", "A number without unit is in metres."
+        raise InputError(what, allowed, where, remedy)

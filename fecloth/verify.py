@@ -78,7 +78,8 @@ def check_term(
     cloth, fabric
         Default: a small rectangle with the pattern "cross", and an orthotropic fabric.
     states
-        (name, x, v) of each state, x and v of shape (n, 3). Default: `trial_states`.
+        (name, x, v) of each state, x and v of shape (n, 3). Default: `trial_states`. A term that
+        acts on one side only, such as a floor, needs states on that side; see the example.
     tangents
         The tangents that must be exact: "x", "v" or both.
     scales
@@ -98,6 +99,13 @@ def check_term(
     --------
     >>> import fecloth as fc
     >>> sweeps = check_term(fc.StVK())
+
+    A floor acts below z = 0 only: all nodes of these states are there.
+
+    >>> floor = fc.UserForce((0, 0, "where(z < 0, -1e4 * z, 0)"))
+    >>> cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
+    >>> states = [(name, x - [0, 0, 3], v) for name, x, v in trial_states(cloth)]
+    >>> sweeps = check_term(floor, cloth, states=states)
     """
     cloth = cloth or Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
     fabric = fabric or Fabric(0.2, (1000.0, 600.0), 0.3, 150.0, (2e-5, 1e-5))
@@ -153,7 +161,11 @@ def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep
     size = np.sqrt(system.cloth.area / len(system.cloth.triangles))
     force_scale = np.linalg.norm(system.stiffness(state) @ direction.ravel()) * size
     if not np.linalg.norm(f) > 1e-10 * force_scale:
-        raise VerificationFailed(f"{term.name} has no force: choose states in which it has one")
+        raise VerificationFailed(
+            f"{term.name} has no force: choose states in which it has one, as in "
+            'check_term(term, cloth, states=[("pressed", x, v)]) with x and v of shape '
+            f"{state.x.shape}"
+        )
 
     def shifted(dx=0.0, dv=0.0):
         return State(state.t, state.x + dx * direction, state.v + dv * direction)

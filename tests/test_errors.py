@@ -132,3 +132,12 @@ def test_newton_failed_can_be_pickled():
 def test_terms_with_text_in_place_of_a_number_are_rejected(make, value):
     with pytest.raises(fc.InputError, match=f"= {value!r}"):
         make(value)
+
+
+def test_a_wrong_name_of_the_package_suggests_the_right_one():
+    for wrong, right in {"Stvk": "StVK", "cloth": "Cloth", "HingeBend": "HingeBending"}.items():
+        with pytest.raises(AttributeError, match=f"no attribute '{wrong}'. Did you mean '{right}'"):
+            getattr(fc, wrong)
+    with pytest.raises(AttributeError, match="no attribute 'qqqq'\\.$"):
+        fc.qqqq  # noqa: B018
+    assert not hasattr(fc, "__wrapped__")

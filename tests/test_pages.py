@@ -198,7 +198,7 @@ def study_options(study):
     """The options of a study that has some."""
     path = ROOT / "studies" / study.replace(".", "/")
     file = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
-    if not re.search(r"\.(ArgumentP|parse_arguments\()", file.read_text()):
+    if not re.search(r"\.(Parser|parse_arguments)\(", file.read_text()):
         return set()
     return options_in(answer(lambda: runpy.run_module(f"studies.{study}", run_name="__main__")))
 

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
-import math
-import os
 import signal
 import sys
-import threading
-import webbrowser
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from importlib.metadata import version
-from pathlib import Path
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from fecloth.errors import FeclothError, InputError
-from fecloth.output.atomic_files import DiskFull
+from fecloth.runs.interruption import set_handler, stop_at_once
 
-# Each command imports what it needs when it runs, so that --version and --help answer at once.
+# Each command imports what it needs when it runs, so that --version and --help answer at once, and
+# that signals are handled before NumPy is imported.
 if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable
+
     from fecloth.scene.expectations import Verdict
     from fecloth.scene.problem import Problem
     from fecloth.scene.scene import Scene
@@ -40,11 +35,47 @@ FIELD_NAMES = (  # the keys of `frame_reader.FIELDS`, and the checker pattern
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command and return its exit status (see `STATUS`)."""
-    options = _parser().parse_args(arguments)
+    """Run a command and return its exit status (see `STATUS`).
+
+    Without arguments, those of the process are taken; signals are then ignored from the end of the
+    command to that of the process, so that its status stays.
+    """
+    before = set_handler(stop_at_once)
     try:
-        with _handle_sigterm():
-            return options.command(options)
+        return _run_command(arguments)
+    except KeyboardInterrupt as stop:
+        set_handler(signal.SIG_IGN)
+        with suppress(OSError):  # a closed pipe
+            print(f"interrupted{f' {stop}' if stop.args else '; run it again'}", file=sys.stderr)
+        return STOPPED
+    finally:
+        set_handler(signal.SIG_IGN)
+        if arguments is not None:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def _run_command(arguments: list[str] | None) -> int:
+    """Run a command; turn lost output into a failure where the output is the result."""
+    from fecloth.cli.streams import lost_output, tolerant_streams
+
+    with tolerant_streams():
+        options = _parser().parse_args(arguments)
+        status = _status(options)
+        set_handler(signal.SIG_IGN)
+        if (why := lost_output()) and options.prints:
+            print(f"failed: {why}", file=sys.stderr)
+            status = status or SIMULATION_FAILED
+        return status
+
+
+def _status(options) -> int:
+    """Run the command of the options; print its failure, if any."""
+    from fecloth.errors import FeclothError, InputError
+    from fecloth.output.atomic_files import DiskFull
+
+    try:
+        return options.command(options)
     except DiskFull as full:
         print(f"failed: {full}", file=sys.stderr)
         return SIMULATION_FAILED
@@ -54,12 +85,6 @@ def main(arguments: list[str] | None = None) -> int:
     except FeclothError as failure:
         print(f"failed: {failure}", file=sys.stderr)
         return SIMULATION_FAILED
-    except KeyboardInterrupt as stop:
-        print(f"interrupted{f' {stop}' if stop.args else '; run it again'}", file=sys.stderr)
-        return STOPPED
-    except BrokenPipeError:  # the reader of a pipe has gone, as in `fecloth info | head -1`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except OSError as refusal:  # of the system, as where Numba keeps machine code
         remedy = "If a disk is full, free space; NUMBA_CACHE_DIR is where machine code is stored."
         print(f"error: {refusal}. {remedy}", file=sys.stderr)
@@ -69,27 +94,18 @@ def main(arguments: list[str] | None = None) -> int:
         return SIMULATION_FAILED
 
 
-@contextmanager
-def _handle_sigterm() -> Iterator[None]:
-    """Handle SIGTERM as Ctrl-C, also before a run handles both."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 def _parser() -> argparse.ArgumentParser:
+    import argparse
+
+    from fecloth import __version__
+
     parser = argparse.ArgumentParser(
         prog="fecloth",
         description="A continuum cloth solver.",
         epilog=STATUS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"fecloth {version('fecloth')}")
+    parser.add_argument("--version", action="version", version=f"fecloth {__version__}")
     commands = parser.add_subparsers(
         required=True, metavar="run | view | render | check | mesh | info"
     )
@@ -133,6 +149,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _command(commands, name: str, function: Callable, words: str) -> argparse.ArgumentParser:
+    import argparse
+
     parser = commands.add_parser(
         name,
         help=words,
@@ -140,7 +158,7 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
         epilog=STATUS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(command=function)
+    parser.set_defaults(command=function, prints=function in (_mesh, _info))
     return parser
 
 
@@ -154,10 +172,11 @@ def _scene_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options) -> int:
-    from rich.console import Console
+    from pathlib import Path
 
     from fecloth.cli.describe import sources
-    from fecloth.cli.progress import progress
+    from fecloth.cli.progress import progress, terminal
+    from fecloth.errors import InputError
     from fecloth.runs.outcome import DONE, FAILED, failure_message, finished_message, ledger_text
     from fecloth.runs.run_scene import run_scene
     from fecloth.scene.plan import plan
@@ -167,24 +186,24 @@ def _run(options) -> int:
     if options.resume and (options.output or options.overwrite):
         raise InputError("--resume", "needs neither -o nor --overwrite: it names the folder")
     path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
-    console = Console(stderr=True, quiet=options.quiet)
+    console = terminal(options.quiet)
 
     def announce(problem: Problem, why: str, warnings: list[str]) -> None:
         lines = [*sources(problem.system.fabric), *plan(problem, why)]
         lines += [f"warning: {words}" for words in warnings]
-        console.print("\n".join(lines), highlight=False, soft_wrap=True)
+        console.print("\n".join(lines), soft_wrap=True)
 
     def warn(words: str) -> None:
-        console.print(f"warning: {words}", highlight=False, soft_wrap=True)
+        loud = terminal(quiet=False) if options.quiet else console
+        loud.print(f"warning: {words}", soft_wrap=True)
 
     with progress(console, scene.time.t_end) as report:
         resume = bool(options.resume)
-        outcome = run_scene(scene, path, options.overwrite, announce, report, resume, warn)
+        run_ = scene, path, options.overwrite, announce, report, resume, warn
+        outcome = run_scene(*run_, closed=lambda: set_handler(signal.SIG_IGN))
     if not options.quiet:
         print(ledger_text(outcome.ledger))
         print(finished_message(outcome))
-    if outcome.warning:
-        print(f"warning: {outcome.warning}", file=sys.stderr)
     if outcome.status == DONE:
         return 0
     print(failure_message(outcome), file=sys.stderr)
@@ -195,6 +214,8 @@ def _run(options) -> int:
 
 
 def _view(options) -> int:
+    import webbrowser
+
     from fecloth.view.web_page import write_view
 
     file = write_view(options.folder)
@@ -205,6 +226,7 @@ def _view(options) -> int:
 
 
 def _render(options) -> int:
+    from fecloth.errors import InputError
     from fecloth.view.render import render
 
     try:
@@ -219,6 +241,8 @@ def _render(options) -> int:
 
 def _describe_frame_time(options) -> str:
     """Return the time of the frame that a picture shows, in words."""
+    import math
+
     from fecloth.output.frame_reader import Series
 
     series, time = Series.open(options.folder), options.time
@@ -231,12 +255,10 @@ def _describe_frame_time(options) -> str:
 
 
 def _check(options) -> int:
-    from rich.console import Console
-
-    from fecloth.cli.progress import progress
+    from fecloth.cli.progress import progress, terminal
     from fecloth.scene.scene import load_scene
 
-    console, passed = Console(stderr=True, quiet=options.quiet), True
+    console, passed = terminal(options.quiet), True
     for path in options.scenes:
         scene = load_scene(path, options.set)
         scene.require_expectations()
@@ -257,8 +279,8 @@ def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None])
     problem, solver, why = resolve_scene(scene.build())
     start = problem.system, problem.method, problem.ledger, problem.observer
     result = collect(problem.march(solver), *start, why, report=report)
-    if result.doubt:
-        print(f"warning: {result.doubt}", file=sys.stderr)
+    for words in result.warnings:
+        print(f"warning: {words}", file=sys.stderr)
     return check(scene.expect, result.times, result.observed, result.energies)
 
 
@@ -266,7 +288,10 @@ def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None])
 
 
 def _mesh(options) -> int:
+    from pathlib import Path
+
     from fecloth.cli.describe import describe_cloth
+    from fecloth.errors import InputError
     from fecloth.mesh.cloth import Cloth
     from fecloth.output.mesh_file import write_mesh
     from fecloth.scene.scene import load_scene
@@ -318,12 +343,15 @@ def _plan(options) -> list[str]:
     from fecloth.scene.scene import load_scene
 
     problem, _, why = resolve_scene(load_scene(options.scene, options.set).build())
-    lines = [*describe_cloth(problem.cloth), *sources(problem.system.fabric), *plan(problem, why)]
+    _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes
+    lines = [*plan(problem, why), *mesh, *sources(problem.system.fabric)]
     return lines + [f"warning: {words}" for words in find_warnings(problem)]
 
 
 def _versions() -> list[str]:
     """The versions of the packages, and the machine."""
+    import os
+
     from fecloth.linalg import select
     from fecloth.runs.environment import versions
 

@@ -11,10 +11,20 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from fecloth.simulation.march import StepInfo
 
 
+def terminal(quiet: bool) -> Console:
+    """Return a console on standard error that prints text as it is.
+
+    Names and formulas may hold brackets and colons, which Rich reads as markup and emoji.
+    """
+    return Console(stderr=True, quiet=quiet, markup=False, emoji=False, highlight=False)
+
+
 @contextmanager
 def progress(console: Console, t_end: float) -> Iterator[Callable[[StepInfo], None]]:
     """Show a bar with simulated time, step, Newton iterations and the time that is left."""
-    words = TextColumn("t = {task.completed:.4g} of {task.total:g} s  {task.description}")
+    words = TextColumn(
+        "t = {task.completed:.4g} of {task.total:g} s  {task.description}", markup=False
+    )
     columns = words, BarColumn(), TimeElapsedColumn(), "left", TimeRemainingColumn()
     bar = Progress(*columns, console=console, transient=True)
     task = bar.add_task("", total=t_end)

@@ -67,7 +67,9 @@ def constants(name: str) -> dict:
     name = name if isinstance(name, str) else repr(name)  # a scene may have any type here
     if name not in _fabrics():
         allowed = f"must be one of {', '.join(names())}"
-        raise InputError(f"preset = {name!r}", allowed, "", did_you_mean(name, names()))
+        raise InputError(
+            f"preset = {name!r}", allowed, "Fabric.preset", did_you_mean(name, names())
+        )
     return dict(_fabrics()[name])
 
 

@@ -12,7 +12,7 @@ from fecloth.integrators.linearly_implicit_euler import LinearlyImplicitEuler
 from fecloth.integrators.newmark import Newmark
 from fecloth.integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step, arrival, held
+from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.integrators.with_memory import WithMemory
 from fecloth.nonlinear.stage import Stage
 from fecloth.system.records import remembered
@@ -25,9 +25,9 @@ __all__ = [
     "StageMethod",
     "Step",
     "WithMemory",
-    "arrival",
-    "held",
+    "prescribed_end",
     "remembered",
+    "set_prescribed",
 ]
 
 METHODS = {

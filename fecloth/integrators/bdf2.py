@@ -8,7 +8,7 @@ import numpy as np
 
 from fecloth.integrators.newmark import Newmark
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step, arrival, held
+from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.integrators.with_memory import WithMemory, hold_stage
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
@@ -43,7 +43,8 @@ class BDF2(WithMemory):
     Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, III.5.
     """
 
-    traits = MethodTraits(order=2, error_constant=2 / 9, has_difference=True)  # at constant steps
+    # the error constant is that of constant steps
+    traits = MethodTraits(order=2, error_constant=2 / 9, drift=(2, 1 / 3), has_difference=True)
 
     def stage(self, state: State, dt: float, last: Change) -> Stage:
         """The stage of a step from `state`, after the change that led there."""
@@ -84,11 +85,11 @@ class BDF2(WithMemory):
         if memory is None:
             first = Newmark().step(system, state, dt, solver, over=over)
             return replace(first, memory=_change(state, first.state))
-        end, stage = arrival(system, state, dt), self.stage(state, dt, memory)
+        end, stage = prescribed_end(system, state, dt), self.stage(state, dt, memory)
         stage = hold_stage(system, stage, end, stage.a + stage.wa * (end.v - state.v))
         q, counts = newton.solve(over, stage, solver, memory.dv)
         _, v, a = stage.at(q)
-        new = held(system, State(end.t, stage.x_end + stage.w_end * q, v), end)
+        new = set_prescribed(system, State(end.t, stage.x_end + stage.w_end * q, v), end)
         change = _change(state, new)
         return Step(new, new, change, counts, ends=(system, state), a=a, share=1.0, over=over)
 

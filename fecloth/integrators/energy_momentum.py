@@ -65,7 +65,8 @@ class EnergyMomentum(StageMethod):
     @property
     def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
         """A-stable; its matrix is symmetric if the tangents of the forces between states are."""
-        return MethodTraits(order=2, symmetric=self.tangent == "symmetric", error_constant=1 / 12)
+        symmetric = self.tangent == "symmetric"
+        return MethodTraits(order=2, symmetric=symmetric, error_constant=1 / 12, drift=(2, 1 / 12))
 
     stage = ImplicitMidpoint.stage
 

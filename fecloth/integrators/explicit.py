@@ -15,7 +15,7 @@ import numpy as np
 from fecloth.errors import InputError, flag
 from fecloth.integrators.numerical_dissipation import explicit_dissipation
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step, arrival
+from fecloth.integrators.step import Step, prescribed_end
 from fecloth.jit import Array, kernel
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.records import remembered
@@ -81,7 +81,9 @@ class ForwardEuler(Explicit):
     """
 
     # its limit is of another form: see `critical_dt`
-    constants = MethodTraits(order=1, explicit=True, error_constant=1 / 2, stability=None)
+    constants = MethodTraits(
+        order=1, explicit=True, error_constant=1 / 2, drift=(1, 1 / 2), stability=None
+    )
     forces_at = 0.0
     beyond_limit: bool = False
 
@@ -107,7 +109,13 @@ class SymplecticEuler(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    constants = MethodTraits(order=1, explicit=True, error_constant=1 / 2, stability=(1 / 4, 1 / 2))
+    constants = MethodTraits(
+        order=1,
+        explicit=True,
+        error_constant=1 / 2,
+        drift=(2, 1 / 24),  # that of central differences, started half a step off
+        stability=(1 / 4, 1 / 2),
+    )
     forces_at = 0.0
     beyond_limit: bool = False
 
@@ -124,7 +132,7 @@ def _euler(method: Explicit, system: System, state: State, dt: float, new_veloci
     begin = time.perf_counter()
     x, v = np.empty((2, *state.x.shape))
     move(state.x, state.v, acceleration(system, state), dt, new_velocity, x, v)
-    new = put(system, State(state.t + dt, x, v), arrival(system, state, dt))
+    new = set_held(system, State(state.t + dt, x, v), prescribed_end(system, state, dt))
     return Step(new, state, None, Counts(seconds={"force": time.perf_counter() - begin}))
 
 
@@ -157,7 +165,9 @@ class CentralDifference(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    constants = MethodTraits(order=2, explicit=True, error_constant=1 / 6, stability=(1 / 4, 1.0))
+    constants = MethodTraits(
+        order=2, explicit=True, error_constant=1 / 6, drift=(2, 1 / 24), stability=(1 / 4, 1.0)
+    )
     forces_at = 0.5
     beyond_limit: bool = False
 
@@ -177,13 +187,13 @@ class CentralDifference(Explicit):
         self.check(system)
         begin = time.perf_counter()
         last = memory or LastForce(acceleration(system, state), state)
-        end = arrival(system, state, dt)
+        end = prescribed_end(system, state, dt)
         x, ahead, v = np.empty((3, *state.x.shape))
         move(state.x, state.v, last.a, dt, 0.5, x, ahead)
-        at = put(system, State(state.t + dt, x, ahead), end)
+        at = set_held(system, State(state.t + dt, x, ahead), end)
         a = acceleration(system, at)
         kick(state.v, last.a, a, dt, v)
-        system.constraints.put(v, end.v)
+        system.constraints.set_held(v, end.v)
         new = State(at.t, x, v)
         counts = Counts(seconds={"force": time.perf_counter() - begin})
         forces = (last.at, last.a), (at, a)
@@ -191,16 +201,16 @@ class CentralDifference(Explicit):
 
 
 def acceleration(system: System, state: State) -> np.ndarray:
-    """Return M⁻¹ f (n, 3) [m/s²]; `put` removes its effect along held directions from x and v."""
+    """Return M⁻¹ f (n, 3) [m/s²]; `set_held` removes what it does along held directions."""
     a = system.force(state)
     divide(system.nodal_mass, a)
     return a
 
 
-def put(system: System, state: State, end: State) -> State:
+def set_held(system: System, state: State, end: State) -> State:
     """Set the held directions in the state's own arrays exactly to `end`; return the state."""
-    system.constraints.put(state.x, end.x)
-    system.constraints.put(state.v, end.v)
+    system.constraints.set_held(state.x, end.x)
+    system.constraints.set_held(state.v, end.v)
     return state
 
 

@@ -46,4 +46,6 @@ class GeneralizedAlpha(AccelerationMethod):
     def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
         """Error constant β − ½ (α_f − α_m) − 1/6: a is that of a time (α_f − α_m) dt before."""
         alpha_m, alpha_f, beta, _ = self.parameters
-        return MethodTraits(order=2, error_constant=beta - 0.5 * (alpha_f - alpha_m) - 1 / 6)
+        lag = alpha_f - alpha_m
+        drift = 2, 1 / 12 + 3 / 8 * lag**2
+        return MethodTraits(order=2, error_constant=beta - 0.5 * lag - 1 / 6, drift=drift)

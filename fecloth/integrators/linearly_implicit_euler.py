@@ -10,7 +10,7 @@ import numpy as np
 from fecloth.errors import IndefiniteMatrix
 from fecloth.integrators.one_stage import StageMethod
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step, arrival, held
+from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.statistics import Counts
@@ -29,7 +29,7 @@ class LinearlyImplicitEuler:
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 6 (their ∂f/∂x is −K).
     """
 
-    traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2)
+    traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2, drift=(1, 1 / 2))
 
     def weights(self, dt: float) -> tuple[float, float, float]:
         """(wx, wv, wa), scaled as backward Euler's."""
@@ -48,7 +48,7 @@ class LinearlyImplicitEuler:
         The exact tangent is used unless it is found to be indefinite and the options allow the
         clamped one.
         """
-        end = arrival(system, state, dt)
+        end = prescribed_end(system, state, dt)
         definite = solver.options.definiteness == "clamp"
         try:
             dv, counts = _velocity_change(system, state, dt, solver, end, definite, memory)
@@ -57,7 +57,7 @@ class LinearlyImplicitEuler:
                 raise
             dv, counts = _velocity_change(system, state, dt, solver, end, True, memory)
         v = state.v + dv
-        new = held(system, State(state.t + dt, state.x + dt * v, v), end)
+        new = set_prescribed(system, State(state.t + dt, state.x + dt * v, v), end)
         at_stage = State(new.t, new.x, v)  # the velocity that moved x, also at the pins
         return Step(new, at_stage, dv, counts)
 
@@ -77,8 +77,8 @@ def _velocity_change(
     begin = time.perf_counter()
     (linear, J), nodes = solver.matrix_solver(), system.constraints.nodes
     dv, inertial = np.zeros((2, *state.v.shape))  # of the held directions: what moves x, and v
-    dv[nodes] = system.constraints.held((end.x - state.x) / dt - state.v)
-    inertial[nodes] = system.constraints.held(end.v - state.v)
+    dv[nodes] = system.constraints.held_part((end.x - state.x) / dt - state.v)
+    inertial[nodes] = system.constraints.held_part(end.v - state.v)
     system.assemble(J, state, wx=dt, definite=definite)
     dense = system.dense(state)
     b = system.force(state) - J @ state.v - _times(system, dense, dt, state.v)

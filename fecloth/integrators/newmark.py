@@ -8,7 +8,7 @@ import numpy as np
 
 from fecloth.errors import InputError, flag, is_number
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step, arrival, blend, held
+from fecloth.integrators.step import Step, blend, prescribed_end, set_prescribed
 from fecloth.integrators.with_memory import WithMemory, hold_stage
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
@@ -70,7 +70,7 @@ class AccelerationMethod(WithMemory):
         `over` is the system over the step, if it is not `system`.
         """
         alpha_m, alpha_f, _, gamma = self.parameters
-        end = arrival(system, state, dt)
+        end = prescribed_end(system, state, dt)
         a = memory.a if memory else starting_acceleration(system, state, end, dt, solver)
         moved = ((end.v - state.v) / dt - (1 - gamma) * a) / gamma  # a₁ of what the pins hold
         stage = self.stage(state, dt, a)
@@ -78,7 +78,7 @@ class AccelerationMethod(WithMemory):
         stage = hold_stage(system, stage, at, a_m)
         q, counts = newton.solve(over or system, stage, solver, a)
         new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * ((1 - gamma) * a))
-        new = held(system, replace(new, v=new.v + dt * gamma * q), end)
+        new = set_prescribed(system, replace(new, v=new.v + dt * gamma * q), end)
         a_new = system.constraints.hold(q, moved)
         x, v, a_stage = stage.at(q)
         a_solved = a_stage if self.share is None else (new.v - state.v) / dt
@@ -137,9 +137,11 @@ class Newmark(AccelerationMethod):
         in v. For γ > ½ the error in v is of first order, and there is no estimate of it.
         """
         second = self.gamma == 0.5
+        drift = (2, 0.5 * abs(self.beta - 1 / 12)) if second else (1, 0.5 * (self.gamma - 0.5))
         return MethodTraits(
             order=2 if second else 1,
             error_constant=max(abs(self.beta - 1 / 6), 1 / 12) if second else None,
+            drift=drift,
             stability=(max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma),
             beyond_limit=self.beyond_limit,
         )

@@ -8,7 +8,7 @@ import numpy as np
 
 from fecloth.integrators.numerical_dissipation import stiffness_product, work_beyond_dissipation
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step, arrival, held
+from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, prescribed
@@ -50,13 +50,13 @@ class StageMethod:
         memory: np.ndarray | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s]."""
-        end = arrival(system, state, dt)
+        end = prescribed_end(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
         over = self.over_step(system, state, dt)
         q, counts = newton.solve(over, stage, solver, memory)
         x, v, a = stage.at(q)
         new = State(state.t + dt, stage.x_end + stage.w_end * q, state.v + dt * a)
-        return Step(held(system, new, end), State(stage.t, x, v), q, counts, over=over)
+        return Step(set_prescribed(system, new, end), State(stage.t, x, v), q, counts, over=over)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step: (θ − ½)(Δv·M Δv + Δx·K Δx).
@@ -84,7 +84,9 @@ class BackwardEuler(StageMethod):
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 4.
     """
 
-    traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2, has_difference=True)
+    traits = MethodTraits(
+        order=1, theta=1.0, error_constant=1 / 2, drift=(1, 1 / 2), has_difference=True
+    )
 
     def stage(self, state: State, dt: float) -> Stage:
         x, zero = state.x + dt * state.v, np.zeros_like(state.v)
@@ -105,7 +107,7 @@ class ImplicitMidpoint(StageMethod):
     Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, section I.1, eq. 1.7.
     """
 
-    traits = MethodTraits(order=2, error_constant=1 / 12)
+    traits = MethodTraits(order=2, error_constant=1 / 12, drift=(2, 1 / 12))
 
     def stage(self, state: State, dt: float) -> Stage:
         x, zero = state.x + 0.5 * dt * state.v, np.zeros_like(state.v)

@@ -3,7 +3,7 @@
 A method of your own is a frozen dataclass with `traits` and the functions of `Integrator`, or of
 `ExplicitIntegrator`. `StageMethod` and `WithMemory` are bases that supply all but a few lines; the
 file studies/examples/integrator.py has one of each. `fecloth.integrators` exports them, and the
-`Step`, `arrival`, `held` and `remembered` named below. `Counts()` of
+`Step`, `prescribed_end`, `set_prescribed` and `remembered` named below. `Counts()` of
 `fecloth.nonlinear.statistics` are the counts of a step without Newton's iteration.
 """
 
@@ -42,6 +42,12 @@ class MethodTraits:
     error_constant
         c > 0: a step's error in x is c dt^(p + 1) times the (p + 1)-th time derivative of x. None
         if it is not known: then `Adaptive` refuses the method.
+    drift
+        (q, κ): a slow undamped mode of frequency ω is off by κ (ω dt)^q ω t of its amplitude after
+        the time t, by its phase or by its size: e^(iω dt) (1 + iκ (ω dt)^(q + 1)) or so is the
+        eigenvalue of a step, with |κ| in any direction of the complex plane. Where it is not given
+        the error in time of a run is estimated with (order, error_constant), too large if errors of
+        single steps cancel.
     stability
         (a, b): a mode with k = ω² and d = 2 ζ ω is stable if a dt² k + b dt d < 1. (0, 0) is an
         A-stable method. None if the limit has another form or is not known.
@@ -69,6 +75,7 @@ class MethodTraits:
     explicit: bool = False
     symmetric: bool = True
     error_constant: float | None = None
+    drift: tuple[int, float] | None = None
     stability: tuple[float, float] | None = (0.0, 0.0)
     beyond_limit: bool = True
     chooses_dt: bool = False
@@ -121,8 +128,8 @@ class Stepping(Protocol):
         Returns
         -------
         Step
-            Its state must have the pinned nodes where ``end = arrival(system, state, dt)`` puts
-            them; ``held(system, new, end)`` is the state `new` with them there.
+            Its state must have the pinned nodes at their prescribed places:
+            ``set_prescribed(system, new, prescribed_end(system, state, dt))`` puts them there.
 
         Raises
         ------

@@ -99,13 +99,13 @@ def blend(old: State, new: State, theta: float) -> State:
     return State(old.t + theta * dt, old.x + theta * dx, old.v + theta * dv)
 
 
-def arrival(system: System, state: State, dt: float) -> State:
+def prescribed_end(system: System, state: State, dt: float) -> State:
     """Return the state whose held directions follow the pins' motion at the end of a step."""
     x, v = system.constraints.target(state.t, dt, state.x)
     return State(state.t + dt, x, v)
 
 
-def held(system: System, state: State, end: State) -> State:
+def set_prescribed(system: System, state: State, end: State) -> State:
     """Return the state with its held directions exactly at the prescribed `end`."""
     hold = system.constraints.hold
     return State(state.t, hold(state.x, end.x), hold(state.v, end.v))

@@ -22,7 +22,7 @@ from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.direct import Pardiso, SuperLU
 from fecloth.linalg.pcg import PCG
-from fecloth.linalg.protocol import SolveInfo, checked
+from fecloth.linalg.protocol import SolveInfo, check_arguments
 
 # Work in iterations of PCG.
 ASSEMBLY = 5.0  # to assemble a tangent
@@ -116,7 +116,7 @@ class AutoSolver:
         IndefiniteMatrix
             If PCG or the direct solver finds that A is not positive definite.
         """
-        A, _, _ = checked(self._A, b, rtol)
+        A, _, _ = check_arguments(self._A, b, rtol)
         if not isinstance(self._solver, PCG):
             x, info = self._solver.solve(b, rtol, guess)
             self._work += OVERHEAD + (1 + info.iterations) * self.price / SOLVES[self.name]

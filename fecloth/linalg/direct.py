@@ -14,7 +14,7 @@ from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.jit import Array, kernel
 from fecloth.linalg import mkl_pardiso
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
-from fecloth.linalg.protocol import SolveInfo, block_rows, checked, relative_residual
+from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments, relative_residual
 from fecloth.linalg.scalar_csr import ScalarRows
 
 EPS = np.finfo(float).eps
@@ -54,7 +54,7 @@ class Pardiso:
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
         """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
-        return _refined(self, b, rtol)
+        return _solve_and_refine(self, b, rtol)
 
     def begin(self, wx: float, wa: float) -> None:
         """Nothing to do: every step is solved alike."""
@@ -130,7 +130,7 @@ class SuperLU:
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
         """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
-        return _refined(self, b, rtol)
+        return _solve_and_refine(self, b, rtol)
 
     def begin(self, wx: float, wa: float) -> None:
         """Nothing to do: every step is solved alike."""
@@ -162,7 +162,7 @@ class SuperLU:
         return x.reshape(b.shape)
 
 
-def _refined(
+def _solve_and_refine(
     solver: Pardiso | SuperLU, b: np.ndarray, rtol: float, steps: int = 2
 ) -> tuple[np.ndarray, SolveInfo]:
     """Solve with a factor and refine, x += A⁻¹ (b − A x), until the residual is at most `rtol`.
@@ -176,7 +176,7 @@ def _refined(
         If the residual is larger.
     """
     begin = time.perf_counter()
-    A, b, bb = checked(solver._A, b, rtol)
+    A, b, bb = check_arguments(solver._A, b, rtol)
     x, r, step, reached = np.zeros_like(b), b.copy(), 0, float(bb > 0.0)
     while not reached <= rtol and step <= steps:
         x += solver._apply(r)

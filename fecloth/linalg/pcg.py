@@ -14,7 +14,7 @@ import numpy as np
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.jit import Array, inner, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.linalg.protocol import SolveInfo, block_rows, checked, relative_residual
+from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments, relative_residual
 
 CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
 
@@ -53,7 +53,7 @@ class PCG:
     ) -> tuple[np.ndarray, SolveInfo]:
         """Solve A x = b (n, 3), starting from `guess` (n, 3) or 0: x (n, 3) and `SolveInfo`."""
         begin = time.perf_counter()
-        A, b, bb = checked(self._A, b, rtol)
+        A, b, bb = check_arguments(self._A, b, rtol)
         x, r, iterations = np.zeros_like(b), self._work[0], 0
         if guess is None or bb == 0.0:
             r[:] = b

@@ -10,7 +10,7 @@ import numpy as np
 from fecloth.errors import InputError, SolveFailed
 from fecloth.jit import Array, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.linalg.reductions import squared
+from fecloth.linalg.reductions import squared_norm
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class LinearSolver(Protocol):
         ...
 
 
-def checked(
+def check_arguments(
     A: BlockMatrix | None, b: np.ndarray, rtol: float
 ) -> tuple[BlockMatrix, np.ndarray, float]:
     """Validate the arguments of a solve: A, b as a contiguous array of floats (n, 3), and ‖b‖²."""
@@ -109,7 +109,7 @@ def checked(
     b = np.ascontiguousarray(b, dtype=float)
     if b.shape != (len(A.pattern), 3):
         raise InputError(f"b of shape {b.shape}", f"must be ({len(A.pattern)}, 3)", "solve")
-    bb = squared(b)
+    bb = squared_norm(b)
     if not np.isfinite(bb):
         raise SolveFailed(f"b is not finite: ‖b‖² = {bb}, largest at node {_largest(b)}")
     return A, b, bb

@@ -15,7 +15,7 @@ from fecloth.jit import Array, kernel
 
 def size(a: np.ndarray) -> float:
     """‖a‖ of (n, 3)."""
-    return math.sqrt(squared(a))
+    return math.sqrt(squared_norm(a))
 
 
 def mean(weights: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -26,11 +26,11 @@ def mean(weights: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def rms(weights: np.ndarray, y: np.ndarray) -> float:
     """√(Σ w_i ‖y_i‖² / Σ w_i) of (n, 3)."""
-    return math.sqrt(weighted(weights, y, y) / weights.sum())
+    return math.sqrt(weighted_dot(weights, y, y) / weights.sum())
 
 
 @kernel
-def squared(a: Array) -> float:
+def squared_norm(a: Array) -> float:
     """‖a‖² of (n, 3)."""
     total = 0.0
     for i in range(len(a)):
@@ -48,7 +48,7 @@ def dot(a: Array, b: Array) -> float:
 
 
 @kernel
-def weighted(w: Array, a: Array, b: Array) -> float:
+def weighted_dot(w: Array, a: Array, b: Array) -> float:
     """Σ w_i a_i · b_i of (n,) and (n, 3)."""
     total = 0.0
     for i in range(len(a)):
@@ -57,7 +57,15 @@ def weighted(w: Array, a: Array, b: Array) -> float:
 
 
 class NodeSums:
-    """The sums over the nodes of one cloth; arrays a, b, y are (n, 3) and weights (n,)."""
+    """The sums over a whole cloth; arrays a, b, y are (n, 3) and weights (n,).
+
+    Here one process holds the whole cloth. Where several hold a part each, such an object adds up
+    what they have, and nothing else changes.
+    """
+
+    def total(self, part: float) -> float:
+        """The sum over the cloth of a number that a process has summed over its part."""
+        return part
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Σ a_i · b_i."""

@@ -24,8 +24,8 @@ __all__ = [
     "SolveInfo",
     "SuperLU",
     "choose",
+    "create",
     "direct",
-    "named",
 ]
 
 
@@ -84,7 +84,7 @@ def _price(name: str, nodes: int) -> float:
     return 45 + 0.37 * root if name == "pardiso" else 100 + 10 * root
 
 
-def named(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG:
+def create(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG:
     """Create the solver with one of the `NAMES`; "direct" is PARDISO if available, else SuperLU.
 
     Raises
@@ -93,7 +93,7 @@ def named(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG:
         For an unknown name, for "pcg" with a matrix that is not symmetric, and for "pardiso"
         without the MKL.
     """
-    what, where = f"solver {name!r}", "linalg.select.named"
+    what, where = f"solver {name!r}", "linalg.select.create"
     if name not in NAMES:
         raise InputError(what, f"must be one of {', '.join(NAMES)}", where)
     if name == "pcg":

@@ -143,14 +143,14 @@ class Cloth:
             For arrays that are not a valid flat mesh; see `fecloth.mesh.flat_mesh`.
         """
         where = "from_arrays"
-        mesh = FlatMesh.checked(X, triangles, sets, where=where, triangle_sets=regions)
+        mesh = FlatMesh.from_arrays(X, triangles, sets, where=where, triangle_sets=regions)
         return cls._from_mesh(mesh, element, renumber)
 
     @classmethod
     def _from_mesh(
         cls, mesh: FlatMesh, element: str, renumber: bool = True, corner_sets: Collection[str] = ()
     ) -> Cloth:
-        elements.named(element, "Cloth")
+        elements.find_element(element, "Cloth")
         nodes, triangles = np.arange(len(mesh.X)), np.arange(len(mesh.triangles))
         if renumber:
             mesh, nodes, triangles = renumber_mesh(mesh)
@@ -233,7 +233,7 @@ class Cloth:
     @property
     def kind(self) -> elements.Element:
         """The element: shape functions, quadrature rule and mass."""
-        return elements.named(self.element, "Cloth")
+        return elements.find_element(self.element, "Cloth")
 
     @cached_property
     def mesh(self) -> skfem.MeshTri:

@@ -111,7 +111,7 @@ ELEMENTS = {
 }
 
 
-def named(name: str, where: str) -> Element:
+def find_element(name: str, where: str) -> Element:
     """The element with this name; raises `InputError` for an unknown name."""
     if name not in ELEMENTS:
         allowed = f"must be one of {', '.join(ELEMENTS)}"

@@ -39,7 +39,7 @@ class FlatMesh:
     triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod
-    def checked(
+    def from_arrays(
         cls,
         X,
         triangles,
@@ -85,7 +85,8 @@ class FlatMesh:
 
         Examples
         --------
-        >>> mesh = FlatMesh.checked([[0, 0], [1, 0], [0, 1]], [[0, 2, 1]], node_sets={"tip": [1]})
+        >>> X = [[0, 0], [1, 0], [0, 1]]
+        >>> mesh = FlatMesh.from_arrays(X, [[0, 2, 1]], node_sets={"tip": [1]})
         >>> mesh.triangles.tolist(), mesh.node_sets["tip"].tolist()
         ([[0, 1, 2]], [1])
         >>> mesh.edge_sets["boundary"].tolist()
@@ -103,7 +104,7 @@ class FlatMesh:
         _check_vertices(triangles, n, source)
         X = X if X.shape[1] == 2 else flatten(X, where)
         _check_nodes(X, triangles, source)
-        triangles = _oriented(X, triangles.astype(np.int32), source)
+        triangles = _orient(X, triangles.astype(np.int32), source)
         _check_duplicates(triangles, source)
         keys, boundary = _check_edges(triangles, n, source)
         nodes = {name: _node_set(name, s, n, where) for name, s in (node_sets or {}).items()}
@@ -225,7 +226,7 @@ def _areas_and_lengths(X, t):
     return area, np.array([(v * v).sum(axis=1) for v in (e, f, f - e)])
 
 
-def _oriented(X, t, source):
+def _orient(X, t, source):
     area, lengths2 = _areas_and_lengths(X, t)
     bad = np.flatnonzero(np.abs(area) < 1e-12 * lengths2.max(axis=0))
     limit = "the area must be at least 1e-12 of the longest edge squared"

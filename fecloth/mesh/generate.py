@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.mesh.flat_mesh import FlatMesh
-from fecloth.mesh.gmsh_import import check_positive, check_size, gmsh_plane
+from fecloth.mesh.gmsh_import import gmsh_plane
 from fecloth.suggest import did_you_mean
 
 
@@ -49,15 +50,15 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
     >>> mesh.X.shape, mesh.triangles.shape, mesh.node_sets["left"].tolist()
     ((15, 2), (16, 3), [0, 5, 10])
     """
-    check_positive("width", width, "rectangle")
-    check_positive("height", height, "rectangle")
-    check_size(h, max(width, height), width * height, "rectangle")
+    validation.length("width", width, "rectangle")
+    validation.length("height", height, "rectangle")
+    validation.mesh_size(h, max(width, height), width * height, "rectangle")
     if pattern not in _PATTERNS:
         allowed = f"must be one of {', '.join(_PATTERNS)}"
         remedy = did_you_mean(pattern, _PATTERNS, cutoff=0.0)
         raise InputError(f"pattern = {pattern!r}", allowed, "rectangle", remedy)
     X, triangles = _PATTERNS[pattern](float(width), float(height), float(h))
-    return _with_side_sets(FlatMesh.checked(X, triangles, where="rectangle"), width, height)
+    return _with_side_sets(FlatMesh.from_arrays(X, triangles, where="rectangle"), width, height)
 
 
 def disk(radius: float, h: float) -> FlatMesh:
@@ -86,8 +87,8 @@ def disk(radius: float, h: float) -> FlatMesh:
     >>> bool(np.allclose(np.hypot(*mesh.X[mesh.node_sets["boundary"]].T), 0.5))
     True
     """
-    check_positive("radius", radius, "disk")
-    check_size(h, radius, np.pi * radius**2, "disk")
+    validation.length("radius", radius, "disk")
+    validation.mesh_size(h, radius, np.pi * radius**2, "disk")
 
     def draw(geo):
         centre = geo.addPoint(0, 0, 0, h)
@@ -96,10 +97,10 @@ def disk(radius: float, h: float) -> FlatMesh:
         arcs = [geo.addCircleArc(points[i], centre, points[(i + 1) % 4]) for i in range(4)]
         geo.addPlaneSurface([geo.addCurveLoop(arcs)])
 
-    return FlatMesh.checked(*gmsh_plane(draw, "disk"), where="disk")
+    return FlatMesh.from_arrays(*gmsh_plane(draw, "disk"), where="disk")
 
 
-def _unstructured(width, height, h):
+def _mesh_unstructured(width, height, h):
     def draw(geo):
         corners = [(0, 0), (width, 0), (width, height), (0, height)]
         points = [geo.addPoint(x, y, 0, h) for x, y in corners]
@@ -154,7 +155,7 @@ def _equilateral(width, height, h):
 
 
 _PATTERNS = {
-    "unstructured": _unstructured,
+    "unstructured": _mesh_unstructured,
     "right": _right,
     "cross": _cross,
     "equilateral": _equilateral,

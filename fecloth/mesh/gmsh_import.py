@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fecloth.errors import InputError, MeshError
+from fecloth import validation
+from fecloth.errors import MeshError
 from fecloth.mesh.gmsh_session import gmsh_model, set_options
 
-_MAX_TRIANGLES = 20_000_000  # more triangles than this: h is assumed to be a mistake
 _DIMENSIONS = ("point", "curve", "surface")
 
 
@@ -29,35 +29,6 @@ class RawMesh:
     triangle_ids: np.ndarray
     geometric: np.ndarray  # (n,) bool: nodes to be removed if no triangle uses them
     triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
-
-
-def check_size(h, extent: float, area: float, where: str) -> None:
-    """Raise `InputError` if an edge length h [m] does not fit the extent [m] and area [m²].
-
-    h must be at most the extent, and give at most `_MAX_TRIANGLES` triangles.
-    """
-    check_positive("h", h, where)
-    if h > extent:
-        in_mm = f", or write {h / 1000:g} if you meant mm" if h / 1000 < extent / 2 else ""
-        allowed, remedy = f"must be at most {extent:g} m", f"Use a smaller h{in_mm}."
-        raise InputError(f"h = {h:g} m", allowed, where, remedy)
-    with np.errstate(divide="ignore"):
-        count = np.float64(area) / (np.sqrt(3.0) / 4 * h * h)
-    if count > _MAX_TRIANGLES:
-        least = np.sqrt(4 / np.sqrt(3.0) * area / _MAX_TRIANGLES)
-        what = f"h = {h:g} m would make about {count:.1e} triangles"
-        allowed, remedy = f"h must be at least {least:.2g} m", "A number without unit is in metres."
-        raise InputError(what, allowed, where, remedy)
-
-
-def check_positive(name: str, value, where: str) -> None:
-    """Raise `InputError` if a length is not a positive, finite number."""
-    try:
-        is_length = not isinstance(value, (str, bytes, bool)) and 0 < float(value) < np.inf
-    except (TypeError, ValueError):
-        is_length = False
-    if not is_length:
-        raise InputError(f"{name} = {value!r}", "must be a finite length > 0, in m", where)
 
 
 def gmsh_plane(draw: Callable, where: str) -> tuple[np.ndarray, np.ndarray]:
@@ -83,7 +54,7 @@ def from_geo(path: Path, h: float | None) -> RawMesh:
     constant = re.search(r"DefineConstant\s*\[[^\]]*\bh\s*=", text)
     with gmsh_model() as gmsh:
         if h is not None:
-            check_positive("h", h, where)
+            validation.length("h", h, where)
             if constant:
                 gmsh.parser.setNumber("h", [float(h)])
         with _as_mesh_error("Gmsh cannot read the file", where):
@@ -99,7 +70,7 @@ def _limit_size(gmsh, h: float, where: str, uniform: bool) -> None:
     box = gmsh.model.getBoundingBox(-1, -1)
     lengths = np.sort(np.subtract(box[3:], box[:3]))
     if np.isfinite(lengths).all() and lengths[2] > 0:
-        check_size(h, lengths[2], lengths[1] * lengths[2], where)
+        validation.mesh_size(h, lengths[2], lengths[1] * lengths[2], where)
     if uniform:
         set_options(gmsh, {"Mesh.MeshSizeMin": h, "Mesh.MeshSizeMax": h})
 

@@ -50,7 +50,9 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray, nearest: in
         For a point whose distance from the nearest triangle exceeds the longest edge of it.
     """
     if not np.isfinite(points).all():
-        raise MeshError("material points must be finite", where="Cloth.interpolate")
+        bad = int(np.argmin(np.isfinite(points).all(axis=1)))
+        what = f"material points[{bad}] = {points[bad].tolist()}"
+        raise MeshError(what, "must be finite", "Cloth.interpolate")
     corners = X[triangles]
     nearest = min(nearest, len(triangles))
     _, candidates = cKDTree(corners.mean(axis=1)).query(points, nearest)

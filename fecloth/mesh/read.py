@@ -29,7 +29,7 @@ def read(path, h: float | None = None) -> FlatMesh:
     Returns
     -------
     FlatMesh
-        Validated by `FlatMesh.checked`. Physical groups of points, curves and surfaces become node
+        Made by `FlatMesh.from_arrays`. Physical groups of points, curves and surfaces become node
         sets. Those of curves also become edge sets. A group without a name is called
         ``curve_<tag>``, and likewise for points and surfaces. Groups with the same name are united.
         meshio's point and cell sets, and the names in ``field_data`` for ``gmsh:physical`` cell
@@ -52,7 +52,7 @@ def read(path, h: float | None = None) -> FlatMesh:
         is not ``.geo``.
     MeshError
         For a file that is missing or unreadable, cells other than triangles, lines and points,
-        empty groups, and every error of `FlatMesh.checked`. Messages use the numbers of the file.
+        empty groups, and every error of `FlatMesh.from_arrays`. Messages use the file's numbers.
 
     Examples
     --------
@@ -101,7 +101,7 @@ def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
         in_mesh[:] = True
     ids, xyz = raw.node_ids[in_mesh], raw.xyz[in_mesh]
     regions = raw.triangle_sets
-    return FlatMesh.checked(xyz, t, nodes, edges, where, ids, raw.triangle_ids, regions)
+    return FlatMesh.from_arrays(xyz, t, nodes, edges, where, ids, raw.triangle_ids, regions)
 
 
 def _from_meshio(path: Path, suffix: str) -> RawMesh:

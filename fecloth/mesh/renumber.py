@@ -27,7 +27,7 @@ def renumber_mesh(mesh: FlatMesh) -> tuple[FlatMesh, np.ndarray, np.ndarray]:
 
     Examples
     --------
-    >>> mesh = FlatMesh.checked([[0, 0], [1, 0], [0, 1], [1, 1]], [[0, 1, 2], [1, 3, 2]])
+    >>> mesh = FlatMesh.from_arrays([[0, 0], [1, 0], [0, 1], [1, 1]], [[0, 1, 2], [1, 3, 2]])
     >>> new, nodes, triangles = renumber_mesh(mesh)
     >>> bool((nodes[new.triangles] == mesh.triangles[triangles]).all())
     True

@@ -4,21 +4,52 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError, is_number
 from fecloth.linalg import select
-from fecloth.nonlinear.newton import round_off
-from fecloth.nonlinear.static_newton import EquilibriumFailed, Search
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.iteration import Progress, iterate
+from fecloth.nonlinear.line_search import Point
+from fecloth.nonlinear.options import Newton
+from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
+from fecloth.nonlinear.statistics import Counts
 from fecloth.system.arguments import check_system
+from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
 
+FAR = 10.0  # extents of the cloth: a mean displacement beyond this means that no pin holds it
 QUICK = 8  # iterations after which a load increment may grow again
 SMALLEST = 1 / 64  # of the first load increment
+
+
+@remembered
+@dataclass(frozen=True, eq=False)
+class Equilibrium(State):
+    """A `State` in equilibrium, and how it was found.
+
+    Attributes
+    ----------
+    residual
+        ‖f‖ of the free directions over Σ ‖f_term‖ of all directions. It is 0 where no force
+        exceeds its round-off.
+    iterations, factorisations
+        Of all load steps together.
+    reason
+        A sentence: why the iteration ended.
+    """
+
+    residual: float
+    iterations: int
+    factorisations: int
+    reason: str
+
+    def __repr__(self) -> str:
+        return f"<Equilibrium of {len(self.x)} nodes at t = {self.t:g} s: {self.reason}>"
 
 
 @dataclass(frozen=True)
@@ -30,11 +61,11 @@ class Iteration:
     number
         Counted from 1.
     residual
-        ‖f‖ of the free directions after it, relative to Σ ‖f_term‖.
+        ‖f‖ of the free directions after it, relative to Σ ‖f_term‖ of all directions.
     shift
         σ of its tangent K + σ M [1/s²]; 0 is the exact tangent.
     length
-        Fraction of Newton's step, at most 1.
+        Fraction of Newton's step; more than 1 where the potential is concave along it.
     load
         Factor on the loads.
     """
@@ -55,7 +86,7 @@ def equilibrium(
     max_iterations: int = 200,
     solver: str = "direct",
     report: Callable[[Iteration], None] = lambda iteration: None,
-) -> State:
+) -> Equilibrium:
     """The equilibrium that Newton's iteration reaches from `state`, at the loads of its time.
 
     Each iteration solves (K + σ M) s = f with the tangent K = −∂f/∂x of all terms. σ is zero where
@@ -65,9 +96,10 @@ def equilibrium(
     who add σ alone): a flat cloth without stress has no stiffness across, and σ M stands in for
     it. With the exact K + σ M a sheet squeezed by a fifth took twice the iterations. The first σ
     moves the cloth by about a tenth of its extent under its load. Of s, s/2, s/4, … the longest is
-    taken that reduces the residual, or the potential sufficiently (their eq. 3.6a), or, where a
-    force has no potential, at whose end the residual does not push back hard (after Matthies and
-    Strang 1979). No node moves by more than the extent of the cloth in one iteration.
+    taken that halves the residual, or reduces the potential sufficiently (their eq. 3.6a), or,
+    where a force has no potential, at whose end the residual does not push back hard (after
+    Matthies and Strang 1979); it is doubled while the potential is concave along it. No node moves
+    by more than the extent of the cloth in one iteration.
 
     A compressed cloth has many equilibria, and which one is found depends on the start; a flat
     start without any load across stays flat. If the last `Iteration` had a shift, the tangent is
@@ -87,8 +119,8 @@ def equilibrium(
         the cloth far: a strip under a follower pressure that turned it by 140° took 191 iterations
         at once and 144 in ten steps, and one turned by 237° was found in steps only.
     tolerance
-        On ‖f‖ of the free directions over Σ ‖f_term‖ at the same positions. It is
-        never less than the round-off of the forces, 8 ε ‖K_ii x_i‖.
+        On ‖f‖ of the free directions over Σ ‖f_term‖ of all directions at the same positions; the
+        forces on what the pins hold are the reactions.
     max_iterations
         Of each load step; beyond it the step has failed.
     solver
@@ -98,14 +130,17 @@ def equilibrium(
 
     Returns
     -------
-    State
-        At the same time, with v = 0.
+    Equilibrium
+        A `State` at the same time, with v = 0, and the residual, iterations, factorisations and
+        reason.
 
     Raises
     ------
     EquilibriumFailed
-        If the cloth moves away as nothing holds it, or the iteration ends before the tolerance;
-        the message says how many triangles are slack, which is the usual cause.
+        If the tolerance is not met: the cloth moves away as nothing holds it, the iteration ends
+        before (the message says how many triangles are slack, the usual cause), or the round-off
+        of the forces is greater (the message says which tolerance can be met). Its `state` is the
+        best one. A cloth on which no force exceeds its round-off is in equilibrium.
 
     Examples
     --------
@@ -117,59 +152,87 @@ def equilibrium(
     >>> print(f"{1000 * sag:.0f} mm")
     38 mm
     """
+    _check(system, state, load_steps, tolerance, max_iterations, solver, report)
+    start = State(state.t, state.x.copy(), np.zeros_like(state.x))
+    options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)
+    matrix = BlockMatrix.zeros(system.pattern)
+    context = SolverContext(select.create(solver, system.symmetric), matrix, options)
+    if load_steps == 1:
+        x, counts = _solve(StaticEquation(system, start), start.x, context, report)
+    else:
+        x, counts = _increase_loads(system, start, context, 1 / load_steps, report)
+    met = f"its residual, {counts.residual:.1e} of the forces, is below the tolerance {tolerance:g}"
+    reason = met if counts.residual else "no force exceeds its round-off"
+    work = counts.newton, counts.factorisations
+    return Equilibrium(start.t, x, np.zeros_like(x), counts.residual, *work, reason)
+
+
+def _check(system, state, load_steps, tolerance, max_iterations, solver, report):
+    """Raise `InputError` for an argument that is not allowed."""
     check_system(system, state, "equilibrium")
     validation.function(
         "report", report, "lambda iteration: print(iteration.residual)", "equilibrium"
     )
-    if not (is_number(tolerance) and 0 < tolerance < 1):
-        raise InputError(f"tolerance = {tolerance!r}", "must lie in (0, 1)", "equilibrium")
+    if not (is_number(tolerance) and 1e-13 <= tolerance < 1):
+        allowed = "must lie in [1e-13, 1)"
+        raise InputError(f"tolerance = {tolerance!r}", allowed, "equilibrium")
     for name, value in (("max_iterations", max_iterations), ("load_steps", load_steps)):
         if not (isinstance(value, int) and value >= 1):
             raise InputError(f"{name} = {value!r}", "must be an integer >= 1", "equilibrium")
     if solver not in ("direct", "pardiso", "superlu"):
         allowed = "must be direct, pardiso or superlu"
         raise InputError(f"solver = {solver!r}", allowed, "equilibrium")
-    start = State(state.t, state.x.copy(), np.zeros_like(state.x))
-    search = Search(system, start, select.named(solver, system.symmetric))
-    newton = partial(_newton, search, tolerance, max_iterations, report)
-    if load_steps == 1:
-        return search.state(newton(start.x)[0])
-    return search.state(_increase_loads(search, newton, 1 / load_steps))
 
 
-def _increase_loads(search: Search, newton: Callable, largest: float) -> np.ndarray:
+def _increase_loads(system, start, context, largest, report) -> tuple[np.ndarray, Counts]:
     """Return x under the full loads, increased by at most the fraction `largest` at a time."""
-    x, reached, increment, rate = search.start.x, 0.0, largest, 0.0
+    x, reached, increment, rate, total = start.x, 0.0, largest, 0.0, Counts()
     while reached < 1:
         to = reached + increment
-        search.load = to if to < 1 - 1e-9 else 1.0
+        load = to if to < 1 - 1e-9 else 1.0
+        guess = x + (load - reached) * rate
         try:
-            new, iterations = newton(x + (search.load - reached) * rate)
+            new, counts = _solve(StaticEquation(system, start, load), guess, context, report)
         except EquilibriumFailed as failure:
             increment /= 2
             if increment < SMALLEST * largest:
-                raise search.load_step_failure(failure, x, reached) from failure
+                reason = f"load stepping ended at {reached:.4g} of the loads: {failure.reason}"
+                best = State(start.t, x, np.zeros_like(x))
+                args = failure.residual, best, failure.remedy, reached
+                raise EquilibriumFailed(reason, *args) from failure
             continue
-        rate = (new - x) / (search.load - reached)
-        x, reached = new, search.load
-        if iterations <= QUICK:
+        rate = (new - x) / (load - reached)
+        x, reached, total = new, load, total.plus(counts)
+        if counts.newton <= QUICK:
             increment = min(2 * increment, largest)
-    return x
+    return x, total
 
 
-def _newton(search: Search, tolerance, max_iterations, report, x) -> tuple[np.ndarray, int]:
-    """x in equilibrium with the loads times `search.load`, and the number of iterations."""
-    f, scale = search.forces(x)
-    search.choose_first_shift(f)
-    goal = max(tolerance * scale, round_off(search.system, search.J, x, 0.0))
-    for number in range(1, max_iterations + 1):
-        if search.system.sums.norm(f) <= goal:
-            return x, number - 1
-        x, f, scale, shift, length = search.iterate(x, f, goal)
-        goal = max(tolerance * scale, round_off(search.system, search.J, x, shift))
-        relative = search.system.sums.norm(f) / scale if scale else 0.0
-        report(Iteration(number, relative, shift, length, search.load))
-        search.check_travel(x, f)
-    if search.system.sums.norm(f) <= goal:
-        return x, max_iterations
-    raise search.failure(f"no convergence in {max_iterations} iterations", x, f)
+def _solve(equation: StaticEquation, x, context, report) -> tuple[np.ndarray, Counts]:
+    """Return x in equilibrium with the loads of the equation, and the counts."""
+
+    def tell(progress: Progress):
+        point, shift = progress.point, progress.remedy.shift
+        relative = point.norm / point.scale if point.scale else 0.0
+        report(Iteration(progress.number, relative, shift, progress.length, equation.load))
+        _check_travel(equation, point, relative)
+
+    x, counts = iterate(equation, context, x, report=tell)
+    if counts.limited:
+        reason = "the round-off of the forces is above the tolerance"
+        remedy = (
+            f"A tolerance of {2 * counts.residual:.1g} can be met; for less, take away what is "
+            "stiff and small, such as slivers among the triangles that no pin holds."
+        )
+        raise EquilibriumFailed(reason, counts.residual, equation.at(x), remedy)
+    return x, counts
+
+
+def _check_travel(equation: StaticEquation, point: Point, residual: float) -> None:
+    """Raise `EquilibriumFailed` for a cloth that goes away, as nothing holds it."""
+    way = (point.y - equation.start.x).mean(axis=0)
+    distance = float(np.linalg.norm(way))
+    if distance > FAR * equation.longest:
+        towards = ", ".join(f"{c:.2g}" for c in way / distance)
+        reason = f"nothing holds the cloth: it went {distance:.3g} m along ({towards})"
+        raise equation.failure(reason, point, residual, "Pin it, or take the load away.")

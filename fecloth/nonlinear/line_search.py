@@ -3,51 +3,82 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from fecloth.linalg.reductions import NodeSums
 
-HALVINGS = 12
+HALVINGS, DOUBLINGS = 12, 12
+SUFFICIENT = 1e-4  # part of the fall that the slope promises
+SHORT = 100.0  # times `tiny`
+PUSH = 0.8  # part of the slope: what may point back at the end of a step
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """An unknown y (n, 3), its residual R (n, 3), ‖R‖, and the sum of the norms of all forces."""
+
+    y: np.ndarray
+    R: np.ndarray
+    norm: float
+    scale: float
 
 
 def find_step(
     sums: NodeSums,
-    at: Callable[[np.ndarray], tuple],
-    y: np.ndarray,
-    R: np.ndarray,
+    at: Callable[[np.ndarray], Point],
+    start: Point,
     step: np.ndarray,
-    goal: float,
+    enough: float,
     potential: Callable[[np.ndarray], float] | None,
-    first: float = 1.0,
-):
-    """Find the largest α of first, first/2, … with an improvement at y + α step; None without one.
+    longest: float = np.inf,
+    tiny: float = 0.0,
+) -> tuple[Point, float] | None:
+    """Find the longest α of 1, ½, ¼, … with an improvement at y + α s: the `Point` and α.
 
-    `at(y)` = (R, …), and R is that at y; `sums` is `System.sums`. A step improves if R falls, or
-    the potential sufficiently (Nocedal and Wright 2006, Numerical Optimization, eq. 3.6a), or,
-    where there is none, if R does not push back hard at its end: R·s ≤ 0.8 |R₀·s| (after Matthies
-    and Strang 1979, who ask for half).
+    It is an improvement if ‖R‖ is `enough`, or if the potential falls sufficiently (Nocedal and
+    Wright 2006, Numerical Optimization, eq. 3.6a). For α ≤ `tiny` that fall is lost in round-off,
+    and R·s ≤ 0.8 |R₀·s| tells it (Hager and Zhang 2005, A New Conjugate Gradient Method, SIAM J.
+    Optim. 16, eq. 4.1 with δ = 0.1). Without a potential this rule holds for every α (Matthies and
+    Strang 1979 ask for half), and any fall of ‖R‖ is an improvement.
+
+    If R·s is steeper at the end of the whole step than at its start, the potential is concave
+    along s, and α is doubled for as long as that lasts. Otherwise an iteration would leave a point
+    of unstable balance by a few per cent of its distance at a time. Without a potential nothing
+    tells whether a long step is too long, and α is doubled only up to 100 `tiny`. `longest` limits
+    all α.
 
     Returns
     -------
-    α, y + α s, at(y + α s)
+    None without an improvement, or if s leads uphill as the matrix was not positive definite.
     """
-    norm, slope, start = sums.norm(R), sums.dot(R, step), None
-    if not (slope < 0 or norm == 0):  # uphill: the matrix was not positive definite
+    slope = sums.dot(start.R, step)
+    if not (slope < 0 or start.norm == 0):
         return None
-    for alpha in first * 0.5 ** np.arange(HALVINGS):
-        trial = y + alpha * step
-        R_there, *_ = there = at(trial)
-        norm_there = sums.norm(R_there)
-        if not np.isfinite(norm_there):
-            continue
-        if norm_there <= max(goal, (1 - 1e-4 * alpha) * norm):
-            return float(alpha), trial, there
-        if potential is None:
-            if sums.dot(R_there, step) <= -0.8 * slope:
-                return float(alpha), trial, there
-            continue
-        start = potential(y) if start is None else start
-        if potential(trial) <= start + 1e-4 * alpha * slope:
-            return float(alpha), trial, there
-    return None
+    energy = cache(lambda: potential(start.y) if potential else 0.0)
+
+    def falls(alpha: float, there: Point) -> bool:
+        if potential is None or alpha <= tiny:
+            return bool(sums.dot(there.R, step) <= -PUSH * slope)
+        return bool(potential(there.y) <= energy() + SUFFICIENT * alpha * slope)
+
+    for alpha in min(1.0, longest) * 0.5 ** np.arange(HALVINGS):
+        there = at(start.y + alpha * step)
+        any_fall = (1 - SUFFICIENT * alpha) * start.norm if potential is None else 0.0
+        if there.norm <= max(enough, any_fall):
+            return there, float(alpha)
+        if np.isfinite(there.norm) and falls(alpha, there):
+            break
+    else:
+        return None
+    limit = longest if potential else min(longest, SHORT * tiny)
+    for _ in range(DOUBLINGS):
+        if 2 * alpha > limit or not sums.dot(there.R, step) < slope:
+            break
+        further = at(start.y + 2 * alpha * step)
+        if not (np.isfinite(further.norm) and falls(2 * alpha, further)):
+            break
+        alpha, there = 2 * alpha, further
+    return there, float(alpha)

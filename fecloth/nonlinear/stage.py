@@ -50,7 +50,7 @@ def prescribed(system: System, stage: Stage, state: State, dt: float, end: State
         shape = np.shape(getattr(stage, name, 0.0))
         if shape != state.x.shape:
             raise InputError(f"stage.{name} of shape {shape}", f"must be {state.x.shape}", "step")
-    held, at = system.constraints.held, system.constraints.nodes
+    held, at = system.constraints.held_part, system.constraints.nodes
     if not len(at):
         return stage
     q, a = np.zeros((2, *stage.x.shape))

@@ -23,6 +23,8 @@ class Counts:
         Or preconditioners: fewer than Newton iterations where a factor was reused.
     rejected
         Steps rejected before because they were too long.
+    limited
+        Steps whose residual stayed above Newton's tolerance as it is round-off.
     """
 
     newton: int = 0
@@ -32,10 +34,11 @@ class Counts:
     seconds: dict = field(default_factory=dict)
     factorisations: int = 0
     rejected: int = 0
+    limited: int = 0
 
     def plus(self, other: Counts) -> Counts:
         """Return the sums, with the residual of `other`."""
-        names = ("newton", "linear", "modified", "factorisations", "rejected")
+        names = ("newton", "linear", "modified", "factorisations", "rejected", "limited")
         sums = {name: getattr(self, name) + getattr(other, name) for name in names}
         keys = {**self.seconds, **other.seconds}
         seconds = {k: self.seconds.get(k, 0.0) + other.seconds.get(k, 0.0) for k in keys}

@@ -102,10 +102,10 @@ def flush_to_disk(*paths: Path) -> None:
 
 
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
+def lock_folder(path: Path) -> Iterator[None]:
     """Lock a run's folder against other runs, by a lock on the file `LOCK` in it.
 
-    The lock ends with the process, however that ends. A drive without locks is not locked.
+    The lock ends with the process, however that ends. On a drive without locks it does nothing.
 
     Raises
     ------

@@ -97,12 +97,12 @@ def drawable(values: np.ndarray) -> np.ndarray:
     return np.abs(values) < LARGEST  # NaN is not
 
 
-def bounded(values: np.ndarray) -> np.ndarray:
+def clip_to_drawable(values: np.ndarray) -> np.ndarray:
     """Return the values as float64, those that cannot be drawn clipped to the others' extremes.
 
     Examples
     --------
-    >>> bounded(np.array([1.0, np.inf, 3.0, -np.inf, np.nan])).tolist()
+    >>> clip_to_drawable(np.array([1.0, np.inf, 3.0, -np.inf, np.nan])).tolist()
     [1.0, 3.0, 3.0, 1.0, 3.0]
     """
     values = np.asarray(values, dtype=float)
@@ -144,7 +144,7 @@ class Series:
             times = tuple(entry["time"] for entry in entries)
             return cls(folder, times, lambda i: _read_vtu(files[i], times[i]))
         if single.is_file():
-            return cls(folder, _times_of(single), lambda i: _read_hdf(single, i))
+            return cls(folder, _read_times(single), lambda i: _read_hdf(single, i))
         remedy = "Give the folder of a run, e.g. out/flag."
         raise InputError(f"{folder}", "has no frames", remedy=remedy)
 
@@ -153,7 +153,7 @@ class Series:
         wanted = self.times[-1] if time is None else time
         return int(np.argmin(np.abs(np.array(self.times) - wanted)))
 
-    def chosen(self, most: int) -> list[int]:
+    def spread(self, most: int) -> list[int]:
         """Return the numbers of at most `most` frames, evenly spread, with the first and last."""
         count = min(max(most, 1), len(self.times))
         return np.unique(np.round(np.linspace(len(self.times) - 1, 0, count)).astype(int)).tolist()
@@ -212,7 +212,7 @@ def _hdf(file: Path) -> Iterator:
         raise InputError(f"{file} cannot be read: {error}") from error
 
 
-def _times_of(file: Path) -> tuple[float, ...]:
+def _read_times(file: Path) -> tuple[float, ...]:
     with _hdf(file) as root:
         steps = root["Steps"]
         return tuple(steps["Values"][: steps.attrs["NSteps"]].tolist())

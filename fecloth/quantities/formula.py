@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from fecloth.errors import InputError
 from fecloth.quantities.formula_derivative import derivative
-from fecloth.quantities.formula_functions import ARRAYS, NUMBERS, Closure, compiled
+from fecloth.quantities.formula_functions import ARRAYS, NUMBERS, Closure, compile_tree
 from fecloth.quantities.formula_syntax import parse
 
 _NUMBERS = {float, int, np.float64}
@@ -24,8 +24,9 @@ _NUMBERS = {float, int, np.float64}
 class Formula:
     """A formula of named variables: a number, or a condition such as ``"X < 0.01 and Y > 1"``.
 
-    It may contain numbers, the variables, pi, ``+ - * / **``, and the functions sin cos tan tanh
-    exp log sqrt abs sign floor min(a, b) max(a, b) where(condition, a, b) smoothstep(a, b, t).
+    It may contain numbers, the variables, pi, ``+ - * / % **``, and the functions sin cos tan tanh
+    exp log sqrt abs sign floor min(a, b) max(a, b) mod(a, b) where(condition, a, b)
+    smoothstep(a, b, t); mod(a, b) is a % b, a − b floor(a/b).
     Only conditions may contain comparisons ``< <= > >=``, joined by and, or, not. All arithmetic
     is in double precision.
 
@@ -59,8 +60,8 @@ class Formula:
         _ = self._value  # parsed and checked now, not at the first call
 
     @cached_property
-    def _value(self) -> _Compiled:
-        return _compiled(self.text, self.variables, self.condition)
+    def _value(self) -> _CompiledFormula:
+        return _compile(self.text, self.variables, self.condition)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Formula, (self.text, self.variables, self.condition)
@@ -119,8 +120,8 @@ class Derivative:
             raise InputError(f"derivative by {self.variable!r}", allowed, "Formula")
 
     @cached_property
-    def _value(self) -> _Compiled:
-        return _compiled(self.formula.text, self.formula.variables, False, self.variable)
+    def _value(self) -> _CompiledFormula:
+        return _compile(self.formula.text, self.formula.variables, False, self.variable)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Derivative, (self.formula, self.variable)
@@ -135,7 +136,7 @@ class Derivative:
 
 
 @dataclass(frozen=True)
-class _Compiled:
+class _CompiledFormula:
     """The closures of a formula, or of a derivative, and what errors call it."""
 
     name: str
@@ -182,16 +183,21 @@ class _Compiled:
 
 
 @lru_cache(maxsize=256)
-def _compiled(text: str, variables: tuple[str, ...], condition: bool, by: str = "") -> _Compiled:
+def _compile(
+    text: str, variables: tuple[str, ...], condition: bool, by: str = ""
+) -> _CompiledFormula:
     """The formula, or its derivative by a variable."""
-    tree, name = _parsed(text, variables, condition), f"formula {text!r}"
+    tree, name = _parse(text, variables, condition), f"formula {text!r}"
     if by:
         tree, name = derivative(tree, by), f"the derivative by {by} of formula {text!r}"
-    return _Compiled(
-        name, variables, compiled(tree, variables, NUMBERS), compiled(tree, variables, ARRAYS)
+    return _CompiledFormula(
+        name,
+        variables,
+        compile_tree(tree, variables, NUMBERS),
+        compile_tree(tree, variables, ARRAYS),
     )
 
 
 @lru_cache(maxsize=256)
-def _parsed(text: str, variables: tuple[str, ...], condition: bool) -> ast.expr:
+def _parse(text: str, variables: tuple[str, ...], condition: bool) -> ast.expr:
     return parse(text, variables, condition)

@@ -13,6 +13,7 @@ _PARTIALS: dict[object, tuple[str, ...]] = {  # by each of the arguments a, b, c
     ast.Mult: ("b", "a"),
     ast.Div: ("1/b", "-a/(b*b)"),
     ast.Pow: ("b*a**(b - 1)", "where(abs(a) > 0, a**b*log(a), 0)"),
+    ast.Mod: ("1", "-floor(a/b)"),
     ast.USub: ("-1",),
     ast.UAdd: ("1",),
     "sin": ("cos(a)",),
@@ -25,6 +26,7 @@ _PARTIALS: dict[object, tuple[str, ...]] = {  # by each of the arguments a, b, c
     "abs": ("sign(a)",),
     "sign": ("0",),
     "floor": ("0",),
+    "mod": ("1", "-floor(a/b)"),
     "smoothstep": (
         f"6*{_X}*(1 - {_X})*({_X} - 1)/(b - a)",
         f"-6*{_X}*(1 - {_X})*{_X}/(b - a)",
@@ -43,7 +45,8 @@ def derivative(node: ast.expr, variable: str) -> ast.expr:
     """The syntax tree of ∂/∂variable of a checked one that is no condition.
 
     On a kink or a jump it is the derivative on one side: abs has 0 there, min and max have that of
-    the second argument, where has that of the part which it chooses, sign and floor have 0.
+    the second argument, where has that of the part which it chooses, sign and floor have 0,
+    mod(a, b) that between its jumps.
     """
     slope = _slope(node, variable)
     return _ZERO if slope is None else slope
@@ -71,7 +74,7 @@ def _chain(partials: Sequence[str], arguments: list[ast.expr], variable: str) ->
     for partial, argument in zip(partials, arguments, strict=True):
         slope = _slope(argument, variable)
         if slope is not None and partial != "0":
-            term = _product(_filled(partial, arguments), slope)
+            term = _product(_substitute(partial, arguments), slope)
             total = term if total is None else ast.BinOp(total, ast.Add(), term)
     return total
 
@@ -88,10 +91,12 @@ def _choice(name: str, arguments: list[ast.expr], variable: str) -> ast.expr | N
     slopes = [first, *(_slope(argument, variable) for argument in arguments[1:])]
     if not any(slopes):
         return None
-    return _filled(_CHOICES[name], arguments, [slope or _ZERO for slope in slopes])
+    return _substitute(_CHOICES[name], arguments, [slope or _ZERO for slope in slopes])
 
 
-def _filled(text: str, arguments: Sequence[ast.expr], slopes: Sequence[ast.expr] = ()) -> ast.expr:
+def _substitute(
+    text: str, arguments: Sequence[ast.expr], slopes: Sequence[ast.expr] = ()
+) -> ast.expr:
     """The rule with the arguments and their derivatives in place of a, b, c and da, db, dc."""
     parts = dict(zip("abc", arguments, strict=False))
     parts |= {f"d{letter}": slope for letter, slope in zip("abc", slopes, strict=False)}

@@ -33,6 +33,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {  # and their number of 
     **{name: (getattr(np, name), 1) for name in _OF_ONE},
     "min": (np.minimum, 2),
     "max": (np.maximum, 2),
+    "mod": (np.mod, 2),
     "where": (np.where, 3),
     "smoothstep": (smoothstep, 3),
 }
@@ -46,6 +47,7 @@ BINARY: dict[type[ast.operator], Callable[..., Any]] = {
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
     ast.Pow: operator.pow,
+    ast.Mod: np.mod,
 }
 COMPARE: dict[type[ast.cmpop], Callable[..., Any]] = {
     ast.Lt: np.less,
@@ -85,14 +87,14 @@ class Arithmetic:
     for_numbers: bool
 
 
-def compiled(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
+def compile_tree(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
     """The closure of a checked syntax tree."""
     closure = _closure(node, variables, kit)
-    return _folded(closure, node, variables) if kit.for_numbers else closure
+    return _fold_constant(closure, node, variables) if kit.for_numbers else closure
 
 
 def _closure(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
-    inner = partial(compiled, variables=variables, kit=kit)
+    inner = partial(compile_tree, variables=variables, kit=kit)
     match node:
         case ast.Constant(value=number):
             return _constant(kit.number(number))
@@ -147,7 +149,7 @@ def _choose(condition: Closure, a: Closure, b: Closure) -> Closure:
     return lambda v: a(v) if condition(v) else b(v)
 
 
-def _folded(closure: Closure, node: ast.AST, variables: tuple[str, ...]) -> Closure:
+def _fold_constant(closure: Closure, node: ast.AST, variables: tuple[str, ...]) -> Closure:
     """The closure, or its value if no variable is in it and the value is finite."""
     if any(isinstance(part, ast.Name) and part.id in variables for part in ast.walk(node)):
         return closure
@@ -215,9 +217,10 @@ NUMBERS = Arithmetic(
         "abs": abs,
         "min": lambda a, b: float(np.minimum(a, b)),
         "max": lambda a, b: float(np.maximum(a, b)),
+        "mod": operator.mod,
         "smoothstep": _smoothstep,
     },
-    binary=BINARY | {ast.Pow: _power},
+    binary=BINARY | {ast.Pow: _power, ast.Mod: operator.mod},
     compare={ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge},
     negate=operator.not_,
     every=all,

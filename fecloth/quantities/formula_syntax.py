@@ -16,7 +16,7 @@ from fecloth.quantities.formula_functions import (
     CONSTANTS,
     FUNCTIONS,
     UNARY,
-    compiled,
+    compile_tree,
 )
 from fecloth.suggest import did_you_mean
 
@@ -101,7 +101,7 @@ class _Reader:
                for node in ast.walk(exponent)):  # fmt: skip
             return
         with np.errstate(all="ignore"):
-            value = compiled(exponent, (), ARRAYS)(())
+            value = compile_tree(exponent, (), ARRAYS)(())
         if not abs(value) <= LARGEST_POWER:
             self.refuse(f"an exponent larger than {LARGEST_POWER}", exponent)
 

@@ -1,36 +1,59 @@
-"""Ctrl-C and other signals stop a run between two steps."""
+"""Ctrl-C and other signals: they stop a run between two steps, and all else at once."""
 
 from __future__ import annotations
 
 import signal
+import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+
+def set_handler(handler: Callable | signal.Handlers) -> dict[int, Callable | int | None]:
+    """Handle Ctrl-C, SIGTERM and, unless it is ignored (nohup), the end of the terminal.
+
+    Returns the earlier handlers by signal; empty outside the main thread, where Python allows none.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    hangup = getattr(signal, "SIGHUP", None)
+    if hangup and signal.getsignal(hangup) != signal.SIG_IGN:
+        numbers.append(hangup)
+    return {number: signal.signal(number, handler) for number in numbers}
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal that stops at once.
+
+    If a plain KeyboardInterrupt leaves code that is run from a text, as dataclasses do, Python ends
+    the process by SIGINT at its exit, even if it was caught since.
+    """
+
+
+def stop_at_once(number: int, frame: object) -> None:
+    """Handle a signal by raising `Interrupted`."""
+    sys.unraisablehook = lambda unraisable: None  # destructors of what it finds half made
+    raise Interrupted
 
 
 @contextmanager
 def interruptible() -> Iterator[threading.Event]:
-    """Yield an event that Ctrl-C sets, to stop between two steps; a second Ctrl-C stops at once.
+    """Yield an event that a signal sets, to stop between two steps; a second one stops at once.
 
-    SIGTERM does the same and, unless it is ignored (nohup), the end of the terminal.
+    At the end the earlier handlers return, unless another one was set in between.
     """
     requested = threading.Event()
 
     def request(number, frame):
         if requested.is_set():
-            raise KeyboardInterrupt("at once; --resume goes on from what it left")
+            raise Interrupted("at once; --resume goes on from what it left")
         requested.set()
 
-    if threading.current_thread() is not threading.main_thread():
-        yield requested
-        return
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    hangup = getattr(signal, "SIGHUP", None)
-    if hangup and signal.getsignal(hangup) != signal.SIG_IGN:
-        numbers.append(hangup)
-    before = {number: signal.signal(number, request) for number in numbers}
+    before = set_handler(request)
     try:
         yield requested
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            if signal.getsignal(number) is request:
+                signal.signal(number, handler)

@@ -27,8 +27,8 @@ class Outcome:
         Energies at the last good state.
     error
         The cause of a failure.
-    warning
-        That the energy balance does not close, or "".
+    warnings
+        All that the run warned of, before its first step and since.
     resumes
         Time from which `--resume` goes on [s], or None.
     """
@@ -38,7 +38,7 @@ class Outcome:
     summary: dict
     ledger: Ledger
     error: FeclothError | None = None
-    warning: str = ""
+    warnings: tuple[str, ...] = ()
     resumes: float | None = None
 
 
@@ -52,11 +52,22 @@ def count_sizes(system: System) -> dict:
 
 
 def finished_message(outcome: Outcome) -> str:
-    """Return what a run has cost, and the file to open."""
+    """Return what a run has cost, the file to open, and whether there were warnings."""
     counts, seconds = outcome.summary, outcome.summary["seconds"]
     return (
         f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
         f"{seconds['total']:.1f} s; open {outcome.folder / counts['open']} in ParaView"
+        f"{warning_count(outcome)}"
+    )
+
+
+def warning_count(outcome: Outcome) -> str:
+    """Return the end of the last line if there were warnings, or ""."""
+    if not outcome.warnings:
+        return ""
+    where = outcome.folder / "report.html"
+    return f"; there were {len(outcome.warnings)} warnings, see above or {where}".replace(
+        "were 1 warnings", "was 1 warning"
     )
 
 
@@ -66,7 +77,7 @@ def failure_message(outcome: Outcome) -> str:
     readable = f"{folder} is readable up to t = {t:g} s"
     again = f"--resume {folder} goes on from"
     if outcome.error and not isinstance(outcome.error, WriteError):
-        return f"failed: {outcome.error}\n{readable}"
+        return f"failed: {outcome.error}\n{readable}{warning_count(outcome)}"
     if outcome.resumes is None:
         goes = "no restart file was written; set restart_steps in [output] to have them"
     elif outcome.error:
@@ -76,7 +87,7 @@ def failure_message(outcome: Outcome) -> str:
     else:
         goes = f"{again} there"
     cause = f"failed: {outcome.error}\n" if outcome.error else "interrupted; "
-    return f"{cause}{readable}; {goes}"
+    return f"{cause}{readable}; {goes}{warning_count(outcome)}"
 
 
 def ledger_text(ledger: Ledger) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 import numpy as np
@@ -23,7 +23,7 @@ from fecloth.runs.restart import Restart
 from fecloth.runs.stopwatch import Watch
 from fecloth.runs.strain_statistics import stretch_row
 from fecloth.scene.problem import Problem
-from fecloth.simulation.energy_ledger import imbalance_warning
+from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.view.html_report import write_report
@@ -46,16 +46,19 @@ class Recorder:
         scene: str,
         start: str,
         found: Restart | None = None,
+        foreseen: Sequence[str] = (),
     ):
         self.folder, self.problem, self.watch, self.solver = folder, problem, watch, solver
         self.scene, self.start = scene, start
-        self.state, self.memory = problem.state, problem.unstarted
+        self.state, self.memory = problem.state, problem.first_memory
         frames, name = FRAMES[problem.frame_format]
         self.frames = frames(folder.path / name, problem.cloth, problem.system)
         self.ledger = problem.ledger
         self.shown: Frame | None = None  # the last frame written
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
-        self.turnover, self.has_warned = 0.0, False
+        self.balance = Balance.open(problem.ledger)
+        self.foreseen = foreseen  # warnings before the first step
+        self.raised: tuple[str, ...] = ()  # since
         self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
         self.frames_on_disk = 0  # frames that would survive a power cut
         with watch.phase("output"):
@@ -70,8 +73,8 @@ class Recorder:
     def _resume(self, found: Restart) -> None:
         """Take the state of an earlier run, and remove what it wrote later."""
         self.state, self.memory, self.ledger = found.state, found.memory, found.ledger
-        self.turnover, self.counts = found.turnover, dict(found.counts)
-        self.has_warned = bool(self.balance_warning())
+        self.balance, self.counts = found.balance, dict(found.counts)
+        self.raised = found.warnings
         self.frames.keep(self.tables["strains"].column("t"))
         self.frames_on_disk = len(self.frames.times)
         restarts.drop_later(self.folder.path, found)
@@ -91,7 +94,8 @@ class Recorder:
             state=self.state,
             memory=self.memory,
             ledger=self.ledger,
-            turnover=self.turnover,
+            balance=self.balance,
+            warnings=self.raised,
             counts=self.counts,
             frames=len(self.frames.times),
             tables={name: table.size for name, table in self.tables.items()},
@@ -129,7 +133,7 @@ class Recorder:
             return
         steps = problem.march(self.solver, self.state, self.memory)
         start = problem.system, problem.method, self.ledger, problem.observer
-        for record in record_steps(steps, *start, turnover=self.turnover):
+        for record in record_steps(steps, *start, balance=self.balance):
             info = record.info
             self.watch.add({"record": record.seconds})
             with self.watch.phase("output"):
@@ -138,7 +142,7 @@ class Recorder:
                     self._rows(record.observed, info)
                     if self._is_frame_due(info):
                         self._frame()
-                self._warn_once(info, warn)
+                self._warn_once(self.balance.warning(self.ledger), warn)
                 if regular := self._is_restart_due(info):
                     self.restart(regular)
             report(info)
@@ -147,24 +151,23 @@ class Recorder:
                     self.restart()
                 return
 
-    def _warn_once(self, info: StepInfo, warn) -> None:
-        """Warn at the first step at which the energy balance no longer closes."""
-        if self.has_warned or not (words := self.balance_warning()):
+    def _warn_once(self, words: str, warn) -> None:
+        """Keep and tell the first warning that the energy balance no longer closes."""
+        if self.raised or not words:
             return
-        self.has_warned = True
-        words = f"step {info.step}, at t = {info.t:g} s: {words}"
+        self.raised = (words,)
         self.folder.log(f"warning: {words}")
         warn(words)
 
     def _take(self, record: Record) -> None:
         self._count(record.info)
         self.state, self.memory = record.state, record.info.memory
-        self.ledger, self.turnover = record.ledger, record.turnover
+        self.ledger, self.balance = record.ledger, record.balance
 
     @contextmanager
     def _all_or_nothing(self) -> Iterator[None]:
         """Remove a step from all tables if writing it fails or is interrupted."""
-        before = {name: getattr(self, name) for name in ("state", "memory", "ledger", "turnover")}
+        before = {name: getattr(self, name) for name in ("state", "memory", "ledger", "balance")}
         counts, frames = dict(self.counts), len(self.frames.times)
         sizes = {name: table.size for name, table in self.tables.items()}
         try:
@@ -218,8 +221,8 @@ class Recorder:
 
     @property
     def drift(self) -> float:
-        """Remainder of the energy balance relative to the turnover so far."""
-        return self.ledger.remainder / self.turnover if self.turnover else 0.0
+        """Remainder of the energy balance relative to the largest energy of deformation so far."""
+        return self.ledger.remainder / self.balance.scale if self.balance.scale else 0.0
 
     def _frame(self) -> None:
         """Write the state as a frame, and the extremes of its strain."""
@@ -235,21 +238,21 @@ class Recorder:
             if frame is None or frame.points is not state.x:
                 frame = Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
             write_report(self.folder.path, summary, frame)
-        except Exception as failure:  # of any kind: the summary is written already
+        except Exception as failure:  # of any kind: all else is written
             self.folder.log(f"warning: no report: {failure}")
 
-    def balance_warning(self) -> str:
-        """Return a sentence if the energy balance does not close, or ""."""
-        return imbalance_warning(
-            self.problem.system, self.ledger, self.turnover, self.problem.state.t
-        )
+    @property
+    def warnings(self) -> list[str]:
+        """All warnings of the run, those before the first step first."""
+        return [*self.foreseen, *self.raised]
 
-    def _summary(self, status: str, why: str, error: str | None, warning: str | None) -> dict:
+    def _summary(self, status: str, why: str, error: str | None) -> dict:
         """Return the content of summary.json."""
         return {
             "status": status,
             "error": error,
-            "warning": warning,
+            "warnings": self.warnings,
+            "warning": next(iter(self.warnings), None),  # as older runs have it
             "t": self.state.t,
             "t_end": self.problem.t_end,
             **count_sizes(self.problem.system),
@@ -270,7 +273,7 @@ class Recorder:
             return restarts.find(self.folder.path).state.t
         return None
 
-    def close(self, status: str, why: str, error: FeclothError | None) -> Outcome:
+    def close(self, status: str, why: str, error: FeclothError | None, warn) -> Outcome:
         """Write the last good state as a frame, the summary, the last line of the log."""
         try:
             with self.watch.phase("output"):
@@ -280,19 +283,17 @@ class Recorder:
             status, error = FAILED, error or full
         for table in self.tables.values():
             table.close()
-        warning = self.balance_warning()
-        summary = self._summary(status, why, str(error) if error else None, warning or None)
+        self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
+        summary = self._summary(status, why, str(error) if error else None)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         resumes = self._resume_time()
         if status == INTERRUPTED and resumes is not None:
             words += f"; --resume goes on from {resumes:g} s"
         try:
-            self.folder.summary(summary)
             self.folder.log(f"{words}: {error}" if error else words)
-            if warning:
-                self.folder.log(f"warning: {warning}")
             self._report(summary)
+            self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing
         except InputError as full:
             status, error = FAILED, error or full
-        ends = self.ledger, error, warning, resumes
+        ends = self.ledger, error, tuple(self.warnings), resumes
         return Outcome(status, self.folder.path, summary, *ends)

@@ -1,8 +1,9 @@
 """Restart files: all that a run needs to continue as if it had never stopped, in one .npz.
 
-A record is a frozen dataclass, marked with `remembered`, of numbers, texts, arrays, mappings and
-records. Its arrays are members of the .npz; all else is in a JSON header, whose numbers read back
-as the same float64. Reading is strict: a file with a missing or an unknown part is refused.
+A record is a frozen dataclass, marked with `remembered`, of numbers, texts, arrays, mappings,
+tuples and records. Its arrays are members of the .npz; all else is in a JSON header, whose numbers
+read back as the same float64. Reading is strict: a file with a missing or an unknown part is
+refused.
 """
 
 from __future__ import annotations
@@ -24,12 +25,13 @@ from fecloth.linalg.mkl_pardiso import threads
 from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
 from fecloth.runs.environment import versions
 from fecloth.runs.outcome import DONE
+from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory
 from fecloth.system.records import RECORDS, remembered
 from fecloth.system.state import State
 
-FORMAT = 2
+FORMAT = 3
 FOLDER, PATTERN = "restart", "restart_*.npz"
 KEPT = 2  # files
 FREE = ("title", "expect", "interest")  # keys that do not change a run
@@ -50,8 +52,8 @@ class Restart:
         The method that takes the steps, as text; for "auto" the chosen one.
     state, memory, ledger
         After the last step.
-    turnover, counts
-        Counts of the recorder so far.
+    balance, warnings, counts
+        The energy balance, the warnings since the first step, and counts of the recorder so far.
     frames, tables
         Number of frames, and the bytes of each table.
     exact
@@ -67,7 +69,8 @@ class Restart:
     state: State
     memory: Memory
     ledger: Ledger
-    turnover: float
+    balance: Balance
+    warnings: tuple[str, ...]
     counts: Mapping[str, int]
     frames: int
     tables: Mapping[str, int]
@@ -148,6 +151,8 @@ def _pack(value, arrays: list):
         return {"array": len(arrays) - 1}
     if isinstance(value, Mapping):
         return {"mapping": {key: _pack(item, arrays) for key, item in value.items()}}
+    if isinstance(value, tuple):
+        return [_pack(item, arrays) for item in value]
     if isinstance(value, np.generic):
         return value.item()
     if value is None or isinstance(value, bool | int | float | str):
@@ -158,6 +163,8 @@ def _pack(value, arrays: list):
 
 def _unpack(value, arrays: list):
     """Invert `_pack`; raise KeyError, TypeError or ValueError for anything else."""
+    if isinstance(value, list):
+        return tuple(_unpack(item, arrays) for item in value)
     if not isinstance(value, dict):
         return value
     match value:

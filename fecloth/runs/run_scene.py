@@ -24,7 +24,7 @@ from pathlib import Path
 
 from fecloth.errors import InputError
 from fecloth.nonlinear.context import SolverContext
-from fecloth.output.atomic_files import locked, writing
+from fecloth.output.atomic_files import lock_folder, writing
 from fecloth.runs import restart as restarts
 from fecloth.runs.folder import RunFolder, remove_on_failure
 from fecloth.runs.interruption import interruptible
@@ -50,6 +50,7 @@ def run_scene(
     report: Callable[[StepInfo], None] = lambda info: None,
     resume: bool = False,
     warn: Callable[[str], None] = lambda words: None,
+    closed: Callable[[], object] = lambda: None,
 ) -> Outcome:
     """Mesh, compile, march and write.
 
@@ -64,7 +65,9 @@ def run_scene(
     resume
         Continue the run in that folder from its last restart file; what it wrote later is removed.
     warn
-        Called with a sentence at the first step at which the energy balance no longer closes.
+        Called with a sentence when the energy balance no longer closes.
+    closed
+        Called when all files are written, before signals are handled as before the run.
 
     Raises
     ------
@@ -74,11 +77,14 @@ def run_scene(
     path = Path(path)
     with ExitStack() as locks:
         if path.is_dir():
-            locks.enter_context(locked(path))
-        return _run_scene(scene, path, overwrite, announce, report, resume, warn, locks)
+            locks.enter_context(lock_folder(path))
+        calls = announce, report, warn, closed
+        return _run_scene(scene, path, overwrite, resume, *calls, locks)
 
 
-def _run_scene(scene, path, overwrite, announce, report, resume, warn, locks: ExitStack) -> Outcome:
+def _run_scene(
+    scene, path, overwrite, resume, announce, report, warn, closed, locks: ExitStack
+) -> Outcome:
     watch, existed = Watch(), path.is_dir()
     if not resume:
         RunFolder.refuse(path, overwrite)
@@ -100,16 +106,20 @@ def _run_scene(scene, path, overwrite, announce, report, resume, warn, locks: Ex
         if not existed:
             with writing(path):
                 path.mkdir(parents=True, exist_ok=True)
-            locks.enter_context(locked(path))
+            locks.enter_context(lock_folder(path))
         folder = (
             RunFolder.reopen(path, found.tables) if found else RunFolder.create(path, overwrite)
         )
         with nullcontext() if found else remove_on_failure(path, is_new=not existed):
             _write_head(folder, scene, problem, why, warnings)
-            recorder = Recorder(folder, problem, watch, solver, scene.to_toml(), start, found)
+            recorder = Recorder(
+                folder, problem, watch, solver, scene.to_toml(), start, found, warnings
+            )
         error = recorder.march(report, warn, interrupted)
         stopped = INTERRUPTED if recorder.state.t < problem.t_end else DONE
-        return recorder.close(FAILED if error else stopped, why, error)
+        outcome = recorder.close(FAILED if error else stopped, why, error, warn)
+        closed()
+        return outcome
 
 
 def _write_head(folder, scene, problem, why, warnings: list[str]) -> None:

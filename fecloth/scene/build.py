@@ -170,7 +170,7 @@ def _check_method(
     if scene.solver.linear != "auto" and not steps.traits.explicit:
         symmetric = has_symmetric_matrix(system, steps)
         with at("solver.linear"):
-            select.named(scene.solver.linear, symmetric or scene.solver.definiteness == "clamp")
+            select.create(scene.solver.linear, symmetric or scene.solver.definiteness == "clamp")
     insist = f'method = {{ type = "{scene.time.method.type}", beyond_limit = true }}'
     with at("time"):
         steps.check_start(system, state, insist)

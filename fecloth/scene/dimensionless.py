@@ -52,7 +52,7 @@ def weight_over_stiffness(system: System) -> float:
     known = [min(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
     if not (known and set(BENDING) & set(term_types(system))):
         return 0.0
-    weight = gravity_magnitude(system) * system.nodal_mass.sum() / system.cloth.area
+    weight = gravity_magnitude(system) * system.total_mass / system.cloth.area
     return weight * unsupported_length(system) ** 3 / min(known)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import inspect
 import re
 
+from fecloth import terms
+
 _HEADING = re.compile(r"\n\n(\w+)\n-{4,}\n")
 _PARAMETER = re.compile(r"^(\S.*)\n((?:(?: {4}.*)?(?:\n|$))+)", re.MULTILINE)
 
@@ -31,4 +33,11 @@ def parameters(cls: type) -> dict[str, str]:
     parts = _HEADING.split(inspect.getdoc(cls) or "")
     sections = dict(zip(parts[1::2], parts[2::2], strict=True))
     items = _PARAMETER.findall(sections.get("Parameters", ""))
-    return {name: " ".join(words.split()) for names, words in items for name in names.split(", ")}
+    found = {name: " ".join(words.split()) for names, words in items for name in names.split(", ")}
+    return {name: _resolved(name, words) for name, words in found.items()}
+
+
+def _resolved(name: str, words: str) -> str:
+    """Return the meaning where a docstring refers to another term, as in "As for `Drag`."."""
+    other = re.fullmatch(r"As (?:for|of) `(\w+)`\.", words)
+    return parameters(getattr(terms, other[1]))[name] if other else words

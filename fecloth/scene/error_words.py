@@ -13,19 +13,52 @@ from pydantic import ValidationError
 from fecloth.errors import InputError, MeshError, SceneError
 from fecloth.suggest import did_you_mean
 
+ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth")
+_ITEM = re.compile(r"(terms|pins|probes)\.(\d+)")
 _KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
 
 
-def scene_error(error: ValidationError, data: Any, where: str) -> SceneError:
-    """Return the first mistake of the scene `data` from the file `where`, and the others in it."""
+def scene_error(error: ValidationError, data: Any, where: str, text: str = "") -> SceneError:
+    """Return the first mistake of the scene `data` from the file `where`, and the others in it.
+
+    `text` is that of the file, for the number of the line.
+    """
     found = (
         words
         for item in error.errors(include_url=False)
         for words in _describe(item, *_locate(item["loc"], data))
     )
-    first, *others = (SceneError(*words[:2], where, words[2]) for words in dict.fromkeys(found))
+    first, *others = (
+        SceneError(what, allowed, where, f"{remedy} {place(what, data, text)}".strip())
+        for what, allowed, remedy in dict.fromkeys(found)
+    )
     first.also = tuple(others)
     return first
+
+
+def place(key: str, data: Any, text: str = "") -> str:
+    """Return which table of a list a key is in, in words, or "".
+
+    Examples
+    --------
+    >>> place("terms.1.rate = -1", {"terms": [{"type": "StVK"}, {"type": "MassDamping"}]})
+    '(It is the second [[terms]], MassDamping.)'
+    """
+    if not (match := _ITEM.match(key)):
+        return ""
+    name, number = match[1], int(match[2])
+    tables = data.get(name, ()) if isinstance(data, dict) else ()
+    table = tables[number] if number < len(tables) else None
+    words = [str(table.get("type", ""))] if isinstance(table, dict) and "type" in table else []
+    headers = [i for i, line in enumerate(text.splitlines(), 1) if _is_header(line, name)]
+    if len(headers) == len(tables) > 0:  # all are written so, and none comes from an override
+        words.append(f"line {headers[number]}")
+    ordinal = ORDINALS[number] if number < len(ORDINALS) else f"{number + 1}th"
+    return f"(It is {', '.join([f'the {ordinal} [[{name}]]', *words])}.)"
+
+
+def _is_header(line: str, name: str) -> bool:
+    return line.split("#")[0].replace(" ", "").strip() == f"[[{name}]]"
 
 
 def _describe(item, key: str, written: Any) -> list[tuple[str, str, str]]:
@@ -92,7 +125,8 @@ def errors_at(key: str, where: str) -> Iterator[None]:
         what = with_key(key, error)
         if isinstance(error, MeshError) and key == "cloth":  # where: the mesh file
             what = f"{key}: {error.where}: {error.what}"
-        raise SceneError(what, error.allowed, where, error.remedy) from error
+        remedy = f"{error.remedy} {place(key, None)}".strip()
+        raise SceneError(what, error.allowed, where, remedy) from error
 
 
 def shorten(value: Any) -> str:

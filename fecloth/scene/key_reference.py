@@ -7,7 +7,6 @@ writes both anew, between their marks, from the tables and the docstrings; a tes
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
@@ -92,7 +91,7 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
     },
     "Rotation": {"axis": "The axis of the turn.", "degrees": "The angle, right-handed."},
     "Time": {
-        "method": "The name of a method, or a table { type = name, … } with its parameters.",
+        "method": "The name of a method, or a table { type = name, … }; without it and dt, auto.",
         "dt": 'The step [s]; "auto": chosen, see `fecloth/integrators/README.md`.',
         "t_end": "The end [s].",
         "t_start": "The start [s].",
@@ -165,17 +164,7 @@ def fields(table: type[Table]) -> dict[str, FieldInfo]:
 
 def meanings(table: type[Table]) -> dict[str, str]:
     """Return what each key of a table means."""
-    own = MEANINGS.get(table.__name__, {})
-    if not issubclass(table, Made):
-        return own
-    words = docstrings.parameters(table.makes)
-    return {key: _resolved(key, one) for key, one in words.items()} | own
-
-
-def _resolved(key: str, words: str) -> str:
-    """Return the meaning where a docstring refers to another term, as in "As for `Drag`."."""
-    other = re.fullmatch(r"As (?:for|of) `(\w+)`\.", words)
-    return meanings(term_tables()[other[1]])[key] if other else words
+    return table.meanings() | MEANINGS.get(table.__name__, {})
 
 
 # --- Markdown -------------------------------------------------------------------------------------
@@ -238,7 +227,7 @@ def _toml(value: Any) -> str:
     return f'"{value}"' if isinstance(value, str) else repr(value)
 
 
-def updated(page: str, part: str) -> str:
+def replace_generated(page: str, part: str) -> str:
     """Return the page with this generated part in place of its own."""
     before, _, rest = page.partition(BEGIN)
     return f"{before}{BEGIN}\n\n{part}\n\n{END}{rest.partition(END)[2]}"
@@ -248,7 +237,9 @@ def pages() -> dict[Path, str]:
     """Return the text that both pages should have."""
     parts = {"scene": scene_part(), "terms": terms_part()}
     files = {PAGES[name] / "README.md": part for name, part in parts.items()}
-    return {file: updated(file.read_text(encoding="utf-8"), files[file]) for file in files}
+    return {
+        file: replace_generated(file.read_text(encoding="utf-8"), files[file]) for file in files
+    }
 
 
 if __name__ == "__main__":

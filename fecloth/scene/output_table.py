@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from fecloth.output.vtkhdf_writer import h5py
 from fecloth.quantities.units import TIME
-from fecloth.scene.table_model import Table, exactly_one
+from fecloth.scene.table_model import Table, require_exactly_one
 from fecloth.scene.time_table import Time
 
 
@@ -37,9 +37,9 @@ class Output(Table):
 
     @model_validator(mode="after")
     def _one_spacing(self):
-        exactly_one(self, "frames", "every", "every_steps")
+        require_exactly_one(self, "frames", "every", "every_steps")
         if self.restart_steps and self.restart_every:
-            exactly_one(self, "restart_steps", "restart_every")
+            require_exactly_one(self, "restart_steps", "restart_every")
         if self.format == "vtkhdf":
             h5py()
         return self

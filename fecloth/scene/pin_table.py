@@ -11,7 +11,7 @@ from fecloth.errors import InputError
 from fecloth.quantities.formula import Formula
 from fecloth.scene.field_types import Name, OfTimeAndPlace, Vector, Where
 from fecloth.scene.region import Region
-from fecloth.scene.table_model import Table, exactly_one
+from fecloth.scene.table_model import Table, require_exactly_one
 from fecloth.system.pins import Pin, Slide
 
 
@@ -33,9 +33,9 @@ class PinTable(Table):
 
     @model_validator(mode="after")
     def _one_place(self):
-        exactly_one(self, "where", "inside")
+        require_exactly_one(self, "where", "inside")
         if self.direction and self.normal:
-            exactly_one(self, "direction", "normal")
+            require_exactly_one(self, "direction", "normal")
         self._pin = pin = self._make_pin()
         if self.motion and not self._uses("t") and (pin.motion.by_place or pin.motion(0).any()):
             allowed = "must depend on t: only changes of a motion move a pin"

@@ -27,7 +27,7 @@ def plan(problem: Problem, why: str) -> list[str]:
     name = f"{'quadratic ' * (system.cloth.element == 'P2')}triangles"
     lines = [
         f"{len(system.cloth.X)} nodes, {len(system.cloth.triangles)} {name}, "
-        f"{system.admissible.shape[1]} free dofs",
+        f"area {system.cloth.area:.6g} m², {system.admissible.shape[1]} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
         f"pins: {_pins(system)}",
         f"{problem.method}, {_steps(problem)} to t = {problem.t_end:g} s",

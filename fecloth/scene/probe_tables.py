@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from fecloth.errors import InputError
 from fecloth.quantities.units import LENGTH, TIME
 from fecloth.scene.field_types import Name
-from fecloth.scene.table_model import Table, exactly_one
+from fecloth.scene.table_model import Table, require_exactly_one
 from fecloth.simulation.probes import Probe
 
 _TAKEN = ("mean_displacement", "reaction")  # names of columns of every run
@@ -24,7 +24,7 @@ class ProbeTable(Table):
 
     @model_validator(mode="after")
     def _one_place(self):
-        exactly_one(self, "where", "point")
+        require_exactly_one(self, "where", "point")
         if self.name in _TAKEN:
             raise InputError(f"name = {self.name!r}", "is the name of a column of every run")
         return self
@@ -52,7 +52,7 @@ class Expectation(Table):
 
     @model_validator(mode="after")
     def _one_tolerance(self):
-        exactly_one(self, "relative", "absolute")
+        require_exactly_one(self, "relative", "absolute")
         if self.relative and self.value == 0:
             raise InputError(
                 "relative is given", "must not be used with value = 0", "", "Use absolute."

@@ -14,7 +14,7 @@ from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory, StepInfo, march
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.probes import Observer, Probe
-from fecloth.simulation.resolve import reported
+from fecloth.simulation.resolve import method_to_report
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -63,8 +63,8 @@ class Problem:
 
     @property
     def method(self) -> Any:
-        """What to report as the method: see `reported`."""
-        return reported(self.steps)
+        """The method as reports name it; see `method_to_report`."""
+        return method_to_report(self.steps)
 
     @property
     def dt(self) -> float | None:
@@ -72,7 +72,7 @@ class Problem:
         return self.steps.dt
 
     @property
-    def unstarted(self) -> Memory:
+    def first_memory(self) -> Memory:
         """What `march` needs before the first step."""
         return Memory(0, self.state.t, None)
 
@@ -85,4 +85,4 @@ class Problem:
         dt.
         """
         run = self.system, self.steps, state or self.state, None, self.t_end
-        return march(*run, stops=self.stops, solver=solver, memory=memory or self.unstarted)
+        return march(*run, stops=self.stops, solver=solver, memory=memory or self.first_memory)

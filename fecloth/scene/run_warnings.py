@@ -66,7 +66,7 @@ def _weight(problem: Problem) -> Iterator[str]:
     )
     if not (pull and length and set(ELASTIC) & set(term_types(system))):
         return
-    load = pull * length * system.nodal_mass.sum() / system.cloth.area
+    load = pull * length * system.total_mass / system.cloth.area
     strain = load / min(min(fabric.tensile) for fabric in system.panel.fabrics)
     if strain > STRAINED:
         yield (
@@ -82,7 +82,7 @@ def _wrinkles(problem: Problem) -> Iterator[str]:
     Cerda and Mahadevan (2003), Geometry and Physics of Wrinkling, Phys. Rev. Lett. 90, 074302.
     """
     system, length = problem.system, distance_from_pins(problem.system)
-    load = gravity_magnitude(system) * length * system.nodal_mass.sum() / system.cloth.area
+    load = gravity_magnitude(system) * length * system.total_mass / system.cloth.area
     if not load:
         return
     edge = math.sqrt(4 / math.sqrt(3) * system.cloth.area / len(system.cloth.triangles))

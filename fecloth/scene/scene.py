@@ -28,7 +28,7 @@ from fecloth.scene.pin_table import PinTable
 from fecloth.scene.probe_tables import Expectations, Interest, ProbeTable
 from fecloth.scene.problem import Problem
 from fecloth.scene.start_table import Start
-from fecloth.scene.table_model import Table, as_tuples, exactly_one
+from fecloth.scene.table_model import Table, as_tuples, require_exactly_one
 from fecloth.scene.time_table import Time
 
 
@@ -73,7 +73,7 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _consistent(self):
-        exactly_one(self, "fabric", "fabrics")
+        require_exactly_one(self, "fabric", "fabrics")
         if self.mass == "lumped" and self.cloth.element == "P2":
             allowed = 'must be "consistent" for element P2: row sums give its corners no mass'
             raise InputError('mass = "lumped"', allowed, "", "Leave it out.")
@@ -165,7 +165,7 @@ def load_scene(
     try:
         scene = _scene(terms or {}).model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
-        raise scene_error(error, data, source) from None
+        raise scene_error(error, data, source, toml_text.text(path)) from None
     scene._source = source
     return scene
 

@@ -12,7 +12,7 @@ from fecloth.errors import InputError
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.units import LENGTH
 from fecloth.scene.field_types import File, OfPlace, Vector
-from fecloth.scene.table_model import Table, exactly_one
+from fecloth.scene.table_model import Table, require_exactly_one
 
 _PLANES = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}  # the axes of warp and weft
 
@@ -58,7 +58,7 @@ class Start(Table):
 
     @model_validator(mode="after")
     def _one_place(self):
-        exactly_one(self, "plane", "position", "frame")
+        require_exactly_one(self, "plane", "position", "frame")
         changed = [key for key in ("rotate", "shift", "velocity") if getattr(self, key)]
         if self.frame and changed:
             raise InputError(f"{changed[0]} is given", "a frame has its own x and v")

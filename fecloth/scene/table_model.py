@@ -24,6 +24,7 @@ from pydantic import (
 )
 
 from fecloth.errors import InputError
+from fecloth.scene import docstrings
 from fecloth.scene.error_words import shorten
 from fecloth.scene.type_words import holds_tables, in_si, options, phrase, writable
 from fecloth.suggest import did_you_mean
@@ -42,13 +43,20 @@ class Table(BaseModel):
 
     shorthands: ClassVar[tuple[str, ...]] = ()  # keys that are replaced by others before
 
+    @classmethod
+    def meanings(cls) -> dict[str, str]:
+        """Return what keys mean, where a docstring says it."""
+        return {}
+
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
         fields = cls.model_fields
-        if refusals := _unknown(data, fields, cls.shorthands) or _missing(data, fields):
+        if refusals := _unknown(data, fields, cls.shorthands) or _missing(
+            data, fields, cls.meanings()
+        ):
             refusals[0].also = tuple(refusals[1:])
             raise refusals[0]
         return in_si(data, fields)
@@ -84,9 +92,9 @@ def _unknown(data: dict, fields: Mapping, shorthands: tuple[str, ...]) -> list[I
     ]
 
 
-def _missing(data: dict, fields: Mapping) -> list[InputError]:
+def _missing(data: dict, fields: Mapping, meanings: Mapping[str, str]) -> list[InputError]:
     return [
-        InputError(f"{key} is missing", f"must be {phrase(field)}")
+        InputError(f"{key} is missing", f"must be {phrase(field)}", "", meanings.get(key, ""))
         for key, field in fields.items()
         if field.is_required() and key not in data
     ]
@@ -101,6 +109,10 @@ class Made(Table):
     makes: ClassVar[type]
 
     _object: Any = PrivateAttr()
+
+    @classmethod
+    def meanings(cls) -> dict[str, str]:
+        return docstrings.parameters(cls.makes)
 
     @model_validator(mode="after")
     def _make_object(self):
@@ -160,7 +172,7 @@ def as_tuples(value: Any) -> Any:
     return tuple(as_tuples(item) for item in value) if isinstance(value, (list, tuple)) else value
 
 
-def exactly_one(table: Table, *keys: str) -> None:
+def require_exactly_one(table: Table, *keys: str) -> None:
     """Refuse a table with none or several of these keys."""
     used = [key for key in keys if getattr(table, key) is not None]
     if len(used) != 1:

@@ -32,12 +32,13 @@ _MethodTable: Any = one_of(
 class Time(Table):
     """The method and its step dt, from t_start to t_end [s].
 
+    Without a method and dt, both are chosen: `method` is "auto".
     With ``dt = "auto"`` explicit methods take 0.9 of their largest stable step. With `rtol` [1/s]
     or `atol` [m/s], and for implicit methods always, the error determines the steps; see
     `Adaptive`.
     """
 
-    method: _MethodTable = Field(description=", ".join([*_METHODS, "auto"]))
+    method: _MethodTable = Field(None, description=", ".join([*_METHODS, "auto"]))
     dt: Annotated[Annotated[float, Field(gt=0)] | Literal["auto"], TIME] = "auto"
     t_end: Annotated[float, TIME]
     t_start: Annotated[float, TIME] = 0.0
@@ -48,7 +49,11 @@ class Time(Table):
     @classmethod
     def _method_by_name(cls, data: Any) -> Any:
         if isinstance(data, dict) and "method" not in data:
-            raise InputError("method is missing", f"must be one of {', '.join(_METHODS)}, auto")
+            if data.get("dt", "auto") != "auto":
+                remedy = "Or leave dt out, too: then both are chosen."
+                allowed = f"must be one of {', '.join(_METHODS)}"
+                raise InputError("method is missing", allowed, "", remedy)
+            return data | {"method": {"type": "auto"}}
         if isinstance(data, dict) and isinstance(data.get("method"), str):
             return data | {"method": {"type": data["method"]}}
         return data

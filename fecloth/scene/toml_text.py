@@ -22,14 +22,15 @@ def read(path: str | Path) -> dict:
         For a path that is no readable file, and for text that is not TOML, with the line.
     """
     path = Path(path)
-    text = _text(path)
+    content = text(path)
     try:
-        return tomllib.loads(text)
+        return tomllib.loads(content)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, and endless integers
         raise SceneError(f"not TOML ({error})", where=str(path)) from None
 
 
-def _text(path: Path) -> str:
+def text(path: Path) -> str:
+    """Return the text of a file; raise `SceneError` if it cannot be read."""
     where = str(path)
     if problem := file_problem(path):
         raise SceneError(problem[0], "must be a scene file", where, problem[1])

@@ -15,7 +15,7 @@ from fecloth.integrators.protocol import (
     MethodTraits,
     check_method,
 )
-from fecloth.integrators.step import Step, arrival, held
+from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
@@ -47,7 +47,7 @@ class Control:
         Error of the last step over the allowed one, at most 1.
     a, t
         (n, 3) mean acceleration [m/s²] of the last step, and the time of its middle [s].
-    of_method
+    method_memory
         The memory of the method itself.
     """
 
@@ -55,7 +55,7 @@ class Control:
     error: float
     a: np.ndarray
     t: float
-    of_method: object = None
+    method_memory: object = None
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ class Adaptive(ChosenSteps):
         if self.traits.order == 2:
             x = state.x + dt * state.v + 0.5 * dt**2 * a  # as the cloth falls past its pins
             ahead = State(state.t + dt, x, state.v + dt * a)
-            ahead = held(system, ahead, arrival(system, state, dt))
+            ahead = set_prescribed(system, ahead, prescribed_end(system, state, dt))
             jerk = system.sums.rms(system.diagonal_mass, acceleration(system, ahead) - a) / dt
             dt = min(longest, FAR * dt, math.sqrt(rate / (c * jerk)) if jerk > 0 else longest)
         return Control(SAFETY * dt, 1.0, a, state.t)
@@ -184,7 +184,7 @@ class Adaptive(ChosenSteps):
         reason: str | NewtonFailed | SolveFailed = ""
         for rejected in range(RETRIES):
             try:
-                step = self._stepper.step(system, state, dt, solver, control.of_method)
+                step = self._stepper.step(system, state, dt, solver, control.method_memory)
                 a, t, error = self.error(system, state, step, control)
                 dt = step.state.t - state.t  # which may be less
             except (NewtonFailed, SolveFailed) as failure:

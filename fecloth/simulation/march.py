@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fecloth import validation
-from fecloth.errors import InputError, SolveFailed, StepFailed
+from fecloth.errors import FeclothWarning, InputError, SolveFailed, StepFailed
 from fecloth.integrators.protocol import check_method, check_terms
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.context import SolverContext
@@ -17,7 +18,7 @@ from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.method_choice import Auto
-from fecloth.simulation.motion_jumps import find_jumping_pin
+from fecloth.simulation.motion_jumps import find_jumping_pin, find_motion_jumps
 from fecloth.simulation.resolve import choose_steps, resolve
 from fecloth.simulation.step_times import targets_after
 from fecloth.system.arguments import check_system
@@ -36,13 +37,13 @@ class Memory:
     ----------
     step, start
         Steps so far, and the time at which the first of them began [s].
-    of_method
+    method_memory
         `Step.memory` of the last step.
     """
 
     step: int
     start: float
-    of_method: object
+    method_memory: object
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +118,11 @@ def march(
     StepFailed
         If a step does not converge, makes a value that is not finite or stretches a triangle
         beyond `most_stretch`; its `state` is the last one that was found good.
+
+    Warns
+    -----
+    FeclothWarning
+        Before the first step of a new march, of pins whose motion jumps.
     """
     refuse_arguments(system, method, state, newton, most_stretch)
     begin, resumed = memory or Memory(0, state.t, None), memory is not None
@@ -127,10 +133,12 @@ def march(
     opening = replace(state, t=begin.start)
     end = float(targets[-1])  # t_end
     steps, solver, _ = resolve(system, steps, opening, end, solver, newton)
-    if not resumed:  # a continued march has passed this check
+    if not resumed:  # a continued march has passed these checks
         steps.check_start(system, state)
+        for words in find_motion_jumps(system, state, end):
+            warnings.warn(words, FeclothWarning, stacklevel=2)
     check_every = 8 if steps.traits.explicit else 1
-    number, last_memory, good = begin.step, begin.of_method, state
+    number, last_memory, good = begin.step, begin.method_memory, state
     for target in targets:
         while state.t < target:
             number, size = number + 1, target - state.t

@@ -117,7 +117,7 @@ def rotation_about_pins(system: System, x: np.ndarray) -> np.ndarray | None:
     units = np.eye(3)
     turns = [np.cross(axis, (x - middle) / size) for axis in units]
     modes = np.stack([*(np.tile(axis, (len(x), 1)) for axis in units), *turns])
-    held = np.stack([constraints.held(mode).ravel() for mode in modes], axis=1)
+    held = np.stack([constraints.held_part(mode).ravel() for mode in modes], axis=1)
     _, values, rows = np.linalg.svd(held, full_matrices=True)
     values = np.pad(values, (0, 6 - len(values)))
     free = rows[values <= 1e-6 * max(values[0], 1e-300)]

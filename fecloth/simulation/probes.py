@@ -33,7 +33,7 @@ def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
     else:
         a, f = step.a, step.solved_force
     residual = system.scalar_mass @ a - f
-    residual[constraints.nodes] = constraints.held(residual)
+    residual[constraints.nodes] = constraints.held_part(residual)
     return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}
 
 

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fecloth.simulation.energy_balance import ROUND_OFF, Balance
 from fecloth.simulation.energy_ledger import Ledger, negligible_energy
 from fecloth.simulation.march import Problem, StepInfo, step_failed
 from fecloth.simulation.probes import Observer
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-MOST_GROWTH = 4.0  # times the kinetic energy available: every usable step so far had less
+MOST_GROWTH = 4.0  # times the energy available: every usable step so far had less
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +30,8 @@ class Record:
         After the step.
     observed
         Row of the probes and the other observed quantities.
-    turnover
-        Largest `Ledger.turnover` so far [J].
+    balance
+        Of the energies so far.
     seconds
         Wall time of the recording.
     """
@@ -39,7 +40,7 @@ class Record:
     info: StepInfo
     ledger: Ledger
     observed: dict[str, float]
-    turnover: float
+    balance: Balance
     seconds: float
 
 
@@ -50,29 +51,31 @@ def record_steps(
     ledger: Ledger,
     observer: Observer,
     *,
-    turnover: float = 0.0,
+    balance: Balance | None = None,
     most_growth: float = MOST_GROWTH,
 ) -> Iterator[Record]:
     """Yield a `Record` for each step of `march`.
 
     Parameters
     ----------
-    ledger, turnover
-        Before the first of these steps.
+    ledger, balance
+        Before the first of these steps; no balance stands for that of an unstarted run.
     most_growth
         See `run`.
 
     Raises
     ------
     StepFailed
-        If two steps in a row have more kinetic energy than `most_growth` times what is available.
+        If two steps in a row deform with more kinetic energy than `most_growth` times what is
+        available.
     """
+    balance = balance or Balance.open(ledger)
     for state, info in steps:
         begin = time.perf_counter()
         ledger = update_ledger(system, method, ledger, info, most_growth)
-        turnover = max(turnover, ledger.turnover)
+        balance = balance.after(system, ledger)
         observed = observer.row(info.old, info.result)
-        yield Record(state, info, ledger, observed, turnover, time.perf_counter() - begin)
+        yield Record(state, info, ledger, observed, balance, time.perf_counter() - begin)
 
 
 def trial_recorder(system: System, ledger: Ledger, observer: Observer) -> Callable:
@@ -95,9 +98,8 @@ def update_ledger(
     Raise `StepFailed` if two steps in a row exceed the energy available. One step may: a load
     switched on transfers momentum before it has done work.
     """
-    after = ledger.after(system, method, info.old, info.result)
-    noise = _noise(system, info)
-    growths = [each.growth(most) if each.kinetic > noise else "" for each in (ledger, after)]
+    after, noise = ledger.after(system, method, info.old, info.result), _noise(system, info)
+    growths = [each.growth(most) if each.deforming > noise else "" for each in (ledger, after)]
     if all(growths):
         raise step_failed(system, info.old, info.step, info.dt, Problem(growths[1]))
     return after
@@ -108,6 +110,6 @@ def _noise(system: System, info: StepInfo) -> float:
 
     `negligible_energy`, or ½ m (64 ε |x|/dt)² if that is more: the round-off of positions.
     """
-    speed = 64 * np.finfo(float).eps * np.abs(info.result.state.x).max() / info.dt
-    rounded = 0.5 * float(system.nodal_mass.sum()) * speed**2
+    speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
+    rounded = 0.5 * system.total_mass * speed**2
     return max(rounded, negligible_energy(system, info.t - info.memory.start))

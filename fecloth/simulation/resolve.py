@@ -52,7 +52,7 @@ def solver_for(
         condition = 1 + (wx * stiffness + wv * damping) / wa
         chosen, why = select.choose(condition, len(system.cloth.X), symmetric)
     else:
-        chosen, why = select.named(choice, symmetric), "requested"
+        chosen, why = select.create(choice, symmetric), "requested"
     matrix = BlockMatrix.zeros(system.pattern)
     return SolverContext(chosen, matrix, options), f"{chosen.name} ({why})"
 
@@ -117,6 +117,6 @@ def choose_steps(
     return FixedStep(method, dt)  # type: ignore[arg-type]  # it refuses None
 
 
-def reported(steps: StepChoice | Auto):
-    """Return the method that reports name: fixed steps go without saying, as dt is told apart."""
+def method_to_report(steps: StepChoice | Auto):
+    """Return the method that reports name: that of fixed steps, as dt is method_to_report apart."""
     return steps.method if steps.dt else steps

@@ -14,11 +14,12 @@ from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
-from fecloth.simulation.energy_ledger import Ledger, imbalance_warning
+from fecloth.simulation.energy_balance import Balance
+from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
-from fecloth.simulation.resolve import choose_steps, reported, resolve
+from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.set_up_warnings import find_set_up_warnings
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -47,8 +48,9 @@ class Result:
     method
         The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one without
         dt.
-    doubt
-        A sentence if the energy balance does not close, or "": see `imbalance_warning`.
+    warnings
+        A sentence for each reason to doubt the result, such as an energy balance that was off
+        (`Balance.warning`), also if it closes at the end.
     """
 
     state: State
@@ -60,11 +62,16 @@ class Result:
     linear: int
     solver: str
     method: object
-    doubt: str = ""
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def doubt(self) -> str:
+        """The first of the warnings, or ""."""
+        return self.warnings[0] if self.warnings else ""
 
     def __repr__(self) -> str:
         steps, t = len(self.times) - 1, self.times[-1]
-        remark = ", energy balance in doubt" if self.doubt else ""
+        remark = f", {count_warnings(self.warnings)}" if self.warnings else ""
         return f"<Result of {steps} steps of {self.method} to t = {t:g} s{remark}>"
 
     def _repr_html_(self) -> str:
@@ -93,9 +100,9 @@ def run(
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
 
     Arguments as for `march`; `report` is called after every step. The run also fails after two
-    steps in a row with more kinetic energy than `most_growth` times what the start, the loads and
-    the pins can have supplied (`Ledger.available`). If the energy balance does not close, `doubt`
-    of the result and a `FeclothWarning` say so.
+    steps in a row that deform with more kinetic energy than `most_growth` times what the start,
+    the loads and the pins can have supplied (`Ledger.available`). If the energy balance does not
+    close, `warnings` of the result and a `FeclothWarning` say so.
 
     Examples
     --------
@@ -117,8 +124,11 @@ def run(
     record = trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
     check_offers(steps.method, ("numerical",), "run")
-    for words in find_set_up_warnings(system, opening, steps.dt, end):
+    foreseen = tuple(find_set_up_warnings(system, opening, steps.dt, end))
+    for words in foreseen:
         warnings.warn(words, FeclothWarning, stacklevel=2)
+    if memory is None:  # `march` checks and warns only without a memory
+        steps.check_start(system, state)
     states = march(
         system,
         steps,
@@ -128,11 +138,21 @@ def run(
         stops=stops,
         solver=chosen,
         most_stretch=most_stretch,
-        memory=memory,
+        memory=memory or Memory(0, state.t, None),
     )
-    result = collect(states, system, reported(steps), ledger, observer, why, most_growth, report)
-    if result.doubt:
-        warnings.warn(result.doubt, FeclothWarning, stacklevel=2)
+    result = collect(
+        states,
+        system,
+        method_to_report(steps),
+        ledger,
+        observer,
+        why,
+        most_growth,
+        report,
+        foreseen,
+    )
+    for words in result.warnings[len(foreseen) :]:
+        warnings.warn(words, FeclothWarning, stacklevel=2)
     return result
 
 
@@ -145,6 +165,7 @@ def collect(
     why: str,
     most_growth: float = MOST_GROWTH,
     report: Callable[[StepInfo], None] = lambda info: None,
+    foreseen: tuple[str, ...] = (),
 ) -> Result:
     """Take all steps of `march` and return what was recorded of them.
 
@@ -156,13 +177,16 @@ def collect(
         The linear solver and why it was chosen, for the result.
     most_growth, report
         As for `run`.
+    foreseen
+        Warnings from before the first step; those of the steps follow them in the result.
     """
-    state, start, turnover = observer.start, ledger.t, 0.0
+    state, balance, told = observer.start, Balance.open(ledger), ""
     energies, observed = [ledger.row()], [observer.row(None, None)]
     counts, begin = Counts(), time.perf_counter()
     records = record_steps(steps, system, method, ledger, observer, most_growth=most_growth)
     for record in records:
-        state, ledger, turnover = record.state, record.ledger, record.turnover
+        state, ledger, balance = record.state, record.ledger, record.balance
+        told = told or balance.warning(ledger)
         energies.append(ledger.row())
         observed.append(record.observed)
         counts = counts.plus(record.info.counts)
@@ -177,8 +201,14 @@ def collect(
         linear=counts.linear,
         solver=why,
         method=method,
-        doubt=imbalance_warning(system, ledger, turnover, start),
+        warnings=(*foreseen, *filter(None, [told or balance.warning(ledger, ended=True)])),
     )
+
+
+def count_warnings(sentences: Sequence[str]) -> str:
+    """Return "no warnings", "1 warning" or "2 warnings"."""
+    number = len(sentences)
+    return f"{number or 'no'} warning{'' if number == 1 else 's'}"
 
 
 def add_seconds(a: dict[str, float], b: dict[str, float]) -> dict[str, float]:

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from fecloth import terms
+from fecloth.simulation.between_steps import find_missed
+from fecloth.simulation.motion_jumps import find_motion_jumps
 from fecloth.simulation.pin_warnings import find_pin_warnings
 from fecloth.simulation.plausibility import implausible_terms, implausible_values
 from fecloth.system.state import State
@@ -42,6 +44,8 @@ def find_set_up_warnings(
     yield from _ignored_poisson_ratio(system)
     yield from _gas_without_pressure(system, state)
     yield from find_pin_warnings(system, state, t_end)
+    yield from find_motion_jumps(system, state, t_end)
+    yield from find_missed(system, state, dt, t_end)
 
 
 # --- membranes ------------------------------------------------------------------------------------

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from fecloth.errors import InputError, brief
+from fecloth.errors import InputError, SolveFailed, brief
 from fecloth.integrators.protocol import ExplicitIntegrator, MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.simulation.step_times import ChosenSteps
@@ -24,7 +25,7 @@ LONGER = 1.05  # largest growth of a step: the cloth may become as stiff again
 
 @remembered
 @dataclass(frozen=True, eq=False)
-class Limited:
+class LimitMemory:
     """The memory of `StabilityLimited`.
 
     Attributes
@@ -35,7 +36,7 @@ class Limited:
         Steps since the limit was computed.
     least, largest
         Extreme principal stretches of all triangles so far.
-    of_method
+    method_memory
         The memory of the method itself.
     """
 
@@ -43,17 +44,17 @@ class Limited:
     steps: int
     least: float
     largest: float
-    of_method: object = None
+    method_memory: object = None
 
 
 @dataclass(frozen=True)
 class StabilityLimited(ChosenSteps):
     """An explicit method at 0.9 of its largest stable step, by `stability.estimate`.
 
-    The limit is that at the start or at rest, whichever is less. A stretched cloth becomes stiffer,
-    with some materials also a compressed one, and the limit falls. It is computed again if a
-    principal stretch exceeds the earlier ones by 2 %, checked every 4 steps, and otherwise after
-    500 steps. Then it may also grow, by 5 % at most.
+    The limit is that at the start or, without loads, at rest, whichever is less. A stretched cloth
+    becomes stiffer, with some materials also a compressed one, and the limit falls. It is computed
+    again if a principal stretch exceeds the earlier ones by 2 %, checked every 4 steps, and
+    otherwise after 500 steps. Then it may also grow, by 5 % at most.
 
     Parameters
     ----------
@@ -74,7 +75,7 @@ class StabilityLimited(ChosenSteps):
         if traits is None or not (traits.explicit and traits.stability) or traits.chooses_dt:
             allowed = "has no stable step to choose"
             remedy = "Take CentralDifference or SymplecticEuler."
-            raise InputError(f"method {brief(self.method)}", allowed, "", remedy)
+            raise InputError(f"method {brief(self.method)}", allowed, "StabilityLimited", remedy)
 
     @property
     def traits(self) -> MethodTraits:
@@ -91,7 +92,7 @@ class StabilityLimited(ChosenSteps):
         state: State,
         horizon: float,
         solver=None,
-        memory: Limited | None = None,
+        memory: LimitMemory | None = None,
     ) -> Step:
         """One step from `state` over at most `horizon` [s]."""
         limited = memory or self._start(system, state)
@@ -99,27 +100,34 @@ class StabilityLimited(ChosenSteps):
             limited = self._update(system, state, limited)
         parts = max(1, math.ceil(horizon / limited.dt - 1e-9))
         dt = horizon / parts if parts <= 2 else limited.dt
-        step = self.method.step(system, state, dt, solver, limited.of_method)
-        after = replace(limited, steps=limited.steps + 1, of_method=step.memory)
+        step = self.method.step(system, state, dt, solver, limited.method_memory)
+        after = replace(limited, steps=limited.steps + 1, method_memory=step.memory)
         return replace(step, memory=after)
 
     def _limit(self, system: System, state: State) -> float:
         return FRACTION * estimate(system, state, self.method)
 
-    def _start(self, system: System, state: State) -> Limited:
-        """Return the first memory: the lesser limit of the start and of the cloth at rest."""
-        rest = system.rest()
-        dt = min(self._limit(system, one) for one in (state, State(state.t, rest.x, state.v)))
-        return Limited(dt, 0, *extreme_stretches(system.cloth, state.x))
+    def _start(self, system: System, state: State) -> LimitMemory:
+        """Return the first memory: the lesser limit of the start and of the cloth at rest.
 
-    def _update(self, system: System, state: State, last: Limited) -> Limited:
+        At rest loads do not count, nor what has no finite stiffness there: a `Gas` has no volume.
+        """
+        dt = self._limit(system, state)
+        unloaded = system.with_bound(t for t in system.bound if not getattr(t, "load", False))
+        with suppress(SolveFailed):
+            dt = min(dt, self._limit(unloaded, State(state.t, system.rest().x, state.v)))
+        return LimitMemory(dt, 0, *extreme_stretches(system.cloth, state.x))
+
+    def _update(self, system: System, state: State, last: LimitMemory) -> LimitMemory:
         """Return the memory, with a new limit if the last one may no longer be valid."""
         least, largest = extreme_stretches(system.cloth, state.x)
         beyond = largest > BEYOND * last.largest or least * BEYOND < last.least
         if not beyond and last.steps < UPDATE_STEPS:
             return last
         dt = min(self._limit(system, state), last.dt if beyond else LONGER * last.dt)
-        return Limited(dt, 0, min(least, last.least), max(largest, last.largest), last.of_method)
+        return LimitMemory(
+            dt, 0, min(least, last.least), max(largest, last.largest), last.method_memory
+        )
 
 
 def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:

@@ -8,8 +8,14 @@ from fecloth.integrators.step import Step
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-# Sample times as fractions of a step; uneven, so that no periodic motion is zero at all of them.
-PINS = (np.arange(1, 17) + 0.2 * np.sin(np.arange(1, 17) ** 2)) / 17
+
+def uneven(count: int) -> np.ndarray:
+    """Sample times as fractions of a step, at which no periodic motion is zero all the time."""
+    number = np.arange(1, count + 1)
+    return (number + 0.2 * np.sin(number**2)) / (count + 1)
+
+
+PINS = uneven(16)
 LOADS = PINS[1::3]
 
 

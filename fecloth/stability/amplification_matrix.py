@@ -80,7 +80,7 @@ def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
         raise InputError(f"method = {method!r}", "remembers too many arrays", "amplification")
     units = np.eye(size, start.x.size).reshape(size, 3, 3)  # of unit i: oscillator i has a 1
     start = State(0.0, units[0], units[1])
-    step = method.step(system, start, 1.0, solver, _filled(memory, iter(units[2:])))
+    step = method.step(system, start, 1.0, solver, _with_arrays(memory, iter(units[2:])))
     after = [step.state.x, step.state.v, *_arrays(step.memory)]
     return np.array([y.ravel()[:size] for y in after])
 
@@ -136,11 +136,13 @@ def _arrays(record) -> list[np.ndarray]:
     return [a for field in fields(record) for a in _arrays(getattr(record, field.name))]
 
 
-def _filled(record, arrays: Iterator[np.ndarray]):
+def _with_arrays(record, arrays: Iterator[np.ndarray]):
     """The record with its arrays replaced, in the order of `_arrays`."""
     if isinstance(record, np.ndarray):
         return next(arrays)
     if not is_dataclass(record) or isinstance(record, type):
         return record
-    filled = {field.name: _filled(getattr(record, field.name), arrays) for field in fields(record)}
+    filled = {
+        field.name: _with_arrays(getattr(record, field.name), arrays) for field in fields(record)
+    }
     return replace(record, **filled)

@@ -12,13 +12,15 @@ the largest eigenvalue of M⁻¹ (a dt² K + b dt D) is 1, for positive semi-def
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from scipy.linalg import eigh, eigvals
 from scipy.sparse import issparse
-from scipy.sparse.linalg import LinearOperator, aslinearoperator, eigsh, splu
+from scipy.sparse.linalg import ArpackError, LinearOperator, aslinearoperator, eigsh, splu
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, SolveFailed
 from fecloth.integrators.explicit import ForwardEuler
 from fecloth.stability.amplification_matrix import amplification, resolve_method
 from fecloth.stability.lanczos_estimate import estimate
@@ -82,6 +84,11 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
     float
         dt [s]; infinite for an A-stable method, and where nothing is stiff or damped.
 
+    Raises
+    ------
+    SolveFailed
+        If K or D is not finite at the state, or the eigenvalue is not found.
+
     Examples
     --------
     >>> import fecloth as fc
@@ -99,12 +106,23 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
     check_system(system, state, "critical_dt")
     method = resolve_method(method)
     if isinstance(method, ForwardEuler):
-        return _forward_euler(*_free_operators(system, state))
+        with _as_solve_failed():
+            return _forward_euler(*_free_operators(system, state))
     a, b = _limit(method)
     if a == 0:
         return math.inf
     K, D, M = _free_operators(system, state)
-    return _least(a * K, None if D is None else b * D, M)
+    with _as_solve_failed():
+        return _least(a * K, None if D is None else b * D, M)
+
+
+@contextmanager
+def _as_solve_failed() -> Iterator[None]:
+    """Turn the errors of an eigenproblem into `SolveFailed`; SciPy refuses what is not finite."""
+    try:
+        yield
+    except (ValueError, ArpackError, np.linalg.LinAlgError) as error:
+        raise SolveFailed(f"the stable step cannot be computed ({error})") from error
 
 
 def element_bound(system: System, method="symplectic_euler") -> float:

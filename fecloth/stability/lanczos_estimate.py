@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
 from fecloth import validation
-from fecloth.errors import InputError
+from fecloth.errors import InputError, SolveFailed
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -47,6 +47,11 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     float
         dt [s]; infinite where nothing is stiff.
 
+    Raises
+    ------
+    SolveFailed
+        If a force is not finite at the state or close to it; the message names the term.
+
     Examples
     --------
     >>> import fecloth as fc
@@ -84,6 +89,8 @@ class _Products:
         self.edge = math.sqrt(system.cloth.area / len(system.cloth.triangles))
         self.damped = any(term.velocity_dependent for term in system.bound)
         self.force = system.force(state)
+        if not np.isfinite(self.force).all():
+            raise SolveFailed(_not_finite(system, state))
 
     def noise(self) -> np.ndarray:
         """A start of unit size, the same in each run, along the free directions."""
@@ -117,11 +124,23 @@ class _Products:
         return 2 / (d + math.sqrt(d**2 + 4 * k))
 
 
+def _not_finite(system: System, state: State) -> str:
+    """Say which term has no finite force at a state."""
+    for name, term in zip(system.names, system.bound, strict=True):
+        f = np.zeros_like(state.x)
+        term.add_force(state.x, state.v, state.t, f)
+        if not np.isfinite(f).all():
+            return f"{name} has no finite force at this state: no step is known to be stable"
+    return "the forces at this state are not finite: no step is known to be stable"
+
+
 def _lanczos(apply, start, tol):
     """Largest Ritz value, its residual and its vector, once the residual is small to `tol`."""
     basis, diagonal, beside = [start / np.linalg.norm(start)], [], []
     while True:
         r = apply(basis[-1])
+        if not np.isfinite(r).all():
+            raise SolveFailed("the forces close to this state are not finite: it has no stiffness")
         diagonal.append(float(np.vdot(basis[-1], r)))
         Q = np.array(basis)  # (j, 3n)
         for _ in range(2):

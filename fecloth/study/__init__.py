@@ -1,7 +1,8 @@
 """The engine of refinement, comparison and cost studies.
 
 A study is a list of settings, a function that takes one setting and returns numbers, and findings:
-numbers with an expected range, which determine the exit code.
+numbers with an expected range. The exit status is 0 if all are met, 1 if one is missed, 2 for a
+mistake in the input, 3 if a case failed.
 
     from fecloth import study
 
@@ -17,10 +18,11 @@ numbers with an expected range, which determine the exit code.
 
 
     def main() -> int:
-        options = study.parse_arguments(__doc__)
+        options = study.parse_arguments(__doc__, needs=["matplotlib"])
         sizes = (0.02, 0.01) if options.quick else (0.02, 0.01, 0.005, 0.0025)
         cases = [{"method": m, "dt": dt} for m in ("BackwardEuler", "BDF2") for dt in sizes]
         rows = study.run_cases(cases, swing, **study.run_options(options), time_limit=60)
+        study.require_results(options, "Swing", rows)
         with study.figure(options.out, "sag", "time step [s]", "sag [m]") as (figure, ax):
             study.draw_lines(ax, rows, x="dt", y="sag", by="method")
         sags = [row["sag"] for row in rows if row["status"] == "ok"]
@@ -29,13 +31,14 @@ numbers with an expected range, which determine the exit code.
 
 
     if __name__ == "__main__":
-        raise SystemExit(main())
+        study.run_main(main)
 
 Import `fecloth.study` before NumPy: it limits every library to one thread.
 """
 
 from fecloth.study import threads  # noqa: F401  before NumPy
-from fecloth.study.cases import Case, run_cases
+from fecloth.study.cases import Case, describe_settings, run_cases
+from fecloth.study.command import Parser, StudyFailed, require_packages, run_main
 from fecloth.study.figures import (
     COLOURS,
     MARKERS,
@@ -46,18 +49,24 @@ from fecloth.study.figures import (
     mark_failures,
 )
 from fecloth.study.options import parse_arguments, run_options
-from fecloth.study.reports import Finding, hardware, write_csv, write_report
+from fecloth.study.reports import Finding, hardware, require_results, write_csv, write_report
 from fecloth.study.status import TimeLimit, check_time_limit
 from fecloth.study.timing import Seconds, measure_seconds
+from fecloth.study.workload import Workload, check_scene
 
 __all__ = [
     "COLOURS",
     "MARKERS",
     "Case",
     "Finding",
+    "Parser",
     "Seconds",
+    "StudyFailed",
     "TimeLimit",
+    "Workload",
+    "check_scene",
     "check_time_limit",
+    "describe_settings",
     "draw_lines",
     "draw_slope_triangle",
     "figure",
@@ -66,7 +75,10 @@ __all__ = [
     "mark_failures",
     "measure_seconds",
     "parse_arguments",
+    "require_packages",
+    "require_results",
     "run_cases",
+    "run_main",
     "run_options",
     "write_csv",
     "write_report",

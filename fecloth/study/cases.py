@@ -8,7 +8,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -20,8 +20,25 @@ from fecloth.study import status
 from fecloth.study.cluster import run_on_cluster
 from fecloth.study.fingerprint import source_hash
 from fecloth.study.processes import run_in_processes
+from fecloth.study.workload import in_words
 
 Number = float | int | str | bool | None
+
+
+HIDDEN = ("path", "digest", "content", "text")  # settings that say nothing to a reader
+
+
+def describe_settings(settings: Mapping) -> str:
+    """Return settings in words, without paths, hashes, contents of files and defaults.
+
+    Examples
+    --------
+    >>> describe_settings({"path": "/a.toml", "method": "BDF2", "time_step": 0.01, "linear": None})
+    'method BDF2, time step 0.01'
+    """
+    chosen = {key: value for key, value in settings.items() if key not in HIDDEN}
+    words = {key.replace("_", " "): value for key, value in chosen.items() if value is not None}
+    return ", ".join(f"{key} {' '.join(str(v).split())[:40]}" for key, v in words.items())
 
 
 @dataclass(frozen=True)
@@ -82,6 +99,8 @@ def run_cases(
     scheduler: str | None = None,
     time_limit: float | None = None,
     fresh: bool = False,
+    label: Callable[[Mapping], str] = describe_settings,
+    costs: Sequence[float] | None = None,
 ) -> list[dict[str, object]]:
     """Run `function(**settings)` for the settings of each case; rows in the order of the cases.
 
@@ -103,6 +122,10 @@ def run_cases(
         limit works only where the function calls `check_time_limit`.
     fresh
         Run every case, even if its result is on disk.
+    label
+        Function that describes the settings of a case in the progress lines.
+    costs
+        Predicted cost of each case in any unit, for the predicted time left; equal by default.
 
     Raises
     ------
@@ -110,20 +133,22 @@ def run_cases(
         If the function is not at the top level of a file, or the settings are not JSON-able.
     """
     all_cases = [Case.of(function, settings) for settings in cases]
+    cost_of = dict(
+        zip((case.key for case in all_cases), costs or [1.0] * len(all_cases), strict=True)
+    )
     results = {} if fresh else _read_results(all_cases, Path(out), time_limit)
     missing = list({case.key: case for case in all_cases if case.key not in results}.values())
-    if scheduler:
+    if scheduler and missing:
         finished = run_on_cluster(missing, scheduler, time_limit)
     elif jobs > 1 and missing:
         finished = run_in_processes(missing, min(jobs, len(missing)), time_limit)
     else:
         finished = _run_here(missing, function, time_limit)
-    begin = time.perf_counter()
-    for number, (case, result) in enumerate(finished, 1):
+    progress = _Progress(len(missing), sum(cost_of[case.key] for case in missing))
+    for case, result in finished:
         _write_result(case, result, Path(out), time_limit)
         results[case.key] = result
-        progress = f"[{number}/{len(missing)}, {time.perf_counter() - begin:.0f} s]"
-        _print_progress(f"{progress} {_settings_line(case)}: {_result_line(result)}")
+        progress.print(f"{label(case.settings)}: {_result_line(result)}", cost_of[case.key])
     return [{**case.settings, **results[case.key]} for case in all_cases]
 
 
@@ -167,17 +192,23 @@ def _to_plain(value):
     return value.tolist()
 
 
-def _settings_line(case: Case) -> str:
-    """Return the settings on one line, long texts cut."""
-    return " ".join(f"{k}={' '.join(str(v).split())[:40]}" for k, v in case.settings.items())
-
-
 def _result_line(result: dict) -> str:
     return f"{result['status']} {result['cause'].splitlines()[0] if result['cause'] else ''}"
 
 
-def _print_progress(line: str) -> None:
-    print(line.rstrip(), file=sys.stderr, flush=True)
+class _Progress:
+    """Prints a line for each finished case, with the predicted time left."""
+
+    def __init__(self, count: int, cost: float):
+        self.count, self.cost, self.done, self.spent = count, cost, 0, 0.0
+        self.begin = time.perf_counter()
+
+    def print(self, words: str, cost: float) -> None:
+        self.done, self.spent = self.done + 1, self.spent + cost
+        seconds = time.perf_counter() - self.begin
+        left = seconds * (self.cost / self.spent - 1) if self.spent else 0.0
+        times = f"{seconds:.0f} s" + (f", about {in_words(left)} left" if left >= 1 else "")
+        print(f"[{self.done}/{self.count}, {times}] {words}".rstrip(), file=sys.stderr, flush=True)
 
 
 @cache

@@ -14,8 +14,12 @@ from pathlib import Path
 
 from fecloth.output.atomic_files import replace_file
 from fecloth.runs.environment import versions
+from fecloth.study.cases import describe_settings
+from fecloth.study.command import FAILED, MISSED, StudyFailed
+from fecloth.study.status import OK
 
 LONGEST_CELL = 300  # characters
+NAMED = 10  # failed cases that are named first
 Row = Mapping[str, object]
 
 
@@ -73,10 +77,12 @@ def write_report(
     findings: Sequence[Finding] = (),
     conclusion: str = "",
     settings: Mapping[str, object] | None = None,
+    results: Sequence[str] = (),
 ) -> int:
-    """Write OUT/results.csv and OUT/report.md, and print the findings.
+    """Write OUT/results.csv and OUT/report.md; print failed cases, conclusion and findings.
 
-    Return the exit code of the study: 1 if a finding is missed, otherwise 0.
+    Return the exit status of the study: 3 if a case failed, 1 if a finding is missed, otherwise 0.
+    If every case failed, the report names the failures and has no conclusion.
 
     Parameters
     ----------
@@ -92,35 +98,75 @@ def write_report(
         Text before the findings.
     settings
         Settings that all cases share; the options follow them.
+    results
+        Statuses of failures that are results of this study, such as "failed" where it tries
+        steps that are too large.
     """
     write_csv(rows, options.out / "results.csv")
-    parts = [f"# {title}", conclusion, _bullet_list(findings)]
-    parts += [f"![{name}]({name}.png)" for name in figures]
+    failed = [row for row in rows if row.get("status", OK) != OK]
+    if rows and len(failed) == len(rows):
+        conclusion, findings, figures, tables, results = "", (), (), {}, ()
+    missing = [row for row in failed if row["status"] not in results]
+    first = list_failures(missing, len(rows))
+    said = [conclusion, _bullet_list(findings)]
+    parts = [f"# {title}", first, *said, *(f"![{name}]({name}.png)" for name in figures)]
     parts += [
         f"## {heading}\n\n{markdown_table(table)}" for heading, table in (tables or {}).items()
     ]
-    failed = [_without_lists(row) for row in rows if row.get("status", "ok") != "ok"]
     if failed:
-        parts.append(f"## Cases that failed\n\n{markdown_table(failed)}")
+        parts.append(f"## Cases that failed\n\n{markdown_table(list(map(_shorten, failed)))}")
     shared = {**(settings or {}), **vars(options)}
     for heading, what in (("Settings", shared), ("Ran on", hardware())):
         parts.append(f"## {heading}\n\n{_bullet_list([f'{k}: {v}' for k, v in what.items()])}")
     text = "\n\n".join(part for part in parts if part) + "\n"
     replace_file(options.out / "report.md", text.encode())
-    for finding in findings:
-        print(finding)
+    print("\n".join(part for part in (first, *said) if part))
     print(f"wrote {options.out / 'report.md'}")
-    return 0 if all(finding.is_met for finding in findings) else 1
+    return FAILED if missing else 0 if all(finding.is_met for finding in findings) else MISSED
+
+
+def require_results(options: argparse.Namespace, title: str, rows: Sequence[Row]) -> None:
+    """Raise `StudyFailed` if every case failed; write a report that names the failures.
+
+    Call it before the first number is computed from the rows.
+    """
+    if rows and all(row["status"] != OK for row in rows):
+        write_report(options, title, rows)
+        raise StudyFailed(f"{title}: all {len(rows)} cases failed")
+
+
+def list_failures(failed: Sequence[Row], count: int) -> str:
+    """Return a line that counts failed cases, and one for each of the first few."""
+    if not failed:
+        return ""
+    lines = []
+    for row in failed[:NAMED]:
+        named = {key: v for key, v in row.items() if key not in ("status", "cause")}
+        cause = _first_line(row.get("cause"))
+        lines.append(f"{describe_settings(named)}: {row['status']}{': ' * bool(cause)}{cause}")
+    if len(failed) > NAMED:
+        lines.append(f"and {len(failed) - NAMED} more")
+    return f"{len(failed)} of {count} cases failed:\n\n{_bullet_list(lines)}"
+
+
+def scene_of_report(report: Path) -> str:
+    """Return the path of the user's scene that a report is about; "None" without one."""
+    lines = report.read_text(encoding="utf-8").splitlines()
+    return next((line[9:] for line in reversed(lines) if line.startswith("- scene: ")), "None")
 
 
 def _bullet_list(items: Sequence[object]) -> str:
     return "\n".join(f"- {item}" for item in items)
 
 
-def _without_lists(row: Row) -> Row:
+def _shorten(row: Row) -> Row:
     """Return a failed row without lists, and with only the first line of its cause."""
     cells = {key: value for key, value in row.items() if not isinstance(value, list | dict)}
-    return cells | {"cause": str(row.get("cause", "")).splitlines()[0] if row.get("cause") else ""}
+    return cells | {"cause": _first_line(row.get("cause"))}
+
+
+def _first_line(cause: object) -> str:
+    return str(cause).splitlines()[0] if cause else ""
 
 
 def markdown_table(rows: Sequence[Row]) -> str:

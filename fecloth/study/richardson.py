@@ -9,6 +9,7 @@ J. Fluids Eng. 116, 405–413)
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -16,10 +17,14 @@ import fecloth as fc
 from fecloth.scene.scene import load_scene
 from fecloth.study.cases import run_cases
 from fecloth.study.options import run_options
-from fecloth.study.reports import write_report
+from fecloth.study.reports import require_results, write_report
 from fecloth.study.status import check_time_limit
+from fecloth.study.workload import Workload, check_scene
 
 Rows = list[dict]
+LEAST_ORDER = 0.7  # below it the differences do not fall as those of a method of first order
+CHANGES = "first halving changes it by [%]", "second halving [%]"
+RELATIVE = "estimated error [% of the displacement]"
 
 
 def distances(cloths: list[fc.Cloth], ends: list, norm: str = "l2") -> np.ndarray:
@@ -77,25 +82,62 @@ def refine_scene(options) -> int:
         raise fc.SceneError("a mesh of one size", allowed, path, "Give a .geo file and h.")
     meshes, steps = [(0, 0), (1, 0), (2, 0)], [(0, 0), (0, 1), (0, 2)]
     levels = list(dict.fromkeys(meshes + (scene.time.dt != "auto") * steps))
+    dt = scene.time.dt
+    sizes = [Workload.of(scene, 2**m, dt / 2**s if s else None) for m, s in levels]
+    check_scene(sizes, options)
     shared = {"path": path, "digest": digest}
     cases = [shared | {"finer_mesh": m, "finer_step": s} for m, s in levels]
-    rows = run_cases(cases, run_refined_scene, **run_options(options))
+    running = run_options(options) | {"time_limit": options.time_limit, "label": describe_level}
+    rows = run_cases(cases, run_refined_scene, **running, costs=[size.seconds for size in sizes])
+    title = f"Convergence of {options.scene.stem}"
+    require_results(options, title, rows)
     ends = dict(zip(levels, rows, strict=True))
     cloths = [load_scene(path, [f"cloth.h={scene.cloth.h / 2**k!r}"]).mesh() for k in range(3)]
     table = [estimate_error("edge length h", cloths, [ends[key] for key in meshes])]
     if len(levels) > 3:
         table.append(estimate_error("time step dt", [cloths[0]] * 3, [ends[key] for key in steps]))
-    words = (
-        "Trust an estimate only if its order is the one that the method claims. "
-        "A low order in dt often comes from solver.tolerance (default 1e-6): try 1e-10."
-    )
     return write_report(
         options,
-        f"Convergence of {options.scene}",
+        title,
         [{k: v for k, v in row.items() if k != "x"} for row in rows],
         tables={"Error of the scene, from h and from dt": table},
-        conclusion=words,
+        conclusion=describe_errors(table),
     )
+
+
+def describe_level(settings: Mapping) -> str:
+    """Return which of h and dt a case refines."""
+    parts = [
+        f"{name} / {2 ** settings[key]}"
+        for name, key in (("h", "finer_mesh"), ("dt", "finer_step"))
+        if settings[key]
+    ]
+    return " and ".join(parts) or "the scene as it is"
+
+
+def describe_errors(table: Rows) -> str:
+    """Return a sentence for h and for dt: the error, or that there is no convergence."""
+    lines = []
+    for row in table:
+        error, name = row.get(RELATIVE, np.nan), row["halved"]
+        if "order" not in row:
+            lines.append(f"- {name}: no estimate, because a run failed.")
+        elif row["order"] >= LEAST_ORDER:
+            lines.append(
+                f"- {name}: the error of the scene is about {error:.2g} % of its displacement "
+                f"(observed order {row['order']:.2g})."
+            )
+        else:
+            lines.append(
+                f"- {name}: the scene does not converge (observed order {row['order']:.2g}): "
+                f"two halvings change it by {row[CHANGES[0]]:.2g} % and {row[CHANGES[1]]:.2g} % "
+                "of its displacement."
+            )
+    lines.append(
+        "\nTrust an estimate only if its order is the one that the method claims. "
+        "A low order in dt often comes from solver.tolerance (default 1e-6): try 1e-10."
+    )
+    return "\n".join(lines)
 
 
 def run_refined_scene(path: str, digest: str, finer_mesh: int, finer_step: int) -> dict:
@@ -128,13 +170,14 @@ def estimate_error(name: str, cloths: list[fc.Cloth], rows: Rows) -> dict:
     ends = [np.array(row["x"]) for row in rows]
     apart = distances(cloths, ends)
     flat = np.column_stack([cloths[0].X, np.zeros(len(cloths[0].X))])
+    percent = 100 / cloths[0].l2_norm(ends[0] - flat)
     p = float(orders(apart)[0]) if apart.all() else np.nan
     error = apart[0] / (1 - 2.0**-p) if p > 0 else np.nan
     return {
         "halved": name,
-        "L2 distance 1 [m²]": apart[0],
-        "L2 distance 2 [m²]": apart[1],
+        CHANGES[0]: percent * apart[0],
+        CHANGES[1]: percent * apart[1],
         "order": p,
-        "estimated error [m²]": error,
-        "relative to ‖x − X‖": error / cloths[0].l2_norm(ends[0] - flat),
+        RELATIVE: percent * error,
+        "error [m²]": error,
     }

@@ -56,7 +56,7 @@ class Constraints:
                 f"node {nodes[times > 1][0]} is held by more than one pin",
                 "each node may belong to one pin",
                 "System(pins=...)",
-                "Leave it out of one of the groups.",
+                _remedy_for_two_pins(int(nodes[times > 1][0]), groups, cloth),
             )
         each = [np.tile(pin.projector, (len(nodes), 1, 1)) for pin, nodes in groups.values()]
         return cls(groups, nodes, np.concatenate([*each, np.zeros((0, 3, 3))])[first])
@@ -66,17 +66,17 @@ class Constraints:
         y[self.nodes] = np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
         return y
 
-    def held(self, y: np.ndarray) -> np.ndarray:
+    def held_part(self, y: np.ndarray) -> np.ndarray:
         """(I − P) y of the constrained nodes, (c, 3)."""
         return y[self.nodes] - np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
 
     def hold(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
         """P y + (I − P) target, a copy: exactly the target where P is 0."""
-        return self.put(y.copy(), target)
+        return self.set_held(y.copy(), target)
 
-    def put(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
+    def set_held(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
         """P y + (I − P) target, in place."""
-        _put(self.nodes, self.projectors, target, y)
+        _set_held(self.nodes, self.projectors, target, y)
         return y
 
     def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -133,6 +133,26 @@ class Constraints:
         return sparse.csc_matrix((data, (rows, columns)), shape=(3 * n, free + len(at)))
 
 
+def _remedy_for_two_pins(node: int, groups: dict, cloth: Cloth) -> str:
+    """What holds a node as two groups do: a slide along the line that both allow, or a pin."""
+    names = [name for name, (_, nodes) in groups.items() if node in nodes]
+    first, second = (groups[name][0].projector for name in names[:2])
+    values, vectors = np.linalg.eigh(first + second)
+    free = vectors[:, values > 2 - 1e-9].T
+    if len(free) == 2 or not (first.any() and second.any()):
+        return "Leave it out of one of the groups."
+    X, Y = cloth.X[node]
+    both = f"Leave it out of both, {names[0]!r} and {names[1]!r}, and"
+    if not len(free):
+        return f"{both} hold it, at ({X:.6g}, {Y:.6g}) m, by a Pin of its own."
+    line = free[0] / abs(free[0]).max()
+    line = [float(c) for c in np.round(line * np.sign(line[abs(line).argmax()]), 9) + 0.0]
+    return (
+        f"{both} let it, at ({X:.6g}, {Y:.6g}) m, slide by a third Slide with direction = {line}, "
+        "the line that both allow."
+    )
+
+
 class _MovedGroup:
     """A pin with a motion and its nodes; the end of a step is the start of the next one."""
 
@@ -185,7 +205,7 @@ def _prescribe(nodes, change, speed, x, v):
 
 
 @kernel
-def _put(nodes, projectors, target, y):
+def _set_held(nodes, projectors, target, y):
     """y ← target + P (y − target) at the nodes."""
     for n in range(len(nodes)):
         P, i = projectors[n], nodes[n]

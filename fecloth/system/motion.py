@@ -36,8 +36,8 @@ class Motion:
     X: np.ndarray | None = field(default=None, compare=False)
 
     @classmethod
-    def read(cls, parts: Sequence[str | float]) -> Motion:
-        """The motion of three formulas or numbers.
+    def read(cls, parts: Sequence[str | float], name: str = "motion") -> Motion:
+        """The motion of three formulas or numbers; `name` is what errors call it.
 
         Raises
         ------
@@ -45,9 +45,9 @@ class Motion:
             For anything but three, and for a formula that is refused.
         """
         if isinstance(parts, str) or not isinstance(parts, Sequence) or len(parts) != 3:
-            raise _refused(parts)
+            raise _refused(parts, name)
         if not all(is_number(part) or isinstance(part, str) for part in parts):
-            raise _refused(parts)
+            raise _refused(parts, name)
         texts = [part if isinstance(part, str) else repr(float(part)) for part in parts]
         by_place = any(re.search(r"\b[XY]\b", text) for text in texts)
         variables = ("t", "X", "Y") if by_place else ("t",)
@@ -60,11 +60,11 @@ class Motion:
 
     def __call__(self, t: float | np.ndarray) -> np.ndarray:
         """Displacement (3,) or (k, 3) [m]; of times (m,) or (m, 1) one for each."""
-        return self._stacked(self.formulas, t)
+        return self._stack(self.formulas, t)
 
     def velocity(self, t: float | np.ndarray) -> np.ndarray:
         """The exact derivative of the displacement by t, of the same shape [m/s]."""
-        return self._stacked(self._derivatives, t)
+        return self._stack(self._derivatives, t)
 
     def check(self, times: np.ndarray) -> None:
         """Refuse a motion without a finite value, or velocity, at the times (m,) of a run [s].
@@ -86,7 +86,7 @@ class Motion:
     def _derivatives(self) -> tuple[Derivative, ...]:
         return tuple(formula.derivative("t") for formula in self.formulas)
 
-    def _stacked(self, parts: Sequence[Formula | Derivative], t) -> np.ndarray:
+    def _stack(self, parts: Sequence[Formula | Derivative], t) -> np.ndarray:
         if not self.by_place:
             if isinstance(t, float):
                 t = float(t)  # not NumPy's, which is slower
@@ -98,6 +98,8 @@ class Motion:
         return np.stack([part(t=t, **place) for part in parts], axis=-1)
 
 
-def _refused(parts: object) -> InputError:
-    allowed = "must be three formulas of t, or a function of t, as in lambda t: [0, 0, 0.1 * t]"
-    return InputError(f"motion = {brief(parts)}", allowed)
+def _refused(parts: object, name: str) -> InputError:
+    kinds = ["three formulas of t", "a function of t"]
+    first, second = kinds if name == "motion" else reversed(kinds)
+    allowed = f"must be {first}, or {second}, as in lambda t: [0, 0, 0.1 * t]"
+    return InputError(f"{name} = {brief(parts)}", allowed)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ class Pin:
 
     Valid at any deformation, for a rigid support. A single pinned node is a softer support the
     finer the mesh is, as `PointForce` explains: pin edges. Steps must be short enough to sample a
-    motion; a run does not see what the motion does between two of them.
+    motion; a run with fixed steps warns of one that mostly acts between them.
 
     Parameters
     ----------
@@ -41,9 +42,9 @@ class Pin:
         nodes or ``(k, 3)`` in the order of ``cloth.nodes(where)``. Only its changes count:
         x(t) = x(t₀) + motion(t) − motion(t₀). None: fixed.
     velocity
-        Time derivative ``velocity(t)`` of a function [m/s]; if None, a central difference over
-        2e-5 s, one-sided where it would need a time before the start of the step. The derivative
-        of formulas is exact.
+        Time derivative of the motion [m/s], as formulas or a function; if None, that of a function
+        is a central difference over 2e-5 s, one-sided where it would need a time before the start
+        of the step. The derivative of formulas is exact.
     name
         Name of the group in reactions; if None, the set's name.
     clamp
@@ -61,7 +62,7 @@ class Pin:
 
     where: Where
     motion: Sequence[str | float] | Callable[[float], np.ndarray] | None = None
-    velocity: Callable[[float], np.ndarray] | None = None
+    velocity: Sequence[str | float] | Callable[[float], np.ndarray] | None = None
     name: str | None = None
     clamp: bool = False
     rotate: Rotation | None = None
@@ -75,14 +76,13 @@ class Pin:
         if self.motion is not None and not callable(self.motion):
             object.__setattr__(self, "motion", self._formulas(self.motion))
         if self.velocity is not None and not callable(self.velocity):
-            allowed = "must be a function of t, as in lambda t: [0, 0, 0.1]"
-            raise InputError(f"velocity = {self.velocity!r}", allowed, self._label)
+            object.__setattr__(self, "velocity", self._formulas(self.velocity, "velocity"))
         if self.velocity is not None and self.motion is None:
             raise InputError("velocity without a motion", "needs both", self._label)
 
-    def _formulas(self, parts: Sequence[str | float]) -> Motion:
+    def _formulas(self, parts: Sequence[str | float], name: str = "motion") -> Motion:
         try:
-            return Motion.read(parts)
+            return Motion.read(parts, name)
         except InputError as error:
             raise InputError(error.what, error.allowed, self._label, error.remedy) from None
 
@@ -102,9 +102,10 @@ class Pin:
 
     def at(self, X: np.ndarray) -> Pin:
         """The pin on nodes with the material points X (k, 2) [m], which its formulas may need."""
-        if not (isinstance(self.motion, Motion) and self.motion.by_place):
-            return self
-        return replace(self, motion=replace(self.motion, X=X))
+        given = {"motion": self.motion, "velocity": self.velocity}
+        by_place = {k: v for k, v in given.items() if isinstance(v, Motion) and v.by_place}
+        there: Any = {name: replace(value, X=X) for name, value in by_place.items()}
+        return replace(self, **there) if there else self
 
     def displacement(self, t: float) -> np.ndarray:
         """(3,) or (k, 3) [m]."""
@@ -118,7 +119,7 @@ class Pin:
         """(3,) or (k, 3) velocity [m/s]; a difference takes no displacement before `since`."""
         if self.motion is None:
             return np.zeros(3)
-        if self.velocity is not None:
+        if callable(self.velocity):  # None otherwise: `__post_init__` makes formulas a `Motion`
             return self._checked(self.velocity, t, "velocity")
         if isinstance(self.motion, Motion):
             with suppress(InputError):  # not finite, as that of sqrt(t)**3 at 0 by the chain rule

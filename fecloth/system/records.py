@@ -14,7 +14,8 @@ RECORDS: dict[str, type] = {}  # by the name of the class, as restart files have
 def remembered(cls: C) -> C:
     """Mark a frozen dataclass as one that restart files can hold, and return it.
 
-    Its fields may be numbers, texts, None, finite arrays (n, 3), mappings and marked records. The
+    Its fields may be numbers, texts, None, finite arrays (n, 3), mappings, tuples and marked
+    records. The
     memory of an integrator needs this mark; without it, a run with restart files is refused.
 
     Raises

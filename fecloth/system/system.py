@@ -19,6 +19,7 @@ from fecloth.linalg.reductions import NodeSums
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints, MatrixProjection
+from fecloth.system.pieces import Piece, movable_pieces
 from fecloth.system.pins import Pin
 from fecloth.system.state import State
 from fecloth.terms import protocol
@@ -119,6 +120,11 @@ class System:
         return self.cloth.weighted_load(self.panel.density)
 
     @cached_property
+    def total_mass(self) -> float:
+        """Of the whole cloth [kg]."""
+        return self.sums.total(float(self.nodal_mass.sum()))
+
+    @cached_property
     def diagonal_mass(self) -> np.ndarray:
         """(n,) masses > 0 [kg] for norms and estimates: P1's row sums, `Cloth.diagonal_mass`."""
         return self.cloth.diagonal_mass(self.panel.density)
@@ -161,6 +167,11 @@ class System:
     @cached_property
     def constraints(self) -> Constraints:
         return Constraints.bind(self.pins, self.cloth)
+
+    @cached_property
+    def movable_pieces(self) -> tuple[Piece, ...]:
+        """The connected pieces that can move as a whole: free, on moving pins, or sliding."""
+        return movable_pieces(self.cloth, self.pattern, self.constraints)
 
     @cached_property
     def _projection(self) -> MatrixProjection:
@@ -226,7 +237,7 @@ class System:
         """{"kinetic": J, term name: J, …} of the terms that have an energy."""
         kinetic = 0.5 * self.sums.dot(state.v, self.scalar_mass @ state.v)
         potentials = {
-            name: term.energy(state.x, state.t)
+            name: self.sums.total(term.energy(state.x, state.t))
             for name, term in zip(self.names, self.bound, strict=True)
             if term.has_energy
         }

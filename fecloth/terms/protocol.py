@@ -133,7 +133,11 @@ class Energetic(Protocol):
     """The ability of a term with `has_energy`."""
 
     def energy(self, x: np.ndarray, t: float) -> float:
-        """Potential energy [J]; its column of the ledger, and what Newton's line search lowers."""
+        """Potential energy [J]; its column of the ledger, and what Newton's line search lowers.
+
+        As `power` and `supply` it is the sum over the nodes and elements that the term holds;
+        ``System.sums.total`` makes it that over the whole cloth.
+        """
         ...
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from fecloth.output.atomic_files import replace_file
 from fecloth.output.frame_reader import Frame
 from fecloth.view.svg_chart import chart
-from fecloth.view.web_page import filled, packed, shown_fields, title_of
+from fecloth.view.web_page import fill_template, pack_frames, shown_fields, title_of
 
 MOST_ROWS = 4000  # of a table that are read for a chart
 COLUMNS = ("t", "total")  # of the ledger that are no curve of it
@@ -42,28 +42,29 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
         The last one.
     """
     tables = {name: read_table(folder / f"{name}.csv") for name in ("steps", "energies", "strains")}
-    data = packed([frame], shown_fields(frame))
+    data = pack_frames([frame], shown_fields(frame))
     parts = {
-        "warnings": _filled_each(NOTE, _warnings(folder, summary)),
-        "tiles": _filled_each(TILE, _named(_tiles(summary, tables))),
+        "warnings": _fill_each(NOTE, _warnings(folder, summary)),
+        "tiles": _fill_each(TILE, _named(_tiles(summary, tables))),
         "charts": "\n".join(_charts(tables)),
-        "bars": _filled_each(BAR, _bars(summary["seconds"])),
-        "numbers": _filled_each(ROW, _named(_numbers(summary))),
+        "bars": _fill_each(BAR, _bars(summary["seconds"])),
+        "numbers": _fill_each(ROW, _named(_numbers(summary))),
     }
     words = {
         "title": title_of(folder),
-        "status": summary["status"],
+        "status": summary["status"] + (", with warnings" if doubtful(summary) else ""),
+        "badge": "warned" if doubtful(summary) else summary["status"],
         "note": _subtitle(summary),
         "spent": f"Where {summary['seconds']['total']:.3g} s went",
         "scene": _text(folder / "scene.resolved.toml"),
     }
-    page = filled("report.html", data, parts, **words)
+    page = fill_template("report.html", data, parts, **words)
     file = folder / "report.html"
     replace_file(file, page.encode())
     return file
 
 
-def _filled_each(template: Template, rows: Iterable[Mapping[str, str]]) -> str:
+def _fill_each(template: Template, rows: Iterable[Mapping[str, str]]) -> str:
     """Fill the template with each row, its texts escaped."""
     return "".join(
         template.substitute({key: html.escape(text) for key, text in row.items()}) for row in rows
@@ -94,21 +95,24 @@ def read_table(file: Path) -> dict[str, np.ndarray]:
 # --- words ----------------------------------------------------------------------------------------
 
 
+def doubtful(summary: Mapping) -> bool:
+    """Return whether a run came to its end with warnings: its badge is then amber."""
+    return summary["status"] == "done" and bool(summary.get("warnings"))
+
+
 def _subtitle(summary):
     words = f"{summary['nodes']} nodes, {summary['triangles']} triangles"
     return f"{words}; {summary['method']}" if summary.get("method") else words
 
 
 def _warnings(folder, summary) -> Iterator[dict[str, str]]:
-    """Return the failure, the warning about the energy balance, and the warnings in the log."""
-    for key, kind in (("error", "note failed"), ("warning", "note")):
-        if text := summary.get(key):
-            yield {"kind": kind, "text": str(text)}
+    """Return the failure, the warnings of the summary, and those that only the log has."""
+    if text := summary.get("error"):
+        yield {"kind": "note failed", "text": str(text)}
     lines = _text(folder / "run.log").splitlines()
     logged = (line.split(" warning: ", 1)[1] for line in lines if " warning: " in line)
-    for text in dict.fromkeys(logged):
-        if text != summary.get("warning"):
-            yield {"kind": "note", "text": text}
+    for text in dict.fromkeys([*summary.get("warnings", ()), *logged]):
+        yield {"kind": "note", "text": text}
 
 
 def _tiles(summary, tables) -> dict[str, str]:
@@ -142,7 +146,7 @@ def _numbers(summary) -> dict[str, str]:
     rest = {
         key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
         for key, value in summary.items()
-        if key not in ("error", "warning", "seconds", "versions", "ledger")
+        if key not in ("error", "warning", "warnings", "seconds", "versions", "ledger")
     }
     return rest | {name: str(value) for name, value in summary.get("versions", {}).items()}
 

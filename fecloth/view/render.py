@@ -22,7 +22,15 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import DiskFull, replace_file, replacing
-from fecloth.output.frame_reader import FIELDS, Frame, Series, bounded, field_values, rim, straight
+from fecloth.output.frame_reader import (
+    FIELDS,
+    Frame,
+    Series,
+    clip_to_drawable,
+    field_values,
+    rim,
+    straight,
+)
 from fecloth.suggest import did_you_mean
 from fecloth.view import checker_pattern
 from fecloth.view.checker_pattern import CHECKS
@@ -179,7 +187,9 @@ def _shot(series: Series, field: str, size: tuple[int, int]) -> Shot:
         highs.append(frame.points.max(axis=0))
     low, high = np.min(lows, axis=0), np.max(highs, axis=0)
     view = view_of(low, high)
-    colours = tuple(np.percentile(bounded(np.concatenate(values)), PERCENT)) if values else None
+    colours = (
+        tuple(np.percentile(clip_to_drawable(np.concatenate(values)), PERCENT)) if values else None
+    )
     distance = _camera_distance(view, np.concatenate(points), size[0] / size[1])
     ground = low[2] - 0.03 * np.linalg.norm(high - low)
     return Shot(field, view, distance, colours, float(ground), size)

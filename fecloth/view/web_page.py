@@ -22,7 +22,15 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
-from fecloth.output.frame_reader import FIELDS, Frame, Series, bounded, field_values, rim, straight
+from fecloth.output.frame_reader import (
+    FIELDS,
+    Frame,
+    Series,
+    clip_to_drawable,
+    field_values,
+    rim,
+    straight,
+)
 from fecloth.view import checker_pattern
 
 MOST_BYTES = 60e6
@@ -69,12 +77,12 @@ def write_view(folder: str | Path) -> Path:
     series = Series.open(folder)
     fields = shown_fields(series.read(0))
     frames = select_frames(series, len(fields))
-    data = packed((series.read(i) for i in frames), fields)
+    data = pack_frames((series.read(i) for i in frames), fields)
     count = len(data["times"])
     note = f"{count} frame{'s' * (count > 1)}, {data['cells']} triangles"
     if len(frames) < len(series.times):
         note += f" (of {len(series.times)} frames: the page with all would be too large)"
-    page = filled("view.html", data, title=title_of(series.folder), note=note)
+    page = fill_template("view.html", data, title=title_of(series.folder), note=note)
     file = series.folder / "view.html"
     replace_file(file, page.encode())
     return file
@@ -90,7 +98,7 @@ def select_frames(series: Series, fields: int) -> list[int]:
     """Return the indices of evenly spaced frames that fit into `MOST_BYTES`."""
     first = series.read(0)
     values = 3 * len(first.points) + fields * max(len(first.points), len(first.cells))
-    return series.chosen(int(MOST_BYTES / (2 * 4 / 3 * values)))
+    return series.spread(int(MOST_BYTES / (2 * 4 / 3 * values)))
 
 
 def title_of(folder: Path) -> str:
@@ -103,7 +111,9 @@ def title_of(folder: Path) -> str:
 # --- the page -------------------------------------------------------------------------------------
 
 
-def filled(template: str, data: dict, parts: Mapping[str, str] | None = None, **words: str) -> str:
+def fill_template(
+    template: str, data: dict, parts: Mapping[str, str] | None = None, **words: str
+) -> str:
     """Return a template of page/ with style, script and data filled in.
 
     `parts` are HTML and are inserted unchanged; `words` are escaped.
@@ -122,7 +132,7 @@ def part(name: str) -> str:
     return (files("fecloth.view") / "page" / name).read_text(encoding="utf-8")
 
 
-def packed(frames, fields: Sequence[str]) -> dict:
+def pack_frames(frames, fields: Sequence[str]) -> dict:
     """Return the data that viewer.js draws: numbers of the frames in base64, for JSON.
 
     Parameters
@@ -141,7 +151,7 @@ def packed(frames, fields: Sequence[str]) -> dict:
             values[name].append(field_values(frame, name))
     if not times or not len(clouds[0]):
         raise InputError("no frames", "a view needs at least one")
-    points = bounded(np.array(clouds))
+    points = clip_to_drawable(np.array(clouds))
     low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
     view, triangles = view_of(low, high), straight(frame.cells)
     return {
@@ -157,7 +167,11 @@ def packed(frames, fields: Sequence[str]) -> dict:
         "triangles": _to_base64(triangles.astype("<u4")),
         "rim": _to_base64(rim(triangles).astype("<u4")),
         "fields": [
-            _field(name, bounded(np.array(values[name])), values[name][0].size == points.shape[1])
+            _field(
+                name,
+                clip_to_drawable(np.array(values[name])),
+                values[name][0].size == points.shape[1],
+            )
             for name in fields
         ],
         "checks": _checks(frame),

@@ -25,12 +25,14 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numba  # noqa: F401  reads its number of threads before fecloth.study sets it to one
 import numpy as np
 import scipy.sparse as sparse
 import skfem
 from skfem.helpers import ddot, grad, transpose
 
 import fecloth as fc
+from fecloth import study
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
 from studies.references import falling_disk
@@ -341,7 +343,7 @@ def peak_of(triangles: int) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = study.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="small meshes, under a minute")
     parser.add_argument("--peak-of", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -379,4 +381,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    study.run_main(main)

@@ -11,13 +11,12 @@ iteration, `direct` keeps it.
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import fecloth as fc
-from fecloth import study  # noqa: F401  one thread for every library, before NumPy
+from fecloth import study
 from fecloth.nonlinear.statistics import Counts
 from fecloth.scene.scene import load_scene
 
@@ -101,7 +100,7 @@ def line(name: str, case: Case, runs: dict[str, tuple[float, Counts]]) -> tuple[
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = study.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="shorter runs")
     options = parser.parse_args()
     heads = " ".join(f"{s:>8}" for s in SOLVERS)
@@ -116,4 +115,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    study.run_main(main)

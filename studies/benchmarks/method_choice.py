@@ -12,7 +12,6 @@ against a run at a twentieth of it, over rtol R t.
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from collections.abc import Callable
@@ -22,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
-from fecloth import study  # noqa: F401  one thread for every library, before NumPy
+from fecloth import study
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.resolve import choose_steps, resolve
 
@@ -202,7 +201,7 @@ def report(name: str, case: Case, runs: dict[str, Run]) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = study.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="shorter: the choice weighs more")
     parser.add_argument("--only", help="the one scene of this name")
     given = parser.parse_args()
@@ -217,4 +216,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    study.run_main(main)

@@ -22,7 +22,6 @@ if "numba" not in sys.modules:  # it refuses a change once its threads run
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[name] = "1"  # before NumPy and MKL read them
 
-import argparse
 import time
 import warnings
 from collections.abc import Callable
@@ -31,6 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import fecloth as fc
+from fecloth import study
 from studies.benchmarks.kernels import FABRIC, Figure
 from studies.references import falling_disk
 
@@ -214,7 +214,7 @@ def figures(h: float, elements: int) -> list[Figure]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = study.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="a coarse mesh, some seconds")
     options = parser.parse_args()
     h, elements = (0.05, 400) if options.quick else (0.0152, 800)
@@ -227,4 +227,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    study.run_main(main)

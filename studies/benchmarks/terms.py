@@ -7,16 +7,12 @@ Force and tangent on an unstructured square, single-threaded, the minimum of sev
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 
 import numpy as np
 
 import fecloth as fc
-from fecloth import (
-    study,  # noqa: F401  one thread for every library, before NumPy
-    terms,
-)
+from fecloth import study, terms  # study first: one thread for every library
 from fecloth.linalg.block_matrix import BlockMatrix
 from studies.benchmarks.kernels import fastest, square
 
@@ -60,7 +56,7 @@ def cost(term, cloth: fc.Cloth) -> tuple[float, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = study.Parser(description=__doc__)
     parser.add_argument("--triangles", type=int, default=20_000)
     parser.add_argument("--quick", action="store_true", help="a small mesh")
     options = parser.parse_args()
@@ -74,4 +70,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    study.run_main(main)

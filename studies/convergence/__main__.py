@@ -1,11 +1,11 @@
 """Orders of convergence under mesh refinement and in time, each compared with theory.
 
-In space: manufactured solutions (static and dynamic) and closed forms (a strip under its group
+In space: manufactured solutions (static and dynamic) and closed forms (a strip under its own
 weight, the lowest frequencies of a taut square and a taut disk), on structured and Gmsh's meshes,
 with linear and quadratic triangles. In time: every method on three motions with known solutions.
 An order is the slope of a line fitted to the three finest meshes or the two finest steps. For a
 swinging sheet with bending, which has no exact solution, it is Richardson's. The exit code is 1 if
-an order is missed. `--scene` halves h and dt of your group scene and estimates its error.
+an order is missed. `--scene` halves h and dt of your scene and estimates its error.
 
     python -m studies.convergence [--quick] [--jobs N] [--out DIR] [--scene my.toml]
 """
@@ -36,6 +36,7 @@ ORDERS = {
 DISK = (2, 0.1)  # also for P2, because its edges are straight
 IN_MOTION = (3, 0.3)  # of P2's energy: dt ∝ h^1.5, and its error ∝ dt²
 TIME = 0.15
+TITLE = "Order of convergence"
 # Of the swing; without bending the solution has a moving kink, which limits P1 to h^3/2 and h^1/2.
 SWING = {"HingeBending": {"L2": (2, 0.15), "H1": (1, 0.1), "depth": (2, 0.15)}}
 NO_ORDER = ("order of L2", "order of H1", "order of depth")  # if a mesh failed
@@ -254,10 +255,12 @@ def main() -> int:
     options = study.parse_arguments(__doc__)
     if options.scene:
         return richardson.refine_scene(options)
+    study.require_packages("matplotlib")
     running = study.run_options(options)
     rows = study.run_cases(space_cases(options.quick), space, **running, time_limit=300)
     steps = study.run_cases(time_cases(options.quick), in_time, **running, time_limit=300)
     swings = study.run_cases(swing_cases(options.quick), swing, **running, time_limit=300)
+    study.require_results(options, TITLE, rows + steps + swings)
     compared = compare_swings(swings)
     least = manufactured.least_stress()
     findings = [study.Finding("manufactured: least principal stress [N/m]", least, 1.0)]
@@ -277,7 +280,7 @@ def main() -> int:
         tables[f"{problem}, in time"] = table(group, "dt", ("end_error",))
     return study.write_report(
         options,
-        "Order of convergence",
+        TITLE,
         rows + steps + [{"problem": "swing", **row} for row in swings],
         tables=tables,
         figures=("convergence", "dynamic", "strip", "time"),
@@ -287,4 +290,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    study.run_main(main)

@@ -45,8 +45,8 @@ class SDIRK2(integrators.WithMemory):  # for its energy balance
         euler, h, rest = Theta(1.0), self.gamma * dt, (1 - self.gamma) * dt
         a = euler.step(system, state, h, solver, memory)
         x, v = state.x + rest * a.state.v, state.v + rest / h * (a.state.v - state.v)
-        end = integrators.arrival(system, state, rest)
-        middle = integrators.held(system, fc.State(state.t + rest, x, v), end)
+        end = integrators.prescribed_end(system, state, rest)
+        middle = integrators.set_prescribed(system, fc.State(state.t + rest, x, v), end)
         b = euler.step(system, middle, h, solver, a.memory)
         counts, slope = a.counts.plus(b.counts), (b.state.v - middle.v) / h
         return integrators.Step(b.state, b.state, b.memory, counts, ends=(system, state), a=slope)

@@ -7,7 +7,6 @@ another folder; --quick computes few points, into out/laws.
 
 from __future__ import annotations
 
-import argparse
 import inspect
 import re
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
+from fecloth import study
 from studies.laws import curves as law_curves
 from studies.laws import figures
 from studies.laws.curves import NU, SPEED, Y
@@ -165,10 +165,11 @@ def flight() -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = study.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few points, into out/laws")
     parser.add_argument("--out", type=Path, help="folder of laws.md")
     options = parser.parse_args()
+    study.require_packages("matplotlib")
     out = options.out or (Path("out/laws") if options.quick else HERE)
     every = 5 if options.quick else 1
     curves, moments = law_curves.responses(every), law_curves.moments()
@@ -179,4 +180,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    study.run_main(main)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth import study
+from fecloth.scene.scene import load_scene
 from studies.models.cases import ANGLES, FABRIC, PATTERNS, hinge, run, run_scene
 from studies.models.findings import (
     NAMES,
@@ -24,27 +25,62 @@ from studies.models.findings import (
     select_rows,
 )
 
+TITLE = "Finite elements against springs"
 
-def compare_in_scene(options) -> Rows:
-    """Run a user's scene with each model; return the distances of the ends from StVK's."""
+
+def compare_in_scene(options) -> int:
+    """Run a user's scene with each model; report the distances of the ends from StVK's."""
+    names = [name for name in NAMES if name != "BaraffWitkin p = 1"]  # matched to a single h
+    study.check_scene([study.Workload.of(load_scene(options.scene))] * len(names), options)
     shared = {
         "path": str(options.scene.resolve()),
         "text": options.scene.read_text(encoding="utf-8"),
     }
-    names = [name for name in NAMES if name != "BaraffWitkin p = 1"]  # matched to a single h
-    rows = study.run_cases(
-        [{**shared, "model": model} for model in names], run_scene, **study.run_options(options)
-    )
-    ends = {row["model"]: np.reshape(row["x"], (-1, 3)) for row in rows if row["status"] == "ok"}
+    running = study.run_options(options) | {"time_limit": options.time_limit}
+    rows = study.run_cases([{**shared, "model": m} for m in names], run_scene, **running)
+    rows = [{key: row[key] for key in row if key not in shared} for row in rows]
+    title = f"The models in {options.scene.stem}"
+    study.require_results(options, title, rows)
+    tables = {"Distance of the end of the scene from StVK's": distance_table(rows)}
+    said = describe_distances(rows)
+    return study.write_report(options, title, rows, tables=tables, conclusion=said)
+
+
+def distance_table(rows: Rows) -> Rows:
+    """Return the rms and the largest distance of each model's end from that of StVK.
+
+    Both are in percent of the rms displacement of StVK's end, and in metres.
+    """
+    exact = next((row for row in rows if (row["model"], row["status"]) == ("StVK", "ok")), None)
     table = []
     for row in rows:
-        line = {key: row[key] for key in ("model", "status", "cause")}
-        if row["status"] == "ok" and "StVK" in ends:
-            apart = np.linalg.norm(ends[row["model"]] - ends["StVK"], axis=1)
-            line |= {"rms distance [m]": np.sqrt(np.mean(apart**2)), "largest [m]": apart.max()}
-            line |= {"CPU seconds, with loading": row["cpu_seconds"]}
+        line = {key: row[key] for key in ("model", "status")}
+        if row["status"] == "ok" and exact:
+            end, start, x = (
+                np.reshape(one, (-1, 3)) for one in (exact["x"], row["start"], row["x"])
+            )
+            moved, apart = (np.linalg.norm(a - end, axis=1) for a in (start, x))
+            size, off = np.sqrt(np.mean(moved**2)), np.sqrt(np.mean(apart**2))
+            line |= {"rms distance [%]": 100 * off / size, "largest [%]": 100 * apart.max() / size}
+            line |= {"rms distance [m]": off, "CPU seconds, with loading": row["cpu_seconds"]}
         table.append(line)
     return table
+
+
+def describe_distances(rows: Rows) -> str:
+    """Return a sentence that names the models next to and farthest from StVK."""
+    table = [line for line in distance_table(rows) if "rms distance [%]" in line]
+    others = sorted(
+        (line for line in table if line["model"] != "StVK"),
+        key=lambda line: line["rms distance [%]"],
+    )
+    if not others:
+        return "StVK failed, or every other model did: there is nothing to compare."
+    near, far = (
+        f"{line['model']} ends {line['rms distance [%]']:.2g} % of the displacement away from StVK"
+        for line in (others[0], others[-1])
+    )
+    return f"{near}; {far}. Distances are rms over the nodes, relative to StVK's rms displacement."
 
 
 def list_cases(quick: bool) -> Rows:
@@ -180,19 +216,19 @@ def draw_hinges(out, hinges: Rows) -> None:
 def main() -> int:
     options = study.parse_arguments(__doc__)
     if options.scene:
-        table = compare_in_scene(options)
-        tables = {"Distance of the end of the scene from StVK's": table}
-        return study.write_report(options, f"The models in {options.scene}", table, tables=tables)
+        return compare_in_scene(options)
+    study.require_packages("matplotlib")
     running = study.run_options(options)
     cases = list_cases(options.quick)
     alone = [case for case in cases if case["scene"] == "cost"]  # timed cases run one after another
     rows = study.run_cases(
         [case for case in cases if case not in alone], run, **running, time_limit=120
     )
-    rows += study.run_cases(alone, run, **{**running, "jobs": 1})
+    rows += study.run_cases(alone, run, **study.run_options(options, alone=True))
     along = (10, 20) if options.quick else (10, 20, 40, 80)
     strips = [{"pattern": pattern, "along": n} for pattern in PATTERNS for n in along]
     hinges = study.run_cases(strips, hinge, **running, time_limit=120)
+    study.require_results(options, TITLE, rows)
     draw_refinement(options.out, rows)
     draw_roses(options.out, rows)
     draw_hinges(options.out, hinges)
@@ -205,7 +241,7 @@ def main() -> int:
     }
     return study.write_report(
         options,
-        "Finite elements against springs",
+        TITLE,
         rows + [{"scene": "hinge", **row} for row in hinges],
         tables=tables,
         figures=("refinement", "roses", "hinges"),
@@ -216,4 +252,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    study.run_main(main)

@@ -131,7 +131,8 @@ def run_scene(path: str, text: str, model: str) -> dict:
     begin = time.process_time()
     options = {"solver": built.linear, "newton": built.newton, "report": study.check_time_limit}
     end = fc.run(system, *run_, **options)
-    return {"x": end.state.x.ravel(), "cpu_seconds": time.process_time() - begin}
+    seconds = time.process_time() - begin
+    return {"x": end.state.x.ravel(), "start": built.state.x.ravel(), "cpu_seconds": seconds}
 
 
 def compliance(cloth: fc.Cloth, membrane) -> np.ndarray:

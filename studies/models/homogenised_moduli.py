@@ -10,11 +10,10 @@ h makes the cloth four times as soft. With the square root of the area they are 
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
 
 import fecloth as fc
+from fecloth import study
 
 Y, NU, H = 1000.0, 0.3, 0.1  # N/m, -, m: where the published conditions are matched
 FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=Y, poisson_ratio=NU)
@@ -39,7 +38,7 @@ def models(pattern: str) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = study.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="two edge lengths only")
     lengths = (H, H / 2) if parser.parse_args().quick else (2 * H, H, H / 2, H / 4, H / 8)
     print(f"fabric: Y = {Y:g} N/m, nu = {NU:g}; C/Y = {FABRIC.moduli()[:4] / Y}")
@@ -61,4 +60,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    study.run_main(main)

@@ -9,13 +9,12 @@ itself is another material.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 
 import fecloth as fc
-from fecloth.study.figures import figure, line_style
+from fecloth import study
 
 FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
 MODELS = {
@@ -35,19 +34,22 @@ def mean_sag(term, pattern: str, h: float) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = study.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="two coarse meshes, into out/models")
     parser.add_argument("--out", type=Path, help="folder of the figure")
     options = parser.parse_args()
+    study.require_packages("matplotlib")
     out = options.out or (Path("out/models") if options.quick else Path(__file__).parent)
     sizes = (0.2, 0.1) if options.quick else (0.2, 0.1, 0.05, 0.025)
     words = "edge length h [m]", "mean sag [mm]", "A square under its weight"
-    with figure(out, "sag", *words, log=False) as (_, ax):
+    with study.figure(out, "sag", *words, log=False) as (_, ax):
         for i, (name, term) in enumerate(MODELS.items()):
             for j, pattern in enumerate(PATTERNS):
                 sags = [mean_sag(term, pattern, h) for h in sizes]
                 dash = ("-", "--", ":")[j]
-                ax.plot(sizes, sags, **line_style(i) | {"ls": dash}, label=f"{name}, {pattern}")
+                ax.plot(
+                    sizes, sags, **study.line_style(i) | {"ls": dash}, label=f"{name}, {pattern}"
+                )
                 print(f"{name:<21} {pattern:<12} {sags[-1]:.3f} mm at h = {sizes[-1]} m")
         ax.set_xscale("log")
         ax.legend(fontsize=8, ncols=1, loc="center left", bbox_to_anchor=(1, 0.5))
@@ -55,4 +57,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    study.run_main(main)

@@ -81,6 +81,7 @@ def march(built: Problem, most: float | None) -> dict:
     marching = fc.march(system, steps, state, t_end=built.t_end, solver=solver)
     for state, info in marching:  # noqa: B007
         seconds += time.process_time() - begin
+        study.check_time_limit()
         if most and time.process_time() - first > most:
             raise study.TimeLimit(f"more than {most:g} CPU seconds, at {info.t:.3g} s")
         ledger = update_ledger(system, steps, ledger, info)

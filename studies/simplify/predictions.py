@@ -34,14 +34,15 @@ def _predict_change(variant: Variant, numbers: Numbers) -> float | None:
             )
             return bend**2 / 12 * min(1.0, numbers.without_bending())
         case "mesh":
-            return (factor**2 - 1) * numbers.mesh_error() + _change_of_reach(variant, numbers)
+            return abs(factor**2 - 1) * numbers.mesh_error() + _change_of_reach(variant, numbers)
         case "P1":
             return numbers.mesh_error()
         case "dt":
             return abs(numbers.time_error(factor * dt) - numbers.time_error(dt))
         case "rtol":  # relative to the cloth's size, per second; global errors ∝ rtol^(2/3)
             rtol = numbers.scene.time.rtol or Adaptive.rtol
-            return (factor ** (2 / 3) - 1) * rtol * numbers.seconds / numbers.moved * numbers.rest
+            change = abs(factor ** (2 / 3) - 1) * rtol * numbers.seconds / numbers.moved
+            return change * numbers.rest
         case "explicit":
             if dt and numbers.steps_leave(dt) < 1:  # the full scene is damped, this one swings
                 return numbers.rest

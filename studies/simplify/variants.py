@@ -15,6 +15,8 @@ MEMBRANES = ("StVK", "TensorCondition", "BaraffWitkin", "NeoHookean", "TensionFi
 LONG = 1e5  # s, a step of backward Euler in which inertia is negligible
 LARGER = (2, 4)  # times dt, rtol
 COARSER = (1.5, 2.0)  # times h
+FINER = 0.5  # times h, dt; for rtol twice that power
+PATIENCE = 3.0  # times the seconds of the full scene; a slower variant saves nothing
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,9 @@ class Variant:
         Function from the tables of a scene to those of the simpler scene.
     static
         True to solve `equilibrium` for the state at the end.
+    is_check
+        True for a refinement, which shows whether the scene itself is resolved. It is compared,
+        but not taken.
     """
 
     name: str
@@ -41,6 +46,19 @@ class Variant:
     slot: str
     apply: Callable[[Data], Data]
     static: bool = False
+    is_check: bool = False
+
+    @property
+    def is_size(self) -> bool:
+        """True if the variant multiplies h, dt or rtol by the factor `by`."""
+        return self.kind in ("mesh", "dt", "rtol")
+
+    @property
+    def patience(self) -> float:
+        """Largest CPU time, as a multiple of the full scene's."""
+        if not self.is_check:
+            return PATIENCE
+        return 20.0 if self.kind == "mesh" else 6.0
 
 
 def variants(data: Data, interest: Interest) -> list[Variant]:
@@ -81,11 +99,12 @@ def replace_term(term: Data, other: Data | None) -> Callable[[Data], Data]:
 
 
 def variants_of_mesh(data: Data) -> Iterator[Variant]:
-    """Yield scenes with larger triangles, and with P1 instead of P2."""
+    """Yield scenes with smaller and larger triangles, and with P1 instead of P2."""
     if "h" in data["cloth"]:
-        for factor in COARSER:
+        for factor in (FINER, *COARSER):
             change = change_table("cloth", h=lambda h, factor=factor: h * factor)
-            yield Variant(f"h × {factor:g}", "mesh", factor, "mesh", change)
+            is_check = factor < 1
+            yield Variant(f"h × {factor:g}", "mesh", factor, "mesh", change, is_check=is_check)
     if data["cloth"].get("element") == "P2":
 
         def linear(data: Data) -> Data:
@@ -95,13 +114,15 @@ def variants_of_mesh(data: Data) -> Iterator[Variant]:
 
 
 def variants_of_time(data: Data) -> Iterator[Variant]:
-    """Yield scenes with longer steps or a looser tolerance, and with explicit steps."""
+    """Yield scenes with other steps or tolerances, and with explicit steps."""
     time, key = data["time"], "rtol" if data["time"]["dt"] == "auto" else "dt"
     at_limit = key == "rtol" and method_name(data) in EXPLICIT and not {"rtol", "atol"} & set(time)
-    for factor in () if at_limit else LARGER:
+    finer = FINER if key == "dt" else FINER**2
+    for factor in () if at_limit else (finer, *LARGER):
         if key == "dt" and number_of_steps(time, factor) == number_of_steps(time, 1):
             continue
-        yield Variant(f"{key} × {factor}", key, factor, "time", multiply_step(key, factor))
+        change, is_check = multiply_step(key, factor), factor < 1
+        yield Variant(f"{key} × {factor:g}", key, factor, "time", change, is_check=is_check)
     if method_name(data) not in (*EXPLICIT, "auto") and data["cloth"].get("element") != "P2":
         yield Variant("explicit", "explicit", None, "time", use_explicit_steps)
 

@@ -21,6 +21,7 @@ import math
 import numpy as np
 
 from fecloth import study
+from fecloth.scene.scene import Scene, load_scene
 from studies.references.continuum import continuum
 from studies.work_precision import figures as charts
 from studies.work_precision.grid import fine_runs, key, scene_cases, timed_cases
@@ -29,6 +30,7 @@ from studies.work_precision.scenes import SCENES, run, run_scene
 LEVELS = (0.1, 0.01, 0.001, 0.0001)
 FIRST = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler")
 EXPLICIT = ("many_steps", "CentralDifference", "SymplecticEuler", "Adaptive CentralDifference")
+TITLE = "Speed and accuracy"
 Rows = list[dict]
 
 
@@ -212,16 +214,23 @@ def describe_result(rows: Rows) -> str:
 
 def study_scene(options) -> int:
     """Run a user's scene with other methods and steps; compare with its method at fine steps."""
-    name = options.scene.stem
+    name, scene = options.scene.stem, load_scene(options.scene)
     digest = hashlib.sha256(options.scene.read_bytes()).hexdigest()[:12]
     shared = {"path": str(options.scene.resolve()), "digest": digest}
-    cases = [{**shared, **case} for case in scene_cases(options.scene, options.quick)]
-    running = study.run_options(options) | {"jobs": 1}
-    exact, *rows = study.run_cases(cases, run_scene, **running, time_limit=300)
+    cases = [{**shared, **case} for case in scene_cases(scene, options.quick)]
+    sizes = [predict_workload(scene, case) for case in cases]
+    study.check_scene(sizes, options)
+    running = study.run_options(options, alone=True) | {"time_limit": options.time_limit}
+    exact, *rows = study.run_cases(cases, run_scene, **running, costs=[s.seconds for s in sizes])
+    title = f"Errors in time of {name}"
+    study.require_results(options, title, [exact])
+    own = scene.time.method.type
     for row in rows:
         row |= {"scene": name, "element": "P1", "model": "StVK", "h": math.nan}
-        if row["status"] == exact["status"] == "ok":
+        row["method"] = row["method"].replace("own", f"{own} (the scene's)")
+        if row["status"] == "ok":
             row["total_error"] = rms(row["x"], exact["x"]) / rms(exact["x"], exact["start"])
+    study.require_results(options, title, rows)
     charts.draw_all(options.out, rows, "distance of the end [% of the displacement]")
     lines = []
     for level in LEVELS:
@@ -232,12 +241,28 @@ def study_scene(options) -> int:
         lines.append(line)
     return study.write_report(
         options,
-        f"Speed and accuracy of {name}",
+        title,
         rows,
         tables={"Cheapest, by the rms error of the end over the rms displacement": lines},
         figures=("speed_accuracy",),
-        conclusion=f"Errors in time only, against {exact['method']} at {exact['step']:g}.",
+        conclusion=EXPLAINED.format(method=exact["method"].replace("own", own), step=exact["step"]),
+        results=("failed", "refused", "time limit"),
     )
+
+
+EXPLAINED = (
+    "Only the method and its step vary: the errors are errors in time, on the mesh and with the "
+    "model of the scene. The error is the rms distance of the end from that of {method} with the "
+    "step {step:g} s, in percent of the rms displacement of that run's end."
+)
+
+
+def predict_workload(scene: Scene, case: dict) -> study.Workload:
+    """Predict the size of a run of the scene with another method."""
+    if case["method"] == "CentralDifference":
+        return study.Workload.explicit(scene)
+    is_fixed = case["step"] and not case["method"].startswith(("Adaptive", "Auto"))
+    return study.Workload.of(scene, dt=case["step"] if is_fixed else None)
 
 
 def rms(a, b) -> float:
@@ -246,17 +271,22 @@ def rms(a, b) -> float:
 
 
 def main() -> int:
-    options = study.parse_arguments(__doc__, peers={"action": "store_true", "help": "add MuJoCo"})
+    peers = {"action": "store_true", "help": "add MuJoCo"}
+    options = study.parse_arguments(__doc__, needs=["matplotlib"], peers=peers)
     if options.scene:
         return study_scene(options)
-    running, one = study.run_options(options), study.run_options(options) | {"jobs": 1}
-    fine = study.run_cases(fine_runs(options.quick), run, **running, time_limit=300)
-    rows = study.run_cases(timed_cases(options.quick), run, **one, time_limit=60)
+    if options.peers:
+        study.require_packages("mujoco")
+    running, one = study.run_options(options), study.run_options(options, alone=True)
+    words = {"label": lambda case: f"{case['scene']}, {describe_settings(case)}"}
+    fine = study.run_cases(fine_runs(options.quick), run, **running, **words, time_limit=300)
+    rows = study.run_cases(timed_cases(options.quick), run, **one, **words, time_limit=60)
     if options.peers:
         from studies.work_precision.mujoco import list_mujoco_cases, run_mujoco
 
         rows += study.run_cases(list_mujoco_cases(options.quick), run_mujoco, **one, time_limit=300)
     rows = mark_failed(rows)
+    study.require_results(options, TITLE, rows)
     add_errors(rows, fine, options.quick)
     charts.draw_all(options.out, rows)
     charts.draw_time(options.out, rows)
@@ -268,14 +298,15 @@ def main() -> int:
         tables["Linear solvers, CPU seconds"] = table_of_solvers(rows)
     return study.write_report(
         options,
-        "Speed and accuracy",
+        TITLE,
         rows,
         tables=tables,
         figures=("speed_accuracy", "time_error", "space_error"),
         findings=conclude(rows, fine, options.quick),
         conclusion=describe_result(rows),
+        results=("failed", "refused", "time limit"),  # steps that are too large, P2 with hinges
     )
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    study.run_main(main)

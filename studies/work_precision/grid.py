@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from fecloth.scene.scene import load_scene
+from fecloth.scene.scene import Scene
 
 Rows = list[dict]
 IMPLICIT = (
@@ -195,19 +193,18 @@ def failing_cases() -> Rows:
     return [case("trampoline", 0.05, "many_steps", 2e-3), case("wave", 0.05, "many_steps", 6e-4)]
 
 
-def scene_cases(path: Path, quick: bool) -> Rows:
+def scene_cases(scene: Scene, quick: bool) -> Rows:
     """List runs of a user's scene: first its own method at fine steps, then others."""
-    built = load_scene(path).build()
-    span = built.t_end - built.state.t
-    dt = built.dt or span / 200
-    if built.dt is None:
+    own_dt = None if scene.time.dt == "auto" else scene.time.dt
+    dt = own_dt or (scene.time.t_end - scene.time.t_start) / 200
+    if own_dt is None:
         cases = [{"method": "Adaptive GeneralizedAlpha", "step": 1e-4}]
     else:
         cases = [{"method": "own", "step": dt / 16}]
     methods = ("BackwardEuler", "LinearlyImplicitEuler", "BDF2", "ImplicitMidpoint")
     cases += [
         {"method": method, "step": dt * factor}
-        for method in (*methods, "GeneralizedAlpha", *(("own",) if built.dt else ()))
+        for method in (*methods, "GeneralizedAlpha", *(("own",) if own_dt else ()))
         for factor in ((2, 1) if quick else (4, 2, 1, 0.5))
     ]
     cases += [{"method": "CentralDifference", "step": None}]

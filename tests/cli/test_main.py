@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -216,7 +217,9 @@ def test_info(scene, capsys):
     assert f"fecloth: {fc.__version__}" in printed
     assert "direct solver:" in printed
     assert main(["info", str(scene)]) == 0
-    assert "terms: StVK, StrainRateDamping, Gravity" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "terms: StVK, StrainRateDamping, Gravity" in printed
+    assert printed.count("triangles") == 1  # the sizes are not told twice
 
 
 def long_run(scene, out, **options):
@@ -270,17 +273,25 @@ def test_a_balance_that_does_not_close_is_told(scene, capsys):
     make = ["--set", 'time.method="implicit_midpoint"', "--set", "terms.1.time=1e-9"]
     assert main(["run", str(scene), "-o", "good", *make, "--set", "time.dt=0.001"]) == 0
     assert "energy balance" not in capsys.readouterr().err + Path("good/run.log").read_text()
-    assert json.loads(Path("good/summary.json").read_text())["warning"] is None
+    assert "energy balance" not in Path("good/summary.json").read_text()
     long = ["--set", "time.dt=0.02", "--set", "time.t_end=0.5", "--set", "output.every=0.1"]
     assert main(["run", str(scene), "-o", "bad", *make, *long]) == 0
-    error = capsys.readouterr().err
-    assert "warning: the energy balance is off by" in error
-    assert "smaller dt" in json.loads(Path("bad/summary.json").read_text())["warning"]
+    printed = capsys.readouterr()
+    error, warnings = printed.err, json.loads(Path("bad/summary.json").read_text())["warnings"]
+    told = next(words for words in warnings if "the energy balance is off by" in words)
+    assert "take a smaller dt" in told
+    assert json.loads(Path("bad/summary.json").read_text())["warning"] == warnings[0]
     steps = rows(Path("bad/steps.csv"))
     first = next(row for row in steps if abs(float(row["drift"])) > 0.05)
-    words = f"step {first['step']}, at t = {float(first['t']):g} s: the energy balance is off by"
-    assert int(first["step"]) < len(steps)
+    step = int(re.match(r"step (\d+), at t = ", told)[1])
+    assert int(first["step"]) < step <= len(steps)
+    words = f"step {step}, at t = {float(steps[step - 1]['t']):g} s: the energy balance is off by"
     assert error.count(f"warning: {words}") == error.count("warning: step ") == 1
+    assert all(f"warning: {one}\n" in error for one in warnings)
+    assert f"{len(warnings)} warning" in printed.out.splitlines()[-1]
+    assert '<span class="status warned">done, with warnings</span>' in Path(
+        "bad/report.html"
+    ).read_text(encoding="utf-8")
     log = Path("bad/run.log").read_text()
     assert log.count(f"warning: {words}") == log.count("warning: step ") == 1
     longer = [*long[:2], "--set", "time.t_end=1", *long[4:]]

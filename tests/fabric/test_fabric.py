@@ -129,31 +129,3 @@ def test_a_pair_out_of_range(name, bad):
         with pytest.raises(fc.InputError) as caught:
             fc.Fabric(**(GOOD | {name: value}))
         assert f"{name} = {bad!r}: must be a finite number > 0" in str(caught.value)
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_poisson_ratio_not_finite(bad):
-    with pytest.raises(fc.InputError, match=f"poisson_ratio = {bad}"):
-        fc.Fabric(0.2, 700.0, bad)
-
-
-@pytest.mark.parametrize("name", ["tensile_stiffness", "bending_rigidity"])
-def test_constant_not_a_number_or_pair_is_rejected(name):
-    with pytest.raises(fc.InputError, match=f"{name} = .1.0, 2.0, 3.0.: must be a number or"):
-        fc.Fabric(**(GOOD | {name: (1.0, 2.0, 3.0)}))
-
-
-def test_an_orthotropic_fabric_must_state_its_shear_stiffness():
-    with pytest.raises(fc.InputError, match="shear_stiffness is missing: an orthotropic fabric"):
-        fc.Fabric(0.2, (2000.0, 900.0), 0.2)
-
-
-@pytest.mark.parametrize(
-    ("name", "bad"),
-    [(name, bad) for name in ("E", "thickness", "rho") for bad in (0.0, -1.0, np.nan, np.inf)]
-    + [("nu", bad) for bad in (-1.0, 0.51, np.nan, np.inf)],
-)
-def test_sheet_invalid_arguments_are_rejected(name, bad):
-    good = {"E": 2e5, "nu": 0.3, "thickness": 5e-4, "rho": 400.0}
-    with pytest.raises(fc.InputError, match=f"Fabric.sheet: {name} = {bad}"):
-        fc.Fabric.sheet(**(good | {name: bad}))

@@ -137,11 +137,6 @@ def test_omitted_fabric_of_wang_is_not_positive_definite():
         fc.Fabric(0.224, **moduli)
 
 
-def test_an_unknown_preset_is_refused_with_the_nearest():
-    with pytest.raises(InputError, match=r"preset = 'denim': must be one of silk, .*'denim-"):
-        fc.Fabric.preset("denim")
-
-
 # --- KES-F ----------------------------------------------------------------------------------------
 
 SHEET = {  # a worked example: 200 g/m² and the rest in the instrument's own units

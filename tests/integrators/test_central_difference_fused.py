@@ -112,41 +112,6 @@ def test_constant_loads_are_those_of_single_steps(load, isotropic):
     np.testing.assert_allclose(end.v, slow.v, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("terms", "options", "what"),
-    [
-        ([fc.Gravity()], {}, "0 StVK terms"),
-        ([fc.StVK(), fc.StVK()], {}, "2 StVK terms"),
-        ([fc.StVK(), fc.StrainRateDamping(0.1)], {}, "term StrainRateDamping"),
-        ([fc.NeoHookean()], {}, "term NeoHookean"),
-        ([fc.StVK(), fc.PointForce("left", ("t", 0, 0))], {}, "term PointForce"),
-        ([fc.StVK(), fc.PointForce("left", lambda t: [t, 0, 0])], {}, "term PointForce"),
-        ([fc.StVK(), fc.UserForce((0, 0, "x"))], {}, "term UserForce"),
-        ([fc.StVK(), fc.UserForce(lambda x, v, t: x)], {}, "term UserForce"),
-        ([fc.StVK()], {"mass": "consistent"}, "mass = 'consistent'"),
-        ([fc.StVK()], {"pins": [fc.Pin("left", lambda t: [t, 0, 0])]}, "pin 'left' is moved"),
-    ],
-)
-def test_refuses_what_it_cannot_do(terms, options, what, isotropic):
-    system = fc.System(fc.Cloth.rectangle(**CLOTH), isotropic, terms, **options)
-    with pytest.raises(fc.InputError, match=f"many_steps: {what}"):
-        fc.many_steps(system, system.rest(), 1e-4, 10)
-
-
-@pytest.mark.parametrize(("dt", "steps"), [(0.0, 1), (np.nan, 1), (1e-4, 0), (1e-4, 1.5)])
-def test_refuses_what_is_no_number_of_steps(dt, steps, isotropic):
-    system = fc.System(fc.Cloth.rectangle(**CLOTH), isotropic, [fc.StVK()])
-    with pytest.raises(fc.InputError, match="many_steps: (dt|steps) = "):
-        fc.many_steps(system, system.rest(), dt, steps)
-
-
-@pytest.mark.parametrize("threads", [0, 1.0, True, "2", 100_000])
-def test_refuses_what_is_no_number_of_threads(threads, isotropic):
-    system = fc.System(fc.Cloth.rectangle(**CLOTH), isotropic, [fc.StVK()])
-    with pytest.raises(fc.InputError, match="many_steps: threads = .*NUMBA_NUM_THREADS"):
-        fc.many_steps(system, system.rest(), 1e-4, 1, threads=threads)
-
-
 def test_a_step_beyond_the_limit_is_a_failure_and_no_state():
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.1)
     fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)

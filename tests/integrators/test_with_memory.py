@@ -185,19 +185,3 @@ def test_reactions_of_bdf2_are_those_at_the_end_of_the_step(isotropic):
     result = fc.run(system, fc.BDF2(), system.rest(), 0.01, 0.1, solver="direct")
     expected = system.nodal_mass.sum() * (2 + 30 * result.times[2:])
     np.testing.assert_allclose(result.observed["reaction:all.z"][2:], expected, rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        (lambda: fc.Newmark(beta=0.0), r"beta = 0.0: must be > 0.*CentralDifference"),
-        (lambda: fc.Newmark(gamma=0.4), r"gamma = 0.4: must be >= 0.5"),
-        (lambda: fc.Newmark(gamma=np.nan), r"gamma = nan: must be >= 0.5"),
-        (lambda: fc.Newmark(beta="0.3"), r"beta = '0.3': must be > 0"),
-        (lambda: fc.GeneralizedAlpha(1.1), r"rho_inf = 1.1: must lie in \[0, 1\]"),
-        (lambda: fc.GeneralizedAlpha(-0.1), r"rho_inf = -0.1: must lie in \[0, 1\]"),
-    ],
-)
-def test_refusals(wrong, said):
-    with pytest.raises(fc.InputError, match=said):
-        wrong()

@@ -22,7 +22,7 @@ def test_prepare_with_the_same_pattern_reuses_the_analysis(name, monkeypatch):
             super().__init__(*args, **kwargs)
 
     monkeypatch.setattr(direct, "ScalarRows", Counted)
-    solver, A = select.named(name), sheet(m=6)
+    solver, A = select.create(name), sheet(m=6)
     for factor in (1.0, 2.0, 3.0):
         A.values[...] *= factor
         solver.prepare(A)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.linalg.reductions import dot, mean, rms, size, squared, weighted
+from fecloth.linalg.reductions import dot, mean, rms, size, squared_norm, weighted_dot
 
 
 @pytest.fixture
@@ -14,8 +14,8 @@ def arrays():
 def test_sums_agree_with_numpy(arrays):
     w, a, b = arrays
     assert dot(a, b) == pytest.approx((a * b).sum(), rel=1e-13)
-    assert weighted(w, a, b) == pytest.approx((w[:, None] * a * b).sum(), rel=1e-13)
-    assert squared(a) == pytest.approx((a**2).sum(), rel=1e-13)
+    assert weighted_dot(w, a, b) == pytest.approx((w[:, None] * a * b).sum(), rel=1e-13)
+    assert squared_norm(a) == pytest.approx((a**2).sum(), rel=1e-13)
     assert size(a) == pytest.approx(np.sqrt((a**2).sum()), rel=1e-13)
     assert mean(w, a) == pytest.approx(np.average(a, axis=0, weights=w), rel=1e-13)
     assert rms(w, a) == pytest.approx(np.sqrt(np.average((a**2).sum(axis=1), weights=w)), rel=1e-13)
@@ -24,7 +24,7 @@ def test_sums_agree_with_numpy(arrays):
 def test_sums_of_numbers_not_finite_are_not_finite(arrays):
     _, a, b = arrays
     a[7, 2] = np.nan
-    assert np.isnan([dot(a, b), squared(a), size(a)]).all()
+    assert np.isnan([dot(a, b), squared_norm(a), size(a)]).all()
     assert dot(np.zeros((0, 3)), np.zeros((0, 3))) == size(np.zeros((0, 3))) == 0
 
 

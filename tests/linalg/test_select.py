@@ -37,7 +37,7 @@ BOTH = [
 def test_symmetric_solvers_agree_with_scipy(name):
     A = sheet(pinned=range(14))
     b = load(A)
-    solver = select.named(name, symmetric=True)
+    solver = select.create(name, symmetric=True)
     solver.prepare(A)
     x, info = solver.solve(b, rtol=1e-12)
     assert difference(x, reference(A, b)) < 1e-8
@@ -49,7 +49,7 @@ def test_symmetric_solvers_agree_with_scipy(name):
 def test_general_solvers_agree_with_scipy(name):
     A = sheet(pinned=range(14), skew=0.3)
     b = load(A)
-    solver = select.named(name, symmetric=False)
+    solver = select.create(name, symmetric=False)
     solver.prepare(A)
     x, info = solver.solve(b)
     assert not solver.symmetric
@@ -62,7 +62,7 @@ def test_general_solvers_agree_with_scipy(name):
 def test_solve_info_residual_is_the_true_residual(name, rtol):
     A = sheet(pinned=[3, 20])
     b = load(A)
-    solver = select.named(name)
+    solver = select.create(name)
     solver.prepare(A)
     x, info = solver.solve(b, rtol=rtol)
     assert info.residual <= rtol
@@ -73,7 +73,7 @@ def test_solve_info_residual_is_the_true_residual(name, rtol):
 def test_prepare_uses_values_changed_in_place(name):
     A = sheet(seed=0)
     b = load(A)
-    solver = select.named(name)
+    solver = select.create(name)
     solver.prepare(A)
     before, _ = solver.solve(b)
     A.values[...] = sheet(seed=5, pinned=[7]).values
@@ -86,7 +86,7 @@ def test_prepare_uses_values_changed_in_place(name):
 @pytest.mark.parametrize("name", SYMMETRIC)
 def test_solve_several_right_sides_returns_separate_arrays(name):
     A = sheet()
-    solver = select.named(name)
+    solver = select.create(name)
     solver.prepare(A)
     b, c = load(A, 1), load(A, 2)
     x, _ = solver.solve(b, rtol=1e-12)
@@ -98,7 +98,7 @@ def test_solve_several_right_sides_returns_separate_arrays(name):
 
 @pytest.mark.parametrize(("name", "symmetric"), BOTH)
 def test_prepare_analyses_a_new_pattern(name, symmetric):
-    solver = select.named(name, symmetric)
+    solver = select.create(name, symmetric)
     # Both patterns have the same numbers of nodes and blocks, but other neighbours. Only the
     # identity of the object distinguishes them.
     first = sheet(m=9)
@@ -123,7 +123,7 @@ def test_indefinite_matrix_is_rejected(name, kind):
     assert eigenvalues[0] < 0 < eigenvalues[3]
     if kind == "smooth":
         assert np.linalg.eigvalsh(A.values[A.pattern.diagonal]).min() > 0
-    solver = select.named(name)
+    solver = select.create(name)
 
     def attempt():
         solver.prepare(A)
@@ -141,7 +141,7 @@ def test_indefinite_matrix_is_rejected(name, kind):
 @pytest.mark.parametrize("name", GENERAL)
 def test_general_solvers_solve_with_an_indefinite_matrix(name):
     A = indefinite("block")
-    solver = select.named(name, symmetric=False)
+    solver = select.create(name, symmetric=False)
     solver.prepare(A)
     x, _ = solver.solve(load(A))
     assert difference(x, reference(A, load(A))) < 1e-8
@@ -150,7 +150,7 @@ def test_general_solvers_solve_with_an_indefinite_matrix(name):
 @pytest.mark.parametrize(("name", "symmetric"), BOTH)
 def test_singular_matrix_is_rejected(name, symmetric):
     A = sheet(mass=0.0)  # translations cost nothing
-    solver = select.named(name, symmetric)
+    solver = select.create(name, symmetric)
 
     def attempt():
         solver.prepare(A)
@@ -163,7 +163,7 @@ def test_singular_matrix_is_rejected(name, symmetric):
 @pytest.mark.parametrize("name", SYMMETRIC)
 def test_solve_with_zero_right_side_gives_zero(name):
     A = sheet()
-    solver = select.named(name)
+    solver = select.create(name)
     solver.prepare(A)
     x, info = solver.solve(np.zeros((len(A.pattern), 3)), guess=load(A))
     assert not x.any()
@@ -174,7 +174,7 @@ def test_solve_with_zero_right_side_gives_zero(name):
 @pytest.mark.parametrize(("name", "symmetric"), BOTH)
 def test_numbers_that_are_not_finite_are_rejected(name, symmetric, bad):
     A = sheet(m=8)
-    solver = select.named(name, symmetric)
+    solver = select.create(name, symmetric)
     solver.prepare(A)
     b = load(A)
     b[5, 1] = bad
@@ -198,7 +198,7 @@ def test_numbers_that_are_not_finite_are_rejected(name, symmetric, bad):
 @pytest.mark.parametrize("name", SYMMETRIC)
 def test_solve_after_a_failed_prepare_is_rejected(name):
     A = sheet()
-    solver = select.named(name)
+    solver = select.create(name)
     solver.prepare(A)
     A.values[A.pattern.diagonal[9]] = np.nan
     with pytest.raises(SolveFailed):
@@ -209,19 +209,19 @@ def test_solve_after_a_failed_prepare_is_rejected(name):
 
 def test_named_unknown_or_unsuitable_solver_is_rejected(monkeypatch):
     with pytest.raises(InputError, match="direct, pardiso, superlu, pcg"):
-        select.named("mumps", True)
+        select.create("mumps", True)
     with pytest.raises(InputError, match="symmetric matrices only"):
-        select.named("pcg", symmetric=False)
+        select.create("pcg", symmetric=False)
     monkeypatch.setattr(mkl_pardiso, "routine", missing)
     with pytest.raises(InputError, match=r"no MKL.*pip install pypardiso"):
-        select.named("pardiso", True)
+        select.create("pardiso", True)
 
 
 def test_direct_falls_back_to_superlu(monkeypatch):
     assert select.direct().name == ("pardiso" if HAS_PARDISO else "superlu")
     monkeypatch.setattr(mkl_pardiso, "routine", missing)
     assert select.direct().name == "superlu"
-    assert select.named("direct", False).name == "superlu"
+    assert select.create("direct", False).name == "superlu"
     assert not select.direct(symmetric=False).symmetric
 
 

@@ -38,11 +38,11 @@ def test_zero_area_limit_is_relative_to_the_edges(scale):
     what = ["1 zero-area", "triangle 1 (nodes 0, 1, 2)", "1e-12"]
     rejects(what, X, [[1, 3, 0], [0, 1, 2]])
     thin = scale * np.array([[0, 0], [1, 0], [2, 1e-10], [1, 1]])
-    assert len(FlatMesh.checked(thin, [[0, 1, 3], [1, 2, 3]]).X) == 4
+    assert len(FlatMesh.from_arrays(thin, [[0, 1, 3], [1, 2, 3]]).X) == 4
 
 
 def test_zero_area_just_above_the_limit_is_accepted():
-    assert FlatMesh.checked([[0, 0], [1, 0], [0.5, 3e-12]], [[0, 1, 2]]).triangles.tolist() == [
+    assert FlatMesh.from_arrays([[0, 0], [1, 0], [0.5, 3e-12]], [[0, 1, 2]]).triangles.tolist() == [
         [0, 1, 2]
     ]
 
@@ -55,9 +55,9 @@ def test_coincident_nodes():
 
 
 def test_orientation():
-    good = FlatMesh.checked(QUAD_X, QUAD_T)
+    good = FlatMesh.from_arrays(QUAD_X, QUAD_T)
     assert good.triangles.tolist() == QUAD_T
-    turned = FlatMesh.checked(QUAD_X, [[2, 1, 0], [3, 2, 0]])
+    turned = FlatMesh.from_arrays(QUAD_X, [[2, 1, 0], [3, 2, 0]])
     assert (areas(turned) > 0).all()
     mesh = rectangle(1, 1, 0.25, "right")
     t = mesh.triangles.copy()
@@ -94,10 +94,10 @@ def test_unconnected_triangles():
 
 def test_sets_invalid_are_rejected():
     def with_nodes(s):
-        return FlatMesh.checked(QUAD_X, QUAD_T, node_sets={"hem": s})
+        return FlatMesh.from_arrays(QUAD_X, QUAD_T, node_sets={"hem": s})
 
     def with_edges(s):
-        return FlatMesh.checked(QUAD_X, QUAD_T, edge_sets={"hem": s})
+        return FlatMesh.from_arrays(QUAD_X, QUAD_T, edge_sets={"hem": s})
 
     rejects(["'hem' is empty"], [], by=with_nodes)
     rejects(["'hem' is empty"], np.empty((0, 2), int), by=with_edges)
@@ -110,19 +110,19 @@ def test_sets_invalid_are_rejected():
 
 
 def test_sets_are_sorted_unique_and_boundary_is_added():
-    mesh = FlatMesh.checked(QUAD_X, QUAD_T, {"a": [3, 0, 3]}, {"hem": [[1, 0], [0, 1]]})
+    mesh = FlatMesh.from_arrays(QUAD_X, QUAD_T, {"a": [3, 0, 3]}, {"hem": [[1, 0], [0, 1]]})
     assert mesh.node_sets["a"].tolist() == [0, 3]
     assert mesh.edge_sets["hem"].tolist() == [[0, 1]]
     assert mesh.node_sets["hem"].tolist() == [0, 1]
     assert mesh.edge_sets["boundary"].tolist() == [[0, 1], [0, 3], [1, 2], [2, 3]]
-    own = FlatMesh.checked(QUAD_X, QUAD_T, {"boundary": [2]})
+    own = FlatMesh.from_arrays(QUAD_X, QUAD_T, {"boundary": [2]})
     assert own.node_sets["boundary"].tolist() == [2]
     assert "boundary" not in own.edge_sets
 
 
 def test_arrays_of_the_caller_are_copied():
     X, t = np.array(QUAD_X), np.array(QUAD_T, dtype=np.int32)
-    mesh = FlatMesh.checked(X, t)
+    mesh = FlatMesh.from_arrays(X, t)
     X[:], t[:] = 7, 7
     assert mesh.X.max() == 1
     assert mesh.triangles.max() == 3

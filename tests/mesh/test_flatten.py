@@ -18,7 +18,7 @@ def test_coordinate_planes_keep_their_two_coordinates(axes):
     mesh = rectangle(1, 0.5, 0.25, "right")
     xyz = np.full((len(mesh.X), 3), 3.25)
     xyz[:, axes] = mesh.X
-    assert np.array_equal(FlatMesh.checked(xyz, mesh.triangles).X, mesh.X)
+    assert np.array_equal(FlatMesh.from_arrays(xyz, mesh.triangles).X, mesh.X)
 
 
 unit = st.floats(-1, 1).map(lambda v: round(v, 6))
@@ -29,7 +29,7 @@ unit = st.floats(-1, 1).map(lambda v: round(v, 6))
 def test_a_rotated_plane_keeps_all_lengths(vector, shift):
     mesh = rectangle(1, 0.5, 0.25, "cross")
     xyz = np.c_[mesh.X, 0 * mesh.X[:, 0]] @ rotation(vector).T + shift
-    flat = FlatMesh.checked(xyz, mesh.triangles)
+    flat = FlatMesh.from_arrays(xyz, mesh.triangles)
     assert areas(flat) == pytest.approx(areas(mesh), rel=1e-9)
     edges = mesh.edge_sets["boundary"]
     lengths = [np.linalg.norm(m.X[edges[:, 0]] - m.X[edges[:, 1]], axis=1) for m in (mesh, flat)]
@@ -52,20 +52,22 @@ def test_first_axis_of_a_tilted_plane_is_the_projection_of_x():
     about_y = np.array([[c, 0, c], [0, 1, 0], [-c, 0, c]])  # x is shortened, y stays y
     X = np.array(QUAD_X)
     flat = np.c_[X, np.zeros(4)]
-    np.testing.assert_allclose(FlatMesh.checked(flat @ about_x.T, QUAD_T).X, X, atol=1e-12)
-    np.testing.assert_allclose(FlatMesh.checked(flat @ about_y.T, QUAD_T).X, X, atol=1e-12)
+    np.testing.assert_allclose(FlatMesh.from_arrays(flat @ about_x.T, QUAD_T).X, X, atol=1e-12)
+    np.testing.assert_allclose(FlatMesh.from_arrays(flat @ about_y.T, QUAD_T).X, X, atol=1e-12)
 
 
 def test_planes_near_xz_and_yz_get_the_same_axes():
     u, v = np.array(QUAD_X).T
     for xyz in ((u, 1e-7 * v, v), (1e-7 * v, u, v), (1e-7 * u, u, v)):
-        np.testing.assert_allclose(FlatMesh.checked(np.stack(xyz, 1), QUAD_T).X, QUAD_X, atol=1e-6)
+        np.testing.assert_allclose(
+            FlatMesh.from_arrays(np.stack(xyz, 1), QUAD_T).X, QUAD_X, atol=1e-6
+        )
 
 
 def test_nodes_off_the_plane_are_rejected_with_their_distance():
     mesh = rectangle(1, 1, 0.25, "right")
     xyz = np.c_[mesh.X, 0 * mesh.X[:, 0]] @ rotation((0.4, 0.2, 0.1)).T
-    FlatMesh.checked(xyz + 1e-10 * np.sin(37 * xyz), mesh.triangles)
+    FlatMesh.from_arrays(xyz + 1e-10 * np.sin(37 * xyz), mesh.triangles)
     bump = xyz.copy()
     bump[12] += 0.02 * rotation((0.4, 0.2, 0.1))[:, 2]
     rejects(["0.019", "away from the plane", "1e-9", "flat"], bump, mesh.triangles, where="s.vtu")

@@ -102,7 +102,7 @@ def shuffled(mesh, seed):
     t = new[mesh.triangles][rng.permutation(len(mesh.triangles))]
     nodes = {name: new[s] for name, s in mesh.node_sets.items()}
     edges = {name: new[s] for name, s in mesh.edge_sets.items()}
-    return FlatMesh.checked(mesh.X[old], t, nodes, edges)
+    return FlatMesh.from_arrays(mesh.X[old], t, nodes, edges)
 
 
 @settings(max_examples=20, deadline=None)
@@ -121,7 +121,7 @@ def test_renumber_mesh_is_a_permutation_of_the_same_mesh(pattern, seed):
     for name, pairs in mesh.edge_sets.items():
         back = {frozenset(p) for p in nodes[new.edge_sets[name]].tolist()}
         assert back == {frozenset(p) for p in pairs.tolist()}
-    again = FlatMesh.checked(new.X, new.triangles, new.node_sets, new.edge_sets)
+    again = FlatMesh.from_arrays(new.X, new.triangles, new.node_sets, new.edge_sets)
     assert np.array_equal(again.triangles, new.triangles)
 
 

@@ -111,7 +111,7 @@ def test_sets_of_a_mesh_file_get_their_midpoints():
         [0, 4, 3],
     ]  # next to an edge of "west" nodes that is not one of its triangles
     X = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1), (0.5, -1)]
-    mesh = FlatMesh.checked(
+    mesh = FlatMesh.from_arrays(
         X,
         [*west, [1, 2, 5], [1, 5, 4], [6, 2, 1], [0, 6, 1]],
         {"west": [0, 1, 3, 4, 6]},
@@ -171,7 +171,7 @@ def test_terms_have_the_right_derivatives(cloth, term):
     "term", [fc.NeoHookean(), fc.NeoHookean("compressible"), fc.TensionField()], ids=repr
 )
 def test_laws_undefined_for_degenerate_triangles_have_the_right_derivatives(cloth, term, rng):
-    pull = np.array([[1.6, 0.1], [0.2, 1.5], [0.1, 0.3]])
+    pull = np.array([[2.0, 0.1], [0.2, 1.9], [0.1, 0.3]])
     x = cloth.X @ pull.T + 0.002 * rng.standard_normal((len(cloth.X), 3))
     states = [("taut", x, np.zeros_like(x))]
     assert check_term(term, cloth, fc.Fabric(0.2, 1000.0, 0.3), scales=[1.0], states=states)
@@ -380,37 +380,6 @@ def test_element_bound_is_an_upper_bound_and_sharp(cloth):
 
 
 # --- what is refused ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "term",
-    [
-        fc.HingeBending(),
-        fc.QuadraticBending(),
-        fc.BaraffWitkin(),
-        fc.Springs(),
-        fc.Drag(2.0),
-        fc.Wind((1, 0, 0), 2.0),
-        fc.Gas(3.0, volume=1.0),
-    ],
-    ids=lambda term: type(term).__name__,
-)
-def test_terms_for_p1_only_are_rejected_by_name(cloth, term):
-    said = f"System: {type(term).__name__} on element P2: must be on P1. Leave .* element = 'P1'"
-    with pytest.raises(fc.InputError, match=said):
-        system_on(cloth, [fc.StVK(), term])
-
-
-def test_lumped_mass_and_explicit_methods_are_rejected(cloth):
-    said = 'mass = "lumped": must be "consistent" for element P2: the row sums .* implicit method'
-    with pytest.raises(fc.InputError, match=said):
-        system_on(cloth, mass="lumped")
-    system = system_on(cloth)
-    for method in (fc.SymplecticEuler(), fc.CentralDifference()):
-        with pytest.raises(fc.InputError, match="a lumped P2 triangle has no mass at its corners"):
-            fc.run(system, method, system.rest(), dt=1e-5, t_end=1e-4)
-    with pytest.raises(fc.InputError, match="element = 'P3': must be one of P1, P2"):
-        fc.Cloth.disk(1.0, 0.5, element="P3")
 
 
 # --- files and scenes -----------------------------------------------------------------------------

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.nonlinear import newton
 from fecloth.nonlinear.factor_reuse import FactorReuse
+from fecloth.nonlinear.iteration import Remedy
+from fecloth.nonlinear.stage_equation import NewtonFailed, StageEquation
 from fecloth.simulation.resolve import solver_for
 
 
@@ -50,21 +51,24 @@ def test_a_linear_problem_is_factorised_once(sheet, isotropic):
     assert all(c.newton == 1 and c.residual < 1e-10 for c in counts)
 
 
+def key_of(system, stage, shift=0.0):
+    return StageEquation(system, stage, "on_failure").key(Remedy(shift, False))
+
+
 def test_other_weights_take_another_factor(drum):
     solver = direct(drum)
     state, counts = fallen(drum, solver, [1e-3] * 3)
     assert counts[-1].factorisations == 0
     _, counts = fallen(drum, solver, [1.01e-3], state)
     assert counts[0].factorisations > 0
-    work = newton._Work(drum, fc.ImplicitMidpoint().stage(state, 1.01e-3), solver)
-    assert solver.factor_reuse.is_usable(work.key(0.0), solver.linear)
-    for stage, shift in (
+    stage = fc.ImplicitMidpoint().stage(state, 1.01e-3)
+    assert solver.factor_reuse.is_usable(key_of(drum, stage), solver.linear)
+    for other, shift in (
         (fc.ImplicitMidpoint().stage(state, 1e-3), 0.0),
         (fc.BackwardEuler().stage(state, 1.01e-3), 0.0),
-        (work.stage, 0.25),
+        (stage, 0.25),
     ):
-        key = newton._Work(drum, stage, solver).key(shift)
-        assert not solver.factor_reuse.is_usable(key, solver.linear)
+        assert not solver.factor_reuse.is_usable(key_of(drum, other, shift), solver.linear)
 
 
 def test_another_system_takes_another_factor(drum, isotropic):
@@ -72,14 +76,14 @@ def test_another_system_takes_another_factor(drum, isotropic):
     state, _ = fallen(drum, solver, [1e-3] * 3)
     heavy = fc.Fabric(0.4, 1000.0, 0.3)
     other = fc.System(drum.cloth, heavy, [fc.StVK(), fc.Gravity()], pins=["boundary"])
-    key = newton._Work(other, fc.ImplicitMidpoint().stage(state, 1e-3), solver).key(0.0)
+    key = key_of(other, fc.ImplicitMidpoint().stage(state, 1e-3))
     assert not solver.factor_reuse.is_usable(key, solver.linear)
 
 
 def test_what_others_prepare_replaces_the_factor(drum):
     solver = direct(drum)
     state, _ = fallen(drum, solver, [1e-3] * 3)
-    key = newton._Work(drum, fc.ImplicitMidpoint().stage(state, 1e-3), solver).key(0.0)
+    key = key_of(drum, fc.ImplicitMidpoint().stage(state, 1e-3))
     assert solver.factor_reuse.is_usable(key, solver.linear)
     solver.linear.prepare(drum.project(drum.assemble(solver.matrix, state, wa=1.0)))
     assert not solver.factor_reuse.is_usable(key, solver.linear)
@@ -105,7 +109,7 @@ def test_a_failure_drops_the_factor(drum):
     state, _ = fallen(drum, solver, [1e-3] * 3)
     assert solver.factor_reuse.key is not None
     wrong = fc.State(state.t, np.where(state.x == state.x.max(), np.nan, state.x), state.v)
-    with pytest.raises(newton.NewtonFailed, match="not finite"):
+    with pytest.raises(NewtonFailed, match="not finite"):
         fallen(drum, solver, [1e-3], wrong)
     assert solver.factor_reuse == FactorReuse()
 

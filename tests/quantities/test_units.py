@@ -462,17 +462,3 @@ IN_PYTHON = [
 @pytest.mark.parametrize(("written", "expected"), IN_PYTHON)
 def test_python_reads_the_units_of_scenes(written, expected):
     assert written() == expected
-
-
-@pytest.mark.parametrize(
-    ("written", "message"),
-    [
-        (lambda: fc.Fabric("150 g", 1000.0), "Fabric: areal_density = '150 g': must be a number"),
-        (lambda: fc.Fabric("0.15", 1000.0), "areal_density = '0.15': must be a finite number > 0"),
-        (lambda: fc.Drag("2 Pa s/m"), "Drag: normal = '2 Pa s/m': must be .* kg/m\\^3"),
-        (lambda: fc.Pressure("5 mbr"), "Pressure: p = '5 mbr'.*or a formula. Did you mean 'mbar'"),
-    ],
-)
-def test_python_refuses_other_units(written, message):
-    with pytest.raises(fc.InputError, match=message):
-        written()

@@ -385,7 +385,7 @@ def test_a_balance_that_had_come_apart_is_not_told_again(scene, tmp_path):
 
     first = run_scene(load_scene(scene, coarse), tmp_path / "out", report=stop, warn=told.append)
     assert (first.status, len(told)) == ("interrupted", 1)
-    assert first.warning in told[0]
+    assert first.warnings[-1] == told[0]
     run_scene(load_scene(scene, coarse), tmp_path / "out", resume=True, warn=told.append)
     assert len(told) == 1
     assert (tmp_path / "out" / "run.log").read_text().count("warning: step ") == 1
@@ -416,7 +416,7 @@ def test_a_broken_restart_file_is_passed_over_or_refused(scene, tmp_path):
     run_scene(load_scene(scene), tmp_path / "out")
     newest = restart.files(tmp_path / "out")[0]
     data = newest.read_bytes()
-    for place in (len(data) // 2, 200):
+    for place in (data.index(b"array_0") + 200, 200):
         newest.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
         with pytest.raises(fc.InputError, match="cannot be read"):
             restart.read(newest)
@@ -490,7 +490,7 @@ class Kicks:
         last = f if memory is None else memory.f
         v = state.v + dt * (1.5 * f - 0.5 * last) / system.nodal_mass[:, None]
         new = fc.State(state.t + dt, state.x + dt * v, v)
-        new = integrators.held(system, new, integrators.arrival(system, state, dt))
+        new = integrators.set_prescribed(system, new, integrators.prescribed_end(system, state, dt))
         return integrators.Step(new, state, ForceBefore(f), Counts())
 
     def numerical(self, system, old, step):

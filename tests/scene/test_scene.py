@@ -344,6 +344,14 @@ MISTAKES = [
     ("pins.0.motion.2='t/(Y-0.5)'", "pins.0.motion: formula 't/(Y-0.5)' is", "X = 0, Y = 0.5"),
     ("pins.1.inside='X'", "pins.1.inside: formula 'X', a condition such as", ""),
     ("pins.1.inside='X < -1'", "no node is selected", "X from 0 to 1 m, Y from 0 to 0.5"),
+    ("terms.1.time=-1", "> 0 [s]. (It is the second [[terms]], StrainRateDamping, line 15.)", ""),
+    ("terms.2.g=1", "unknown key", "(It is the third [[terms]], Gravity, line 19.)"),
+    ("pins.1.inside='Z'", "(It is the second [[pins]], line 25.)", ""),
+    ("probes.1.where='rigt'", "(It is the second [[probes]].)", ""),
+    ("terms=[{type='StVK', a=1}]", "(It is the first [[terms]], StVK.)", ""),
+    ("terms.1={type='Wind', velocity=[1, 0, 0]}", "terms.1.normal is missing", "½ ρ C"),
+    ("terms.1={type='Drag'}", "terms.1.normal is missing", "`normal` is 0.7"),
+    ("terms.1={type='HingeBending'}", "no bending_rigidity", "presets have it: polyester-jacket"),
     ("pins.1.inside='X > -1'", "pins: node 0 is held by more than one pin", ""),
     ("start.velocity=['1/X', '0', '0']", "start.velocity: formula '1/X' is inf at X = 0", ""),
     # files
@@ -360,6 +368,31 @@ def test_mistakes_are_named_by_file_key_value_and_remedy(file, override, what, m
     assert message.startswith(f"{file} with {override}: ")
     assert what in message
     assert more in message
+
+
+def test_method_and_step_are_chosen_where_both_are_left_out(file):
+    text = file.read_text().replace('method = "implicit_midpoint"\n', "")
+    file.write_text(text)
+    message = refusal(file)
+    assert "time.method is missing: must be one of" in message
+    assert "leave dt out, too" in message
+    file.write_text(text.replace("dt = 0.01\n", "", 1))
+    scene = load_scene(file)
+    assert scene == load_scene(file, ["time.method=auto", "time.dt=auto"])
+    assert isinstance(scene.time.steps(), fc.Auto)
+
+
+def test_two_slides_of_one_node_become_three_by_the_remedy(file):
+    given = "pins=[{where='left', normal=[1, 0, 0]}, {where='bottom', normal=[0, 1, 0]}%s]"
+    line = "at (0, 0) m, slide by a third Slide with direction = [0.0, 0.0, 1.0]"
+    assert line in refusal(file, given % "")
+    remedy = given.replace("where='left'", "inside='X < 1e-9 and Y > 1e-9'")
+    remedy = remedy.replace("where='bottom'", "inside='Y < 1e-9 and X > 1e-9'")
+    third = ", {inside='X < 1e-9 and Y < 1e-9', direction=[0.0, 0.0, 1.0]}"
+    system = load_scene(file, [remedy % third]).build().system
+    corner = np.flatnonzero((system.cloth.X == 0).all(axis=1))
+    at = np.searchsorted(system.constraints.nodes, corner[0])
+    assert np.array_equal(system.constraints.projectors[at], np.diag([0.0, 0.0, 1.0]))
 
 
 def test_a_frame_excludes_the_other_ways_to_start(file):

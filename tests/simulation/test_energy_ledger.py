@@ -116,11 +116,6 @@ def test_area_of_an_affine_map():
     assert area(cloth, affine(cloth, F)) == pytest.approx(expected, rel=1e-13)
 
 
-def test_a_probe_needs_one_place():
-    with pytest.raises(fc.InputError, match="either"):
-        fc.Probe("nowhere")
-
-
 @pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.BackwardEuler()])
 def test_a_start_that_moves_what_is_fixed_is_stopped_by_the_pins(method, isotropic):
     """The pinned nodes' kinetic energy is taken by the pins (midpoint), or half by the method."""
@@ -133,19 +128,3 @@ def test_a_start_that_moves_what_is_fixed_is_stopped_by_the_pins(method, isotrop
     taken = -result.energies["pins"][-1] + result.energies["numerical"][-1]
     assert taken == pytest.approx(lost, rel=1e-2)
     assert abs(result.energies["remainder"][-1]) < 1e-3 * lost
-
-
-@pytest.mark.parametrize(
-    ("probes", "message"),
-    [
-        ([fc.Probe("a", "left"), fc.Probe("a", "right")], "probe 'a' appears twice"),
-        ([fc.Probe("mean_displacement", "right")], "is the name of a column of every run"),
-        (["left"], "must be a list of Probe"),
-        (fc.Probe("a", "left"), "must be a list of Probe"),
-    ],
-)
-def test_probes_that_would_hide_a_column_are_refused(probes, message, isotropic):
-    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5)
-    system = fc.System(cloth, isotropic, [fc.StVK()])
-    with pytest.raises(fc.InputError, match=message):
-        fc.run(system, fc.BackwardEuler(), system.rest(), 0.01, 0.02, probes=probes)

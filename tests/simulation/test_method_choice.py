@@ -112,23 +112,3 @@ def test_a_trial_takes_no_more_steps_than_it_needs(monkeypatch, rival, steps):
     solver, _ = fc.solver_for(system, method, 1e-3)
     method_choice._trial(system, state, 1.0, method, solver, 12, rival)
     assert len(taken) == steps
-
-
-@pytest.mark.parametrize(
-    ("given", "says"),
-    [
-        ({"rtol": -1.0}, r"rtol = -1.0: must be a number >= 0"),
-        ({"rtol": 0.0}, r"rtol = atol = 0: one of them must be > 0"),
-    ],
-)
-def test_refuses_tolerances(given, says):
-    with pytest.raises(fc.InputError, match=says):
-        fc.Auto(**given)
-
-
-def test_refuses_a_step_and_a_dt():
-    system, state = sheet(h=0.5)
-    with pytest.raises(fc.InputError, match="is for march and run"):
-        fc.Auto().step(system, state, 0.1, None)
-    with pytest.raises(fc.InputError, match=r"must be left out: Auto chooses its steps"):
-        fc.run(system, fc.Auto(), state, dt=0.1, t_end=1.0)

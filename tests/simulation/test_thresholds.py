@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.simulation import energy_ledger, error_control, motion_jumps, stability_limited
+from fecloth.simulation import error_control, motion_jumps, stability_limited
+from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.run import MOST_GROWTH
 
 
@@ -20,19 +21,23 @@ def system():
 def ledger(system, **values):
     """A ledger at rest at t = 1 s, with other values where given."""
     rest = fc.Ledger.open(system, system.rest())
-    return replace(rest, t=1.0, first=0.0, **values)
+    return replace(rest, t=1.0, first_deforming=0.0, **values)
 
 
 @pytest.mark.parametrize(("share", "doubted"), [(0.04, False), (0.0625, True)])
 def test_energy_balance_is_doubted_from_a_twentieth_of_what_moved(share, doubted, system):
-    unexplained = ledger(system, kinetic=1.0)
+    unexplained, moved = (
+        ledger(system, kinetic=1.0, deforming=1.0),
+        Balance(0.0, largest=1.0 / share),
+    )
     assert unexplained.remainder == 1.0
-    assert bool(energy_ledger.imbalance_warning(system, unexplained, 1.0 / share, 0.0)) == doubted
+    assert bool(moved.after(system, unexplained).warning(unexplained, ended=True)) == doubted
 
 
 @pytest.mark.parametrize(("times", "fails"), [(3.2, False), (5.0, True)])
 def test_a_run_fails_from_four_times_the_available_energy(times, fails, system):
-    given = ledger(system, kinetic=times, opening={"kinetic": 1.0, "StVK": 0.0})
+    opening = {"opening": {"kinetic": 1.0, "StVK": 0.0}, "opening_deforming": 1.0}
+    given = ledger(system, kinetic=times, deforming=times, **opening)
     assert given.available == pytest.approx(1.0)
     assert bool(given.growth(MOST_GROWTH)) == fails
 

@@ -1,15 +1,17 @@
-"""What studies/drape/ counts: shadows, drape coefficients and folds of shapes that are known."""
+"""Shadows, drape coefficients and folds of known shapes."""
 
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import fecloth as fc
+from fecloth.errors import InputError
 from fecloth.output.frame_reader import Frame
 from studies.drape import __main__ as drape
-from studies.drape.__main__ import SPECIMEN, SUPPORT, drape_coefficient, folds, shadow_area
+from studies.drape.__main__ import SPECIMEN, SUPPORT, count_folds, drape_coefficient, shadow_area
 
 SHEET = fc.Cloth.read(Path(__file__).parents[2] / "meshes" / "drape.geo", h=0.005)
 
@@ -54,17 +56,19 @@ def test_a_fold_under_the_rim_keeps_the_shadow_of_what_is_above_it():
 @pytest.mark.parametrize("count", [4, 7])
 def test_folds_are_counted_along_the_rim(count):
     wavy = shaped(lambda r, a: r, lambda r, a: 0.01 * np.cos(count * a + 0.3))
-    assert folds(wavy) == count
+    assert count_folds(wavy) == count
 
 
-def test_without_the_extras_there_is_no_picture_but_the_numbers(monkeypatch, capsys):
-    def missing(*_):
-        raise ImportError("No module named 'imageio'")
-
-    monkeypatch.setattr("sys.argv", ["drape.py"])
-    monkeypatch.setattr(drape, "draped", lambda *_: shaped(lambda r, a: r, lambda r, a: 0 * r))
-    monkeypatch.setattr(drape, "draw", missing)
+def test_a_missing_package_costs_only_the_picture(monkeypatch, capsys):
+    """Unless --picture asks for it; then it is a mistake, found before the first run."""
+    monkeypatch.setitem(sys.modules, "imageio", None)
+    board = shaped(lambda r, a: r, lambda r, a: 0 * r)
+    monkeypatch.setattr(drape, "drape_fabric", lambda *_: board)
+    monkeypatch.setattr(sys, "argv", ["drape.py"])
     assert drape.main() == 0
-    said = capsys.readouterr().out
-    assert said.count("drape coefficient 100 %") == 3
-    assert "no picture: No module named 'imageio'" in said
+    printed = capsys.readouterr().out
+    assert printed.count("drape coefficient 100 %") == 3
+    assert printed.startswith("no picture: the package imageio: is not installed")
+    monkeypatch.setattr(sys, "argv", ["drape.py", "--picture", "x.png"])
+    with pytest.raises(InputError, match=r"imageio: is not installed.*\.\[view\]"):
+        drape.main()

@@ -69,7 +69,18 @@ def test_a_scene_is_refined_in_space_and_time(tmp_path, monkeypatch):
         fc.run(*run_, dt, built.t_end, newton=built.newton).state.x for dt in (0.0025, 0.0025 / 16)
     ]
     error = built.cloth.l2_norm(ends[0] - ends[1])
-    assert time["estimated error [m²]"] == pytest.approx(error, rel=0.05)
+    assert time["error [m²]"] == pytest.approx(error, rel=0.05)
+
+
+def test_the_words_of_a_scene_that_converges_or_not():
+    good = {"halved": "h", "order": 2.0, richardson.RELATIVE: 1.234}
+    assert "h: the error of the scene is about 1.2 %" in richardson.describe_errors([good])
+    changes = dict.fromkeys(richardson.CHANGES, 22.0)
+    for order in (0.51, -1.0, np.nan):
+        bad = good | changes | {"order": order}
+        assert "h: the scene does not converge" in richardson.describe_errors([bad])
+    failed = {"halved": "dt", "status": "a run failed"}
+    assert "dt: no estimate" in richardson.describe_errors([failed])
 
 
 def test_a_scene_without_h_is_refused(tmp_path):

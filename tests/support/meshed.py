@@ -24,7 +24,7 @@ def length(mesh, edges):
     return np.linalg.norm(np.diff(mesh.X[mesh.edge_sets[edges]], axis=1), axis=-1).sum()
 
 
-def rejects(texts, *args, error=MeshError, by=FlatMesh.checked, **kwargs):
+def rejects(texts, *args, error=MeshError, by=FlatMesh.from_arrays, **kwargs):
     """Call a function and check that it raises an error whose message contains all `texts`."""
     with pytest.raises(error) as caught:
         by(*args, **kwargs)

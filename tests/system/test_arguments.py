@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from support.messages import message_test
 
 import fecloth as fc
 from fecloth.simulation.resolve import solver_for
@@ -91,7 +92,10 @@ MISTAKES = [
     (lambda: amplification(fc.BDF2, 1.0, -0.1), "zeta = -0.1: must be finite and >= 0"),
     (lambda: amplification(fc.BDF2, [1, 2], [0, 1, 2]), r"of shape \(2,\), zeta of shape \(3,\)"),
     (lambda: fc.Auto(rtol=-1), "^Auto: rtol = -1: must be a number >= 0"),
-    (lambda: fc.Adaptive(fc.ForwardEuler()), "^method ForwardEuler.*: has no stable step"),
+    (
+        lambda: fc.Adaptive(fc.ForwardEuler()),
+        "method ForwardEuler.*: has no stable step",
+    ),
     (lambda: marched(solver=3), "solver = 3: must be one of auto, direct, pardiso, superlu, pcg"),
     (lambda: marched(method=fc.EnergyMomentum(), solver="pcg"), 'tangent = "symmetric"'),
     (lambda: marched(method=fc.CentralDifference(), dt="auto"), "'auto'.*Leave it out for the lar"),
@@ -102,7 +106,4 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize(("call", "message"), MISTAKES, ids=range(len(MISTAKES)))
-def test_what_is_swapped_or_of_another_type(call, message):
-    with pytest.raises(fc.InputError, match=message):
-        call()
+test_arguments_that_are_swapped_or_of_another_type = message_test(MISTAKES)

@@ -31,28 +31,21 @@ def test_projectors(length, rng):
     assert not fc.Pin("left").projector.any()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ({}, r"Slide\('left'\): neither of direction and normal: needs one"),
-        ({"direction": (1, 0, 0), "normal": (0, 1, 0)}, "both of direction and normal"),
-        (
-            {"direction": (0, 0, 0)},
-            r"direction = \(0, 0, 0\): must be three finite .* not all zero",
-        ),
-        ({"normal": (0.0, np.nan, 1.0)}, "normal = .*: must be three finite numbers"),
-        ({"normal": (0.0, 1.0)}, "normal = .*: must be three finite numbers"),
-        ({"normal": "z"}, "normal = 'z': must be three finite numbers"),
-    ],
-)
-def test_refusals(arguments, said):
-    with pytest.raises(fc.InputError, match=said):
-        fc.Slide("left", **arguments)
+SHARED = [  # free directions of the second slide, and what holds the node in place of both
+    ({"normal": (0, 1, 0)}, r"slide by a third Slide with direction = \[0.0, 0.0, 1.0\]"),
+    ({"normal": (1, 1, 0)}, r"slide by a third Slide with direction = \[0.0, 0.0, 1.0\]"),
+    ({"normal": (0, 1, 2)}, r"a third Slide with direction = \[0.0, -1.0, 0.5\]|0.0, 1.0, -0.5"),
+    ({"direction": (0, 0, 3)}, r"slide by a third Slide with direction = \[0.0, 0.0, 1.0\]"),
+    ({"direction": (1, 0, 1)}, "hold it, at .0, 0. m, by a Pin of its own"),
+    ({"normal": (-2, 0, 0)}, "Leave it out of one of the groups"),
+]
 
 
-def test_a_node_has_one_pin_or_slide(small):
-    with pytest.raises(fc.InputError, match="held by more than one pin"):
-        fc.System(small, fc.Fabric(0.2, 1e3), [], ["left", fc.Slide("bottom", normal=(0, 1, 0))])
+@pytest.mark.parametrize(("second", "remedy"), SHARED)
+def test_the_remedy_for_two_slides_at_a_node(second, remedy, small):
+    slides = [fc.Slide("left", normal=(1, 0, 0)), fc.Slide("bottom", **second)]
+    with pytest.raises(fc.InputError, match=remedy):
+        fc.System(small, fc.Fabric(0.2, 1e3), [], slides)
 
 
 def test_each_node_has_its_own_groups_projector(small):

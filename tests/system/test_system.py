@@ -11,6 +11,7 @@ from scipy.sparse.linalg import eigsh
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.reductions import NodeSums
 
 MASSES = ["lumped", "consistent"]
 TERMS = [fc.Gravity((1, 0, 0)), fc.StVK(), fc.StrainRateDamping(0.01), fc.Gravity((0, 0, -9.81))]
@@ -165,40 +166,6 @@ def test_states_that_are_refused(system, name, change):
         system.state(**(given | {name: bad}))
 
 
-def test_what_is_no_term_or_names_no_node(sheet, isotropic):
-    for term in (3, "StVK", None):
-        with pytest.raises(fc.InputError, match=rf"System\(terms=...\): term {term!r}: must be"):
-            fc.System(sheet, isotropic, [fc.StVK(), term])
-    for pin in ("lft", fc.Pin("lft")):
-        with pytest.raises(fc.InputError, match="node set 'lft'.* Did you mean 'left'"):
-            fc.System(sheet, isotropic, [fc.StVK()], pins=[pin])
-    with pytest.raises(fc.InputError, match="no node is selected"):
-        fc.System(sheet, isotropic, [fc.StVK()], pins=[fc.Pin(lambda X: X[:, 0] > 9)])
-    with pytest.raises(fc.InputError, match="held by more than one pin"):
-        fc.System(sheet, isotropic, [fc.StVK()], pins=["left", "boundary"])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"terms": [fc.StVK]}, r"System\(terms=...\): term <class"),
-        ({"terms": fc.StVK()}, r"must be a list, as in \[StVK\(\)\]"),
-        ({"terms": [], "pins": "left"}, "pins = 'left': must be a list"),
-        ({"terms": [], "pins": [3]}, "pin 3: must be such as Pin"),
-        ({"terms": [], "mass": "diagonal"}, "mass = 'diagonal'"),
-    ],
-)
-def test_what_cannot_be_a_system_is_refused_at_once(arguments, message, sheet, isotropic):
-    with pytest.raises(fc.InputError, match=message):
-        fc.System(sheet, isotropic, **arguments)
-
-
-def test_a_state_has_a_time(sheet, isotropic):
-    system = fc.System(sheet, isotropic, [])
-    with pytest.raises(fc.InputError, match=r"t = nan: must be finite"):
-        system.state(system.rest().x, t=np.nan)
-
-
 @pytest.mark.parametrize("mass", [None, "lumped", "consistent"])
 def test_a_system_can_be_copied_with_a_change(mass):
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
@@ -211,3 +178,24 @@ def test_a_system_can_be_copied_with_a_change(mass):
     assert (turned.mass_kind, turned.grain) == (expected.mass_kind, 0.1)
     assert replace(turned, mass="consistent").mass_kind == "consistent"
     assert replace(turned, terms=[fc.StVK()]).names == ("StVK",)
+
+
+def test_sums_over_parts_of_a_cloth_go_through_one_object(sheet, isotropic, rng):
+    """A process that holds one of two equal halves has half of the energies, terms included."""
+
+    class OfTwoHalves(NodeSums):
+        def total(self, part):
+            return 2 * part
+
+        def dot(self, a, b):
+            return 2 * super().dot(a, b)
+
+    class Half(fc.System):
+        sums = OfTwoHalves()
+
+    terms = [fc.StVK(), fc.Gravity(), fc.TensorCondition(3.0)]
+    half, whole = Half(sheet, isotropic, terms), fc.System(sheet, isotropic, terms)
+    state = whole.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
+    expected = {name: 2 * energy for name, energy in whole.energies(state).items()}
+    assert half.energies(state) == expected
+    assert half.total_mass == 2 * whole.total_mass == pytest.approx(2 * 0.2 * 0.6)

@@ -39,5 +39,5 @@ def test_a_result_is_figures_of_energies_and_probes(result):
     assert "nan" not in page
 
 
-def test_a_doubtful_result_says_so(result):
-    assert "in doubt" in repr(replace(result[1], doubt="off by 1 J"))
+def test_repr_counts_the_warnings(result):
+    assert ", 1 warning>" in repr(replace(result[1], warnings=("off by 1 J",)))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.errors import InputError
+from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.dihedral_angle import angles, condition
@@ -112,7 +113,11 @@ def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
 
     def roots(fabric):
         if fabric.bending is None:
-            remedy = "Give it in the fabric, one number or (warp, weft)."
+            known = [name for name in Fabric.presets() if Fabric.preset(name).bending]
+            remedy = (
+                "Give it in the fabric, one number or (warp, weft); these presets have it: "
+                f"{', '.join(known)}."
+            )
             what = "the fabric has no bending_rigidity"
             raise InputError(what, f"{where} needs it, > 0 [N m]", where, remedy)
         return np.sqrt(fabric.bending)

@@ -148,13 +148,13 @@ class BoundUserForce:
 
     def _value(self, x, v, t) -> np.ndarray:
         """g (n, 3); raises `InputError` if its shape is wrong or it is not finite."""
-        return _validated(self.function(x, v, t), x.shape, "force", t)
+        return _check_value(self.function(x, v, t), x.shape, "force", t)
 
     def _blocks(self, x, v, t) -> tuple[np.ndarray, ...]:
         """∂g/∂x and ∂g/∂v, (n, 3, 3) each."""
         if self.derivatives is not None:
             parts = self.derivatives(x, v, t)
-            return tuple(_validated(part, (len(x), 3, 3), "derivative", t) for part in parts)
+            return tuple(_check_value(part, (len(x), 3, 3), "derivative", t) for part in parts)
         shifts = STEP * np.eye(3)
         dx = [self._value(x + s, v, t) - self._value(x - s, v, t) for s in shifts]
         dv = [self._value(x, v + s, t) - self._value(x, v - s, t) for s in shifts]
@@ -193,7 +193,7 @@ def _largest_eigenvalue(blocks: np.ndarray) -> float:
     return max(0.0, float(np.linalg.eigvalsh(symmetric).max()))
 
 
-def _validated(value, shape: tuple[int, ...], name: str, t: float) -> np.ndarray:
+def _check_value(value, shape: tuple[int, ...], name: str, t: float) -> np.ndarray:
     value = np.asarray(value, dtype=float)
     if value.shape != shape or not np.isfinite(value).all():
         what = f"{name} of shape {value.shape} at t = {t:g}"

@@ -132,7 +132,8 @@ class BoundGas:
         """γ p/V and ∂V/∂x (n, 3), which define the rank-one part of K."""
         V, u = self.volume(x), np.zeros_like(x)
         add_gradient(self.nodes, self.signs, self.origin, 1.0, x, u)
-        return self.gas.exponent * self.absolute_pressure(V) / V, u
+        rate = self.absolute_pressure(V) / V if V else math.nan
+        return self.gas.exponent * rate, u
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Return zeros: the volume at rest may be zero, so that no bound exists."""

@@ -28,7 +28,7 @@ The loops below are templates that call it; `bound_condition.kernels` compiles t
 `bound_condition.bind` makes the bound term. `per_node` is a tuple with one zero for each node and
 `convex` a tuple with, for each component, 1 if its ∂²C is positive semi-definite at every x and 0
 if it is not: the compiler knows their length. A term whose constants change with x or t extends
-`BoundCondition` and its `table`, as user_condition.py and tether.py do.
+`BoundCondition` and its `table`, as custom/condition.py and tether.py do.
 
 `definite` keeps the part (k_s C + k_d Ċ)_r ∂²C_r where both factors are not negative, drops the
 others and the non-symmetric part. Gauss–Newton drops all of ∂²C.

@@ -9,12 +9,13 @@ tensor Θ = Σ |p_a|² I − p_a p_aᵀ, and s = u · u = u · d. Then ḡ · d 
 −f · d is ½ C₁ᵀk_s C₁ − ½ C₀ᵀk_s C₀, and ḡ has no resultant and no moment about y, as ∂C(y) has none
 for a C that no rigid motion changes: energy and both momenta are conserved at any step (Gonzalez
 1996, Time Integration and Discrete Hamiltonian Systems, J. Nonlinear Sci. 6; here the correction
-does not rotate the stencil). For a spring ḡ is ± 2 (y₂ − y₁)/(l₀ + l₁).
+does not rotate the stencil). Springs have a closed form of it, `terms.springs.spring_over_step`.
 
     −∂f_a/∂y_b = ḡ_a k_s ∂C(y₁)_bᵀ + Σ_r (k_s C̄)_r ∂ḡ_r,a/∂y_b         not symmetric
 
 The symmetric tangent takes ∂C(y) on both sides and ∂²C(y), if `definite` as in `condition`. Where
-u is shorter than 1e-8 of the stencil N is left out: of the order of φ²|u| if the step turns by φ.
+u is shorter than 1e-8 of the stencil N is left out. Its work is of the order of φ²|u| if the step
+turns by φ, but the force jumps there, by the order of φ² k_s C̄.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from fecloth.quantities.units import PER_WIDTH, TIME
 from fecloth.terms.loops import bound_condition
 from fecloth.terms.springs import biquadratic
 from fecloth.terms.springs.networks import Net, edges, structural
+from fecloth.terms.springs.spring_over_step import OVER_STEP
 
 KINDS = ("structural", "van_gelder", "biquadratic")
 
@@ -163,4 +164,4 @@ def elongation(y, c, order, C, g, H):
                     H[0, 0, i, 1, j] = H[0, 1, i, 0, j] = -h
 
 
-KERNELS = bound_condition.kernels(elongation)
+KERNELS = bound_condition.kernels(elongation)._replace(over_step=OVER_STEP)

@@ -106,8 +106,3 @@ def test_definite_and_bounded():
         bound = system.rate_bounds()[0]
         assert values[0] > -1e-12 * values[-1]
         assert values[-1] <= bound < 4 * values[-1]
-
-
-def test_a_fabric_must_know_its_rigidity(sheet, isotropic):
-    with pytest.raises(fc.InputError, match="QuadraticBending: the fabric has no bending_rigidity"):
-        fc.System(sheet, isotropic, [fc.QuadraticBending()])

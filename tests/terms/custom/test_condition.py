@@ -271,27 +271,6 @@ def test_pure_damper(small, rng):
     assert "Condition" not in system.energies(state)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ({"nodes": [0, 1]}, "a list of one list"),
-        ({"nodes": [[0, 10**6]]}, "node indices 0 … 1000000"),
-        ({"nodes": [[0, 1], [2, 2]]}, "not hold a node twice"),
-        ({"stiffness": -1.0}, "stiffness = -1.0"),
-        ({"stiffness": 0.0}, "one must be > 0"),
-        ({"stiffness": np.ones(5)}, r"must be numbers, \(2,\) or \(2, 2\)"),
-        ({"value": lambda y: np.zeros(7)}, r"value\(y\) of shape \(7,\)"),
-        ({"value": lambda y: np.full(len(y), np.nan)}, "must be finite"),
-        ({"gradient": lambda y: y}, r"gradient\(y\) of shape \(2, 2, 3\)"),
-        ({"tangent": "none"}, "symmetric, exact"),
-    ],
-)
-def test_refusals(small, arguments, said):
-    given = {"value": quadratic, "nodes": [[0, 1], [2, 3]], "stiffness": 1.0} | arguments
-    with pytest.raises(fc.InputError, match=said):
-        fc.System(small, FABRIC, [fc.Condition(**given)])
-
-
 def test_energy_of_a_uniform_stretch(small):
     """k/2 Σ C² with lengths of an affine state, on flat and moved cloths alike."""
     nodes = edges(small).nodes
@@ -303,14 +282,3 @@ def test_energy_of_a_uniform_stretch(small):
     x = affine(small, F, (0.1, 0.2, 0.3))
     assert system.energies(system.state(x))["Condition"] == pytest.approx(expected, rel=1e-12)
     assert flat(small).shape == x.shape
-
-
-@pytest.mark.parametrize("name", ["kinetic", "remainder", "pins", "dissipated:Drag", "a,b"])
-def test_a_name_that_is_a_column_of_the_ledger_is_refused(name):
-    with pytest.raises(fc.InputError, match="name = .*must be letters"):
-        fc.Condition(lambda y: y[:, 0, 2], [[0]], 1.0, name=name)
-
-
-def test_a_value_that_is_no_function_is_refused():
-    with pytest.raises(fc.InputError, match="value = 'y': must be a function"):
-        fc.Condition("y", [[0, 1]], 1.0)

@@ -93,16 +93,3 @@ def test_definite_part_is_symmetric_and_semidefinite(sheet, orthotropic, rng):
     A = system.assemble(J, state, wx=1.0, wv=0.3, definite=True).to_scipy().toarray()
     assert abs(A - A.T).max() < 1e-12 * abs(A).max()
     assert np.linalg.eigvalsh(A)[0] > -1e-10 * abs(A).max()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ({"time": -1.0}, "time = -1.0"),
-        ({"time": 1.0, "tangent": "x"}, "exact"),
-        ({"time": 1.0, "law": 3}, "law = 3"),
-    ],
-)
-def test_invalid_arguments_are_rejected(arguments, said):
-    with pytest.raises(fc.InputError, match=said):
-        fc.StrainRateDamping(**arguments)

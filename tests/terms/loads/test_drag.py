@@ -183,31 +183,6 @@ def test_ledger_of_linearly_implicit_steps_closes_for_linear_drag(sheet, isotrop
 # --- what is refused, and scenes ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: fc.Drag(-1.0), "Drag: normal = -1.0: must be finite and >= 0"),
-        (lambda: fc.Drag(0.0), "normal = tangential = 0"),
-        (lambda: fc.Drag(1.0, law="cubic"), 'law = \'cubic\': must be "quadratic" or "linear"'),
-        (lambda: fc.Drag(1.0, tangent="x"), 'tangent = \'x\': must be "symmetric" or "exact"'),
-        (lambda: fc.Wind((1.0, 2.0), 1.0), r"Wind: velocity = \(1.0, 2.0\): must be three"),
-        (lambda: fc.Wind("x", 1.0), "velocity = .*'x'.*: must be three"),
-        (lambda: fc.Wind((1.0, np.nan, 0.0), 1.0), "velocity = .*nan.*: must be three"),
-        (lambda: fc.Wind((1.0, "q", 0.0), 1.0), "formula 'q', unknown name 'q'"),
-        (
-            lambda: fc.Wind((1.0, 0.0, 0.0), 1.0, gusts=-0.1),
-            "gusts = -0.1: must be finite and >= 0",
-        ),
-        (lambda: fc.Wind((1, 0, 0), 1.0, gusts=0.1, gust_length=0.0), "gust_length = 0.0"),
-        (lambda: fc.Wind((1, 0, 0), 1.0, gusts=0.1, seed=-1), "seed = -1: must be in"),
-        (lambda: fc.Wind((1, "t", 0), 1.0, gusts=0.1), "gusts of a wind that is not uniform"),
-    ],
-)
-def test_invalid_arguments_are_rejected(make, said):
-    with pytest.raises(fc.InputError, match=said):
-        make()
-
-
 def test_scene_with_drag_and_wind(tmp_path):
     from fecloth.scene.scene import load_scene
 

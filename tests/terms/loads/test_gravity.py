@@ -75,9 +75,3 @@ def test_free_fall_of_every_node(method, mass, sheet, isotropic):
     way = 0.5 * t * (t if method().traits.order == 2 else t + dt) * g
     np.testing.assert_allclose(end.v, np.tile(t * g, (len(end.v), 1)), atol=1e-10)
     np.testing.assert_allclose(end.x - flat(sheet), np.tile(way, (len(end.x), 1)), atol=1e-12)
-
-
-@pytest.mark.parametrize("bad", [9.81, (0.0, -9.81), (0.0, np.nan, 0.0), (0.0, 0.0, np.inf)])
-def test_invalid_acceleration_is_rejected(bad):
-    with pytest.raises(fc.InputError, match="Gravity: acceleration = .*: must be three finite"):
-        fc.Gravity(bad)

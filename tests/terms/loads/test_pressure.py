@@ -109,26 +109,6 @@ def test_a_pressure_that_changes_in_time(sheet, isotropic):
         np.testing.assert_allclose(force, expected, rtol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ({"p": np.nan}, "p = nan: must be a finite number, a formula"),
-        ({"p": "3 * x"}, "p: formula '3 \\* x', unknown name 'x'"),
-        ({"p": True}, "p = True"),
-        ({"p": 1.0, "tangent": "x"}, 'tangent = \'x\': must be "symmetric" or "exact"'),
-    ],
-)
-def test_invalid_arguments_are_rejected(arguments, said):
-    with pytest.raises(fc.InputError, match=said):
-        fc.Pressure(**arguments)
-
-
-def test_function_not_finite_is_rejected_when_evaluated(sheet, isotropic):
-    system = fc.System(sheet, isotropic, [fc.Pressure(lambda t: 1 / t if t else np.inf)])
-    with pytest.raises(fc.InputError, match=r"Pressure: p\(0\) = .*inf"):
-        system.force(system.rest())
-
-
 def test_scene_with_pressure(tmp_path):
     from fecloth.scene.scene import load_scene
 

@@ -74,9 +74,3 @@ def test_hanging_sheet_in_the_wind_has_the_angle_of_the_formula(orthotropic):
     assert result.energies["kinetic"][-1] < 1e-10
     # the strain ρ g L/Y = 5e-5 turns the force on the area by as much
     np.testing.assert_allclose(np.arctan2(bottom[:, 1], -bottom[:, 2]), theta, atol=1e-4)
-
-
-def test_velocity_of_wrong_shape_is_rejected_when_evaluated(sheet, isotropic):
-    system = fc.System(sheet, isotropic, [fc.Wind(lambda x, t: x[:, :2], 1.0)])
-    with pytest.raises(fc.InputError, match=r"velocity of shape .* at t = 0: must be finite and"):
-        system.force(system.rest())

@@ -247,18 +247,3 @@ def test_a_scene_may_name_it(tmp_path):
     """)
     expected = fc.BaraffWitkin((3e5, 2e5), 4e4, area_exponent=1.0, damping=0.01)
     assert tuple(load_scene(path).build().system.terms) == (expected,)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ({"area_exponent": 1.0}, "needs both"),
-        ({"stretch": (1.0, -2.0)}, "two numbers >= 0"),
-        ({"rest": (1.0,)}, "two numbers"),
-        ({"damping": -1.0}, "damping = -1.0"),
-        ({"tangent": "published"}, "symmetric, exact"),
-    ],
-)
-def test_refusals(arguments, said):
-    with pytest.raises(fc.InputError, match=said):
-        fc.BaraffWitkin(**arguments)

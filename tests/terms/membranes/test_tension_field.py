@@ -151,11 +151,6 @@ def test_exact_tangent_is_semidefinite_and_is_the_definite_one(sheet, isotropic,
     np.testing.assert_allclose(definite, exact, atol=1e-11 * abs(exact).max())
 
 
-def test_refuses_an_orthotropic_fabric(sheet, orthotropic):
-    with pytest.raises(fc.InputError, match=r"tensile_stiffness = \(2000.0, 900.0\)"):
-        fc.System(sheet, orthotropic, [fc.TensionField()])
-
-
 # --- which laws agree at rest ---------------------------------------------------------------------
 
 

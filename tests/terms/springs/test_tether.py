@@ -90,19 +90,3 @@ def test_scene(tmp_path):
     """)
     system = load_scene(path).build().system
     assert tuple(system.terms) == (fc.Tether("left", (0.0, "0.1 * t", 0.0), 20.0),)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("left", (0, 0), 1.0), "point"),
-        (("left", (0, 0, "y"), 1.0), "point"),
-        (("left", (0, 0, 0), 0.0), "stiffness = 0.0"),
-        (("left", (0, 0, 0), 1.0, -1.0), "damping = -1.0"),
-        (("nowhere", (0, 0, 0), 1.0), "nowhere"),
-        (("left", lambda t: np.zeros(2), 1.0), "point"),
-    ],
-)
-def test_refusals(cloth, arguments, said):
-    with pytest.raises(fc.InputError, match=said):
-        fc.System(cloth, FABRIC, [fc.Tether(*arguments)])

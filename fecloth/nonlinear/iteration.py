@@ -1,0 +1,267 @@
+"""Newton's iteration with a line search: one loop for time steps and for static equilibrium."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from fecloth.errors import SolveFailed
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.low_rank_update import solve_updated
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.line_search import Point, find_step
+from fecloth.nonlinear.statistics import Counts
+from fecloth.system.system import System
+
+STALLED = 0.25  # of the residual left after an iteration: it may have met round-off, if
+STANDING = 1e-7  # extents of the cloth is the longest way that a node moved in it
+TINY = 1e-6  # extents: on shorter steps round-off hides the change of the potential
+ROUND_OFF = 8.0  # times the change of the residual when the last digits of all numbers change
+
+
+class Remedy(NamedTuple):
+    """σ [of the matrix's mass M] to add to the matrix as σ M, and whether to clamp tangents."""
+
+    shift: float
+    definite: bool
+
+
+class Equation(Protocol):
+    """R(y) = 0 for an unknown y (n, 3), as `iterate` solves it."""
+
+    @property
+    def system(self) -> System:
+        """Supplies the constraints and the sums over nodes."""
+        ...
+
+    @property
+    def wx(self) -> float:
+        """∂x/∂y."""
+        ...
+
+    @property
+    def longest(self) -> float:
+        """The longest way [m] that an iteration may move a node."""
+        ...
+
+    @property
+    def potential(self) -> Callable[[np.ndarray], float] | None:
+        """The function of y whose gradient R is, or None."""
+        ...
+
+    @property
+    def remedies(self) -> tuple[Remedy, ...]:
+        """What to try in this order; the first is the exact matrix, if the options allow that."""
+        ...
+
+    @property
+    def resume(self) -> int:
+        """Number of the remedy to try after the first one, in the first iteration; or more."""
+        ...
+
+    def residual(self, y: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
+        """R (n, 3) of the free directions and the sum of the norms of all forces, reactions too.
+
+        `scale` is the sum at the iterate before; 0.0 at the first one.
+        """
+        ...
+
+    def round_off(self, y: np.ndarray) -> float:
+        """How much R changes if the last digits of positions and velocities change."""
+        ...
+
+    def assemble(self, y: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
+        """J = ∂R/∂y with a remedy, projected onto the free directions."""
+        ...
+
+    def updates(self, y: np.ndarray) -> list[tuple[float, np.ndarray]]:
+        """(c, u) of each part c u uᵀ of ∂R/∂y that J leaves out."""
+        ...
+
+    def key(self, remedy: Remedy) -> tuple:
+        """The quantities that identify J, for the reuse of its factor."""
+        ...
+
+    def failure(self, reason: str, point: Point, residual: float) -> Exception:
+        """The error to raise where the iteration ended; `residual` is relative."""
+        ...
+
+
+class Progress(NamedTuple):
+    """One iteration: its number from 1, where it led, with which remedy, and α of its step."""
+
+    number: int
+    point: Point
+    remedy: Remedy
+    length: float
+
+
+def iterate(
+    equation: Equation,
+    context: SolverContext,
+    y: np.ndarray,
+    least: int = 0,
+    report: Callable[[Progress], None] = lambda progress: None,
+) -> tuple[np.ndarray, Counts]:
+    """Iterate from y until ‖R‖ ≤ tolerance × scale, and at least `least` times.
+
+    Each iteration solves J s = −R with the exact matrix J or, where that is not positive definite
+    or s is no improvement of any length (`line_search.find_step`), with the first remedy for which
+    it is. With a potential the iteration always ends: the steps that are taken for their residual
+    alone halve the least one so far, so they are few, and all others lower the potential.
+
+    The iteration also ends where the residual is round-off. That is measured at the start if no
+    iteration is asked for, after an iteration that hardly moved the cloth and left more than a
+    quarter of the residual, and before a failure.
+    Then `Counts.limited` is 1; but if no force exceeds its round-off, the residual counts as 0.
+
+    Raises
+    ------
+    NewtonFailed, EquilibriumFailed
+        `Equation.failure`, if the iteration cannot go on or takes too long.
+    """
+    work, most = _Work(equation, context), context.options.max_iterations
+    point = work.at(y, 0.0)
+    least_norm, last, resume = point.norm, 0, equation.resume
+    ask, length = least == 0, 1.0  # whether to compare with round-off; α of the last step
+    for number in range(most + 1):
+        if (number >= least or point.norm == 0) and point.norm <= work.goal(point):
+            return point.y, work.counts(number, point)
+        if ask and point.norm <= (floor := ROUND_OFF * equation.round_off(point.y)):
+            return point.y, work.counts(number, point, floor)
+        if number == most or length == 0.0:
+            break
+        before, (point, length, last) = point, work.advance(point, least_norm, last, resume)
+        least_norm, resume = min(least_norm, point.norm), last or resume
+        ask = length == 0.0 or number + 1 == most or work.stands(before, point)
+        if length > 0.0:
+            report(Progress(number + 1, point, equation.remedies[last], length))
+    reason = work.reason if length == 0.0 else f"Newton did not converge in {most} iterations"
+    raise equation.failure(reason, point, work.relative(point))
+
+
+class _Work:
+    """The matrix, the solver and the counters of one call of `iterate`."""
+
+    def __init__(self, equation: Equation, context: SolverContext):
+        self.equation, self.context, self.system = equation, context, equation.system
+        self.linear_solver, self.J = context.matrix_solver()
+        self.extent = float(np.ptp(self.system.cloth.X, axis=0).max())
+        self.linear = self.modified = self.factorisations = self.reused_solves = 0
+        self.seconds = {"assemble": 0.0, "factor": 0.0, "solve": 0.0}
+        self.reason = ""  # why the last attempt failed
+
+    def at(self, y: np.ndarray, scale: float) -> Point:
+        R, scale = self.equation.residual(y, scale)
+        return Point(y, R, self.system.sums.norm(R), scale)
+
+    def relative(self, point: Point) -> float:
+        return float(point.norm / point.scale) if point.scale else 0.0
+
+    def goal(self, point: Point) -> float:
+        return self.context.options.tolerance * point.scale
+
+    def stands(self, before: Point, point: Point) -> bool:
+        """Whether an iteration hardly moved the cloth, and hardly changed the residual."""
+        if not max(STALLED * before.norm, self.goal(point)) < point.norm:
+            return False
+        way = self.equation.wx * float(abs(point.y - before.y).max())
+        return way <= STANDING * self.extent
+
+    def counts(self, iterations: int, point: Point, floor: float = 0.0) -> Counts:
+        """The counts at the end; `floor` is the round-off of the residual where it governs."""
+        self.context.factor_reuse.end_step(self.reused_solves, self.linear_solver)
+        return Counts(
+            newton=iterations,
+            linear=self.linear,
+            modified=self.modified,
+            residual=self.relative(point) if point.scale > floor else 0.0,
+            seconds=self.seconds,
+            factorisations=self.factorisations,
+            limited=int(self.goal(point) < point.norm and floor < point.scale),
+        )
+
+    def advance(self, point: Point, least_norm: float, last: int, resume: int):
+        """Return the next point, α of its step and the number of the remedy; α = 0 for failure."""
+        if not np.isfinite(point.norm):
+            self.reason = "the forces are not finite"
+            return point, 0.0, last
+        remedies, number = self.equation.remedies, max(last - 1, 0)
+        if found := self.advance_with_old_factor(point, remedies[number]):
+            return found, 1.0, number
+        for number in self.to_try(last, resume):
+            try:
+                step = self.direction(point, remedies[number])
+            except SolveFailed as failure:  # IndefiniteMatrix, or singular within round-off
+                self.reason = str(failure)
+                continue
+            if found := self.search(point, step, least_norm):
+                return *found, number
+            self.reason = "no step along Newton's direction is an improvement"
+        return point, 0.0, last
+
+    def to_try(self, last: int, resume: int) -> list[int]:
+        """The remedies to try: from one below the `last` on, but after clamping the first again."""
+        numbers = list(range(len(self.equation.remedies)))
+        if last == 0 or self.equation.remedies[last].definite:
+            return [0, *numbers[max(resume - 1, 1) :]]
+        return numbers[last - 1 :]
+
+    def search(self, point: Point, step: np.ndarray, least_norm: float):
+        """Return the `Point` of an improvement along the step, and α; None without one."""
+        way = self.equation.wx * float(abs(step).max()) or 1.0
+        return find_step(
+            self.system.sums,
+            partial(self.at, scale=point.scale),
+            point,
+            step,
+            max(self.goal(point), 0.5 * least_norm),
+            self.equation.potential,
+            self.equation.longest / way,
+            TINY * self.extent / way,
+        )
+
+    def advance_with_old_factor(self, point: Point, remedy: Remedy) -> Point | None:
+        """Return the point after a whole step with an earlier factor; None if R does not fall."""
+        reuse = self.context.factor_reuse
+        key = self.equation.key(remedy)
+        may_reuse = self.context.options.reuse and point.norm > 0
+        if not (may_reuse and reuse.is_usable(key, self.linear_solver)):
+            return None
+        try:
+            step = self.solve_linear(point)
+        except SolveFailed:  # a factor too poor for refinement
+            reuse.drop()
+            return None
+        self.reused_solves += 1
+        there = self.at(point.y + step, point.scale)
+        to_go = self.goal(there) / there.norm if there.norm else 1.0
+        reuse.record_iteration(there.norm / point.norm, to_go, self.linear_solver)
+        return there if there.norm < point.norm else None
+
+    def direction(self, point: Point, remedy: Remedy) -> np.ndarray:
+        """s = −J⁻¹ R with a remedy."""
+        begin, reuse = time.perf_counter(), self.context.factor_reuse
+        reuse.key = None  # from here on the matrix is another one, also if this fails
+        self.equation.assemble(point.y, remedy, self.J)
+        self.modified += remedy.definite or remedy.shift > 0
+        self.factorisations += 1
+        self.seconds["assemble"] += time.perf_counter() - begin
+        self.linear_solver.prepare(self.J)
+        step = self.solve_linear(point, new=True)
+        reuse.record_factor(self.equation.key(remedy), self.linear_solver)
+        return step
+
+    def solve_linear(self, point: Point, new: bool = False) -> np.ndarray:
+        """−J⁻¹ R for the prepared J."""
+        forcing = max(self.context.options.forcing, 0.5 * self.goal(point) / point.norm)
+        updates = self.equation.updates(point.y)
+        step, infos = solve_updated(self.linear_solver, updates, -point.R, min(0.5, forcing))
+        self.linear += sum(info.iterations for info in infos)
+        self.seconds["factor"] += infos[0].seconds_factor if new else 0.0
+        self.seconds["solve"] += sum(info.seconds_solve for info in infos)
+        return self.system.constraints.project(step)

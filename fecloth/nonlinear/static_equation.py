@@ -1,0 +1,143 @@
+"""The equation of static equilibrium, f(x) = 0, for Newton's iteration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fecloth.errors import FeclothError
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.nonlinear.iteration import Remedy
+from fecloth.nonlinear.line_search import Point
+from fecloth.nonlinear.round_off import measure_round_off
+from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms.kinematics import principal_stretches
+
+LESS, MORE = 10, 30  # factors of 4 that the first shift may shrink and grow by
+
+
+class EquilibriumFailed(FeclothError):
+    """No equilibrium was found; `state` is the best one reached, with its `residual`.
+
+    With load steps, `state` balances the loads times `load`, the largest factor solved, and
+    `residual` is that of the last attempt at a larger one.
+    """
+
+    def __init__(self, reason: str, residual: float, state: State, remedy: str, load=1.0):
+        self.reason, self.residual, self.state, self.remedy = reason, residual, state, remedy
+        self.load = load
+        super().__init__(reason, residual, remedy)
+
+    def __str__(self) -> str:
+        return f"equilibrium: {self.reason} (relative residual {self.residual:.2e}). {self.remedy}"
+
+
+@dataclass(frozen=True, eq=False)
+class StaticEquation:
+    """R = −f at positions x, with the loads times `load`; J = K + σ M.
+
+    Attributes
+    ----------
+    start
+        The state from which the solution is sought; its v is 0.
+    """
+
+    system: System
+    start: State
+    load: float = 1.0
+
+    wx = 1.0
+    resume = LESS + 2
+
+    @cached_property
+    def longest(self) -> float:
+        """The extent of the cloth."""
+        return float(np.ptp(self.system.cloth.X, axis=0).max())
+
+    @cached_property
+    def remedies(self) -> tuple[Remedy, ...]:
+        """K, and definite K with σ M; the first σ moves the cloth by a tenth of its extent."""
+        f, _ = self.forces(self.start)
+        mean = np.linalg.norm(f, axis=1).sum() / self.system.nodal_mass.sum()
+        first = 10 * float(mean) / self.longest
+        return Remedy(0.0, False), *(Remedy(first * 4.0**n, True) for n in range(-LESS, MORE))
+
+    @cached_property
+    def potential(self) -> Callable[[np.ndarray], float] | None:
+        """Σ of the energies. At v = 0 a purely dissipative term has no force and needs none."""
+        has_one = all(
+            term.has_energy or (term.dissipative and not hasattr(term, "supply"))
+            for term in self.system.bound
+        )
+        return self.energy if has_one else None
+
+    def energy(self, x: np.ndarray) -> float:
+        """Energy [J] of the terms that have one."""
+        t = self.start.t
+        return sum(k * term.energy(x, t) for term, k in self.terms() if term.has_energy)
+
+    def terms(self) -> Iterator[tuple]:
+        """Each term and its load factor."""
+        for term in self.system.bound:
+            yield term, self.load if getattr(term, "load", False) else 1.0
+
+    def at(self, x: np.ndarray) -> State:
+        """The state at rest at x."""
+        return State(self.start.t, x, np.zeros_like(x))
+
+    def forces(self, state: State) -> tuple[np.ndarray, float]:
+        """f of the free directions (n, 3), and Σ ‖f_term‖ of all directions, as the pins hold."""
+        total, scale = np.zeros_like(state.x), 0.0
+        for term, factor in self.terms():
+            f = np.zeros_like(state.x)
+            term.add_force(state.x, state.v, state.t, f)
+            total += factor * f
+            scale += factor * self.system.sums.norm(f)
+        return self.system.constraints.project(total), scale
+
+    def residual(self, x: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
+        """−f, and the scale of the forces at x."""
+        f, scale = self.forces(self.at(x))
+        return -f, scale
+
+    def round_off(self, x: np.ndarray) -> float:
+        """That of the forces."""
+        change = measure_round_off(lambda state: self.forces(state)[0], self.at(x))
+        return self.system.sums.norm(change)
+
+    def assemble(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
+        """J = K + σ M."""
+        still = np.zeros_like(x)
+        self.system.assemble(J, self.at(x), wa=remedy.shift)
+        for term, factor in self.terms():
+            term.add_tangent(x, still, self.start.t, factor, 0.0, J, remedy.definite)
+        self.system.project(J)
+
+    def updates(self, x: np.ndarray) -> list[tuple[float, np.ndarray]]:
+        """The dense parts of K."""
+        dense = [
+            (k, term.dense(x, self.start.t)) for term, k in self.terms() if hasattr(term, "dense")
+        ]
+        return [(k * c, self.system.constraints.project(u)) for k, (c, u) in dense]
+
+    def key(self, remedy: Remedy) -> tuple:
+        """No factor is used again."""
+        return self, remedy
+
+    def failure(
+        self, reason: str, point: Point, residual: float, remedy: str = ""
+    ) -> EquilibriumFailed:
+        """The error; it says how many triangles are slack, which is the usual cause."""
+        stretches = principal_stretches(self.system.cloth, point.y)
+        slack = int((stretches.max(axis=1) < 1 - 1e-9).sum())
+        if slack:
+            reason += f"; {slack} of {len(stretches)} triangles are slack in every direction"
+        remedy = remedy or (
+            "Give the cloth bending stiffness, let the loads grow in more load_steps, start "
+            "from a state nearer to the equilibrium, or find one by marching with damping."
+        )
+        return EquilibriumFailed(reason, residual, self.at(point.y), remedy)

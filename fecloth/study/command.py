@@ -1,0 +1,73 @@
+"""Run a study as a command: one line for a mistake, and the exit statuses of `fecloth run`."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Callable
+from typing import NoReturn
+
+from fecloth.errors import FeclothError, InputError
+from fecloth.output.atomic_files import DiskFull
+
+MISSED, BAD_INPUT, FAILED, STOPPED = 1, 2, 3, 4
+EXTRAS = {  # package: extra of fecloth that installs it
+    "matplotlib": "studies",
+    "distributed": "dask",
+    "mujoco": "peers",
+    "pyvista": "view",
+    "imageio": "view",
+}
+
+
+class StudyFailed(FeclothError):
+    """Every case of a study failed."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser of options that raises `InputError` for an invalid one."""
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(message, remedy="--help lists the options.")
+
+
+def run_main(main: Callable[[], int | None]) -> NoReturn:
+    """Call the main function of a study and exit: one line for a mistake instead of a traceback.
+
+    The exit status is 0 if all is as expected, 1 if a finding lies outside its range, 2 for a
+    mistake in the input, 3 if a case failed or the disk is full, 4 after Ctrl-C.
+    """
+    sys.exit(exit_status(main))
+
+
+def exit_status(main: Callable[[], int | None]) -> int:
+    """Call `main`; print its mistake or failure as one line and return the exit status."""
+    try:
+        return main() or 0
+    except FeclothError as error:
+        has_failed = isinstance(error, DiskFull) or not isinstance(error, InputError)
+        print(f"{'failed' if has_failed else 'error'}: {error}", file=sys.stderr)
+        return FAILED if has_failed else BAD_INPUT
+    except KeyboardInterrupt:
+        print("interrupted; run it again to go on: finished cases are stored", file=sys.stderr)
+        return STOPPED
+    except OSError as refusal:
+        print(f"error: {refusal}", file=sys.stderr)
+        return BAD_INPUT
+
+
+def require_packages(*names: str) -> None:
+    """Raise `InputError` if a package that a study needs later is not installed.
+
+    Examples
+    --------
+    >>> require_packages("numpy")
+    """
+    for name in names:
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            extra = EXTRAS.get(name)
+            remedy = f"In the clone, pip install '.[{extra}]'." if extra else f"Install {name}."
+            raise InputError(f"the package {name}", "is not installed", "", remedy) from error

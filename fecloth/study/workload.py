@@ -1,0 +1,113 @@
+"""The size of a study of a user's scene, before its first case: cases, triangles, steps, time."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fecloth.errors import InputError
+from fecloth.integrators import EXPLICIT
+from fecloth.scene.dimensionless import wave_speed
+from fecloth.scene.scene import Scene, load_scene
+
+# CPU seconds per triangle, and the stable step of central differences over h / wave speed,
+# measured with StVK and hinges on 1,000 to 4,000 triangles.
+IMPLICIT_STEP, EXPLICIT_STEP, BINDING, STABLE = 1e-5, 2e-7, 3e-5, 0.4
+LONGEST = 3600.0  # s, predicted for all cases, above which a study does not start by itself
+STEPS = 300  # of a run that chooses its steps by their error
+TRIANGLES = {"right": 2.0, "cross": 4.0}  # triangles per h²
+EQUILATERAL = 4 / math.sqrt(3)
+
+
+@dataclass(frozen=True)
+class Workload:
+    """The predicted size of a case: its triangles, its steps and the CPU time [s]."""
+
+    triangles: float
+    steps: float
+    is_explicit: bool = False
+
+    @property
+    def seconds(self) -> float:
+        """Predicted CPU time [s]: right within a factor of about three."""
+        step = EXPLICIT_STEP if self.is_explicit else IMPLICIT_STEP
+        return self.triangles * (BINDING + self.steps * step)
+
+    @classmethod
+    def of(cls, scene: Scene, refined: float = 1.0, dt: float | None = None) -> Workload:
+        """Predict the size of a scene with the edge length h / refined, and with another dt [s]."""
+        steps = count_steps(scene) if dt is None else _span(scene) / dt
+        is_explicit = dt is None and scene.time.method.type in EXPLICIT
+        return cls(refined**2 * count_triangles(scene), steps, is_explicit)
+
+    @classmethod
+    def explicit(cls, scene: Scene) -> Workload:
+        """Predict the size of a scene with central differences at their stable step."""
+        return cls(count_triangles(scene), _explicit_steps(scene), True)
+
+
+def count_triangles(scene: Scene) -> float:
+    """Estimate the number of triangles; mesh the cloth only if its shape comes from a file."""
+    cloth = scene.cloth
+    if cloth.shape == "file":
+        return len(scene.mesh().triangles)
+    area = cloth.width * cloth.height if cloth.shape == "rectangle" else math.pi * cloth.radius**2
+    return area / cloth.h**2 * TRIANGLES.get(getattr(cloth, "pattern", ""), EQUILATERAL)
+
+
+def count_steps(scene: Scene) -> float:
+    """Return the number of steps; `STEPS` if an implicit run chooses them."""
+    if scene.time.dt != "auto":
+        return math.ceil(_span(scene) / scene.time.dt - 1e-9)
+    return _explicit_steps(scene) if scene.time.method.type in EXPLICIT else STEPS
+
+
+def _explicit_steps(scene: Scene) -> float:
+    """Return the number of steps at the limit of waves of stretching, h / c."""
+    tables = [scene.fabric] if scene.fabric else list((scene.fabrics or {}).values())
+    speed = max(wave_speed(table.make()) for table in tables if table)
+    h = scene.cloth.h or math.sqrt(EQUILATERAL * scene.mesh().area / count_triangles(scene))
+    return math.ceil(_span(scene) * speed / (STABLE * h))
+
+
+def _span(scene: Scene) -> float:
+    return scene.time.t_end - scene.time.t_start
+
+
+def check_scene(cases: Sequence[Workload], options: argparse.Namespace) -> None:
+    """Print the size of a study of the user's scene, and build the scene once.
+
+    Raises
+    ------
+    InputError
+        If the predicted time is longer than an hour, without --yes, or if the scene has a mistake
+        that only its mesh shows.
+    """
+    seconds = sum(case.seconds for case in cases) / (1 if options.scheduler else options.jobs)
+    size = (
+        f"{len(cases)} cases, up to {max(case.triangles for case in cases):,.0f} triangles × "
+        f"{max(case.steps for case in cases):,.0f} steps"
+    )
+    print(f"{size}; predicted: about {in_words(seconds)}", file=sys.stderr, flush=True)
+    if seconds > LONGEST and not options.yes:
+        allowed = f"predicted time above {in_words(LONGEST)}"
+        remedy = "Check width, height, h and dt of the scene; --yes runs it all the same."
+        raise InputError(size, allowed, str(options.scene), remedy)
+    load_scene(options.scene).build()
+
+
+def in_words(seconds: float) -> str:
+    """Return a time as text with one unit.
+
+    Examples
+    --------
+    >>> [in_words(t) for t in (4.2, 100, 3600, 200000)]
+    ['4 s', '2 min', '60 min', '56 h']
+    """
+    for unit, length in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= (1.5 if unit == "min" else 2.0) * length:
+            return f"{seconds / length:,.0f} {unit}"
+    return f"{max(seconds, 1):.0f} s"

@@ -1,0 +1,127 @@
+"""The connected pieces of a cloth that can move as a whole, and their rigid motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse.csgraph import connected_components
+
+from fecloth.linalg.block_matrix import BlockPattern
+from fecloth.mesh.cloth import Cloth
+from fecloth.system.constraints import Constraints
+
+TINY = 1e-9  # relative size of a singular value that counts as zero
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Nodes that terms connect, and the constrained ones among them.
+
+    Attributes
+    ----------
+    nodes, held
+        Nodes of the piece, ascending (a slice if they are all), and those that pins or slides
+        hold.
+    outside
+        (h, 3, 3) projectors I − P onto the held directions of each held node.
+    """
+
+    nodes: np.ndarray | slice
+    held: np.ndarray
+    outside: np.ndarray
+
+    def rigid_velocity(self, x, p, mass, mass_x, held_v) -> np.ndarray:
+        """(k, 3) velocity of the piece as a rigid body, at its nodes [m/s].
+
+        A free piece has the linear and angular momentum of its nodes. A held one follows its pins:
+        Σ |(I − P)(v − u − ω × r)|² over the held nodes is least, and along the directions in which
+        no pin holds it, u has its linear momentum.
+
+        Parameters
+        ----------
+        x, p
+            (n, 3) positions [m] and momenta M v [kg m/s].
+        mass, mass_x
+            (n,) row sums of M [kg], and M x [kg m].
+        held_v
+            (n, 3) velocities of the pins; only the held directions count.
+        """
+        m, r = mass[self.nodes], x[self.nodes]
+        if len(self.held):
+            r = r - x[self.held].mean(axis=0)
+            velocity = _follow(x[self.held], held_v[self.held], self.outside, r)
+            momentum = p[self.nodes].sum(axis=0) - m @ velocity
+            return velocity + _null_space(self.outside.sum(axis=0)) @ momentum / m.sum()
+        centre = mass_x[self.nodes].sum(axis=0) / m.sum()
+        r = r - centre
+        G = np.einsum("ai,aj->ij", r, p[self.nodes])
+        moment = np.array([G[1, 2] - G[2, 1], G[2, 0] - G[0, 2], G[0, 1] - G[1, 0]])  # Σ r × p
+        spread = np.einsum("ai,aj->ij", r, mass_x[self.nodes] - np.outer(m, centre))
+        inertia = np.trace(spread) * np.eye(3) - 0.5 * (spread + spread.T)
+        omega = np.linalg.pinv(inertia, rcond=TINY, hermitian=True) @ moment
+        return p[self.nodes].sum(axis=0) / m.sum() + _turn(omega, r)
+
+    def place(self, x, mass) -> np.ndarray:
+        """Mean position (3,) of the held nodes, or the centre of mass of a free piece [m]."""
+        if len(self.held):
+            return x[self.held].mean(axis=0)
+        return np.einsum("a,ai->i", mass[self.nodes], x[self.nodes]) / mass[self.nodes].sum()
+
+
+def movable_pieces(
+    cloth: Cloth, pattern: BlockPattern, constraints: Constraints
+) -> tuple[Piece, ...]:
+    """Return the pieces that are free, held by pins that move, or free to slide as a whole.
+
+    Triangles connect their nodes, and so do terms, such as springs between two triangles.
+    """
+    n, cells = len(pattern), cloth.stencil
+    first = np.repeat(cells[:, 0], cells.shape[1] - 1)
+    rows = np.concatenate([pattern.rows, first])
+    columns = np.concatenate([pattern.indices, cells[:, 1:].ravel()])
+    graph = sparse.coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(n, n))
+    count, label = connected_components(graph, directed=False)
+    moved = np.zeros(n, bool)
+    for pin, nodes in constraints.groups.values():
+        moved[nodes] = pin.motion is not None
+    held_label = label[constraints.nodes]
+    movable = []
+    for number in range(count):
+        ours = held_label == number
+        held = constraints.nodes[ours]
+        outside = np.eye(3) - constraints.projectors[ours]
+        if moved[held].any() or np.linalg.matrix_rank(outside.sum(axis=0), tol=TINY) < 3:
+            all_nodes = slice(None) if count == 1 else np.flatnonzero(label == number)
+            movable.append(Piece(all_nodes, held, outside))
+    return tuple(movable)
+
+
+def _follow(x, v, outside, r) -> np.ndarray:
+    """Return u + ω × r with the least Σ |(I − P)(v − u − ω × (x − x̄))|², and the least |u, ω|."""
+    y = x - x.mean(axis=0)
+    size = np.sqrt((y**2).sum(axis=1).mean()) or 1.0
+    A = outside @ np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), -_cross(y) / size], axis=2)
+    b = np.einsum("hij,hj->hi", outside, v)
+    q = np.linalg.lstsq(A.reshape(-1, 6), b.ravel(), rcond=TINY)[0]
+    return q[:3] + _turn(q[3:] / size, r)
+
+
+def _turn(omega, r) -> np.ndarray:
+    """ω × r, (k, 3); without BLAS, which would start threads."""
+    return np.einsum("ij,aj->ai", _cross(omega[None])[0], r)
+
+
+def _cross(y) -> np.ndarray:
+    """(h, 3, 3) matrices [y]× with [y]× ω = y × ω."""
+    matrix = np.zeros((len(y), 3, 3))
+    matrix[:, 0, 1], matrix[:, 0, 2], matrix[:, 1, 2] = -y[:, 2], y[:, 1], -y[:, 0]
+    return matrix - matrix.transpose(0, 2, 1)
+
+
+def _null_space(A) -> np.ndarray:
+    """(3, 3) projector onto the null space of a symmetric matrix."""
+    values, vectors = np.linalg.eigh(A)
+    free = vectors[:, values < TINY * max(values[-1], TINY)]
+    return free @ free.T

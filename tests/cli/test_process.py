@@ -1,0 +1,211 @@
+"""The command's process: its exit status around signals and pipes, and any encoding of its text."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from rich.markup import escape
+
+import fecloth as fc
+from fecloth.cli.main import main
+from fecloth.cli.progress import terminal
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.5
+h = 0.1
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 1000.0
+bending_rigidity = 1e-5
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "HingeBending"
+[[terms]]
+type = "Gravity"
+[[pins]]
+where = "left"
+[time]
+method = "backward_euler"
+dt = 0.005
+t_end = 0.1
+[output]
+restart_steps = 5
+"""
+FECLOTH = (sys.executable, "-m", "fecloth")
+COMMANDS = [
+    "info sheet.toml",
+    "info",
+    "info --fabrics",
+    "info --terms",
+    "info --terms Wind",
+    "info --schema",
+    "mesh sheet.toml",
+    "run sheet.toml --overwrite",
+    "check sheet.toml --set 'expect.sag={value=0.01,relative=90}'",
+    "run sheet.toml --overwrite --set cloth.widht=1",
+]
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sheet.toml").write_text(SCENE)
+
+
+def shell(line: str, **environment: str) -> subprocess.CompletedProcess:
+    """Run a line of Bash in which FECLOTH stands for the command."""
+    line = "set -o pipefail; " + line.replace("FECLOTH", " ".join(FECLOTH))
+    options = {"capture_output": True, "env": os.environ | environment}
+    return subprocess.run(["bash", "-c", line], **options)
+
+
+# --- pipes and full disks -------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("redirection", "run", "info"),
+    [
+        ("| head -1", 0, 0),
+        ("2>&1 | head -1", 0, 0),
+        ("> /dev/full", 0, 3),
+        ("2> /dev/full", 0, 0),
+        ("> /dev/full 2>&1", 0, 3),
+        (">&-", 0, 0),
+        ("2>&-", 0, 0),
+        (">&- 2>&-", 0, 0),
+    ],
+)
+def test_where_the_text_goes_does_not_decide_about_a_run(scene, tmp_path, redirection, run, info):
+    found = shell(f"FECLOTH run sheet.toml {redirection}")
+    assert found.returncode == run, found.stderr
+    assert (tmp_path / "out/sheet/report.html").is_file()
+    assert (tmp_path / "out/sheet/summary.json").is_file()
+    found = shell(f"FECLOTH info sheet.toml {redirection}")
+    assert found.returncode == info, found.stderr
+    assert b"Traceback" not in found.stderr
+
+
+@pytest.mark.slow
+def test_lost_output_is_a_failure_where_it_is_the_result(scene):
+    found = shell("FECLOTH mesh sheet.toml > /dev/full")
+    assert found.returncode == 3
+    assert b"standard output cannot be written (No space left on device)" in found.stderr
+
+
+# --- encodings ------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("encoding", ["cp1252", "latin-1", "ascii", "utf-16"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_any_encoding_of_the_output(scene, command, encoding):
+    found = shell(f"FECLOTH {command}", PYTHONIOENCODING=encoding)
+    assert found.returncode == (2 if "widht" in command else 0), found.stderr
+    assert b"Traceback" not in found.stderr
+
+
+@pytest.mark.slow
+def test_the_c_locale(scene):
+    found = shell("FECLOTH run sheet.toml", LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")
+    assert found.returncode == 0, found.stderr
+
+
+# --- markup ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["[/red]x", "[start]", "[bold]", ":smile:", "\\[red]", "[link=x]"])
+def test_the_terminal_prints_text_as_it_is(capsys, name):
+    assert escape(name) != name or ":" in name or "\\" in name
+    terminal(quiet=False).print(f"warning: the region {name} is heavy", soft_wrap=True)
+    assert capsys.readouterr().err == f"warning: the region {name} is heavy\n"
+
+
+def test_a_region_named_as_markup(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    cloth = fc.Cloth.rectangle(1.0, 0.5, 0.25, "right")
+    mesh = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "1", '2 1 "[/red]x"']
+    nodes = [f"{i + 1} {x} {y} 0" for i, (x, y) in enumerate(cloth.X)]
+    cells = [
+        f"{i + 1} 2 2 1 1 {a + 1} {b + 1} {c + 1}" for i, (a, b, c) in enumerate(cloth.triangles)
+    ]
+    mesh += ["$EndPhysicalNames", "$Nodes", str(len(nodes)), *nodes, "$EndNodes"]
+    mesh += ["$Elements", str(len(cells)), *cells, "$EndElements", ""]
+    (tmp_path / "sheet.msh").write_text("\n".join(mesh))
+    text = SCENE.replace('shape = "rectangle"', 'shape = "file"\npath = "sheet.msh"')
+    for key in ("width = 1.0\n", "height = 0.5\n", "h = 0.1\n", 'pattern = "right"\n'):
+        text = text.replace(key, "")
+    text = text.replace("[fabric]", '[fabrics."[/red]x"]').replace("0.2\n", "150.0\n")
+    text = text.replace('where = "left"', 'inside = "X < 0.01"')
+    (tmp_path / "sheet.toml").write_text(text)
+    assert main(["run", "sheet.toml"]) == 0
+    assert "[/red]x" in capsys.readouterr().err
+
+
+# --- signals --------------------------------------------------------------------------------------
+
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+
+
+def stopped(number: int, seconds: float, *command: str) -> tuple[int, str]:
+    """Exit status and errors of a command that gets a signal after some seconds."""
+    process = subprocess.Popen([*FECLOTH, *command], stderr=subprocess.PIPE, text=True)
+    time.sleep(seconds)
+    process.send_signal(number)
+    errors = process.communicate()[1]
+    return process.returncode, errors
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_at_any_moment_is_status_4_or_comes_after_the_end(scene, tmp_path, number):
+    """From the imports to the end of the process; a status of 0 means that all is written."""
+    begin = time.monotonic()
+    subprocess.run([*FECLOTH, "run", "sheet.toml", "--quiet"], check=True)
+    whole, seen = time.monotonic() - begin, []
+    for share in random.Random(number).sample(range(6, 110), 16):
+        run = "run", "sheet.toml", "--quiet", "-o", f"out/{share}"
+        status, errors = stopped(number, max(0.15, whole * share / 100), *run)
+        assert status in (0, 4), errors
+        assert "Traceback" not in errors
+        done = (tmp_path / "out" / str(share) / "summary.json").is_file()
+        assert done or status == 4
+        seen.append(status)
+    assert 4 in seen
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_after_the_end_of_a_run_leaves_status_0(scene, tmp_path, number):
+    """Sent as soon as the summary is there, which is the last file."""
+    for i in range(8):
+        folder = tmp_path / f"run{i}"
+        command = [*FECLOTH, "run", "sheet.toml", "--quiet", "-o", str(folder)]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        while not (folder / "summary.json").is_file() and process.poll() is None:
+            time.sleep(0.0005)
+        time.sleep(0.01 * i)
+        process.send_signal(number)
+        errors = process.communicate()[1]
+        assert process.returncode == 0, errors
+
+
+@pytest.mark.slow
+def test_nohup_ignores_the_end_of_the_terminal(scene):
+    line = "nohup FECLOTH run sheet.toml --quiet & sleep 0.5; kill -HUP $!; wait $!"
+    assert shell(line).returncode == 0
+
+
+def test_main_restores_the_handlers(scene):
+    before = [signal.getsignal(number) for number in SIGNALS]
+    assert main(["info", "none.toml"]) == 2
+    assert [signal.getsignal(number) for number in SIGNALS] == before

@@ -1,0 +1,116 @@
+"""Motions of pins and loads that fixed steps do not see are named before the run."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.simulation.between_steps import find_missed
+
+PULSE = "where(t > 0.1013 and t < 0.1018, 300, 0)"
+
+
+def system(load=None, motion=None):
+    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.3, pattern="right")
+    terms = [fc.StVK()] + ([load] if load else [])
+    pins = [fc.Pin("left", motion)] if motion else []
+    return fc.System(cloth, fc.Fabric(0.2, 500.0), terms, pins)
+
+
+def missed(dt, t_end=0.5, load=None, motion=None):
+    one = system(load, motion)
+    return list(find_missed(one, one.rest(), dt, t_end))
+
+
+def along_z(formula):
+    return ("0", "0", formula)
+
+
+FAST = {  # each is zero at all ends of steps of 10 ms, or nearly
+    "formula": {"motion": along_z("0.05*sin(2*pi*100*t)")},
+    "formula by place": {"motion": along_z("(0.05 + Y)*sin(2*pi*100*t)")},
+    "function": {"motion": lambda t: (0.0, 0.0, 0.05 * np.sin(200 * np.pi * t))},
+    "on a moving support": {"motion": ("20*t", "0", "0.05*sin(2*pi*100*t)")},
+    "pressure": {"load": fc.Pressure("20*sin(2*pi*50*t)**2")},
+    "pulse": {"load": fc.Pressure(PULSE)},
+    "function of pressure": {"load": fc.Pressure(lambda t: 5 * np.sin(200 * np.pi * t))},
+    "wind": {"load": fc.Wind(("5*sin(200*pi*t)", "0", "0"), normal=0.7)},
+    "field of wind": {"load": fc.Wind(("0", "5*sin(200*pi*t)", "z"), normal=0.7)},
+    "point": {"load": fc.PointForce((0.5, 0.3), along_z("sin(200*pi*t)"))},
+    "force": {"load": fc.UserForce(along_z("sin(200*pi*t) - z"))},
+    "function of force": {"load": fc.UserForce(lambda x, v, t: 0 * x + np.sin(200 * np.pi * t))},
+}
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_what_acts_between_the_steps_is_named(name):
+    (words,) = missed(0.01, 0.2, **FAST[name])
+    assert "100 % of it is not seen by steps of 0.01 s" in words
+    assert ("pin 'left'" if "motion" in FAST[name] else type(FAST[name]["load"]).__name__) in words
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_the_step_that_the_warning_proposes_is_silent(name):
+    (words,) = missed(0.01, 0.2, **FAST[name])
+    dt = float(words.split("dt <= ")[1].split()[0])
+    assert 1e-5 < dt < 0.01
+    assert not missed(0.95 * dt, 0.2, **FAST[name])
+
+
+@pytest.mark.parametrize("steps", [5.0, 6.3, 10.0, 33.3])
+@pytest.mark.parametrize("phase", [0.0, 0.7, 1.6])
+@pytest.mark.parametrize("frequency", [0.7, 13.0])
+def test_a_resolved_oscillation_is_not(steps, phase, frequency):
+    """At five steps a period and more."""
+    wave, dt = f"sin(2*pi*{frequency}*t + {phase})", 1 / (steps * frequency)
+    for case in ({"motion": along_z(wave)}, {"load": fc.Pressure(wave)}):
+        assert not missed(dt, 8.2 / frequency, **case)
+
+
+@pytest.mark.parametrize("steps", [3.1, 2.0, 1.0, 0.3])
+@pytest.mark.parametrize("phase", [0.0, 0.7, 1.6])
+def test_three_steps_a_period_and_less_are_told(steps, phase):
+    wave = f"sin(2*pi*13*t + {phase})"
+    assert missed(1 / (13 * steps), 1.0, motion=along_z(wave))
+
+
+SLOW = {
+    "a jump of a load": {"load": fc.Pressure("where(t < 0.1, 0, 5)")},
+    "a jump of a pin": {"motion": along_z("where(t < 0.1013, 0, 0.1)")},
+    "a uniform motion": {"motion": ("20*t", "0", "0")},
+    "a resolved pulse": {"load": fc.Pressure("300*exp(-((t - 0.1)/0.01)**2)")},
+    "a small part": {"load": fc.Pressure("10 + 0.1*sin(200*pi*t)")},
+    "a steady force": {"load": fc.UserForce(along_z("-z"))},
+    "gravity": {"load": fc.Gravity()},
+    "nothing": {"load": fc.Pressure(lambda t: 0.0)},
+}
+
+
+@pytest.mark.parametrize("name", SLOW)
+def test_what_the_steps_see_is_not_named(name):
+    assert not missed(0.005, 0.3, **SLOW[name])
+
+
+def test_a_function_that_fails_is_left_to_the_run():
+    assert not missed(0.01, 0.3, motion=lambda t: 1 / 0 if t > 0.2 else (0, 0, 0))
+
+
+def test_long_runs_take_a_bounded_time():
+    counted = []
+
+    def p(t):
+        counted.append(t)
+        return np.sin(t)
+
+    assert not missed(1e-6, 10.0, load=fc.Pressure(p))
+    assert len(counted) <= 2**13 + 2
+
+
+def test_a_run_says_it():
+    one = system(motion=along_z("0.05*sin(2*pi*100*t)"))
+    with pytest.warns(fc.FeclothWarning, match="acts between the ends of the steps"):
+        fc.run(one, fc.BDF2(), one.rest(), dt=0.01, t_end=0.03)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fc.run(one, fc.BDF2(), one.rest(), dt=0.001, t_end=0.01)

@@ -1,0 +1,134 @@
+"""The energy balance does not depend on the observer, on a spike, or on what flows through."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.simulation.energy_balance import Balance
+
+FRAMES = {"20 m/s": (20.0, 0.0, 0.0), "100 m/s": (60.0, 0.0, 80.0)}
+FABRIC = fc.Fabric(0.2, 500.0, 0.2)
+
+
+@pytest.fixture(scope="module")
+def cloth():
+    return fc.Cloth.rectangle(0.6, 0.4, h=0.2, pattern="right")
+
+
+def start(system, u=(0.0, 0.0, 0.0), spin=0.0):
+    """Stretched and waved, with a velocity that deforms it; seen by a moving observer."""
+    X, Y = system.cloth.X.T
+    x = np.column_stack([1.05 * X, Y, 0.05 * np.sin(9 * X)])
+    r = x - system.sums.mean(system.nodal_mass, x)
+    turning = spin * np.column_stack([-r[:, 1], r[:, 0], 0 * X])
+    return system.state(x, np.column_stack([X, -Y, X * Y]) + turning + u)
+
+
+def ledger_of(system, state, dt=2e-3, steps=12):
+    """The ledger after some steps of the midpoint rule."""
+    ledger, method = fc.Ledger.open(system, state), fc.ImplicitMidpoint()
+    end = state.t + steps * dt
+    for _, info in fc.march(system, method, state, dt, end, newton=fc.Newton(tolerance=1e-10)):
+        ledger = ledger.after(system, method, info.old, info.result)
+    return ledger
+
+
+def assert_alike(a, b):
+    assert b.deforming == pytest.approx(a.deforming, rel=1e-6)
+    assert b.deformation == pytest.approx(a.deformation, rel=1e-6)
+    assert b.remainder == pytest.approx(a.remainder, abs=1e-6 * a.deformation)
+    assert b.available == pytest.approx(a.available, rel=1e-4)
+
+
+@pytest.mark.parametrize("u", FRAMES.values(), ids=FRAMES)
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_free_cloth_is_judged_alike_in_flight_and_in_a_fall(u, element):
+    cloth = fc.Cloth.rectangle(0.6, 0.4, h=0.2, element=element)
+    rest = fc.System(cloth, FABRIC, [fc.StVK()])
+    at_rest = ledger_of(rest, start(rest))
+    assert at_rest.deformation > 0.5 * at_rest.deforming > 0.0
+    assert_alike(at_rest, ledger_of(rest, start(rest, u)))
+    falling = fc.System(cloth, FABRIC, [fc.StVK(), fc.Gravity()])
+    assert_alike(at_rest, ledger_of(falling, start(falling, u)))
+
+
+@pytest.mark.parametrize("u", FRAMES.values(), ids=FRAMES)
+def test_pins_that_move_steadily_change_nothing(u, cloth):
+    terms = [fc.StVK(), fc.Gravity()]
+    held = fc.System(cloth, FABRIC, terms, ["left"])
+    moved = fc.System(cloth, FABRIC, terms, [fc.Pin("left", lambda t: np.array(u) * t)])
+    begin = start(held)
+    begin = replace(begin, v=held.constraints.project(begin.v))
+    a, b = ledger_of(held, begin), ledger_of(moved, replace(begin, v=begin.v + u))
+    assert_alike(a, b)
+
+
+def test_a_slide_is_free_along_itself(cloth):
+    slide = fc.Slide("left", normal=(0, 0, 1.0))
+    system = fc.System(cloth, FABRIC, [fc.StVK()], [slide])
+    begin = start(system)
+    begin = replace(begin, v=system.constraints.project(begin.v))
+    along = replace(begin, v=begin.v + [30.0, -40.0, 0.0])
+    assert_alike(ledger_of(system, begin), ledger_of(system, along))
+
+
+def test_a_spin_of_free_or_pinned_cloth_is_no_deformation(cloth):
+    """Turned as a whole, by its own spin or by pins along one side."""
+    free = fc.System(cloth, FABRIC, [fc.StVK()])
+    rest = free.rest()
+    v = np.cross([3.0, -2.0, 30.0], rest.x - [0.1, 0.7, 0.3]) + [5.0, 0.0, 0.0]
+    ledger = fc.Ledger.open(free, free.state(rest.x, v))
+    assert ledger.deforming < 1e-12 * ledger.kinetic
+
+    def turn(t):
+        c, s = np.cos(30 * t) - 1, np.sin(30 * t)
+        Y = cloth.X[cloth.nodes("left"), 1] + 0.5
+        return np.column_stack([-s * Y, c * Y, 0 * Y])
+
+    pinned = fc.System(cloth, FABRIC, [fc.StVK()], [fc.Pin("left", turn)])
+    v = 30 * np.column_stack([-rest.x[:, 1] - 0.5, rest.x[:, 0], 0 * rest.x[:, 0]])
+    ledger = fc.Ledger.open(pinned, pinned.state(rest.x, v))
+    assert ledger.deforming < 1e-9 * ledger.kinetic
+
+
+def test_a_spike_of_one_step_is_no_scale(cloth):
+    system = fc.System(cloth, FABRIC, [fc.StVK()], ["left"])
+    opened = fc.Ledger.open(system, system.rest())
+    balance = Balance.open(opened)
+    for number, kinetic in enumerate([1.0, 1.0, 1.0, 6e4, 1.0, 1.0, 1.1, 1.1, 1.1]):
+        ledger = replace(opened, t=number + 1.0, deforming=kinetic)
+        balance = balance.after(system, ledger)
+    assert balance.scale == 1.1
+
+
+def test_a_warning_must_last_and_then_stays(cloth):
+    """Off for ten steps by more than is trusted at the last; then closed again."""
+    system = fc.System(cloth, FABRIC, [fc.StVK()], ["left"])
+    opened, told = fc.Ledger.open(system, system.rest()), []
+    for remainders in (
+        [0.06] * 9 + [0.0],
+        [0.06] * 10 + [0.0],
+        [10.0 ** -(9 - i) for i in range(9)],
+    ):
+        balance, found = Balance(0.0), []
+        for number, off in enumerate(remainders):
+            moved = 1.0 if len(remainders) > 9 else 10 * off  # a tenth, of what grows tenfold
+            ledger = replace(opened, t=number + 1.0, kinetic=off, deforming=moved)
+            balance = balance.after(system, ledger)
+            found.append(bool(balance.warning(ledger)))
+        told.append(any(found))
+    assert told == [False, True, False]
+
+
+def test_a_warning_of_a_run_stays_though_the_balance_closes_again(cloth):
+    """The midpoint rule on a net of stiff waves: doubted on the way."""
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0, 0.2), [fc.StVK()])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = fc.run(system, fc.ImplicitMidpoint(), start(system, FRAMES["100 m/s"]), 0.01, 0.5)
+    assert len(result.warnings) == 1
+    assert str(caught[-1].message) == result.warnings[0] == result.doubt
+    assert "energy of deformation" in result.doubt

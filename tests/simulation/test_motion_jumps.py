@@ -1,0 +1,102 @@
+"""Jumps of pins are found before the run, and nothing else is called one."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.simulation.motion_jumps import find_motion_jumps
+
+CLOTH = fc.Cloth.rectangle(1.0, 0.6, h=0.3, pattern="right")
+TIME = 0.3
+JUMPS = {
+    "where(t < 0.1, 0, 0.1)": (0.1, 0.1),
+    "where(t > 0, 0.1, 0)": (0.0, 0.1),
+    "where(t < 0.3, 0, 0.1)": (0.3, 0.1),
+    "0.1 * floor(t / 0.1)": (0.1, 0.1),
+    "0.02 * sign(t - 0.2)": (0.2, 0.04),
+    "0.02 * sign(t - 0.1234567)": (0.1234567, 0.04),
+    "3 * t + sin(40 * t) + where(t < 0.1717, 0, 0.001)": (0.1717, 0.001),
+    "where(t < 0.1, 0, 0.1 * X)": (0.1, 0.1),
+    "X * 0.5 * cos(where(t < 0.2, 0, 1)) - X": (0.2, 0.23),
+}
+SMOOTH = (
+    "0.1 * smoothstep(0.1, 0.11, t)",
+    "0.05 * sin(2 * pi * 100 * t)",
+    "max(0, t - 0.1)",
+    "abs(sin(30 * t))",
+    "0.1 * tanh((t - 0.1) / 1e-5)",
+    "0.1 * exp(-((t - 0.1) / 1e-4)**2)",
+    "sqrt(t)",
+    "where(t < 0.1, 0, 1e-9)",
+    "1e3 * t",
+)
+
+
+def system(motion, **options):
+    pin = fc.Pin("right", motion=motion, **options)
+    return fc.System(CLOTH, fc.Fabric(0.2, 500.0), [fc.StVK()], [pin])
+
+
+def formula(text):
+    return system(("0", "0", text))
+
+
+def function(text):
+    """The same as a function of Python, where the formula has no place in it."""
+    parts = formula(text).constraints.groups["right"][0].motion
+    return system(lambda t: np.array(parts(t)))
+
+
+def found(system):
+    return list(find_motion_jumps(system, system.rest(), TIME))
+
+
+@pytest.mark.parametrize("make", [formula, function])
+@pytest.mark.parametrize("text", JUMPS)
+def test_jumps_are_named_with_time_and_size(text, make):
+    (words,) = found(make(text))
+    t, size = JUMPS[text]
+    assert f"'right' jumps by {size:.2g}" in words
+    assert f"at t = {t:.6g} s" in words
+    if "floor" in text:
+        assert "largest of 2 jumps" in words or "largest of 3 jumps" in words
+
+
+@pytest.mark.parametrize("make", [formula, function])
+@pytest.mark.parametrize("text", SMOOTH)
+def test_smooth_and_kinked_motions_are_no_jumps(text, make):
+    assert found(make(text)) == []
+
+
+def test_the_remedy_removes_the_warning():
+    (words,) = found(formula("where(t < 0.1, 0, 0.05)"))
+    remedy = words[words.index(", as ") + 5 : -len(" does")]
+    assert remedy == "0.05 * smoothstep(0.1, 0.15, t)"
+    assert found(formula(remedy)) == []
+
+
+def test_run_and_march_warn_once_and_a_continued_march_does_not():
+    jumping = function("where(t < 0.1, 0, 0.01)")
+    arguments = jumping, fc.BDF2(), jumping.rest(), 5e-3, 0.11
+    with pytest.warns(fc.FeclothWarning, match="'right' jumps by 0.01 m at t = 0.1 s") as caught:
+        result = fc.run(*arguments)
+    assert sum("jumps by" in str(one.message) for one in caught) == 1
+    assert "jumps by" in result.warnings[0]
+    with pytest.warns(fc.FeclothWarning, match="jumps by"):
+        state, info = next(iter(fc.march(*arguments)))
+    with warnings.catch_warnings(action="error"):
+        next(fc.march(jumping, fc.BDF2(), state, 5e-3, 0.11, memory=info.memory))
+
+
+@pytest.mark.parametrize("method", [fc.BDF2(), fc.BackwardEuler(), fc.GeneralizedAlpha()], ids=str)
+def test_a_jump_at_the_end_of_a_step_leaves_the_balance_in_doubt(method):
+    """What the pins get in one step, thousands of joules, is no scale of the motion."""
+    jumping = function("where(t < 0.1, 0, 0.1)")
+    start = jumping.rest()
+    start.x[:, 2] = 0.01 * np.sin(4 * start.x[:, 0])
+    with pytest.warns(fc.FeclothWarning):
+        result = fc.run(jumping, method, start, 5e-3, TIME)
+    assert result.energies["kinetic"].max() > 1e3 * result.energies["kinetic"][-1]
+    assert any("energy balance is off" in words for words in result.warnings)

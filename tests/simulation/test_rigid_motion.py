@@ -1,0 +1,58 @@
+"""Lengths and rates without their rigid part."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fecloth.simulation.rigid_motion import deformation, rms_without_rigid
+
+RANDOM = np.random.default_rng(4)
+W = RANDOM.uniform(0.5, 2.0, 40)
+X = RANDOM.normal(size=(40, 3)) * [1.0, 0.6, 0.1]
+TURN = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix()
+
+
+def rms(y):
+    return np.sqrt(W @ (y**2).sum(axis=1) / W.sum())
+
+
+def test_a_rigid_motion_is_no_deformation():
+    assert deformation(W, X, X @ TURN.T + [100.0, 0.0, -3.0]) < 1e-12
+
+
+def test_a_deformation_is_the_same_for_every_observer():
+    bent = X + 0.05 * np.sin(3 * X[:, [1, 2, 0]])
+    moved = bent @ TURN.T + [5.0, 2.0, 1.0]
+    assert deformation(W, X, moved) == pytest.approx(deformation(W, X, bent), rel=1e-12)
+    assert 0.01 < deformation(W, X, bent) < rms(bent - X)
+
+
+def test_the_deformation_is_the_least_distance_to_a_rigid_copy():
+    """No rotation near the one that is found leaves less."""
+    bent = X + 0.2 * np.sin(3 * X[:, [1, 2, 0]])
+    centred = X - W @ X / W.sum()
+    turned = (
+        centred @ Rotation.from_rotvec(0.5 * RANDOM.normal(size=3)).as_matrix().T
+        for _ in range(300)
+    )
+    distances = [rms(y - W @ y / W.sum()) for y in (bent - one for one in turned)]
+    assert deformation(W, X, bent) <= min(distances)
+
+
+def test_the_rigid_part_of_a_field_is_taken_out():
+    """Compared with a least squares fit of the six rigid fields."""
+    y = RANDOM.normal(size=(40, 3))
+    r = X - 7.0
+    fields = [np.tile(axis, (40, 1)) for axis in np.eye(3)]
+    fields += [np.cross(axis, r) for axis in np.eye(3)]
+    A, root = np.array([f.ravel() for f in fields]).T, np.repeat(np.sqrt(W), 3)
+    rest = y.ravel() - A @ np.linalg.lstsq(root[:, None] * A, root * y.ravel(), rcond=None)[0]
+    assert rms_without_rigid(W, r, y) == pytest.approx(rms(rest.reshape(-1, 3)), rel=1e-12)
+
+
+def test_points_on_a_line_cannot_be_turned_about_it():
+    x = np.outer(np.linspace(0, 1, 9), [1.0, 2.0, 0.0])
+    y = np.outer(np.linspace(0, 1, 9) ** 2, [0.0, 0.0, 1.0])
+    found = rms_without_rigid(np.ones(9), x, y)
+    line = np.polyval(np.polyfit(np.linspace(0, 1, 9), y[:, 2], 1), np.linspace(0, 1, 9))
+    assert found == pytest.approx(np.sqrt(np.mean((y[:, 2] - line) ** 2)), rel=1e-9)

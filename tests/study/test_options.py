@@ -1,0 +1,143 @@
+"""Options of a study: each scene has its own folder, and each mistake is one line."""
+
+import sys
+
+import pytest
+from support.study_rows import rows_of_two
+
+import fecloth as fc
+from fecloth import study
+from fecloth.errors import FeclothError, InputError
+from fecloth.output.atomic_files import DiskFull
+from fecloth.scene.scene import load_scene
+from fecloth.study.command import exit_status
+from fecloth.study.workload import Workload, check_scene, count_steps
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.5
+h = 0.05
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 1000.0
+[[terms]]
+type = "StVK"
+[[pins]]
+where = "left"
+[time]
+method = "bdf2"
+dt = 0.01
+t_end = 0.5
+"""
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    """Return the path of a scene; the current folder is empty, the study is called `mine`."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setattr(sys, "argv", ["studies/mine/__main__.py"])
+    path = tmp_path / "flag.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def parse(*arguments):
+    return study.parse_arguments("A study.", [str(argument) for argument in arguments])
+
+
+def test_no_report_overwrites_that_of_another_scene(scene):
+    other = scene.parent / "other" / "flag.toml"
+    other.parent.mkdir()
+    other.write_text(SCENE)
+    folders = [parse(*arguments).out.as_posix() for arguments in ((), ("--scene", scene))]
+    assert folders == ["out/mine", "out/mine/flag"]
+    for arguments in ((), ("--scene", scene)):
+        study.write_report(parse(*arguments), "Mine", rows_of_two()[:1])
+        parse(*arguments)  # the same scene again
+    for arguments in (("--scene", other), ("--scene", scene, "--out", "out/mine")):
+        with pytest.raises(InputError, match=r"report\.md is the report of .*--out"):
+            parse(*arguments)
+    with pytest.raises(InputError, match="is the report of .*flag.toml"):
+        parse("--out", "out/mine/flag")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--jobs", "0"], "--jobs 0: must be at least 1"),
+        (["--jobs", "two"], "invalid int value"),
+        (["--nonsense"], "unrecognized arguments: --nonsense"),
+        (["--time-limit", "-1"], "--time-limit -1: must be > 0"),
+        (["--scene", "none.toml"], "none.toml"),
+        (["--scheduler", "tcp://localhost:1"], r"distributed: is not installed.*\.\[dask\]"),
+    ],
+)
+def test_a_mistake_is_one_line_and_exit_status_2(scene, capsys, monkeypatch, arguments, words):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert exit_status(lambda: parse(*arguments)) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("error: ")
+    assert captured.err.count("\n") == 1
+    with pytest.raises(InputError, match=words):
+        parse(*arguments)
+
+
+def test_a_missing_package_is_noticed_with_the_options(scene, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(InputError, match=r"matplotlib: is not installed.*\.\[studies\]"):
+        study.parse_arguments("A study.", [], needs=["matplotlib"])
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "words"),
+    [
+        (None, 0, ""),
+        (InputError("h = 0", "must be > 0"), 2, "error: h = 0: must be > 0"),
+        (FeclothError("the iteration stopped"), 3, "failed: the iteration stopped"),
+        (DiskFull("out/report.md", "no space"), 3, "failed: out/report.md"),
+        (KeyboardInterrupt(), 4, "interrupted"),
+        (PermissionError(13, "not allowed"), 2, "error: [Errno 13] not allowed"),
+    ],
+)
+def test_exit_statuses_are_those_of_the_command_line(capsys, error, status, words):
+    def main():
+        if error:
+            raise error
+
+    assert exit_status(main) == status
+    assert capsys.readouterr().err.startswith(words)
+
+
+def test_the_predicted_size_is_that_of_the_scene(scene):
+    loaded = load_scene(scene)
+    triangles = len(loaded.mesh().triangles)
+    assert Workload.of(loaded).triangles == pytest.approx(triangles, rel=0.15)
+    assert Workload.of(loaded).steps == 50
+    assert Workload.of(loaded, refined=2).triangles == pytest.approx(4 * triangles, rel=0.15)
+    assert Workload.of(loaded, dt=0.005).steps == 100
+    explicit = load_scene(
+        scene, ["time.method=central_difference", "time.dt=auto", "cloth.pattern=cross"]
+    )
+    triangles = len(explicit.mesh().triangles)
+    assert Workload.of(explicit).triangles == pytest.approx(triangles, rel=0.15)
+    system = explicit.build().system
+    stable = 0.9 * fc.critical_dt(system, system.rest(), "central_difference")
+    assert count_steps(explicit) == pytest.approx(0.5 / stable, rel=0.7)
+
+
+def test_a_study_that_would_take_hours_needs_yes(scene, capsys):
+    """A width of 40 m, meant in cm, as in a file of a user."""
+    scene.write_text(SCENE.replace("width = 1.0", "width = 40").replace("h = 0.05", "h = 0.01"))
+    size = [Workload.of(load_scene(scene), refined) for refined in (1, 2, 4)]
+    assert size[2].triangles > 7e6
+    with pytest.raises(InputError, match=r"triangles × 50 steps: .*above 60 min.*--yes"):
+        check_scene(size, parse("--scene", scene))
+    check_scene(size, parse("--scene", scene, "--yes"))
+    check_scene([Workload(1000, 50)], parse("--scene", scene))
+    assert (
+        "1 cases, up to 1,000 triangles × 50 steps; predicted: about 1 s" in capsys.readouterr().err
+    )
