@@ -379,9 +379,6 @@ def test_element_bound_is_an_upper_bound_and_sharp(cloth):
             assert 0.2 * limit < bound <= limit * (1 + 1e-9)
 
 
-# --- what is refused ------------------------------------------------------------------------------
-
-
 # --- files and scenes -----------------------------------------------------------------------------
 
 
