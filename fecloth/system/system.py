@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.errors import InputError, floats, is_number
+from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
@@ -21,7 +21,7 @@ from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints, MatrixProjection
 from fecloth.system.pieces import Piece, movable_pieces
 from fecloth.system.pins import Pin
-from fecloth.system.state import State
+from fecloth.system.state import State, make_state
 from fecloth.terms import protocol
 from fecloth.terms.step_difference import StepDifference
 
@@ -210,19 +210,7 @@ class System:
 
     def state(self, x, v=None, t: float = 0.0) -> State:
         """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero by default."""
-        shape = (len(self.cloth.X), 3)
-        x = floats("x", x, "System.state")
-        v = np.zeros(shape) if v is None else floats("v", v, "System.state")
-        for name, value in (("x", x), ("v", v)):
-            if value.shape != shape or not np.isfinite(value).all():
-                raise InputError(
-                    f"{name} of shape {value.shape}",
-                    f"must be finite and of shape {shape}",
-                    "System.state",
-                )
-        if not is_number(t):
-            raise InputError(f"t = {t!r}", "must be finite [s]", "System.state")
-        return State(float(t), x, v)
+        return make_state(len(self.cloth.X), x, v, t)
 
     # --- operators ----------------------------------------------------------------------------
 

@@ -48,7 +48,7 @@ class BendingDamping:
 
     time: Annotated[float, TIME]
     tangent: str = "symmetric"
-    law: HingeBending | PlateBending | None = None
+    law: object = None
 
     elements = ("P1", "P2")
 
