@@ -7,6 +7,7 @@ from typing import Any
 
 from fecloth.errors import InputError, brief, is_number
 
+FARTHEST = 1e9  # m: no cloth; products of larger coordinates lose their meaning
 MOST_TRIANGLES = 20_000_000  # more triangles than this: h is assumed to be a mistake
 
 
@@ -32,13 +33,15 @@ def instance(name: str, value: object, cls: type | tuple, example: str, where: s
 
 
 def length(name: str, value: Any, where: str) -> None:
-    """Raise `InputError` for anything but a finite length > 0 [m]."""
+    """Raise `InputError` for anything but a finite length > 0 and at most `FARTHEST` [m]."""
     try:
         is_length = not isinstance(value, (str, bytes, bool)) and 0 < float(value) < math.inf
     except (TypeError, ValueError):
         is_length = False
     if not is_length:
         raise InputError(f"{name} = {value!r}", "must be a finite length > 0, in m", where)
+    if value > FARTHEST:
+        raise InputError(f"{name} = {value:g} m", f"must be at most {FARTHEST:g} m", where)
 
 
 def mesh_size(h: Any, extent: float, area: float, where: str) -> None:

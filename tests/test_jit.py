@@ -56,7 +56,7 @@ def in_a_new_process(package, cache, program=PROGRAM, folder=""):
     return json.loads(done.stdout)
 
 
-def test_a_second_process_compiles_nothing_unless_a_source_changed(copy, tmp_path):
+def test_second_process_compiles_only_after_a_source_changed(copy, tmp_path):
     cache = tmp_path / "cache"
     cache.mkdir()
     first, second = (in_a_new_process(copy, cache) for _ in range(2))
@@ -229,7 +229,7 @@ def test_a_fingerprint_changes_with_the_content(text, other):
         "__name__ = 'not_a_module'\ndef f(x):\n return x",
     ],
 )
-def test_what_another_process_cannot_compare_has_no_fingerprint(text):
+def test_values_that_processes_cannot_compare_have_no_fingerprint(text):
     assert jit.fingerprint(function_of(text)) is None
 
 

@@ -11,16 +11,16 @@ import pytest
 import fecloth
 
 PACKAGE = Path(fecloth.__file__).parent
-ROOMS = """errors validation suggest jit quantities linalg mesh fabric terms system nonlinear
+PACKAGES = """errors validation suggest jit quantities linalg mesh fabric terms system nonlinear
 integrators stability output view simulation homogenisation verify scene runs study cli"""
-ORDER = ROOMS.split()
+ORDER = PACKAGES.split()
 ROOT_FILES = {"__init__", "__main__", "errors", "validation", "suggest", "jit"}
 ROOT_FILES |= {"homogenisation", "verify"}
 
 
 def imports_of(source: Path) -> set[str]:
-    """Rooms of fecloth that a file imports from, at its top or inside its functions."""
-    rooms = set()
+    """Packages of fecloth that a file imports from, at its top or inside its functions."""
+    packages = set()
     for node in ast.walk(ast.parse(source.read_bytes())):
         names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         if isinstance(node, ast.ImportFrom):
@@ -28,27 +28,27 @@ def imports_of(source: Path) -> set[str]:
             names = [node.module]
             if node.module == "fecloth":
                 names = [f"fecloth.{alias.name}" for alias in node.names]
-        rooms |= {name.split(".")[1] for name in names if name.startswith("fecloth.")}
-    return rooms
+        packages |= {name.split(".")[1] for name in names if name.startswith("fecloth.")}
+    return packages
 
 
-def room_of(source: Path) -> str:
+def package_of(source: Path) -> str:
     return source.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
-@pytest.mark.parametrize("room", ORDER)
-def test_a_package_imports_only_from_those_before_it(room):
-    allowed = set(ORDER[: ORDER.index(room) + 1])
+@pytest.mark.parametrize("package", ORDER)
+def test_a_package_imports_only_from_those_before_it(package):
+    allowed = set(ORDER[: ORDER.index(package) + 1])
     for source in PACKAGE.rglob("*.py"):
-        if room_of(source) == room:
+        if package_of(source) == package:
             above = {name for name in imports_of(source) if name in ORDER} - allowed
             assert not above, f"{source.relative_to(PACKAGE)} imports {sorted(above)}"
 
 
-def test_every_file_is_in_a_room_of_the_order():
+def test_every_file_is_in_a_package_of_the_order():
     for source in PACKAGE.rglob("*.py"):
-        room = room_of(source)
-        assert room in ORDER or room in ("__init__", "__main__"), source
+        package = package_of(source)
+        assert package in ORDER or package in ("__init__", "__main__"), source
     assert {path.stem for path in PACKAGE.glob("*.py")} <= ROOT_FILES
 
 
@@ -58,7 +58,7 @@ def test_the_test_sees_an_import_that_climbs(tmp_path):
     assert imports_of(climbing) == {"scene"}
 
 
-def test_dir_shows_the_public_names_and_nothing_else():
+def test_dir_shows_only_the_public_names():
     assert sorted(dir(fecloth)) == sorted(fecloth.__all__)
     for name in fecloth.__all__:
         getattr(fecloth, name)

@@ -173,7 +173,7 @@ def test_commands_run(command, clone):
 
 
 @pytest.mark.parametrize("line", [line for line in LINES if re.match(r"(\S*/)?fecloth \w", line)])
-def test_options_said_of_a_command_are_its_own(line):
+def test_documented_options_exist(line):
     assert options_in(line) <= fecloth_options(line.split()[1])
 
 
@@ -235,7 +235,7 @@ def test_every_command_is_run_by_a_test(command):
     assert known or command.startswith(ELSEWHERE)
 
 
-def test_the_folder_of_a_run_holds_what_its_table_says(runs):
+def test_files_of_a_run_are_those_of_the_table(runs):
     text = read("fecloth/runs/README.md")
     (table,) = re.findall(r"^\| file \| what \|\n(?:\|.*\n)+", text, re.MULTILINE)
     cells = [row.split("|")[1] for row in table.splitlines()[2:]]

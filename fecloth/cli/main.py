@@ -98,17 +98,16 @@ def _parser() -> argparse.ArgumentParser:
     import argparse
 
     from fecloth import __version__
+    from fecloth.cli.suggesting_parser import SuggestingParser
 
-    parser = argparse.ArgumentParser(
+    parser = SuggestingParser(
         prog="fecloth",
         description="A continuum cloth solver.",
         epilog=STATUS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"fecloth {__version__}")
-    commands = parser.add_subparsers(
-        required=True, metavar="run | view | render | check | mesh | info"
-    )
+    commands = parser.add_subparsers(required=True, title="commands", metavar="COMMAND")
 
     sub = _command(commands, "run", _run, "run a scene and leave files for ParaView")
     sub.add_argument("scene", help="a .toml file")
@@ -137,10 +136,12 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("path", help="a .geo, .msh or other mesh file, or a scene")
     sub.add_argument("--h", type=float, metavar="SIZE", help="edge length of a .geo file [m]")
     sub.add_argument("-o", "--output", metavar="FILE", help="e.g. cloth.vtu, for ParaView")
+    _mesh_options(sub)
 
     sub = _command(commands, "info", _info, "versions; with a scene, what it would do")
     sub.add_argument("scene", nargs="?", help="a .toml file")
     sub.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    _mesh_options(sub)
     sub.add_argument("--fabrics", action="store_true", help="the published fabrics, with sources")
     sub.add_argument("--schema", action="store_true", help="the JSON schema of scene files")
     terms = "the terms of a scene; with a name, what that term takes"
@@ -162,7 +163,20 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
     return parser
 
 
+def _mesh_options(parser: argparse.ArgumentParser) -> None:
+    help_ = "allow all commands in a .geo file, also those that run programs and write files"
+    parser.add_argument("--trust-geo", action="store_true", help=help_)
+    help_ = "seconds after which the meshing of a file is stopped (300)"
+    parser.add_argument("--mesh-time", type=float, default=300.0, metavar="SECONDS", help=help_)
+
+
+def _meshing(options) -> dict:
+    """Return the arguments of `load_scene` from the options of `_mesh_options`."""
+    return {"trust_geo": options.trust_geo, "mesh_time": options.mesh_time}
+
+
 def _scene_options(parser: argparse.ArgumentParser) -> None:
+    _mesh_options(parser)
     help_ = "replace a value of the scene, as in --set time.dt=0.005; may be repeated"
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=help_)
     parser.add_argument("--quiet", action="store_true", help="print mistakes and failures only")
@@ -182,7 +196,7 @@ def _run(options) -> int:
     from fecloth.scene.plan import plan
     from fecloth.scene.scene import load_scene
 
-    scene = load_scene(options.scene, options.set)
+    scene = load_scene(options.scene, options.set, **_meshing(options))
     if options.resume and (options.output or options.overwrite):
         raise InputError("--resume", "needs neither -o nor --overwrite: it names the folder")
     path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
@@ -260,7 +274,7 @@ def _check(options) -> int:
 
     console, passed = terminal(options.quiet), True
     for path in options.scenes:
-        scene = load_scene(path, options.set)
+        scene = load_scene(path, options.set, **_meshing(options))
         scene.require_expectations()
         with progress(console, scene.time.t_end) as report:
             verdicts = _compare_with_expectations(scene, report)
@@ -299,7 +313,11 @@ def _mesh(options) -> int:
     is_scene = Path(options.path).suffix == ".toml"
     if is_scene and options.h:
         raise InputError("--h", "is for mesh files", options.path, "Change cloth.h in the scene.")
-    cloth = load_scene(options.path).mesh() if is_scene else Cloth.read(options.path, options.h)
+    if is_scene:
+        cloth = load_scene(options.path, **_meshing(options)).mesh()
+    else:
+        reading = options.trust_geo, options.mesh_time
+        cloth = Cloth.read(options.path, options.h, "P1", *reading)
     print("\n".join(describe_cloth(cloth)))
     if options.output:
         path = Path(options.output)
@@ -342,7 +360,9 @@ def _plan(options) -> list[str]:
     from fecloth.scene.run_warnings import find_warnings
     from fecloth.scene.scene import load_scene
 
-    problem, _, why = resolve_scene(load_scene(options.scene, options.set).build())
+    problem, _, why = resolve_scene(
+        load_scene(options.scene, options.set, **_meshing(options)).build()
+    )
     _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes
     lines = [*plan(problem, why), *mesh, *sources(problem.system.fabric)]
     return lines + [f"warning: {words}" for words in find_warnings(problem)]

@@ -1,7 +1,7 @@
 """Published fabrics: the numbers of fabrics.toml, and their conversion to constants of a `Fabric`.
 
 The fabrics come from two publications, which use different measurements. Where both have the same
-fabric (denim), the names of the presets tell them apart. Both describe cloth at small strain. Real
+fabric (denim), the names of the presets differ. Both describe cloth at small strain. Real
 cloth becomes stiffer under load; `StVK` does not.
 
 **Clyde, Teran and Tamstorf (2017)**, Modeling and Data-Driven Parameter Estimation for Woven

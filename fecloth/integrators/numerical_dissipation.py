@@ -9,6 +9,7 @@ import numpy as np
 from fecloth.integrators.step import Step
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.protocol import BoundTerm
 
 
 def explicit_dissipation(system: System, old: State, step: Step, theta: float) -> float:
@@ -21,14 +22,15 @@ def explicit_dissipation(system: System, old: State, step: Step, theta: float) -
 
     where M Δv/dt is the mean force of the stages, of which the elastic part is that at
     old + θ (new − old), and d are the forces whose power at the stages' (x, v) the ledger takes
-    as dissipated or as work. Exact for energies quadratic in x and linear damping; on others the
-    ledger's remainder shows the rest. It need not grow in every step. Where pins are moved it
-    holds what the damping does between dt v and Δx.
+    as dissipated, or as work of the air; for the other loads without an energy v is v̄. Exact for
+    energies quadratic in x and linear damping; on others the ledger's remainder shows the rest.
+    It need not grow in every step. Where pins are moved it holds what the damping does between
+    dt v and Δx.
     """
     energy = _between_velocities(system, old, step)
     if theta != 0.5:
         energy += (theta - 0.5) * stiffness_product(system, old, step.state)
-    return energy - _unrecorded_work(system, old, step)
+    return energy - _unrecorded_work(system, old, step, explicit=True)
 
 
 def memory_dissipation(system: System, old: State, step: Step) -> float:
@@ -46,7 +48,7 @@ def memory_dissipation(system: System, old: State, step: Step) -> float:
     unbalanced = system.sums.dot(beyond, system.constraints.project(dx))
     energy = _between_velocities(system, old, step) + unbalanced
     energy += work_beyond_dissipation(system, old, step)
-    return energy - _unrecorded_work(system, old, step)
+    return energy - _unrecorded_work(system, old, step, explicit=False)
 
 
 def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
@@ -77,12 +79,29 @@ def _between_velocities(system: System, old: State, step: Step) -> float:
     return system.sums.dot(system.scalar_mass @ dv, free)
 
 
-def _unrecorded_work(system: System, old: State, step: Step) -> float:
+def _unrecorded_work(system: System, old: State, step: Step, explicit: bool) -> float:
     """Work that the ledger's columns do not contain: mean of d·(Δx − dt v)."""
-    dt, dx, stages = step.state.t - old.t, step.state.x - old.x, step.stages
     acting = step.over or system  # what dissipates over the step is not booked by its power
-    works = (system.sums.dot(column_forces(acting, at), dx - dt * at.v) for at in stages)
-    return sum(works) / len(stages)
+    dt, dx = step.state.t - old.t, step.state.x - old.x
+    works = [0.0]
+    if any(map(has_power_column, acting.bound)):
+        works = [system.sums.dot(column_forces(acting, at), dx - dt * at.v) for at in step.stages]
+    if explicit and any(map(has_work_column, acting.bound)):
+        lag = dx - load_displacement(old, step.state, explicit)
+        works += [system.sums.dot(load_forces(acting, at), lag) for at in step.stages]
+    return sum(works) / len(step.stages)
+
+
+def load_displacement(old: State, new: State, explicit: bool) -> np.ndarray:
+    """(n, 3) displacement [m] along which loads without an energy do their work in a step.
+
+    It is Δx. In a step of an explicit method, M Δv = dt f, it is dt v̄ with the mean v̄ of both
+    velocities: then the work is the kinetic energy that the load gives.
+    """
+    moved: np.ndarray = new.x - old.x
+    if explicit:
+        moved = 0.5 * (new.t - old.t) * (old.v + new.v)
+    return moved
 
 
 def stiffness_product(system: System, old: State, new: State) -> float:
@@ -90,16 +109,33 @@ def stiffness_product(system: System, old: State, new: State) -> float:
     return system.sums.dot(conservative(system, old) - conservative(system, new), new.x - old.x)
 
 
+def has_power_column(term: BoundTerm) -> bool:
+    """Return whether the ledger sums the power of the term's force at the stages of a step."""
+    return term.dissipative or (term.has_energy and hasattr(term, "supply"))
+
+
+def has_work_column(term: BoundTerm) -> bool:
+    """Return whether the ledger sums the work of a load's force along a displacement."""
+    return hasattr(term, "supply") and not has_power_column(term)
+
+
 def column_forces(system: System, state: State) -> np.ndarray:
-    """(n, 3) forces [N] whose power the ledger sums as dissipated or as work."""
+    """(n, 3) forces [N] of which the ledger sums the power."""
     f, still = np.zeros_like(state.x), np.zeros_like(state.v)
-    for term in system.bound:
-        if term.dissipative or hasattr(term, "supply"):
-            term.add_force(state.x, state.v, state.t, f)
-            if term.has_energy:
-                elastic = np.zeros_like(f)
-                term.add_force(state.x, still, state.t, elastic)
-                f -= elastic
+    for term in filter(has_power_column, system.bound):
+        term.add_force(state.x, state.v, state.t, f)
+        if term.has_energy:
+            elastic = np.zeros_like(f)
+            term.add_force(state.x, still, state.t, elastic)
+            f -= elastic
+    return f
+
+
+def load_forces(system: System, state: State) -> np.ndarray:
+    """(n, 3) forces [N] of the loads of which the ledger has the work along a displacement."""
+    f = np.zeros_like(state.x)
+    for term in filter(has_work_column, system.bound):
+        term.add_force(state.x, state.v, state.t, f)
     return f
 
 

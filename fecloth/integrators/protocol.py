@@ -216,7 +216,7 @@ class StepChoice(Stepping, Protocol):
     def check_start(self, system: System, state: State, insist: str = "") -> None:
         """Raise `InputError` for steps that the method cannot take from `state`.
 
-        `insist` is the text that tells the user how to take them all the same.
+        `insist` is the sentence that says how to take them anyway.
         """
         ...
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from fecloth.mesh import elements, generate, interpolation, mass, norms, selection
 from fecloth.mesh.edge_slopes import EdgeSlopes
 from fecloth.mesh.flat_mesh import FlatMesh, quality
+from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.mesh.half_edges import HalfEdges
 from fecloth.mesh.hinges import Hinges
 from fecloth.mesh.read import read
@@ -98,13 +99,21 @@ class Cloth:
         return cls._from_mesh(generate.disk(radius, h), element)
 
     @classmethod
-    def read(cls, path: str | Path, h: float | None = None, element: str = "P1") -> Cloth:
+    def read(
+        cls,
+        path: str | Path,
+        h: float | None = None,
+        element: str = "P1",
+        trust: bool = False,
+        time_limit: float = TIME_LIMIT,
+    ) -> Cloth:
         """Read a triangle mesh by meshio, or mesh a .geo file by Gmsh with edge length `h` [m].
 
         Physical groups become node and edge sets. A mesh with three coordinates is accepted if
-        all nodes lie in one plane.
+        all nodes lie in one plane. A .geo file is a program: with `trust` it may hold any command,
+        otherwise only those of geometry and mesh sizes. Gmsh is stopped after `time_limit` seconds.
         """
-        return cls._from_mesh(read(path, h), element)
+        return cls._from_mesh(read(path, h, trust, time_limit), element)
 
     @classmethod
     def from_arrays(
@@ -204,6 +213,11 @@ class Cloth:
     def quality(self) -> np.ndarray:
         """(m,) shape of each reference triangle, 4√3 A / Σ l²: 1 equilateral, 0 degenerate."""
         return quality(self.X, self.triangles)
+
+    @cached_property
+    def extent(self) -> float:
+        """The larger of the widths along X and Y [m]."""
+        return float(np.ptp(self.X, axis=0).max())
 
     @cached_property
     def hinges(self) -> Hinges:

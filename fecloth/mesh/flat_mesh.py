@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from fecloth.errors import MeshError
 from fecloth.mesh.flatten import flatten
+from fecloth.validation import FARTHEST
 
 _MAX_LISTED = 5  # items in an error message
 
@@ -101,12 +102,16 @@ class FlatMesh:
         )
         bad = np.flatnonzero(~np.isfinite(X).all(axis=1))
         source.check_no_nodes(bad, "nodes with non-finite coordinates", remedy="Correct them.")
+        bad = np.flatnonzero((np.abs(X) > FARTHEST).any(axis=1))
+        limit = f"coordinates must be at most {FARTHEST:g} m"
+        source.check_no_nodes(bad, "nodes too far away", limit, "Is the file in another unit?")
         _check_vertices(triangles, n, source)
         X = X if X.shape[1] == 2 else flatten(X, where)
         _check_nodes(X, triangles, source)
         triangles = _orient(X, triangles.astype(np.int32), source)
         _check_duplicates(triangles, source)
         keys, boundary = _check_edges(triangles, n, source)
+        _check_fans(X, triangles, source)
         nodes = {name: _node_set(name, s, n, where) for name, s in (node_sets or {}).items()}
         edges = {name: _edge_set(name, s, n, keys, source) for name, s in (edge_sets or {}).items()}
         if "boundary" not in nodes:
@@ -268,6 +273,18 @@ def _check_edges(t, n, source):
     source.check_no_edges(_node_pairs(folded, n), kind, remedy="Untangle the mesh.")
     _check_connected(order[pair] // 3, order[pair + 1] // 3, t, source)
     return keys, _node_pairs(keys[count == 1], n)
+
+
+def _check_fans(X, t, source):
+    """Refuse nodes whose triangles turn by more than 360° around them, and so overlap."""
+    turn = np.zeros(len(X))
+    for i in range(3):
+        e, f = (X[t[:, (i + k) % 3]] - X[t[:, i]] for k in (1, 2))
+        angle = np.arctan2(e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0], (e * f).sum(axis=1))
+        turn += np.bincount(t[:, i], weights=angle, minlength=len(X))
+    bad = np.flatnonzero(turn > 2 * np.pi + 1e-6)
+    kind = "nodes around which triangles overlap: their angles add up to more than 360°"
+    source.check_no_nodes(bad, kind, remedy="Untangle the mesh.")
 
 
 def _node_pairs(keys, n):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,12 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.mesh.flat_mesh import FlatMesh
+from fecloth.mesh.gmsh_child import in_child
 from fecloth.mesh.gmsh_import import gmsh_plane
 from fecloth.suggest import did_you_mean
+
+AT_ONCE = 10_000  # area/h²; below, Gmsh takes less time than the start of a process for it
+MOST_SHORTENED = 1.5  # factor by which edges of "equilateral" may be shorter than h
 
 
 def rectangle(width: float, height: float, h: float, pattern: str = "unstructured") -> FlatMesh:
@@ -42,7 +47,8 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
     Raises
     ------
     InputError
-        For sides or h that are not positive and finite, h out of range, or an unknown pattern.
+        For sides or h that are not positive and finite, h out of range, an unknown pattern, or a
+        rectangle lower than one row of equilateral triangles of that h.
 
     Examples
     --------
@@ -57,6 +63,8 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
         allowed = f"must be one of {', '.join(_PATTERNS)}"
         remedy = did_you_mean(pattern, _PATTERNS, cutoff=0.0)
         raise InputError(f"pattern = {pattern!r}", allowed, "rectangle", remedy)
+    if pattern == "equilateral":
+        _refuse_another_size(float(height), float(h))
     X, triangles = _PATTERNS[pattern](float(width), float(height), float(h))
     return _with_side_sets(FlatMesh.from_arrays(X, triangles, where="rectangle"), width, height)
 
@@ -90,24 +98,39 @@ def disk(radius: float, h: float) -> FlatMesh:
     validation.length("radius", radius, "disk")
     validation.mesh_size(h, radius, np.pi * radius**2, "disk")
 
-    def draw(geo):
-        centre = geo.addPoint(0, 0, 0, h)
-        rim = [(radius, 0), (0, radius), (-radius, 0), (0, -radius)]
-        points = [geo.addPoint(x, y, 0, h) for x, y in rim]
-        arcs = [geo.addCircleArc(points[i], centre, points[(i + 1) % 4]) for i in range(4)]
-        geo.addPlaneSurface([geo.addCurveLoop(arcs)])
+    return FlatMesh.from_arrays(*_mesh_drawing("disk", np.pi * radius**2, h, radius), where="disk")
 
-    return FlatMesh.from_arrays(*gmsh_plane(draw, "disk"), where="disk")
+
+def _mesh_drawing(name: str, area: float, h: float, *sizes: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mesh a drawing by Gmsh: X (n, 2) and triangles (m, 3); many in a process of their own."""
+    draw, sizes = DRAWINGS[name], (*map(float, sizes), float(h))
+    if area / h**2 < AT_ONCE:
+        raw = gmsh_plane(lambda geo: draw(geo, *sizes), name)
+    else:
+        raw = in_child({"draw": name, "sizes": sizes}, name)
+    return raw.xyz[:, :2], raw.triangles
+
+
+def _draw_disk(geo, radius: float, h: float) -> None:
+    centre = geo.addPoint(0, 0, 0, h)
+    rim = [(radius, 0), (0, radius), (-radius, 0), (0, -radius)]
+    points = [geo.addPoint(x, y, 0, h) for x, y in rim]
+    arcs = [geo.addCircleArc(points[i], centre, points[(i + 1) % 4]) for i in range(4)]
+    geo.addPlaneSurface([geo.addCurveLoop(arcs)])
+
+
+def _draw_rectangle(geo, width: float, height: float, h: float) -> None:
+    corners = [(0, 0), (width, 0), (width, height), (0, height)]
+    points = [geo.addPoint(x, y, 0, h) for x, y in corners]
+    lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
+    geo.addPlaneSurface([geo.addCurveLoop(lines)])
+
+
+DRAWINGS: dict[str, Callable[..., None]] = {"disk": _draw_disk, "rectangle": _draw_rectangle}
 
 
 def _mesh_unstructured(width, height, h):
-    def draw(geo):
-        corners = [(0, 0), (width, 0), (width, height), (0, height)]
-        points = [geo.addPoint(x, y, 0, h) for x, y in corners]
-        lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
-        geo.addPlaneSurface([geo.addCurveLoop(lines)])
-
-    X, triangles = gmsh_plane(draw, "rectangle")
+    X, triangles = _mesh_drawing("rectangle", width * height, h, width, height)
     for x, side in zip(X.T, (width, height), strict=True):  # put side nodes exactly on the sides
         x[np.abs(x) < 1e-9 * side] = 0.0
         x[np.abs(x - side) < 1e-9 * side] = side
@@ -132,6 +155,15 @@ def _cross(width, height, h):
     o = len(X) + np.arange(len(a))
     triangles = np.stack((a, b, o, b, c, o, c, d, o, d, a, o), axis=1).reshape(-1, 3)
     return np.concatenate((X, 0.5 * (X[a] + X[c]))), triangles
+
+
+def _refuse_another_size(height: float, h: float) -> None:
+    """Raise `InputError` if one row of equilateral triangles has much shorter edges than h."""
+    edge = height / np.sqrt(0.75)
+    if h > MOST_SHORTENED * edge:
+        allowed = f"must be at most {edge:.4g} m, the edges of one row of height {height:g} m"
+        remedy = 'Write that, or use the pattern "right", whose cells may be longer than high.'
+        raise InputError(f"h = {h!r}", allowed, "rectangle", remedy)
 
 
 def _equilateral(width, height, h):

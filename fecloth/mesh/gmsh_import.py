@@ -31,8 +31,8 @@ class RawMesh:
     triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def gmsh_plane(draw: Callable, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh the surface that ``draw(gmsh.model.geo)`` builds: X (n, 2) and triangles (m, 3)."""
+def gmsh_plane(draw: Callable, where: str) -> RawMesh:
+    """Mesh the surface that ``draw(gmsh.model.geo)`` builds; it has no sets."""
     with gmsh_model() as gmsh:
         draw(gmsh.model.geo)
         gmsh.model.geo.synchronize()
@@ -40,12 +40,13 @@ def gmsh_plane(draw: Callable, where: str) -> tuple[np.ndarray, np.ndarray]:
             gmsh.model.mesh.generate(2)
         _, xyz, triangles, _ = _gmsh_arrays(gmsh, where)
     used, triangles = np.unique(triangles, return_inverse=True)  # removes the centres of circles
-    return xyz[used, :2], triangles.reshape(-1, 3)
+    nodes, cells = np.arange(len(used)), np.arange(len(triangles) // 3)
+    is_unused = np.zeros(len(used), dtype=bool)
+    return RawMesh(xyz[used], triangles.reshape(-1, 3), {}, {}, nodes, cells, is_unused)
 
 
-def from_geo(path: Path, h: float | None) -> RawMesh:
-    """Mesh a geometry file, with edge length h [m] unless h is None."""
-    where = str(path)
+def from_geo(path: Path, h: float | None, where: str) -> RawMesh:
+    """Mesh a geometry file, with edge length h [m] unless h is None; `where` names it in errors."""
     text = path.read_text(encoding="utf-8", errors="replace")
     if text.splitlines()[-1:] and not text.endswith("\n") and text.splitlines()[-1].count(";") > 1:
         what = "the last line has several statements and no line end"
@@ -58,7 +59,7 @@ def from_geo(path: Path, h: float | None) -> RawMesh:
             if constant:
                 gmsh.parser.setNumber("h", [float(h)])
         with _as_mesh_error("Gmsh cannot read the file", where):
-            gmsh.merge(where)
+            gmsh.merge(str(path))
         if h is not None:
             _limit_size(gmsh, h, where, uniform=not constant)
         with _as_mesh_error("Gmsh cannot mesh the file", where):
@@ -75,22 +76,22 @@ def _limit_size(gmsh, h: float, where: str, uniform: bool) -> None:
         set_options(gmsh, {"Mesh.MeshSizeMin": h, "Mesh.MeshSizeMax": h})
 
 
-def from_msh(path: Path) -> RawMesh:
-    """Read a Gmsh mesh file."""
+def from_msh(path: Path, where: str) -> RawMesh:
+    """Read a Gmsh mesh file; `where` names it in errors."""
     with path.open("rb") as file:
-        start = file.read(64).lstrip()
+        start = file.read(64)
     if not start.startswith((b"$MeshFormat", b"$Comments", b"$NOD")):
-        # Gmsh would read it as a .geo file, and then fail on the next valid .geo file.
-        raise MeshError(f"begins with {start[:20]!r}", "must begin with $MeshFormat", str(path))
+        # Gmsh would read it as a .geo file, and run its commands.
+        raise MeshError(f"begins with {start[:20]!r}", "must begin with $MeshFormat", where)
     with gmsh_model() as gmsh:
         remedy = "Look for nan, inf or a missing number, or write the file again."
-        with _as_mesh_error("Gmsh cannot read the file", str(path), remedy):
+        with _as_mesh_error("Gmsh cannot read the file", where, remedy):
             gmsh.merge(str(path))
         try:
-            return _from_gmsh(gmsh, str(path))
+            return _from_gmsh(gmsh, where)
         except UnicodeDecodeError as error:
             byte = f"the byte 0x{error.object[error.start]:02x} in a name"
-            raise MeshError(byte, "must be UTF-8 text", str(path)) from None
+            raise MeshError(byte, "must be UTF-8 text", where) from None
 
 
 def _gmsh_arrays(gmsh, where: str):

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import io
+import shutil
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.errors import InputError, MeshError
 from fecloth.mesh.flat_mesh import FlatMesh, validated_indices
-from fecloth.mesh.gmsh_import import RawMesh, check_cells, from_geo, from_msh
+from fecloth.mesh.geo_commands import check_geo
+from fecloth.mesh.gmsh_child import TIME_LIMIT, in_child
+from fecloth.mesh.gmsh_import import RawMesh, check_cells
 
 
-def read(path, h: float | None = None) -> FlatMesh:
+def read(
+    path, h: float | None = None, trust: bool = False, time_limit: float = TIME_LIMIT
+) -> FlatMesh:
     """Read a triangle mesh, or mesh a Gmsh geometry.
 
     Parameters
@@ -25,6 +32,11 @@ def read(path, h: float | None = None) -> FlatMesh:
         Edge length [m], for ``.geo`` only. It replaces the ``h`` of the file's
         ``DefineConstant[ h = ... ];``. In a file without this line it is both the lower and the
         upper limit of every size, so that the mesh is uniform. Default: the sizes of the file.
+    trust : bool
+        Whether a ``.geo`` file may hold any command of Gmsh, also those that run programs and write
+        files. Default: only those of `geo_commands.check_geo`.
+    time_limit : float
+        Seconds after which Gmsh, which works in a process of its own, is stopped.
 
     Returns
     -------
@@ -51,8 +63,9 @@ def read(path, h: float | None = None) -> FlatMesh:
         For ``h`` that is not positive and finite, larger than the sheet, or used with a file that
         is not ``.geo``.
     MeshError
-        For a file that is missing or unreadable, cells other than triangles, lines and points,
-        empty groups, and every error of `FlatMesh.from_arrays`. Messages use the file's numbers.
+        For a file that is missing or unreadable, commands of a ``.geo`` file that are not allowed,
+        meshing that takes too long, cells other than triangles, lines and points, empty groups, and
+        every error of `FlatMesh.from_arrays`. Messages use the numbers of the file.
 
     Examples
     --------
@@ -70,10 +83,39 @@ def read(path, h: float | None = None) -> FlatMesh:
         what = f"h = {h!r} for a file {f'of type {suffix}' if suffix else 'without suffix'}"
         raise InputError(what, "is allowed for a .geo file only", str(path), "Omit h.")
     if suffix == ".geo":
-        raw = from_geo(path, h)
+        raw = _from_geo(path, h, trust, time_limit)
+    elif suffix == ".msh":
+        raw = _from_msh(path, time_limit)
     else:
-        raw = from_msh(path) if suffix == ".msh" else _from_meshio(path, suffix)
+        raw = _from_meshio(path, suffix)
     return _to_flat_mesh(raw, str(path))
+
+
+def _from_geo(path: Path, h: float | None, trust: bool, time_limit: float) -> RawMesh:
+    """Mesh a geometry file as it is if `trust` is set, or else a checked copy."""
+    where = str(path)
+    if h is not None:
+        validation.length("h", h, where)
+        h = float(h)
+    task = {"geo": str(path.resolve()), "h": h, "confined": not trust}
+    if trust:
+        return in_child(task, where, time_limit)
+    text = check_geo(path.read_text(encoding="utf-8-sig", errors="replace"), where)
+    with TemporaryDirectory(prefix="fecloth") as folder:
+        copy = Path(folder, "cloth.geo")
+        copy.write_text(text, encoding="utf-8")
+        return in_child(task | {"geo": str(copy)}, where, time_limit)
+
+
+def _from_msh(path: Path, time_limit: float) -> RawMesh:
+    """Read a Gmsh mesh under another name: beside x.msh Gmsh would also run x.msh.opt."""
+    with TemporaryDirectory(prefix="fecloth") as folder:
+        copy = Path(folder, "cloth.msh")
+        try:
+            copy.symlink_to(path.resolve())
+        except OSError:  # Windows, without the right to make links
+            shutil.copyfile(path, copy)
+        return in_child({"msh": str(copy)}, str(path), time_limit)
 
 
 def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
@@ -82,6 +124,9 @@ def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
     Raises `MeshError` if a set contains a removed node.
     """
     n, t = len(raw.xyz), raw.triangles
+    if len(t) > validation.MOST_TRIANGLES:
+        allowed, remedy = f"must be at most {validation.MOST_TRIANGLES}", "Take a coarser mesh."
+        raise MeshError(f"{len(t)} triangles", allowed, where, remedy)
     nodes = {k: np.concatenate(v) if v else np.empty(0, int) for k, v in raw.node_sets.items()}
     edges = {k: np.concatenate(v) for k, v in raw.edge_sets.items()}
     in_mesh = ~raw.geometric

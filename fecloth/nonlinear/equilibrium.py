@@ -218,7 +218,7 @@ def _solve(equation: StaticEquation, x, context, report) -> tuple[np.ndarray, Co
         _check_travel(equation, point, relative)
 
     x, counts = iterate(equation, context, x, report=tell)
-    if counts.limited:
+    if counts.residual > context.options.tolerance:  # it is round-off
         reason = "the round-off of the forces is above the tolerance"
         remedy = (
             f"A tolerance of {2 * counts.residual:.1g} can be met; for less, take away what is "

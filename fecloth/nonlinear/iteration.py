@@ -20,6 +20,7 @@ from fecloth.system.system import System
 STALLED = 0.25  # of the residual left after an iteration: it may have met round-off, if
 STANDING = 1e-7  # extents of the cloth is the longest way that a node moved in it
 TINY = 1e-6  # extents: on shorter steps round-off hides the change of the potential
+NO_FORCE = 1e-3  # of the forces: where more of them is round-off, it moves no node of its own
 ROUND_OFF = 8.0  # times the change of the residual when the last digits of all numbers change
 
 
@@ -117,7 +118,9 @@ def iterate(
     The iteration also ends where the residual is round-off. That is measured at the start if no
     iteration is asked for, after an iteration that hardly moved the cloth and left more than a
     quarter of the residual, and before a failure.
-    Then `Counts.limited` is 1; but if no force exceeds its round-off, the residual counts as 0.
+    Then `Counts.limited` is 1, unless the forces are below 1000 times their round-off, as in a
+    cloth at rest, and the last iteration moved no node by 1e-7 of the extent of the cloth. If no
+    force exceeds its round-off, the residual counts as 0.
 
     Raises
     ------
@@ -137,7 +140,7 @@ def iterate(
             break
         before, (point, length, last) = point, work.advance(point, least_norm, last, resume)
         least_norm, resume = min(least_norm, point.norm), last or resume
-        ask = length == 0.0 or number + 1 == most or work.stands(before, point)
+        ask = work.stands(before, point) or length == 0.0 or number + 1 == most
         if length > 0.0:
             report(Progress(number + 1, point, equation.remedies[last], length))
     reason = work.reason if length == 0.0 else f"Newton did not converge in {most} iterations"
@@ -154,6 +157,7 @@ class _Work:
         self.linear = self.modified = self.factorisations = self.reused_solves = 0
         self.seconds = {"assemble": 0.0, "factor": 0.0, "solve": 0.0}
         self.reason = ""  # why the last attempt failed
+        self.moves = False  # whether the last iteration moved the cloth
 
     def at(self, y: np.ndarray, scale: float) -> Point:
         R, scale = self.equation.residual(y, scale)
@@ -167,10 +171,10 @@ class _Work:
 
     def stands(self, before: Point, point: Point) -> bool:
         """Whether an iteration hardly moved the cloth, and hardly changed the residual."""
-        if not max(STALLED * before.norm, self.goal(point)) < point.norm:
-            return False
         way = self.equation.wx * float(abs(point.y - before.y).max())
-        return way <= STANDING * self.extent
+        self.moves = way > STANDING * self.extent
+        stalled = max(STALLED * before.norm, self.goal(point)) < point.norm
+        return stalled and not self.moves
 
     def counts(self, iterations: int, point: Point, floor: float = 0.0) -> Counts:
         """The counts at the end; `floor` is the round-off of the residual where it governs."""
@@ -182,8 +186,12 @@ class _Work:
             residual=self.relative(point) if point.scale > floor else 0.0,
             seconds=self.seconds,
             factorisations=self.factorisations,
-            limited=int(self.goal(point) < point.norm and floor < point.scale),
+            limited=int(self.goal(point) < point.norm and not self.is_harmless(floor, point)),
         )
+
+    def is_harmless(self, floor: float, point: Point) -> bool:
+        """Whether the forces are little more than their round-off, which moves no node."""
+        return floor >= point.scale or (floor >= NO_FORCE * point.scale and not self.moves)
 
     def advance(self, point: Point, least_norm: float, last: int, resume: int):
         """Return the next point, α of its step and the number of the remedy; α = 0 for failure."""

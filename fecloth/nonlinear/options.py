@@ -17,9 +17,9 @@ class Newton:
     ----------
     tolerance
         On the residual ‖M a − f‖ of the free directions, relative to the forces of the step:
-        ‖M a‖ plus the sum over the terms of ‖f_term‖ at the first iterate. The limit is
-        never less than the round-off of the forces, 8 ε ‖K_ii x_i‖: a cloth at rest without any
-        load has no other force.
+        ‖M a‖ plus the sum over the terms of ‖f_term‖ at the first iterate, with the reactions of
+        the pins. A step whose residual is round-off is solved, also above the tolerance; if its
+        forces are more than round-off, it counts as `limited`, and the run warns.
     max_iterations
         A step that needs more iterations fails.
     forcing

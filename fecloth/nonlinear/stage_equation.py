@@ -81,12 +81,12 @@ class StageEquation:
             return system.constraints.project(
                 inertia - system.force(State(self.stage.t, x, v))
             ), scale
-        R, scale = inertia.copy(), system.sums.norm(inertia)
+        R, scale = inertia.copy(), system.force_size(inertia)
         for term in system.bound:
             f = np.zeros_like(x)
             term.add_force(x, v, self.stage.t, f)
             R -= f
-            scale += system.sums.norm(f)
+            scale += system.force_size(f)
         return system.constraints.project(R), scale
 
     def round_off(self, q: np.ndarray) -> float:

@@ -96,7 +96,7 @@ class StaticEquation:
             f = np.zeros_like(state.x)
             term.add_force(state.x, state.v, state.t, f)
             total += factor * f
-            scale += factor * self.system.sums.norm(f)
+            scale += factor * self.system.force_size(f)
         return self.system.constraints.project(total), scale
 
     def residual(self, x: np.ndarray, scale: float) -> tuple[np.ndarray, float]:

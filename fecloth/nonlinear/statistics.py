@@ -43,3 +43,14 @@ class Counts:
         keys = {**self.seconds, **other.seconds}
         seconds = {k: self.seconds.get(k, 0.0) + other.seconds.get(k, 0.0) for k in keys}
         return Counts(**sums, residual=other.residual, seconds=seconds)
+
+
+def warn_of_round_off(steps: int) -> str:
+    """Return a sentence about this number of steps that round-off limited; "" for none."""
+    if not steps:
+        return ""
+    many = f"{steps} steps were" if steps > 1 else "1 step was"
+    return (
+        f"{many} solved to round-off only, which is above Newton's tolerance: ask for a greater "
+        "tolerance, or take away what is stiff and small, such as slivers"
+    )

@@ -76,7 +76,19 @@ class Frames:
         return file
 
     def keep(self, times: Sequence[float]) -> None:
-        """Continue after an earlier run's frames of these times; remove its later ones."""
+        """Continue after an earlier run's frames of these times; remove its later ones.
+
+        Raises
+        ------
+        InputError
+            If a frame is missing or empty; nothing is changed then.
+        """
+        names = (self._name(i) for i in range(len(times)))
+        lost = [name for name in names if not _has_content(self.path.parent / name)]
+        if lost:
+            more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+            remedy = "Restore it, or run the scene again with --overwrite."
+            raise InputError(f"{self.path.parent / lost[0]}{more}", "is missing", remedy=remedy)
         self.times = array("d", times)
         listed = [(self._name(i), t) for i, t in enumerate(self.times)]
         for suffix, encode, _ in LISTS:
@@ -117,6 +129,13 @@ class Frames:
                 entry = encode([last]).removeprefix(encode([]).removesuffix(tail))
                 between = b", " if suffix == ".vtu.series" else b""
                 append_in_place(self._list(suffix), between + entry, len(tail))
+
+
+def _has_content(file: Path) -> bool:
+    try:
+        return file.stat().st_size > 0
+    except OSError:
+        return False
 
 
 def write_vtk(

@@ -6,20 +6,24 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.output.atomic_files import LOCK, replace_file, writing
+from fecloth.output.atomic_files import LOCK, WriteError, replace_file, writing
 from fecloth.runs.csv_table import Table
 
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
 PAGES = ("report.html", "view.html")
 TEXTS = ("summary.json", "scene.resolved.toml", "run.log", *PAGES, "run.vtkhdf", "run.vtkhdf.redo")
 LISTS = ("*.pvd", "*.vtu.series")  # only those that list frames/frame_…
+
+
+class FolderMoved(WriteError):
+    """The folder of a run is no longer where it was made."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,19 @@ class RunFolder:
 
     path: Path
     sizes: Mapping[str, int] = field(default_factory=dict)
+    inode: int | None = None
+
+    def check_in_place(self) -> None:
+        """Raise `FolderMoved` if this is no longer the folder that was opened."""
+        try:
+            found = self.path.stat().st_ino
+        except OSError:
+            found = -1
+        if self.inode not in (None, found):
+            remedy = (
+                "What was written is in it under its new name, where --resume continues the run."
+            )
+            raise FolderMoved(f"{self.path} was moved or removed during the run", remedy=remedy)
 
     @classmethod
     def create(cls, path: str | Path, overwrite: bool = False) -> RunFolder:
@@ -67,7 +84,7 @@ class RunFolder:
         with writing(path):
             path.mkdir(parents=True, exist_ok=True)
             _clear(path)
-        return cls(path)
+            return cls(path, inode=path.stat().st_ino)
 
     @classmethod
     def reopen(cls, path: str | Path, tables: Mapping[str, int]) -> RunFolder:
@@ -85,7 +102,7 @@ class RunFolder:
                 if file.stat().st_size < size:
                     what = f"{file} has lost rows"
                     raise InputError(what, remedy="Run the scene again with --overwrite.")
-        return folder
+        return replace(folder, inode=folder.path.stat().st_ino)
 
     @staticmethod
     def refuse(path: str | Path, overwrite: bool = False) -> None:
@@ -119,10 +136,12 @@ class RunFolder:
 
     def text(self, name: str, text: str) -> None:
         """Replace a text file, e.g. "scene.resolved.toml"."""
+        self.check_in_place()
         replace_file(self.path / name, text.encode())
 
     def log(self, message: str) -> None:
         """Append a line with the time of day to run.log."""
+        self.check_in_place()
         file = self.path / "run.log"
         with writing(file), file.open("a", encoding="utf-8") as stream:
             stream.write(f"{datetime.now().isoformat(timespec='milliseconds')} {message}\n")

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from fecloth.errors import FeclothError
 from fecloth.output.atomic_files import WriteError
+from fecloth.runs.folder import FolderMoved
+from fecloth.runs.shape_watch import shape_message
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.system.system import System
 
@@ -52,9 +54,11 @@ def count_sizes(system: System) -> dict:
 
 
 def finished_message(outcome: Outcome) -> str:
-    """Return what a run has cost, the file to open, and whether there were warnings."""
+    """Return how wrong a run is in time, what it has cost, the file to open, and its warnings."""
     counts, seconds = outcome.summary, outcome.summary["seconds"]
     return (
+        f"{shape_message(counts)}\n"
+        f"{counts['time_error_in_words']}\n"
         f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
         f"{seconds['total']:.1f} s; open {outcome.folder / counts['open']} in ParaView"
         f"{warning_count(outcome)}"
@@ -76,6 +80,8 @@ def failure_message(outcome: Outcome) -> str:
     folder, t = outcome.folder, outcome.summary["t"]
     readable = f"{folder} is readable up to t = {t:g} s"
     again = f"--resume {folder} goes on from"
+    if isinstance(outcome.error, FolderMoved):
+        return f"failed: {outcome.error}"
     if outcome.error and not isinstance(outcome.error, WriteError):
         return f"failed: {outcome.error}\n{readable}{warning_count(outcome)}"
     if outcome.resumes is None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -10,28 +12,35 @@ import numpy as np
 
 from fecloth.errors import FeclothError, InputError, StepFailed
 from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.statistics import warn_of_round_off
 from fecloth.output.atomic_files import WriteError, flush_to_disk
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
 from fecloth.output.frames import Frames
 from fecloth.output.vtkhdf_writer import HdfFrames
 from fecloth.runs import restart as restarts
+from fecloth.runs.disk_space import MOST_FRAMES, check_space
 from fecloth.runs.environment import peak_memory, versions
 from fecloth.runs.folder import RunFolder
 from fecloth.runs.outcome import FAILED, INTERRUPTED, Outcome, count_sizes
 from fecloth.runs.restart import Restart
+from fecloth.runs.shape_watch import ShapeWatch, last_count, shape_summary
 from fecloth.runs.stopwatch import Watch
 from fecloth.runs.strain_statistics import stretch_row
 from fecloth.scene.problem import Problem
+from fecloth.scene.time_table import MOST_STEPS
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
+from fecloth.simulation.time_error import TimeError, relative_error
+from fecloth.simulation.time_error_words import describe_time_error, find_doubts
 from fecloth.view.html_report import write_report
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 _TABLES = ("steps", "energies", "observed", "strains")
-_COUNTED = ("newton", "linear", "modified", "factorisations", "rejected")
+_SO_FAR = ("state", "memory", "ledger", "balance", "time_error", "counted")
+_COUNTED = ("newton", "linear", "modified", "factorisations", "rejected", "limited")
 
 
 class Recorder:
@@ -55,8 +64,12 @@ class Recorder:
         self.frames = frames(folder.path / name, problem.cloth, problem.system)
         self.ledger = problem.ledger
         self.shown: Frame | None = None  # the last frame written
+        self.watched = ShapeWatch.bind(problem)
+        self.seen: dict[str, float] = {}  # its row of strains.csv
+        self.counted = -math.inf  # the step of the last count of intersections
         self.tables = {name: folder.table(f"{name}.csv") for name in _TABLES}
         self.balance = Balance.open(problem.ledger)
+        self.time_error = TimeError.open(problem.state, 0, problem.ledger)
         self.foreseen = foreseen  # warnings before the first step
         self.raised: tuple[str, ...] = ()  # since
         self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
@@ -66,6 +79,7 @@ class Recorder:
                 self._resume(found)
             else:
                 self._frame()
+                check_space(folder.path, problem, self.frames.files(0)[0].stat().st_size)
                 self._rows(problem.observer.row(None, None))
                 if problem.restarts:
                     self.restart(regular=True)
@@ -74,9 +88,11 @@ class Recorder:
         """Take the state of an earlier run, and remove what it wrote later."""
         self.state, self.memory, self.ledger = found.state, found.memory, found.ledger
         self.balance, self.counts = found.balance, dict(found.counts)
+        self.time_error = found.time_error
         self.raised = found.warnings
         self.frames.keep(self.tables["strains"].column("t"))
         self.frames_on_disk = len(self.frames.times)
+        self.counted = last_count(self.tables["strains"], self.tables["steps"])
         restarts.drop_later(self.folder.path, found)
         exactly = "" if found.exact else ", exact to the solver's tolerance only: a factor was lost"
         self.folder.log(f"goes on from step {found.memory.step} at {found.state.t:g} s{exactly}")
@@ -85,6 +101,7 @@ class Recorder:
 
     def restart(self, regular: bool = False) -> None:
         """Write a restart file; a regular one drops the solver's factor first."""
+        self.folder.check_in_place()
         if regular:
             self.solver.drop()
         restart = Restart(
@@ -95,6 +112,7 @@ class Recorder:
             memory=self.memory,
             ledger=self.ledger,
             balance=self.balance,
+            time_error=self.time_error,
             warnings=self.raised,
             counts=self.counts,
             frames=len(self.frames.times),
@@ -133,16 +151,23 @@ class Recorder:
             return
         steps = problem.march(self.solver, self.state, self.memory)
         start = problem.system, problem.method, self.ledger, problem.observer
-        for record in record_steps(steps, *start, balance=self.balance):
+        records = record_steps(steps, *start, balance=self.balance, time_error=self.time_error)
+        for record in records:
             info = record.info
+            if info.step > MOST_STEPS:
+                allowed, remedy = f"must be at most {MOST_STEPS}", "Raise rtol, or lower t_end."
+                raise InputError(f"step {info.step}", allowed, remedy=remedy)
             self.watch.add({"record": record.seconds})
             with self.watch.phase("output"):
+                self.folder.check_in_place()
                 with self._all_or_nothing():
                     self._take(record)
                     self._rows(record.observed, info)
                     if self._is_frame_due(info):
-                        self._frame()
+                        self._frame(ended=info.t >= problem.t_end)
                 self._warn_once(self.balance.warning(self.ledger), warn)
+                if self._is_frame_due(info):
+                    self._warn_of_shape(warn)
                 if regular := self._is_restart_due(info):
                     self.restart(regular)
             report(info)
@@ -151,23 +176,33 @@ class Recorder:
                     self.restart()
                 return
 
+    def _warn_of_shape(self, warn) -> None:
+        """Warn of what the last frame shows."""
+        for words in self.watched.warnings(self.seen) if self.seen else ():
+            self._warn_once(words, warn)
+
     def _warn_once(self, words: str, warn) -> None:
-        """Keep and tell the first warning that the energy balance no longer closes."""
-        if self.raised or not words:
+        """Keep and tell the first warning of each kind; its words but the numbers tell the kind."""
+        if not words or _kind(words) in map(_kind, self.raised):
             return
-        self.raised = (words,)
-        self.folder.log(f"warning: {words}")
+        self.raised += (words,)
+        with suppress(WriteError):  # the line is told all the same, and the next one fails the run
+            self.folder.log(f"warning: {words}")
         warn(words)
 
     def _take(self, record: Record) -> None:
         self._count(record.info)
         self.state, self.memory = record.state, record.info.memory
-        self.ledger, self.balance = record.ledger, record.balance
+        self.ledger, self.balance, self.time_error = (
+            record.ledger,
+            record.balance,
+            record.time_error,
+        )
 
     @contextmanager
     def _all_or_nothing(self) -> Iterator[None]:
         """Remove a step from all tables if writing it fails or is interrupted."""
-        before = {name: getattr(self, name) for name in ("state", "memory", "ledger", "balance")}
+        before = {name: getattr(self, name) for name in _SO_FAR}
         counts, frames = dict(self.counts), len(self.frames.times)
         sizes = {name: table.size for name, table in self.tables.items()}
         try:
@@ -224,12 +259,20 @@ class Recorder:
         """Remainder of the energy balance relative to the largest energy of deformation so far."""
         return self.ledger.remainder / self.balance.scale if self.balance.scale else 0.0
 
-    def _frame(self) -> None:
-        """Write the state as a frame, and the extremes of its strain."""
+    def _frame(self, ended: bool = False) -> None:
+        """Write the state as a frame, the extremes of its strain, and what else its shape shows."""
+        self.folder.check_in_place()
+        if len(self.frames.times) >= MOST_FRAMES:
+            remedy = "Raise every, or lower frames, in [output]."
+            raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=remedy)
         arrays = fields(self.problem.system, self.state)
         self.frames.add(self.state, arrays)
         self.shown = Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
-        self.tables["strains"].add(stretch_row(self.state.t, arrays[1]["principal_stretches"]))
+        row = stretch_row(self.state.t, arrays[1]["principal_stretches"])
+        counts = self.watched.is_due(self.counts["steps"] - self.counted, ended)
+        self.seen = row | self.watched.row(self.state, arrays[1], counts)
+        self.tables["strains"].add(self.seen)
+        self.counted = self.counts["steps"] if counts else self.counted
 
     def _report(self, summary: dict) -> None:
         """Write report.html; a failure to write it must not fail the run."""
@@ -246,18 +289,37 @@ class Recorder:
         """All warnings of the run, those before the first step first."""
         return [*self.foreseen, *self.raised]
 
-    def _summary(self, status: str, why: str, error: str | None) -> dict:
-        """Return the content of summary.json."""
+    @property
+    def mean_dt(self) -> float:
+        """Mean size of the steps so far [s]; NaN before the first one."""
+        steps = self.counts["steps"]
+        return (self.state.t - self.problem.state.t) / steps if steps else math.nan
+
+    def _doubts(self, warn) -> float:
+        """Return the error in time, and warn of what casts doubt on the run at its end."""
+        self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
+        problem, last = self.problem, (self.state, self.counts["steps"], self.ledger)
+        error = relative_error(self.time_error, problem.system, problem.method, *last)
+        run = problem.system, problem.method, self.mean_dt
+        for words in find_doubts(error, *run, self.balance, self.ledger):
+            self._warn_once(words, warn)
+        return error
+
+    def _summary(self, status: str, why: str, failure: str | None, error: float) -> dict:
+        """Return the content of summary.json; `error` is that in time."""
         return {
             "status": status,
-            "error": error,
+            "error": failure,
             "warnings": self.warnings,
             "warning": next(iter(self.warnings), None),  # as older runs have it
             "t": self.state.t,
             "t_end": self.problem.t_end,
+            "time_error": None if math.isnan(error) else error,
+            "time_error_in_words": describe_time_error(error, self.problem.method, self.mean_dt),
             **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
+            **self._shape_summary(),
             "frames": len(self.frames.times),
             "open": self.frames.opens.name,
             "solver": why,
@@ -266,6 +328,12 @@ class Recorder:
             "peak_memory_MB": peak_memory(),
             "versions": versions(),
         }
+
+    def _shape_summary(self) -> dict:
+        """Return what strains.csv says; nothing if its folder has moved."""
+        with suppress(WriteError):
+            return shape_summary(self.tables["strains"])
+        return {}
 
     def _resume_time(self) -> float | None:
         """Return the time from which `--resume` goes on [s]; None without a restart file."""
@@ -278,18 +346,21 @@ class Recorder:
         try:
             with self.watch.phase("output"):
                 if self.state.t > self.frames.times[-1] and not isinstance(error, WriteError):
-                    self._frame()
+                    self._frame(ended=True)
         except InputError as full:
             status, error = FAILED, error or full
         for table in self.tables.values():
             table.close()
-        self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
-        summary = self._summary(status, why, str(error) if error else None)
+        time_error = self._doubts(warn)
+        self._warn_once(warn_of_round_off(self.counts["limited"]), warn)
+        self._warn_of_shape(warn)
+        summary = self._summary(status, why, str(error) if error else None, time_error)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         resumes = self._resume_time()
         if status == INTERRUPTED and resumes is not None:
             words += f"; --resume goes on from {resumes:g} s"
         try:
+            self.folder.log(summary["time_error_in_words"])
             self.folder.log(f"{words}: {error}" if error else words)
             self._report(summary)
             self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing
@@ -297,3 +368,8 @@ class Recorder:
             status, error = FAILED, error or full
         ends = self.ledger, error, tuple(self.warnings), resumes
         return Outcome(status, self.folder.path, summary, *ends)
+
+
+def _kind(words: str) -> str:
+    """Return the first words of a warning, without numbers."""
+    return re.sub(r"[-+.\de]*\d", "", words)[:50]

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, is_number
 from fecloth.linalg.mkl_pardiso import threads
 from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
 from fecloth.runs.environment import versions
@@ -28,10 +28,11 @@ from fecloth.runs.outcome import DONE
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory
+from fecloth.simulation.time_error import TimeError
 from fecloth.system.records import RECORDS, remembered
 from fecloth.system.state import State
 
-FORMAT = 3
+FORMAT = 4
 FOLDER, PATTERN = "restart", "restart_*.npz"
 KEPT = 2  # files
 FREE = ("title", "expect", "interest")  # keys that do not change a run
@@ -52,8 +53,9 @@ class Restart:
         The method that takes the steps, as text; for "auto" the chosen one.
     state, memory, ledger
         After the last step.
-    balance, warnings, counts
-        The energy balance, the warnings since the first step, and counts of the recorder so far.
+    balance, time_error, warnings, counts
+        The energy balance, the error in time, the warnings since the first step, and counts of the
+        recorder so far.
     frames, tables
         Number of frames, and the bytes of each table.
     exact
@@ -70,6 +72,7 @@ class Restart:
     memory: Memory
     ledger: Ledger
     balance: Balance
+    time_error: TimeError
     warnings: tuple[str, ...]
     counts: Mapping[str, int]
     frames: int
@@ -129,9 +132,12 @@ def read(path: Path) -> Restart:
 
 
 def _check(found, arrays) -> None:
-    """Raise `ValueError` unless this is a restart whose arrays are all (n, 3) finite float64."""
+    """Raise `ValueError` unless this is a restart with finite times and (n, 3) finite float64."""
     if not isinstance(found, Restart):
         raise ValueError("it is no restart of a run")
+    for name, t in (("t", found.state.t), ("the first t", found.memory.start)):
+        if not is_number(t):
+            raise ValueError(f"{name} = {t!r} is not finite")
     shape = found.state.x.shape
     for array in arrays:
         if array.shape != shape or array.dtype != np.float64 or not np.isfinite(array).all():

@@ -33,10 +33,12 @@ from fecloth.system.motion import Motion
 from fecloth.system.pins import Pin
 from fecloth.system.state import State, make_state
 from fecloth.system.system import System
+from fecloth.validation import FARTHEST
 
 if TYPE_CHECKING:
     from fecloth.scene.scene import Scene
 
+FASTEST, STRONGEST = 1e6, 1e15  # m/s, N on a node: no cloth
 MOST_PLACES = 1_000_000  # times × nodes at which a motion of t, X, Y is evaluated before a run
 
 At = Callable[[str], AbstractContextManager[None]]  # names the key of the scene in errors
@@ -77,6 +79,7 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
         frame_format=scene.output.format,
         note=_note(scene),
         restarts=scene.output.restart_steps or scene.output.restart_every,
+        intersections=scene.output.intersections,
     )
 
 
@@ -139,22 +142,34 @@ def _start(scene: Scene, cloth: Cloth, at: At) -> State:
             return replace(read_frame(start.frame, cloth), t=scene.time.t_start)
     with at("start.position"):
         x = start.x(cloth.X)
+        if np.abs(x).max() > FARTHEST:
+            key = "shift" if start.shift and max(map(abs, start.shift)) > FARTHEST else "position"
+            what = f"start.{key}: a node {np.abs(x).max():g} m away"
+            raise SceneError(what, f"must be within {FARTHEST:g} m", scene.source)
     with at("start.velocity"):
         v = start.v(cloth.X)
+        if np.abs(v).max() > FASTEST:
+            what = f"start.velocity: a node with {np.abs(v).max():g} m/s"
+            raise SceneError(what, f"must be at most {FASTEST:g} m/s", scene.source)
     with at("start"):
         return make_state(len(cloth.X), x, v, scene.time.t_start)
 
 
 def _check_start(scene: Scene, system: System, state: State, at: At) -> None:
-    """Refuse a term whose force at the start is not finite."""
+    """Refuse a term whose force at the start is not finite, or beyond all measure."""
     for name, term in zip(system.names, system.bound, strict=True):
         f = np.zeros_like(state.x)
         with at("terms"):
             term.add_force(state.x, state.v, state.t, f)
         if not np.isfinite(f).all():
             allowed = "has no finite force at the start"
-            remedy = "Is the start degenerate? A Gas needs a volume: give it a dome."
+            remedy = "Is the start degenerate, or a number far too large?"
+            if name.startswith("Gas"):
+                remedy = "A Gas needs a volume: give it a dome."
             raise SceneError(f"terms: {name}", allowed, scene.source, remedy)
+        if (largest := np.abs(f).max()) > STRONGEST:
+            what = f"terms: {name}: {largest:.1e} N on a node at the start"
+            raise SceneError(what, f"must be at most {STRONGEST:g} N", scene.source)
 
 
 # --- the method and what is recorded --------------------------------------------------------------

@@ -106,6 +106,7 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "format": "A file for each frame (vtu), or one for all (vtkhdf).",
         "restart_steps": "Steps between two restart files.",
         "restart_every": "In place of `restart_steps`: seconds of the motion between two.",
+        "intersections": "Whether the pairs of triangles that intersect are counted at frames.",
     },
     "ProbeTable": {
         "name": "Name of the columns.",

@@ -43,6 +43,8 @@ class Problem:
         A line to print before the run, or "".
     restarts
         Steps (an int) or seconds between two restart files; None for none.
+    intersections
+        Whether the pairs of triangles that intersect are counted.
     """
 
     cloth: Cloth
@@ -60,6 +62,7 @@ class Problem:
     frame_format: str = "vtu"
     note: str = ""
     restarts: int | float | None = None
+    intersections: bool = True
 
     @property
     def method(self) -> Any:

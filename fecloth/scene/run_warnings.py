@@ -27,7 +27,6 @@ from fecloth.terms import MassDamping
 
 POOR = 0.3  # quality of a triangle; 1 is equilateral, 0.87 half a square
 STRAINED = 0.2  # strain of a hanging cloth; measured constants hold for a few per cent
-RESOLVED = 4.0  # fewest edges per wrinkle
 UNRESOLVED = 20.0  # explicit limits; beyond, fast waves were seen to gain energy
 LOST = 0.01  # part of the amplitude in a step that damping must take from waves
 SHORT = 0.01  # of the explicit limit
@@ -41,7 +40,7 @@ def find_warnings(problem: Problem) -> list[str]:
     """Return a sentence for each likely problem of the run, with its remedy."""
     dt = None if _is_static(problem) else problem.dt
     set_up = find_set_up_warnings(problem.system, problem.state, dt, problem.t_end)
-    checks = (_mesh, _weight, _wrinkles, _flat, _fast_waves, _short_steps, _damping)
+    checks = (_mesh, _weight, _flat, _fast_waves, _short_steps, _damping)
     return [*set_up, *(sentence for check in checks for sentence in check(problem))]
 
 
@@ -73,32 +72,6 @@ def _weight(problem: Problem) -> Iterator[str]:
             f"its own weight will stretch the cloth by about {100 * strain:.0f} % (ρ g L / Y, "
             f"L = {length:.2g} m from the pins): few fabrics are that soft; woven ones "
             "have Y = 200 to 10,000 N/m"
-        )
-
-
-def _wrinkles(problem: Problem) -> Iterator[str]:
-    """Warn if the mesh is too coarse for wrinkles of λ = 2√π (B/T)^¼ √L under T = ρ g L.
-
-    Cerda and Mahadevan (2003), Geometry and Physics of Wrinkling, Phys. Rev. Lett. 90, 074302.
-    """
-    system, length = problem.system, distance_from_pins(problem.system)
-    load = gravity_magnitude(system) * length * system.total_mass / system.cloth.area
-    if not load:
-        return
-    edge = math.sqrt(4 / math.sqrt(3) * system.cloth.area / len(system.cloth.triangles))
-    if not set(BENDING) & set(term_types(system)):
-        if "TensionField" not in term_types(system):
-            yield (
-                "without bending stiffness the cloth folds at the size of the mesh wherever it is "
-                "compressed; only taut regions converge. Add HingeBending, or use TensionField"
-            )
-        return
-    rigidity = max(max(fabric.bending) for fabric in system.panel.fabrics if fabric.bending)
-    wave = 2 * math.sqrt(math.pi) * (rigidity / load) ** 0.25 * math.sqrt(length)
-    if wave < RESOLVED * edge:
-        yield (
-            f"wrinkles under its own weight are about {wave:.2g} m long, and the edges {edge:.2g} "
-            f"m: the mesh decides their shape; use h <= {wave / RESOLVED:.2g} m to resolve them"
         )
 
 

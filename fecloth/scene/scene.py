@@ -17,6 +17,7 @@ from pydantic import Field, PrivateAttr, ValidationError, create_model, model_va
 
 from fecloth.errors import InputError, SceneError
 from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.scene import tables, toml_text
 from fecloth.scene.build import build
 from fecloth.scene.error_words import errors_at, scene_error
@@ -58,6 +59,7 @@ class Scene(Table):
     interest: Interest | None = None
 
     _source: str = PrivateAttr("scene")
+    _reading: tuple[bool, float] = PrivateAttr((False, TIME_LIMIT))  # trust, and its time limit
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Scene) and self.model_dump() == other.model_dump()
@@ -122,6 +124,8 @@ class Scene(Table):
     def mesh(self) -> Cloth:
         """Return the cloth alone; raise `SceneError` if it cannot be meshed."""
         with errors_at("cloth", self._source):
+            if isinstance(self.cloth, tables.MeshFile):
+                return self.cloth.cloth(*self._reading)
             return self.cloth.cloth()
 
     def build(self, cloth: Cloth | None = None) -> Problem:
@@ -138,7 +142,11 @@ class Scene(Table):
 
 
 def load_scene(
-    path: str | Path, overrides: Iterable[str] = (), terms: Mapping[str, type] | None = None
+    path: str | Path,
+    overrides: Iterable[str] = (),
+    terms: Mapping[str, type] | None = None,
+    trust_geo: bool = False,
+    mesh_time: float = TIME_LIMIT,
 ) -> Scene:
     """Read and check a scene file.
 
@@ -152,6 +160,11 @@ def load_scene(
         The user's own types of terms, beside those of `fecloth.terms`: ``{"Winkler": Winkler}``,
         each a dataclass whose fields are the keys of its ``[[terms]]`` table. Only Python code can
         add them: a scene names no code, so that a file from elsewhere runs none.
+    trust_geo
+        Whether a .geo file that the scene names may hold any command of Gmsh, also those that run
+        programs and write files.
+    mesh_time
+        Seconds after which reading or meshing that file is stopped.
 
     Raises
     ------
@@ -166,7 +179,7 @@ def load_scene(
         scene = _scene(terms or {}).model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
         raise scene_error(error, data, source, toml_text.text(path)) from None
-    scene._source = source
+    scene._source, scene._reading = source, (trust_geo, mesh_time)
     return scene
 
 

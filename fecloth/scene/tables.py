@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from fecloth import terms
 from fecloth.errors import InputError, brief
 from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.units import LENGTH
 from fecloth.scene.field_types import File, Length
@@ -51,8 +52,8 @@ class MeshFile(Table):
     h: Annotated[float | None, LENGTH] = None
     element: Element = "P1"
 
-    def cloth(self) -> Cloth:
-        return Cloth.read(self.path, self.h, self.element)
+    def cloth(self, trust: bool = False, time_limit: float = TIME_LIMIT) -> Cloth:
+        return Cloth.read(self.path, self.h, self.element, trust, time_limit)
 
 
 Shape: Any = one_of("shape", {"rectangle": Rectangle, "disk": Disk, "file": MeshFile})

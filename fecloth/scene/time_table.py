@@ -13,6 +13,7 @@ from fecloth.quantities.units import RATE, SPEED, TIME
 from fecloth.scene.table_model import Table, one_of, table_of
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.resolve import choose_steps
+from fecloth.simulation.step_times import EARLIER, coarse_clock
 
 MOST_STEPS = 10_000_000
 _METHODS = METHODS | EXPLICIT
@@ -71,6 +72,8 @@ class Time(Table):
                 raise InputError(f"{key} = {getattr(self, key)!r}", 'needs dt = "auto"')
         if self.method.type == "auto":
             raise InputError(f"dt = {self.dt!r}", 'must be "auto" with method = "auto"')
+        if problem := coarse_clock(max(abs(self.t_start), abs(self.t_end)), self.dt):
+            raise InputError(f"dt = {self.dt!r}", problem, "", EARLIER)
         steps = (self.t_end - self.t_start) / self.dt
         if steps > MOST_STEPS:
             what = f"dt = {self.dt!r} makes {steps:.2g} steps"

@@ -27,6 +27,7 @@ NODES = 16  # at which a force on all nodes is compared
 INSIDE = {FORMULAS: uneven(64), FUNCTIONS: uneven(16), FORCES: uneven(5)}
 HALVINGS = 12  # of dt, at most, in the search for one that is short enough
 ROUND_OFF = 1e-9  # of the largest value; less is no deviation
+SLIGHT = 1e-3  # of the way of a motion; less does not matter beside its uniform part
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +99,14 @@ def _share(signal: Signal, ends: np.ndarray) -> float:
     begin, size = ends[seen, None], np.diff(ends)[seen, None]
     times = begin + size * np.concatenate([[0.0], s, [1.0]])
     g = signal.values(times.ravel()).reshape(*times.shape, -1)
-    largest = np.abs(g).max()
+    least = ROUND_OFF * np.abs(g).max()
     if signal.moves:
+        least = max(least, SLIGHT * np.ptp(g.reshape(-1, g.shape[-1]), axis=0).max())
         g = _without_uniform_motion(times, g)
     lines = g[:, :1] + (g[:, -1:] - g[:, :1]) * s[:, None]
     missed = (np.abs(g[:, 1:-1] - lines).mean(axis=1) * size).sum(axis=0)
     whole = (np.abs(g[:, 1:-1]).mean(axis=1) * size).sum(axis=0)
-    if not missed.max() > ROUND_OFF * largest * size.sum():
+    if not missed.max() > least * size.sum():
         return 0.0
     return float(missed.max() / whole.max())
 

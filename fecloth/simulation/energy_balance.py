@@ -11,6 +11,7 @@ from fecloth.simulation.energy_ledger import Ledger, negligible_energy
 from fecloth.system.records import remembered
 from fecloth.system.system import System
 
+EATEN = 0.2  # fraction of the motion that the method may dissipate without a warning
 TRUSTED = 0.05  # fraction of the energy of deformation; a larger remainder causes a warning
 OF_DISSIPATED = 0.02  # of what inner damping dissipates: the error of its power within a step
 LASTING = 10  # steps after which a balance that stays off is told
@@ -93,4 +94,23 @@ class Balance:
             f"{when}: the energy balance is off by {ledger.remainder:.3g} J, where the energy of "
             f"deformation was {self.scale:.3g} J at most: do not trust this motion; take a "
             "smaller dt"
+        )
+
+    def dissipation_warning(self, system: System, ledger: Ledger) -> str:
+        """Return a sentence if the method has dissipated more than 20 % of the motion, or "".
+
+        The motion is the `scale` or, if that is more, all that was dissipated: a cloth that loads
+        keep in motion loses more than it ever has.
+        """
+        lost = ledger.numerical + sum(ledger.dissipated.values())
+        motion = max(self.scale, lost)
+        noise = ROUND_OFF * sum(abs(amount) for amount in ledger.amounts())
+        if ledger.t > self.start:
+            noise += negligible_energy(system, ledger.t - self.start)
+        if ledger.silent or not ledger.numerical > max(EATEN * motion, noise):
+            return ""
+        return (
+            f"numerical dissipation has taken {ledger.numerical:.3g} J, "
+            f"{100 * ledger.numerical / motion:.0f} % of the energy of the motion: take a smaller "
+            "dt, or a method that dissipates less"
         )

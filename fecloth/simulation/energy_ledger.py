@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fecloth.integrators.numerical_dissipation import has_power_column, load_displacement
+from fecloth.linalg.reductions import dot
+from fecloth.simulation.rigid_motion import rms_without_rigid
 from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -34,7 +37,8 @@ class Ledger:
         methods with a memory at the mean of both ends of the step; Σ dt Ė:S_v with
         Ė = (E₁ − E₀)/dt for strain-rate damping over the step.
     work
-        Work of each load that has no energy, Σ dt · supply there.
+        Work of each load that has no energy: its mean force there times the displacement
+        (`load_displacement`); of loads that also dissipate, Σ dt · supply there.
     pins
         Work that the pins did on the cloth: change of the pinned nodes' kinetic energy less the
         work of the other forces on them.
@@ -50,8 +54,8 @@ class Ledger:
         Energies of the loads now, with each movable piece moved back by its mean displacement.
     opening_deforming, first_deforming
         `deforming` at the start and after the first step.
-    start_x
-        (n, 3) positions at the start if there are movable pieces.
+    places
+        Place of each movable piece at the start (`Piece.place`) [m].
     last_inflow
         `inflow` before the last step.
     resisting
@@ -72,7 +76,7 @@ class Ledger:
     in_place: Mapping[str, float]
     opening_deforming: float
     first_deforming: float | None = None
-    start_x: np.ndarray | None = field(default=None, compare=False)
+    places: tuple[tuple[float, ...], ...] = ()
     last_inflow: float = 0.0
     resisting: tuple[str, ...] = ()
     silent: bool = False
@@ -88,19 +92,19 @@ class Ledger:
         work = {name: 0.0 for name, term in named if hasattr(term, "supply")}
         reported = {*energies, *dissipated, *work}
         silent = any(name not in reported for name in system.names)
-        start_x = state.x if system.movable_pieces else None
+        places = tuple(tuple(place.tolist()) for place in _places(system, state))
         _, pin_v = system.constraints.target(state.t, 0.0, state.x)
         deforming = _deforming_kinetic(system, state, kinetic, pin_v)
         flows = dissipated, work, 0.0, 0.0
-        in_place = _energies_in_place(system, state, energies, start_x)
+        in_place = _energies_in_place(system, state, energies, places)
         ledger = cls(state.t, kinetic, energies, *flows, opening, deforming, in_place, deforming)
         resisting = _resisting(system, state, dissipated)
-        return replace(ledger, start_x=start_x, resisting=resisting, silent=silent)
+        return replace(ledger, places=places, resisting=resisting, silent=silent)
 
     def after(self, system: System, method, old: State, step) -> Ledger:
         """Return the ledger after `step`, taken by `method` from the state `old`."""
         new = step.state
-        dt, stages, acting = new.t - old.t, step.stages, (step.over or system).bound
+        dt, acting = new.t - old.t, (step.over or system).bound
         energies = system.energies(new)
         kinetic = energies.pop("kinetic")
         pin_v = (new.x - old.x) / dt if system.movable_pieces else new.v
@@ -112,7 +116,7 @@ class Ledger:
             if term.dissipative
         }
         work = {
-            name: self.work[name] + dt * _mean(term.supply, stages)
+            name: self.work[name] + _work(term, old, step, method.traits.explicit)
             for name, term in zip(system.names, system.bound, strict=True)
             if name in self.work
         }
@@ -127,7 +131,7 @@ class Ledger:
             numerical=self.numerical + method.numerical(system, old, step),
             last_inflow=self.inflow,
             deforming=deforming,
-            in_place=_energies_in_place(system, new, energies, self.start_x),
+            in_place=_energies_in_place(system, new, energies, self.places),
             first_deforming=deforming if self.first_deforming is None else self.first_deforming,
         )
 
@@ -241,7 +245,7 @@ def negligible_energy(system: System, seconds: float) -> float:
 
     m is its mass, L its largest extent and T the time; round-off and tolerances stay below.
     """
-    pace = CREEP * float(np.ptp(system.cloth.X, axis=0).max()) / seconds
+    pace = CREEP * system.cloth.extent / seconds
     return 0.5 * float(system.nodal_mass.sum()) * pace**2
 
 
@@ -261,6 +265,8 @@ def _deforming_kinetic(system: System, state: State, kinetic: float, pin_v) -> f
     if not system.movable_pieces:
         return kinetic
     M, m = system.scalar_mass, system.nodal_mass
+    if _is_one_free_body(system):
+        return 0.5 * system.total_mass * rms_without_rigid(m, state.x, state.v) ** 2
     p, mass_x, w = M @ state.v, M @ state.x, state.v.copy()
     for piece in system.movable_pieces:
         w[piece.nodes] -= piece.rigid_velocity(state.x, p, m, mass_x, pin_v)
@@ -268,13 +274,24 @@ def _deforming_kinetic(system: System, state: State, kinetic: float, pin_v) -> f
     return 0.5 * system.sums.dot(w, M @ w)
 
 
-def _energies_in_place(system: System, state: State, energies, start_x) -> dict[str, float]:
-    """Return `Ledger.in_place`, and no entries if no piece can move."""
-    if start_x is None:
+def _is_one_free_body(system: System) -> bool:
+    """Return whether one compiled loop, for lumped masses, gives the kinetic energy."""
+    pieces = system.movable_pieces
+    is_whole = len(pieces) == 1 and isinstance(pieces[0].nodes, slice)
+    return is_whole and not len(pieces[0].held) and system.mass_kind == "lumped"
+
+
+def _places(system: System, state: State) -> list[np.ndarray]:
+    return [piece.place(state.x, system.nodal_mass) for piece in system.movable_pieces]
+
+
+def _energies_in_place(system: System, state: State, energies, start) -> dict[str, float]:
+    """Return `Ledger.in_place` with the places at the start; no entries if no piece can move."""
+    if not start:
         return {}
-    m, x = system.nodal_mass, state.x.copy()
-    for piece in system.movable_pieces:
-        x[piece.nodes] -= piece.place(state.x, m) - piece.place(start_x, m)
+    x = state.x.copy()
+    for piece, now, then in zip(system.movable_pieces, _places(system, state), start, strict=True):
+        x[piece.nodes] -= now - then
     loads = zip(system.names, system.bound, strict=True)
     return {
         name: term.energy(x, state.t)
@@ -288,6 +305,19 @@ def _dissipation(term, over, step, dt):
     if hasattr(over, "dissipation"):
         return over.dissipation(step.state.x)
     return dt * _mean(term.power, step.stages)
+
+
+def _work(term, old, step, explicit):
+    """Work [J] of a load in a step: its mean force at the stages times `load_displacement`.
+
+    The air's, whose force also dissipates, is its power at the stages.
+    """
+    if has_power_column(term):
+        return (step.state.t - old.t) * _mean(term.supply, step.stages)
+    f = np.zeros_like(old.x)
+    for at in step.stages:
+        term.add_force(at.x, at.v, at.t, f)
+    return dot(f, load_displacement(old, step.state, explicit)) / len(step.stages)
 
 
 def _mean(function, stages):

@@ -183,6 +183,8 @@ class Adaptive(ChosenSteps):
         dt = _fit_step(control.dt, horizon)
         reason: str | NewtonFailed | SolveFailed = ""
         for rejected in range(RETRIES):
+            if not state.t + dt > state.t:  # below the round-off of the time
+                break
             try:
                 step = self._stepper.step(system, state, dt, solver, control.method_memory)
                 a, t, error = self.error(system, state, step, control)

@@ -20,7 +20,7 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.motion_jumps import find_jumping_pin, find_motion_jumps
 from fecloth.simulation.resolve import choose_steps, resolve
-from fecloth.simulation.step_times import targets_after
+from fecloth.simulation.step_times import EARLIER, coarse_clock, targets_after
 from fecloth.system.arguments import check_system
 from fecloth.system.records import remembered
 from fecloth.system.state import State
@@ -148,6 +148,10 @@ def march(
                 raise step_failed(system, state, number, size, failure) from failure
             new = _snap_to_target(result.state, target, size)
             last = new.t == targets[-1]
+            if new.t < target and (words := coarse_clock(new.t, new.t - state.t)):
+                raise step_failed(
+                    system, good, number, new.t - state.t, Problem(words, remedy=EARLIER)
+                )
             if problem := _problem(system, new, most_stretch, number % check_every == 0 or last):
                 raise step_failed(system, good, number, new.t - state.t, problem)
             good = new if number % check_every == 0 else good

@@ -31,7 +31,7 @@ def find_motion_jumps(system: System, state: State, t_end: float) -> Iterator[st
     from those beside them are halved until a jump remains, or none. A motion that goes there and
     back within an interval is missed.
     """
-    least = SMALL * float(np.ptp(system.cloth.X, axis=0).max())
+    least = SMALL * system.cloth.extent
     for name, (pin, _) in system.constraints.groups.items():
         found: list[tuple[float, float]] = []
         if pin.motion is not None:

@@ -12,6 +12,7 @@ from fecloth.simulation.energy_balance import ROUND_OFF, Balance
 from fecloth.simulation.energy_ledger import Ledger, negligible_energy
 from fecloth.simulation.march import Problem, StepInfo, step_failed
 from fecloth.simulation.probes import Observer
+from fecloth.simulation.time_error import TimeError
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -30,8 +31,8 @@ class Record:
         After the step.
     observed
         Row of the probes and the other observed quantities.
-    balance
-        Of the energies so far.
+    balance, time_error
+        Of the steps so far.
     seconds
         Wall time of the recording.
     """
@@ -41,6 +42,7 @@ class Record:
     ledger: Ledger
     observed: dict[str, float]
     balance: Balance
+    time_error: TimeError
     seconds: float
 
 
@@ -52,14 +54,15 @@ def record_steps(
     observer: Observer,
     *,
     balance: Balance | None = None,
+    time_error: TimeError | None = None,
     most_growth: float = MOST_GROWTH,
 ) -> Iterator[Record]:
     """Yield a `Record` for each step of `march`.
 
     Parameters
     ----------
-    ledger, balance
-        Before the first of these steps; no balance stands for that of an unstarted run.
+    ledger, balance, time_error
+        Before the first of these steps; None stands for an unstarted run.
     most_growth
         See `run`.
 
@@ -72,10 +75,13 @@ def record_steps(
     balance = balance or Balance.open(ledger)
     for state, info in steps:
         begin = time.perf_counter()
+        time_error = time_error or TimeError.open(info.old, info.step - 1, ledger)
         ledger = update_ledger(system, method, ledger, info, most_growth)
         balance = balance.after(system, ledger)
         observed = observer.row(info.old, info.result)
-        yield Record(state, info, ledger, observed, balance, time.perf_counter() - begin)
+        time_error = time_error.after(system, method, info, ledger)
+        so_far = balance, time_error
+        yield Record(state, info, ledger, observed, *so_far, time.perf_counter() - begin)
 
 
 def trial_recorder(system: System, ledger: Ledger, observer: Observer) -> Callable:
@@ -98,18 +104,20 @@ def update_ledger(
     Raise `StepFailed` if two steps in a row exceed the energy available. One step may: a load
     switched on transfers momentum before it has done work.
     """
-    after, noise = ledger.after(system, method, info.old, info.result), _noise(system, info)
+    after = ledger.after(system, method, info.old, info.result)
+    noise = _noise(system, info, after.kinetic)
     growths = [each.growth(most) if each.deforming > noise else "" for each in (ledger, after)]
     if all(growths):
         raise step_failed(system, info.old, info.step, info.dt, Problem(growths[1]))
     return after
 
 
-def _noise(system: System, info: StepInfo) -> float:
+def _noise(system: System, info: StepInfo, kinetic: float) -> float:
     """Kinetic energy [J] below which growth means nothing.
 
-    `negligible_energy`, or ½ m (64 ε |x|/dt)² if that is more: the round-off of positions.
+    `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)² and 64 ε of the kinetic energy: the
+    round-off of positions, and of the rigid motion's energy.
     """
     speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
-    rounded = 0.5 * system.total_mass * speed**2
+    rounded = 0.5 * system.total_mass * speed**2 + ROUND_OFF * kinetic
     return max(rounded, negligible_energy(system, info.t - info.memory.start))

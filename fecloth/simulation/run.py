@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -13,7 +14,7 @@ from fecloth import validation
 from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
-from fecloth.nonlinear.statistics import Counts
+from fecloth.nonlinear.statistics import Counts, warn_of_round_off
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
@@ -21,6 +22,9 @@ from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.set_up_warnings import find_set_up_warnings
+from fecloth.simulation.surface_checks import Shape, intersection_warning
+from fecloth.simulation.time_error import relative_error
+from fecloth.simulation.time_error_words import find_doubts, name_time_error
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -48,9 +52,16 @@ class Result:
     method
         The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one without
         dt.
+    shape
+        The least and largest stretch, triangles turned over and pairs of triangles that intersect,
+        at the end.
     warnings
         A sentence for each reason to doubt the result, such as an energy balance that was off
         (`Balance.warning`), also if it closes at the end.
+    time_error
+        Error of x in time, relative to the largest displacement, as far as the steps tell it:
+        `TimeError`. From 0.3 on it says only that they do not resolve the motion. NaN where there
+        is no estimate: see `relative_error`.
     """
 
     state: State
@@ -62,7 +73,9 @@ class Result:
     linear: int
     solver: str
     method: object
+    shape: Shape
     warnings: tuple[str, ...] = ()
+    time_error: float = math.nan
 
     @property
     def doubt(self) -> str:
@@ -71,8 +84,9 @@ class Result:
 
     def __repr__(self) -> str:
         steps, t = len(self.times) - 1, self.times[-1]
-        remark = f", {count_warnings(self.warnings)}" if self.warnings else ""
-        return f"<Result of {steps} steps of {self.method} to t = {t:g} s{remark}>"
+        remarks = [name_time_error(self.time_error)]
+        remarks += [count_warnings(self.warnings)] if self.warnings else []
+        return f"<Result of {steps} steps of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
 
     def _repr_html_(self) -> str:
         """Return figures of the energies and the probes, for notebooks."""
@@ -101,8 +115,9 @@ def run(
 
     Arguments as for `march`; `report` is called after every step. The run also fails after two
     steps in a row that deform with more kinetic energy than `most_growth` times what the start,
-    the loads and the pins can have supplied (`Ledger.available`). If the energy balance does not
-    close, `warnings` of the result and a `FeclothWarning` say so.
+    the loads and the pins can have supplied (`Ledger.available`). Reasons to doubt the result, such
+    as an error in time above 10 % or an energy balance that does not close, are in its `warnings`
+    and come as a `FeclothWarning` each.
 
     Examples
     --------
@@ -181,6 +196,7 @@ def collect(
         Warnings from before the first step; those of the steps follow them in the result.
     """
     state, balance, told = observer.start, Balance.open(ledger), ""
+    record = None
     energies, observed = [ledger.row()], [observer.row(None, None)]
     counts, begin = Counts(), time.perf_counter()
     records = record_steps(steps, system, method, ledger, observer, most_growth=most_growth)
@@ -191,6 +207,18 @@ def collect(
         observed.append(record.observed)
         counts = counts.plus(record.info.counts)
         report(record.info)
+    shape, error = Shape.of(system, state), math.nan
+    inaccurate: tuple[str, ...] = ()
+    if record:
+        error = relative_error(record.time_error, system, method, state, record.info.step, ledger)
+        dt = (state.t - record.time_error.start.t) / (len(energies) - 1)
+        inaccurate = find_doubts(error, system, method, dt, balance, ledger)
+    doubts = (
+        told or balance.warning(ledger, ended=True),
+        warn_of_round_off(counts.limited),
+        *inaccurate,
+        intersection_warning(state.t, shape.intersecting, "at"),
+    )
     return Result(
         state=state,
         times=np.array([row["t"] for row in energies]),
@@ -201,7 +229,9 @@ def collect(
         linear=counts.linear,
         solver=why,
         method=method,
-        warnings=(*foreseen, *filter(None, [told or balance.warning(ledger, ended=True)])),
+        shape=shape,
+        warnings=(*foreseen, *filter(None, doubts)),
+        time_error=error,
     )
 
 

@@ -17,7 +17,7 @@ from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
 
 FRACTION = 0.9  # of the limit
-UPDATE_STEPS = 500  # the limit is computed again after so many, at less than 10 % of their cost
+UPDATE_STEPS = 500  # after this number the limit is computed again, at less than 10 % of their cost
 LOOK = 4  # steps between two checks of the stretches
 BEYOND = 1.02  # times the largest stretch so far: the stiffness grows with its square
 LONGER = 1.05  # largest growth of a step: the cloth may become as stiff again
@@ -133,7 +133,7 @@ class StabilityLimited(ChosenSteps):
 def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:
     """Raise `InputError` for a step beyond a method's limit at the start.
 
-    `insist` is the text that tells the user how to take the step all the same; by default
+    `insist` is the sentence that says how to take the step anyway; by default
     `beyond_limit` in Python.
     """
     traits = method.traits

@@ -13,6 +13,8 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 MOST_STEPS = 10**8  # whose end times alone take 0.8 GB
+COARSEST = 1e-3  # rounding of the time, relative to a step
+EARLIER = "Start earlier, as at t_start = 0, or take a larger dt."
 
 
 def end_times(t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
@@ -35,6 +37,8 @@ def end_times(t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.
 
 def step_times(t: float, dt: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
     """Return the end time of every step, t + i dt without accumulated round-off."""
+    if problem := coarse_clock(max(abs(t), abs(t_end or 0.0)), dt):
+        raise InputError(f"dt = {dt:g} s", problem, "march", EARLIER)
     pieces = []
     for target in end_times(t, t_end, stops):
         steps = max(1, math.ceil((target - t) / dt - 1e-9))
@@ -44,6 +48,16 @@ def step_times(t: float, dt: float, t_end: float | None, stops: Sequence[float] 
         pieces.append(t + dt * np.arange(1, steps + 1))
         pieces[-1][-1] = t = target
     return np.concatenate(pieces)
+
+
+def coarse_clock(t: float, dt: float) -> str:
+    """Say that a step is not resolved by the floating-point time t, or return ""."""
+    tick = math.ulp(t)
+    if not math.isfinite(tick) or tick <= COARSEST * dt:
+        return ""
+    return (
+        f"the time t = {t:g} s is known to {tick:.1e} s only, which must be below {COARSEST:g} dt"
+    )
 
 
 class ChosenSteps:

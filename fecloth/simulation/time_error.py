@@ -11,29 +11,34 @@ import numpy as np
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import StepInfo
-from fecloth.simulation.rigid_motion import deformation, rms_without_rigid
+from fecloth.simulation.rigid_motion import deformation, rms_without_rigid, weighted_sum
 from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-MEAN = 1.5  # peak of |sin| over its mean, π/2; √2 where many modes swing
+MEAN = math.pi / 2  # peak of |sin| over its mean
 STILL = 1e-6  # of the cloth's extent: a cloth that has moved by less is at rest
-OFTEN = 0.03  # of the time so far between two looks at the displacement
+NEVER = 2**62
+OFTEN = 0.15  # of the time so far between two looks at the displacement
 
 
 @remembered
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Time [s], number of the step, x (n, 3) [m], and two energies [J].
+    """Time [s], number of the step, x (n, 3) [m], and energies [J].
 
-    `kinetic` is relative to the mean velocity of the start, `dissipated` the sum since then.
+    `deforming` and `inside` are the kinetic energy of the deformation and what damping has
+    dissipated that a rigid motion does not feel; `kinetic` and `outside` the whole kinetic energy
+    and what the other damping has dissipated. See `Ledger`.
     """
 
     t: float
     step: int
     x: np.ndarray
+    deforming: float
+    inside: float
     kinetic: float
-    dissipated: float
+    outside: float
 
 
 @remembered
@@ -48,18 +53,21 @@ class TimeError:
 
         de/dt = MEAN κ dt^q |d^p x / dt^p| − γ e,    γ = power dissipated / (4 kinetic energy)
 
+    with the kinetic energy of the deformation for damping that a rigid motion does not feel.
+
     A mode cannot be off by more than 2 A. The derivative is therefore a divided difference over
     times τ apart, at most (2/τ)^p A for a mode of any frequency, with
 
         (2/τ)^p κ ∫ dt^q dt = 2
 
-    so that positions are needed every τ only, which grows with time. The largest e so far over the
-    largest displacement is the relative error.
+    so that positions are needed every τ only, which grows with time. (For τ, dt is that of the
+    present, so that a short motion after a long rest is not passed over.) The largest e so far
+    over the largest displacement is the relative error.
 
     Attributes
     ----------
     start
-        The state before the first step.
+        That before the first step.
     recent
         The last p + 1 samples.
     lag
@@ -71,10 +79,10 @@ class TimeError:
     moved, looked
         Largest rms displacement [m], and the time of the last look at it [s].
     due
-        Time of the next sample [s].
+        The step of the next sample.
     """
 
-    start: State
+    start: Sample
     recent: tuple[Sample, ...]
     lag: float = 0.0
     length: float = 0.0
@@ -82,18 +90,17 @@ class TimeError:
     speed: float = 0.0
     moved: float = 0.0
     looked: float = 0.0
-    due: float = 0.0
+    due: int = 0
 
     @classmethod
-    def open(cls, system: System, state: State) -> TimeError:
-        """Return the estimate before the first step."""
-        ledger = Ledger.open(system, state)
-        start = _sample(system, state, state, 0, ledger)
-        return cls(state, (start,), looked=state.t, due=state.t)
+    def open(cls, state: State, step: int, ledger: Ledger) -> TimeError:
+        """Return the estimate after `step` steps, from where on it counts."""
+        start = _sample(state, step, ledger)
+        return cls(start, (start,), looked=state.t)
 
     def after(self, system: System, method, info: StepInfo, ledger: Ledger) -> TimeError:
         """Return the estimate after a step: nearly always the same object."""
-        if info.t < self.due:
+        if info.step < self.due:
             return self
         return self.sampled(system, method.traits, info.result.state, info.step, ledger)
 
@@ -102,12 +109,13 @@ class TimeError:
     ) -> TimeError:
         """Return the estimate with one more sample, after that many steps."""
         if (drift := drift_of(traits)) is None:
-            return replace(self, due=math.inf)
+            return replace(self, due=NEVER)
         q, constant = drift
         mass, is_first = system.diagonal_mass, len(self.recent) < q + 2
-        recent = (*self.recent, _sample(system, self.start, state, step, ledger))[-(q + 2) :]
+        recent = (*self.recent, _sample(state, step, ledger))[-(q + 2) :]
         old, new = recent[-2:]
-        lag = constant * _mean_step(old, new) ** q * (new.t - old.t)
+        dt = _mean_step(old, new)
+        lag = constant * dt**q * (new.t - old.t)
         length, total = self.length, self.lag + lag
         if len(recent) == q + 2:  # the first derivative stands for all time before
             rate = MEAN * rms_without_rigid(mass, state.x, derivative(recent))
@@ -121,9 +129,13 @@ class TimeError:
             length=length,
             largest=max(self.largest, length),
             speed=speed,
-            due=new.t + (2**q * total) ** (1 / (q + 1)),
+            due=step + math.ceil(self._apart(q, constant, dt, new.t) / dt - 1e-6),
         )
         return after if new.t < self._next_look else after._looked(mass)
+
+    def _apart(self, q: int, constant: float, dt: float, t: float) -> float:
+        """Return τ [s] for steps of the present size from the start on."""
+        return (2**q * constant * dt**q * (t - self.start.t)) ** (1 / (q + 1))
 
     @property
     def _next_look(self) -> float:
@@ -149,7 +161,7 @@ def relative_error(
     traits = method.traits
     if (drift := drift_of(traits)) is None:
         return math.nan
-    if step > error.recent[-1].step:
+    if state.t > error.recent[-1].t:
         error = error.sampled(system, traits, state, step, ledger)
     error = error._looked(system.diagonal_mass)
     extent = float(np.ptp(system.cloth.X, axis=0).max())
@@ -157,7 +169,7 @@ def relative_error(
         return math.nan
     length = error.largest
     if traits.order < drift[0] and traits.error_constant is not None:
-        dt = (state.t - error.start.t) / step
+        dt = _mean_step(error.start, error.recent[-1])
         length += traits.error_constant * dt * error.speed
     return length / error.moved
 
@@ -171,21 +183,17 @@ def drift_of(traits: MethodTraits) -> tuple[int, float] | None:
 
 def derivative(samples: Sequence[Sample]) -> np.ndarray:
     """Return d^p x / dt^p (n, 3) from p + 1 samples: p! times Newton's divided difference."""
-    order = len(samples) - 1
-    x, y = samples[0].x, np.zeros_like(samples[0].x)
-    for one in samples[1:]:  # the weights add up to 0: differences keep the digits far away
-        weight = math.factorial(order) / math.prod(one.t - b.t for b in samples if b is not one)
-        y += weight * (one.x - x)
-    return y
+    scale = math.factorial(len(samples) - 1)
+    weights = [
+        scale / math.prod(one.t - other.t for other in samples if other is not one)
+        for one in samples
+    ]  # they add up to 0: differences keep the digits of a cloth that is far away
+    return weighted_sum(tuple(one.x for one in samples), np.array(weights))
 
 
-def _sample(system, start, state, step, ledger):
-    """Return a sample of a state."""
-    velocity = system.sums.mean(system.diagonal_mass, start.v)
-    mean = system.sums.mean(system.diagonal_mass, state.v)
-    mass = float(system.nodal_mass.sum())
-    kinetic = ledger.kinetic + mass * float(0.5 * velocity @ velocity - mean @ velocity)
-    return Sample(state.t, step, state.x, kinetic, sum(ledger.dissipated.values()))
+def _sample(state: State, step: int, ledger: Ledger) -> Sample:
+    energies = ledger.deforming, ledger.lost_inside, ledger.kinetic, ledger.lost_outside
+    return Sample(state.t, step, state.x, *energies)
 
 
 def _mean_step(a, b):
@@ -193,9 +201,14 @@ def _mean_step(a, b):
     return (b.t - a.t) / (b.step - a.step)
 
 
-def _add_forgetting(length, added, a, b):
+def _add_forgetting(length: float, added: float, a: Sample, b: Sample) -> float:
     """Return e at b: e at a decays, and what is added between them decays as it comes."""
-    lost, moving = max(b.dissipated - a.dissipated, 0.0), max(a.kinetic + b.kinetic, 0.0)
-    decay = lost / max(2 * moving, 1e-3 * lost) if lost else 0.0  # γ (t_b − t_a)
+    decay = _decay(b.inside - a.inside, a.deforming + b.deforming)
+    decay += _decay(b.outside - a.outside, a.kinetic + b.kinetic)
     share = -math.expm1(-decay) / decay if decay > 1e-9 else 1.0
     return length * math.exp(-decay) + added * share
+
+
+def _decay(lost: float, moving: float) -> float:
+    """Return γ (t_b − t_a) from the energy lost in between and the sum of the kinetic energies."""
+    return lost / max(2 * moving, 1e-3 * lost) if lost > 0 else 0.0

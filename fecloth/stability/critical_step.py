@@ -49,25 +49,24 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
     =================================  ==========================================================
 
     The largest eigenvalue comes from Lanczos' method on the directions that the pins leave free.
-    Of K and D that are not symmetric the symmetric part is taken, and negative stiffness, which
-    no step cures, is passed over.
+    Of K and D only the symmetric part is used. Directions with negative stiffness are left out,
+    because they are unstable at any step.
 
-    Infinite means A-stable, and that is said of linear problems only: no mode of K and D as they
-    are at one state grows at any step. A nonlinear cloth may gain energy all the same (the
-    midpoint rule, the trapezoidal rule and generalised-α have been seen to), the linearised step
-    fails in compression, Newton's iteration may find no solution, and what is stable may still be
-    wrong by far.
+    The limit of an A-stable method is infinite. This holds for linear problems only: no mode of K
+    and D at one state grows at any step. A nonlinear cloth may gain energy nevertheless (as with
+    the midpoint rule, the trapezoidal rule and generalised-α), the linearised step fails in
+    compression, Newton's iteration may find no solution, and a stable result may be inaccurate.
 
     Forward Euler needs damping in every mode: a taut sheet has transverse modes that strain-rate
     damping leaves undamped, and its limit is 0, as without any damping. Up to 400 free directions
     it is the least over all eigenvalues of (λ²M + λD + K) z = 0 of 2 |Re λ|/|λ|², as |1 + dt λ| ≤ 1
-    asks, whether K and D share their modes or not. Beyond, it is a dt that is safe,
+    requires, whether or not K and D have the same modes. With more directions it is a safe dt,
 
         min(least of d/k, 2/largest d)   over all directions, k, d their Rayleigh quotients,
 
-    which is the limit itself where modes are shared and ζ ≤ 0.7 for all, and no less than half of
-    it where they are shared at all. Either way damping below 1e-9 of the largest counts
-    as none.
+    which equals the limit if the modes are the same and ζ ≤ 0.7 for all of them, and is at least
+    half of it if they are the same. In both cases damping below 1e-9 of the largest counts as
+    none.
 
     That holds for small motions about `state`. A cloth that stretches in the run becomes stiffer,
     so that the limit falls: compute it again there (`estimate` does so cheaply).

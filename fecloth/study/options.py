@@ -62,7 +62,7 @@ def _make_parser(description: str, more: dict[str, dict]) -> Parser:
     parser = Parser(description=description.strip().splitlines()[0])
     add = parser.add_argument
     add("--out", type=Path, metavar="DIR", help="folder of the results (out/STUDY[/SCENE])")
-    add("--quick", action="store_true", help="few and small cases, a minute or two")
+    add("--quick", action="store_true", help="few and small cases, below a minute of CPU time")
     add("--jobs", type=int, default=1, metavar="N", help="processes, one thread each")
     add("--scheduler", metavar="ADDRESS", help="Dask scheduler that runs the cases")
     add("--scene", type=Path, metavar="TOML", help="your own scene")

@@ -20,6 +20,7 @@ LONGEST = 3600.0  # s, predicted for all cases, above which a study does not sta
 STEPS = 300  # of a run that chooses its steps by their error
 TRIANGLES = {"right": 2.0, "cross": 4.0}  # triangles per h²
 EQUILATERAL = 4 / math.sqrt(3)
+COARSE = 30, 5, 1  # times h, for the area of a shape from a file
 
 
 @dataclass(frozen=True)
@@ -50,12 +51,26 @@ class Workload:
 
 
 def count_triangles(scene: Scene) -> float:
-    """Estimate the number of triangles; mesh the cloth only if its shape comes from a file."""
+    """Estimate the number of triangles from area and h, without the mesh of this h."""
     cloth = scene.cloth
-    if cloth.shape == "file":
+    if cloth.h is None:
         return len(scene.mesh().triangles)
-    area = cloth.width * cloth.height if cloth.shape == "rectangle" else math.pi * cloth.radius**2
-    return area / cloth.h**2 * TRIANGLES.get(getattr(cloth, "pattern", ""), EQUILATERAL)
+    return _area(scene) / cloth.h**2 * TRIANGLES.get(getattr(cloth, "pattern", ""), EQUILATERAL)
+
+
+def _area(scene: Scene) -> float:
+    """Return the area of the cloth [m²]; that of a .geo file is that of a coarse mesh."""
+    cloth = scene.cloth
+    if cloth.shape == "rectangle":
+        return cloth.width * cloth.height
+    if cloth.shape == "disk":
+        return math.pi * cloth.radius**2
+    for factor in COARSE:
+        try:
+            return cloth.model_copy(update={"h": factor * cloth.h}).cloth().area
+        except InputError:  # too coarse for a shape with small parts
+            continue
+    return scene.mesh().area  # raises the error with its place in the scene
 
 
 def count_steps(scene: Scene) -> float:
@@ -94,7 +109,7 @@ def check_scene(cases: Sequence[Workload], options: argparse.Namespace) -> None:
     print(f"{size}; predicted: about {in_words(seconds)}", file=sys.stderr, flush=True)
     if seconds > LONGEST and not options.yes:
         allowed = f"predicted time above {in_words(LONGEST)}"
-        remedy = "Check width, height, h and dt of the scene; --yes runs it all the same."
+        remedy = "Check width, height, h and dt of the scene; --yes runs it anyway."
         raise InputError(size, allowed, str(options.scene), remedy)
     load_scene(options.scene).build()
 

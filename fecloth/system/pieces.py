@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sparse
@@ -52,8 +53,10 @@ class Piece:
         if len(self.held):
             r = r - x[self.held].mean(axis=0)
             velocity = _follow(x[self.held], held_v[self.held], self.outside, r)
-            momentum = p[self.nodes].sum(axis=0) - m @ velocity
-            return velocity + _null_space(self.outside.sum(axis=0)) @ momentum / m.sum()
+            if not self.free_directions.any():
+                return velocity
+            momentum = p[self.nodes].sum(axis=0) - np.einsum("a,ai->i", m, velocity)
+            return velocity + self.free_directions @ momentum / m.sum()
         centre = mass_x[self.nodes].sum(axis=0) / m.sum()
         r = r - centre
         G = np.einsum("ai,aj->ij", r, p[self.nodes])
@@ -62,6 +65,13 @@ class Piece:
         inertia = np.trace(spread) * np.eye(3) - 0.5 * (spread + spread.T)
         omega = np.linalg.pinv(inertia, rcond=TINY, hermitian=True) @ moment
         return p[self.nodes].sum(axis=0) / m.sum() + _turn(omega, r)
+
+    @cached_property
+    def free_directions(self) -> np.ndarray:
+        """(3, 3) projector onto the directions in which no pin holds the piece."""
+        values, vectors = np.linalg.eigh(self.outside.sum(axis=0))
+        free: np.ndarray = vectors[:, values < TINY * max(values[-1], TINY)]
+        return free @ free.T
 
     def place(self, x, mass) -> np.ndarray:
         """Mean position (3,) of the held nodes, or the centre of mass of a free piece [m]."""
@@ -92,9 +102,10 @@ def movable_pieces(
         ours = held_label == number
         held = constraints.nodes[ours]
         outside = np.eye(3) - constraints.projectors[ours]
-        if moved[held].any() or np.linalg.matrix_rank(outside.sum(axis=0), tol=TINY) < 3:
-            all_nodes = slice(None) if count == 1 else np.flatnonzero(label == number)
-            movable.append(Piece(all_nodes, held, outside))
+        ours_all = slice(None) if count == 1 else np.flatnonzero(label == number)
+        piece = Piece(ours_all, held, outside)
+        if moved[held].any() or piece.free_directions.any():
+            movable.append(piece)
     return tuple(movable)
 
 
@@ -118,10 +129,3 @@ def _cross(y) -> np.ndarray:
     matrix = np.zeros((len(y), 3, 3))
     matrix[:, 0, 1], matrix[:, 0, 2], matrix[:, 1, 2] = -y[:, 2], y[:, 1], -y[:, 0]
     return matrix - matrix.transpose(0, 2, 1)
-
-
-def _null_space(A) -> np.ndarray:
-    """(3, 3) projector onto the null space of a symmetric matrix."""
-    values, vectors = np.linalg.eigh(A)
-    free = vectors[:, values < TINY * max(values[-1], TINY)]
-    return free @ free.T

@@ -21,6 +21,7 @@ from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints, MatrixProjection
 from fecloth.system.pieces import Piece, movable_pieces
 from fecloth.system.pins import Pin
+from fecloth.system.reaction_limits import ReactionLimits
 from fecloth.system.state import State, make_state
 from fecloth.terms import protocol
 from fecloth.terms.step_difference import StepDifference
@@ -174,6 +175,11 @@ class System:
         return movable_pieces(self.cloth, self.pattern, self.constraints)
 
     @cached_property
+    def reaction_limits(self) -> ReactionLimits:
+        """For `force_size`."""
+        return ReactionLimits.of(self)
+
+    @cached_property
     def _projection(self) -> MatrixProjection:
         return MatrixProjection.bind(self.constraints, self.pattern)
 
@@ -186,6 +192,7 @@ class System:
 
     def with_bound(self, bound: Iterable) -> System:
         """A copy with other bound terms, such as those over a step; all else is shared."""
+        _ = self.reaction_limits  # which the copy shares
         other = copy.copy(self)
         other.__dict__["bound"] = tuple(bound)  # in place of the cached property
         return other
@@ -220,6 +227,10 @@ class System:
         for term in self.bound:
             term.add_force(state.x, state.v, state.t, f)
         return f
+
+    def force_size(self, f: np.ndarray) -> float:
+        """‖f‖ [N] with the reactions of the pins, but without the forces among what they hold."""
+        return float(self.sums.norm(self.reaction_limits.apply(f)))
 
     def energies(self, state: State) -> dict[str, float]:
         """{"kinetic": J, term name: J, …} of the terms that have an energy."""

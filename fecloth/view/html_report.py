@@ -22,6 +22,7 @@ from fecloth.view.svg_chart import chart
 from fecloth.view.web_page import fill_template, pack_frames, shown_fields, title_of
 
 MOST_ROWS = 4000  # of a table that are read for a chart
+STRETCHES = ("smallest", "1 %", "median", "99 %", "largest")  # columns of strains.csv
 COLUMNS = ("t", "total")  # of the ledger that are no curve of it
 PHASES = ("mesh", "bind", "compile", "choose", "assemble", "factor", "solve", "record", "output")
 
@@ -125,14 +126,25 @@ def _tiles(summary, tables) -> dict[str, str]:
         "Newton iterations": f"{summary['newton']}",
         "linear iterations": f"{summary['linear']}",
         "energy unexplained": _unexplained(summary, tables["steps"]),
+        "error in time": _time_error(summary),
         "frames": f"{summary['frames']}",
     }
     if strains := tables["strains"]:
         extremes = strains["smallest"].min(), strains["largest"].max()
         tiles["stretch, all frames"] = "{:.4g} – {:.4g}".format(*extremes)
+    if (pairs := summary.get("intersecting_pairs")) is not None:
+        tiles["pairs that intersect"] = str(pairs)
+    if turned := summary.get("inverted_triangles"):
+        tiles["triangles turned over"] = str(turned)
     if summary.get("peak_memory_MB"):
         tiles["memory"] = f"{summary['peak_memory_MB']:.0f} MB"
     return tiles
+
+
+def _time_error(summary):
+    """The estimate of the error in time without its first words; older runs have none."""
+    words = summary.get("time_error_in_words", "no estimate").removeprefix("error in time")
+    return words.partition(";")[0].removeprefix(":").strip()
 
 
 def _unexplained(summary, steps):
@@ -158,7 +170,7 @@ def _charts(tables) -> list[str]:
     steps, energies, strains = (tables[name] for name in ("steps", "energies", "strains"))
     figures = [_energies(energies), _remainder(energies)]
     if strains:
-        curves = {name: (strains["t"], strains[name]) for name in strains if name != "t"}
+        curves = {name: (strains["t"], strains[name]) for name in STRETCHES if name in strains}
         figures.append(chart("Principal stretches, at the frames", curves, "t [s]", "stretch"))
     if steps:
         at = steps["t"]

@@ -1,12 +1,12 @@
-"""What the linear solvers cost whole runs, and "auto" over the best.
+"""CPU time of whole runs with each linear solver, and of "auto" over the best.
 
     python -m studies.benchmarks.linear_solvers
 
-Scenes of different character: a flag, a hanging strip and a dome (static), a sheet that swings, the
-trampoline at 1 and at 4 ms, and a fine damped sheet. Every solver marches each of them in turn,
-single-threaded; processor seconds, the minimum of several runs, so that neither compilation nor
-loading the MKL is in them. `full` is PARDISO (SuperLU without it) with a new factor in every Newton
-iteration, `direct` keeps it.
+The scenes differ in character: a flag, a hanging strip and a dome (static), a swinging sheet, the
+trampoline at 1 and at 4 ms, and a fine damped sheet. The solvers take turns, on one thread. The CPU
+seconds are the minimum of several runs, so that they include neither compilation nor the loading of
+the MKL. `full` is PARDISO (or SuperLU) with a new factor in every Newton iteration; `direct` reuses
+the factor.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from fecloth.scene.scene import load_scene
 
 SCENES = Path(__file__).parents[1] / "scenes"
 SOLVERS = ("full", "direct", "superlu", "pcg", "auto")
-LIMIT = 1.5  # of auto over the best
-SMALL = 1_000  # nodes up to which SuperLU is run, too
+LIMIT = 1.5  # largest ratio of auto to the best
+SMALL = 1_000  # largest number of nodes for SuperLU
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What is to be marched."""
+    """A run: system, method, start, steps and options."""
 
     system: fc.System
     method: object
@@ -38,7 +38,7 @@ class Case:
     newton: fc.Newton
 
     def march(self, solver: str) -> tuple[float, Counts]:
-        """Processor seconds, and the counts of all steps."""
+        """Return the CPU seconds and the counts of all steps."""
         options = replace(self.newton, reuse=solver != "full")
         name = "direct" if solver == "full" else solver
         chosen, _ = fc.solver_for(self.system, self.method, self.dt, name, options)
@@ -50,13 +50,13 @@ class Case:
 
 
 def scene(name: str, *overrides: str) -> Case:
-    """One of studies/scenes."""
+    """Return the run of a file in studies/scenes."""
     built = load_scene(SCENES / f"{name}.toml", overrides).build()
     return Case(built.system, built.method, built.state, built.dt, built.t_end, built.newton)
 
 
 def damped_sheet(h: float, t_end: float) -> Case:
-    """A square, held along an edge, that falls: strain-rate damping makes the matrix stiff."""
+    """Return a square pinned along an edge that falls; strain-rate damping stiffens the matrix."""
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=h)
     terms = [fc.StVK(), fc.StrainRateDamping(0.02), fc.Gravity()]
     system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), terms, pins=["left"])
@@ -64,7 +64,7 @@ def damped_sheet(h: float, t_end: float) -> Case:
 
 
 def cases(quick: bool) -> dict[str, Case]:
-    """The scenes; `quick` ends them early and takes a coarser sheet."""
+    """Return all runs; with `quick` they end early and the sheet is coarser."""
     flag, swing, short, long = (0.2, 0.25, 0.03, 0.08) if quick else (0.6, 0.6, 0.1, 0.2)
     return {
         "flag": scene("benchmark_flag", f"time.t_end={flag}"),
@@ -77,8 +77,8 @@ def cases(quick: bool) -> dict[str, Case]:
     }
 
 
-def measured(case: Case, repeat: int) -> dict[str, tuple[float, Counts]]:
-    """The fastest of several runs with each solver, in turn."""
+def fastest_runs(case: Case, repeat: int) -> dict[str, tuple[float, Counts]]:
+    """Return the fastest of several runs with each solver; the solvers take turns."""
     small, best = len(case.system.cloth.X) <= SMALL, {}
     for _ in range(repeat):
         for solver in SOLVERS:
@@ -89,13 +89,15 @@ def measured(case: Case, repeat: int) -> dict[str, tuple[float, Counts]]:
     return best
 
 
-def line(name: str, case: Case, runs: dict[str, tuple[float, Counts]]) -> tuple[str, float]:
-    """A row of the table, and the seconds of auto over the least of all."""
+def table_row(name: str, case: Case, runs: dict[str, tuple[float, Counts]]) -> tuple[str, float]:
+    """Return a row of the table, and the time of auto over that of the fastest solver."""
     seconds = [f"{runs[s][0]:>8.3f}" if s in runs else f"{'':>8}" for s in SOLVERS]
     ratio = runs["auto"][0] / min(runs[s][0] for s in runs if s != "auto")
     few, many = runs["direct"][1], runs["full"][1]
-    kept = f"{few.newton:>6} {many.newton:>6} {few.factorisations:>6} {many.factorisations:>6}"
-    columns = [f"{name:<17} {len(case.system.cloth.X):>6}", *seconds, f"{ratio:>7.2f}", kept]
+    iterations = (
+        f"{few.newton:>6} {many.newton:>6} {few.factorisations:>6} {many.factorisations:>6}"
+    )
+    columns = [f"{name:<17} {len(case.system.cloth.X):>6}", *seconds, f"{ratio:>7.2f}", iterations]
     return " ".join(columns), ratio
 
 
@@ -104,10 +106,12 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="shorter runs")
     options = parser.parse_args()
     heads = " ".join(f"{s:>8}" for s in SOLVERS)
-    print(f"{'scene':<17} {'nodes':>6} {heads} auto by   Newton: kept, full; factorisations")
+    print(
+        f"{'scene':<17} {'nodes':>6} {heads} auto/best   Newton direct, full; factors direct, full"
+    )
     ratios = {}
     for name, case in cases(options.quick).items():
-        row, ratios[name] = line(name, case, measured(case, 2 if options.quick else 3))
+        row, ratios[name] = table_row(name, case, fastest_runs(case, 2 if options.quick else 3))
         print(row, flush=True)
     worst = max(ratios, key=ratios.get)
     verdict = "met" if ratios[worst] <= LIMIT else "MISSED"

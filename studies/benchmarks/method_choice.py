@@ -1,13 +1,13 @@
-"""What `Auto` chooses, and its seconds over the best of all options.
+"""The choice of `Auto`, and its CPU time over that of the fastest option.
 
     python -m studies.benchmarks.method_choice
 
-Six scenes of different character are marched at one tolerance, single-threaded, by `Auto`, by
-`Adaptive` central differences, and by the implicit methods with either kind of linear solver.
-Processor seconds, the minimum of several runs, without compilation; those of Auto include its
-choice, which is shown apart. A run that takes more than three times the best so far is given up
-(–). In brackets the error of the last positions in units of the tolerance: rms over the nodes,
-against a run at a twentieth of it, over rtol R t.
+Six scenes of different character run at one tolerance, on one thread, with `Auto`, with `Adaptive`
+central differences, and with the implicit methods and either kind of linear solver. The CPU seconds
+are the minimum of several runs, without compilation. Those of Auto include the time of its choice,
+which is also printed alone. A run stops (–) when it takes more than three times the best so far.
+The numbers in brackets are the errors of the last positions over the tolerance: the rms distance
+from a run with a twentieth of the tolerance, over rtol R t.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from fecloth.simulation.resolve import choose_steps, resolve
 SCENES = Path(__file__).parents[1] / "scenes"
 RTOL = 1e-2  # 1/s
 TIGHTER = 20
-LIMIT = 1.5  # of auto over the best
-PATIENCE = 3.0  # times the best, after which a run is given up
+LIMIT = 1.5  # largest ratio of auto to the best
+PATIENCE = 3.0  # times the best time; then a run stops
 METHODS = {"GenAlpha": fc.GeneralizedAlpha, "Midpoint": fc.ImplicitMidpoint, "BDF2": fc.BDF2}
 OPTIONS = {"explicit": (fc.CentralDifference, "auto")} | {
     f"{name} {solver}": (method, solver)
@@ -40,7 +40,7 @@ OPTIONS = {"explicit": (fc.CentralDifference, "auto")} | {
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What is to be marched."""
+    """A run: system, start, end and options."""
 
     system: fc.System
     state: fc.State
@@ -50,7 +50,7 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a run took [s], and where it ended (None: given up)."""
+    """CPU seconds of a run, and the state at its end (None if it was stopped)."""
 
     seconds: float
     choosing: float = 0.0
@@ -60,8 +60,8 @@ class Run:
     state: fc.State | None = None
 
 
-def marched(case: Case, method, solver: str = "auto", most: float = math.inf) -> Run:
-    """One run, given up after `most` seconds, the choice of the method included."""
+def run_case(case: Case, method, solver: str = "auto", most: float = math.inf) -> Run:
+    """Run one case, including the choice of the method; stop after `most` seconds."""
     begin, count, rejected = time.process_time(), 0, 0
     run = case.system, choose_steps(method, None), case.state, case.t_end
     method, chosen, why = resolve(*run, solver, case.newton)
@@ -82,13 +82,13 @@ FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.
 
 
 def from_file(name: str, t_end: float, *overrides: str) -> Case:
-    """One of studies/scenes."""
+    """Return the run of a file in studies/scenes."""
     built = load_scene(SCENES / f"{name}.toml", overrides).build()
     return Case(built.system, built.state, t_end, built.newton)
 
 
 def stiff_strip(t_end: float, h: float) -> Case:
-    """A strip as stiff as a tarpaulin, held at its top, pushed out of the vertical, swings."""
+    """Return a strip as stiff as a tarpaulin, pinned at its top, which swings after a push."""
     cloth = fc.Cloth.rectangle(0.2, 1.0, h=h)
     terms = [fc.StVK(), fc.HingeBending(), fc.StrainRateDamping(2e-3), fc.Gravity((0, -9.81, 0))]
     fabric = fc.Fabric(0.5, tensile_stiffness=1e5, poisson_ratio=0.2, bending_rigidity=1e-3)
@@ -100,7 +100,7 @@ def stiff_strip(t_end: float, h: float) -> Case:
 
 
 def bending_swing(t_end: float, h: float) -> Case:
-    """A sheet of paper, held along an edge, is let go: bending waves faster than the fall."""
+    """Return a falling sheet of paper pinned along an edge: bending waves outrun the fall."""
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=h)
     fabric = fc.Fabric(0.08, tensile_stiffness=2000.0, poisson_ratio=0.3, bending_rigidity=1e-4)
     terms = [fc.StVK(), fc.HingeBending(), fc.StrainRateDamping(5e-3), fc.Gravity()]
@@ -109,7 +109,7 @@ def bending_swing(t_end: float, h: float) -> Case:
 
 
 def dome(t_end: float, h: float) -> Case:
-    """A clamped disk is blown up within the time of the run, and stays in motion."""
+    """Return a clamped disk that pressure inflates during the run; it stays in motion."""
     cloth = fc.Cloth.disk(0.5, h=h)
     terms = [fc.StVK(), fc.Pressure(f"100 * min(t / {t_end}, 1)")]
     system = fc.System(cloth, FABRIC, terms, pins=["boundary"])
@@ -117,9 +117,9 @@ def dome(t_end: float, h: float) -> Case:
 
 
 def slow_pull(t_end: float, h: float) -> Case:
-    """A sheet is drawn out by a tenth and back, slowly beside its own waves: nearly static.
+    """Return a sheet pulled by a tenth and back, slowly compared with its waves: nearly static.
 
-    It ends amid a period: at a whole one, steps that have missed the motion would be right.
+    The run ends within a period. After a whole period even steps that miss the motion are right.
     """
     rate = 2 * np.pi  # rad/s
 
@@ -136,7 +136,7 @@ def slow_pull(t_end: float, h: float) -> Case:
 
 
 def cases(quick: bool) -> dict[str, Callable[[], Case]]:
-    """The scenes; `quick` ends them early and takes coarser meshes."""
+    """Return all runs; with `quick` they end early and the meshes are coarser."""
     h, t = (1.6, 0.4) if quick else (1.0, 1.0)
     return {
         "trampoline": lambda: from_file("trampoline", 0.2 * t, f"cloth.h={0.02 * h}"),
@@ -151,31 +151,31 @@ def cases(quick: bool) -> dict[str, Callable[[], Case]]:
 # --- the measurement ------------------------------------------------------------------------------
 
 
-def measured(case: Case, repeat: int) -> dict[str, Run]:
-    """The fastest of several runs of every option and of Auto, in turn, after a short warm-up."""
+def fastest_runs(case: Case, repeat: int) -> dict[str, Run]:
+    """Return the fastest of several runs of each option and of Auto, after a short warm-up."""
     best, warm = {}, Case(case.system, case.state, 1e-3 * case.t_end, case.newton)
     for method, solver in OPTIONS.values():
-        marched(warm, fc.Adaptive(method(), RTOL), solver)
+        run_case(warm, fc.Adaptive(method(), RTOL), solver)
     options = {name: (fc.Adaptive(m(), RTOL), s) for name, (m, s) in OPTIONS.items()}
     for _ in range(repeat):
         for name, (method, solver) in ({"auto": (fc.Auto(RTOL), "auto")} | options).items():
             least = min((run.seconds for run in best.values()), default=math.inf)
             if best.get(name) and math.isinf(best[name].seconds):
-                continue  # was given up
-            run = marched(case, method, solver, math.inf if name == "auto" else PATIENCE * least)
+                continue  # it was too slow before
+            run = run_case(case, method, solver, math.inf if name == "auto" else PATIENCE * least)
             best[name] = min(best.get(name, run), run, key=lambda run: run.seconds)
     return best
 
 
 def reference(case: Case, runs: dict[str, Run]) -> fc.State:
-    """Where a tighter run of the fastest of all options ends, if that is not too long."""
+    """Return the end of a run of the fastest option with a smaller tolerance."""
     name = min((n for n in runs if n != "auto"), key=lambda n: runs[n].seconds)
     method, solver = OPTIONS[name]
-    return marched(case, fc.Adaptive(method(), RTOL / TIGHTER), solver).state
+    return run_case(case, fc.Adaptive(method(), RTOL / TIGHTER), solver).state
 
 
-def off(case: Case, run: Run, exact: fc.State) -> float:
-    """Error of the last positions in units of the tolerance."""
+def relative_error(case: Case, run: Run, exact: fc.State) -> float:
+    """Return the error of the last positions over the tolerance."""
     if run.state is None:
         return math.nan
     mass = case.system.nodal_mass / case.system.nodal_mass.sum()
@@ -188,12 +188,12 @@ def off(case: Case, run: Run, exact: fc.State) -> float:
 
 
 def report(name: str, case: Case, runs: dict[str, Run]) -> float:
-    """Print a scene's options; the seconds of auto over the least of all."""
+    """Print a scene's options; return the time of auto over that of the fastest."""
     exact, auto = reference(case, runs), runs["auto"]
     print(f"{name}, {len(case.system.cloth.X)} nodes, {case.t_end:g} s")
     for option, run in runs.items():
         text = f"{run.seconds:8.3f} s {run.steps:6} steps {run.rejected:4} rejected"
-        error = f"  [{off(case, run, exact):.2f}]"
+        error = f"  [{relative_error(case, run, exact):.2f}]"
         print(f"  {option:<16}" + (f"{text}{error}" if run.state else "       –"))
     ratio = auto.seconds / min(run.seconds for n, run in runs.items() if n != "auto")
     print(f"  auto took {auto.chosen}, {auto.choosing:.3f} s to choose: {ratio:.2f} of the best")
@@ -202,14 +202,16 @@ def report(name: str, case: Case, runs: dict[str, Run]) -> float:
 
 def main() -> None:
     parser = study.Parser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="shorter: the choice weighs more")
-    parser.add_argument("--only", help="the one scene of this name")
-    given = parser.parse_args()
+    parser.add_argument(
+        "--quick", action="store_true", help="shorter runs, in which the choice takes a larger part"
+    )
+    parser.add_argument("--only", help="run only the scene of this name")
+    options = parser.parse_args()
     ratios = {}
-    for name, make in cases(given.quick).items():
-        if given.only in (None, name):
+    for name, make in cases(options.quick).items():
+        if options.only in (None, name):
             case = make()
-            ratios[name] = report(name, case, measured(case, 1 if given.quick else 3))
+            ratios[name] = report(name, case, fastest_runs(case, 1 if options.quick else 3))
     worst = max(ratios, key=ratios.get)
     verdict = "met" if ratios[worst] <= LIMIT else "MISSED"
     print(f"auto over the best: at most {ratios[worst]:.2f} ({worst}), limit {LIMIT}: {verdict}")

@@ -1,16 +1,16 @@
-"""The trampoline beside another code, in one process.
+"""The trampoline computed by fecloth and by MuJoCo, in one process.
 
     python -m studies.benchmarks.mujoco [--quick]
 
-One mesh, one lumped mass, one material, one thread; the error is that of the mean deflection over
-t <= 0.2 s, in percent of its peak, against the radial solution of `falling_disk.trampoline`. CPU
-seconds are the least of two runs after a warm-up, ratios those of one process.
+Both use one mesh, one lumped mass, one material and one thread. The error is that of the mean
+deflection over t <= 0.2 s, in percent of its peak, against the radial solution of
+`falling_disk.trampoline`. CPU seconds are the minimum of two runs after a warm-up.
 
-The other code is MuJoCo (pip install '.[peers]'), whose two-dimensional flex with
-`elastic2d="stretch"` is the same element: P1 triangles of St. Venant-Kirchhoff. Its vertices get
-fecloth's lumped masses, and it starts with the half-step velocity, as the leapfrog does: so what
-`Euler` computes there is what central differences compute here, to round-off. Its `discrete` is the
-linearised backward Euler step. --quick takes a coarse mesh, where no limit is held.
+MuJoCo (pip install '.[peers]') has the same element: its two-dimensional flex with
+`elastic2d="stretch"` is the linear triangle of St. Venant and Kirchhoff. Its vertices get the
+lumped masses of fecloth, and it starts with the velocity at the half step, so that its `Euler`
+computes what central differences compute here, to round-off. Its `discrete` is the linearised
+backward Euler step. --quick takes a coarse mesh and does not apply the limits.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from __future__ import annotations
 import os
 import sys
 
-if "numba" not in sys.modules:  # it refuses a change once its threads run
+if "numba" not in sys.modules:  # Numba refuses a change once its threads run
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[name] = "1"  # before NumPy and MKL read them
 
@@ -31,7 +31,7 @@ import numpy as np
 
 import fecloth as fc
 from fecloth import study
-from studies.benchmarks.kernels import FABRIC, Figure
+from studies.benchmarks.measure import FABRIC, Measured, print_verdicts
 from studies.references import falling_disk
 
 try:
@@ -40,12 +40,12 @@ except ImportError:
     mujoco = None
 
 T_END, FINE, COARSE = 0.2, 1.25e-4, 1 / 240  # s
-THICKNESS = 1e-3  # m, for a code that asks for a bulk material: E = Y / thickness
+THICKNESS = 1e-3  # m; MuJoCo takes a bulk material, E = Y / thickness
 
 
 @dataclass(frozen=True)
 class Result:
-    """Error [% of the peak], cost [CPU s a simulated s] and the mean deflection [m] at `times`."""
+    """Error [% of the peak], cost [CPU s per simulated s], mean deflection at `times` [m]."""
 
     what: str
     error: float
@@ -57,8 +57,8 @@ class Result:
         return f"{self.what:<52} error {self.error:7.3f} %   {self.cost:8.3f} CPU s / s"
 
 
-def measured(what: str, system: fc.System, run: Callable, elements: int) -> Result:
-    """The better of two runs; `run(share)` returns times and mean deflections."""
+def measure_run(what: str, system: fc.System, run: Callable, elements: int) -> Result:
+    """Return the faster of two runs; `run(share)` returns times and mean deflections."""
     share, costs = system.nodal_mass / system.nodal_mass.sum(), []
     for _ in range(2):
         begin = time.process_time()
@@ -73,7 +73,7 @@ def measured(what: str, system: fc.System, run: Callable, elements: int) -> Resu
 
 
 def explicit(system: fc.System, dt: float, every: int) -> Callable:
-    """Central differences in compiled calls of `every` steps."""
+    """Return a run with central differences in compiled calls of `every` steps."""
     fc.many_steps(system, system.rest(), dt, 1)  # compiles
 
     def run(share):
@@ -88,7 +88,7 @@ def explicit(system: fc.System, dt: float, every: int) -> Callable:
 
 
 def implicit(system: fc.System, method, dt: float, **options) -> Callable:
-    """A method of the loop over time."""
+    """Return a run with `march`."""
     for _ in fc.march(system, method, system.rest(), dt, 2 * dt, **options):
         pass  # compiles
 
@@ -102,7 +102,7 @@ def implicit(system: fc.System, method, dt: float, **options) -> Callable:
     return run
 
 
-def flex(
+def make_flex(
     system: fc.System,
     dt: float,
     integrator: str,
@@ -110,9 +110,9 @@ def flex(
     thickness: float = THICKNESS,
     elastic: str = "stretch",
 ):
-    """A sheet as a MuJoCo model: each vertex a body on three slides, no contact.
+    """Return a MuJoCo model of a sheet: each vertex is a body on three slides; no contact.
 
-    With `elastic` "both" it bends as a plate of that thickness, B = Y thickness²/(12 (1 − ν²)).
+    With `elastic` = "both" it bends like a plate of that thickness, B = Y thickness²/(12 (1 − ν²)).
     """
     cloth = system.cloth
     points = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
@@ -138,16 +138,16 @@ def flex(
       </worldbody>
     </mujoco>"""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # 4.0 warns that there is no passive force; there is
+        warnings.simplefilter("ignore")  # 4.0 wrongly warns that there is no passive force
         model = mujoco.MjSpec.from_string(xml).compile()
-    free = model.flex_vertbodyid > 0  # pinned ones belong to the world, body 0
+    free = model.flex_vertbodyid > 0  # pinned vertices belong to the world, body 0
     model.body_mass[model.flex_vertbodyid[free]] = system.nodal_mass[free]
     return model
 
 
-def peer(system: fc.System, dt: float, integrator: str, every: int) -> Callable:
-    """MuJoCo's steps, `every` of them in a call; `Euler` from the half-step velocity."""
-    model = flex(system, dt, integrator)
+def mujoco_run(system: fc.System, dt: float, integrator: str, every: int) -> Callable:
+    """Return a run with MuJoCo, `every` steps per call; `Euler` starts at the half step."""
+    model = make_flex(system, dt, integrator)
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)
 
@@ -168,17 +168,17 @@ def peer(system: fc.System, dt: float, integrator: str, every: int) -> Callable:
     return run
 
 
-def figures(h: float, elements: int) -> list[Figure]:
-    """All runs on one mesh, and what is asked of them."""
+def compare(h: float, elements: int) -> list[Measured]:
+    """Run everything on one mesh; return the measured numbers and their limits."""
     cloth = fc.Cloth.disk(radius=0.5, h=h)
     system = fc.System(cloth, FABRIC, [fc.StVK(), fc.Gravity()], pins=["boundary"])
     print(f"{len(cloth.triangles)} triangles")
 
     def result(what, run):
-        return measured(what, system, run, elements)
+        return measure_run(what, system, run, elements)
 
     fast = result("fecloth, CentralDifference, 0.125 ms", explicit(system, FINE, 32))
-    method, clamped = fc.EnergyMomentum(), fc.Newton(definiteness="clamp")  # it stays taut
+    method, clamped = fc.EnergyMomentum(), fc.Newton(definiteness="clamp")  # the disk stays taut
     slow = result(
         "fecloth, EnergyMomentum, 1/240 s, clamped, PCG",
         implicit(system, method, COARSE, solver="pcg", newton=clamped),
@@ -194,22 +194,21 @@ def figures(h: float, elements: int) -> list[Figure]:
     }.items():
         result(what, run)
     found = [
-        Figure("explicit: error of the mean", fast.error, "% of the peak", 0.1),
-        Figure("explicit: cost", fast.cost, "CPU s/simulated s", 1.6),
-        Figure("EnergyMomentum at 1/240 s: error", slow.error, "% of the peak", 0.8),
-        Figure("EnergyMomentum at 1/240 s: over explicit", slow.cost / fast.cost, "ratio", 6),
+        Measured("explicit: error of the mean", fast.error, "% of the peak", 0.1),
+        Measured("explicit: cost", fast.cost, "CPU s/simulated s", 1.6),
+        Measured("EnergyMomentum at 1/240 s: error", slow.error, "% of the peak", 0.8),
+        Measured("EnergyMomentum at 1/240 s: over explicit", slow.cost / fast.cost, "ratio", 6),
     ]
     if mujoco is None:
-        print("MuJoCo is not installed, and left out: pip install '.[peers]'")
         return found
     version = f"MuJoCo {mujoco.__version__}"
-    other = result(f"{version}, Euler, 0.125 ms", peer(system, FINE, "Euler", 32))
-    result(f"{version}, discrete, 1/240 s", peer(system, COARSE, "discrete", 1))
+    other = result(f"{version}, Euler, 0.125 ms", mujoco_run(system, FINE, "Euler", 32))
+    result(f"{version}, discrete, 1/240 s", mujoco_run(system, COARSE, "discrete", 1))
     apart = 100 * np.abs(other.mean - fast.mean).max() / np.abs(fast.mean).max()
     return [
         *found,
-        Figure("MuJoCo's Euler from the explicit run", apart, "% of the peak", 1e-6),
-        Figure("explicit: times cheaper than MuJoCo", other.cost / fast.cost, "ratio", 8, True),
+        Measured("MuJoCo's Euler from the explicit run", apart, "% of the peak", 1e-6),
+        Measured("explicit: times cheaper than MuJoCo", other.cost / fast.cost, "ratio", 8, True),
     ]
 
 
@@ -217,13 +216,10 @@ def main() -> int:
     parser = study.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="a coarse mesh, some seconds")
     options = parser.parse_args()
+    if mujoco is None:
+        print("without MuJoCo, which is not installed: pip install '.[peers]'")
     h, elements = (0.05, 400) if options.quick else (0.0152, 800)
-    found = figures(h, elements)
-    for figure in found:
-        print(figure)
-    missed = sum(not figure.met for figure in found)
-    print(f"{len(found) - missed} of {len(found)} figures met")
-    return 1 if missed and not options.quick else 0
+    return print_verdicts([lambda: compare(h, elements)], options.quick)
 
 
 if __name__ == "__main__":

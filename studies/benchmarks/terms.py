@@ -1,8 +1,8 @@
-"""What each term costs, in nanoseconds a triangle and relative to StVK.
+"""Cost of each term, in nanoseconds per triangle and relative to StVK.
 
     python -m studies.benchmarks.terms
 
-Force and tangent on an unstructured square, single-threaded, the minimum of several runs.
+Force and tangent on an unstructured square, on one thread, the minimum of several runs.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 import fecloth as fc
 from fecloth import study, terms  # study first: one thread for every library
 from fecloth.linalg.block_matrix import BlockMatrix
-from studies.benchmarks.kernels import fastest, square
+from studies.benchmarks.measure import fastest, square
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
-GIVEN = {
+ARGUMENTS = {
     "BaraffWitkin": {"area_exponent": 0.5},
     "BendingDamping": {"time": 0.01},
     "Drag": {"normal": 1.0, "tangential": 0.1},
@@ -29,22 +29,22 @@ GIVEN = {
 }
 
 
-def described() -> list:
-    """Every term that can be made without naming a place on the cloth."""
+def make_terms() -> list:
+    """Return every term that needs no place on the cloth and no function."""
     made = []
     for name in terms.__all__:
         cls = getattr(terms, name)
         if not (dataclasses.is_dataclass(cls) and hasattr(cls, "bind")):
             continue
         try:
-            made.append(cls(**GIVEN.get(name, {})))
+            made.append(cls(**ARGUMENTS.get(name, {})))
         except TypeError:  # needs a place, a function, ...
             continue
     return made
 
 
 def cost(term, cloth: fc.Cloth) -> tuple[float, float]:
-    """Force and tangent [ns a triangle]."""
+    """Return the times of force and tangent [ns per triangle]."""
     system = fc.System(cloth, FABRIC, [term])
     X, m = cloth.X, len(cloth.triangles)
     x = np.column_stack([1.02 * X, 0.02 * np.sin(3 * X[:, 0])])
@@ -62,8 +62,8 @@ def main() -> None:
     options = parser.parse_args()
     cloth = square(2_000 if options.quick else options.triangles)
     unit_force, unit_tangent = cost(fc.StVK(), cloth)
-    print(f"{'term':<20} {'force':>9} {'x StVK':>7} {'tangent':>9} {'x StVK':>7}   ns a triangle")
-    for term in described():
+    print(f"{'term':<20} {'force':>9} {'x StVK':>7} {'tangent':>9} {'x StVK':>7}   ns per triangle")
+    for term in make_terms():
         force, tangent = cost(term, cloth)
         relative = f"{force / unit_force:>7.2f} {tangent:>9.1f} {tangent / unit_tangent:>7.2f}"
         print(f"{type(term).__name__:<20} {force:>9.1f} {relative}")

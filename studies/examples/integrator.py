@@ -1,13 +1,13 @@
-"""Integrators of one's own: one that says its stage, and one that is made of another's steps.
+"""Two integrators of a user: one defined by its stage, and one composed of another's steps.
 
-`Theta` balances the forces at one place between old and new state, and is no more than its stage:
+`Theta` balances the forces at one point between the old and the new state. Its stage defines it:
 
     M (v₁ − v₀)/dt = f(x_θ, v_θ),   x₁ = x₀ + dt v_θ,   y_θ = y₀ + θ (y₁ − y₀);   q = v₁ − v₀
 
-`SDIRK2` has two stages, each a backward Euler step over γ dt, γ = 1 − 1/√2: with the slope y' that
-the first one found, the second starts from y₀ + (1 − γ) dt y'. Second order, A- and L-stable, and
-without a memory, so that every step may have another size. Its stages are `Theta(1.0)`, as
-`BackwardEuler` itself takes strain rates over its step, which between stages is of first order.
+`SDIRK2` has two stages, each a backward Euler step over γ dt, γ = 1 − 1/√2. The first gives a slope
+y'; the second starts from y₀ + (1 − γ) dt y'. The method is of second order, A- and L-stable, and
+has no memory, so that each step may have another size. Its stages are `Theta(1.0)`, because
+`BackwardEuler` takes strain rates over its step, which is of first order between stages.
 Source: Alexander (1977), Diagonally implicit Runge–Kutta methods for stiff O.D.E.'s, SIAM J.
 Numer. Anal. 14, 1006–1021.
 """
@@ -25,7 +25,7 @@ class Theta(integrators.StageMethod):
 
     @property
     def traits(self):
-        return integrators.MethodTraits(order=1, theta=self.theta)  # of order 2 for θ = ½ alone
+        return integrators.MethodTraits(order=1, theta=self.theta)  # order 2 only for θ = ½
 
     def stage(self, state, dt):
         w, s, end = self.theta, self.theta * dt, state.x + dt * state.v
@@ -34,8 +34,8 @@ class Theta(integrators.StageMethod):
 
 
 @dataclass(frozen=True)
-class SDIRK2(integrators.WithMemory):  # for its energy balance
-    gamma = 1 - math.sqrt(0.5)  # the error constant is that of z³ in R(z), less that in exp z
+class SDIRK2(integrators.WithMemory):  # the memory serves the energy balance
+    gamma = 1 - math.sqrt(0.5)  # error constant: coefficient of z³ in R(z) minus that in exp z
     traits = integrators.MethodTraits(order=2, error_constant=3 * gamma**2 - 2 * gamma**3 - 1 / 6)
 
     def weights(self, dt):
@@ -59,5 +59,5 @@ if __name__ == "__main__":
     start = system.state(system.rest().x * [1.1, 1.1, 1])
     for method in (Theta(0.5 + 0.1), SDIRK2(), fc.BDF2()):
         orders = fc.verify.check_integrator(system, method, start, t_end=0.01)
-        kept = fc.stability.amplification(method, [0.1, 1e6])
-        print(f"{method}: order {orders[-1]:.2f}, keeps {kept} of a mode of ω dt = 0.1 and 1e6")
+        factors = fc.stability.amplification(method, [0.1, 1e6])
+        print(f"{method}: order {orders[-1]:.2f}, at ω dt = 0.1 and 1e6 amplified by {factors}")

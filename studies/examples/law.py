@@ -1,12 +1,12 @@
-"""A membrane law of one's own: a fabric that stiffens exponentially with its strain.
+"""A membrane law of a user: a fabric that stiffens exponentially with its strain.
 
     W = c/2 (exp Q − 1),   Q = E:ℂ₀:E / c,   c = ε² C₁₁
     S = exp(Q) T,   ℂ = exp(Q) (ℂ₀ + 2/c T ⊗ T),   T = ℂ₀:E
 
-with the moduli ℂ₀ of the fabric, which it has at small strain; at the strain ε along the warp alone
-it bears e times what `StVK` does. W is convex in E. The form is that of Fung, Fronek and Patitucci
+At small strain the moduli are ℂ₀, those of the fabric. At the strain ε along the warp alone the
+stress is e times that of `StVK`. W is convex in E. The form is that of Fung, Fronek and Patitucci
 (1979), Pseudoelasticity of arteries and the choice of its mathematical expression, Am. J. Physiol.
-237, H620–H631; its constants are here those that a fabric has, and ε.
+237, H620–H631; its constants are the moduli of the fabric and ε.
 """
 
 import math
@@ -42,7 +42,7 @@ class Fung(fc.MembraneLaw):
 
 
 def pull(law, stretch):
-    """Force per width [N/m] that a cloth held at this stretch along the warp takes."""
+    """Return the force per width of a cloth at this stretch along the warp [N/m]."""
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.1)
     system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [law])
     f = system.force(system.state(system.rest().x * [stretch, 1, 1]))
@@ -52,5 +52,5 @@ def pull(law, stretch):
 if __name__ == "__main__":
     fc.verify.check_term(Fung())
     for stretch in (1.02, 1.1, 1.2, 1.3):
-        print(f"stretched {stretch} times: {pull(Fung(), stretch):7.1f} N/m", end=", ")
-        print(f"{pull(fc.StVK(), stretch):5.1f} if it did not stiffen")
+        print(f"stretch {stretch}: {pull(Fung(), stretch):7.1f} N/m", end=", ")
+        print(f"with StVK {pull(fc.StVK(), stretch):5.1f} N/m")

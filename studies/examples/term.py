@@ -1,13 +1,14 @@
-"""A term of one's own: springs that draw each point of the cloth to the plane z = 0.
+"""A term of a user: springs that pull each point of the cloth to the plane z = 0.
 
     U = ½ k ∫ z² dA,   f_a = −k A_a z_a,   K_aa = k A_a e_z e_zᵀ
 
-with k [N/m³], the bedding of Winkler (1867), Die Lehre von der Elasticität und Festigkeit, and the
-nodes' areas A_a. Under its own weight a taut cloth on such a bed, held at X = 0 and X = L, sinks by
+with the stiffness k [N/m³] of a foundation of Winkler (1867), Die Lehre von der Elasticität und
+Festigkeit, and the areas A_a of the nodes. A taut cloth on such a foundation, pinned at X = 0 and
+X = L, sinks under its own weight by
 
     z = −(ρ g/k) (1 − cosh((X − L/2)/ℓ) / cosh(L/(2ℓ))),   ℓ = √(S/k)
 
-with its stress S across: what is farther than some ℓ from the edges lies as if it had none.
+with its stress S along X. Farther than a few ℓ from the edges the edges have no influence.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ class Winkler:
     k: float
 
     def stencil(self, cloth):
-        return None  # it couples no two nodes
+        return None  # couples no two nodes
 
     def bind(self, panel, slots):
         nodes = np.arange(len(panel.cloth.X), dtype=np.int32)
@@ -32,7 +33,7 @@ class Winkler:
 @dataclass(frozen=True, eq=False)
 class BoundWinkler:
     k: np.ndarray  # (n,) k A_a
-    own: np.ndarray  # (n,) the block of each node on the diagonal of the matrix
+    own: np.ndarray  # (n,) index of each node's diagonal block in the matrix
     name = "Winkler"
     symmetric = has_energy = True
     dissipative = velocity_dependent = False
@@ -54,7 +55,7 @@ class BoundWinkler:
 
 
 def sag(k, h=0.02, weight=1e-3):
-    """z at the middle of a cloth stretched by a tenth, over ρ g/k."""
+    """Return z at the middle of a cloth stretched by a tenth, over ρ g/k."""
     cloth = fc.Cloth.rectangle(1.0, 0.1, h=h, pattern="right")
     loads = [fc.Gravity((0, 0, -weight)), Winkler(k)]
     system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), *loads], ["left", "right"])

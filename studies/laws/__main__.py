@@ -1,8 +1,8 @@
-"""The page of the laws, one section each with formula, validity and picture: python -m studies.laws
+"""Write the page of the laws, with formula, validity and picture of each: python -m studies.laws
 
-The text is that of the classes' own docstrings, the pictures and what they show are computed by
-curves.py. Writes laws.md, laws.png and pictures/NAME.png into studies/laws, or with --out
-another folder; --quick computes few points, into out/laws.
+The text comes from the docstrings of the classes; curves.py computes the pictures and the numbers
+below them. The files laws.md, laws.png and pictures/NAME.png go into studies/laws, or into the
+folder of --out. --quick computes few points, into out/laws.
 """
 
 from __future__ import annotations
@@ -31,42 +31,43 @@ FAMILIES = {
 G = Y / (2 * (1 + NU))
 HEAD = f"""# The laws
 
-One section for each term, made from its docstring by `python -m studies.laws`: formula, source,
+One section for each term, written by `python -m studies.laws` from its docstring: formula, source,
 validity, cost, parameters. [Symbols and units](../../README.md#symbols-units-signs) are those of
-the README; prices in time are relative to `StVK`.
+the README; costs in time are relative to `StVK`.
 
-The pictures of membranes and springs have the same axes. All are asked to be one fabric, Y =
-{Y:g} N/m and ν = {NU:g} (G = {G:.0f} N/m), and held against the straight lines Y (λ − 1) and G γ.
-Left is the force per unstretched width along the warp at the stretch λ, with the sides free: the
-width, and the slant, at which no stress is left across are solved for. Right is simple shear by γ,
-at constant width and length. Each is a patch of the term's own forces under one uniform
-deformation, without a border; that a sheet would rather buckle than be compressed is not in them.
-The orthotropic fabric has half of Y along the weft and G = {0.1 * Y:g} N/m. Bending is that of a
-cloth rolled up along X, whose triangles keep their shape: κh is the angle from cell to cell.
+The pictures of membranes and springs have the same axes. All laws represent one fabric, Y =
+{Y:g} N/m and ν = {NU:g} (G = {G:.0f} N/m); the straight lines Y (λ − 1) and G γ are drawn for
+comparison. Left: the force per unstretched width along the warp at the stretch λ, with free sides.
+The width and the slant are solved for, so that there is no stress across. Right: simple shear by γ
+at constant width and length. The curves come from the term's own forces on a patch under one
+uniform deformation, without a border. They do not show that a compressed sheet would buckle. The
+orthotropic fabric has half of Y along the weft and G = {0.1 * Y:g} N/m. In bending, the cloth is
+rolled up along X and its triangles keep their shape: κh is the angle between neighbouring cells.
 
 ![All laws on two axes](laws.png)
 
-*Dotted the straight lines. `NeoHookean` is the incompressible kind, `Springs` the edges of an
-equilateral mesh, which in tension lie on the straight line as `BaraffWitkin` does;
-`TensorCondition` and `TensionField` in tension on `StVK`.*
+*The straight lines are dotted. `NeoHookean` is incompressible; `Springs` are the edges of an
+equilateral mesh. In tension `Springs` and `BaraffWitkin` lie on the straight line, and
+`TensorCondition` and `TensionField` lie on `StVK`.*
 """
-ROLLED = """Rolled up without twist. A cloth whose sides are free bends with less or more: see the
-table of [HingeBending](#hingebending)."""
-NOTES = {  # what a picture does not say by itself
-    "StVK": """Simple shear along one direction stretches the other, by E = γ²/2, and the stress is
-G γ + C γ³/2: C is C₂₂ for shear along the warp, C₁₁ along the weft, whose curve is the steeper one
-as it is the stiffer warp that is stretched. The dotted lines are those of the isotropic fabric.""",
+ROLLED = """The cloth is rolled up without twist. A cloth with free sides has a smaller or larger
+stiffness: see the table of [HingeBending](#hingebending)."""
+NOTES = {  # explanations below the pictures
+    "StVK": """Simple shear along one direction stretches the other one by E = γ²/2, and the stress
+is G γ + C γ³/2. C is C₂₂ for shear along the warp and C₁₁ for shear along the weft. The latter
+curve is steeper, because the stiffer warp is stretched. The dotted lines belong to the isotropic
+fabric.""",
     "HingeBending": ROLLED,
     "QuadraticBending": ROLLED,
 }
 
 
 def markdown(name: str) -> str:
-    """A class's docstring as Markdown: paragraphs, formulas as code, parameters as a list."""
+    """Return a class's docstring as Markdown: paragraphs, formulas as code, a parameter list."""
     text = inspect.getdoc(getattr(fc, name))
     body, _, rest = text.partition("\nParameters\n----------\n")
     body = re.split(r"\n\w+\n-{5,}\n", body)[0]
-    lines = [fenced(block) for block in re.split(r"\n\s*\n(?=\S)", body.strip())]
+    lines = [format_block(block) for block in re.split(r"\n\s*\n(?=\S)", body.strip())]
     parameters = re.split(r"\n\n\w+\n-{5,}\n", rest)[0]
     for item in re.findall(r"^(\S.*)\n((?:(?: {4}.*)?(?:\n|$))+)", parameters, re.M):
         names = ", ".join(f"`{n}`" for n in item[0].split(", "))
@@ -74,15 +75,15 @@ def markdown(name: str) -> str:
     return re.sub(r"\n\n(?=- `)", "\n", "\n\n".join(lines)).replace("\n- `", "\n\n- `", 1)
 
 
-def fenced(block: str) -> str:
-    """A paragraph, its indented part as a code block; Source and Valid stand out."""
+def format_block(block: str) -> str:
+    """Return a paragraph with its indented part as a code block; Source and Valid are bold."""
     block = re.sub(r"^(Source:|Valid|Cost)", r"**\1**", block)
     plain, code = re.match(r"(.*?)((?:\n\n? {4}.*(?:\n\s*\n(?= {4}))?)*)\Z", block, re.S).groups()
     return block if not code else f"{plain.rstrip()}\n\n```\n{inspect.cleandoc(code)}\n```"
 
 
 def page(curves: dict, moments: dict) -> str:
-    """The whole page, from the docstrings and the full curves."""
+    """Return the whole page, from the docstrings and the curves."""
     parts = [HEAD]
     for family, names in FAMILIES.items():
         links = " · ".join(f"[{name}](#{name.lower()})" for name in names)
@@ -93,20 +94,21 @@ def page(curves: dict, moments: dict) -> str:
 
 
 def section(name: str, curves: dict, moments: dict) -> str:
-    shows = []
+    """Return the section of one term."""
+    lines = []
     if name in curves:
-        shows = [f"- {describe(curve)}" for curve in curves[name]]
+        lines = [f"- {describe(curve)}" for curve in curves[name]]
     elif name in moments:
-        shows = [f"- {bending(pattern, M)}" for pattern, M in moments[name].items()]
+        lines = [f"- {describe_bending(pattern, M)}" for pattern, M in moments[name].items()]
     elif name == "Drag":
-        shows = [flight()]
-    picture = f"![{name}](pictures/{name}.png)\n\n" if shows else ""
+        lines = [describe_drag()]
+    picture = f"![{name}](pictures/{name}.png)\n\n" if lines else ""
     note = f"\n\n{NOTES[name]}" if name in NOTES else ""
-    return f"### {name}\n\n{markdown(name)}\n\n{picture}" + "\n".join(shows) + note + "\n"
+    return f"### {name}\n\n{markdown(name)}\n\n{picture}" + "\n".join(lines) + note + "\n"
 
 
 def describe(curve: law_curves.Curve) -> str:
-    """What a curve shows, in numbers."""
+    """Describe a membrane curve in numbers."""
     s, P = curve.stretch, curve.tension
     one = int(np.argmin(abs(s - 1)))
     rest = slice(one - 2, one + 3) if abs(P[one - 1]) > 1e-6 * Y else slice(one, one + 5)
@@ -116,51 +118,53 @@ def describe(curve: law_curves.Curve) -> str:
     return (
         f"**{curve.label}**: Y = {number(tensile)} N/m and ν = {number(nu, 2)} at rest; "
         f"{number(P[-1])} N/m at λ = {s[-1]:g} ({number(stiffer[0], 2)} × the tangent at rest); "
-        f"{compression(s, P)}. Shear: G = {number(shear)} N/m; {number(curve.shearing[-1])} N/m at "
-        f"γ = {curve.shear[-1]:g} ({number(stiffer[1], 2)} × the tangent)."
+        f"{describe_compression(s, P)}. Shear: G = {number(shear)} N/m; "
+        f"{number(curve.shearing[-1])} N/m at γ = {curve.shear[-1]:g} "
+        f"({number(stiffer[1], 2)} × the tangent)."
     )
 
 
 def number(x: float, digits: int = 0) -> str:
-    """Rounded, halves up and without a negative zero, so that round-off does not show."""
+    """Round halves up, without a negative zero, so that round-off does not show."""
     return f"{round(x * (1 + 1e-6), digits) + 0.0:.{digits}f}"
 
 
 def slope(x, y, at: float) -> float:
-    """dy/dx of the polynomial through the points."""
+    """Return dy/dx of the polynomial through the points."""
     return float(np.polynomial.Polynomial.fit(x, y, len(x) - 1).deriv()(at))
 
 
-def compression(s, P) -> str:
-    """In words and numbers, what happens below a stretch of 1."""
+def describe_compression(s, P) -> str:
+    """Describe what happens below a stretch of 1."""
     found = np.flatnonzero(np.isfinite(P))
     if found[0] > 0:
-        return f"in compression no equilibrium below λ = {s[found[0]]:.2f}: the net folds up"
+        return f"no equilibrium below λ = {s[found[0]]:.2f}: the net folds"
     low = int(np.argmin(P))
     if P[low] > -1e-6 * Y:
-        return "no compression is borne"
+        return "no stress in compression"
     if low == 0:
         return f"{number(P[0])} N/m at λ = {s[0]:g}"
     cubic = np.polynomial.Polynomial.fit(s[low - 2 : low + 3], P[low - 2 : low + 3], 3)
     at = min(cubic.deriv().roots().real, key=lambda r: abs(r - s[low]))
-    return f"loses stiffness at λ = {at:.3f}, with {number(cubic(at))} N/m, and gives way below"
+    words = f"the largest compression is {number(cubic(at))} N/m at λ = {at:.3f}"
+    return f"{words}; below it the stiffness is negative"
 
 
-def bending(pattern: str, M) -> str:
-    """What a bending curve shows."""
+def describe_bending(pattern: str, M) -> str:
+    """Describe a bending curve."""
     top, folds = int(np.argmax(M)), law_curves.FOLDS
     peak = f"{number(M[-1], 2)} at κh = {folds[-1]:.2f}"
     if top < len(M) - 1:
-        peak = f"greatest ({number(M[top], 2)}) at κh = {folds[top]:.2f}, none at a full fold"
+        peak = f"largest ({number(M[top], 2)}) at κh = {folds[top]:.2f} and zero at a full fold"
     return f"**{pattern}**: M = {number(M[0] / folds[0], 2)} Bκ for small κh; M h/B is {peak}."
 
 
-def flight() -> str:
-    lift = law_curves.blown(figures.PLATE, figures.DEGREES)[:, 1]
+def describe_drag() -> str:
+    lift = law_curves.drag_and_lift(figures.PLATE, figures.DEGREES)[:, 1]
     best = figures.DEGREES[int(np.argmax(lift))]
     return (
-        f"- **flat cloth at {SPEED:g} m/s**: the lift is greatest at {best:g}° (sin²α cos α: "
-        "54.7°); a wing would have stalled long before, here the normal force alone lifts."
+        f"- **flat cloth at {SPEED:g} m/s**: the lift is largest at {best:g}° (sin²α cos α: "
+        "54.7°). Only the normal force lifts; there is no stall."
     )
 
 

@@ -1,10 +1,10 @@
 """Forces and moments of each law in stretch, shear, bending and wind, for studies/laws.
 
-Every term lies on a patch of a regular pattern that is put into one uniform deformation, and its
-own forces f are asked for. Their virtual work is that of the stress: P = ∂W/∂F = −Σ f ⊗ X / area.
-Four patches are differenced, as `fecloth.plane_moduli` does, so that their borders drop out. On
-these patterns each node is a centre of symmetry, so that a net of springs is in equilibrium as it
-is stretched uniformly; whether it stays so, or buckles, is another question.
+A patch of a regular pattern is put into one uniform deformation, and the term computes its forces
+f. Their virtual work gives the stress: P = ∂W/∂F = −Σ f ⊗ X / area. Differences of four patches
+remove the borders, as in `fecloth.plane_moduli`. Each node of these patterns is a centre of
+symmetry, so that a uniformly stretched net of springs is in equilibrium; the curves do not show
+whether that equilibrium is stable.
 """
 
 from __future__ import annotations
@@ -20,28 +20,30 @@ from studies.models.homogenised_moduli import FABRIC, NU, H, Y, published
 SIZES = (((4, 4), 1), ((4, 3), -1), ((3, 4), -1), ((3, 3), 1))
 STRETCHES = np.round(np.arange(0.3, 1.5001, 0.02), 9)
 SHEARS = np.round(np.arange(0.0, 1.0001, 0.02), 9)
-FOLDS = np.append(np.arange(0.05, 3.1, 0.1), 3.1)  # κh [rad]: a cell is folded against the next
+FOLDS = np.append(np.arange(0.05, 3.1, 0.1), 3.1)  # κh [rad], angle between neighbouring cells
 B, SPEED = 1e-5, 5.0  # N m; m/s
 WARP = fc.Fabric(0.2, (Y, 0.5 * Y), poisson_ratio=NU, shear_stiffness=0.1 * Y)
-WEFT = fc.Fabric(0.2, (0.5 * Y, Y), poisson_ratio=0.5 * NU, shear_stiffness=0.1 * Y)  # turned
+WEFT = fc.Fabric(
+    0.2, (0.5 * Y, Y), poisson_ratio=0.5 * NU, shear_stiffness=0.1 * Y
+)  # turned by 90°
 
 
 @dataclass(frozen=True)
-class Endless:
-    """A term on an endless mesh: the systems of the four patches with their signs."""
+class InfinitePatch:
+    """A term on an infinite mesh: the systems of the four patches with their signs."""
 
     systems: tuple
     area: float
 
     @classmethod
-    def of(cls, term, fabric: fc.Fabric, pattern: str = "cross", h: float = H) -> Endless:
+    def of(cls, term, fabric: fc.Fabric, pattern: str = "cross", h: float = H) -> InfinitePatch:
         period = np.array([h, h if pattern != "equilateral" else 2 * h * np.sqrt(0.75)])
         cloths = [(sign, fc.Cloth.rectangle(*(size * period), h, pattern)) for size, sign in SIZES]
         systems = tuple((sign, fc.System(cloth, fabric, [term])) for sign, cloth in cloths)
         return cls(systems, float(np.prod(period)))
 
     def work(self, place, direction) -> np.ndarray:
-        """−Σ f ⊗ direction / area: `place` and `direction` are functions of X (n, 2)."""
+        """Return −Σ f ⊗ direction / area; `place` and `direction` are functions of X (n, 2)."""
         total = 0.0
         for sign, system in self.systems:
             X = system.cloth.X
@@ -50,25 +52,25 @@ class Endless:
         return total / self.area
 
     def stress(self, F) -> np.ndarray:
-        """(2, 2) first Piola–Kirchhoff stress P [N/m] at F (2, 2)."""
+        """Return the first Piola-Kirchhoff stress P (2, 2) at F (2, 2) [N/m]."""
         return self.work(lambda X: np.pad(X @ np.transpose(F), ((0, 0), (0, 1))), lambda X: X)[:2]
 
     def moment(self, curvature: float, pattern: str, h: float = H) -> float:
-        """dU/dκ, bending moment per width [N], of the cloth rolled up along X."""
+        """Return dU/dκ, the bending moment per width of the cloth rolled up along X [N]."""
         step = 1e-6 / h
 
         def turn(X):
-            ends = (rolled(X, curvature + s, pattern, h) for s in (step, -step))
+            ends = (roll_up(X, curvature + s, pattern, h) for s in (step, -step))
             return np.subtract(*ends) / (2 * step)
 
-        return float(np.trace(self.work(lambda X: rolled(X, curvature, pattern, h), turn)))
+        return float(np.trace(self.work(lambda X: roll_up(X, curvature, pattern, h), turn)))
 
 
-def rolled(X, curvature, pattern, h):
-    """(n, 3) on a cylinder along Y, all triangles as large as they were.
+def roll_up(X, curvature, pattern, h):
+    """Return positions (n, 3) on a cylinder along Y that keep the shape of all triangles.
 
-    The chord over an edge along X is h; on "equilateral" that over half of it is then longer than
-    h/2, and the rows come closer, so that the slanted edges keep h too.
+    The chord of an edge along X is h. On "equilateral" the chord of half an edge is then longer
+    than h/2, and the rows are closer together, so that the slanted edges also keep their length h.
     """
     fold, rows = curvature * h, 1.0
     if pattern == "equilateral":
@@ -90,8 +92,8 @@ class Curve:
     shearing: np.ndarray
 
 
-def uniaxial(patch: Endless, stretches) -> tuple[np.ndarray, np.ndarray]:
-    """P11 [N/m] with P12 = P22 = 0, and the width: F = [[λ, g], [0, w]] with g and w solved for."""
+def pull(patch: InfinitePatch, stretches) -> tuple[np.ndarray, np.ndarray]:
+    """Return P11 [N/m] and the width w where P12 = P22 = 0; F = [[λ, g], [0, w]], g unknown."""
     found = np.full((len(stretches), 2), np.nan)
     order = np.argsort(stretches, kind="stable")
     up = [i for i in order if stretches[i] >= 1]
@@ -109,11 +111,11 @@ def uniaxial(patch: Endless, stretches) -> tuple[np.ndarray, np.ndarray]:
 
 
 def curve(label, term, fabric=FABRIC, pattern="cross", h=H, every=1) -> Curve:
-    """The response of a term; of every `every`-th point."""
-    patch = Endless.of(term, fabric, pattern, h)
+    """Return the response of a term; `every` = 5 takes every fifth point."""
+    patch = InfinitePatch.of(term, fabric, pattern, h)
     stretches, shears = STRETCHES[::every], SHEARS[::every]
     shearing = np.array([patch.stress([[1.0, g], [0.0, 1.0]])[0, 1] for g in shears])
-    return Curve(label, stretches, *uniaxial(patch, stretches), shears, shearing)
+    return Curve(label, stretches, *pull(patch, stretches), shears, shearing)
 
 
 LAWS = {
@@ -141,20 +143,20 @@ LAWS = {
         ("biquadratic", fc.Springs(kind="biquadratic")),
     ],
 }
-PATTERNS = ("right", "equilateral")  # without nodes that a bent cell would let move
+PATTERNS = ("right", "equilateral")  # bending a cell leaves no node free
 
 
 def responses(every: int = 1) -> dict[str, list[Curve]]:
-    """The curves of each membrane law."""
+    """Return the curves of each membrane law."""
     return {name: [curve(*row, every=every) for row in rows] for name, rows in LAWS.items()}
 
 
 def moments(every: int = 1) -> dict[str, dict[str, np.ndarray]]:
-    """M h/B at the folds κh, by bending law and pattern."""
+    """Return M h/B at the angles κh, by bending law and pattern."""
     fabric = fc.Fabric(0.2, Y, NU, bending_rigidity=B)
     out = {}
     for term in (fc.HingeBending(), fc.QuadraticBending()):
-        patches = {p: Endless.of(term, fabric, p) for p in PATTERNS}
+        patches = {p: InfinitePatch.of(term, fabric, p) for p in PATTERNS}
         out[type(term).__name__] = {
             p: np.array([patch.moment(fold / H, p) * H / B for fold in FOLDS[::every]])
             for p, patch in patches.items()
@@ -162,8 +164,8 @@ def moments(every: int = 1) -> dict[str, dict[str, np.ndarray]]:
     return out
 
 
-def blown(term: fc.Drag, degrees) -> np.ndarray:
-    """(k, 2) drag and lift [N/m²] of a flat cloth that flies at SPEED, by angle of attack."""
+def drag_and_lift(term: fc.Drag, degrees) -> np.ndarray:
+    """Return drag and lift (k, 2) of a flat cloth at SPEED, by angle of attack [N/m²]."""
     cloth = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right")
     system, out = fc.System(cloth, FABRIC, [term]), []
     for a in np.radians(degrees):

@@ -28,25 +28,26 @@ SHOWN = {  # one curve of each law for the picture of all
 
 
 def draw(out: Path, curves: dict, moments: dict) -> None:
-    """laws.png and pictures/NAME.png in the folder `out`."""
+    """Write laws.png and pictures/NAME.png into the folder `out`."""
     for name, own in curves.items():
         below = 0.26 * ((len(own) + 2) // 2)  # inches of the legend
         with picture(out / "pictures" / f"{name}.png", 2, (8.0, 3.5 + below)) as (figure, axes):
-            lines = membrane(axes, own)
+            lines = draw_membrane(axes, own)
             figure.legend(handles=lines, loc="lower center", ncols=2, frameon=False)
-            for ax, left in zip(axes, (0.105, 0.6), strict=True):  # as large on every picture
+            for ax, left in zip(axes, (0.105, 0.6), strict=True):  # the same size on every picture
                 ax.set_position((left, (0.72 + below) / (3.5 + below), 0.38, 2.65 / (3.5 + below)))
     for name, own in moments.items():
         with picture(out / "pictures" / f"{name}.png", 1) as (figure, ax):
-            bending(ax, own)
+            draw_bending(ax, own)
     with picture(out / "pictures" / "Drag.png", 1) as (figure, ax):
-        drag(ax)
+        draw_drag(ax)
     with picture(out / "laws.png", 2, (9.0, 4.4)) as (figure, axes):
-        together(axes, {name: curves[name][i] for name, i in SHOWN.items()})
+        draw_together(axes, {name: curves[name][i] for name, i in SHOWN.items()})
 
 
 @contextmanager
 def picture(path: Path, panels: int, size=None):
+    """Yield a figure and its axes; write the picture with 64 colours at the end of the block."""
     from PIL import Image  # comes with Matplotlib
 
     plt = pyplot()
@@ -54,13 +55,13 @@ def picture(path: Path, panels: int, size=None):
         size = size or (8.0, 4.0)
         figure, axes = plt.subplots(1, panels, figsize=size, layout="constrained")
         yield figure, axes
-        figure.savefig(drawn := io.BytesIO())
+        figure.savefig(image := io.BytesIO())
         plt.close(figure)
-    Image.open(drawn).convert("RGB").quantize(64).save(path, optimize=True)  # half the bytes
+    Image.open(image).convert("RGB").quantize(64).save(path, optimize=True)  # half the bytes
 
 
-def frame(axes) -> None:
-    """The axes that all membranes share, with the lines of the linear law."""
+def set_axes(axes) -> None:
+    """Set the axes that all membranes share, and draw the lines of the linear law."""
     left, right = axes
     s, g = law_curves.STRETCHES, law_curves.SHEARS
     left.plot(s, Y * (s - 1), **LINE)
@@ -72,9 +73,9 @@ def frame(axes) -> None:
     right.set(xticks=np.arange(0, 1.1, 0.2))
 
 
-def membrane(axes, curves) -> list:
-    """The curves of one law; returns the lines for the legend."""
-    frame(axes)
+def draw_membrane(axes, curves) -> list:
+    """Draw the curves of one law; return the lines for the legend."""
+    set_axes(axes)
     lines = []
     for i, curve in enumerate(curves):
         look = {"color": COLOURS[i], "ls": DASHES[i], "lw": WIDTHS[i]}
@@ -83,7 +84,7 @@ def membrane(axes, curves) -> list:
     return [*lines, axes[0].plot([], [], label="Y (λ − 1) and G γ, isotropic", **LINE)[0]]
 
 
-def bending(ax, moments) -> None:
+def draw_bending(ax, moments) -> None:
     folds = law_curves.FOLDS
     ax.plot([0, np.pi], [0, np.pi], label="B κ", **LINE)
     for i, (pattern, M) in enumerate(moments.items()):
@@ -93,8 +94,8 @@ def bending(ax, moments) -> None:
     ax.legend(loc="upper left")
 
 
-def drag(ax) -> None:
-    forces = law_curves.blown(PLATE, DEGREES)
+def draw_drag(ax) -> None:
+    forces = law_curves.drag_and_lift(PLATE, DEGREES)
     for i, name in enumerate(("drag", "lift")):
         ax.plot(DEGREES, forces[:, i], label=name, color=COLOURS[i], ls=DASHES[i], lw=2.4)
     ax.set(xlim=(0, 90), ylim=(0, None), xticks=range(0, 91, 15), ylabel="force per area [N/m²]")
@@ -103,9 +104,9 @@ def drag(ax) -> None:
     ax.legend(loc="upper left")
 
 
-def together(axes, curves) -> None:
-    """All laws on the two axes, each labelled at its end."""
-    frame(axes)
+def draw_together(axes, curves) -> None:
+    """Draw all laws on the two axes, each with a label at its end."""
+    set_axes(axes)
     for i, curve in enumerate(curves.values()):
         look = {"color": COLOURS[i], "ls": DASHES[i % len(DASHES)], "lw": 4.0 - 0.45 * i}
         axes[0].plot(curve.stretch, curve.tension, **look)
@@ -116,7 +117,7 @@ def together(axes, curves) -> None:
 
 
 def label_ends(ax, ends, names) -> None:
-    """Names beside the right ends of their lines, pushed apart and down from the upper border."""
+    """Write names beside the right ends of the lines, moved apart and below the upper border."""
     low, high = ax.get_ylim()
     gap, last = 0.062 * (high - low), np.inf
     for i in np.argsort(ends, kind="stable")[::-1]:

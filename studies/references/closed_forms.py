@@ -1,8 +1,8 @@
-"""Solutions that share no code with the triangles: for tests, studies and benchmarks.
+"""Solutions that share no code with the triangles, for tests, studies and benchmarks.
 
 * `hanging_strip`: a strip under its own weight, St. Venant-Kirchhoff, closed form.
 * `strip_wave`: the small longitudinal standing wave of a strip, closed form.
-* `falling_disk.trampoline`: a clamped disk on which gravity is switched on.
+* `falling_disk.trampoline`: a clamped disk under gravity that is switched on.
 
 SI units; stiffness Y per width [N/m], density ρ per reference area [kg/m²].
 """
@@ -24,14 +24,14 @@ def hanging_strip(
     areal_density: float,
     gravity: float = 9.81,
 ) -> Array:
-    """Downward displacement u(X) of a strip that hangs from X = 0 under its own weight.
+    """Return the downward displacement u(X) of a strip that hangs from X = 0.
 
-    Exactly one-dimensional for ν = 0. With the stretch λ and S = Y (λ² − 1)/2 the balance of the
-    part below X reads λ S = ρ g (L − X). With e = λ − 1 and κ = Y/(2 ρ g) it is
+    For ν = 0 the problem is one-dimensional. With the stretch λ and S = Y (λ² − 1)/2, the balance
+    of the part below X is λ S = ρ g (L − X). With e = λ − 1 and κ = Y/(2 ρ g) this gives
 
         L − X = κ e (1 + e) (2 + e),    u = ∫ e dX = κ [e² + 2 e³ + ¾ e⁴] from e(X) to e(0),
 
-    so no quadrature is needed.
+    without quadrature.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def hanging_strip(
     ValueError
         For a constant that is not positive and finite, or an X outside the strip.
     """
-    positive(
+    check_positive(
         length=length,
         tensile_stiffness=tensile_stiffness,
         areal_density=areal_density,
@@ -60,8 +60,8 @@ def hanging_strip(
     scale = tensile_stiffness / (2 * areal_density * gravity)
     clamp = _hanging_strain(np.array(length / scale))
     here = _hanging_strain((length - position) / scale)
-    # e(0)² − e(X)² and its like are differences of close numbers near the clamp; with the factor
-    # e(0) − e(X) = X / (κ q) taken out they keep their digits. q is the difference quotient of
+    # Near the clamp, e(0)² − e(X)² and the other differences would lose digits. The common factor
+    # e(0) − e(X) = X / (κ q) is computed separately; q is the difference quotient of
     # e (1 + e) (2 + e).
     quotient = clamp**2 + clamp * here + here**2 + 3 * (clamp + here) + 2
     total = clamp + here
@@ -77,8 +77,8 @@ def hanging_strip_strain(
     areal_density: float,
     gravity: float = 9.81,
 ) -> Array:
-    """∂u/∂X = e of `hanging_strip`, whose parameters it takes."""
-    positive(
+    """Return ∂u/∂X = e for the strip of `hanging_strip`, with the same parameters."""
+    check_positive(
         length=length,
         tensile_stiffness=tensile_stiffness,
         areal_density=areal_density,
@@ -91,7 +91,7 @@ def hanging_strip_strain(
 def hanging_strip_tip(
     length: float, tensile_stiffness: float, areal_density: float, gravity: float = 9.81
 ) -> float:
-    """Downward displacement of the free end, κ (e² + 2 e³ + ¾ e⁴) with e at the clamp [m].
+    """Return the downward displacement of the free end, κ (e² + 2 e³ + ¾ e⁴), e at the clamp [m].
 
     Parameters and errors as in `hanging_strip`.
     """
@@ -101,15 +101,15 @@ def hanging_strip_tip(
 def hanging_strip_mean(
     length: float, tensile_stiffness: float, areal_density: float, gravity: float = 9.81
 ) -> float:
-    """Mean over X in [0, L] of the downward displacement [m].
+    """Return the mean over X in [0, L] of the downward displacement [m].
 
-    By parts, ∫ u dX = ∫ (L − X) e dX, again a polynomial in e at the clamp:
+    Integration by parts gives ∫ u dX = ∫ (L − X) e dX, a polynomial in e at the clamp:
 
         mean u = κ²/L (4/3 e³ + 9/2 e⁴ + 26/5 e⁵ + 5/2 e⁶ + 3/7 e⁷).
 
-    Parameters and errors as in `hanging_strip`. Small loads: ρ g L² / (3 Y).
+    Parameters and errors as in `hanging_strip`. For small loads it is ρ g L² / (3 Y).
     """
-    positive(
+    check_positive(
         length=length,
         tensile_stiffness=tensile_stiffness,
         areal_density=areal_density,
@@ -124,8 +124,8 @@ def hanging_strip_mean(
 def strip_wave_frequency(
     length: float, tensile_stiffness: float, areal_density: float, mode: int = 1
 ) -> float:
-    """Angular frequency ω = (2 mode − 1) π/(2 L) √(Y/ρ) of `strip_wave` [1/s]."""
-    positive(
+    """Return the angular frequency ω = (2 mode − 1) π/(2 L) √(Y/ρ) of `strip_wave` [1/s]."""
+    check_positive(
         length=length, tensile_stiffness=tensile_stiffness, areal_density=areal_density, mode=mode
     )
     return _wave_number(length, mode) * math.sqrt(tensile_stiffness / areal_density)
@@ -140,12 +140,12 @@ def strip_wave(
     amplitude: float,
     mode: int = 1,
 ) -> Array:
-    """Small longitudinal standing wave of a strip, ν = 0, clamped at X = 0 and free at X = L.
+    """Return a small longitudinal standing wave of a strip, clamped at X = 0, free at X = L.
 
         u = A sin(k X) cos(ω t),    k = (2 mode − 1) π/(2 L),    ω = k √(Y/ρ)
 
-    solves ρ u_tt = Y u_XX, at rest at t = 0. A St. Venant-Kirchhoff strip departs from it by a
-    relative amount of the order of its largest strain, k A.
+    solves ρ u_tt = Y u_XX for ν = 0, at rest at t = 0. The relative difference from a
+    St. Venant-Kirchhoff strip is of the order of the largest strain, k A.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def strip_wave(
     amplitude
         A, the displacement of the free end at t = 0, up to the sign (−1)^(mode − 1) [m].
     mode
-        1, 2, ...: number of quarter-wave branches, 2 mode − 1 quarter waves on the strip.
+        1, 2, ...: the strip holds 2 mode − 1 quarter waves.
 
     Returns
     -------
@@ -175,8 +175,8 @@ def strip_wave(
     return amplitude * shape * np.cos(omega * np.asarray(t, float))
 
 
-def positive(**values: float) -> None:
-    """Refuse by name what is not."""
+def check_positive(**values: float) -> None:
+    """Raise `ValueError` for a value that is not positive and finite."""
     for name, value in values.items():
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} = {value!r} must be positive and finite")
@@ -190,9 +190,9 @@ def _inside(X: ArrayLike, length: float) -> Array:
 
 
 def _hanging_strain(load: Array) -> Array:
-    """Root e ≥ 0 of e (1 + e) (2 + e) = load, for load = 2 ρ g (L − X)/Y ≥ 0."""
-    # The left side is increasing and convex for e ≥ 0 and both guesses lie above the root, so
-    # Newton comes down to it without overshooting; 7 steps reach rounding for any load.
+    """Return the root e ≥ 0 of e (1 + e) (2 + e) = load, with load = 2 ρ g (L − X)/Y ≥ 0."""
+    # The left side is increasing and convex for e ≥ 0, and the start lies above the root: Newton's
+    # iteration decreases to the root. 7 steps reach round-off for any load.
     e = np.minimum(load / 2, np.cbrt(load))
     for _ in range(7):
         e = e - (e * (1 + e) * (2 + e) - load) / (2 + e * (6 + 3 * e))

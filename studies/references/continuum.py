@@ -12,9 +12,9 @@ from studies.work_precision.scenes import AMPLITUDE, LENGTH, PAPER, STRIP, SWING
 
 
 def continuum(scene: str, times: np.ndarray, coarse: bool = False) -> dict[str, np.ndarray] | None:
-    """{"mean", "point"}: paths at the times [m]; None for a scene without a solution of its own.
+    """Return the paths "mean" and "point" at the times [m]; None without a known solution.
 
-    `coarse` takes fewer points, for errors of a part in a thousand and above.
+    With `coarse` the solution has fewer points, enough for errors of 0.1 % and above.
     """
     if scene == "trampoline":
         disk = falling_disk.trampoline(times, elements=800 if coarse else 2400)
@@ -22,7 +22,7 @@ def continuum(scene: str, times: np.ndarray, coarse: bool = False) -> dict[str, 
     if scene == "wave":
         of = LENGTH, STRIP.tensile[0], STRIP.areal_density, AMPLITUDE
         tip = closed_forms.strip_wave(LENGTH, times, *of)
-        return {"mean": 2 / np.pi * tip, "point": tip}  # of a quarter of a sine
+        return {"mean": 2 / np.pi * tip, "point": tip}  # the mean of a quarter of a sine
     if scene == "swing":
         fine, finer = (swinging_chain(times, links) for links in (60, 120))
         return {
@@ -32,12 +32,13 @@ def continuum(scene: str, times: np.ndarray, coarse: bool = False) -> dict[str, 
 
 
 def swinging_chain(times: np.ndarray, links: int) -> dict[str, np.ndarray]:
-    """A strip that bends about one axis only falls from level: depth of its mean and its end [m].
+    """Return the depths of the mean and the end of a falling strip that bends about one axis [m].
 
-    With ν = 0 nothing varies along the held edge, and the strip is a curve in a vertical plane:
-    links of length l with the energy Y l E²/2, E = (λ² − 1)/2, between them hinges with
-    B θ²/(2 l), θ the turn from link to link, and ρ l at each node, half of it at the ends. Steps
-    of velocity Verlet at a quarter of their limit.
+    The strip starts horizontally at rest. With ν = 0 nothing varies along the hinged edge, and the
+    strip is a curve in a vertical plane. It is a chain of links of length l with the energy
+    Y l E²/2, E = (λ² − 1)/2. Hinges between them have B θ²/(2 l), with the angle θ between two
+    links. Nodes have the mass ρ l, the ends half of it. Velocity Verlet steps at a quarter of
+    their limit.
     """
     l, rho, Y = SWING / links, PAPER.areal_density, PAPER.tensile[0]
     B = PAPER.bending[0]
@@ -50,7 +51,7 @@ def swinging_chain(times: np.ndarray, links: int) -> dict[str, np.ndarray]:
 
 @njit(cache=True)
 def _fall(samples, each, dt, links, l, Y, B, rho):
-    """(samples, 2): mean depth and depth of the end."""
+    """Return the mean depth and the depth of the end at each sample, (samples, 2)."""
     x, v, f = np.zeros((links + 1, 2)), np.zeros((links + 1, 2)), np.zeros((links + 1, 2))
     x[:, 0] = l * np.arange(links + 1)
     mass = np.full(links + 1, rho * l)
@@ -74,7 +75,7 @@ def _fall(samples, each, dt, links, l, Y, B, rho):
 
 @njit(cache=True)
 def _pull(x, f, l, Y, B, mass):
-    """Set f to gravity, the links' tension and the hinges' moments as couples on their links."""
+    """Set f to gravity, the tension of the links, and the moments of the hinges as couples."""
     f[:, 0] = 0.0
     f[:, 1] = -9.81 * mass
     for i in range(len(x) - 1):

@@ -1,4 +1,4 @@
-"""A clamped disk on which gravity is switched on, one-dimensional in the radius."""
+"""A clamped disk under gravity that is switched on, one-dimensional in the radius."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from studies.references.closed_forms import Array, positive
+from studies.references.closed_forms import Array, check_positive
 
 
 @dataclass(frozen=True)
 class Trampoline:
-    """Motion of the disk of `trampoline`, one row for each of the times.
+    """Motion of the disk of `trampoline`, one value for each time.
 
     Attributes
     ----------
     times
-        t, as given [s].
+        Times of the output [s].
     mean_deflection
-        (1/(π a²)) ∫ w dA over the reference disk, downward positive [m].
+        (1/(π a²)) ∫ w dA over the reference disk, positive downward [m].
     centre
         w(0, t) [m].
     kinetic_energy, elastic_energy
-        Of the whole disk [J]. Their sum is gravity's work ρ g π a² mean_deflection, up to the
-        error of the time step.
+        Energies of the whole disk [J]. Their sum is the work of gravity, ρ g π a² mean_deflection,
+        up to the error of the time step.
     least_stress
-        Smallest of the second Piola-Kirchhoff stresses S_r, S_θ over the disk at that time [N/m];
-        negative: a real cloth would wrinkle there.
+        Smallest of the second Piola-Kirchhoff stresses S_r, S_θ over the disk [N/m]. Where it is
+        negative, a real cloth would wrinkle.
     """
 
     times: Array
@@ -50,19 +50,18 @@ def trampoline(
     elements: int = 400,
     courant: float = 0.5,
 ) -> Trampoline:
-    """Fall of a disk, clamped at its rim, flat and unstressed until gravity acts at t = 0.
+    """Return the fall of a flat unstressed disk, clamped at its rim, under gravity from t = 0.
 
-    Axisymmetric, undamped, no bending. With the radial displacement u(R, t) and the deflection
-    w(R, t),
+    The motion is axisymmetric, without damping or bending. With the radial displacement u(R, t)
+    and the deflection w(R, t),
 
         λ_r² = (1 + u')² + w'²,    λ_θ = 1 + u/R,    E = (λ² − 1)/2,
         W = Y/(2 (1 − ν²)) (E_r² + E_θ² + 2 ν E_r E_θ),
 
-    and the action ∫∫ (ρ (u_t² + w_t²)/2 − W + ρ g w) 2πR dR dt is made stationary: linear
-    elements in R of equal size with one Gauss point, each node carrying the mass of the ring
-    between the neighbouring midpoints, and velocity Verlet in time (E. Hairer, C. Lubich,
-    G. Wanner, Acta Numerica 12 (2003) 399-450). Each gap between two times is cut into equal
-    steps, so that the times are met exactly.
+    and the action ∫∫ (ρ (u_t² + w_t²)/2 − W + ρ g w) 2πR dR dt is stationary. In space: linear
+    elements in R of equal size with one Gauss point; each node has the mass of the ring between
+    the neighbouring midpoints. In time: velocity Verlet (E. Hairer, C. Lubich, G. Wanner, Acta
+    Numerica 12 (2003) 399-450). Equal steps between two times end exactly at these times.
 
     Parameters
     ----------
@@ -75,8 +74,8 @@ def trampoline(
     elements
         Number of elements along the radius, at least 2.
     courant
-        Largest step over h √(ρ (1 − ν²)/Y), the time a radial wave of the unstretched disk takes
-        through an element; stable below 1, less as the disk stretches.
+        Largest step over h √(ρ (1 − ν²)/Y), the time in which a radial wave of the unstretched
+        disk crosses an element. Steps below 1 are stable; the limit falls as the disk stretches.
 
     Returns
     -------
@@ -88,17 +87,17 @@ def trampoline(
     ValueError
         For a constant or a time that is not admissible.
     RuntimeError
-        Where the disk stretched so far that the step was no longer stable; lower courant.
+        If the disk stretches so far that the step is not stable; take a smaller `courant`.
 
     Notes
     -----
-    Default values, t ≤ 0.2 s, against 4800 elements: the mean deflection is off by less than
-    1e-4 of its peak, 23.7 mm; the centre is in free fall to rounding until 0.112 s, and off by
-    up to 0.6 mm after 0.117 s, when the front from the rim has focused there. Each halving of h
-    halves these, no better: the focused front leaves kinks behind. From 0.17 s on, fine meshes
-    show short spells of compression (1 N/m) within a few elements of the centre.
+    Errors of the default values for t ≤ 0.2 s, against 4800 elements: the mean deflection is wrong
+    by less than 1e-4 of its peak, 23.7 mm. The centre falls freely, to round-off, until 0.112 s;
+    after 0.117 s, when the front from the rim is focused there, it is wrong by up to 0.6 mm. Each
+    halving of h only halves these errors, because the focused front leaves kinks. From 0.17 s on,
+    fine meshes have short compression (1 N/m) within a few elements of the centre.
     """
-    positive(
+    check_positive(
         radius=radius,
         tensile_stiffness=tensile_stiffness,
         areal_density=areal_density,
@@ -121,19 +120,19 @@ def trampoline(
     steps = np.ceil(gaps / limit).astype(np.int64)
     mass = areal_density * _ring_areas(radius, int(elements))
     rows, stiffening = _march(gaps, steps, mass, radius, plane, poisson_ratio, gravity)
-    # Not "courant² stiffening > 1": NaN, which an unstable run ends in, has to count as failed.
+    # Not "courant² stiffening > 1": an unstable run ends in NaN, which must count as failed.
     if not courant**2 * stiffening < 1:
         raise RuntimeError(
             f"trampoline: the disk stretched too far for courant = {courant!r} "
-            f"(its radial stiffness grew by the factor {stiffening:.3g}); lower courant"
+            f"(its radial stiffness grew by the factor {stiffening:.3g}); take a smaller courant"
         )
     return Trampoline(instants, *rows.T)
 
 
 def _ring_areas(radius: float, elements: int) -> Array:
-    """Area of the ring of each node, from midpoint to midpoint; they add up to π a²."""
-    # Not the row sums of the consistent mass: at the centre those give π h²/3 for the disk of
-    # radius h/2, which gets the acceleration there wrong by a quarter on any mesh.
+    """Return the area of the ring of each node, from midpoint to midpoint; their sum is π a²."""
+    # The row sums of the consistent mass give π h²/3 at the centre, for a disk of radius h/2: the
+    # acceleration there would be wrong by a quarter on any mesh.
     h = radius / elements
     edges = np.concatenate([[0.0], (np.arange(elements) + 0.5) * h, [radius]])
     return math.pi * np.diff(edges**2)
@@ -174,14 +173,14 @@ def _internal(u, w, h, plane, nu, fu, fw):
 
 @njit(cache=True)
 def _kick(velocity, force, mass, acceleration, dt):
-    # without the last node: the rim is clamped
+    # not the last node, because the rim is clamped
     for i in range(velocity.size - 1):
         velocity[i] += dt * (force[i] / mass[i] + acceleration)
 
 
 @njit(cache=True)
 def _march(gaps, steps, mass, radius, plane, nu, gravity):
-    """March over the gaps; rows (mean, centre, kinetic, elastic, least stress), stiffening."""
+    """March over the gaps; return rows (mean, centre, energies, least stress) and stiffening."""
     nodes = mass.size
     h = radius / (nodes - 1)
     u, w, fu, fw = np.zeros(nodes), np.zeros(nodes), np.zeros(nodes), np.zeros(nodes)
@@ -196,7 +195,7 @@ def _march(gaps, steps, mass, radius, plane, nu, gravity):
             u += dt * vu
             w += dt * vw
             energy, least, stiffening = _internal(u, w, h, plane, nu, fu, fw)
-            if not stiffening < 1e6:  # blown up, perhaps NaN, which max() could lose
+            if not stiffening < 1e6:  # unstable, perhaps NaN, which max() could lose
                 return rows, np.inf
             worst = max(worst, stiffening)
             _kick(vu, fu, mass, 0.0, 0.5 * dt)

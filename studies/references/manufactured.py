@@ -1,11 +1,12 @@
-"""A motion that is exact because the body force is made for it (Roache 2002, J. Fluids Eng. 124).
+"""A manufactured solution: a motion with the body force that makes it exact.
 
-A taut sheet with three plane waves standing on it, in and out of its plane, of amplitude c:
+The method is that of Roache (2002, J. Fluids Eng. 124). The motion is a taut sheet with three plane
+waves in and out of its plane, of amplitude c:
 
     x_i(X, c) = A_iJ X_J + c a_i sin θ_i,    θ_i = q_i·X + φ_i,    F = A + c a_i q_i cos θ_i.
 
-Under b = ρ c̈ a_i sin θ_i − Div P per reference area it solves the equations of an isotropic
-St. Venant-Kirchhoff membrane, and both principal stresses are positive for −1 ≤ c ≤ 1.
+With the body force b = ρ c̈ a_i sin θ_i − Div P per reference area it solves the equations of an
+isotropic St. Venant-Kirchhoff membrane, and both principal stresses are positive for −1 ≤ c ≤ 1.
 """
 
 from __future__ import annotations
@@ -21,45 +22,45 @@ PHASES = np.array([0.3, 1.1, -0.4])  # φ
 
 
 def wave(X: np.ndarray) -> np.ndarray:
-    """(p, 3) ∂x/∂c = a sin θ [m]."""
+    """Return ∂x/∂c = a sin θ, (p, 3) [m]."""
     return HEIGHTS * np.sin(X @ WAVES.T + PHASES)
 
 
 def position(X: np.ndarray, c: float = 1.0) -> np.ndarray:
-    """(p, 3) x [m]."""
+    """Return x, (p, 3) [m]."""
     return X @ A.T + c * wave(X)
 
 
 def gradient(X: np.ndarray, c: float = 1.0) -> np.ndarray:
-    """(p, 3, 2) F = ∂x/∂X."""
+    """Return F = ∂x/∂X, (p, 3, 2)."""
     slope = HEIGHTS * np.cos(X @ WAVES.T + PHASES)
     return A + c * slope[:, :, None] * WAVES
 
 
 def second_gradient(X: np.ndarray, c: float = 1.0) -> np.ndarray:
-    """(p, 3, 2, 2) G_iJK = ∂F_iJ/∂X_K [1/m]."""
+    """Return G_iJK = ∂F_iJ/∂X_K, (p, 3, 2, 2) [1/m]."""
     return -c * wave(X)[:, :, None, None] * WAVES[:, :, None] * WAVES[:, None, :]
 
 
 def law(E: np.ndarray) -> np.ndarray:
-    """S = Y/(1 − ν²) ((1 − ν) E + ν tr E I) of strains (..., 2, 2) [N/m]."""
+    """Return S = Y/(1 − ν²) ((1 − ν) E + ν tr E I) of strains (..., 2, 2) [N/m]."""
     trace = np.trace(E, axis1=-2, axis2=-1)[..., None, None]
     return Y / (1 - NU**2) * ((1 - NU) * E + NU * trace * np.eye(2))
 
 
 def strain(X: np.ndarray, c: float = 1.0) -> np.ndarray:
-    """(p, 2, 2) E = (FᵀF − I)/2."""
+    """Return E = (FᵀF − I)/2, (p, 2, 2)."""
     F = gradient(X, c)
     return (np.einsum("piJ,piK->pJK", F, F) - np.eye(2)) / 2
 
 
 def stress(X: np.ndarray, c: float = 1.0) -> np.ndarray:
-    """(p, 3, 2) P = F S [N/m]."""
+    """Return P = F S, (p, 3, 2) [N/m]."""
     return gradient(X, c) @ law(strain(X, c))
 
 
 def divergence(X: np.ndarray, c: float = 1.0) -> np.ndarray:
-    """(p, 3) ∂P_iL/∂X_L = G_iJL S_JL + F_iJ ∂S_JL/∂X_L [N/m²]."""
+    """Return ∂P_iL/∂X_L = G_iJL S_JL + F_iJ ∂S_JL/∂X_L, (p, 3) [N/m²]."""
     F, G = gradient(X, c), second_gradient(X, c)
     half = np.einsum("piJ,piKL->pLJK", F, G)
     of_stress = law((half + half.swapaxes(2, 3)) / 2)  # ∂S_JK/∂X_L as LJK
@@ -68,9 +69,9 @@ def divergence(X: np.ndarray, c: float = 1.0) -> np.ndarray:
 
 
 def energy(c: float = 1.0, speed: float = 0.0, points: int = 24) -> float:
-    """Energy of the unit square: strain, and kinetic if c changes by `speed` [J].
+    """Return the strain and kinetic energy of the unit square [J]; `speed` is dc/dt.
 
-    By Gauss and Legendre's rule of so many points a side.
+    The rule of Gauss and Legendre has `points` points along each side.
     """
     at, weights = roots_legendre(points)
     X = np.stack(np.meshgrid((1 + at) / 2, (1 + at) / 2), axis=-1).reshape(-1, 2)
@@ -81,7 +82,7 @@ def energy(c: float = 1.0, speed: float = 0.0, points: int = 24) -> float:
 
 
 def least_stress(points: int = 40) -> float:
-    """Smallest principal S over a grid of the unit square and c in [−1, 1] [N/m]."""
+    """Return the smallest principal S on a grid of the unit square and c in [−1, 1] [N/m]."""
     side = np.linspace(0, 1, points)
     X = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     return min(np.linalg.eigvalsh(law(strain(X, c))).min() for c in np.linspace(-1, 1, 21))

@@ -1,8 +1,9 @@
-"""Three motions whose end is known without fecloth's time stepping, for the order of a method.
+"""Three motions with known ends, computed without fecloth's time steps, for orders of methods.
 
-1. An elastic pendulum, one spring and one mass in large swings, 2. a longitudinal wave of finite
-strain in a strip with ν = 0: both against the same equations written anew here. 3. A damped
-swinging cloth with bending, against scipy's Runge–Kutta method of order 8 on the system's forces.
+1. An elastic pendulum, one spring and one mass, in large swings. 2. A longitudinal wave of finite
+strain in a strip with ν = 0. Both are compared with their own equations, written in this file.
+3. A damped swinging cloth with bending, compared with SciPy's Runge-Kutta method of order 8 on the
+forces of the system.
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ from fecloth.integrators import EXPLICIT, METHODS
 
 TIGHT = fc.Newton(tolerance=1e-11)
 CASES = {name: method() for name, method in {**METHODS, **EXPLICIT}.items()} | {
-    "forward_euler": fc.ForwardEuler(beyond_limit=True),  # without damping its limit is 0
+    "forward_euler": fc.ForwardEuler(beyond_limit=True),  # its limit without damping is 0
     "newmark_damped": fc.Newmark(0.36, 0.7),
     "generalized_alpha_0": fc.GeneralizedAlpha(0.0),
     "generalized_alpha_1": fc.GeneralizedAlpha(1.0),
 }
 
 
-def solved(acceleration, x, v, t_end):
-    """x and v at `t_end` of x'' = acceleration(x, v), by DOP853 at rtol 1e-12."""
+def solve(acceleration, x, v, t_end):
+    """Return x and v at `t_end` for x'' = acceleration(x, v), by DOP853 with rtol 1e-12."""
 
     def rate(_, y):
         x, v = y.reshape(2, -1)
@@ -40,7 +41,7 @@ def solved(acceleration, x, v, t_end):
 
 @dataclass(frozen=True)
 class Problem:
-    """Where a system starts, the steps of the two finest runs, and what it comes to (x, v)."""
+    """A system, its start, the steps of the two finest runs, and the exact end (x, v)."""
 
     system: fc.System
     start: object
@@ -50,7 +51,7 @@ class Problem:
     v: np.ndarray
 
     def error(self, method, steps) -> float:
-        """‖(x, t_end v) − exact‖ after `steps` steps."""
+        """Return ‖(x, t_end v) − exact‖ after `steps` steps."""
         dt = self.t_end / steps
         run = fc.march(
             self.system, method, self.start, dt, self.t_end, solver="direct", newton=TIGHT
@@ -62,7 +63,7 @@ class Problem:
 
 @cache
 def pendulum() -> Problem:
-    """One triangle, two of its nodes held in one point: they hold the third by one spring, 2 k."""
+    """Return a pendulum: a triangle with two nodes pinned at one point, a spring of 2 k."""
     cloth = fc.Cloth.from_arrays([[-0.1, 0], [0.1, 0], [0, -1]], [[0, 2, 1]], renumber=False)
     rest, k, t_end = np.hypot(0.1, 1.0), 0.2, 0.8
     fabric = fc.Fabric(areal_density=0.6, tensile_stiffness=1.0)
@@ -77,13 +78,13 @@ def pendulum() -> Problem:
 
     start = system.state(np.array([[0, 0, 0], [0, 0, 0], x]), np.array([[0, 0, 0], [0, 0, 0], v]))
     end = np.zeros((2, 3, 3))
-    end[:, 2] = solved(acceleration, x, v, t_end)
+    end[:, 2] = solve(acceleration, x, v, t_end)
     return Problem(system, start, t_end, (100, 200), *end)
 
 
 @cache
 def wave() -> Problem:
-    """A taut strip with fixed ends, one cell wide; its columns of nodes are a chain of masses."""
+    """Return a taut strip with fixed ends, one cell wide: its columns of nodes are a mass chain."""
     cells, h, stretch, t_end = 8, 1 / 8, 1.15, 0.008
     Y, rho = 800.0, 0.2
     cloth = fc.Cloth.rectangle(1.0, h, h=h, pattern="right")
@@ -96,7 +97,7 @@ def wave() -> Problem:
 
     x0 = stretch * X + 0.03 * np.sin(2 * np.pi * X)
     v0 = 1.5 * np.sin(np.pi * X) ** 2
-    chain = solved(acceleration, x0[1:-1], v0[1:-1], t_end)
+    chain = solve(acceleration, x0[1:-1], v0[1:-1], t_end)
 
     def of_cloth(values, y):
         column = np.rint(cloth.X[:, 0] / h).astype(int)
@@ -111,7 +112,7 @@ def wave() -> Problem:
 
 @cache
 def swing() -> Problem:
-    """A curved sheet, held at its left side, falls; damping and bending take their part."""
+    """Return a curved falling sheet pinned on the left, with notable damping and bending."""
     cloth, t_end = fc.Cloth.rectangle(0.4, 0.3, h=0.1), 0.04
     fabric = fc.Fabric(0.2, 50.0, 0.3, bending_rigidity=2e-2)
     terms = [fc.StVK(), fc.HingeBending(), fc.StrainRateDamping(2e-3), fc.Gravity()]
@@ -135,5 +136,5 @@ def swing() -> Problem:
         state = system.state(full(x, start.x), full(v, 0 * bent))
         return system.force(state).ravel()[free] / mass
 
-    end = solved(acceleration, start.x.ravel()[free], start.v.ravel()[free], t_end)
+    end = solve(acceleration, start.x.ravel()[free], start.v.ravel()[free], t_end)
     return Problem(system, start, t_end, (125, 250), full(end[0], start.x), full(end[1], 0 * bent))

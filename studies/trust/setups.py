@@ -136,7 +136,7 @@ def breathing(frame: Frame, strain: float = 0.02):
     cloth = _sheet()
     X, Y = _plane(cloth)
     system = _system(frame, cloth, [fc.StVK()])
-    return system, _start(frame, system, ((1 + strain) * X, (1 + strain) * Y, 0.0)), 0.1
+    return system, _start(frame, system, ((1 + strain) * X, (1 + strain) * Y, 0.0)), 0.05
 
 
 def bent(frame: Frame):
@@ -171,14 +171,14 @@ def p2_drum(frame: Frame):
 
 def rubber_drum(frame: Frame):
     """The drum of a neo-Hookean membrane."""
-    return drum(frame, fc.NeoHookean())
+    return drum(frame, fc.NeoHookean("compressible"))
 
 
 def swing(frame: Frame):
     """A damped sheet, let go from the horizontal, held at one side."""
     cloth = _sheet(0.5, 0.5, 0.08)
     terms = [fc.StVK(), fc.HingeBending(), fc.StrainRateDamping(time=0.005), fc.Gravity(G)]
-    system = _system(frame, cloth, terms, [_pin("left", frame)], bending_rigidity=1e-3)
+    system = _system(frame, cloth, terms, [_pin("left", frame)], bending_rigidity=1e-5)
     return system, _start(frame, system, (*_plane(cloth), 0.0)), 0.4
 
 
@@ -343,33 +343,34 @@ FREE = ("rest", "20 m/s", "100 m/s", "falling", "spinning")
 MOVED = ("rest", "20 m/s", "100 m/s")
 
 SETUPS: tuple[Setup, ...] = (
-    *_grid("released", {"midpoint": [0.005], "bdf2": [0.02, 0.005]}, FREE),
-    *_grid("breathing", {"midpoint": [5e-4, 4e-3], "bdf2": [2.5e-4, 5e-3]}, FREE),
+    *_grid("breathing", {"midpoint": [2.5e-4, 4e-3], "bdf2": [5e-3]}, FREE),
     *_grid("bent", {"midpoint": [0.002, 0.02], "backward_euler": [0.01]}, FREE),
-    *_grid("drum", {"bdf2": [0.02, 0.001], "midpoint": [0.02, 0.002]}, MOVED),
-    *_grid("drum", {"backward_euler": [0.01], "linearised": [0.01]}),
+    *_grid("drum", {"bdf2": [0.02], "midpoint": [0.02, 0.002]}, MOVED),
+    *_grid("swing", {"bdf2": [0.02, 0.002], "backward_euler": [0.01]}, MOVED),
+    *_grid("drum", {"backward_euler": [0.01], "linearised": [0.01], "bdf2": [0.001]}),
     *_grid("drum", {"generalized_alpha": [0.02, 0.001], "energy_momentum": [0.02, 0.002]}),
-    *_grid("drum", {"newmark": [0.02, 0.002], "central_difference": [4e-4]}),
-    *_grid("drum", {"symplectic_euler": [1e-4], "adaptive bdf2": [None]}),
-    *_grid("spring_drum", {"bdf2": [0.02, 0.001], "energy_momentum": [0.002]}),
-    *_grid("p2_drum", {"bdf2": [0.02, 0.001], "midpoint": [0.002]}),
-    *_grid("rubber_drum", {"bdf2": [0.02, 0.001], "midpoint": [0.002]}),
-    *_grid("swing", {"bdf2": [0.02, 0.005, 0.001], "backward_euler": [0.01, 5e-4]}, MOVED),
-    *_grid("hanging", {"midpoint": [0.001], "bdf2": [0.001, 0.02]}),
+    *_grid("drum", {"newmark": [0.02, 0.002], "central_difference": [5e-4]}),
+    *_grid("drum", {"symplectic_euler": [5e-4], "adaptive bdf2": [None]}),
+    *_grid("spring_drum", {"bdf2": [0.02], "energy_momentum": [0.002]}),
+    *_grid("p2_drum", {"bdf2": [0.02], "midpoint": [0.002]}),
+    *_grid("rubber_drum", {"bdf2": [0.02], "midpoint": [0.002]}),
+    *_grid("hanging", {"midpoint": [0.001], "bdf2": [0.02]}),
     *_grid("cantilever", {"bdf2": [0.002, 0.02], "generalized_alpha": [0.002]}),
-    *_grid("flag", {"bdf2": [0.002, 0.01], "midpoint": [0.002]}),
-    *_grid("curtain", {"bdf2": [0.005, 0.001]}),
     *_grid("leaf", {"bdf2": [0.002, 0.02], "midpoint": [0.002]}),
-    *_grid("inflated", {"bdf2": [0.01, 0.001], "midpoint": [0.001]}),
-    *_grid("p2_inflated", {"bdf2": [0.005]}),
-    *_grid("pulse", {"adaptive bdf2": [None], "central_difference": [1e-4]}),
+    *_grid("inflated", {"bdf2": [0.01, 0.001], "midpoint": [0.002]}),
     *_grid("slow_pulse", {"bdf2": [0.001], "midpoint": [0.001]}),
     *_grid("magnet", {"midpoint": [0.001, 0.02], "bdf2": [5e-4]}),
     *_grid("stiff_magnet", {"midpoint": [0.005]}),
-    *_grid("poked", {"bdf2": [0.01, 0.001], "generalized_alpha": [0.001]}),
-    *_grid("shaken", {"bdf2": [0.01, 0.001], "midpoint": [0.001]}, MOVED),
+    *_grid("poked", {"bdf2": [0.01, 0.002], "generalized_alpha": [0.002]}),
+    *_grid("shaken", {"bdf2": [0.01], "midpoint": [0.002]}, ("rest", "100 m/s")),
+    *_grid("damped_jump", {"bdf2": [0.005], "midpoint": [0.002]}),
     *_grid("jump", {"bdf2": [0.005], "backward_euler": [0.005], "generalized_alpha": [0.005]}),
     *_grid("stairs", {"bdf2": [0.005]}),
     *_grid("sign_jump", {"bdf2": [0.005]}),
-    *_grid("damped_jump", {"bdf2": [0.005], "midpoint": [0.002]}),
+    *_grid("flag", {"bdf2": [0.002, 0.01]}),
+    *_grid("curtain", {"bdf2": [0.005]}),
+    *_grid("p2_inflated", {"bdf2": [0.005]}),
+    *_grid("released", {"midpoint": [0.005]}, FREE),
+    *_grid("released", {"bdf2": [0.02]}, ("rest", "100 m/s")),
+    *_grid("pulse", {"adaptive bdf2": [None], "central_difference": [1e-4]}),
 )

@@ -15,19 +15,26 @@ after another, whatever --jobs is.
 
 from __future__ import annotations
 
-import hashlib
 import math
 
 import numpy as np
 
 from fecloth import study
-from fecloth.scene.scene import Scene, load_scene
 from studies.references.continuum import continuum
 from studies.work_precision import figures as charts
-from studies.work_precision.grid import fine_runs, key, scene_cases, timed_cases
-from studies.work_precision.scenes import SCENES, run, run_scene
+from studies.work_precision.grid import fine_runs, key, timed_cases
+from studies.work_precision.runs import run
+from studies.work_precision.scenes import SCENES
+from studies.work_precision.tables import (
+    cheapest,
+    describe_settings,
+    seconds,
+    table_of_cheapest,
+    table_of_parts,
+    table_of_solvers,
+)
+from studies.work_precision.user_scene import study_scene
 
-LEVELS = (0.1, 0.01, 0.001, 0.0001)
 FIRST = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler")
 EXPLICIT = ("many_steps", "CentralDifference", "SymplecticEuler", "Adaptive CentralDifference")
 TITLE = "Speed and accuracy"
@@ -88,77 +95,6 @@ def mark_failed(rows: Rows) -> Rows:
     ]
 
 
-def describe_settings(row: dict) -> str:
-    """Describe the settings of a run in words."""
-    parts = [row["method"]]
-    if row.get("step"):
-        adaptive = row["method"].startswith(("Adaptive", "Auto"))
-        parts.append(f"rtol {row['step']:g}" if adaptive else f"dt {1e3 * row['step']:.3g} ms")
-    parts += [f"h {row['h']:g}", row["element"]]
-    parts += [row["model"]] if row["model"] != "StVK" else []
-    parts += [row["linear"]] if row["linear"] != "auto" else []
-    return ", ".join(parts)
-
-
-def cheapest(rows: Rows, scene: str, level: float, among=lambda row: True) -> dict | None:
-    """Return the row with the fewest seconds whose error is within the level, or None."""
-    good = [r for r in rows if r["scene"] == scene and r["status"] == "ok" and among(r)]
-    good = [r for r in good if r["total_error"] <= level]
-    return min(good, key=lambda row: row["seconds"]) if good else None
-
-
-def seconds(row: dict | None) -> float:
-    return row["seconds"] if row else math.inf
-
-
-def table_of_cheapest(rows: Rows, scene: str) -> Rows:
-    """Return a table of the cheapest settings for each level of error."""
-    lines = []
-    for level in LEVELS:
-        row, line = cheapest(rows, scene, level), {"error at most": f"{100 * level:g} %"}
-        if row is None:
-            lines.append(line | {"cheapest": "none of these"})
-            continue
-        line |= {"cheapest": describe_settings(row), "CPU seconds": row["seconds"]}
-        line |= {"error [%]": 100 * row["total_error"], "point [%]": 100 * row["point_error"]}
-        for name in ("steps", "newton", "factorisations", "force_evaluations"):
-            line[name.replace("_", " ")] = row.get(name)
-        lines.append(line)
-    return lines
-
-
-def table_of_parts(fine: Rows) -> Rows:
-    """Return a table of the errors in space and of the model on each mesh."""
-    return [
-        {
-            "scene": row["scene"],
-            "model": row["model"],
-            "element": row["element"],
-            "h [m]": row["h"],
-            "triangles": row["triangles"],
-            "space [%]": 100 * row["space_error"],
-            "model [%]": 100 * row["model_error"],
-            "total [%]": 100 * row["total_error"],
-            "point [%]": 100 * row["point_error"],
-        }
-        for row in fine
-        if row["status"] == "ok" and "space_error" in row
-    ]
-
-
-def table_of_solvers(rows: Rows) -> Rows:
-    """Return a table of the seconds of the same runs with each linear solver."""
-    named = [r for r in rows if r.get("linear", "auto") != "auto" and r["status"] == "ok"]
-    same = ("scene", "h", "method", "step", "element", "model")
-    lines = {}
-    for row in rows:
-        at = tuple(row[name] for name in same)
-        if row["status"] == "ok" and any(at == tuple(r[name] for name in same) for r in named):
-            line = lines.setdefault(at, dict(zip(same[:3], at, strict=False)))
-            line |= {"dt [ms]": 1e3 * row["step"], row["linear"] + " [s]": row["seconds"]}
-    return list(lines.values())
-
-
 def conclude(rows: Rows, fine: Rows, quick: bool) -> list[study.Finding]:
     """Return the findings: ratios of seconds, and the error of the finest run."""
     findings = []
@@ -210,64 +146,6 @@ def describe_result(rows: Rows) -> str:
                 f"the {scene} takes {describe_settings(row)} and {row['seconds']:.2g} CPU s"
             )
     return "At 1 % of error " + "; ".join(parts) + "." if parts else ""
-
-
-def study_scene(options) -> int:
-    """Run a user's scene with other methods and steps; compare with its method at fine steps."""
-    name, scene = options.scene.stem, load_scene(options.scene)
-    digest = hashlib.sha256(options.scene.read_bytes()).hexdigest()[:12]
-    shared = {"path": str(options.scene.resolve()), "digest": digest}
-    cases = [{**shared, **case} for case in scene_cases(scene, options.quick)]
-    sizes = [predict_workload(scene, case) for case in cases]
-    study.check_scene(sizes, options)
-    running = study.run_options(options, alone=True) | {"time_limit": options.time_limit}
-    exact, *rows = study.run_cases(cases, run_scene, **running, costs=[s.seconds for s in sizes])
-    title = f"Errors in time of {name}"
-    study.require_results(options, title, [exact])
-    own = scene.time.method.type
-    for row in rows:
-        row |= {"scene": name, "element": "P1", "model": "StVK", "h": math.nan}
-        row["method"] = row["method"].replace("own", f"{own} (the scene's)")
-        if row["status"] == "ok":
-            row["total_error"] = rms(row["x"], exact["x"]) / rms(exact["x"], exact["start"])
-    study.require_results(options, title, rows)
-    charts.draw_all(options.out, rows, "distance of the end [% of the displacement]")
-    lines = []
-    for level in LEVELS:
-        row, line = cheapest(rows, name, level), {"error at most": f"{100 * level:g} %"}
-        if row:
-            line |= {"method": row["method"], "dt [s] or rtol [1/s]": row["step"]}
-            line |= {"CPU seconds": row["seconds"], "error [%]": 100 * row["total_error"]}
-        lines.append(line)
-    return study.write_report(
-        options,
-        title,
-        rows,
-        tables={"Cheapest, by the rms error of the end over the rms displacement": lines},
-        figures=("speed_accuracy",),
-        conclusion=EXPLAINED.format(method=exact["method"].replace("own", own), step=exact["step"]),
-        results=("failed", "refused", "time limit"),
-    )
-
-
-EXPLAINED = (
-    "Only the method and its step vary: the errors are errors in time, on the mesh and with the "
-    "model of the scene. The error is the rms distance of the end from that of {method} with the "
-    "step {step:g} s, in percent of the rms displacement of that run's end."
-)
-
-
-def predict_workload(scene: Scene, case: dict) -> study.Workload:
-    """Predict the size of a run of the scene with another method."""
-    if case["method"] == "CentralDifference":
-        return study.Workload.explicit(scene)
-    is_fixed = case["step"] and not case["method"].startswith(("Adaptive", "Auto"))
-    return study.Workload.of(scene, dt=case["step"] if is_fixed else None)
-
-
-def rms(a, b) -> float:
-    """Return the root mean square of a − b."""
-    return float(np.sqrt(np.mean(np.square(np.subtract(a, b)))))
 
 
 def main() -> int:

@@ -7,13 +7,13 @@ backward Euler step. Its bending is a thin plate's, with the thickness that give
 from __future__ import annotations
 
 import time
-from importlib.util import find_spec
 
 import numpy as np
 
 from fecloth import study
 from studies.work_precision.grid import MESHES, STABLE, case
-from studies.work_precision.scenes import LONG, PAPER, SAMPLES, SCENES, Scene
+from studies.work_precision.runs import LONG
+from studies.work_precision.scenes import PAPER, SAMPLES, SCENES, Scene
 
 Rows = list[dict]
 FLEX = {"trampoline": {}, "swing": {"pins": "left", "elastic": "both"}}
@@ -21,10 +21,7 @@ STEPS = (5e-3, 2.5e-3, 1.25e-3)  # s
 
 
 def list_mujoco_cases(quick: bool) -> Rows:
-    """List explicit steps near the limit, and long `discrete` steps; empty without MuJoCo."""
-    if find_spec("mujoco") is None:
-        print("MuJoCo is not installed and is left out: pip install '.[peers]'")
-        return []
+    """List explicit steps near the limit, and long `discrete` steps."""
     found = []
     for scene in ("trampoline",) if quick else tuple(FLEX):
         for h in MESHES[scene][1:2] if quick else MESHES[scene][1:3]:
@@ -56,12 +53,12 @@ def make_model(problem: Scene, scene: str, dt: float, integrator: str):
     """Return MuJoCo's model and the data of its state."""
     import mujoco
 
-    from studies.benchmarks.mujoco import flex
+    from studies.benchmarks.mujoco import make_flex
 
     options = dict(FLEX[scene])
     if scene == "swing":
         options["thickness"] = float(np.sqrt(12 * PAPER.bending[0] / PAPER.tensile[0]))
-    model = flex(problem.system, dt, integrator, **options)
+    model = make_flex(problem.system, dt, integrator, **options)
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)
     return model, data

@@ -129,12 +129,12 @@ def test_the_resolved_scene_runs_to_the_same_end(scene):
     assert np.array_equal(a.points, b.points)
 
 
-def test_quiet_says_nothing(scene, capfd):
+def test_quiet_prints_nothing(scene, capfd):
     assert main(["run", str(scene), "--quiet"]) == 0
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_folder_that_is_not_empty_is_refused_and_kept(scene, capsys):
+def test_folder_that_is_not_empty_is_refused_and_unchanged(scene, capsys):
     Path("run").mkdir()
     Path("run/mine.txt").write_text("keep")
     assert main(["run", str(scene), "-o", "run"]) == 2
@@ -174,7 +174,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("arguments", "message"), MISTAKES)
-def test_mistakes_are_status_2_and_leave_nothing(arguments, message, scene, capsys):
+def test_mistakes_exit_with_status_2_and_write_no_files(arguments, message, scene, capsys):
     before = sorted(Path().rglob("*"))
     assert main(arguments) == 2
     printed = capsys.readouterr()
@@ -219,7 +219,7 @@ def test_info(scene, capsys):
     assert main(["info", str(scene)]) == 0
     printed = capsys.readouterr().out
     assert "terms: StVK, StrainRateDamping, Gravity" in printed
-    assert printed.count("triangles") == 1  # the sizes are not told twice
+    assert printed.count("triangles") == 1  # the sizes are not printed twice
 
 
 def long_run(scene, out, **options):
@@ -243,7 +243,7 @@ def opens(out):
     return times
 
 
-def test_ctrl_c_leaves_a_readable_result_and_says_so(scene, tmp_path):
+def test_ctrl_c_leaves_a_readable_result_and_reports_it(scene, tmp_path):
     out = tmp_path / "run"
     running = long_run(scene, out)
     running.send_signal(signal.SIGINT)
@@ -269,7 +269,7 @@ def test_a_killed_run_leaves_a_pvd_that_opens(later, scene, tmp_path):
     assert len(opens(out)) >= 3
 
 
-def test_a_balance_that_does_not_close_is_told(scene, capsys):
+def test_energy_balance_that_does_not_close_is_reported(scene, capsys):
     make = ["--set", 'time.method="implicit_midpoint"', "--set", "terms.1.time=1e-9"]
     assert main(["run", str(scene), "-o", "good", *make, "--set", "time.dt=0.001"]) == 0
     assert "energy balance" not in capsys.readouterr().err + Path("good/run.log").read_text()
@@ -278,12 +278,12 @@ def test_a_balance_that_does_not_close_is_told(scene, capsys):
     assert main(["run", str(scene), "-o", "bad", *make, *long]) == 0
     printed = capsys.readouterr()
     error, warnings = printed.err, json.loads(Path("bad/summary.json").read_text())["warnings"]
-    told = next(words for words in warnings if "the energy balance is off by" in words)
-    assert "take a smaller dt" in told
+    sentence = next(words for words in warnings if "the energy balance is off by" in words)
+    assert "take a smaller dt" in sentence
     assert json.loads(Path("bad/summary.json").read_text())["warning"] == warnings[0]
     steps = rows(Path("bad/steps.csv"))
     first = next(row for row in steps if abs(float(row["drift"])) > 0.05)
-    step = int(re.match(r"step (\d+), at t = ", told)[1])
+    step = int(re.match(r"step (\d+), at t = ", sentence)[1])
     assert int(first["step"]) < step <= len(steps)
     words = f"step {step}, at t = {float(steps[step - 1]['t']):g} s: the energy balance is off by"
     assert error.count(f"warning: {words}") == error.count("warning: step ") == 1
@@ -323,7 +323,7 @@ def test_overwrite_replaces_runs_only(scene, capsys):
     assert Path("mine/summary.json").read_text() == "keep"
 
 
-def test_what_fails_in_the_middle_of_a_run_is_status_3(scene, capsys):
+def test_failure_during_a_run_exits_with_status_3(scene, capsys):
     text = scene.read_text().replace(
         "[[pins]]", "[[terms]]\ntype = 'Pressure'\np = '1/(t-0.05)'\n[[pins]]"
     )
@@ -349,3 +349,17 @@ def test_the_version_needs_no_numerical_package():
     imported = {line.split("|")[-1].strip() for line in done.stderr.splitlines()}
     assert "fecloth.cli.main" in imported
     assert not imported & {"numpy", "scipy", "numba", "pydantic", "rich", "meshio"}
+
+
+WRONG_COMMANDS = {"runn": "Did you mean 'run'?", "chek": "Did you mean 'check'?", "qqqq": "info."}
+
+
+@pytest.mark.parametrize("wrong", WRONG_COMMANDS)
+def test_a_wrong_command_suggests_the_right_one(wrong, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([wrong, "scene.toml"])
+    assert stop.value.code == 2
+    told = capsys.readouterr().err
+    assert f"{wrong!r}: must be one of run, view, render, check, mesh, info." in told
+    assert told.strip().endswith(WRONG_COMMANDS[wrong])
+    assert "usage: fecloth [-h] [--version] COMMAND ..." in told

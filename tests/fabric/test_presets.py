@@ -474,11 +474,11 @@ def test_each_fabric_in_the_list_names_its_source(capsys):
     """Sources are numbered, and each is printed once in full."""
     assert main.main(["info", "--fabrics"]) == 0
     out = capsys.readouterr().out
-    told = dict(re.findall(r"^\[(\d)\] (.*(?:\n {4}.*)*)", out, re.MULTILINE))
-    assert len(told) == 2
+    printed = dict(re.findall(r"^\[(\d)\] (.*(?:\n {4}.*)*)", out, re.MULTILINE))
+    assert len(printed) == 2
     for name in fc.Fabric.presets():
         what, number = re.search(rf"^{name}: (.*) \[(\d)\]$", out, re.MULTILINE).groups()
-        assert f"{what}. {' '.join(told[number].split())}" == fc.Fabric.preset(name).source
+        assert f"{what}. {' '.join(printed[number].split())}" == fc.Fabric.preset(name).source
 
 
 def test_run_summary_states_the_source_of_the_fabric(tmp_path, capsys):

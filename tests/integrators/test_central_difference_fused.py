@@ -40,7 +40,7 @@ def test_equals_single_steps(pins, orthotropic, rng):
 @two_threads
 @pytest.mark.parametrize("steps", slow_except([1, 50, 51], 1, 51))
 @pytest.mark.parametrize("renumber", [True, False])
-def test_two_threads_give_the_bits_of_one(renumber, steps, orthotropic, rng):
+def test_two_threads_give_the_same_bits_as_one(renumber, steps, orthotropic, rng):
     """Also on a mesh numbered at random, where each part computes nearly all triangles."""
     sheet = fc.Cloth.rectangle(1.0, 0.6, h=0.05)
     order = rng.permutation(len(sheet.X))

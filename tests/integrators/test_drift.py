@@ -21,7 +21,7 @@ def drift(method, omega_dt):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_method_drifts_as_it_says(name):
+def test_drift_of_a_method_matches_its_claim(name):
     method, omega_dt = CASES[name], 0.02
     order, constant = method.traits.drift
     assert drift(method, omega_dt) / omega_dt**order == pytest.approx(constant, rel=0.01)

@@ -34,7 +34,7 @@ def test_order_with_moved_pins(method, mass, small, isotropic):
     check_integrator(system, method, taut_start(system), t_end=0.005, steps=(40, 80, 160, 320))
 
 
-def test_a_wrong_order_is_seen(small, isotropic):
+def test_check_integrator_detects_a_wrong_order(small, isotropic):
     class Claims(fc.BackwardEuler):
         traits = MethodTraits(order=2)
 
@@ -128,7 +128,7 @@ def test_amplification_of_one_mode(method, factor, small, isotropic):
         assert velocity / omega == pytest.approx(-z.imag, abs=1e-11)
 
 
-def test_renumbering_and_rotation_change_nothing(small, isotropic, rng):
+def test_result_is_invariant_under_renumbering_and_rotation(small, isotropic, rng):
     """Taut scene, direct solver: only the growth of round-off separates the runs."""
     terms = [fc.StVK(), fc.StrainRateDamping(0.002)]
 

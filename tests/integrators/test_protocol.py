@@ -55,7 +55,7 @@ def test_linear_solvers_are_linear_solvers():
     assert [solver.keeps_state for solver in solvers] == [False, False, False, True]
 
 
-def test_what_a_system_looks_for_is_what_the_protocol_says():
+def test_system_reads_the_members_of_the_protocol():
     assert members(protocol.BoundTerm) == set(protocol.ALWAYS)
     assert members(protocol.Term) == {"stencil", "bind"}
     for name in terms.__all__:

@@ -136,3 +136,12 @@ def test_quality_of_known_triangles():
     X = np.array([[0, 0], [1, 0], [0, 1], [0.5, math.sqrt(0.75)]])
     q = quality(X, np.array([[0, 1, 3], [0, 1, 2], [0, 2, 1]]))
     assert q == pytest.approx([1, math.sqrt(0.75), -math.sqrt(0.75)])
+
+
+def test_a_row_of_equilateral_triangles_does_not_overrule_h():
+    with pytest.raises(InputError, match=r"h = 0\.1: must be at most 0\.05774 m.*\"right\""):
+        rectangle(1.0, 0.05, 0.1, "equilateral")
+    mesh = rectangle(1.0, 0.05, 0.05774, "equilateral")
+    lengths = np.linalg.norm(np.diff(mesh.X[mesh.triangles], axis=1), axis=2)
+    assert lengths.max() < 1.1 * 0.05774
+    assert len(rectangle(1.0, 0.05, 0.1, "right").triangles) == 20

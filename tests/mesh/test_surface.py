@@ -157,7 +157,7 @@ def test_flat_sheets_anywhere_do_not_intersect(shift):
         assert Surface.of(cloth).count_intersections(turned(x, seed, shift)) == 0
 
 
-def test_what_cannot_be_counted_is_none():
+def test_value_that_cannot_be_computed_is_none():
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.04, pattern="right")
     surface = Surface.of(cloth)
     x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])

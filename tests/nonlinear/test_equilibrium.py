@@ -198,7 +198,7 @@ def test_a_follower_pressure_turns_a_strip_round(load, least):
     assert errors[1] < min(0.012, 0.6 * errors[0])
 
 
-def test_what_fails_at_once_is_found_in_steps():
+def test_load_steps_find_an_equilibrium_that_one_step_does_not():
     system = strip(60.0, 40)
     with pytest.raises(fc.EquilibriumFailed, match="more load_steps"):
         fc.equilibrium(system, system.rest())
@@ -239,7 +239,7 @@ def limit_pressure():
 
 
 def test_load_steps_end_at_the_limit_load():
-    """A rubber membrane bears no more than a limit pressure; what was reached is told."""
+    """A rubber membrane bears no more than a limit pressure; the error states the load reached."""
     shear, radius = 1000.0 / 3, 0.5
     cloth = fc.Cloth.disk(radius, 0.05)
     fabric = fc.Fabric(0.2, 3 * shear, 0.5)

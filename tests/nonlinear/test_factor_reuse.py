@@ -32,7 +32,7 @@ def direct(system, name="direct", **options):
 
 
 @pytest.mark.parametrize("name", ["direct", "superlu"])
-def test_kept_factors_change_the_result_within_the_tolerance(drum, name):
+def test_reused_factors_change_the_result_within_the_tolerance(drum, name):
     runs = [fallen(drum, direct(drum, name, reuse=reuse), [1e-3] * 60) for reuse in (True, False)]
     (kept, few), (full, many) = runs
     deflection = np.abs(full.x[:, 2]).max()
@@ -80,7 +80,7 @@ def test_another_system_takes_another_factor(drum, isotropic):
     assert not solver.factor_reuse.is_usable(key, solver.linear)
 
 
-def test_what_others_prepare_replaces_the_factor(drum):
+def test_another_prepare_replaces_the_factor(drum):
     solver = direct(drum)
     state, _ = fallen(drum, solver, [1e-3] * 3)
     key = key_of(drum, fc.ImplicitMidpoint().stage(state, 1e-3))
@@ -93,7 +93,7 @@ def test_what_others_prepare_replaces_the_factor(drum):
     assert np.array_equal(after.x, fresh.x)
 
 
-def test_after_drop_nothing_depends_on_the_past(drum):
+def test_after_drop_steps_do_not_depend_on_earlier_ones(drum):
     solver = direct(drum)
     state, _ = fallen(drum, solver, [1e-3] * 10)
     kept, _ = fallen(drum, solver, [1e-3] * 5, state)
@@ -129,7 +129,7 @@ def test_a_factor_that_serves_badly_is_not_tried_for_longer_and_longer():
     assert reuse.failures == 0
 
 
-def test_a_step_dearer_than_the_average_since_the_factor_ends_it():
+def test_factor_is_dropped_after_a_step_above_average_cost():
     class Linear:
         name, prepared = "pardiso", 0
 

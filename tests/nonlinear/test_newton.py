@@ -72,7 +72,7 @@ def test_the_symmetric_damping_tangent_costs_quadratic_convergence(
     assert norms[5] < 1e-13
 
 
-def test_none_fails_where_the_cloth_is_compressed_and_says_what_to_do(arc):
+def test_definiteness_none_fails_in_compression_with_a_remedy(arc):
     with pytest.raises(fc.StepFailed, match=r"not positive definite.*on_failure.*smaller dt"):
         steps(arc, [fc.StVK(), fc.Gravity()], "none")
 
@@ -93,7 +93,7 @@ def test_added_mass_converges_faster_than_clamping(arc):
     assert shifted < 0.8 * clamped
 
 
-def test_on_failure_changes_nothing_where_nothing_fails(sheet, isotropic):
+def test_definiteness_on_failure_equals_none_without_a_failure(sheet, isotropic):
     system = fc.System(sheet, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
     start = system.state(1.05 * flat(sheet))
     runs = []

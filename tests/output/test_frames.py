@@ -184,7 +184,7 @@ def test_a_generator_is_streamed(system, states, tmp_path):
     assert len(list(tmp_path.glob("a_*.vtu"))) == 3
 
 
-def test_what_is_no_state_of_the_cloth_is_refused(system, states, tmp_path):
+def test_write_vtk_refuses_states_of_another_cloth(system, states, tmp_path):
     other = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
     with pytest.raises(InputError, match=r"shape \(9, 3\)"):
         write_vtk(tmp_path / "a", other, states)
@@ -309,7 +309,7 @@ def test_killed_runs_leave_readable_rows(killed):
         assert [float(row["t"]) for row in rows] == [0.1 * i for i in range(len(rows))]
 
 
-def test_overwrite_clears_what_a_killed_run_left(killed):
+def test_overwrite_removes_the_files_of_a_killed_run(killed):
     folder = next(path for path in killed if path.name == "moment4")
     assert list(folder.rglob("*.part"))  # half a frame
     RunFolder.create(folder, overwrite=True)

@@ -66,7 +66,7 @@ def test_vtk_reads_every_value_at_every_time(element, cell, tmp_path):
                 assert np.array_equal(found[name], values), (name, state.t)
 
 
-def test_each_frame_can_be_read_before_the_next_and_by_one_who_locks_the_file(tmp_path):
+def test_each_frame_can_be_read_before_the_next_also_under_a_lock(tmp_path):
     fcntl = pytest.importorskip("fcntl")
     system, states = swinging("P1")
     frames = HdfFrames(tmp_path / "run.vtkhdf", system.cloth, system)
@@ -162,7 +162,7 @@ def test_a_scene_writes_either_format_with_the_same_numbers(tmp_path, monkeypatc
     assert not (tmp_path / "b" / "run.vtkhdf").exists()
 
 
-def test_without_h5py_nothing_is_run(tmp_path, monkeypatch, capsys):
+def test_missing_h5py_is_reported_before_the_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "h5py", None)
     (tmp_path / "scene.toml").write_text(SCENE)

@@ -48,7 +48,7 @@ def test_it_reads_and_writes_as_a_file_does(file):
     assert [f.name for f in file.parent.iterdir()] == ["it"]
 
 
-def test_an_error_in_the_block_changes_nothing(file):
+def test_error_in_the_block_leaves_the_file_unchanged(file):
     with pytest.raises(TypeError):
         write(file, (0, b"xyz"), (3, None))
     assert file.read_bytes() == bytes(range(200))
@@ -57,7 +57,7 @@ def test_an_error_in_the_block_changes_nothing(file):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.parametrize("whole", [True, False])
-def test_what_a_killed_process_had_begun_is_made_or_forgotten(file, whole, monkeypatch):
+def test_changes_of_a_killed_process_are_complete_or_absent(file, whole, monkeypatch):
     monkeypatch.setattr("fecloth.output.write_ahead_log._make", lambda *_: os._exit(1))
     if not (child := os.fork()):
         try:
@@ -80,7 +80,7 @@ def test_what_a_killed_process_had_begun_is_made_or_forgotten(file, whole, monke
     assert not left.exists()
 
 
-def test_without_room_the_file_is_as_it_was(file):
+def test_full_disk_leaves_the_file_unchanged(file):
     resource = pytest.importorskip("resource")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -107,7 +107,7 @@ def test_changes_to_a_file_are_not_made_to_the_next_of_its_name(file, monkeypatc
 
 
 @pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="no room can be reserved here")
-def test_a_drive_that_reserves_no_room_is_written_all_the_same(file, monkeypatch):
+def test_file_is_written_on_a_drive_that_cannot_reserve_space(file, monkeypatch):
     def refuses(*_):
         raise OSError(errno.EOPNOTSUPP, "Operation not supported")
 
@@ -117,7 +117,7 @@ def test_a_drive_that_reserves_no_room_is_written_all_the_same(file, monkeypatch
 
 
 @pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="no room can be reserved here")
-def test_room_is_taken_before_the_first_byte_is_changed(file, monkeypatch):
+def test_space_is_reserved_before_the_first_change(file, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 

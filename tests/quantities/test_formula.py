@@ -164,7 +164,7 @@ def test_value_that_is_not_finite_is_refused_where_it_arises(text, at):
         Formula("1/0")()
 
 
-def test_where_may_hide_what_is_not_finite():
+def test_where_may_hide_values_that_are_not_finite():
     assert Formula("where(t > 0, 1/t, 0)", ("t",))(t=np.array([0.0, 2.0])).tolist() == [0.0, 0.5]
 
 
@@ -266,7 +266,7 @@ def test_derivative_of_any_smooth_formula(text):
         ("t**1.5", 0.0, 0.0),
     ],
 )
-def test_derivative_on_a_kink_is_that_of_one_side(text, at, slope):
+def test_derivative_on_a_kink_is_one_sided(text, at, slope):
     assert Formula(text, ("t",)).derivative("t").at(at) == slope
 
 

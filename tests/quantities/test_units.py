@@ -110,7 +110,7 @@ def taken_apart(unit):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_every_unit_is_what_it_is_made_of(name):
+def test_derived_units_equal_their_definitions(name):
     """All units of a table measure the same, and each has the value of its parts."""
     same, one = taken_apart(ALL[name].si)
     assert one == 1.0
@@ -411,7 +411,7 @@ def test_a_unit_of_the_wrong_kind_is_refused_with_those_allowed(file, override, 
     assert message in str(refused.value)
 
 
-def test_what_a_coefficient_measures_depends_on_its_law(file):
+def test_unit_of_a_drag_coefficient_depends_on_its_law(file):
     drag = "terms.4={type='Drag', law='linear', normal='5 mPa*s/m'}"
     assert load_scene(file, [drag]).terms[4].normal == 0.005
     assert (
@@ -430,7 +430,7 @@ def test_the_name_of_a_set_is_no_quantity(file):
     assert load_scene(file, [force]).terms[6].where == "5 m"
 
 
-def test_what_is_missing_is_told_with_its_unit(file):
+def test_message_of_a_missing_key_states_its_unit(file):
     with pytest.raises(
         fc.SceneError, match=r"time.t_end is missing: must be a finite number \[s\]"
     ):

@@ -54,9 +54,7 @@ def test_overwrite_leaves_foreign_files_alone(small, isotropic, tmp_path):
     assert not (again.path / "frames").exists()
 
 
-def test_what_is_cut_short_while_it_overwrites_can_be_overwritten(
-    small, isotropic, tmp_path, monkeypatch
-):
+def test_interrupted_overwrite_can_be_overwritten(small, isotropic, tmp_path, monkeypatch):
     system = fc.System(small, isotropic, [fc.StVK()])
     unlink = Path.unlink
 
@@ -130,7 +128,7 @@ def test_a_row_that_does_not_fit_names_its_table():
     table.close()  # nothing waits to be written
 
 
-def test_a_row_that_fits_in_part_leaves_nothing(tmp_path):
+def test_row_that_does_not_fit_on_the_disk_is_removed(tmp_path):
     resource = pytest.importorskip("resource")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

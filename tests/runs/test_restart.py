@@ -29,6 +29,7 @@ from fecloth.runs.folder import TABLES
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
+from fecloth.simulation.energy_balance import Balance
 from fecloth.system.records import remembered
 from fecloth.system.state import State
 
@@ -339,7 +340,7 @@ def test_an_interruption_between_two_restarts_costs_no_bit(scene, tmp_path):
         assert summary[key] == expected[key]
 
 
-def test_what_there_is_not_to_go_on_from_is_told(scene, tmp_path, capsys, monkeypatch):
+def test_resume_without_a_usable_restart_is_refused(scene, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scene.write_text(UNASKED)
     resume = ["run", str(scene), "--resume", "out"]
@@ -363,13 +364,13 @@ def test_an_interrupted_run_tells_from_where_it_will_go_on(scene, tmp_path, monk
     assert outcome.resumes == found.state.t < outcome.summary["t"]
     log = (tmp_path / "out" / "run.log").read_text()
     assert f"after 33 steps; --resume goes on from {found.state.t:g} s" in log
-    monkeypatch.setattr("fecloth.runs.run_scene.run_scene", lambda *_: outcome)
+    monkeypatch.setattr("fecloth.runs.run_scene.run_scene", lambda *_, **__: outcome)
     assert main(["run", str(scene), "-o", "out", "--quiet"]) == 4
     words = f"--resume out goes on from t = {found.state.t:g} s, the last at which its solver"
     assert words in capsys.readouterr().err
 
 
-def test_a_balance_that_had_come_apart_is_not_told_again(scene, tmp_path):
+def test_energy_warning_is_not_repeated_after_resume(scene, tmp_path):
     scene.write_text(TEXT + RUNS["midpoint"])
     coarse = [
         "time.dt=0.02",
@@ -458,7 +459,7 @@ def mesh_of(h):
     return meshio.Mesh(points, {"triangle": cloth.triangles})
 
 
-def test_what_a_failed_run_had_reached_is_kept(scene, tmp_path):
+def test_failed_run_leaves_its_last_state(scene, tmp_path):
     scene.write_text(TEXT + RUNS["midpoint"].replace("0.002", "0.02"))
     overrides = ["solver.max_iterations=2", "output.restart_steps=1"]
     outcome = run_scene(load_scene(scene, overrides), tmp_path / "out")
@@ -526,7 +527,7 @@ def test_march_goes_on_from_a_memory_that_was_written(method, dt, isotropic, tmp
         np.testing.assert_array_equal(one[0].v, other[0].v)
 
 
-def test_a_record_of_ones_own_must_be_marked():
+def test_user_record_must_be_marked_with_remembered():
     @dataclass(frozen=True)
     class Unmarked:
         f: float
@@ -589,3 +590,16 @@ def test_a_solver_that_has_dropped_is_a_new_one(isotropic):
         for key in ("_price", "_make", "_solver", "prepared"):
             del each[key]
     assert told == expected
+
+
+def test_a_ledger_of_a_free_cloth_is_read_back_as_it_was():
+    """With the places of its pieces, tuples in a tuple, and the energy balance."""
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.5, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity(), fc.Drag(1.0)])
+    ledger, arrays = fc.Ledger.open(system, system.rest()), []
+    balance = Balance.open(ledger).after(system, ledger)
+    for record in (ledger, balance):
+        header = json.dumps(restart._pack(record, arrays))
+        assert restart._unpack(json.loads(header), arrays) == record
+    assert len(ledger.places[0]) == 3
+    assert ledger.resisting == ("Drag",)

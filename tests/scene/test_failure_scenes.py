@@ -38,7 +38,7 @@ def test_there_are_eleven():
 
 
 @pytest.mark.parametrize(("name", "line"), lines(FAILS), ids=str)
-def test_it_fails_as_told(name, line, tmp_path, capfd):
+def test_failure_scene_fails_as_documented(name, line, tmp_path, capfd):
     command, overrides, status, says = line
     assert called(command, name, overrides, tmp_path) == int(status)
     captured = capfd.readouterr()

@@ -91,7 +91,7 @@ def test_the_schema_refuses(wrong):
 # --- fecloth info ---------------------------------------------------------------------------------
 
 
-def test_info_prints_the_schema_and_nothing_else(capsys):
+def test_info_prints_only_the_schema(capsys):
     assert cli.main(["info", "--schema"]) == 0
     printed = capsys.readouterr()
     assert json.loads(printed.out) == json.loads(json_schema())
@@ -105,7 +105,7 @@ def test_info_lists_the_terms(capsys):
 
 
 @pytest.mark.parametrize("name", key_reference.term_tables())
-def test_info_says_what_a_term_takes(name, capsys):
+def test_info_prints_the_parameters_of_a_term(name, capsys):
     assert cli.main(["info", "--terms", name]) == 0
     out = capsys.readouterr().out
     assert f'type = "{name}"' in out

@@ -1,8 +1,10 @@
 """What is predicted of a run, against what comes; warnings where there is reason, only there."""
 
 import math
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -126,7 +128,7 @@ def test_no_warning_without_a_reason(scene):
     assert warnings_of(scene, *HUNG, 'start.velocity=["0", "1e-3", "0"]') == []
     assert warnings_of(scene, *HUNG, "terms.2.acceleration=[0, 1e-3, -0.01]") == []
     motion = 'pins.0.motion=["0", "1e-3 * sin(t)", "0"]'
-    assert warnings_of(scene, *HUNG, motion) == []
+    assert warnings_of(scene, *HUNG, motion, "time.t_end=1") == []
     assert warnings_of(scene, *SOFT, "terms.2.acceleration=[0, 0, -1]") == []
     assert warnings_of(scene, *EULER, TERMS.format("HingeBending", "MassDamping", ", rate=3")) == []
 
@@ -166,7 +168,7 @@ WEIGHTS = [  # overrides, L [m], B [N m], its words
 
 
 @pytest.mark.parametrize(("overrides", "length", "rigidity", "words"), WEIGHTS)
-def test_the_weight_over_the_bending_stiffness_is_told(
+def test_plan_states_weight_over_bending_stiffness(
     overrides, length, rigidity, words, scene, capsys
 ):
     number = 0.2 * 9.81 * length**3 / rigidity
@@ -218,7 +220,7 @@ PINNED = {  # the pins, and what the plan says of them
 
 
 @pytest.mark.parametrize("pins", PINNED)
-def test_the_plan_says_how_many_nodes_each_pin_holds(pins, scene):
+def test_plan_states_the_nodes_of_each_pin(pins, scene):
     built = load_scene(scene, [f"pins={pins}"]).build()
     assert PINNED[pins] in plan.plan(built, "why")
 
@@ -252,7 +254,35 @@ def test_the_plan_is_printed_before_the_first_step(scene, tmp_path, capsys):
         "fastest wave in the fabric 74.1",
     ):
         assert words in told
-    assert "warning: without bending stiffness" in told
-    assert "warning: without bending" in (tmp_path / "out" / "run.log").read_text()
+    assert "warning: StVK stands 2 times" in told
+    assert "warning: StVK stands 2 times" in (tmp_path / "out" / "run.log").read_text()
     assert main(["info", str(scene)]) == 0
     assert "MB, with a factor" in capsys.readouterr().out
+
+
+# --- the scenes of the README ---------------------------------------------------------------------
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(params=["napkin.toml", "flag.toml", "drape.toml"])
+def shown(request, tmp_path):
+    """A scene that the README shows or names."""
+    path = ROOT / "studies" / "scenes" / request.param
+    if request.param == "napkin.toml":
+        page = (ROOT / "README.md").read_text(encoding="utf-8")
+        path = tmp_path / request.param
+        path.write_text(re.search(r"```toml\n(.*?)```", page, re.DOTALL)[1], encoding="utf-8")
+    return path
+
+
+def test_no_warning_before_a_scene_of_the_readme_runs(shown):
+    assert run_warnings.find_warnings(load_scene(shown).build()) == []
+
+
+@pytest.mark.slow
+def test_no_warning_while_a_scene_of_the_readme_runs(shown, tmp_path):
+    outcome = fc.run_scene(load_scene(shown), tmp_path / "out")
+    assert outcome.status == "done"
+    assert outcome.summary["warnings"] == []
+    assert outcome.summary["intersecting_pairs"] == 0

@@ -79,7 +79,7 @@ def file(tmp_path):
         ("grain_degrees = {body = 30.0, hem = -90}", {"body": math.pi / 6, "hem": -math.pi / 2}),
     ],
 )
-def test_a_scene_means_what_the_python_calls_mean(line, grain, file, rng):
+def test_scene_with_regions_equals_the_python_calls(line, grain, file, rng):
     built = load_scene(file(grain=line)).build()
     assert built.system.fabric == {"body": BODY, "hem": HEM}
     assert built.system.grain == pytest.approx(grain, rel=1e-15)

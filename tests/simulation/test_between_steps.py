@@ -44,14 +44,14 @@ FAST = {  # each is zero at all ends of steps of 10 ms, or nearly
 
 
 @pytest.mark.parametrize("name", FAST)
-def test_what_acts_between_the_steps_is_named(name):
+def test_motions_and_loads_between_the_steps_are_named(name):
     (words,) = missed(0.01, 0.2, **FAST[name])
     assert "100 % of it is not seen by steps of 0.01 s" in words
     assert ("pin 'left'" if "motion" in FAST[name] else type(FAST[name]["load"]).__name__) in words
 
 
 @pytest.mark.parametrize("name", FAST)
-def test_the_step_that_the_warning_proposes_is_silent(name):
+def test_proposed_step_causes_no_warning(name):
     (words,) = missed(0.01, 0.2, **FAST[name])
     dt = float(words.split("dt <= ")[1].split()[0])
     assert 1e-5 < dt < 0.01
@@ -70,7 +70,7 @@ def test_a_resolved_oscillation_is_not(steps, phase, frequency):
 
 @pytest.mark.parametrize("steps", [3.1, 2.0, 1.0, 0.3])
 @pytest.mark.parametrize("phase", [0.0, 0.7, 1.6])
-def test_three_steps_a_period_and_less_are_told(steps, phase):
+def test_three_or_fewer_steps_a_period_cause_a_warning(steps, phase):
     wave = f"sin(2*pi*13*t + {phase})"
     assert missed(1 / (13 * steps), 1.0, motion=along_z(wave))
 
@@ -88,7 +88,7 @@ SLOW = {
 
 
 @pytest.mark.parametrize("name", SLOW)
-def test_what_the_steps_see_is_not_named(name):
+def test_resolved_motions_and_loads_cause_no_warning(name):
     assert not missed(0.005, 0.3, **SLOW[name])
 
 
@@ -107,10 +107,11 @@ def test_long_runs_take_a_bounded_time():
     assert len(counted) <= 2**13 + 2
 
 
-def test_a_run_says_it():
+def test_run_warns():
     one = system(motion=along_z("0.05*sin(2*pi*100*t)"))
     with pytest.warns(fc.FeclothWarning, match="acts between the ends of the steps"):
         fc.run(one, fc.BDF2(), one.rest(), dt=0.01, t_end=0.03)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(record=True) as others:
+        warnings.simplefilter("always")
         fc.run(one, fc.BDF2(), one.rest(), dt=0.001, t_end=0.01)
+    assert not any("acts between" in str(other.message) for other in others)

@@ -117,7 +117,7 @@ def test_area_of_an_affine_map():
 
 
 @pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.BackwardEuler()])
-def test_a_start_that_moves_what_is_fixed_is_stopped_by_the_pins(method, isotropic):
+def test_initial_velocity_of_pinned_nodes_is_removed(method, isotropic):
     """The pinned nodes' kinetic energy is taken by the pins (midpoint), or half by the method."""
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.25)
     system = fc.System(cloth, isotropic, [fc.StVK()], pins=["left"])

@@ -86,7 +86,7 @@ def test_solver_choices_agree(isotropic):
         np.testing.assert_allclose(x, ends[0], atol=1e-7)
 
 
-def test_auto_says_what_it_chose(isotropic):
+def test_solver_for_states_its_choice(isotropic):
     cloth = fc.Cloth.disk(0.5, h=0.1)
     system = fc.System(cloth, isotropic, [fc.StVK()], pins=["boundary"])
     _, small = fc.solver_for(system, fc.ImplicitMidpoint(), 1e-4)
@@ -127,7 +127,7 @@ def test_a_value_that_is_not_finite_is_an_error_at_its_step(isotropic):
         next(states)
 
 
-def test_a_scene_evaluates_only_what_it_names(isotropic, monkeypatch):
+def test_only_the_named_terms_are_evaluated(isotropic, monkeypatch):
     """Gravity and a pin: no membrane kernel is called."""
     from fecloth.terms.loops.membrane import BoundMembrane
 
@@ -151,7 +151,7 @@ def test_a_scene_evaluates_only_what_it_names(isotropic, monkeypatch):
         ("auto", None, r"method 'auto': must be a method such as BackwardEuler\(\) or Auto\(\)"),
     ],
 )
-def test_what_cannot_be_marched_is_refused(method, dt, message, isotropic):
+def test_invalid_arguments_of_march_are_refused(method, dt, message, isotropic):
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5)
     system = fc.System(cloth, isotropic, [fc.StVK()])
     for function in (fc.run, lambda *a: next(fc.march(*a))):

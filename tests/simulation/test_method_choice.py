@@ -38,7 +38,7 @@ def test_a_soft_taut_membrane_goes_to_the_explicit_method():
     [{"damping": 0.02}, {"stiffness": 1e6}, {"stiffness": 2e4, "h": 0.03}],
     ids=["damped", "stiff", "stiff and fine"],
 )
-def test_what_only_tiny_explicit_steps_resolve_goes_to_the_implicit_method(case):
+def test_auto_chooses_implicit_where_explicit_steps_are_tiny(case):
     name, why = chosen(*sheet(**case), rtol=0.1)
     assert name == "GeneralizedAlpha"
     assert why.index("predicted: GeneralizedAlpha") < why.index("CentralDifference")
@@ -50,7 +50,7 @@ def test_a_consistent_mass_leaves_no_choice():
     assert "a consistent mass leaves no explicit method" in why
 
 
-def test_what_newton_cannot_solve_goes_to_the_explicit_method(monkeypatch):
+def test_auto_chooses_explicit_where_newton_fails(monkeypatch):
     def fails(*_):
         raise NewtonFailed("never", 1.0, "")
 

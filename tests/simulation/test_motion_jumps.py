@@ -91,7 +91,7 @@ def test_run_and_march_warn_once_and_a_continued_march_does_not():
 
 
 @pytest.mark.parametrize("method", [fc.BDF2(), fc.BackwardEuler(), fc.GeneralizedAlpha()], ids=str)
-def test_a_jump_at_the_end_of_a_step_leaves_the_balance_in_doubt(method):
+def test_jump_at_the_end_of_a_step_causes_an_energy_warning(method):
     """What the pins get in one step, thousands of joules, is no scale of the motion."""
     jumping = function("where(t < 0.1, 0, 0.1)")
     start = jumping.rest()

@@ -25,7 +25,7 @@ def ledger(system, **values):
 
 
 @pytest.mark.parametrize(("share", "doubted"), [(0.04, False), (0.0625, True)])
-def test_energy_balance_is_doubted_from_a_twentieth_of_what_moved(share, doubted, system):
+def test_energy_balance_warning_begins_at_a_twentieth(share, doubted, system):
     unexplained, moved = (
         ledger(system, kinetic=1.0, deforming=1.0),
         Balance(0.0, largest=1.0 / share),

@@ -197,7 +197,7 @@ def test_refusals(sheet, isotropic):
         critical_dt(held, held.rest())
 
 
-def test_nothing_stiff_has_no_limit(sheet, isotropic):
+def test_system_without_stiffness_has_no_step_limit(sheet, isotropic):
     system = fc.System(sheet, isotropic, [fc.Gravity()])
     assert critical_dt(system, system.rest()) == np.inf == element_bound(system)
 

@@ -67,7 +67,7 @@ def test_where_strain_rate_damping_governs_it_falls_with_the_square_of_the_mesh_
 
 
 @pytest.mark.parametrize("share", [0.1, 0.05])
-def test_forward_euler_grows_as_foretold_at_any_step(share):
+def test_forward_euler_grows_at_the_predicted_rate(share):
     """√(1 + ω² dt²) a step: half the step only takes twice the time."""
     system = sheet_system()
     rest, Z = system.rest(), system.admissible
@@ -155,7 +155,7 @@ def test_a_pin_sampled_once_a_period_stands_still():
     assert errors[2] < 0.01
 
 
-def test_steps_by_their_error_reject_what_is_too_long_for_a_pin_that_sets_out():
+def test_adaptive_steps_are_shortened_when_a_pin_starts_to_move():
     system, start = shaken(0.25)
     times = np.array([0.31, 0.39, 0.45])
     resolved, _ = deflections(system, start, fc.ImplicitMidpoint(), 5e-4, times)

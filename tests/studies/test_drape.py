@@ -29,7 +29,7 @@ def shaped(radius, height):
     return frame_of(np.c_[out * np.cos(angle), out * np.sin(angle), z])
 
 
-def test_what_lies_twice_is_counted_once():
+def test_overlapping_layers_are_counted_once():
     x = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0.1, 0.1, 0], [0, 0, 0.02]], float)
     square = np.array([[0, 1, 2], [1, 3, 2]])
     assert shadow_area(x, square) == pytest.approx(0.01, rel=0.02)
@@ -45,7 +45,7 @@ def test_a_board_covers_all_and_a_cone_its_part():
     assert drape_coefficient(cone) == pytest.approx(exact, abs=0.01)
 
 
-def test_a_fold_under_the_rim_keeps_the_shadow_of_what_is_above_it():
+def test_shadow_ignores_a_fold_under_the_rim():
     """The ring goes out to its middle and back in below: the shadow is that of the middle."""
     middle = (SUPPORT + SPECIMEN) / 2
     tucked = shaped(lambda r, a: middle - abs(r - middle), lambda r, a: SUPPORT - r)

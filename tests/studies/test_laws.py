@@ -32,7 +32,7 @@ def moments():
 # --- the page -------------------------------------------------------------------------------------
 
 
-def test_page_is_what_the_docstrings_give(curves, moments):
+def test_page_is_generated_from_the_docstrings(curves, moments):
     assert laws.page(curves, moments) == PAGE, "run python -m studies.laws"
 
 
@@ -57,7 +57,9 @@ def test_no_picture_is_left_over_and_none_is_large():
 
 
 def test_text_that_is_made_of_docstrings():
-    assert laws.fenced("a:\n\n    b = c\n      d\n\n    e") == "a:\n\n```\nb = c\n  d\n\ne\n```"
+    assert (
+        laws.format_block("a:\n\n    b = c\n      d\n\n    e") == "a:\n\n```\nb = c\n  d\n\ne\n```"
+    )
     assert laws.markdown("TensorCondition").endswith(
         "\n\n- `k`: Stiffness of the condition [N/m], > 0."
     )
@@ -177,8 +179,8 @@ def test_slopes_at_rest(name, i):
     row = law_curves.LAWS[name][i]
     term, fabric, pattern, h = (*row[1:], *(law_curves.FABRIC, "cross", H)[len(row) - 2 :])
     C = fc.plane_moduli(term, fabric, pattern, h)
-    patch, e = law_curves.Endless.of(term, fabric, pattern, h), 1e-4
-    P, width = law_curves.uniaxial(patch, np.array([1 - e, 1 + e]))
+    patch, e = law_curves.InfinitePatch.of(term, fabric, pattern, h), 1e-4
+    P, width = law_curves.pull(patch, np.array([1 - e, 1 + e]))
     compliance = np.linalg.inv(C)
     assert np.diff(P)[0] / (2 * e) == pytest.approx(1 / compliance[0, 0], rel=1e-6)
     nu = -compliance[1, 0] / compliance[0, 0]
@@ -204,7 +206,7 @@ def test_moments_of_a_strip_rolled_up(moments):
 def test_moment_of_a_weak_curvature_is_the_bending_tensor(pattern):
     fabric = fc.Fabric(0.2, Y, NU, bending_rigidity=B)
     for term in (fc.HingeBending(), fc.QuadraticBending()):
-        patch = law_curves.Endless.of(term, fabric, pattern)
+        patch = law_curves.InfinitePatch.of(term, fabric, pattern)
         D11 = fc.bending_tensor(pattern)[0, 0] * B
         assert patch.moment(0.01, pattern) == pytest.approx(D11 * 0.01, rel=1e-5)
 
@@ -212,7 +214,7 @@ def test_moment_of_a_weak_curvature_is_the_bending_tensor(pattern):
 @pytest.mark.parametrize(("pattern", "height"), [("right", H), ("equilateral", H * 0.75**0.5)])
 def test_rolled_triangles_keep_their_sides(pattern, height):
     cloth = fc.Cloth.rectangle(4 * H, 4 * height, H, pattern)
-    x = law_curves.rolled(cloth.X, 2.0 / H, pattern, H)
+    x = law_curves.roll_up(cloth.X, 2.0 / H, pattern, H)
     a, b = cloth.triangles.ravel(), np.roll(cloth.triangles, 1, axis=1).ravel()
     was, now = (np.linalg.norm(y[a] - y[b], axis=1) for y in (cloth.X, x))
     whole = was > 0.99 * H  # not the cut cells at the border
@@ -222,7 +224,7 @@ def test_rolled_triangles_keep_their_sides(pattern, height):
 
 def test_drag_and_lift_of_a_plate():
     degrees = np.array([0.0, 30.0, 55.0, 90.0])
-    found = law_curves.blown(fc.Drag(normal=0.7, tangential=0.006), degrees)
+    found = law_curves.drag_and_lift(fc.Drag(normal=0.7, tangential=0.006), degrees)
     a, speed = np.radians(degrees), law_curves.SPEED
     n, t = 0.7 * (speed * np.sin(a)) ** 2, 0.006 * (speed * np.cos(a)) ** 2
     expected = np.stack([n * np.sin(a) + t * np.cos(a), n * np.cos(a) - t * np.sin(a)], axis=1)

@@ -49,7 +49,7 @@ def _nothing_is_run(monkeypatch, tmp_path):
 def test_an_unknown_option_is_one_line(file, capsys, monkeypatch):
     assert "study.run_main(main)" in (ROOT / file).read_text(encoding="utf-8")
     main = importlib.import_module(module_of(file)).main
-    line = fails_with(main, ["--nonsense"], capsys, monkeypatch)
+    line = fails_with(main, ["--nonsense", "."], capsys, monkeypatch)
     assert "unrecognized arguments: --nonsense" in line
 
 
@@ -62,7 +62,7 @@ def test_an_unknown_option_is_one_line(file, capsys, monkeypatch):
         ("good", ["--scheduler", "tcp://localhost:1"], "distributed: is not installed"),
         ("good", ["--jobs", "0"], "--jobs 0: must be at least 1"),
         ("set", [], "'somewhere'"),
-        ("huge", [], "--yes runs it all the same"),
+        ("huge", [], "--yes"),
     ],
 )
 def test_a_mistake_is_one_line(name, scene, more, words, capsys, monkeypatch, tmp_path):

@@ -17,7 +17,8 @@ from studies.simplify import cases
 from studies.simplify.cases import Answer, changes, data_of, scene_of
 from studies.simplify.dimensionless import Numbers
 from studies.simplify.predictions import predict_change
-from studies.simplify.search import sort_candidates
+from studies.simplify.report import judge_variant
+from studies.simplify.search import sort_candidates, unresolved_sizes
 from studies.simplify.variants import variants
 
 STUDIES = Path(__file__).parents[2] / "studies"
@@ -169,6 +170,48 @@ def test_the_reduced_scene_is_within_the_tolerance(tmp_path, monkeypatch):
 
 def _march(built):
     return built.system, built.method, built.state, built.dt, built.t_end
+
+
+def judge(kind_changes, tolerance=0.01):
+    """Return the verdicts on variants of taut.toml with given changes, and the unresolved ones."""
+    task = simplify.Task("taut", data_of(load_scene(SCENES / "taut.toml")), tolerance, None)
+    found = []
+    for variant in variants(task.data, task.interest):
+        if variant.name in kind_changes:
+            change = kind_changes[variant.name]
+            found.append((variant, {"status": "ok", "change": change, "saved": 0.5, "of": "sag"}))
+            found[-1][1]["variant"] = variant.name
+    verdicts = {variant.name: judge_variant(task, variant, found) for variant, _ in found}
+    taken = {variant.name for variant in sort_candidates(task, found)}
+    return verdicts, [line["variant"] for line in unresolved_sizes(task, found)], taken
+
+
+def test_a_scene_that_is_not_resolved_keeps_its_mesh():
+    """The finer mesh changes more than the tolerance: a coarser one agrees only by chance."""
+    changes = {
+        "h × 0.5": 0.02,
+        "h × 1.5": 0.0045,
+        "h × 2": 0.0023,
+        "dt × 0.5": 1e-4,
+        "dt × 2": 1e-3,
+    }
+    verdicts, unresolved, taken = judge(changes)
+    assert unresolved == ["h × 0.5"]
+    assert verdicts["h × 0.5"] == "NOT RESOLVED"
+    assert verdicts["h × 2"] == verdicts["h × 1.5"] == "by chance"
+    assert (verdicts["dt × 0.5"], verdicts["dt × 2"]) == ("resolved", "can go")
+    assert taken == {"dt × 2"}
+
+
+def test_a_resolved_scene_may_have_larger_triangles():
+    changes = {"h × 0.5": 0.001, "h × 1.5": 0.0045, "h × 2": 0.0023, "without HingeBending": 1e-5}
+    verdicts, unresolved, taken = judge(changes)
+    assert unresolved == []
+    assert verdicts["h × 0.5"] == "resolved"
+    assert taken == {"h × 1.5", "h × 2", "without HingeBending"}
+    verdicts, _, taken = judge(changes | {"h × 1.5": 0.011})
+    assert (verdicts["h × 1.5"], verdicts["h × 2"]) == ("needed", "by chance")
+    assert taken == {"without HingeBending"}
 
 
 def test_a_failing_variant_is_a_row_with_its_cause():

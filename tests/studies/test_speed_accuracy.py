@@ -8,9 +8,11 @@ from scipy.integrate import solve_ivp
 
 from fecloth.study.status import attempt
 from studies.references.continuum import _pull, swinging_chain
-from studies.work_precision.__main__ import add_errors, cheapest, distance, mark_failed
+from studies.work_precision.__main__ import add_errors, distance, mark_failed
 from studies.work_precision.figures import front
-from studies.work_precision.scenes import SCENES, hermite, run
+from studies.work_precision.runs import hermite, run
+from studies.work_precision.scenes import SCENES
+from studies.work_precision.tables import cheapest
 
 
 def chain_energy(x, l, Y, B, mass):

@@ -21,6 +21,7 @@ def out(tmp_path_factory):
     ("study", "says"),
     [
         ("benchmarks.kernels", "figures met"),
+        ("benchmarks.moved_pin", "figures met"),
         ("benchmarks.terms", "StVK"),
         ("models.hinge_bias", "derived"),
         ("models.homogenised_moduli", "exponent of h"),
@@ -42,7 +43,16 @@ def test_quick(study, says, out):
 
 @pytest.mark.study
 @pytest.mark.parametrize(
-    "study", ["convergence", "models", "simplify", "work_precision", "stability"]
+    "study",
+    [
+        "convergence",
+        "models",
+        "simplify",
+        "work_precision",
+        "stability",
+        "newton_catalogue",
+        "trust",
+    ],
 )
 def test_quick_report(study, out):
     """Check the exit code, which is 1 if a finding is missed, and the report."""
@@ -54,6 +64,14 @@ def test_quick_report(study, out):
     report = (folder / "report.md").read_text()
     assert ": met" in report
     assert ",error," not in (folder / "results.csv").read_text()
+
+
+@pytest.mark.study
+def test_a_tree_is_compared_with_itself():
+    command = [*MODULE, "studies.benchmarks.compare_trees", str(ROOT), "--quick"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=200, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count(" force ") == done.stdout.count(" tangent ") == 6
 
 
 @pytest.mark.study

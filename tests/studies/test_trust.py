@@ -1,8 +1,10 @@
-"""The catalogue of trust: its set-ups."""
+"""The catalogue of trust: its set-ups, the errors and the verdicts."""
 
 import numpy as np
 import pytest
 
+from studies.trust.__main__ import findings_of, verdict
+from studies.trust.cases import error_in_time, frame_times, judge
 from studies.trust.setups import FRAMES, METHODS, MOTIONS, SETUPS, Setup, build
 
 
@@ -23,3 +25,38 @@ def test_a_frame_adds_a_rigid_motion_alone(frame):
     v, r = seen.state.v - rest.state.v, rest.state.x - rest.state.x.mean(axis=0)
     turning = np.column_stack([-r[:, 1], r[:, 0], 0 * r[:, 0]])
     assert np.allclose(v, FRAMES[frame].velocity + FRAMES[frame].spin * turning)
+
+
+def test_refined_reruns_and_the_error_between_them():
+    """The drum at 20 ms is far off; a step of 1 ms is not, and both count."""
+    coarse = judge("drum", "midpoint", 0.02, "20 m/s", 400)
+    assert coarse["counts"]
+    assert coarse["error"] > 0.5
+    assert verdict(coarse | {"status": "ok"}).startswith("wrong")
+    run = build(Setup("drum", "midpoint", 0.02))
+    assert len(frame_times(run)) == 15
+    x = run.state.x
+    moved = x + [0.0, 0.0, 1.0] * np.outer(np.sin(3 * x[:, 0]), np.ones(3))
+    turned = moved @ np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0].T
+    turn = np.sign(np.linalg.det(np.linalg.lstsq(moved, turned)[0]))
+    assert error_in_time(run, np.array([turn * turned + 1.0]), np.array([moved])) < 1e-12
+    half = np.array([0.5 * (x + moved)])
+    assert 0.4 < error_in_time(run, half, np.array([moved])) < 0.6
+
+
+def row(error, warned, counts=True):
+    return {"status": "ok", "counts": counts, "failed": False, "error": error, "warned": warned}
+
+
+def test_verdicts_and_findings():
+    rows = [row(0.01, False)] * 20 + [row(0.01, True), row(0.05, True), row(0.5, True)]
+    rows += [row(float("nan"), True, counts=False)]
+    assert [verdict(one) for one in rows[-4:]] == [
+        "good, warned",
+        "between, warned",
+        "wrong, warned",
+        "does not count",
+    ]
+    assert all(finding.is_met for finding in findings_of(rows, 23))
+    assert not all(finding.is_met for finding in findings_of([*rows, row(0.5, False)], 1))
+    assert not all(finding.is_met for finding in findings_of([*rows, row(0.01, True)], 1))

@@ -1,6 +1,7 @@
 """Options of a study: each scene has its own folder, and each mistake is one line."""
 
 import sys
+from pathlib import Path
 
 import pytest
 from support.study_rows import rows_of_two
@@ -13,6 +14,7 @@ from fecloth.scene.scene import load_scene
 from fecloth.study.command import exit_status
 from fecloth.study.workload import Workload, check_scene, count_steps
 
+ROOT = Path(__file__).parents[2]
 SCENE = """
 [cloth]
 shape = "rectangle"
@@ -129,6 +131,16 @@ def test_the_predicted_size_is_that_of_the_scene(scene):
     assert count_steps(explicit) == pytest.approx(0.5 / stable, rel=0.7)
 
 
+def test_the_size_of_a_shape_from_a_file_needs_no_fine_mesh(tmp_path):
+    """With h in mm by mistake, the mesh alone would take minutes."""
+    scene = ROOT / "studies" / "scenes" / "flag.toml"
+    triangles = len(load_scene(scene).mesh().triangles)
+    assert Workload.of(load_scene(scene)).triangles == pytest.approx(triangles, rel=0.15)
+    tiny = load_scene(scene, ["cloth.h=0.0006"])
+    assert Workload.of(tiny).triangles == pytest.approx(1e4 * triangles, rel=0.15)
+
+
+@pytest.mark.slow
 def test_a_study_that_would_take_hours_needs_yes(scene, capsys):
     """A width of 40 m, meant in cm, as in a file of a user."""
     scene.write_text(SCENE.replace("width = 1.0", "width = 40").replace("h = 0.05", "h = 0.01"))

@@ -72,7 +72,7 @@ def test_a_scene_is_refined_in_space_and_time(tmp_path, monkeypatch):
     assert time["error [m²]"] == pytest.approx(error, rel=0.05)
 
 
-def test_the_words_of_a_scene_that_converges_or_not():
+def test_sentences_about_convergence():
     good = {"halved": "h", "order": 2.0, richardson.RELATIVE: 1.234}
     assert "h: the error of the scene is about 1.2 %" in richardson.describe_errors([good])
     changes = dict.fromkeys(richardson.CHANGES, 22.0)

@@ -28,7 +28,7 @@ def test_a_node_of_two_pins_is_refused(small):
         Constraints.bind(["left", "bottom"], small)
 
 
-def test_no_pins_hold_nothing(small, rng):
+def test_without_pins_all_nodes_are_free(small, rng):
     constraints = Constraints.bind([], small)
     y = rng.standard_normal((len(small.X), 3))
     assert np.array_equal(constraints.project(y.copy()), y)
@@ -64,7 +64,7 @@ def test_projector_splits_free_and_held_parts(sliding, small, rng):
     rest = np.eye(len(P)) - P
     close = {"rtol": 0, "atol": 1e-14}
     expected = (P @ y.ravel()).reshape(-1, 3)
-    held, kept = sliding.held(y), y.copy()
+    held, kept = sliding.held_part(y), y.copy()
     np.testing.assert_allclose(held, (rest @ y.ravel()).reshape(-1, 3)[sliding.nodes], **close)
     mixed = (P @ y.ravel() + rest @ target.ravel()).reshape(-1, 3)
     np.testing.assert_allclose(sliding.hold(y, target), mixed, **close)
@@ -106,7 +106,7 @@ def test_projected_tangent_of_pinned_nodes(small, isotropic, rng):
     np.testing.assert_allclose(after[np.ix_(held, held)], np.diag(s), rtol=1e-14)
 
 
-def test_no_name_is_given_twice(small):
+def test_names_of_pins_are_unique(small):
     a, b, c = ([node] for node in range(3))
     pins = [fc.Pin(a, name="a"), fc.Pin(b, name="a.2"), fc.Pin(c, name="a")]
     constraints = Constraints.bind(pins, small)

@@ -39,7 +39,7 @@ def test_free_pieces_have_their_own_motion():
         assert np.allclose(rigid(piece, v), v[piece.nodes], atol=1e-12)
 
 
-def test_what_is_left_has_no_momentum_and_less_energy():
+def test_motion_without_rigid_part_has_no_momentum_and_less_energy():
     piece = pieces()[1]
     v = np.random.default_rng(1).normal(size=(7, 3))
     left, m, x = v[3:] - rigid(piece, v), MASS[3:, None], X[3:]

@@ -31,7 +31,7 @@ def test_a_fixed_pin_stays_to_the_last_bit(method, mass, small, isotropic):
 
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("method", ALL, ids=lambda m: type(m).__name__)
-def test_a_moved_pin_is_where_its_motion_says(method, mass, small, isotropic):
+def test_moved_pin_follows_its_motion(method, mass, small, isotropic):
     """Only the changes of the motion count, from the run's own start time."""
 
     def motion(t):
@@ -64,7 +64,7 @@ def test_a_motion_for_each_node_of_a_set(small, isotropic):
     np.testing.assert_allclose(end.v[left], speed, atol=1e-10)
 
 
-def test_velocity_by_central_difference_or_as_given():
+def test_velocity_is_a_central_difference_or_the_argument():
     """The difference over ± 1e-5 s errs by 1e-10/6 of the third derivative."""
     pin = fc.Pin("left", lambda t: [np.sin(7 * t), t**2, 2.0])
     for t in (0.0, 0.4, 3.0):
@@ -79,7 +79,7 @@ def test_velocity_by_central_difference_or_as_given():
     assert not fc.Pin("left").displacement(1.0).any()
 
 
-def test_a_motion_for_each_node_follows_the_given_order(small):
+def test_motion_for_each_node_follows_the_order_of_indices(small):
     motion = {5: [1.0, 0.0, 0.0], 2: [0.0, 2.0, 0.0]}
     pin = fc.Pin([5, 2], motion=lambda t: t * np.array([motion[5], motion[2]]))
     x, v = Constraints.bind([pin], small).target(0.0, 1.0, flat(small))
@@ -89,7 +89,7 @@ def test_a_motion_for_each_node_follows_the_given_order(small):
 
 
 @pytest.mark.parametrize("method", [fc.CentralDifference(), fc.BDF2()], ids=repr)
-def test_a_motion_is_asked_for_from_the_start_on(method, small, isotropic):
+def test_motion_is_not_evaluated_before_the_start(method, small, isotropic):
     """One that has no value before, as √t³; its difference does not reach back either."""
     asked = []
 

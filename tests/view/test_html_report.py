@@ -86,7 +86,7 @@ def test_a_run_leaves_a_report_of_its_end(run, tmp_path):
     assert np.array_equal(drawn, cloth.triangles)
 
 
-def test_what_stays_unexplained_is_told_as_a_share_of_what_has_moved(run, tmp_path):
+def test_remainder_is_shown_as_a_share_of_the_moving_energy(run, tmp_path):
     page = run()[1]
     ledger = np.genfromtxt(tmp_path / "run/energies.csv", delimiter=",", names=True)
     moved = [np.abs(ledger[name] - ledger[name][0]) for name in ("kinetic", "StVK", "Gravity")]
@@ -97,7 +97,7 @@ def test_what_stays_unexplained_is_told_as_a_share_of_what_has_moved(run, tmp_pa
     assert f"<b>{left:.2g} J, {share:.2g} %</b><span>energy unexplained" in page
 
 
-def test_it_needs_nothing_else(run):
+def test_page_needs_no_other_files(run):
     page = run()[1]
     assert not re.search(r"https?://|\b(src|href)=|@import|url\(", page)
     assert "{{" not in page.split("<script")[0]
@@ -107,7 +107,7 @@ def test_it_is_for_phones(run):
     assert '<meta name="viewport" content="width=device-width' in run()[1]
 
 
-def test_a_failure_and_a_doubt_stand_above_everything(run):
+def test_failures_and_warnings_are_at_the_top(run):
     stop = ["--set", "solver.max_iterations=1", "--set", "solver.tolerance=1e-9"]
     status, page = run(*stop)
     assert status == 3
@@ -115,7 +115,7 @@ def test_a_failure_and_a_doubt_stand_above_everything(run):
     assert page.index("did not converge") < page.index("<canvas")
 
 
-def test_what_the_log_warned_of_is_told_once(run, tmp_path):
+def test_warnings_of_the_log_are_shown_once(run, tmp_path):
     run()
     folder = tmp_path / "run"
     with (folder / "run.log").open("a") as log:
@@ -159,7 +159,7 @@ def test_long_tables_are_thinned_and_keep_their_end(tmp_path):
     assert np.array_equal(table["x"], table["t"] ** 2)
 
 
-def test_charts_keep_peaks_and_leave_out_what_no_logarithm_has():
+def test_charts_show_peaks_and_omit_values_without_a_logarithm():
     x = np.linspace(0.0, 1.0, 100_000)
     y = np.ones_like(x)
     y[54_321] = 7.0

@@ -60,7 +60,7 @@ def test_pictures_show_the_cloth_at_their_times(draw):
         assert not mask[:, [0, -1]].any()
 
 
-def test_a_tall_picture_has_room_for_its_words(draw):
+def test_tall_picture_has_space_for_its_text(draw):
     picture = imageio.imread(draw("tall.png", "--size", "390x844"))[..., :3]
     dark = picture.max(axis=2) < 110
     assert dark[730:].sum() > 50  # title and ends of the colour bar
@@ -128,7 +128,7 @@ def test_a_movie_has_all_frames(draw):
         (["--time", "0.12"], "t = 0.1 s, of the frame next to 0.12 s"),
     ],
 )
-def test_the_time_of_a_picture_is_told(time, told, draw, capsys):
+def test_picture_shows_its_time(time, told, draw, capsys):
     target = draw("a.png", *time)
     assert capsys.readouterr().out == f"wrote {target}: {told}\n"
 
@@ -158,7 +158,7 @@ def files_of_at_most(size):
 
 
 @pytest.mark.parametrize("name", ["run.mp4", "run.gif", "run.png"])
-def test_what_has_no_room_is_told_and_leaves_the_old_file(name, run, tmp_path, capsys):
+def test_full_disk_is_reported_and_leaves_the_old_file(name, run, tmp_path, capsys):
     if name == "run.mp4":
         pytest.importorskip("imageio_ffmpeg")
     target = tmp_path / name
@@ -181,7 +181,7 @@ def test_what_has_no_room_is_told_and_leaves_the_old_file(name, run, tmp_path, c
         ("true", "Unknown encoder", 2, "ffmpeg ended with 7: Unknown encoder. Choose another"),
     ],
 )
-def test_what_ffmpeg_ends_with_is_told(
+def test_error_of_ffmpeg_is_reported(
     reads, words, status, told, run, tmp_path, monkeypatch, capsys
 ):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")

@@ -79,12 +79,12 @@ def test_the_page_holds_the_material_coordinates_in_squares(run):
 
 
 @pytest.mark.filterwarnings("error")
-def test_what_overflows_is_drawn_as_the_largest_that_does_not(run):
+def test_overflowing_values_are_drawn_as_the_largest_finite_one(run):
     _, system, states, _ = run
     frame = Frame(0.0, states[-1].x, system.cloth.cells, *fields(system, states[-1]))
     energy = frame.cell_data["energy_density"]
     energy[:4] = 9e58, 1e301, np.inf, np.nan  # beyond float32, beyond what may be subtracted
-    data = web_page.packed([frame], ["energy_density"])
+    data = web_page.pack_frames([frame], ["energy_density"])
     (field,) = json.loads(json.dumps(data, allow_nan=False))["fields"]
     assert (field["low"], field["high"]) == (energy[4:].min(), 9e58)
     shown = shorts(field["values"])
@@ -127,7 +127,7 @@ def test_one_file_and_many_hold_the_same(tmp_path):
             assert np.array_equal(*(field_values(s.read(i), name) for s in (a, b)))
 
 
-def test_a_long_run_is_thinned_and_says_so(run, monkeypatch):
+def test_long_run_is_thinned_with_a_note(run, monkeypatch):
     folder = run[0]
     first, fields = Series.open(folder).read(0), 5
     a_frame = 3 * len(first.points) + fields * max(len(first.points), len(first.cells))

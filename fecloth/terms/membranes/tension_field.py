@@ -41,7 +41,9 @@ class TensionField:
     Valid where wrinkles are finer than the shapes of interest: it gives the mean surface and the
     stress, not the wrinkles, and does not depend on the mesh where `StVK` would fold at the width
     of a triangle. A slack region has no stiffness, a wrinkled one none across its wrinkles: a
-    static solution needs a load or a mass there. In tension it holds for the small strains of
+    static solution needs a load or a mass there, and where much is slack `equilibrium` may need
+    several hundred iterations (``max_iterations=600``), or the end of a damped run as its start. In
+    tension it holds for the small strains of
     `StVK`. Isotropic fabrics only: for an orthotropic one the direction of tension is not that of
     E₁.
 

@@ -132,7 +132,7 @@ def _make_net(cloth, nodes, kind, sides) -> Net:
 
 
 def _is_along(vectors, axis):
-    """Tell which vectors lie along an axis."""
+    """Return which vectors lie along an axis."""
     return np.abs(vectors[:, 1 - axis]) < 1e-9 * np.abs(vectors[:, axis])
 
 
@@ -143,7 +143,7 @@ def _directions(vectors):
 
 
 def _is_grid(vectors, across, up, oblique) -> bool:
-    """Tell whether there is one vector along X, one along Y, and one or two oblique ones."""
+    """Return whether there is one vector along X, one along Y, and one or two oblique ones."""
     groups = [vectors[of_group] for of_group in (across, up, oblique)]
     if not all(len(group) for group in groups):
         return False

@@ -271,7 +271,7 @@ t_end = 0.1
         ("cross", "StVK", "area = { value = 0.5, relative = 0.1 }", ""),
     ],
 )
-def test_a_scene_is_told_what_its_pattern_bends_as(tmp_path, pattern, term, expect, said):
+def test_scene_reports_the_bending_bias_of_its_pattern(tmp_path, pattern, term, expect, said):
     file = tmp_path / "strip.toml"
     file.write_text(STRIP.format(pattern, term, expect))
     run_scene(load_scene(file), tmp_path / "out")

@@ -81,7 +81,7 @@ def test_derivatives():
     check_term(fc.QuadraticBending())
 
 
-def test_affine_motion_bends_nothing(sheet, rng):
+def test_affine_motion_has_no_bending_energy(sheet, rng):
     system = system_of(sheet, fc.QuadraticBending())
     x = affine(sheet, rng.standard_normal((3, 2)), (1.0, 2.0, 3.0))
     size = abs(system.stiffness(system.rest())).max() * abs(x).max()

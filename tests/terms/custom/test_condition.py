@@ -101,7 +101,7 @@ def test_symmetric_and_gauss_newton_are_not_the_derivative(small):
             check_term(vector(small, **options), small, tangents=("x",))
 
 
-def test_definite_drops_what_it_says(small, rng):
+def test_definite_tangent_drops_the_documented_parts(small, rng):
     """With an indefinite ∂²C all of that part goes; with a convex one only where C is negative."""
     x = rough(small, rng, 0.05)
     state = fc.System(small, FABRIC, [vector(small)]).state(x)

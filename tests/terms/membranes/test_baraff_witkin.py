@@ -62,7 +62,7 @@ def test_derivatives_with_damping():
         check_term(fc.BaraffWitkin(damping=0.01), tangents=("x",))
 
 
-def test_what_the_published_tangent_drops(sheet, orthotropic, moving):
+def test_published_tangent_lacks_the_documented_terms(sheet, orthotropic, moving):
     """exact − published = Σ k_d ∂C (∂Ċ/∂x)ᵀ, the first part of eq. 12, and nothing else.
 
     Its product with u is Σ_r k_d ∂C_r d/ds Ċ_r(x + s u, v) at s = 0; Ċ_r is itself a derivative

@@ -101,7 +101,7 @@ def test_resists_collapse_where_stvk_gives_way(law, sheet):
 
 
 @names
-def test_rigid_motion_gives_nothing(law, sheet, rng):
+def test_rigid_motion_has_no_force(law, sheet, rng):
     turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     system = fc.System(sheet, RUBBER, [law])
     state = system.state(flat(sheet) @ turn + [1.0, 2.0, 3.0])

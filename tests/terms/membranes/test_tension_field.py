@@ -113,7 +113,7 @@ def test_derivatives_within_the_states(rng):
     check_term(fc.TensionField(), cloth, fc.Fabric(0.2, Y, NU), trials)
 
 
-def test_slack_gives_nothing(sheet, isotropic):
+def test_slack_cloth_has_no_stress(sheet, isotropic):
     system = fc.System(sheet, isotropic, [fc.TensionField()])
     state = system.state(0.5 * flat(sheet))
     assert not system.force(state).any()

@@ -169,7 +169,7 @@ def test_ledger_of_damped_springs_closes(sheet):
         assert abs(result.energies["remainder"][-1]) < share * lost
 
 
-def test_ledger_tells_energy_and_damping_of_one_term_apart(sheet):
+def test_ledger_separates_energy_and_damping_of_one_term(sheet):
     """Biquadratic springs with damping are two terms in one: every column as of the two."""
     one, two = (
         fc.System(sheet, SQUARE, [*terms, fc.Gravity()], pins=["left"])

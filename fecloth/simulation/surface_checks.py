@@ -1,0 +1,75 @@
+"""What a run says of the shape of the cloth: stretches, triangles turned over, intersections."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.mesh.surface import Surface
+from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms.kinematics import extreme_stretches
+
+SQUEEZED = 0.2  # of the mean tension; a triangle with more compression counts as compressed
+NOTHING = 1e-6  # of the fabric's stiffness; less compression is none
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The shape of a cloth at one time.
+
+    Attributes
+    ----------
+    least_stretch, largest_stretch
+        Principal stretches of all triangles [-].
+    inverted
+        Triangles that are turned over against all their neighbours.
+    intersecting
+        Pairs of triangles that pass through each other; None if it was not counted.
+    """
+
+    least_stretch: float
+    largest_stretch: float
+    inverted: int
+    intersecting: int | None
+
+    @classmethod
+    def of(cls, system: System, state: State, surface: Surface | None = None) -> Shape:
+        """Return the shape of a cloth at a state."""
+        surface = surface or Surface.of(system.cloth)
+        return cls(
+            *extreme_stretches(system.cloth, state.x),
+            surface.count_inverted(state.x),
+            surface.count_intersections(state.x),
+        )
+
+
+def intersection_warning(t: float, pairs: float | None, since: str = "from") -> str:
+    """Return a sentence if pairs of triangles intersect at t [s], or ""."""
+    if not pairs or math.isnan(pairs):
+        return ""
+    return (
+        f"the cloth passes through itself {since} t = {t:g} s ({pairs:.0f} pairs of triangles "
+        "intersect); fecloth has no contact, so no layer rests on another: trust the motion up to "
+        "there, or place the cloth so that its layers do not meet"
+    )
+
+
+def compressed_share(system: System, cells: Mapping[str, np.ndarray]) -> float:
+    """Return the part of the reference area that is compressed, 0 without a membrane.
+
+    A triangle is compressed if its smaller principal stress is below −0.2 times the root mean
+    square of the larger ones, by more than round-off. `cells` is the cell data of a frame.
+    """
+    if (stress := cells.get("stress_resultants")) is None:
+        return 0.0
+    area = system.cloth.weights.sum(axis=1)
+    mean, half = (stress[:, 0] + stress[:, 1]) / 2, (stress[:, 0] - stress[:, 1]) / 2
+    radius = np.hypot(half, stress[:, 2])
+    tension = math.sqrt(float(area @ (mean + radius) ** 2) / area.sum())
+    stiffness = min(min(fabric.tensile) for fabric in system.panel.fabrics)
+    compressed = mean - radius < -(SQUEEZED * tension + NOTHING * stiffness)
+    return float(area @ compressed) / float(area.sum())

@@ -1,0 +1,77 @@
+"""The error in time of a run in words: how large it is, and which step would give 1 %."""
+
+from __future__ import annotations
+
+import math
+
+from fecloth.simulation.energy_balance import Balance
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.error_control import Adaptive
+from fecloth.system.system import System
+
+RESOLVED = 0.3  # largest error that the estimate can tell
+WARNED = 0.1
+WANTED = 0.01  # the error for which the step is told
+LONGER = 10.0  # most by which that step may be longer than the one taken
+LEAST = 1e-5  # a smaller error is not told apart from it
+
+
+def describe_time_error(error: float, method, dt: float) -> str:
+    """Return a sentence about the relative error in time of a run.
+
+    Parameters
+    ----------
+    error
+        By `relative_error`; NaN for no estimate.
+    method, dt
+        The method or the choice of its steps, and their mean size [s].
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> describe_time_error(0.16, fc.BDF2(), dt=0.004)
+    'error in time about 16 %; dt = 0.001 s would give 1 %'
+    """
+    if error >= RESOLVED:
+        finer = "rtol" if isinstance(method, Adaptive) else "dt"
+        return f"{name_time_error(error)}; take a smaller {finer}"
+    return name_time_error(error) + (_proposal(error, method, dt) if error >= LEAST else "")
+
+
+def name_time_error(error: float) -> str:
+    """Return how large an error in time is, in words.
+
+    Examples
+    --------
+    >>> [name_time_error(error) for error in (0.0123, 0.5)]
+    ['error in time about 1.2 %', 'error in time: not resolved']
+    """
+    if math.isnan(error):
+        return "error in time: no estimate"
+    if error >= RESOLVED:
+        return "error in time: not resolved"
+    if error < LEAST:
+        return f"error in time below {100 * LEAST:g} %"
+    return f"error in time about {100 * error:.2g} %"
+
+
+def find_doubts(
+    error: float, system: System, method, dt: float, balance: Balance, ledger: Ledger
+) -> tuple[str, ...]:
+    """Return the warnings at the end of a run: a large error in time, numerical dissipation."""
+    words = describe_time_error(error, method, dt) if error > WARNED else ""
+    return tuple(filter(None, (words, balance.dissipation_warning(system, ledger))))
+
+
+def _proposal(error: float, method, dt: float) -> str:
+    """Return which step gives 1 %, or "" where that is far away or beyond a stability limit."""
+    if isinstance(method, Adaptive):  # its error is proportional to the tolerance
+        name, value, unit, factor = "rtol", method.rtol, "", WANTED / error
+        if not method.rtol:
+            name, value, unit = "atol", method.atol, " m/s"
+    else:
+        name, value, unit = "dt", dt, " s"
+        factor = (WANTED / error) ** (1 / method.traits.order)
+    if factor > (1.0 if method.traits.explicit else LONGER):
+        return ""
+    return f"; {name} = {factor * value:.2g}{unit} would give 1 %"

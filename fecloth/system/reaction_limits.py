@@ -1,0 +1,58 @@
+"""How much of the forces on pinned nodes can come from the cloth that moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fecloth.linalg.block_matrix import BlockMatrix
+
+if TYPE_CHECKING:
+    from fecloth.system.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class ReactionLimits:
+    """Limits for the nodes of triangles that the pins hold whole.
+
+    Such triangles push on each other as hard as their stiffness and strain have it. A steel grip
+    that is held at a strain of 1 % would hide every force of the cloth in it. What the cloth can do
+    to a node is at most about Σ ‖K_ij‖ l_ij over the nodes j that move, at a distance l_ij: its
+    stiffness at rest times a strain of 1.
+
+    Attributes
+    ----------
+    nodes
+        (k,) nodes of triangles held whole; none in most systems.
+    most
+        (k,) [N].
+    """
+
+    nodes: np.ndarray
+    most: np.ndarray
+
+    @classmethod
+    def of(cls, system: System) -> ReactionLimits:
+        """Find the triangles that are held whole, and the stiffness of what moves beside them."""
+        cloth, constraints = system.cloth, system.constraints
+        is_pinned = np.zeros(len(cloth.X), bool)
+        is_pinned[constraints.nodes] = ~constraints.projectors.any(axis=(1, 2))
+        nodes = np.unique(cloth.stencil[is_pinned[cloth.stencil].all(axis=1)])
+        if not len(nodes):
+            return cls(nodes, np.zeros(0))
+        pattern = system.pattern
+        K = system.assemble(BlockMatrix.zeros(pattern), system.rest(), wx=1.0).values
+        way = np.linalg.norm(cloth.X[pattern.rows] - cloth.X[pattern.indices], axis=1)
+        force = np.where(is_pinned[pattern.indices], 0.0, np.linalg.norm(K, axis=(1, 2)) * way)
+        most = np.bincount(pattern.rows, force, len(cloth.X))[nodes]
+        return cls(nodes, np.where(np.isfinite(most), most, np.inf))
+
+    def apply(self, f: np.ndarray) -> np.ndarray:
+        """Forces (n, 3) with none above its limit; f itself if there is none."""
+        if not len(self.nodes):
+            return f
+        f, sizes = f.copy(), np.linalg.norm(f[self.nodes], axis=1)
+        f[self.nodes] *= np.minimum(1.0, self.most / np.maximum(sizes, 1e-300))[:, None]
+        return f

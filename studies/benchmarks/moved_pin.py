@@ -1,0 +1,65 @@
+"""Cost of an explicit step with a moved pin, over one with a fixed pin.
+
+    python -m studies.benchmarks.moved_pin
+
+A sheet of about 800 triangles is pinned along an edge. The pin is fixed, or moves by formulas of t,
+as in a scene. The runs take turns in many short repeats on one thread, and the shortest count.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+
+import fecloth as fc
+from fecloth import study
+from studies.benchmarks.measure import FABRIC, Measured, print_verdicts, square
+
+TRIANGLES, STEPS, DT = 800, 10, 1e-6  # dt is far below the limit of stability
+LIMIT = 1.3
+MOTIONS = {
+    "moved along z": ["0", "0", "0.1 * sin(2 * pi * t)"],
+    "moved along all axes": ["0.1 * t", "0.1 * t**2", "0.1 * cos(20 * t) - 0.1"],
+}
+
+
+def make_steps(motion: list[str] | None):
+    """Return an iterator over the steps of central differences, compiled and started."""
+    pin = fc.Pin("left", motion=motion) if motion else fc.Pin("left")
+    terms = [fc.StVK(), fc.HingeBending(), fc.Gravity()]
+    fabric = fc.Fabric(FABRIC.areal_density, 1000.0, 0.3, bending_rigidity=1e-5)
+    system = fc.System(square(TRIANGLES), fabric, terms, [pin])
+    X = system.cloth.X
+    wave = np.column_stack([X, 0.02 * np.sin(3 * X[:, 0])])  # zero at the pin, as the motions are
+    steps = fc.march(system, fc.CentralDifference(), system.state(wave), DT, 10.0)
+    next(steps)
+    return steps
+
+
+def measure(repeats: int) -> list[Measured]:
+    """Return the ratio of a step with each motion to one with a fixed pin."""
+    runs = {name: make_steps(motion) for name, motion in {"fixed": None, **MOTIONS}.items()}
+    best = dict.fromkeys(runs, math.inf)
+    for _ in range(repeats):
+        for name, steps in runs.items():
+            begin = time.thread_time()
+            for _ in range(STEPS):
+                next(steps)
+            best[name] = min(best[name], time.thread_time() - begin)
+    fixed = best.pop("fixed")
+    print(f"fixed pin: {1e6 * fixed / STEPS:.0f} µs per step")
+    what = f"explicit step of {TRIANGLES} triangles, pin {{}} / fixed"
+    return [Measured(what.format(name), t / fixed, "ratio", LIMIT) for name, t in best.items()]
+
+
+def main() -> int:
+    parser = study.Parser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="few repeats")
+    options = parser.parse_args()
+    return print_verdicts([lambda: measure(100 if options.quick else 2000)], options.quick)
+
+
+if __name__ == "__main__":
+    study.run_main(main)

@@ -1,0 +1,226 @@
+"""What the tolerance of Newton's iteration means: pinned nodes, one term, round-off."""
+
+import numpy as np
+import pytest
+from conftest import affine, flat
+
+import fecloth as fc
+from fecloth.linalg.reductions import NodeSums
+from fecloth.nonlinear.line_search import Point, find_step
+from fecloth.nonlinear.stage_equation import NewtonFailed
+from fecloth.simulation.resolve import solver_for
+
+SOFT = fc.Fabric(0.15, 2000.0, bending_rigidity=0.0118)
+TERMS = [fc.StVK(), fc.HingeBending(), fc.Gravity()]
+
+
+def cantilever(sliver=0.01, grip=SOFT):
+    """A strip, the first two columns of cells pinned: the first as wide as `sliver`, of `grip`."""
+    plain = fc.Cloth.rectangle(0.2, 0.05, 0.01, "right")
+    X = plain.X.copy()
+    X[X[:, 0] == 0, 0] = 0.01 - sliver
+    is_grip = plain.X[plain.triangles, 0].max(axis=1) < 0.01 + 1e-9
+    regions = {"grip": np.flatnonzero(is_grip), "body": np.flatnonzero(~is_grip)}
+    cloth = fc.Cloth.from_arrays(X, plain.triangles, regions=regions)
+    pin = fc.Pin(lambda X: X[:, 0] < 0.02 + 1e-9)
+    return fc.System(cloth, {"grip": grip, "body": SOFT}, TERMS, pins=[pin])
+
+
+def tip(system, state):
+    return state.x[system.cloth.X[:, 0] > 0.2 - 1e-9, 2].mean()
+
+
+# --- pinned nodes (what they do to each other is no measure of anything) --------------------------
+
+
+@pytest.mark.parametrize("sliver", [1e-4, 1e-6, 1e-8])
+def test_a_pinned_sliver_does_not_end_the_iteration(sliver):
+    expected = fc.equilibrium(cantilever(), cantilever().rest())
+    system = cantilever(sliver)
+    found = fc.equilibrium(system, system.rest())
+    assert found.residual <= 1e-9
+    assert found.iterations == expected.iterations
+    assert tip(system, found) == pytest.approx(tip(cantilever(), expected), rel=1e-9)
+    assert tip(system, found) < -0.02
+
+
+@pytest.mark.parametrize("stiffness", [2e8, 1e12])
+@pytest.mark.parametrize("strain", [0.0, 0.01, -0.1])
+def test_a_steel_grip_does_not_loosen_the_tolerance(stiffness, strain):
+    """Also where the grip is strained as it is held: its forces on itself do not count."""
+    soft, stiff = cantilever(), cantilever(grip=fc.Fabric(0.15, stiffness, bending_rigidity=0.0118))
+    x = flat(stiff.cloth)
+    x[x[:, 0] < 1e-9, 0] -= strain * 0.01
+    found = fc.equilibrium(stiff, stiff.state(x))
+    expected = tip(soft, fc.equilibrium(soft, soft.rest()))
+    assert tip(stiff, found) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.BackwardEuler(), fc.BDF2()])
+def test_a_pinned_sliver_does_not_end_the_iterations_of_steps(method):
+    ends, counts = [], []
+    for sliver in (1e-2, 1e-6):
+        system = cantilever(sliver)
+        run = fc.run(system, method, system.rest(), dt=1e-3, t_end=0.005, solver="direct")
+        ends.append(tip(system, run.state))
+        counts.append(run.newton)
+    assert counts[0] == counts[1]
+    assert ends[1] == pytest.approx(ends[0], rel=1e-6)
+
+
+# --- one term alone -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stretch", [1.01, 1.1, 1.5])
+@pytest.mark.parametrize("term", [fc.StVK(), fc.NeoHookean(), fc.Springs("van_gelder")])
+def test_the_tolerance_means_something_with_one_term(term, stretch):
+    """The free forces over the reactions, computed here, are as told and below the tolerance."""
+    cloth = fc.Cloth.rectangle(1.0, 0.5, 0.1)
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [term], pins=["left", "right"])
+    iterations = []
+    for tolerance in (1e-1, 1e-4, 1e-9):
+        found = fc.equilibrium(
+            system, system.state(flat(cloth) * [stretch, 1, 1]), tolerance=tolerance
+        )
+        f = system.force(found)
+        free = np.linalg.norm(system.constraints.project(f.copy()))
+        assert free / np.linalg.norm(f) == pytest.approx(found.residual, rel=1e-6)
+        assert found.residual <= tolerance
+        iterations.append(found.iterations)
+    assert iterations[0] < iterations[1] < iterations[2]
+
+
+def test_a_sheared_tension_field_is_found():
+    sheet = fc.Cloth.rectangle(0.256, 0.128, 0.016, "equilateral")
+    fabric = fc.Fabric(0.035, 88250.0, 0.31)
+    system = fc.System(sheet, fabric, [fc.TensionField()], pins=["bottom", "top"])
+    x = flat(sheet)
+    x[:, 0] += 0.5e-3 * sheet.X[:, 1] / 0.128
+    found = fc.equilibrium(system, system.state(x), tolerance=1e-6)
+    f = system.force(found)
+    assert np.linalg.norm(system.constraints.project(f.copy())) < 1e-6 * np.linalg.norm(f)
+
+
+# --- what is returned -----------------------------------------------------------------------------
+
+
+def test_an_equilibrium_serves_as_a_state(sheet, isotropic):
+    system = fc.System(sheet, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    told = []
+    found = fc.equilibrium(system, system.state(flat(sheet), t=2.0), report=told.append)
+    assert isinstance(found, fc.State)
+    assert isinstance(found, fc.Equilibrium)
+    assert found.t == 2.0
+    assert not found.v.any()
+    assert found.iterations == len(told) <= found.factorisations
+    assert found.residual == told[-1].residual
+    assert "below the tolerance 1e-09" in found.reason
+    run = fc.run(system, fc.BackwardEuler(), found, dt=0.01, t_end=2.02)
+    assert abs(run.state.x - found.x).max() < 1e-9
+    assert fc.equilibrium(system, found).iterations == 0
+    assert system.energies(found)["kinetic"] == 0
+
+
+def test_load_steps_count_all_their_work(sheet, isotropic):
+    system = fc.System(sheet, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    told = []
+    found = fc.equilibrium(system, system.rest(), load_steps=3, report=told.append)
+    assert found.iterations == len(told) > 3
+
+
+# --- round-off ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def far_away():
+    """A taut sheet so far from the origin that its positions round to a tenth of a nanometre."""
+    cloth = fc.Cloth.rectangle(1.0, 0.5, 0.1)
+    terms = [fc.StVK(), fc.Gravity()]
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), terms, pins=["boundary"])
+    return system, system.state(1.1 * flat(cloth) + [1e6, 0.0, 0.0])
+
+
+def test_equilibrium_raises_where_round_off_is_above_the_tolerance(far_away):
+    system, start = far_away
+    with pytest.raises(fc.EquilibriumFailed, match="round-off of the forces") as failure:
+        fc.equilibrium(system, start)
+    assert failure.value.residual > 1e-9
+    possible = float(failure.value.remedy.split("tolerance of ")[1].split()[0])
+    found = fc.equilibrium(system, failure.value.state, tolerance=possible)
+    assert found.residual <= possible
+
+
+def test_a_cloth_without_forces_is_in_equilibrium(sheet, isotropic, rng):
+    """No residual of 1: all its forces are round-off."""
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    system = fc.System(sheet, isotropic, [fc.StVK()])
+    found = fc.equilibrium(system, system.state(flat(sheet) @ turn + 10.0))
+    assert (found.iterations, found.residual) == (0, 0.0)
+    assert found.reason == "no force exceeds its round-off"
+
+
+def test_steps_limited_by_round_off_are_counted_and_told(far_away):
+    system, start = far_away
+    with pytest.warns(fc.FeclothWarning, match="steps were solved to round-off only"):
+        run = fc.run(
+            system, fc.BackwardEuler(), start, 0.01, 0.03, newton=fc.Newton(tolerance=1e-11)
+        )
+    assert any("round-off" in words for words in run.warnings)
+    quiet = fc.run(system, fc.BackwardEuler(), start, 0.01, 0.03)
+    assert not any("round-off" in words for words in quiet.warnings)
+
+
+# --- the line search ------------------------------------------------------------------------------
+
+
+def double_well(y):
+    """(y² − 1)²/4 of one number: concave about 0, least at ±1."""
+    return float((y[0, 0] ** 2 - 1) ** 2 / 4)
+
+
+@pytest.mark.parametrize("tiny", [0.0, 1e9])
+@pytest.mark.parametrize("potential", [double_well, None])
+def test_a_step_out_of_an_unstable_balance_is_doubled(potential, tiny):
+    """While the slope grows, until it does not or the step is too long; 2 % a step otherwise."""
+
+    def at(y):
+        R = y**3 - y
+        return Point(y, R, float(np.linalg.norm(R)), 1.0)
+
+    start = at(np.array([[0.01, 0.0, 0.0]]))
+    step = np.array([[2e-4, 0.0, 0.0]])
+    found, alpha = find_step(NodeSums(), at, start, step, 0.0, potential, tiny=tiny)
+    if potential is None and not tiny:
+        assert alpha == 1.0  # nothing tells how far it may go
+    else:
+        assert alpha == 2**12 or 0.5 < found.y[0, 0] < 1.5
+        assert double_well(found.y) < 0.2
+    _, alpha = find_step(NodeSums(), at, start, step, 0.0, potential, longest=4.0, tiny=tiny)
+    assert alpha <= 4.0
+
+
+def test_where_round_off_hides_the_potential_the_slopes_tell():
+    """Of a potential near 1e8 J the last digit is 1.5e-8 J, more than the whole fall."""
+
+    def at(y):
+        return Point(y, y.copy(), float(np.linalg.norm(y)), 1.0)
+
+    start, step = at(np.array([[-1e-6, 0.0, 0.0]])), np.array([[1.7e-6, 0.0, 0.0]])
+
+    def rounded(y):
+        return 1e8 + (0.0 if y is start.y else 2e-8)
+
+    arguments = NodeSums(), at, start, step, 0.1 * start.norm, rounded
+    assert find_step(*arguments) is None
+    assert find_step(*arguments, tiny=1.0)[1] == 1.0
+    longer = NodeSums(), at, start, 2 * step, 0.1 * start.norm, rounded
+    assert find_step(*longer, tiny=1.0)[1] == 0.5  # the whole step pushes back
+
+
+def test_forces_that_are_not_finite_are_told(sheet, isotropic):
+    system = fc.System(sheet, isotropic, [fc.StVK()])
+    solver, _ = solver_for(system, fc.BackwardEuler(), 0.1, "direct")
+    x = affine(sheet, [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
+    x[0, 0] = np.nan
+    with pytest.raises(NewtonFailed, match="the forces are not finite"):
+        fc.BackwardEuler().step(system, fc.State(0.0, x, 0 * x), 0.1, solver)

@@ -1,0 +1,132 @@
+"""Folders of runs that are changed from outside: frames lost, folders moved, headers spoiled."""
+
+import dataclasses
+import json
+import math
+import shutil
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.cli.main import main
+from fecloth.runs import restart
+from fecloth.runs.folder import FolderMoved
+from fecloth.runs.recorder import Recorder
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.5
+h = 0.25
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 1000.0
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Gravity"
+[[pins]]
+where = "left"
+[time]
+method = "backward_euler"
+dt = 0.01
+t_end = 0.1
+[output]
+every_steps = 1
+restart_steps = 2
+"""
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sheet.toml").write_text(SCENE)
+    return fc.load_scene("sheet.toml")
+
+
+def run(scene, folder, steps=None, **options):
+    """Run, and stop after so many steps."""
+
+    def report(info):
+        if info.step == steps:
+            signal.raise_signal(signal.SIGTERM)
+
+    return fc.run_scene(scene, folder, report=report, **options)
+
+
+@pytest.mark.parametrize("number", [0, 3, 5])
+@pytest.mark.parametrize("is_empty", [False, True])
+def test_a_missing_frame_is_refused_at_resume(scene, tmp_path, number, is_empty):
+    run(scene, "out", steps=6)
+    frame = tmp_path / "out/frames" / f"frame_{number:06d}.vtu"
+    frame.write_bytes(b"") if is_empty else frame.unlink()
+    before = sorted(file.name for file in (tmp_path / "out").rglob("*"))
+    with pytest.raises(fc.InputError, match=rf"{frame.name}.* is missing.*--overwrite"):
+        run(scene, "out", resume=True)
+    assert sorted(file.name for file in (tmp_path / "out").rglob("*")) == before
+    assert main(["run", "sheet.toml", "--resume", "out"]) == 2
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["moved", "replaced"])
+@pytest.mark.parametrize("every", [1, 100], ids=["between frames", "before the end"])
+def test_a_folder_that_moves_during_a_run_is_told_and_not_made_again(
+    scene, tmp_path, capsys, again, every
+):
+    def move(info):
+        if info.step == 5:
+            shutil.move("out", "moved")
+            if again:
+                Path("out").mkdir()
+
+    scene = fc.load_scene(
+        "sheet.toml", [f"output.every_steps={every}", f"output.restart_steps={every}"]
+    )
+    outcome = fc.run_scene(scene, "out", report=move)
+    assert outcome.status == "failed"
+    assert isinstance(outcome.error, FolderMoved)
+    assert "out was moved or removed during the run" in str(outcome.error)
+    assert not again or not list(Path("out").iterdir())
+    assert again or not Path("out").exists()
+    assert (tmp_path / "moved/steps.csv").is_file()
+    outcome = fc.run_scene(scene, "moved", resume=True)
+    assert outcome.status == "done"
+
+
+def test_a_restart_whose_time_is_not_finite_is_passed_over(scene, tmp_path):
+    run(scene, "out", steps=6)
+    newest, older = restart.files(tmp_path / "out")
+    found = restart.read(newest)
+    for state, memory in (
+        (dataclasses.replace(found.state, t=math.nan), found.memory),
+        (dataclasses.replace(found.state, t=math.inf), found.memory),
+        (found.state, dataclasses.replace(found.memory, start=math.nan)),
+    ):
+        spoiled = dataclasses.replace(found, state=state, memory=memory)
+        restart.write(tmp_path / "out", spoiled)
+        with pytest.raises(fc.InputError, match=r"t = (nan|inf) is not finite"):
+            restart.read(newest)
+        assert restart.find(tmp_path / "out").memory.step == restart.read(older).memory.step
+    assert run(scene, "out", resume=True).status == "done"
+
+
+def test_a_run_killed_before_its_summary_writes_report_and_summary_at_resume(
+    scene, tmp_path, monkeypatch
+):
+    """The summary is the last file: once it is there, all is."""
+    whole = run(scene, "whole")
+    with monkeypatch.context() as patch:
+        patch.setattr(Recorder, "_report", lambda *_: pytest.exit("killed"))
+        with pytest.raises(pytest.exit.Exception):
+            run(scene, "out")
+    out = tmp_path / "out"
+    assert not (out / "summary.json").exists()
+    assert not (out / "report.html").exists()
+    assert run(scene, "out", resume=True).status == "done"
+    assert (out / "report.html").is_file()
+    assert json.loads((out / "summary.json").read_text())["steps"] == whole.summary["steps"]
+    assert np.isclose(whole.summary["t"], 0.1)

@@ -1,0 +1,166 @@
+"""What a run says of the shape at its frames: intersections, folds, stretches; resumed as whole."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.cli.main import main
+from fecloth.scene.scene import load_scene
+from fecloth.scene.wrinkles import wrinkle_warning
+from fecloth.simulation.surface_checks import compressed_share
+
+TEXT = """
+[cloth]
+shape = "rectangle"
+width = 0.4
+height = 0.2
+h = 0.05
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 500.0
+bending_rigidity = 1e-4
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "HingeBending"
+[[terms]]
+type = "StrainRateDamping"
+time = 0.01
+[[pins]]
+inside = "X < 0.051"
+[[pins]]
+inside = "X > 0.349"
+motion = ["-0.5*smoothstep(0, 0.1, t)", "0", "0.03*t"]
+[start]
+position = ["X", "Y", "0.01*sin(pi*X/0.4)"]
+[time]
+method = "backward_euler"
+dt = 0.01
+t_end = 0.2
+[output]
+every_steps = 2
+restart_steps = 5
+"""
+CALM = "pins=[{inside='X < 0.051'}]"
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    path = tmp_path_factory.mktemp("shape") / "through.toml"
+    path.write_text(TEXT)
+    return path
+
+
+def run(scene, name, *overrides):
+    """The summary and the rows of strains.csv of a run of the command line."""
+    out = scene.parent / name
+    given = [word for one in overrides for word in ("--set", one)]
+    assert main(["run", str(scene), "-o", str(out), "--overwrite", *given]) == 0
+    with (out / "strains.csv").open() as file:
+        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    return json.loads((out / "summary.json").read_text()), rows
+
+
+def test_a_cloth_drawn_through_itself_is_told_once(scene, capsys):
+    summary, rows = run(scene, "through")
+    printed = capsys.readouterr()
+    counts = [row["intersecting"] for row in rows]
+    first = next(row["t"] for row in rows if row["intersecting"] > 0)
+    assert summary["intersecting_pairs"] == np.nanmax(counts) > 0
+    assert summary["least_stretch"] == min(row["smallest"] for row in rows)
+    assert summary["largest_stretch"] == max(row["largest"] for row in rows)
+    assert summary["inverted_triangles"] == max(row["inverted"] for row in rows)
+    words = f"the cloth passes through itself from t = {first:g} s ("
+    assert [words in one for one in summary["warnings"]].count(True) == 1
+    assert "fecloth has no contact" in printed.err
+    assert f"{np.nanmax(counts):.0f} pairs of triangles intersect" in printed.out
+    folder = scene.parent / "through"
+    assert (folder / "run.log").read_text().count(f"warning: {words}") == 1
+    assert words in (folder / "report.html").read_text()
+    # counted at the start, every sixth step at a frame, and at the end
+    counted = [round(100 * row["t"]) for row in rows if not np.isnan(row["intersecting"])]
+    assert counted == [0, 6, 12, 18, 20]
+
+
+def test_a_calm_cloth_has_no_warning(scene, capsys):
+    summary, _ = run(scene, "calm", CALM)
+    assert not any(kind in one for one in summary["warnings"] for kind in ("passes", "wrinkles"))
+    assert summary["intersecting_pairs"] == summary["inverted_triangles"] == 0
+    assert "0 triangles turned over, 0 pairs of triangles intersect" in capsys.readouterr().out
+    assert 0.99 < summary["least_stretch"] <= summary["largest_stretch"] < 1.01
+
+
+def test_a_key_switches_the_count_off(scene, capsys):
+    summary, rows = run(scene, "off", "output.intersections=false")
+    assert summary["intersecting_pairs"] is None
+    assert all(np.isnan(row["intersecting"]) for row in rows)
+    assert "intersections not counted" in capsys.readouterr().out
+    assert not any("passes through" in words for words in summary["warnings"])
+
+
+def test_a_resumed_run_counts_at_the_same_frames(scene):
+    _, whole = run(scene, "whole")
+    run(scene, "part", "time.t_end=0.1")
+    out = str(scene.parent / "part")
+    assert main(["run", str(scene), "--resume", out]) == 0
+    with (scene.parent / "part" / "strains.csv").open() as file:
+        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    at = [row["t"] for row in rows if not np.isnan(row["intersecting"])]
+    expected = [row["t"] for row in whole if not np.isnan(row["intersecting"])]
+    assert set(at) == {*expected, 0.1, 0.16} - {0.12, 0.18}
+    summary = json.loads((scene.parent / "part" / "summary.json").read_text())
+    assert sum("passes through itself" in words for words in summary["warnings"]) == 1
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_the_result_of_run_has_the_shape_at_the_end(scene, element):
+    plain = ["cloth.element=P2", "terms=[{type='StVK'}]"] if element == "P2" else []
+    problem = load_scene(scene, plain).build()
+    start = problem.system, problem.method, problem.state
+    with pytest.warns(fc.FeclothWarning, match=r"passes through itself at t = 0\.12 s \(\d+ pairs"):
+        result = fc.run(*start, problem.dt, 0.12)
+    assert result.shape.intersecting > 0
+    assert any("passes through itself" in words for words in result.warnings)
+    stretches = fc.fields(problem.system, result.state)[1]["principal_stretches"]
+    if element == "P1":
+        assert result.shape.least_stretch == pytest.approx(stretches.min(), rel=1e-12)
+        assert result.shape.largest_stretch == pytest.approx(stretches.max(), rel=1e-12)
+
+
+# --- compression ----------------------------------------------------------------------------------
+
+
+def test_the_compressed_share_is_the_area_of_the_compressed_part(sheet, isotropic):
+    """The left 0.4 m is shortened by 1 %, the rest drawn out by 1 %; both keep their width."""
+    system = fc.System(sheet, isotropic, [fc.StVK()])
+    x = system.rest().x
+    x[:, 0] = np.where(x[:, 0] < 0.4, 0.99 * x[:, 0], 0.396 + 1.01 * (x[:, 0] - 0.4))
+    cells = fc.fields(system, system.state(x))[1]
+    corners = sheet.X[sheet.triangles][:, :, 0]
+    area = sheet.weights.sum(axis=1) / sheet.area
+    least, most = (float(area @ inside) for inside in (corners.max(1) < 0.4, corners.min(1) < 0.4))
+    assert least <= compressed_share(system, cells) <= most
+    assert compressed_share(system, fc.fields(system, system.rest())[1]) == 0
+    assert compressed_share(system, {}) == 0
+
+
+WRINKLES = [  # compressed, overrides, words of the warning or ""
+    (0.11, ["fabric.bending_rigidity=1e-9"], "11 % of the cloth is compressed at t = 0.5 s, its"),
+    (0.09, ["fabric.bending_rigidity=1e-9"], ""),
+    (0.11, ["cloth.h=0.02"], ""),
+    (0.11, ["terms.1.type=Gravity"], "without bending stiffness it folds at the size"),
+    (0.11, ["terms.1.type=Gravity", "terms.0.type=TensionField"], ""),
+]
+
+
+@pytest.mark.parametrize(("compressed", "overrides", "words"), WRINKLES)
+def test_wrinkles_matter_where_more_than_a_tenth_is_compressed(compressed, overrides, words, scene):
+    gravity = 'terms.2={type="Gravity"}'
+    system = load_scene(scene, [gravity, CALM, *overrides]).build().system
+    found = wrinkle_warning(system, 0.5, compressed)
+    assert words in found
+    assert bool(found) == bool(words)

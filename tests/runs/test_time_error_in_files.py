@@ -1,0 +1,101 @@
+"""A run in a folder says its error in time in every file that a user reads."""
+
+import json
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.runs.outcome import finished_message
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 0.6
+height = 0.4
+h = 0.2
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 500.0
+[[terms]]
+type = "StVK"
+[[pins]]
+where = "boundary"
+[start]
+position = ["1.02*X", "1.02*Y", "0"]
+velocity = ["0", "0", "sin(pi*X/0.6)*sin(pi*Y/0.4)"]
+[time]
+method = "bdf2"
+dt = 0.001
+t_end = 0.1
+[output]
+frames = 2
+restart_steps = 20
+"""
+
+
+@pytest.fixture
+def run(tmp_path):
+    def run(*settings, name="out", **options):
+        (tmp_path / "drum.toml").write_text(SCENE)
+        scene = fc.load_scene(tmp_path / "drum.toml", list(settings))
+        return fc.run_scene(scene, tmp_path / name, **options)
+
+    return run
+
+
+def words_of(outcome):
+    log = (outcome.folder / "run.log").read_text()
+    page = (outcome.folder / "report.html").read_text()
+    return log, page, json.loads((outcome.folder / "summary.json").read_text())
+
+
+def test_a_resolved_run_says_its_error_and_the_step_for_one_per_cent(run):
+    outcome = run()
+    log, page, summary = words_of(outcome)
+    words = summary["time_error_in_words"]
+    assert 0.001 < summary["time_error"] < 0.1
+    assert words.startswith("error in time about")
+    assert "would give 1 %" in words
+    assert words in log
+    assert words in finished_message(outcome)
+    assert words.split(";")[0].removeprefix("error in time ") in page
+    assert not outcome.warnings
+
+
+def test_a_run_that_resolves_nothing_warns(run):
+    warned = []
+    outcome = run("time.dt=0.02", "time.t_end=0.2", warn=warned.append)
+    log, page, summary = words_of(outcome)
+    assert summary["time_error"] > 0.3
+    assert summary["time_error_in_words"] == "error in time: not resolved; take a smaller dt"
+    assert "warning: error in time: not resolved" in log
+    assert "not resolved" in page
+    assert any("numerical dissipation has taken" in words for words in summary["warnings"])
+    assert warned == list(outcome.warnings) == summary["warnings"]
+
+
+def test_a_run_at_rest_has_no_estimate(run):
+    outcome = run("start.velocity=['0','0','0']", "start.position=['X','Y','0']")
+    assert outcome.summary["time_error"] is None
+    assert words_of(outcome)[2]["time_error"] is None
+
+
+def test_a_resumed_run_says_the_same(run):
+    whole = run()
+    run("time.t_end=0.06", name="parts")
+    parts = run(name="parts", resume=True)
+    assert parts.summary["time_error"] == pytest.approx(whole.summary["time_error"], rel=0.02)
+
+
+def test_the_same_in_python(run):
+    outcome = run()
+    cloth = fc.Cloth.rectangle(0.6, 0.4, h=0.2, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK()], ["boundary"])
+    X, Y = cloth.X.T
+    v = np.column_stack([0 * X, 0 * X, np.sin(np.pi * X / 0.6) * np.sin(np.pi * Y / 0.4)])
+    start = system.state(np.column_stack([1.02 * X, 1.02 * Y, 0 * X]), v)
+    result = fc.run(system, fc.BDF2(), start, 0.001, 0.1)
+    assert result.time_error == pytest.approx(outcome.summary["time_error"], rel=0.02)
+    assert "error in time about" in repr(result)

@@ -1,0 +1,187 @@
+"""The error in time that a run reports, against solutions in closed form."""
+
+import math
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from support.tiers import slow_except
+
+import fecloth as fc
+from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.simulation.rigid_motion import deformation
+from fecloth.simulation.time_error import Sample, TimeError, derivative
+
+TIGHT = fc.Newton(tolerance=1e-10)
+SIZE = 1e-5  # m; the motion is then linear
+PERIODS = 3  # of the slowest mode
+
+CASES = {name: method() for name, method in {**METHODS, **EXPLICIT}.items()}
+del CASES["forward_euler"]  # unstable without damping
+FIRST = ("backward_euler", "linearly_implicit_euler")  # by their drift
+QUICK = ("implicit_midpoint", "bdf2", "backward_euler", "central_difference", "symplectic_euler")
+
+
+@cache
+def bar(rate=0.0):
+    """A free sheet with damping, and its slowest modes: shape (n, 3) of rms 1, and ω."""
+    cloth = fc.Cloth.rectangle(0.8, 0.4, h=0.2, pattern="right")
+    terms = [fc.StVK()] + ([fc.MassDamping(rate=rate)] if rate else [])
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0, 0.2), terms)
+    plane = np.arange(3 * len(cloth.X)).reshape(-1, 3)[:, :2].ravel()
+    K = system.stiffness(system.rest()).toarray()[np.ix_(plane, plane)]
+    squares, shapes = eigh(K, np.diag(np.repeat(system.nodal_mass, 2)))
+    modes = []
+    for number in (3, 5, 8):  # three are rigid
+        shape = np.zeros((len(cloth.X), 3))
+        shape.ravel()[plane] = shapes[:, number]
+        shape /= np.sqrt(system.nodal_mass @ (shape**2).sum(axis=1) / system.nodal_mass.sum())
+        modes.append((shape, math.sqrt(squares[number])))
+    return system, modes
+
+
+def vibration(amounts=(1.0,), phase=0.0, rate=0.0):
+    """The system and its motion x(t), v(t): the modes with these amounts of SIZE."""
+    system, modes = bar(rate)
+    rest, chosen = system.rest().x, list(zip(amounts, modes, strict=False))
+
+    def at(t):
+        x, v = rest.copy(), np.zeros_like(rest)
+        for amount, (shape, omega) in chosen:
+            damped, fall = math.sqrt(omega**2 - rate**2 / 4), math.exp(-rate * t / 2)
+            angle = damped * t + phase
+            x += SIZE * amount * fall * math.cos(angle) * shape
+            speed = -damped * math.sin(angle) - rate / 2 * math.cos(angle)
+            v += SIZE * amount * fall * speed * shape
+        return x, v
+
+    return system, at, modes[0][1]
+
+
+def errors(method, system, at, dt, t_end, added=0.0):
+    """The reported error, and the true one."""
+    weights, seen = system.nodal_mass, []
+
+    def report(info):
+        moved = info.result.state.x - info.t * added
+        seen.append((deformation(weights, at(info.t)[0], moved), at(info.t)[0]))
+
+    x, v = at(0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fc.FeclothWarning)
+        start = system.state(x, v + added)
+        result = fc.run(system, method, start, dt, t_end, newton=TIGHT, report=report)
+    largest = max(deformation(weights, x, one) for _, one in seen)
+    return result.time_error, max(far for far, _ in seen) / largest
+
+
+@pytest.mark.parametrize("name", slow_except(CASES, *QUICK))
+@pytest.mark.parametrize("size", [0.4, 1.0], ids=["small", "larger"])
+@pytest.mark.parametrize("phase", [0.0, -math.pi / 2], ids=["drawn", "struck"])
+def test_a_vibration_is_judged_rightly_by_every_method(name, size, phase):
+    system, at, omega = vibration(phase=phase)
+    omega_dt, periods = (0.05 * size, 0.75) if name in FIRST else (0.2 * size, PERIODS)
+    said, true = errors(CASES[name], system, at, omega_dt / omega, 2 * math.pi * periods / omega)
+    assert 1e-4 < true < 0.3
+    assert 0.5 < said / true < 2.0 or (name == "symplectic_euler" and said > true)
+
+
+@pytest.mark.parametrize("name", ["bdf2", "implicit_midpoint"])
+def test_of_many_modes_the_fast_ones_that_are_lost_count_by_their_size(name):
+    """The third mode is not resolved at all; it is a twentieth of the motion."""
+    system, at, omega = vibration((1.0, 0.3, 0.05))
+    said, true = errors(CASES[name], system, at, 0.15 / omega, 2 * math.pi * PERIODS / omega)
+    assert 0.02 < true < 0.3
+    assert 1 / 3 < said / true < 3
+
+
+@pytest.mark.parametrize("name", slow_except(("bdf2", "implicit_midpoint"), "bdf2"))
+@pytest.mark.parametrize("ratio", [0.1, 0.4])
+def test_a_damped_motion_is_judged_rightly(name, ratio):
+    """Until it has come to rest."""
+    omega = vibration()[2]
+    system, at, _ = vibration(rate=ratio * omega)
+    said, true = errors(CASES[name], system, at, 0.15 / omega, 8 / (ratio * omega))
+    assert 0.5 < said / true < 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["bdf2", "implicit_midpoint", "generalized_alpha"])
+def test_errors_of_a_driven_motion_with_damping_are_forgotten(name):
+    """A force near resonance for thirty times as long as a free motion lasts."""
+    system, modes = bar(rate := 100.0)
+    shape, omega = modes[0]
+    driven = 0.9 * omega
+    answer = 1 / (omega**2 - driven**2 + 1j * rate * driven)
+
+    def push(x, v, t):
+        return SIZE / abs(answer) * math.cos(driven * t) * shape
+
+    def at(t):
+        swing = SIZE / abs(answer) * answer * np.exp(1j * driven * t)
+        rest = system.rest().x
+        return rest + swing.real * shape, (1j * driven * swing).real * shape
+
+    load = fc.UserForce(push, per="mass")
+    whole = fc.System(system.cloth, system.fabric, [*system.terms, load])
+    said, true = errors(CASES[name], whole, at, 0.1 / omega, 30 * 2 / rate)
+    assert 1 / 5 < said / true < 5
+
+
+@pytest.mark.parametrize("name", METHODS)  # stable steps of explicit ones resolve this motion
+def test_steps_that_do_not_resolve_the_motion_are_told(name):
+    system, at, omega = vibration()
+    omega_dt, t_end = 0.2 if name in FIRST else 1.0, 2 * math.pi * PERIODS / omega
+    said, true = errors(CASES[name], system, at, omega_dt / omega, t_end)
+    assert true > 0.3
+    assert said > 0.3
+
+
+@pytest.mark.parametrize(("name", "omega_dt"), [("bdf2", 0.2), ("implicit_midpoint", 0.45)])
+def test_the_step_that_is_proposed_gives_one_per_cent(name, omega_dt):
+    system, at, omega = vibration()
+    t_end = 2 * math.pi * PERIODS / omega
+    start = system.state(*at(0.0))
+    with pytest.warns(fc.FeclothWarning, match="would give 1 %") as found:
+        fc.run(system, CASES[name], start, omega_dt / omega, t_end, newton=TIGHT)
+    (words,) = (str(one.message) for one in found if "would give" in str(one.message))
+    dt = float(words.split("dt = ")[1].split()[0])
+    _, true = errors(CASES[name], system, at, dt, t_end)
+    assert 0.005 < true < 0.02
+
+
+def test_every_observer_is_told_the_same():
+    system, at, omega = vibration()
+    run = CASES["bdf2"], system, at, 0.1 / omega, 2 * math.pi * PERIODS / omega
+    said, _ = errors(*run)
+    moved, _ = errors(*run, added=np.array([20.0, 0.0, -60.0]))
+    assert moved == pytest.approx(said, rel=0.01)
+
+
+def test_a_cloth_at_rest_and_two_steps_have_no_estimate():
+    system, at, omega = vibration()
+    rest = fc.run(system, fc.BDF2(), system.rest(), 0.1 / omega, 1.0 / omega)
+    assert math.isnan(rest.time_error)
+    assert "no estimate" in repr(rest)
+    short = fc.run(system, fc.BDF2(), system.state(*at(0.0)), 0.1 / omega, 0.2 / omega)
+    assert math.isnan(short.time_error)
+
+
+def test_the_derivative_is_exact_for_polynomials():
+    times, cubic = (0.3, 0.5, 1.1, 1.2), np.arange(6.0).reshape(2, 3)
+    samples = [Sample(t, i, 1e3 + cubic * t**3 - t**2, 0, 0, 0, 0) for i, t in enumerate(times)]
+    assert derivative(samples) == pytest.approx(6 * cubic, abs=1e-6)
+
+
+def test_samples_become_rare(monkeypatch):
+    """The fast steps of explicit methods pay for few of them."""
+    counted, whole = [], TimeError.sampled
+    monkeypatch.setattr(TimeError, "sampled", lambda *given: counted.append(1) or whole(*given))
+    system, at, omega = vibration()
+    result = fc.run(
+        system, fc.CentralDifference(), system.state(*at(0.0)), 0.01 / omega, 20 / omega
+    )
+    assert len(result.times) == 2001
+    assert 20 < len(counted) < 500
