@@ -107,6 +107,11 @@ class Pin:
         there: Any = {name: replace(value, X=X) for name, value in by_place.items()}
         return replace(self, **there) if there else self
 
+    def sample(self, t: float, size: float) -> np.ndarray:
+        """(k, 3) displacements and, where it turns, three arms of `size` that turn [m]."""
+        rows = self.displacement(t).reshape(-1, 3)
+        return rows if self.rotate is None else np.vstack([rows, size * self.rotate.matrix(t)])
+
     def displacement(self, t: float) -> np.ndarray:
         """(3,) or (k, 3) [m]."""
         if not callable(self.motion):  # None: `__post_init__` makes formulas a `Motion`

@@ -160,6 +160,15 @@ class BoundPlate:
         if not definite:
             self.plate.add_curvatures(x, t, self.plate.stiffness @ (mu - self.rest), wx, J)
 
+    def work_of_clamps(self, old: np.ndarray, new: np.ndarray, begin: float, end: float) -> float:
+        """Work [J] of clamps that turn, in a step from positions `old` to `new` (n, 3).
+
+        It is the change of the energy by time alone, the mean of those at both positions.
+        """
+        if self.plate.moved is None:
+            return 0.0
+        return 0.5 * sum(self.energy(x, end) - self.energy(x, begin) for x in (old, new))
+
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bound of the eigenvalues of M⁻¹K [1/s²] at flat."""
         return self.plate.bound(mass), 0.0
