@@ -157,6 +157,17 @@ def flag(name: str, value: object, where: str) -> None:
         raise InputError(f"{name} = {brief(value)}", "must be True or False", where)
 
 
+def with_article(name: str) -> str:
+    """Return a name after "a" or "an".
+
+    Examples
+    --------
+    >>> with_article("Fabric"), with_article("object")
+    ('a Fabric', 'an object')
+    """
+    return f"{'an' if name[0] in 'aeioAEIO' else 'a'} {name}"
+
+
 def brief(value: object) -> str:
     """Describe a value in one line: long values by their type, functions and classes by name."""
     if callable(value) and hasattr(value, "__qualname__"):
@@ -164,4 +175,4 @@ def brief(value: object) -> str:
         return f"{kind} {value.__qualname__}, which is not called"
     text = repr(value)
     short = len(text) <= 60 and "\n" not in text and not text.startswith("<")
-    return text if short else f"a {type(value).__name__}"
+    return text if short else with_article(type(value).__name__)

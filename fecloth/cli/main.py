@@ -37,8 +37,8 @@ FIELD_NAMES = (  # the keys of `frame_reader.FIELDS`, and the checker pattern
 def main(arguments: list[str] | None = None) -> int:
     """Run a command and return its exit status (see `STATUS`).
 
-    Without arguments, those of the process are taken; signals are then ignored from the end of the
-    command to that of the process, so that its status stays.
+    Without `arguments` it takes those of the process. Then signals are ignored after the command
+    until the process ends, so that they do not change its status.
     """
     before = set_handler(stop_at_once)
     try:

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from numbers import Integral
 from typing import Any, Protocol
 
 import numpy as np
 
-from fecloth.errors import InputError, brief
+from fecloth.errors import InputError, brief, is_number
 from fecloth.integrators.step import Step
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -43,11 +44,11 @@ class MethodTraits:
         c > 0: a step's error in x is c dt^(p + 1) times the (p + 1)-th time derivative of x. None
         if it is not known: then `Adaptive` refuses the method.
     drift
-        (q, κ): a slow undamped mode of frequency ω is off by κ (ω dt)^q ω t of its amplitude after
-        the time t, by its phase or by its size: e^(iω dt) (1 + iκ (ω dt)^(q + 1)) or so is the
-        eigenvalue of a step, with |κ| in any direction of the complex plane. Where it is not given
-        the error in time of a run is estimated with (order, error_constant), too large if errors of
-        single steps cancel.
+        (q, κ): the error of a slow undamped mode of frequency ω after the time t, relative to its
+        amplitude, is κ (ω dt)^q ω t. It may be an error of the phase or of the amplitude: the
+        eigenvalue of a step is about e^(iω dt) (1 + c (ω dt)^(q + 1)) with a complex c, |c| = κ.
+        Without it, the error in time of a run is estimated from (order, error_constant). That
+        estimate is too large if errors of single steps cancel.
     stability
         (a, b): a mode with k = ω² and d = 2 ζ ω is stable if a dt² k + b dt d < 1. (0, 0) is an
         A-stable method. None if the limit has another form or is not known.
@@ -56,13 +57,14 @@ class MethodTraits:
     chooses_dt
         Whether the method chooses its steps; then `march` takes no dt.
     has_difference
-        Whether the method hands terms its difference for rates over a step; see
-        `fecloth.terms.step_difference`. Others refuse a term that needs one.
+        Whether the method gives terms its difference for rates over a step; see
+        `fecloth.terms.step_difference`. Methods without it refuse a term that needs one.
 
     Raises
     ------
     InputError
-        For a trait of another name, and for an explicit method that claims to be A-stable.
+        For a trait of another name, an order that is no integer >= 0, a theta outside [0, 1], and
+        for an explicit method that claims to be A-stable.
 
     Examples
     --------
@@ -91,6 +93,10 @@ class MethodTraits:
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.order, Integral) or isinstance(self.order, bool) or self.order < 0:
+            raise InputError(f"order = {self.order!r}", "must be an integer >= 0", "MethodTraits")
+        if not is_number(self.theta) or not 0.0 <= self.theta <= 1.0:
+            raise InputError(f"theta = {self.theta!r}", "must be from 0 to 1", "MethodTraits")
         if self.explicit and self.stability == (0.0, 0.0):
             allowed = "must be (a, b) with a limit, or None: no explicit method is A-stable"
             raise InputError(f"stability = {self.stability}", allowed, "MethodTraits")
@@ -128,8 +134,12 @@ class Stepping(Protocol):
         Returns
         -------
         Step
-            Its state must have the pinned nodes at their prescribed places:
-            ``set_prescribed(system, new, prescribed_end(system, state, dt))`` puts them there.
+            ``Step(state, balanced_at, memory, counts)``: the new state, the state at which the
+            forces were balanced, the memory for the next step, and the `Counts`. A method whose
+            step is by the mean of several forces, as explicit ones are, adds `accelerations`.
+            The new state must have the pinned nodes at their prescribed places:
+            ``new = set_prescribed(system, new, prescribed_end(system, state, dt))`` returns a
+            state with them there, and leaves its argument unchanged.
 
         Raises
         ------
@@ -181,7 +191,7 @@ class StepChoice(Stepping, Protocol):
     """A method together with the choice of its steps: `traits.chooses_dt` is True.
 
     Its ``step(system, state, horizon, solver, memory)`` takes one step of any size up to
-    `horizon` [s]; the time of the state that it returns says how long it was. It hands on
+    `horizon` [s]; the time of the state that it returns says how long it was. Its traits are
     ``replace(method.traits, chooses_dt=True)``, and its memory contains that of the method.
 
     `FixedStep`, `StabilityLimited` and `Adaptive` of `fecloth.simulation` are such values, and
@@ -244,6 +254,15 @@ def check_offers(method: object, names: tuple[str, ...], where: str) -> None:
             remedy = "Add traits = MethodTraits(order=...), from fecloth.integrators.protocol."
         what = f"method {type(method).__name__}"
         raise InputError(what, f"must have {', '.join(missing)}", where, remedy)
+
+
+def check_step(step: object, method: object) -> None:
+    """Raise `InputError` for the result of a method's step that is not a `Step`."""
+    if not isinstance(step, Step):
+        what = f"{type(method).__name__}.step(...) returns {brief(step)}"
+        allowed = "must return a Step(state, balanced_at, memory, counts)"
+        remedy = "Import it from fecloth.integrators.step."
+        raise InputError(what, allowed, "march", remedy)
 
 
 def check_terms(system: System, method: Stepping | ChoosesMethod, where: str) -> None:

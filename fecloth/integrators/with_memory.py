@@ -19,10 +19,10 @@ from fecloth.system.system import System
 
 
 class WithMemory:
-    """Base class of methods with a memory: their energy balance.
+    """Base class of methods with a memory; it supplies their numerical dissipation.
 
-    A subclass supplies `traits`, with θ = ½ as M Δv · v̄ is the change of the kinetic energy, and
-    `step` and `weights`.
+    A subclass supplies `traits`, `step` and `weights`. The traits have θ = ½, because M Δv · v̄ with
+    v̄ = (v₀ + v₁)/2 is the change of the kinetic energy.
     """
 
     traits: MethodTraits

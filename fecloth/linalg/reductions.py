@@ -59,8 +59,8 @@ def weighted_dot(w: Array, a: Array, b: Array) -> float:
 class NodeSums:
     """The sums over a whole cloth; arrays a, b, y are (n, 3) and weights (n,).
 
-    Here one process holds the whole cloth. Where several hold a part each, such an object adds up
-    what they have, and nothing else changes.
+    This class is for one process that holds the whole cloth. Where several processes hold a part
+    of it each, an object with the same functions that adds up their sums takes its place.
     """
 
     def total(self, part: float) -> float:

@@ -63,7 +63,8 @@ def choose(
     iterations = 0.45 * 0.5 * math.sqrt(condition) * math.log(2 / 0.01)
     solver = AutoSolver(nodes, iterations, lambda name: _price(name, nodes), direct)
     reason = f"at first; about {iterations:.0f} iterations are predicted"
-    return solver, f"{reason}, a factorisation costs about {solver.price:.0f}"
+    price = f"a factorisation costs as much as about {solver.price:.0f} iterations"
+    return solver, f"{reason}, {price}"
 
 
 def _price(name: str, nodes: int) -> float:

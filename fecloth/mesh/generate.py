@@ -11,7 +11,7 @@ from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.mesh.gmsh_child import in_child
-from fecloth.mesh.gmsh_import import gmsh_plane
+from fecloth.mesh.gmsh_import import gmsh_plane, refuse_coarse
 from fecloth.suggest import did_you_mean
 
 AT_ONCE = 10_000  # area/h²; below, Gmsh takes less time than the start of a process for it
@@ -108,6 +108,7 @@ def _mesh_drawing(name: str, area: float, h: float, *sizes: float) -> tuple[np.n
         raw = gmsh_plane(lambda geo: draw(geo, *sizes), name)
     else:
         raw = in_child({"draw": name, "sizes": sizes}, name)
+    refuse_coarse(raw, h, name)
     return raw.xyz[:, :2], raw.triangles
 
 

@@ -45,6 +45,9 @@ def gmsh_plane(draw: Callable, where: str) -> RawMesh:
     return RawMesh(xyz[used], triangles.reshape(-1, 3), {}, {}, nodes, cells, is_unused)
 
 
+COARSE = 4.0  # edges longer than so many h are a failure of Gmsh; its longest are about 1.6 h
+
+
 def from_geo(path: Path, h: float | None, where: str) -> RawMesh:
     """Mesh a geometry file, with edge length h [m] unless h is None; `where` names it in errors."""
     text = path.read_text(encoding="utf-8", errors="replace")
@@ -64,7 +67,20 @@ def from_geo(path: Path, h: float | None, where: str) -> RawMesh:
             _limit_size(gmsh, h, where, uniform=not constant)
         with _as_mesh_error("Gmsh cannot mesh the file", where):
             gmsh.model.mesh.generate(2)
-        return _from_gmsh(gmsh, where)
+        mesh = _from_gmsh(gmsh, where)
+    if h is not None and not constant:
+        refuse_coarse(mesh, h, where)
+    return mesh
+
+
+def refuse_coarse(mesh: RawMesh, h: float, where: str) -> None:
+    """Refuse a mesh with edges far longer than h [m], where Gmsh gave up and did not say so."""
+    corners = mesh.xyz[mesh.triangles]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
+    if longest > COARSE * h:
+        what = f"Gmsh made edges of {longest:.3g} m where h = {h:.3g} m"
+        remedy = "It fails so for millions of triangles: take a larger h."
+        raise MeshError(what, "must be about h", where, remedy)
 
 
 def _limit_size(gmsh, h: float, where: str, uniform: bool) -> None:

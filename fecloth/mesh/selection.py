@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, brief
 from fecloth.suggest import did_you_mean
 
 
@@ -21,7 +21,7 @@ def nodes(cloth, where) -> np.ndarray:
         return cloth.node_sets[where]
     selected = np.atleast_1d(where(cloth.X) if callable(where) else where)
     if not selected.size:
-        raise _empty_selection(cloth)
+        raise _empty_selection(cloth, where)
     if selected.dtype == bool and selected.shape == (len(cloth.X),):
         selected = np.flatnonzero(selected)
     if selected.ndim != 1 or not np.issubdtype(selected.dtype, np.integer):
@@ -31,7 +31,7 @@ def nodes(cloth, where) -> np.ndarray:
             "Cloth.nodes",
         )
     if not selected.size:
-        raise _empty_selection(cloth)
+        raise _empty_selection(cloth, where)
     if selected.min() < 0 or selected.max() >= len(cloth.X):
         raise InputError(
             f"node indices {selected.min()} … {selected.max()}",
@@ -57,7 +57,8 @@ def triangles(cloth, where) -> np.ndarray:
     return selected
 
 
-def _empty_selection(cloth) -> InputError:
+def _empty_selection(cloth, where) -> InputError:
+    by = "" if hasattr(where, "__qualname__") else f" by {brief(where)}"
     (left, low), (right, high) = cloth.X.min(axis=0), cloth.X.max(axis=0)
     span = f"The nodes have X from {left:.6g} to {right:.6g} m, Y from {low:.6g} to {high:.6g} m."
-    return InputError("no node is selected", "at least one is needed", "Cloth.nodes", span)
+    return InputError(f"no node is selected{by}", "at least one is needed", "Cloth.nodes", span)

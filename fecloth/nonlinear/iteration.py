@@ -20,7 +20,7 @@ from fecloth.system.system import System
 STALLED = 0.25  # of the residual left after an iteration: it may have met round-off, if
 STANDING = 1e-7  # extents of the cloth is the longest way that a node moved in it
 TINY = 1e-6  # extents: on shorter steps round-off hides the change of the potential
-NO_FORCE = 1e-3  # of the forces: where more of them is round-off, it moves no node of its own
+NO_FORCE = 1e-6  # of the forces: where more of them is round-off, it moves no node of its own
 ROUND_OFF = 8.0  # times the change of the residual when the last digits of all numbers change
 
 
@@ -61,7 +61,10 @@ class Equation(Protocol):
 
     @property
     def resume(self) -> int:
-        """Number of the remedy to try after the first one, in the first iteration; or more."""
+        """Where to go on after the first remedy has failed in the first iteration.
+
+        The remedies from number max(resume − 1, 1) on are then tried.
+        """
         ...
 
     def residual(self, y: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
@@ -118,7 +121,7 @@ def iterate(
     The iteration also ends where the residual is round-off. That is measured at the start if no
     iteration is asked for, after an iteration that hardly moved the cloth and left more than a
     quarter of the residual, and before a failure.
-    Then `Counts.limited` is 1, unless the forces are below 1000 times their round-off, as in a
+    Then `Counts.limited` is 1, unless the forces are below a million times their round-off, as in a
     cloth at rest, and the last iteration moved no node by 1e-7 of the extent of the cloth. If no
     force exceeds its round-off, the residual counts as 0.
 
@@ -213,7 +216,11 @@ class _Work:
         return point, 0.0, last
 
     def to_try(self, last: int, resume: int) -> list[int]:
-        """The remedies to try: from one below the `last` on, but after clamping the first again."""
+        """Return the numbers of the remedies to try, in order; `last` is the one used before.
+
+        After the first remedy, and after one that clamps, the first is tried again, and then those
+        from max(resume − 1, 1) on. After any other, those from last − 1 on are tried.
+        """
         numbers = list(range(len(self.equation.remedies)))
         if last == 0 or self.equation.remedies[last].definite:
             return [0, *numbers[max(resume - 1, 1) :]]

@@ -18,7 +18,26 @@ from fecloth.system.system import System
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """(x̃, wx), (ṽ, wv), (ã, wa) at time t, and the end of the step, x = x_end + w_end q."""
+    """The maps from the unknown q (n, 3) of a step to the state in which the forces balance.
+
+        x = x̃ + wx q,   v = ṽ + wv q,   a = ã + wa q,   M a = f(x, v, t)
+
+    The fields `x`, `v` and `a` are x̃, ṽ and ã, the values at q = 0. Newton's iteration finds q.
+    A `StageMethod` then takes as its new state
+
+        x₁ = x_end + w_end q,   v₁ = v₀ + dt a
+
+    Attributes
+    ----------
+    t
+        Time at which the forces balance [s].
+    x, v, a
+        (n, 3) x̃ [m], ṽ [m/s], ã [m/s²].
+    wx, wv, wa
+        Weights of q.
+    x_end, w_end
+        (n, 3) position at the end of the step for q = 0 [m], and the weight of q there.
+    """
 
     t: float
     x: np.ndarray

@@ -52,7 +52,7 @@ class StageEquation:
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
-        """Those of the options, with σ as a multiple of wa."""
+        """The remedies of the option `definiteness`; their shift σ is a multiple of wa."""
         return REMEDIES[self.definiteness]
 
     @property

@@ -31,4 +31,5 @@ def write_mesh(path: Path, cloth: Cloth) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
             mesh.write(path)
     except (meshio.ReadError, meshio.WriteError) as error:  # ReadError for an unknown suffix
-        raise InputError(f"{path} cannot be written: {error}", remedy="Try .vtu.") from error
+        what = f"{path} cannot be written: {str(error).rstrip('.')}"
+        raise InputError(what, remedy="Try .vtu.") from error

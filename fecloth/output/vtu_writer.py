@@ -82,7 +82,7 @@ def encode_pvd(files: Iterable[tuple[str, float]]) -> bytes:
 
 
 def encode_series(files: Iterable[tuple[str, float]]) -> bytes:
-    """Encode the same as a VTK file series."""
+    """Encode a VTK file series, in JSON, of (file relative to it, time)."""
     entries = [{"name": name, "time": t} for name, t in files]
     return json.dumps({"file-series-version": "1.0", "files": entries}).encode()
 

@@ -42,11 +42,12 @@ _ONE, _ZERO = ast.Constant(1), ast.Constant(0)
 
 
 def derivative(node: ast.expr, variable: str) -> ast.expr:
-    """The syntax tree of ∂/∂variable of a checked one that is no condition.
+    """Return the syntax tree of the derivative of a formula with respect to `variable`.
 
-    On a kink or a jump it is the derivative on one side: abs has 0 there, min and max have that of
-    the second argument, where has that of the part which it chooses, sign and floor have 0,
-    mod(a, b) that between its jumps.
+    `node` is the tree of a checked formula whose value is a number, not a condition. At a kink or
+    a jump the derivative is that on one side: 0 for abs, sign and floor, that of the second
+    argument for min and max, and that of the chosen part for where. For mod(a, b) it is that
+    between the jumps.
     """
     slope = _slope(node, variable)
     return _ZERO if slope is None else slope

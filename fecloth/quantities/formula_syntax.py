@@ -94,7 +94,7 @@ class _Reader:
         if name in FUNCTIONS:
             self.refuse(f"the function {name} without arguments", node)
         remedy = did_you_mean(name, (*self.variables, *CONSTANTS))
-        self.refuse(f"unknown name {name!r}", node, remedy)
+        self.refuse(f"unknown name {name!r}", None, remedy)
 
     def power(self, exponent: ast.AST) -> None:
         if any(isinstance(node, ast.Name) and node.id not in (*CONSTANTS, *FUNCTIONS)

@@ -89,7 +89,7 @@ def failure_message(outcome: Outcome) -> str:
     elif outcome.error:
         goes = f"{again} its last restart file, at t = {outcome.resumes:g} s"
     elif outcome.resumes < t:
-        goes = f"{again} t = {outcome.resumes:g} s, the last at which its solver held no factor"
+        goes = f"{again} t = {outcome.resumes:g} s, the last restart that continues bit for bit"
     else:
         goes = f"{again} there"
     cause = f"failed: {outcome.error}\n" if outcome.error else "interrupted; "

@@ -182,11 +182,11 @@ class Recorder:
             self._warn_once(words, warn)
 
     def _warn_once(self, words: str, warn) -> None:
-        """Keep and tell the first warning of each kind; its words but the numbers tell the kind."""
+        """Report the first warning of each kind; those of one kind differ only in numbers."""
         if not words or _kind(words) in map(_kind, self.raised):
             return
         self.raised += (words,)
-        with suppress(WriteError):  # the line is told all the same, and the next one fails the run
+        with suppress(WriteError):  # `warn` reports it; the next line fails the run
             self.folder.log(f"warning: {words}")
         warn(words)
 

@@ -233,8 +233,8 @@ def drop_later(folder: Path, restart: Restart) -> None:
 def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> None:
     """Raise `InputError` with the differences if a restart belongs to another scene.
 
-    `time.t_end` and what does not change a run may differ, but something must be left to do, if
-    only to write the summary.
+    `time.t_end` may differ, and so may the keys that do not change a motion (`FREE`). But the run
+    must not be complete: it must have steps left, or its last summary.json still to write.
     """
     then, now = (_flatten(tomllib.loads(text)) for text in (restart.scene, scene))
     keys = [key for key in {**then, **now} if then.get(key) != now.get(key)]
@@ -243,10 +243,10 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
         nothing = "nothing"
         each = (f"{k} = {then.get(k, nothing)} there, {now.get(k, nothing)} here" for k in keys)
         remedy = "Resume with the scene of that run, or start another run."
-        raise InputError(f"another scene than that of {folder}", "; ".join(each), remedy=remedy)
+        raise InputError(f"{folder} belongs to another scene", "; ".join(each), remedy=remedy)
     if restart.start != start:
         allowed = "the mesh or the frame of the start has changed"
-        raise InputError(f"another start than that of {folder}", allowed)
+        raise InputError(f"{folder} has another start", allowed)
     to_go = now["time.t_end"] - restart.state.t
     if to_go < 0 or (to_go == 0 and _has_summary_at(folder, restart.state.t)):
         allowed = f"the run in {folder} has already reached {restart.state.t:g} s"

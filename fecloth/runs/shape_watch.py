@@ -21,15 +21,15 @@ APART = {True: 150, False: 6}  # fewest steps between two counts, explicit or no
 
 @dataclass(frozen=True, eq=False)
 class ShapeWatch:
-    """What is looked at in a frame.
+    """Computes the columns of a frame in strains.csv, and the warnings that follow from them.
 
     Attributes
     ----------
     system, surface
-        The cloth.
+        The system, and its cloth as a surface of flat triangles.
     apart
-        Fewest steps between two counts of intersections; infinite for none. A count takes as long
-        as some fifteen explicit steps, or half an implicit one.
+        Least number of steps between two counts of intersections; infinite for no counts. A count
+        takes as long as about fifteen explicit steps, or half an implicit one.
     """
 
     system: System
@@ -83,10 +83,8 @@ def shape_summary(strains: Table) -> dict[str, float | int | None]:
 def shape_message(summary: Mapping) -> str:
     """Return the extremes over all frames in words."""
     pairs = summary["intersecting_pairs"]
-    words = (
-        "intersections not counted" if pairs is None else f"{pairs} pairs of triangles intersect"
-    )
-    return (
-        f"stretch {summary['least_stretch']:.4g} to {summary['largest_stretch']:.4g}, "
-        f"{summary['inverted_triangles']} triangles turned over, {words} (most, at the frames)"
-    )
+    inverted = f"at most {summary['inverted_triangles']} triangles turned over"
+    counts = f"{inverted} and {pairs} pairs that intersect, in any frame"
+    if pairs is None:
+        counts = f"{inverted} in any frame; intersections were not counted"
+    return f"stretch {summary['least_stretch']:.4g} to {summary['largest_stretch']:.4g}, {counts}"

@@ -100,6 +100,12 @@ def _system(scene: Scene, cloth: Cloth, start: State, at: At) -> System:
             Panel.cut(cloth, fabric)
         with at("grain_degrees"):
             Panel.cut(cloth, fabric, grain)
+        with at("mass"):
+            System(cloth, fabric, (), pins, scene.mass, grain)
+        written = {"terms": [{"type": table.type} for table in scene.terms]}
+        for i, term in enumerate(terms):
+            with errors_at(f"terms.{i}", scene.source, written, scene.text):
+                System(cloth, fabric, [term], (), scene.mass, grain)
         with at("terms"):
             raise
 

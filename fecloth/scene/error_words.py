@@ -15,6 +15,7 @@ from fecloth.suggest import did_you_mean
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth")
 _ITEM = re.compile(r"(terms|pins|probes)\.(\d+)")
+MESH_FILE = 'A mesh file is given by shape = "file" and path = "sheet.msh".'
 _KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
 
 
@@ -90,7 +91,7 @@ def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
     if not isinstance(value, dict):
         return f"{key} = {shorten(value)}", f"must be a table whose {name} is one of {kinds}", ""
     if name not in value:
-        return f"{key}.{name} is missing", allowed, ""
+        return f"{key}.{name} is missing", allowed, MESH_FILE if name == "shape" else ""
     remedy = did_you_mean(value[name], kinds.split(", "))
     if key.startswith("terms"):
         remedy = " ".join(filter(None, [remedy, _remedy_for_own_term(value[name])]))
@@ -115,8 +116,11 @@ def with_key(key: str, error: InputError, value: Any = None) -> str:
 
 
 @contextmanager
-def errors_at(key: str, where: str) -> Iterator[None]:
-    """Turn an `InputError` of an object into a `SceneError` with the scene's file and key."""
+def errors_at(key: str, where: str, data: Any = None, text: str = "") -> Iterator[None]:
+    """Turn an `InputError` of an object into a `SceneError` with the scene's file and key.
+
+    `data` and `text`, of the scene and its file, add the type and the line of the table.
+    """
     try:
         yield
     except SceneError:
@@ -125,7 +129,7 @@ def errors_at(key: str, where: str) -> Iterator[None]:
         what = with_key(key, error)
         if isinstance(error, MeshError) and key == "cloth":  # where: the mesh file
             what = f"{key}: {error.where}: {error.what}"
-        remedy = f"{error.remedy} {place(key, None)}".strip()
+        remedy = f"{error.remedy} {place(key, data, text)}".strip()
         raise SceneError(what, error.allowed, where, remedy) from error
 
 
@@ -141,7 +145,7 @@ def _locate(location: tuple, data: Any) -> tuple[str, Any]:
     """
     keys = []
     for entry in location:
-        inside = isinstance(data, dict) and entry in data
+        inside = isinstance(data, dict) and entry in data and data.get("shape") != entry
         inside |= isinstance(data, (list, tuple)) and isinstance(entry, int) and entry < len(data)
         if inside:
             data = data[entry]

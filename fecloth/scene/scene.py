@@ -59,6 +59,7 @@ class Scene(Table):
     interest: Interest | None = None
 
     _source: str = PrivateAttr("scene")
+    _text: str = PrivateAttr("")
     _reading: tuple[bool, float] = PrivateAttr((False, TIME_LIMIT))  # trust, and its time limit
 
     def __eq__(self, other: object) -> bool:
@@ -105,6 +106,11 @@ class Scene(Table):
     def source(self) -> str:
         """The file and the overrides that the scene was read from, for messages."""
         return self._source
+
+    @property
+    def text(self) -> str:
+        """The text of that file, for the numbers of lines in messages."""
+        return self._text
 
     # --- to text ------------------------------------------------------------------------------
 
@@ -180,6 +186,7 @@ def load_scene(
     except ValidationError as error:
         raise scene_error(error, data, source, toml_text.text(path)) from None
     scene._source, scene._reading = source, (trust_geo, mesh_time)
+    scene._text = toml_text.text(path)
     return scene
 
 

@@ -54,7 +54,7 @@ class Table(BaseModel):
         if not isinstance(data, dict):
             return data
         fields = cls.model_fields
-        if refusals := _unknown(data, fields, cls.shorthands) or _missing(
+        if refusals := _unknown(data, fields, cls.shorthands, cls.meanings()) or _missing(
             data, fields, cls.meanings()
         ):
             refusals[0].also = tuple(refusals[1:])
@@ -76,7 +76,9 @@ class Table(BaseModel):
             raise InputError("", f"must be {phrase(field)}", "", remedy) from None
 
 
-def _unknown(data: dict, fields: Mapping, shorthands: tuple[str, ...]) -> list[InputError]:
+def _unknown(
+    data: dict, fields: Mapping, shorthands: tuple[str, ...], meanings: Mapping[str, str]
+) -> list[InputError]:
     known = (*fields, *shorthands)
     at_top = {"title", "mass", "fabric", "grain_degrees"}  # TOML puts a late one into a table
     allowed = f"unknown key; the keys are {', '.join(known)}"
@@ -85,7 +87,9 @@ def _unknown(data: dict, fields: Mapping, shorthands: tuple[str, ...]) -> list[I
             f"{key} = {shorten(value)}",
             allowed,
             "",
-            f"Write {key} before the first table." if key in at_top else did_you_mean(key, known),
+            f"Write {key} before the first table."
+            if key in at_top
+            else meanings.get(key) or did_you_mean(key, known),
         )
         for key, value in data.items()
         if key not in fields

@@ -12,6 +12,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.units import LENGTH
+from fecloth.scene.error_words import MESH_FILE
 from fecloth.scene.field_types import File, Length
 from fecloth.scene.table_model import Table, one_of, table_of
 
@@ -51,6 +52,11 @@ class MeshFile(Table):
     path: File
     h: Annotated[float | None, LENGTH] = None
     element: Element = "P1"
+
+    @classmethod
+    def meanings(cls) -> dict[str, str]:
+        """Return how a mesh file is named, also for the key that is tried by mistake."""
+        return {"path": MESH_FILE, "file": MESH_FILE}
 
     def cloth(self, trust: bool = False, time_limit: float = TIME_LIMIT) -> Cloth:
         return Cloth.read(self.path, self.h, self.element, trust, time_limit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -26,7 +27,18 @@ def read(path: str | Path) -> dict:
     try:
         return tomllib.loads(content)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, and endless integers
-        raise SceneError(f"not TOML ({error})", where=str(path)) from None
+        remedy = _toml_remedy(str(error))
+        raise SceneError(f"not TOML ({error})", where=str(path), remedy=remedy) from None
+
+
+def _toml_remedy(problem: str) -> str:
+    """Return a remedy for the two commonest mistakes in TOML, or ""."""
+    unclosed = ("Unterminated string", r"Illegal character '\n'", 'Expected "\'"')
+    if any(words in problem for words in unclosed):
+        return "A text has no closing quotation mark."
+    if found := re.search(r"Cannot declare \('(terms|pins|probes)',\) twice", problem):
+        return f"Write [[{found[1]}]], with two brackets, above each of them."
+    return ""
 
 
 def text(path: Path) -> str:

@@ -14,6 +14,7 @@ from fecloth.integrators.protocol import (
     Integrator,
     MethodTraits,
     check_method,
+    check_step,
 )
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.context import SolverContext
@@ -187,6 +188,8 @@ class Adaptive(ChosenSteps):
                 break
             try:
                 step = self._stepper.step(system, state, dt, solver, control.method_memory)
+                if memory is None:
+                    check_step(step, self.method)
                 a, t, error = self.error(system, state, step, control)
                 dt = step.state.t - state.t  # which may be less
             except (NewtonFailed, SolveFailed) as failure:

@@ -42,6 +42,11 @@ class FixedStep:
     def __post_init__(self):
         if not isinstance(self.dt, Real) or isinstance(self.dt, bool):
             remedy = "Or leave it out and let Adaptive(method) or Auto() choose the steps."
+            if self.method.traits.error_constant is None:
+                name = type(self.method).__name__
+                remedy = (
+                    f"{name} has no traits.error_constant, so that fecloth cannot choose its steps."
+                )
             if self.method.traits.explicit:
                 remedy = "Leave it out for the largest stable step."
             raise InputError(f"dt = {self.dt!r}", "must be a number [s]", "march", remedy)

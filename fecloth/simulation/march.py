@@ -11,7 +11,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import FeclothWarning, InputError, SolveFailed, StepFailed
-from fecloth.integrators.protocol import check_method, check_terms
+from fecloth.integrators.protocol import check_method, check_step, check_terms
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
@@ -146,6 +146,8 @@ def march(
                 result = steps.step(system, state, size, solver, last_memory)
             except (NewtonFailed, SolveFailed) as failure:
                 raise step_failed(system, state, number, size, failure) from failure
+            if number == begin.step + 1:
+                check_step(result, getattr(steps, "method", steps))
             new = _snap_to_target(result.state, target, size)
             last = new.t == targets[-1]
             if new.t < target and (words := coarse_clock(new.t, new.t - state.t)):

@@ -15,7 +15,7 @@ from fecloth.system.system import System
 
 BENDING = ("HingeBending", "QuadraticBending", "PlateBending")
 TIMES = 101  # times at which a motion is looked at
-DROPPED = 0.01  # part of a motion along its slide that is told
+DROPPED = 0.01  # part of a motion along its slide that is reported
 REACH = 0.25  # of an edge; a region that covers more was meant to hold more than its one node
 CORNER = 0.5  # rad, between two edges of the border
 STICKS_OUT = 12.0  # bending lengths; a cloth that is longer hangs down from a clamp as well

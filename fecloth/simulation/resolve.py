@@ -118,5 +118,9 @@ def choose_steps(
 
 
 def method_to_report(steps: StepChoice | Auto):
-    """Return the method that reports name: that of fixed steps, as dt is method_to_report apart."""
+    """Return the object that reports name.
+
+    It is the method itself where steps are fixed, because dt is reported separately; else it is
+    the choice of steps.
+    """
     return steps.method if steps.dt else steps

@@ -195,14 +195,14 @@ def collect(
     foreseen
         Warnings from before the first step; those of the steps follow them in the result.
     """
-    state, balance, told = observer.start, Balance.open(ledger), ""
+    state, balance, warned = observer.start, Balance.open(ledger), ""
     record = None
     energies, observed = [ledger.row()], [observer.row(None, None)]
     counts, begin = Counts(), time.perf_counter()
     records = record_steps(steps, system, method, ledger, observer, most_growth=most_growth)
     for record in records:
         state, ledger, balance = record.state, record.ledger, record.balance
-        told = told or balance.warning(ledger)
+        warned = warned or balance.warning(ledger)
         energies.append(ledger.row())
         observed.append(record.observed)
         counts = counts.plus(record.info.counts)
@@ -214,7 +214,7 @@ def collect(
         dt = (state.t - record.time_error.start.t) / (len(energies) - 1)
         inaccurate = find_doubts(error, system, method, dt, balance, ledger)
     doubts = (
-        told or balance.warning(ledger, ended=True),
+        warned or balance.warning(ledger, ended=True),
         warn_of_round_off(counts.limited),
         *inaccurate,
         intersection_warning(state.t, shape.intersecting, "at"),

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from fecloth.errors import InputError, SolveFailed, brief
-from fecloth.integrators.protocol import ExplicitIntegrator, MethodTraits
+from fecloth.integrators.protocol import ExplicitIntegrator, MethodTraits, check_step
 from fecloth.integrators.step import Step
 from fecloth.simulation.step_times import ChosenSteps
 from fecloth.stability.critical_step import critical_dt, estimate
@@ -101,6 +101,8 @@ class StabilityLimited(ChosenSteps):
         parts = max(1, math.ceil(horizon / limited.dt - 1e-9))
         dt = horizon / parts if parts <= 2 else limited.dt
         step = self.method.step(system, state, dt, solver, limited.method_memory)
+        if limited.steps == 0:
+            check_step(step, self.method)
         after = replace(limited, steps=limited.steps + 1, method_memory=step.memory)
         return replace(step, memory=after)
 

@@ -9,11 +9,11 @@ from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_control import Adaptive
 from fecloth.system.system import System
 
-RESOLVED = 0.3  # largest error that the estimate can tell
+RESOLVED = 0.3  # largest error that the estimate can resolve
 WARNED = 0.1
-WANTED = 0.01  # the error for which the step is told
+WANTED = 0.01  # the error for which the step is reported
 LONGER = 10.0  # most by which that step may be longer than the one taken
-LEAST = 1e-5  # a smaller error is not told apart from it
+LEAST = 1e-5  # a smaller error is reported as below it
 
 
 def describe_time_error(error: float, method, dt: float) -> str:
@@ -30,7 +30,7 @@ def describe_time_error(error: float, method, dt: float) -> str:
     --------
     >>> import fecloth as fc
     >>> describe_time_error(0.16, fc.BDF2(), dt=0.004)
-    'error in time about 16 %; dt = 0.001 s would give 1 %'
+    'error in time about 16 % of the motion; dt = 0.001 s would give 1 %'
     """
     if error >= RESOLVED:
         finer = "rtol" if isinstance(method, Adaptive) else "dt"
@@ -44,15 +44,15 @@ def name_time_error(error: float) -> str:
     Examples
     --------
     >>> [name_time_error(error) for error in (0.0123, 0.5)]
-    ['error in time about 1.2 %', 'error in time: not resolved']
+    ['error in time about 1.2 % of the motion', 'error in time: not resolved']
     """
     if math.isnan(error):
         return "error in time: no estimate"
     if error >= RESOLVED:
         return "error in time: not resolved"
     if error < LEAST:
-        return f"error in time below {100 * LEAST:g} %"
-    return f"error in time about {100 * error:.2g} %"
+        return f"error in time below {100 * LEAST:g} % of the motion"
+    return f"error in time about {100 * error:.2g} % of the motion"
 
 
 def find_doubts(

@@ -24,12 +24,13 @@ from fecloth.terms import Tether
 def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
     """Spectral radius of one step on the oscillator x'' + 2ζω x' + ω² x = 0.
 
-    Above 1 it grows; the square is the factor of its energy a step, in the long run. The system
-    is a single triangle whose three nodes a `Tether` with damping draws to the origin, in nine
-    directions: nine uncoupled oscillators. Each starts as another unit
-    vector of (x, dt v) and of what the method remembers, and the method's own `step` makes of
-    them the columns of its matrix: there is no other formula here. Good to about 1e-12, where two
-    eigenvalues meet (as at ζ = 1) to about its root.
+    Above 1 the motion grows. In the long run, each step multiplies its energy by the square.
+
+    The system is a single triangle. A `Tether` with damping draws its three nodes to the origin,
+    so that their nine components are nine uncoupled oscillators. Each of them starts from another
+    unit vector of x, dt v and the memory of the method. The method's own `step` then gives the
+    columns of its matrix; no other formula of the method is used. The error is about 1e-12, and
+    about 1e-6 where two eigenvalues are equal, as at ζ = 1.
 
     Parameters
     ----------

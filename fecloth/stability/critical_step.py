@@ -128,8 +128,8 @@ def element_bound(system: System, method="symplectic_euler") -> float:
     """A step that is stable at rest [s], at most that of `critical_dt`, by `System.rate_bounds`.
 
     The largest eigenvalues of the single triangles bound that of the cloth (Irons and Treharne
-    1971); pins only lower it. It costs no more than a few force evaluations. Its price on StVK
-    sheets at rest without pins, the step of `critical_dt` over this one:
+    1971); pins only lower it. It takes no longer than a few force evaluations, but the step is
+    smaller than that of `critical_dt`. On StVK sheets at rest without pins, it is smaller by:
 
     ===================================  ============
     rows of triangles: right, cross      1.06, 1.23
@@ -139,13 +139,14 @@ def element_bound(system: System, method="symplectic_euler") -> float:
     with one sliver of 12°, of 3°        2.8, 5.7
     ===================================  ============
 
-    Where strain-rate damping governs the step, the price is the square of these. It is higher too
+    Where strain-rate damping limits the step, the factor is the square of these. It is also larger
     where the stiffest triangles are pinned: 2.2 for the rows of equilateral ones, cut in half
     along two edges, with a pinned boundary. In a stretched state the cloth is stiffer than at
-    rest, and the bound may fail: `critical_dt` knows the state. A gas has no bound at rest and
-    counts as nothing.
+    rest, and the step may be unstable: use `critical_dt`, which takes the state. A gas has no
+    bound at rest and is left out.
 
-    No triangle bounds how little damping there is: for forward Euler it is 0 if anything is stiff.
+    Forward Euler needs a lower bound of the damping, which single triangles do not give: its step
+    is 0 if anything is stiff.
     """
     method = resolve_method(method)
     stiffness, damping = system.rate_bounds()

@@ -21,7 +21,7 @@ from typing import Protocol
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.errors import InputError, brief
+from fecloth.errors import InputError, brief, with_article
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.mesh.cloth import Cloth
@@ -286,7 +286,7 @@ def bound(term: Term, panel: Panel, slots: Callable) -> BoundTerm:
     wanted += ["energy"] if getattr(made, "has_energy", False) else []
     wanted += ["power"] if getattr(made, "dissipative", False) else []
     if missing := [name for name in wanted if not hasattr(made, name)]:
-        what = f"{type(term).__name__}.bind(panel, slots) gives a {type(made).__name__}"
+        what = f"{type(term).__name__}.bind(panel, slots) gives {with_article(type(made).__name__)}"
         remedy = "help(fecloth.terms.protocol.BoundTerm) says what each is."
         raise InputError(what, f"must have {', '.join(missing)}", "System", remedy)
     return made

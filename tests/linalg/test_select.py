@@ -229,8 +229,8 @@ def test_choose_states_the_predicted_costs():
     solver, reason = select.choose(1e3, 26_000, True)
     assert solver.name == "pcg"
     # 0.45 · ½ · √1000 · ln 200 = 37.7; 45 + 0.37 · √26000 = 104.7
-    counts = "about 38 iterations are predicted, a factorisation costs about 105"
-    assert reason == f"at first; {counts}"
+    costs = "a factorisation costs as much as about 105 iterations"
+    assert reason == f"at first; about 38 iterations are predicted, {costs}"
     general, reason = select.choose(1.0, 26_000, False)
     assert general.name == select.direct().name
     assert not general.symmetric

@@ -183,13 +183,13 @@ def test_nodes_by_set_predicate_indices_and_mask(sheet):
 def test_nodes_invalid_selection_message(sheet):
     n = len(sheet.X)
     names = "bottom, boundary, corners, left, right, top"
-    empty = "Cloth.nodes: no node is selected: at least one is needed. The nodes have "
+    empty = "Cloth.nodes: no node is selected{}: at least one is needed. The nodes have "
     empty += "X from 0 to 1 m, Y from 0 to 0.6 m."
     for where, message in (
         ("lft", f"Cloth.nodes: node set 'lft': must be one of {names}. Did you mean 'left'?"),
         ("zzz", f"Cloth.nodes: node set 'zzz': must be one of {names}"),
-        ([], empty),
-        (lambda X: X[:, 0] < -1, empty),
+        ([], empty.format(" by []")),
+        (lambda X: X[:, 0] < -1, empty.format("")),
         ([0, n], f"Cloth.nodes: node indices 0 … {n}: must be in 0 … {n - 1}"),
         ([-1, 4], f"Cloth.nodes: node indices -1 … 4: must be in 0 … {n - 1}"),
     ):

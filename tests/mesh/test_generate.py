@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.meshed import PATTERNS, STRUCTURED, areas, length, rejects
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, MeshError
 from fecloth.mesh.flat_mesh import FlatMesh, quality
 from fecloth.mesh.generate import disk, rectangle
 from fecloth.mesh.renumber import renumber_mesh
@@ -145,3 +145,9 @@ def test_a_row_of_equilateral_triangles_does_not_overrule_h():
     lengths = np.linalg.norm(np.diff(mesh.X[mesh.triangles], axis=1), axis=2)
     assert lengths.max() < 1.1 * 0.05774
     assert len(rectangle(1.0, 0.05, 0.1, "right").triangles) == 20
+
+
+def test_a_mesh_far_coarser_than_h_is_refused():
+    """Gmsh meshes the rim of this disk with h, the inside with edges of 0.1 m, and says nothing."""
+    with pytest.raises(MeshError, match=r"disk: Gmsh made edges of .* where h = 0.001 m.*larger h"):
+        disk(1.0, 1e-3)

@@ -140,7 +140,7 @@ def test_message_names_formula_piece_allowed_names_and_the_nearest():
     with pytest.raises(InputError) as caught:
         Formula("0.1*sin(2*pi*tme)", ("time", "X"))
     assert str(caught.value) == (
-        "Formula: formula '0.1*sin(2*pi*tme)', unknown name 'tme': 'tme': allowed are numbers, "
+        "Formula: formula '0.1*sin(2*pi*tme)', unknown name 'tme': allowed are numbers, "
         f"time, X, pi, + - * / **, {', '.join(FUNCTIONS)}. Did you mean 'time'?"
     )
     with pytest.raises(InputError, match="Did you mean 'sqrt'"):

@@ -366,7 +366,7 @@ def test_an_interrupted_run_tells_from_where_it_will_go_on(scene, tmp_path, monk
     assert f"after 33 steps; --resume goes on from {found.state.t:g} s" in log
     monkeypatch.setattr("fecloth.runs.run_scene.run_scene", lambda *_, **__: outcome)
     assert main(["run", str(scene), "-o", "out", "--quiet"]) == 4
-    words = f"--resume out goes on from t = {found.state.t:g} s, the last at which its solver"
+    words = f"--resume out goes on from t = {found.state.t:g} s, the last restart that"
     assert words in capsys.readouterr().err
 
 
@@ -401,6 +401,7 @@ def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys
     changed = ["--set", "fabric.areal_density=0.3", "--set", "terms.1.type=QuadraticBending"]
     assert main(resume + changed) == 2
     told = capsys.readouterr().err
+    assert f"{folder} belongs to another scene: " in told
     assert "fabric.areal_density = 0.2 there, 0.3 here" in told
     assert "terms.1.type = HingeBending there, QuadraticBending here" in told
     assert main([*resume, "--set", "time.t_end=0.001"]) == 2

@@ -1,4 +1,4 @@
-"""The memory that is foretold before a run is within a fifth of its peak."""
+"""The memory that is predicted before a run is within a fifth of its peak."""
 
 import json
 import math
@@ -41,7 +41,7 @@ SLOW = pytest.mark.slow
 
 
 def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: str) -> tuple:
-    """Memory that is foretold, and the peak [MB]; in a process of its own."""
+    """Memory that is predicted, and the peak [MB]; in a process of its own."""
     h = 1 / round(math.sqrt(triangles / 2))
     dt = 0.2 * h * math.sqrt(0.2 / 500) if kind == "explicit" else 0.1 * h
     values = {"h": h, "pattern": pattern, "element": element, "bending": bending, "dt": dt}
@@ -51,8 +51,8 @@ def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: 
     command = [sys.executable, "-m", "fecloth", "run", "sheet.toml", "--overwrite"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
     summary = json.loads((folder / "out/sheet/summary.json").read_text())
-    told = [float(number) for number in re.findall(r"([0-9]+) MB", done.stderr)]
-    return told[-1 if kind == "direct" else 0], summary["peak_memory_MB"]
+    predicted = [float(number) for number in re.findall(r"([0-9]+) MB", done.stderr)]
+    return predicted[-1 if kind == "direct" else 0], summary["peak_memory_MB"]
 
 
 @pytest.mark.parametrize(
@@ -84,8 +84,8 @@ def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: 
     ],
 )
 @pytest.mark.skipif(sys.platform != "linux", reason="the peak is measured differently")
-def test_memory_is_foretold_within_a_fifth(tmp_path, kind, element, bending, triangles, pattern):
+def test_memory_is_predicted_within_a_fifth(tmp_path, kind, element, bending, triangles, pattern):
     case = kind, element, bending, triangles, pattern
     run(tmp_path, kind, element, bending, 200, pattern)  # compiles, which takes memory too
-    told, peak = run(tmp_path, *case)
-    assert peak / 1.2 < told < peak * 1.2, (told, peak)
+    predicted, peak = run(tmp_path, *case)
+    assert peak / 1.2 < predicted < peak * 1.2, (predicted, peak)

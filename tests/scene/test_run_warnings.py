@@ -265,7 +265,7 @@ def test_the_plan_is_printed_before_the_first_step(scene, tmp_path, capsys):
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(params=["napkin.toml", "flag.toml", "drape.toml"])
+@pytest.fixture(params=["napkin.toml", "flag.toml"])
 def shown(request, tmp_path):
     """A scene that the README shows or names."""
     path = ROOT / "studies" / "scenes" / request.param

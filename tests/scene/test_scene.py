@@ -352,6 +352,9 @@ MISTAKES = [
     ("terms.1={type='Wind', velocity=[1, 0, 0]}", "terms.1.normal is missing", "½ ρ C"),
     ("terms.1={type='Drag'}", "terms.1.normal is missing", "`normal` is 0.7"),
     ("terms.1={type='HingeBending'}", "no bending_rigidity", "presets have it: polyester-jacket"),
+    ("terms.1={type='HingeBending'}", "(It is the second [[terms]], HingeBending, line 15.)", ""),
+    ("cloth={file='x.msh'}", "cloth.shape is missing", 'path = "sheet.msh"'),
+    ("cloth={shape='file', file='x.msh'}", "cloth.file = 'x.msh': unknown", 'path = "sheet.msh"'),
     ("pins.1.inside='X > -1'", "pins: node 0 is held by more than one pin", ""),
     ("start.velocity=['1/X', '0', '0']", "start.velocity: formula '1/X' is inf at X = 0", ""),
     # files
@@ -432,11 +435,19 @@ def test_broken_mesh_is_refused_by_its_own_message(file):
     assert f"cloth: {file.parent / 'flat.obj'}: 1 zero-area triangles" in message
 
 
+UNCLOSED = "not TOML ({}). A text has no closing quotation mark."
+DECLARED_TWICE = (
+    "not TOML (Cannot declare ('pins',) twice (at line 3, column 6)). "
+    "Write [[pins]], with two brackets, above each of them."
+)
 NO_SCENES = [
     (b"\x00\xff\x80", "is not UTF-8 text (byte 1)"),
     (b"a = 1\nb = \n", "not TOML (Invalid value (at line 2, column 5))"),
     (b"a = 1\na = 2\n", "not TOML (Cannot overwrite a value"),
     (b"a = 1\0", "not TOML"),
+    (b'a = "x\nb = 1\n', UNCLOSED.format(r"Illegal character '\n' (at line 1, column 7)")),
+    (b'a = "x', UNCLOSED.format("Unterminated string (at end of document)")),
+    (b"[pins]\na = 1\n[pins]\n", DECLARED_TWICE),
     (b"a = " + b"[" * 5000, "not TOML"),
     (b"a = " + b"1" * 5000, "not TOML"),
     (b"", "cloth is missing: must be a table"),

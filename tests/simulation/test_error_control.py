@@ -247,7 +247,7 @@ def test_a_smooth_motion_is_no_reason_for_short_steps():
     assert len(result.times) < 120
 
 
-def test_stops_that_are_one_are_one():
+def test_stops_within_round_off_make_one_step():
     system = quiet_sheet()
     stops = [0.1, 0.1 + 1e-12, 0.3 - 1e-13]
     result = fc.run(system, fc.Adaptive(fc.BDF2()), system.rest(), t_end=0.3, stops=stops)

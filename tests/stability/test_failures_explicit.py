@@ -1,4 +1,4 @@
-"""Where explicit steps and unresolved motions fail: the boundaries foretold, and those found."""
+"""Where explicit steps and unresolved motions fail: the boundaries predicted, and those found."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Where implicit steps and the models fail: the boundaries foretold, and those found.
+"""Where implicit steps and the models fail: the boundaries predicted, and those found.
 
 On the stiff swing generalised-α makes energy with ρ∞ of 0.8 and of 0.5, though it damps each linear
 mode that the step does not resolve; with ρ∞ = 0 it makes none.

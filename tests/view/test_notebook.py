@@ -24,7 +24,8 @@ def test_repr_is_one_line(result):
         f"<Cloth of 15 nodes, 16 P1 triangles, 0.5 m²; node sets: {sets}>": system.cloth,
         "<System of 15 nodes, 3 held: StVK, Gravity>": system,
         "<State of 15 nodes at t = 0.1 s>": ended.state,
-        "<Result of 10 steps of BDF2() to t = 0.1 s, error in time about 0.62 %>": ended,
+        "<Result of 10 steps of BDF2() to t = 0.1 s, "
+        "error in time about 0.62 % of the motion>": ended,
     }
     for line, one in lines.items():
         assert repr(one) == line

@@ -50,6 +50,8 @@ def _evaluate(law: Callable, E: tuple, c: np.ndarray, name: str) -> tuple:
         W, S, C = float(W), np.array(S, dtype=float), np.array(C, dtype=float)
     except ArithmeticError:  # infinity or NaN in compiled code
         return np.nan, np.full(3, np.nan), np.full(6, np.nan)
+    except (NameError, AttributeError) as error:
+        raise InputError(f"law(E, c): {error}", "must use defined names only", name) from error
     except (TypeError, ValueError, IndexError) as error:
         raise InputError(f"law(E, c): {error}", allowed, name) from error
     if S.shape != (3,) or C.shape != (6,):

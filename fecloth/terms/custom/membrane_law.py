@@ -112,7 +112,7 @@ class MembraneLaw:
         name = f"{type(self).__name__}.constants"
         try:
             c = np.array(self.constants(fabric), dtype=float)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, NameError, AttributeError) as error:
             raise InputError(f"constants: {error}", "must be a list of numbers", name) from error
         if c.ndim != 1 or not c.size or not np.isfinite(c).all():
             what = f"constants of shape {c.shape}" if c.ndim != 1 else f"constants = {c}"

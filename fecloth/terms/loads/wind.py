@@ -20,7 +20,8 @@ from fecloth.terms.loads.drag import BoundDrag, Coefficient, bind_drag, check_dr
 class Wind:
     """`Drag` in moving air, F = −A (k_n |w_n|ᵖ⁻¹ w_n n + k_t |w_t|ᵖ⁻¹ w_t) with w = v̄ − u(x, t).
 
-    u is the velocity of the air at the centroids of the triangles.
+    u is the velocity of the air at the centroids of the triangles. The first part of the force is
+    along the normal n: on a cloth that is inclined to the wind it gives both drag and lift.
 
     Use `Wind` instead of a `Drag` and not with it, or the drag is counted twice. The power of the
     force is Σ F · v̄ = Σ F · w + Σ F · u. The first part is dissipated and the second part is work

@@ -95,7 +95,7 @@ def test_cloth_on_a_winkler_bed_agrees_with_the_formula(own):
         assert float(found) == pytest.approx(float(formula), rel=3e-4)
 
 
-def test_the_shorter_ways_are_the_same_bed(own, cloth, isotropic, rng):
+def test_all_ways_to_write_an_elastic_bed_give_the_same_force(own, cloth, isotropic, rng):
     k, nodes = 300.0, np.arange(len(cloth.X))[:, None]
     ways = [
         own.term.Winkler(k),
@@ -322,6 +322,7 @@ def test_a_law_may_have_no_stiffness_in_shear(cloth, isotropic):
             "law at E = 0 gives .*nan.*: must be finite",
         ),
         (law_of(staticmethod(linear), [1.0, np.nan]), "constants = .*must be a list of finite"),
+        (law_of(staticmethod(lambda E, c: nothing)), r"law\(E, c\): name 'nothing' is not defined"),  # noqa: F821 - the mistake
         (law_of(staticmethod(linear), ["Y"]), "constants: could not convert"),
         (law_of(staticmethod(linear), 3.0), r"constants of shape \(\)"),
         (law_of(staticmethod(lambda E, c: linear(E, c))), "law: .*'linear'.*must be what"),
@@ -425,6 +426,16 @@ def test_missing_members_of_a_method_are_named(own, swinging):
         traits = MethodTraits(order=1, error_constant=constant)
         with pytest.raises(fc.InputError, match=said):
             fc.Adaptive(type("Own", (theta,), {"traits": traits})(), rtol=1e-2)
+
+    traits = MethodTraits(order=1, error_constant=1 / 2)
+    nothing = {"step": lambda self, *rest: None, "traits": traits}
+    empty = type("Empty", (theta,), nothing)(1.0)
+    for method, dt in (empty, 1e-3), (fc.Adaptive(empty, rtol=1e-2), None):
+        with pytest.raises(fc.InputError, match=r"Empty.step\(...\) returns None: must return"):
+            next(fc.march(system, method, start, dt, 2e-3, solver="direct"))
+    unknown = type("Unknown", (theta,), {"traits": MethodTraits(order=1)})(1.0)
+    with pytest.raises(fc.InputError, match="Unknown has no traits.error_constant"):
+        next(fc.march(system, unknown, start, t_end=2e-3))
 
     def short(self, state, dt):
         return replace(theta.stage(self, state, dt), v=state.v[1:])
