@@ -168,7 +168,9 @@ def test_terms_have_the_right_derivatives(cloth, term):
 
 
 @pytest.mark.parametrize(
-    "term", [fc.NeoHookean(), fc.NeoHookean("compressible"), fc.TensionField()], ids=repr
+    "term",
+    [fc.NeoHookean(), fc.NeoHookean("compressible", strain="pointwise"), fc.TensionField()],
+    ids=repr,
 )
 def test_laws_undefined_for_degenerate_triangles_have_the_right_derivatives(cloth, term, rng):
     pull = np.array([[2.0, 0.1], [0.2, 1.9], [0.1, 0.3]])
