@@ -55,8 +55,8 @@ class HingeBending:
     out of its plane.
 
     On equilateral meshes, and nearly on those of Gmsh, hinges are an isotropic plate of rigidity B
-    and of Poisson's ratio −1/3, whatever the fabric's: a disk that is simply supported sags 40 % too
-    far for a fabric of ν = 0 and 71 % for ν = 0.3. `PlateBending` has neither fault.
+    and of Poisson's ratio −1/3, whatever the fabric's: a disk that is simply supported sags 40 %
+    too far for a fabric of ν = 0 and 71 % for ν = 0.3. `PlateBending` has neither fault.
 
     Source: the factor as derived above; the angle and its derivatives as in `dihedral_angle`.
 
