@@ -40,6 +40,7 @@ from .simulation.resolve import solver_for
 from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
 from .system.pins import Pin, Slide
+from .system.rotation import Rotation
 from .system.state import State
 from .system.system import System
 from .terms import (
@@ -51,6 +52,7 @@ from .terms import (
     HingeBending,
     MassDamping,
     NeoHookean,
+    PlateBending,
     PointForce,
     Pressure,
     QuadraticBending,
@@ -106,11 +108,13 @@ __all__ = [
     "Newmark",
     "Newton",
     "Pin",
+    "PlateBending",
     "PointForce",
     "Pressure",
     "Probe",
     "QuadraticBending",
     "Result",
+    "Rotation",
     "SceneError",
     "Slide",
     "SolveFailed",

@@ -108,7 +108,6 @@ MESH = [
         for term in (
             fc.HingeBending(),
             fc.QuadraticBending(),
-            fc.BendingDamping(0.1),
             fc.BaraffWitkin(),
             fc.Springs(),
             fc.Drag(2.0),

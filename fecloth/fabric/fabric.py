@@ -41,6 +41,13 @@ class Fabric:
     bending_rigidity
         B, moment per width and curvature [N m]; one number, (warp, weft), or None if unknown. A
         term that needs it then raises an error.
+    bending_poisson_ratio
+        ν_b [-] of bending: a strip bent to the curvature κ along the warp and free across
+        takes −ν_b κ √(B₁/B₂) there. −1 < ν_b < 1.
+    bias_rigidity
+        B₄₅ [N m], the bending rigidity at 45° to the warp. Default: Huber's estimate, for which the
+        rigidity of twist is D₆₆ = (1 − ν_b) √(B₁ B₂) / 2. It must exceed
+        (B₁ + B₂ + 2 ν_b √(B₁ B₂)) / 4.
     bending_hysteresis
         2HB, difference of the moment per width between bending and unbending [N]. It is stored
         only; no term uses it.
@@ -66,6 +73,8 @@ class Fabric:
     poisson_ratio: float = 0.0
     shear_stiffness: Annotated[float | None, PER_ANGLE] = None
     bending_rigidity: Annotated[Pair | None, MOMENT] = None
+    bending_poisson_ratio: float = 0.0
+    bias_rigidity: Annotated[float | None, MOMENT] = None
     bending_hysteresis: Annotated[Pair | None, HYSTERESIS] = None
     source: str = ""
 
@@ -96,8 +105,27 @@ class Fabric:
         _check_positive("shear_stiffness", self.shear, "N/m")
         for value in self.bending or ():
             _check_positive("bending_rigidity", value, "N m")
+        self._check_bending()
         for value in _optional_pair("bending_hysteresis", self.bending_hysteresis) or ():
             _check_positive("bending_hysteresis", value, "N")
+
+    def _check_bending(self) -> None:
+        nu, bias = self.bending_poisson_ratio, self.bias_rigidity
+        if not (is_number(nu) and abs(nu) < 1):
+            allowed = "must lie between -1 and 1"
+            raise InputError(f"bending_poisson_ratio = {nu!r}", allowed, "Fabric")
+        if bias is None:
+            return
+        _check_positive("bias_rigidity", bias, "N m")
+        if self.bending is None:
+            allowed = "needs a bending_rigidity as well [N m]"
+            raise InputError(f"bias_rigidity = {bias!r}", allowed, "Fabric")
+        warp, weft = self.bending
+        least = (warp + weft + 2 * nu * math.sqrt(warp * weft)) / 4
+        if not bias > least:
+            allowed = f"must exceed (B₁ + B₂ + 2 ν_b √(B₁ B₂))/4 = {least:.4g} N m"
+            remedy = "Below it the fabric would twist without work."
+            raise InputError(f"bias_rigidity = {bias!r}", allowed, "Fabric", remedy)
 
     @classmethod
     def preset(cls, name: str) -> Fabric:
@@ -214,7 +242,7 @@ class Fabric:
     def sheet(cls, E: float, nu: float, thickness: float, rho: float) -> Fabric:
         """Create the fabric of a homogeneous isotropic sheet of thickness h.
 
-        Its constants are Y = E h, B = E h³ / (12 (1 − ν²)) and the areal density ρ h.
+        Its constants are Y = E h, B = E h³ / (12 (1 − ν²)), ν_b = ν and the areal density ρ h.
 
         Parameters
         ----------
@@ -244,6 +272,7 @@ class Fabric:
             tensile_stiffness=E * thickness,
             poisson_ratio=nu,
             bending_rigidity=E * thickness**3 / (12 * (1 - nu**2)),
+            bending_poisson_ratio=nu,
         )
 
     @property
@@ -262,6 +291,20 @@ class Fabric:
     def bending(self) -> tuple[float, float] | None:
         """(B₁, B₂), bending rigidity along warp and weft [N m], or None."""
         return _optional_pair("bending_rigidity", self.bending_rigidity)
+
+    def plate(self) -> np.ndarray:
+        """(3, 3) bending stiffness D [N m] on (κ₁₁, κ₂₂, 2κ₁₂) along warp and weft.
+
+        D₁₁ = B₁, D₂₂ = B₂, D₁₂ = ν_b √(B₁B₂) and D₆₆ = (H − D₁₂)/2. H = (4 B₄₅ − B₁ − B₂)/2 gives
+        the rigidity B₄₅ at 45°; without it H = √(B₁B₂) (Huber; Timoshenko and Woinowsky-Krieger
+        1959, Theory of Plates and Shells, section 86). The fabric must have a bending rigidity.
+        """
+        assert self.bending is not None
+        warp, weft = self.bending
+        mean, bias = math.sqrt(warp * weft), self.bias_rigidity
+        H = mean if bias is None else (4 * bias - warp - weft) / 2
+        D12 = self.bending_poisson_ratio * mean
+        return np.array([[warp, D12, 0.0], [D12, weft, 0.0], [0.0, 0.0, (H - D12) / 2]])
 
     def isotropic(self, where: str) -> tuple[float, float]:
         """(Y [N/m], ν) for an isotropic law.

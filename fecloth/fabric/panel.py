@@ -16,6 +16,26 @@ from fecloth.mesh.cloth import Cloth
 
 
 @dataclass(frozen=True, eq=False)
+class Clamps:
+    """Edges of the boundary at which pins hold the normal of the cloth.
+
+    Attributes
+    ----------
+    half_edges
+        (c,) half-edges of ``cloth.edge_slopes.edges``.
+    start
+        (n, 3) positions at which the run starts; the normals there are held [m].
+    moved
+        ``moved(points, t)``: points (c, 3) of the start, one for each edge, as the pins have moved
+        them at the time t [s]. None: the pins do not move.
+    """
+
+    half_edges: np.ndarray
+    start: np.ndarray
+    moved: Callable[[np.ndarray, float], np.ndarray] | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Panel:
     """A cloth with the fabric and the warp direction of each triangle; create it with `cut`.
 
@@ -31,12 +51,18 @@ class Panel:
         (m,) index of the fabric of each triangle.
     grain
         (m,) angle from the X axis to the warp in each triangle [rad].
+    start
+        (n, 3) positions at which the run starts [m]; None: flat, at (X, Y, 0).
+    clamps
+        The edges whose normal pins hold.
     """
 
     cloth: Cloth
     fabrics: tuple[Fabric, ...]
     region: np.ndarray
     grain: np.ndarray
+    start: np.ndarray | None = None
+    clamps: Clamps | None = None
 
     @classmethod
     def cut(

@@ -109,7 +109,7 @@ def _check(system: System, dt: float, steps: int, threads: int) -> None:
     if system.mass_kind != "lumped":
         raise _refused(f"mass = {system.mass_kind!r}", "must be 'lumped'")
     groups = system.constraints.groups.items()
-    moved = [name for name, (pin, _) in groups if pin.motion is not None]
+    moved = [name for name, (pin, _) in groups if pin.moves]
     if moved:
         raise _refused(f"pin {moved[0]!r} is moved", "pins and slides must be fixed")
     if not (isinstance(steps, int) and steps >= 1):

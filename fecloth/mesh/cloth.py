@@ -13,8 +13,10 @@ import skfem
 from numpy.typing import ArrayLike
 
 from fecloth.mesh import elements, generate, interpolation, mass, norms, selection
+from fecloth.mesh.edge_slopes import EdgeSlopes
 from fecloth.mesh.flat_mesh import FlatMesh, quality
 from fecloth.mesh.gmsh_child import TIME_LIMIT
+from fecloth.mesh.half_edges import HalfEdges
 from fecloth.mesh.hinges import Hinges
 from fecloth.mesh.read import read
 from fecloth.mesh.renumber import renumber_mesh
@@ -221,6 +223,24 @@ class Cloth:
     def hinges(self) -> Hinges:
         """The interior edges, each with its two triangles."""
         return Hinges.from_triangles(self.X, self.triangles)
+
+    @cached_property
+    def edge_slopes(self) -> EdgeSlopes:
+        """The slopes of the edges of each triangle, for P2 of its four parts (`parts`)."""
+        region = np.zeros(len(self.triangles), int)
+        for triangles in self.triangle_sets.values():  # a number for each combination of regions
+            inside = np.zeros(len(region), int)
+            inside[triangles] = 1
+            region = np.unique(2 * region + inside, return_inverse=True)[1]
+        if self.element == "P1":
+            return EdgeSlopes(HalfEdges(self.X, self.triangles, self.hinges), region)
+        edges = HalfEdges.from_triangles(self.X, self.parts)
+        return EdgeSlopes(edges, np.repeat(region, len(self.kind.parts)))
+
+    @property
+    def parts(self) -> np.ndarray:
+        """(m, 3) triangles between neighbouring nodes; for P2 (4m, 3), four of each triangle."""
+        return self.cells[:, self.kind.parts].reshape(-1, 3)
 
     # --- scikit-fem ---------------------------------------------------------------------------
 

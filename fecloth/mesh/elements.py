@@ -44,12 +44,15 @@ class Element:
         Degree of the shape functions. A mass matrix needs a rule of twice this degree.
     rule
         Points and weights of the quadrature of the energy.
+    parts
+        Triangles between neighbouring nodes, in VTK's order of the nodes (`oriented_cells`).
     """
 
     name: str
     shapes: skfem.Element
     degree: int
     rule: tuple[np.ndarray, np.ndarray]
+    parts: tuple[tuple[int, int, int], ...]
 
     @cached_property
     def reference_mass(self) -> np.ndarray:
@@ -100,9 +103,11 @@ def _degree_4():
     return skfem.quadrature.get_quadrature(skfem.ElementTriP2.refdom, 4)
 
 
+QUARTERS = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
+
 ELEMENTS = {
-    "P1": Element("P1", skfem.ElementTriP1(), 1, CENTROID_RULE),
-    "P2": Element("P2", skfem.ElementTriP2(), 2, _degree_4()),
+    "P1": Element("P1", skfem.ElementTriP1(), 1, CENTROID_RULE, ((0, 1, 2),)),
+    "P2": Element("P2", skfem.ElementTriP2(), 2, _degree_4(), QUARTERS),
 }
 
 

@@ -20,7 +20,7 @@ from fecloth.system.system import System
 STALLED = 0.25  # of the residual left after an iteration: it may have met round-off, if
 STANDING = 1e-7  # extents of the cloth is the longest way that a node moved in it
 TINY = 1e-6  # extents: on shorter steps round-off hides the change of the potential
-NO_FORCE = 1e-3  # of the forces: where more of them is round-off, it moves no node of its own
+NO_FORCE = 1e-6  # of the forces: where more of them is round-off, it moves no node of its own
 ROUND_OFF = 8.0  # times the change of the residual when the last digits of all numbers change
 
 
@@ -121,7 +121,7 @@ def iterate(
     The iteration also ends where the residual is round-off. That is measured at the start if no
     iteration is asked for, after an iteration that hardly moved the cloth and left more than a
     quarter of the residual, and before a failure.
-    Then `Counts.limited` is 1, unless the forces are below 1000 times their round-off, as in a
+    Then `Counts.limited` is 1, unless the forces are below a million times their round-off, as in a
     cloth at rest, and the last iteration moved no node by 1e-7 of the extent of the cloth. If no
     force exceeds its round-off, the residual counts as 0.
 

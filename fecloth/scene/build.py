@@ -27,10 +27,11 @@ from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.step_times import step_times
+from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints
 from fecloth.system.motion import Motion
 from fecloth.system.pins import Pin
-from fecloth.system.state import State
+from fecloth.system.state import State, make_state
 from fecloth.system.system import System
 from fecloth.validation import FARTHEST
 
@@ -52,8 +53,8 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
         As `Scene.build` says.
     """
     at = partial(errors_at, where=scene.source)
-    system = _system(scene, cloth, at)
-    state = _start(scene, system, at)
+    state = _start(scene, cloth, at)
+    system = _system(scene, cloth, state, at)
     _check_start(scene, system, state, at)
     steps = scene.time.steps()
     _check_method(scene, system, state, steps, at)
@@ -85,16 +86,16 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
 # --- the system -----------------------------------------------------------------------------------
 
 
-def _system(scene: Scene, cloth: Cloth, at: At) -> System:
+def _system(scene: Scene, cloth: Cloth, start: State, at: At) -> System:
     pins = [_pin(i, table, scene.time, cloth, at) for i, table in enumerate(scene.pins)]
     fabric = scene.fabric.make() if scene.fabric else _each(scene.fabrics, lambda t: t.make())
     grain = _each(scene.grain_degrees, math.radians)
     terms = [term.make() for term in scene.terms]
     try:
-        return System(cloth, fabric, terms, pins, scene.mass, grain)
+        return System(cloth, fabric, terms, pins, scene.mass, grain, start)
     except InputError:  # make its parts one by one, to name the table with the mistake
         with at("pins"):
-            Constraints.bind(pins, cloth)
+            find_clamps(Constraints.bind(pins, cloth), cloth, start)
         with at("fabric" if scene.fabric else "fabrics"):
             Panel.cut(cloth, fabric)
         with at("grain_degrees"):
@@ -140,8 +141,8 @@ def _motion_times(time: Time) -> np.ndarray:
 # --- the start ------------------------------------------------------------------------------------
 
 
-def _start(scene: Scene, system: System, at: At) -> State:
-    cloth, start = system.cloth, scene.start
+def _start(scene: Scene, cloth: Cloth, at: At) -> State:
+    start = scene.start
     if start.frame:
         with at("start.frame"):
             return replace(read_frame(start.frame, cloth), t=scene.time.t_start)
@@ -157,7 +158,7 @@ def _start(scene: Scene, system: System, at: At) -> State:
             what = f"start.velocity: a node with {np.abs(v).max():g} m/s"
             raise SceneError(what, f"must be at most {FASTEST:g} m/s", scene.source)
     with at("start"):
-        return system.state(x, v, scene.time.t_start)
+        return make_state(len(cloth.X), x, v, scene.time.t_start)
 
 
 def _check_start(scene: Scene, system: System, state: State, at: At) -> None:

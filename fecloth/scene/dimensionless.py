@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from fecloth.fabric.fabric import Fabric
 from fecloth.system.system import System
 
-BENDING = ("HingeBending", "QuadraticBending")
+BENDING = ("HingeBending", "QuadraticBending", "PlateBending")
 
 
 def wave_speed(fabric: Fabric) -> float:

@@ -44,6 +44,7 @@ def _resolve_path(value: str, info: ValidationInfo) -> str:
 
 Name = Annotated[str, AfterValidator(_check_name)]
 File = Annotated[str, AfterValidator(_resolve_path)]  # absolute, for copies of the scene
+OfTime = formula_text("t")
 OfTimeAndPlace = formula_text("t", "X", "Y")
 OfPlace = formula_text("X", "Y")
 Where = formula_text("X", "Y", condition=True)

@@ -80,6 +80,13 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "name": "Name of the reaction's columns.",
         "direction": "The nodes slide along this line.",
         "normal": "The nodes slide in the plane across this vector.",
+        "clamp": "Hold also the normal of the cloth along the edges of the boundary it covers.",
+        "rotate": "Turn the nodes, and the normals of a clamp: a table, see below.",
+    },
+    "PinRotation": {
+        "point": "A point of the axis [m].",
+        "axis": "Direction of the axis.",
+        "angle": "Angle [rad], a formula of t, right-handed; only its changes count.",
     },
     "Start": {
         "plane": "Flat in this plane, warp and weft along its axes; the default is xy.",
@@ -131,7 +138,7 @@ SECTIONS = {
     "At the top": (Scene,),
     "[cloth]": (tables.Rectangle, tables.Disk, tables.MeshFile),
     "[fabric]": (FabricTable,),
-    "[[pins]]": (pin_table.PinTable,),
+    "[[pins]]": (pin_table.PinTable, pin_table.PinRotation),
     "[start]": (start_table.Start, start_table.Rotation),
     "[time]": (time_table.Time,),
     "[solver]": (tables.SolverTable,),

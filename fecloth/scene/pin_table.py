@@ -3,23 +3,38 @@
 from __future__ import annotations
 
 import re
-from typing import cast
+from typing import Annotated, cast
 
 from pydantic import PrivateAttr, model_validator
 
 from fecloth.errors import InputError
 from fecloth.quantities.formula import Formula
-from fecloth.scene.field_types import Name, OfTimeAndPlace, Vector, Where
+from fecloth.quantities.units import LENGTH
+from fecloth.scene.field_types import Name, OfTime, OfTimeAndPlace, Vector, Where
 from fecloth.scene.region import Region
 from fecloth.scene.table_model import Table, require_exactly_one
 from fecloth.system.pins import Pin, Slide
+from fecloth.system.rotation import Rotation
+
+
+class PinRotation(Table):
+    """A turn of pinned nodes about an axis through a point, by an angle that depends on t."""
+
+    point: Annotated[Vector, LENGTH] = (0.0, 0.0, 0.0)
+    axis: Vector
+    angle: OfTime
+
+    def rotation(self) -> Rotation:
+        """The rotation as a pin takes it."""
+        return Rotation(self.point, self.axis, self.angle)
 
 
 class PinTable(Table):
     """Nodes of a set (`where`) or with ``inside`` true, held fixed or moved by formulas of t.
 
     The formulas may also depend on X and Y of each node. With a `direction` the nodes slide along
-    that line, with a `normal` in that plane.
+    that line, with a `normal` in that plane. A `clamp` also holds the normal of the cloth along the
+    edges of the boundary that the pin covers; `rotate` turns the nodes, and the normals of a clamp.
     """
 
     where: str | None = None
@@ -28,6 +43,8 @@ class PinTable(Table):
     name: Name | None = None
     direction: Vector | None = None
     normal: Vector | None = None
+    clamp: bool = False
+    rotate: PinRotation | None = None
 
     _pin: Pin = PrivateAttr()
 
@@ -57,8 +74,8 @@ class PinTable(Table):
             where = Region(Formula(cast(str, self.inside), ("X", "Y"), True))
         else:
             where = self.where
+        rotate = self.rotate.rotation() if self.rotate else None
         if not (self.direction or self.normal):
-            return Pin(where, self.motion, name=self.name)
-        return Slide(
-            where, self.motion, name=self.name, direction=self.direction, normal=self.normal
-        )
+            return Pin(where, self.motion, None, self.name, self.clamp, rotate)
+        free = {"direction": self.direction, "normal": self.normal}
+        return Slide(where, self.motion, None, self.name, self.clamp, rotate, **free)

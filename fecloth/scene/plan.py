@@ -55,8 +55,11 @@ def plan(problem: Problem, why: str) -> list[str]:
 def _pins(system: System) -> str:
     """Return how many nodes each pin holds, in words."""
     groups = system.constraints.groups.items()
-    counts = [f"{name} ({_count(len(nodes))})" for name, (_, nodes) in groups]
-    turns = rotation_about_pins(system, system.rest().x) is not None
+    counts = [
+        f"{name} ({_count(len(nodes))}{', clamped' if pin.clamp else ''})"
+        for name, (pin, nodes) in groups
+    ]
+    turns = not system.panel.clamps and rotation_about_pins(system, system.rest().x) is not None
     words = ", ".join(counts) or "none"
     return f"{words}, on a line, about which the cloth is free to turn" if turns else words
 

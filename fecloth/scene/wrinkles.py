@@ -47,7 +47,7 @@ def wrinkle_warning(system: System, t: float, compressed: float) -> str:
     if not set(BENDING) & terms:
         return (
             f"{where}, and without bending stiffness it folds at the size of the triangles; only "
-            "taut regions converge. Add HingeBending, or use TensionField"
+            "taut regions converge. Add PlateBending, or use TensionField"
         )
     wave, edge = wrinkle_length(system), mean_edge(system)
     if not 0 < wave < RESOLVED * edge:

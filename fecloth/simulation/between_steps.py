@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -160,9 +161,10 @@ def _without_uniform_motion(times: np.ndarray, g: np.ndarray) -> np.ndarray:
 def signals(system: System, state: State) -> Iterator[Signal]:
     """Yield what depends on time: motions of pins, loads, and forces of user-defined terms."""
     for name, (pin, _) in system.constraints.groups.items():
-        if pin.motion is not None:
-            values, most = each(pin.displacement), FUNCTIONS
-            if isinstance(pin.motion, Motion):
+        if pin.moves:
+            moved = partial(pin.sample, size=system.cloth.extent)
+            values, most = each(moved), FUNCTIONS
+            if isinstance(pin.motion, Motion) and pin.rotate is None:
                 values, most = motion_values(pin.motion), FORMULAS
             yield Signal(f"the motion of the pin {name!r}", values, most, True, PINS)
     for name, bound in zip(system.names, system.bound, strict=True):

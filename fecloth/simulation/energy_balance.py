@@ -16,6 +16,7 @@ TRUSTED = 0.05  # fraction of the energy of deformation; a larger remainder caus
 OF_DISSIPATED = 0.02  # of what inner damping dissipates: the error of its power within a step
 LASTING = 10  # steps after which a balance that stays off is reported
 ROUND_OFF = 64 * np.finfo(float).eps
+UNSOLVED = 1e-10  # of the energies, of the whole motion too: what Newton's tolerance leaves
 
 
 @remembered
@@ -70,16 +71,23 @@ class Balance:
     def trusted(self, system: System, ledger: Ledger) -> float:
         """Largest remainder that causes no warning [J].
 
-        It is 5 % of the `scale` and 2 % of what inner damping has dissipated, or
-        `negligible_energy` with 64 ε of the amounts in the remainder's difference if that is more.
+        It is 5 % of the `scale` and 2 % of what inner damping has dissipated, or what round-off
+        and Newton's tolerance leave if that is more.
         With a term that reports neither an energy nor its work nothing is known, and it is
         infinite.
         """
         if ledger.silent or ledger.t <= self.start:
             return math.inf
-        amounts = sum(abs(amount) for amount in ledger.amounts())
-        noise = ROUND_OFF * amounts + negligible_energy(system, ledger.t - self.start)
+        noise = self.noise(system, ledger)
         return max(TRUSTED * self.scale + OF_DISSIPATED * ledger.lost_inside, noise)
+
+    def noise(self, system: System, ledger: Ledger) -> float:
+        """Return the energy [J] that round-off and Newton's tolerance leave in a balance.
+
+        It is 1e-10 of the amounts in the remainder's difference, and `negligible_energy`.
+        """
+        amounts = sum(abs(amount) for amount in ledger.amounts())
+        return UNSOLVED * amounts + negligible_energy(system, ledger.t - self.start)
 
     def warning(self, ledger: Ledger, ended: bool = False) -> str:
         """Return a sentence if the balance does not close, or "".
@@ -100,14 +108,14 @@ class Balance:
         """Return a sentence if the method has dissipated more than 20 % of the motion, or "".
 
         The motion is the `scale` or, if that is more, all that was dissipated: a cloth that loads
-        keep in motion loses more than it ever has.
+        keep in motion loses more than it ever has. A cloth that only flies has none.
         """
+        if ledger.silent or ledger.t <= self.start:
+            return ""
         lost = ledger.numerical + sum(ledger.dissipated.values())
         motion = max(self.scale, lost)
-        noise = ROUND_OFF * sum(abs(amount) for amount in ledger.amounts())
-        if ledger.t > self.start:
-            noise += negligible_energy(system, ledger.t - self.start)
-        if ledger.silent or not ledger.numerical > max(EATEN * motion, noise):
+        noise = self.noise(system, ledger)
+        if self.scale <= noise or not ledger.numerical > max(EATEN * motion, noise):
             return ""
         return (
             f"numerical dissipation has taken {ledger.numerical:.3g} J, "

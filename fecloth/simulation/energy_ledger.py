@@ -127,7 +127,9 @@ class Ledger:
             potential=energies,
             dissipated=dissipated,
             work=work,
-            pins=self.pins + _pin_work(system, method.traits.theta, old, step, inertia),
+            pins=self.pins
+            + _pin_work(system, method.traits.theta, old, step, inertia)
+            + _clamp_work(system, old, new),
             numerical=self.numerical + method.numerical(system, old, step),
             last_inflow=self.inflow,
             deforming=deforming,
@@ -324,11 +326,17 @@ def _mean(function, stages):
     return sum(function(at.x, at.v, at.t) for at in stages) / len(stages)
 
 
+def _clamp_work(system, old, new):
+    """Work of the clamps that turn, over a step; part of the work of the pins."""
+    clamped = (term for term in system.bound if hasattr(term, "work_of_clamps"))
+    return sum(term.work_of_clamps(old.x, new.x, old.t, new.t) for term in clamped)
+
+
 def _pin_work(system, theta, old, step, inertia):
     """Work of the held directions over a step: Δv·M v_θ − f · Δx on the constrained nodes."""
     constraints = system.constraints
     at = constraints.nodes
-    fixed = all(pin.motion is None for pin, _ in constraints.groups.values())
+    fixed = not any(pin.moves for pin, _ in constraints.groups.values())
     if not len(at) or (fixed and not constraints.held_part(old.v).any()):
         return 0.0  # otherwise pins stop an initial motion of fixed nodes
     v = old.v + theta * (step.state.v - old.v)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -34,10 +35,11 @@ def find_motion_jumps(system: System, state: State, t_end: float) -> Iterator[st
     least = SMALL * system.cloth.extent
     for name, (pin, _) in system.constraints.groups.items():
         found: list[tuple[float, float]] = []
-        if pin.motion is not None:
+        if pin.moves:
             with suppress(Exception):  # whatever a user's function may raise: the run will tell it
-                values, count = each(pin.displacement), FUNCTIONS
-                if isinstance(pin.motion, Motion):
+                moved = partial(pin.sample, size=system.cloth.extent)
+                values, count = each(moved), FUNCTIONS
+                if isinstance(pin.motion, Motion) and pin.rotate is None:
                     values, count = motion_values(pin.motion), FORMULAS
                 found = find_jumps(values, state.t, t_end, count, least)
         if found:

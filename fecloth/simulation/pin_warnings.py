@@ -91,6 +91,8 @@ def _free_to_turn(system: System, state: State) -> Iterator[str]:
     rigidities = [max(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
     if motion is None or not (bending and rigidities) or any(map(is_stiff, system.panel.fabrics)):
         return
+    if system.panel.clamps is not None:
+        return
     f = system.force(state)
     reach = np.linalg.norm(motion, axis=1).max()  # of a rotation by 1 rad/s: a distance
     load = float(np.linalg.norm(f, axis=1).sum())
@@ -100,8 +102,8 @@ def _free_to_turn(system: System, state: State) -> Iterator[str]:
     if reach < STICKS_OUT * length:
         yield (
             f"the pins lie on a line, and the cloth turns about it like a door ({reach:.3g} m "
-            f"wide), though it is stiff in bending over {length:.2g} m: to clamp it, pin a second "
-            "row of nodes, next to the line, too"
+            f"wide), though it is stiff in bending over {length:.2g} m: to clamp it, write clamp = "
+            "true in the pin and take PlateBending"
         )
 
 

@@ -91,13 +91,18 @@ class Constraints:
         for group in self._moved:
             before, after = group.displacement(t), group.displacement(t + dt)
             speed = group.pin.speed(t + dt, since=t)
+            if group.pin.rotate is not None:
+                here = x[group.nodes]
+                x[group.nodes], v[group.nodes] = turn(group.pin, t, t + dt, here, before, after)
+                v[group.nodes] += speed
+                continue
             _prescribe(group.nodes, _rows(after - before), _rows(speed), x, v)
         return x, v
 
     @cached_property
     def _moved(self) -> list[_MovedGroup]:
         groups = self.groups.values()
-        return [_MovedGroup(pin, nodes) for pin, nodes in groups if pin.motion is not None]
+        return [_MovedGroup(pin, nodes) for pin, nodes in groups if pin.moves]
 
     def free(self, n: int) -> np.ndarray:
         """The degrees of freedom 3 i + c of a cloth of n nodes that no pin constrains.
@@ -160,6 +165,18 @@ class _MovedGroup:
         if self._last is None or self._last[0] != t:
             self._last = t, self.pin.displacement(t)
         return self._last[1]
+
+
+def turn(pin: Pin, t: float, later: float, points: np.ndarray, before, after):
+    """Positions and velocities (k, 3) at `later` of points that a pin turns and moves from t on.
+
+    `before` and `after` are the displacements of its motion at the two times. The velocity is that
+    of the rotation alone.
+    """
+    rotation = pin.rotate
+    assert rotation is not None
+    arm = (points - rotation.point - before) @ rotation.matrix(later, since=t).T
+    return rotation.point + after + arm, np.cross(rotation.rate(later), arm)
 
 
 def _rows(value: np.ndarray) -> np.ndarray:

@@ -95,7 +95,7 @@ def movable_pieces(
     count, label = connected_components(graph, directed=False)
     moved = np.zeros(n, bool)
     for pin, nodes in constraints.groups.values():
-        moved[nodes] = pin.motion is not None
+        moved[nodes] = pin.moves
     held_label = label[constraints.nodes]
     movable = []
     for number in range(count):

@@ -14,11 +14,15 @@ from fecloth.errors import FeclothError, InputError
 from fecloth.mesh.cloth import Where
 from fecloth.quantities.time_function import difference_quotient
 from fecloth.system.motion import Motion
+from fecloth.system.rotation import Rotation
 
 
 @dataclass(frozen=True)
 class Pin:
     """x(t) = x(t₀) + motion(t) − motion(t₀): nodes that stay where the run starts, or are moved.
+
+    With `rotate` they turn about an axis, which the motion carries along: with p the point of the
+    axis, u the motion and R the rotation, x(t) = p + u(t) + R(t) R(t₀)ᵀ (x(t₀) − p − u(t₀)).
 
     Source: the filter of Baraff and Witkin (1998), Large Steps in Cloth Simulation, section 5, in
     the form P A P + (I − P) with the projector P onto a node's free directions (Ascher and
@@ -43,6 +47,12 @@ class Pin:
         of the step. The derivative of formulas is exact.
     name
         Name of the group in reactions; if None, the set's name.
+    clamp
+        Whether to hold also the normal of the cloth, as it is where the run starts, along the edges
+        of the boundary whose nodes are all pinned. Without it they are free to turn, as on a hinge.
+        A clamp needs a bending term that can hold a normal: `PlateBending`.
+    rotate
+        `Rotation` that turns the nodes, and the normals of a clamp.
 
     Examples
     --------
@@ -54,8 +64,15 @@ class Pin:
     motion: Sequence[str | float] | Callable[[float], np.ndarray] | None = None
     velocity: Sequence[str | float] | Callable[[float], np.ndarray] | None = None
     name: str | None = None
+    clamp: bool = False
+    rotate: Rotation | None = None
 
     def __post_init__(self):
+        if not isinstance(self.clamp, bool):
+            raise InputError(f"clamp = {self.clamp!r}", "must be true or false", self._label)
+        if self.rotate is not None and not isinstance(self.rotate, Rotation):
+            allowed = "must be a Rotation(point, axis, angle)"
+            raise InputError(f"rotate = {self.rotate!r}", allowed, self._label)
         if self.motion is not None and not callable(self.motion):
             object.__setattr__(self, "motion", self._formulas(self.motion))
         if self.velocity is not None and not callable(self.velocity):
@@ -74,6 +91,11 @@ class Pin:
         return f"{type(self).__name__}({self.where!r})"
 
     @property
+    def moves(self) -> bool:
+        """Whether the nodes are moved or turned."""
+        return self.motion is not None or self.rotate is not None
+
+    @property
     def projector(self) -> np.ndarray:
         """(3, 3) projector onto the free directions: there are none."""
         return np.zeros((3, 3))
@@ -84,6 +106,11 @@ class Pin:
         by_place = {k: v for k, v in given.items() if isinstance(v, Motion) and v.by_place}
         there: Any = {name: replace(value, X=X) for name, value in by_place.items()}
         return replace(self, **there) if there else self
+
+    def sample(self, t: float, size: float) -> np.ndarray:
+        """(k, 3) displacements and, where it turns, three arms of `size` that turn [m]."""
+        rows = self.displacement(t).reshape(-1, 3)
+        return rows if self.rotate is None else np.vstack([rows, size * self.rotate.matrix(t)])
 
     def displacement(self, t: float) -> np.ndarray:
         """(3,) or (k, 3) [m]."""
@@ -160,6 +187,12 @@ class Slide(Pin):
 
     def __post_init__(self):
         super().__post_init__()
+        if self.clamp or self.rotate is not None:
+            name = "clamp" if self.clamp else "rotate"
+            remedy = "A Pin can hold or turn the normal; a slide leaves it free."
+            raise InputError(
+                f"{name} = {getattr(self, name)!r}", "is for pins", self._label, remedy
+            )
         if (self.direction is None) == (self.normal is None):
             given = "neither" if self.normal is None else "both"
             raise InputError(f"{given} of direction and normal", "needs one of them", self._label)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fecloth.errors import InputError, floats, is_number
 from fecloth.system.records import remembered
 
 
@@ -20,3 +21,23 @@ class State:
 
     def __repr__(self) -> str:
         return f"<State of {len(self.x)} nodes at t = {self.t:g} s>"
+
+
+def make_state(nodes: int, x, v=None, t: float = 0.0, where: str = "System.state") -> State:
+    """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero by default.
+
+    Raises
+    ------
+    InputError
+        For arrays of another shape, and for values that are not finite.
+    """
+    shape = nodes, 3
+    x = floats("x", x, where)
+    v = np.zeros(shape) if v is None else floats("v", v, where)
+    for name, value in (("x", x), ("v", v)):
+        if value.shape != shape or not np.isfinite(value).all():
+            allowed = f"must be finite and of shape {shape}"
+            raise InputError(f"{name} of shape {value.shape}", allowed, where)
+    if not is_number(t):
+        raise InputError(f"t = {t!r}", "must be finite [s]", where)
+    return State(float(t), x, v)

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.errors import InputError, floats, is_number
+from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
 from fecloth.linalg.reductions import NodeSums
 from fecloth.mesh.cloth import Cloth
+from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints, MatrixProjection
 from fecloth.system.pieces import Piece, movable_pieces
 from fecloth.system.pins import Pin
 from fecloth.system.reaction_limits import ReactionLimits
-from fecloth.system.state import State
+from fecloth.system.state import State, make_state
 from fecloth.terms import protocol
 from fecloth.terms.step_difference import StepDifference
 
@@ -43,6 +44,9 @@ class System:
         row sums give the corners of the triangles no mass.
     grain
         Angle of the warp from the X axis [rad], for all or by region.
+    start
+        State at which the run starts; clamped pins hold its normals, and a ``rest="start"`` means
+        its angles. Default: `rest`.
 
     Raises
     ------
@@ -66,8 +70,11 @@ class System:
     pins: Sequence[Pin | str] = ()
     mass_kind: str = "lumped"
     grain: float | Mapping[str, float] = 0.0
+    start: State | None = None
 
-    def __init__(self, cloth, fabric, terms, pins=(), mass=None, grain=0.0, *, mass_kind=None):
+    def __init__(
+        self, cloth, fabric, terms, pins=(), mass=None, grain=0.0, start=None, *, mass_kind=None
+    ):
         """Bind the terms and pins; `mass_kind` is what `dataclasses.replace` calls `mass`."""
         terms = _several(terms, "terms", "StVK()", lambda term: hasattr(term, "bind"))
         pins = _several(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
@@ -81,6 +88,7 @@ class System:
             ("pins", pins),
             ("mass_kind", mass),
             ("grain", grain),
+            ("start", start),
         ):
             object.__setattr__(self, name, value)
         # here, so that an error is raised where the system is made
@@ -93,7 +101,14 @@ class System:
     @cached_property
     def panel(self) -> Panel:
         """The cloth cut from its fabrics."""
-        return Panel.cut(self.cloth, self.fabric, self.grain)
+        panel = Panel.cut(self.cloth, self.fabric, self.grain)
+        start = self.rest() if self.start is None else self.start
+        clamps = find_clamps(self.constraints, self.cloth, start)
+        if clamps and not any(getattr(term, "holds_normals", False) for term in self.terms):
+            what, allowed = "a pin with clamp = true", "needs a bending term that holds normals"
+            remedy = "Add PlateBending, or pin without a clamp."
+            raise InputError(what, allowed, "System", remedy)
+        return replace(panel, start=self.start.x if self.start else None, clamps=clamps)
 
     @cached_property
     def scalar_mass(self) -> sparse.csr_matrix:
@@ -202,19 +217,7 @@ class System:
 
     def state(self, x, v=None, t: float = 0.0) -> State:
         """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero by default."""
-        shape = (len(self.cloth.X), 3)
-        x = floats("x", x, "System.state")
-        v = np.zeros(shape) if v is None else floats("v", v, "System.state")
-        for name, value in (("x", x), ("v", v)):
-            if value.shape != shape or not np.isfinite(value).all():
-                raise InputError(
-                    f"{name} of shape {value.shape}",
-                    f"must be finite and of shape {shape}",
-                    "System.state",
-                )
-        if not is_number(t):
-            raise InputError(f"t = {t!r}", "must be finite [s]", "System.state")
-        return State(float(t), x, v)
+        return make_state(len(self.cloth.X), x, v, t)
 
     # --- operators ----------------------------------------------------------------------------
 

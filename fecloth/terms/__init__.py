@@ -11,6 +11,7 @@ on each node by itself, and `MembraneLaw`, for a membrane. studies/examples has 
 
 from fecloth.quantities.unit_fields import reads_units
 from fecloth.terms.bending.hinge import HingeBending
+from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.bending.quadratic import QuadraticBending
 from fecloth.terms.custom.force import UserForce
 from fecloth.terms.damping.bending import BendingDamping
@@ -39,6 +40,7 @@ __all__ = [
     "HingeBending",
     "MassDamping",
     "NeoHookean",
+    "PlateBending",
     "PointForce",
     "Pressure",
     "QuadraticBending",

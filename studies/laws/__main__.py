@@ -23,7 +23,7 @@ HERE = Path(__file__).parent
 FAMILIES = {
     "Membranes": ("StVK", "TensorCondition", "NeoHookean", "TensionField", "BaraffWitkin"),
     "Springs and conditions": ("Springs", "Tether", "Condition"),
-    "Bending": ("HingeBending", "QuadraticBending"),
+    "Bending": ("PlateBending", "HingeBending", "QuadraticBending"),
     "Damping": ("StrainRateDamping", "BendingDamping", "MassDamping"),
     "Loads": ("Gravity", "Pressure", "Gas", "Drag", "Wind", "PointForce", "UserForce"),
     "Constraints": ("Pin", "Slide"),

@@ -22,6 +22,8 @@ SHEET = fc.Fabric(areal_density=1.0, tensile_stiffness=1.0, bending_rigidity=1.0
 def cantilever(pattern: str, along: int, width: float) -> float:
     """Return B_eff/B of a cantilever of length 1 with `along` edges."""
     h = 1.0 / along
+    if pattern == "equilateral":  # a strip is at least one row of triangles high
+        width = max(width, 0.5 * np.sqrt(3) * h)
     cloth = fc.Cloth.rectangle(1.0 + h, width, h, pattern)
     system = fc.System(cloth, SHEET, [fc.QuadraticBending()])
     free = np.flatnonzero(cloth.X[:, 0] > 1.01 * h)

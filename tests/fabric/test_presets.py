@@ -357,7 +357,7 @@ def test_override_changes_a_parameter_of_a_named_method(tmp_path):
 
 
 CONSTANTS = ["areal_density", "tensile_stiffness", "poisson_ratio", "shear_stiffness"]
-CONSTANTS += ["bending_rigidity", "bending_hysteresis", "source"]
+CONSTANTS += ["bending_rigidity", "bending_poisson_ratio", "bending_hysteresis", "source"]
 KES = "kes = { W = 20.0, EMT = [4, 6], G = 0.8, B = [0.12, 0.08], '2HB' = 0.05 }"
 FAST = "fast = { W = 168, E100 = [2.0, 4.0], EB5 = 3.0, C = [15, 14.5] }"
 

@@ -129,7 +129,7 @@ def test_pin_fixes_the_midpoints(cloth):
     start = system.state(system.rest().x * [1.05, 1.02, 1.0])
     end = fc.run(system, fc.BackwardEuler(), start, dt=0.01, t_end=0.03).state
     assert np.array_equal(end.x[cloth.nodes("left")], start.x[cloth.nodes("left")])
-    assert (end.x[cloth.nodes("right"), 2] < -1e-4).all()
+    assert (np.abs(end.x[cloth.nodes("right"), 2]) > 1e-4).all()
 
 
 # --- kernels, mass and load -----------------------------------------------------------------------
@@ -137,13 +137,13 @@ def test_pin_fixes_the_midpoints(cloth):
 
 @pytest.mark.parametrize("number", range(3), ids=STATES)
 def test_kernels_equal_the_form(cloth, number):
-    system, C = system_on(cloth), FABRIC.moduli()
+    system, C = system_on(cloth, [fc.StVK(strain="pointwise")]), FABRIC.moduli()
     _, x, v = trial_states(cloth)[number]
     state = system.state(x, v)
     assert system.energies(state)["StVK"] == pytest.approx(oracle.energy(cloth, C, x), rel=1e-12)
     close(system.force(state), oracle.force(cloth, C, x))
     close(system.stiffness(state).toarray(), oracle.stiffness(cloth, C, x).toarray())
-    damped = system_on(cloth, [fc.StrainRateDamping(0.01)])
+    damped = system_on(cloth, [fc.StrainRateDamping(0.01, strain="pointwise")])
     close(damped.force(state), oracle.viscous_force(cloth, 0.01 * C, x, v))
 
 
@@ -168,10 +168,12 @@ def test_terms_have_the_right_derivatives(cloth, term):
 
 
 @pytest.mark.parametrize(
-    "term", [fc.NeoHookean(), fc.NeoHookean("compressible"), fc.TensionField()], ids=repr
+    "term",
+    [fc.NeoHookean(), fc.NeoHookean("compressible", strain="pointwise"), fc.TensionField()],
+    ids=repr,
 )
 def test_laws_undefined_for_degenerate_triangles_have_the_right_derivatives(cloth, term, rng):
-    pull = np.array([[1.3, 0.1], [0.2, 1.2], [0.1, 0.3]])
+    pull = np.array([[2.0, 0.1], [0.2, 1.9], [0.1, 0.3]])
     x = cloth.X @ pull.T + 0.002 * rng.standard_normal((len(cloth.X), 3))
     states = [("taut", x, np.zeros_like(x))]
     assert check_term(term, cloth, fc.Fabric(0.2, 1000.0, 0.3), scales=[1.0], states=states)
@@ -351,7 +353,7 @@ from fecloth.terms.membranes import stvk
 cloth = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right", element="P2")
 system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()])
 system.force(system.rest())
-print(sum(stvk.KERNELS.add_force.stats.cache_misses.values()))
+print(sum(stvk.KERNELS.regge.add_force.stats.cache_misses.values()))
 """
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     environment["PYTHONPATH"] = str(Path(fc.__file__).parents[1])
@@ -377,9 +379,6 @@ def test_element_bound_is_an_upper_bound_and_sharp(cloth):
             limit = critical_dt(system, system.rest())
             bound = element_bound(system)
             assert 0.2 * limit < bound <= limit * (1 + 1e-9)
-
-
-# --- what is refused ------------------------------------------------------------------------------
 
 
 # --- files and scenes -----------------------------------------------------------------------------

@@ -173,12 +173,14 @@ def test_a_formula_is_no_quantity(formula):
 # --- the keys of a scene --------------------------------------------------------------------------
 
 PLAIN = {  # numbers without a unit
-    *("FabricTable.poisson_ratio", "WindTable.gusts", "GasTable.exponent"),
+    *("FabricTable.poisson_ratio", "FabricTable.bending_poisson_ratio"),
+    *("WindTable.gusts", "GasTable.exponent"),
     *("BaraffWitkinTable.rest", "BaraffWitkinTable.area_exponent"),
     *("NewtonTable.tolerance", "NewtonTable.forcing", "GeneralizedAlphaTable.rho_inf"),
     *("NewmarkTable.beta", "NewmarkTable.gamma"),
-    *("HingeBendingTable.rest", "Scene.grain_degrees", "Rotation.degrees"),  # rad; degrees
-    *("Rotation.axis", "PinTable.direction", "PinTable.normal"),
+    *("HingeBendingTable.rest", "PlateBendingTable.rest"),
+    *("Scene.grain_degrees", "Rotation.degrees"),  # rad; degrees
+    *("Rotation.axis", "PinRotation.axis", "PinTable.direction", "PinTable.normal"),
     # in the unit of what is expected, which is a column of the run
     *("Expectation.value", "Expectation.relative", "Expectation.absolute"),
 }

@@ -166,3 +166,16 @@ def test_a_pulse_is_no_growth(method, height, width, cloth):
     result = fc.run(system, method, system.rest(), t_end=0.025)
     assert result.energies["kinetic"].max() > 1e-2
     assert not [words for words in result.warnings if "energy" in words]
+
+
+@pytest.mark.parametrize("speed", [0.0, 5.0, 100.0])
+@pytest.mark.parametrize(
+    "method", [fc.BDF2(), fc.ImplicitMidpoint(), fc.BackwardEuler(), fc.EnergyMomentum()], ids=repr
+)
+def test_a_flat_sheet_in_free_flight_causes_no_warning(method, speed):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, 0.2, "right")
+    terms = [fc.StVK(), fc.HingeBending(), fc.Gravity()]
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5), terms)
+    flat = system.rest()
+    start = system.state(flat.x, flat.v + [speed, 0.0, 0.0])
+    assert fc.run(system, method, start, dt=0.01, t_end=0.4).warnings == ()

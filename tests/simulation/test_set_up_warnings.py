@@ -131,9 +131,9 @@ CASES = [  # the words of the warning, the wrong set-up, and the right one by th
         pin([3]),
     ),
     (
-        r"the pins lie on a line, .* \(0\.3 m wide\), though .* over 0\.047 m: .* second row",
+        r"the pins lie on a line, .* \(0\.3 m wide\), though .* over 0\.047 m: .* clamp = true",
         BENT,
-        bent(fc.Pin(lambda X: X[:, 0] < 0.051)),
+        bent(fc.Pin("left", clamp=True), terms=(fc.StVK(), fc.PlateBending(), fc.Gravity())),
     ),
     (
         "the pins lie on a line",

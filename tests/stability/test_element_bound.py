@@ -34,6 +34,7 @@ TERMS = {
     "biquadratic": lambda c: fc.Springs(kind="biquadratic", damping=1e-3),
     "HingeBending": lambda c: fc.HingeBending(),
     "QuadraticBending": lambda c: fc.QuadraticBending(),
+    "PlateBending": lambda c: fc.PlateBending(),
     "BendingDamping": lambda c: fc.BendingDamping(0.1),
     "StrainRateDamping": lambda c: fc.StrainRateDamping(0.01),
     "MassDamping": lambda c: fc.MassDamping(3.0),

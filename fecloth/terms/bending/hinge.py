@@ -54,6 +54,10 @@ class HingeBending:
     `studies/models/hinge_bias.py`). `right` also couples bending and twist: a strip of it turns
     out of its plane.
 
+    On equilateral meshes, and nearly on those of Gmsh, hinges are an isotropic plate of rigidity B
+    and of Poisson's ratio −1/3, whatever the fabric's: a disk that is simply supported sags 40 %
+    too far for a fabric of ν = 0 and 71 % for ν = 0.3. `PlateBending` has neither fault.
+
     Source: the factor as derived above; the angle and its derivatives as in `dihedral_angle`.
 
     Valid from flat to nearly folded: at θ = ±π the angle, and the energy, jump. Its tangent is
@@ -131,9 +135,13 @@ def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
 
 
 def hinge_angles(cloth: Cloth, x: np.ndarray) -> np.ndarray:
-    """Dihedral angles (h,) at positions x (n, 3) [rad], in the order of ``cloth.hinges``."""
-    out = np.empty(len(cloth.hinges.nodes))
-    angles(cloth.hinges.nodes, np.ascontiguousarray(x, dtype=float), out)
+    """Dihedral angles (h,) at positions x (n, 3) [rad], in the order of ``cloth.hinges``.
+
+    On P2 they are the angles between the four parts of each triangle.
+    """
+    nodes = cloth.edge_slopes.edges.hinges.nodes
+    out = np.empty(len(nodes))
+    angles(nodes, np.ascontiguousarray(x, dtype=float), out)
     return out
 
 

@@ -22,6 +22,7 @@ from fecloth.jit import inner, insert
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.custom.law_check import NEAR, VOIGT, check_law
 from fecloth.terms.loops import membrane
+from fecloth.terms.loops.regge_membrane import BoundRegge
 
 
 class MembraneLaw:
@@ -63,10 +64,10 @@ class MembraneLaw:
     >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True)
     ... class Stiffening(fc.MembraneLaw):
-    ...     strain: float
+    ...     scale: float
     ...
     ...     def constants(self, fabric):
-    ...         return [fabric.moduli()[0], self.strain**-2]
+    ...         return [fabric.moduli()[0], self.scale**-2]
     ...
     ...     @staticmethod
     ...     def law(E, c):
@@ -82,6 +83,7 @@ class MembraneLaw:
     elements = ("P1", "P2")
 
     law: ClassVar[Any] = None  # a static method of a subclass
+    strain: ClassVar[str] = "interpolated"  # on P2; a subclass may say "pointwise"
 
     def constants(self, fabric: Fabric) -> Sequence[float]:
         """(p,) c, from the parameters and the fabric; none if not overridden."""
@@ -94,7 +96,7 @@ class MembraneLaw:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane | BoundRegge:
         name, constants = type(self).__name__, panel.each(self._row)
         moduli = panel.each(lambda fabric: _raise_eigenvalues(self.moduli(fabric)))
         try:
@@ -102,7 +104,8 @@ class MembraneLaw:
         except NumbaError as error:
             what, allowed = f"law: {' '.join(str(error).split())}", "must be what Numba compiles"
             raise InputError(what, allowed, name) from error
-        return membrane.bind(name, _kernels(self.law), constants, moduli, panel, slots)
+        data = constants, moduli, panel, slots
+        return membrane.bind(name, _kernels(self.law), *data, self.strain)
 
     def _row(self, fabric: Fabric) -> np.ndarray:
         """Check `constants` and return them as an array."""

@@ -1,4 +1,4 @@
-"""Damping of the angles of hinges: a moment proportional to the rate of the angle."""
+"""Damping of the angles of hinges: moments proportional to the rates of the angles."""
 
 from __future__ import annotations
 
@@ -11,22 +11,26 @@ from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import TIME
-from fecloth.terms.bending.hinge import bind, hinge_stiffness
+from fecloth.terms.bending import plate_loops
+from fecloth.terms.bending.hinge import HingeBending, bind, hinge_stiffness
+from fecloth.terms.bending.plate import PlateBending
+from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.loops import bound_condition
 
 
 @dataclass(frozen=True)
 class BendingDamping:
-    """A moment −τ k θ̇ at every hinge, k = B l²/(A₁ + A₂) as in `HingeBending`.
+    """Moments −τ Q θ̇ at the hinges, with the stiffness Q of a bending law.
 
-    Force d = −τ k ∂θ/∂x θ̇ with θ̇ = ∂θ/∂x · v, dissipated power τ k θ̇²; zero in rigid motion, and
-    whatever the rest angle is.
+    Force d = −τ (∂θ/∂x)ᵀ Q θ̇ with θ̇ = ∂θ/∂x · v, dissipated power τ θ̇ᵀ Q θ̇; zero in rigid motion,
+    and whatever the rest angle is. Q is diagonal for `HingeBending`, k = B l²/(A₁ + A₂); that of
+    `PlateBending` couples neighbouring hinges, and its measure μ stands in place of θ.
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, for the
     condition θ; "symmetric" drops the non-symmetric part of ∂d/∂x, as they do.
 
-    Valid where `HingeBending` is, with the same ratio of the rigidity that the pattern carries to
-    that of the fabric. The damping grows with frequency; the hysteresis of a fabric does not.
+    Valid where the law is; with `HingeBending` the damping depends on the pattern of the mesh as
+    the rigidity does. The damping grows with frequency; the hysteresis of a fabric does not.
 
     Cost of a triangle relative to `StVK`: force 4, tangent 6; "exact" takes a solver for general
     matrices besides.
@@ -37,10 +41,16 @@ class BendingDamping:
         τ [s], > 0: a bending motion of angular frequency ω is damped at the ratio ζ = ω τ/2.
     tangent
         "symmetric" (the non-symmetric part dropped) or "exact".
+    law
+        The bending law whose stiffness is Q, `HingeBending` or `PlateBending`. Default:
+        ``HingeBending()``, and on P2, which has no hinges of its own, ``PlateBending()``.
     """
 
     time: Annotated[float, TIME]
     tangent: str = "symmetric"
+    law: object = None
+
+    elements = ("P1", "P2")
 
     def __post_init__(self):
         where = "BendingDamping"
@@ -50,9 +60,67 @@ class BendingDamping:
             allowed = 'must be "symmetric" or "exact"'
             raise InputError(f"tangent = {self.tangent!r}", allowed, where)
 
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.hinges.nodes
+        if not isinstance(self.law, HingeBending | PlateBending | None):
+            allowed = "must be HingeBending() or PlateBending()"
+            raise InputError(f"law = {self.law!r}", allowed, where)
 
-    def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition:
+    def _is_plate(self, cloth: Cloth) -> bool:
+        return isinstance(self.law, PlateBending) or (self.law is None and cloth.element != "P1")
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        return cloth.edge_slopes.pairs if self._is_plate(cloth) else cloth.hinges.nodes
+
+    def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition | BoundPlateDamping:
+        if self._is_plate(panel.cloth):
+            angles = bind_angles(panel, slots, "BendingDamping")
+            return BoundPlateDamping(angles, self.time, self.tangent == "symmetric")
         damping = self.time * hinge_stiffness(panel, "BendingDamping")
         return bind("BendingDamping", panel, slots, 0.0, 0.0, damping, self.tangent)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundPlateDamping:
+    """`BendingDamping` of a plate on a cloth; `time` is τ [s]."""
+
+    plate: PlateAngles
+    time: float
+    symmetric: bool
+
+    name = "BendingDamping"
+    has_energy = False
+    dissipative = True
+    velocity_dependent = True
+
+    def power(self, x, v, t) -> float:
+        """Dissipated power τ μ̇ᵀ Q μ̇ [W]."""
+        rate, moment, _ = self._moments(x, v, t)
+        return plate_loops.sum_products(rate, moment)
+
+    def add_force(self, x, v, t, f) -> None:
+        """f_a −= Σ m ∂μ/∂x_a with the moments m = τ Q μ̇ [N]."""
+        _, moment, g = self._moments(x, v, t)
+        plate_loops.add_force(self.plate.nodes, g, moment, f)
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """J += wx K + wv D.
+
+        D = τ GᵀQG and K = Σ m ∂²μ/∂x∂x + τ GᵀQ ∂μ̇/∂x, of which a symmetric tangent drops the last
+        and a definite one both.
+        """
+        _, moment, g = self._moments(x, v, t)
+        right = wv * self.time * g
+        if not (self.symmetric or definite):
+            plate_loops.add_gradient_rates(*self.plate.at(t), x, v, wx * self.time, right)
+        self.plate.add_products(g, right, 1.0, J)
+        if not definite:
+            self.plate.add_curvatures(x, t, moment, wx, J)
+
+    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
+        """Upper bound of the eigenvalues of M⁻¹D [1/s] at flat."""
+        return 0.0, self.time * self.plate.bound(mass)
+
+    def _moments(self, x, v, t) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """μ̇ (h,), m (h,) and ∂μ/∂x (h, 4, 3)."""
+        _, g = self.plate.gradients(x, t)
+        rate = self.plate.rates(g, v)
+        return rate, self.time * (self.plate.stiffness @ rate), g

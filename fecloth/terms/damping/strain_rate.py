@@ -12,6 +12,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import TIME
+from fecloth.terms.damping.regge_strain_rate import BoundReggeRate
 from fecloth.terms.damping.strain_rate_over_step import StrainRateOverStep
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.green_strain import (
@@ -23,6 +24,7 @@ from fecloth.terms.loops.green_strain import (
     scatter_symmetric,
     strain_rate,
 )
+from fecloth.terms.loops.regge_strain import ReggeStrain, check_strain, is_interpolated
 from fecloth.terms.membranes.stvk import StVK
 from fecloth.terms.step_difference import StepDifference
 
@@ -75,6 +77,10 @@ class StrainRateDamping:
         "velocity"; or "step", for `BackwardEuler` and `BDF2` only. Left out: "step" in these two
         methods, and "velocity" in all others.
 
+    strain
+        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
+        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
+
     Raises
     ------
     InputError
@@ -85,9 +91,11 @@ class StrainRateDamping:
     law: object = None
     tangent: str = "symmetric"
     rate: str | None = None
+    strain: str = "interpolated"
 
     def __post_init__(self):
         where = "StrainRateDamping"
+        check_strain(self.strain, where)
         if not (is_number(self.time) and self.time > 0):
             raise InputError(f"time = {self.time!r}", "must be finite and > 0 [s]", where)
         if self.tangent not in ("symmetric", "exact"):
@@ -104,11 +112,14 @@ class StrainRateDamping:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> BoundStrainRate:
+    def bind(self, panel: Panel, slots) -> BoundStrainRate | BoundReggeRate:
         law: Any = self.law or StVK()  # `__post_init__` requires its `moduli`
         viscosity = panel.each(lambda fabric: self.time * law.moduli(fabric))
         blocks = slots(panel.cloth.stencil)
         symmetric = self.tangent == "symmetric"
+        if is_interpolated(self.strain, panel):
+            strain = ReggeStrain.of_panel(panel)
+            return BoundReggeRate(panel, blocks, viscosity, symmetric, self.rate, strain)
         return BoundStrainRate(panel, blocks, viscosity, symmetric, self.rate)
 
 

@@ -47,7 +47,7 @@ import numpy as np
 from fecloth.fabric.panel import Panel
 from fecloth.jit import Array, Zeros, specialise
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.terms.loops import membrane_discrete_gradient
+from fecloth.terms.loops import membrane_discrete_gradient, regge_membrane
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.green_strain import (
     Six,
@@ -59,6 +59,8 @@ from fecloth.terms.loops.green_strain import (
     scatter_symmetric,
 )
 from fecloth.terms.loops.membrane_discrete_gradient import DiscreteGradientKernels, OverStep
+from fecloth.terms.loops.regge_membrane import BoundRegge, ReggeKernels
+from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -151,6 +153,7 @@ class MembraneKernels(NamedTuple):
     add_definite_tangent: Callable[..., None]
     add_stress: Callable[..., None]
     over_step: DiscreteGradientKernels
+    regge: ReggeKernels
 
 
 def kernels(
@@ -178,6 +181,7 @@ def kernels(
         specialise(add_tangent, law=definite_law),
         specialise(add_stress, law=law),
         membrane_discrete_gradient.kernels(law, definite_law, is_quadratic),
+        regge_membrane.kernels(law, definite_law),
     )
 
 
@@ -253,6 +257,14 @@ def bind(
     moduli: np.ndarray,
     panel: Panel,
     slots: Callable[[np.ndarray], np.ndarray],
-) -> BoundMembrane:
-    """Bind a law with its constants (m, p) and moduli (m, 6) to a panel."""
-    return BoundMembrane(name, kernels, panel, slots(panel.cloth.stencil), constants, moduli)
+    strain: object = "interpolated",
+) -> BoundMembrane | BoundRegge:
+    """Bind a law with its constants (m, p) and moduli (m, 6) to a panel.
+
+    On P2 the law takes the Regge-interpolated strain, unless `strain` is "pointwise".
+    """
+    blocks = slots(panel.cloth.stencil)
+    if is_interpolated(strain, panel):
+        interpolated = ReggeStrain.of_panel(panel)
+        return BoundRegge(name, kernels.regge, panel, blocks, constants, moduli, interpolated)
+    return BoundMembrane(name, kernels, panel, blocks, constants, moduli)

@@ -15,6 +15,8 @@ from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_WIDTH
 from fecloth.terms.loops import membrane
+from fecloth.terms.loops.regge_membrane import BoundRegge
+from fecloth.terms.loops.regge_strain import check_strain
 
 KINDS = ("incompressible", "compressible")
 
@@ -64,6 +66,9 @@ class NeoHookean:
         is Y/3, which keeps the tensile stiffness: Poisson's ratio is ½ whatever the fabric says.
     lam
         λ [N/m], ≥ 0, for "compressible" and together with `mu`.
+    strain
+        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
+        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
 
     Examples
     --------
@@ -77,9 +82,11 @@ class NeoHookean:
     kind: str = "incompressible"
     mu: Annotated[float | None, PER_WIDTH] = None
     lam: Annotated[float | None, PER_WIDTH] = None
+    strain: str = "interpolated"
 
     def __post_init__(self):
         where = "NeoHookean"
+        check_strain(self.strain, where)
         if self.kind not in KINDS:
             raise InputError(f"kind = {self.kind!r}", f"must be one of {', '.join(KINDS)}", where)
         if self.mu is not None and not (is_number(self.mu) and self.mu > 0):
@@ -115,9 +122,10 @@ class NeoHookean:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane | BoundRegge:
         constants, moduli = panel.each(self.constants), panel.each(self.moduli)
-        return membrane.bind("NeoHookean", KERNELS[self.kind], constants, moduli, panel, slots)
+        data = constants, moduli, panel, slots
+        return membrane.bind("NeoHookean", KERNELS[self.kind], *data, self.strain)
 
 
 @inner

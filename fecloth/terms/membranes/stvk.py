@@ -12,6 +12,8 @@ from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.loops import membrane
 from fecloth.terms.loops.green_strain import contract
+from fecloth.terms.loops.regge_membrane import BoundRegge
+from fecloth.terms.loops.regge_strain import check_strain
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,18 @@ class StVK:
 
     Cost: 15 ns a triangle for the force, 68 for the tangent (one thread); other terms state
     theirs relative to these, and ``python -m studies.benchmarks.terms`` measures them.
+
+    Parameters
+    ----------
+    strain
+        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
+        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
     """
+
+    strain: str = "interpolated"
+
+    def __post_init__(self) -> None:
+        check_strain(self.strain, "StVK")
 
     def moduli(self, fabric: Fabric) -> np.ndarray:
         """(6,) ℂ = (C11, C22, C66, C12, C16, C26) [N/m]."""
@@ -48,9 +61,9 @@ class StVK:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane | BoundRegge:
         C = panel.each(self.moduli)
-        return membrane.bind("StVK", KERNELS, C, C, panel, slots)
+        return membrane.bind("StVK", KERNELS, C, C, panel, slots, self.strain)
 
 
 @inner

@@ -13,6 +13,8 @@ from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.loops import membrane
 from fecloth.terms.loops.green_strain import contract
+from fecloth.terms.loops.regge_membrane import BoundRegge
+from fecloth.terms.loops.regge_strain import check_strain
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,18 @@ class TensionField:
     E₁.
 
     Cost relative to `StVK`: force 1.7, tangent 1.2.
+
+    Parameters
+    ----------
+    strain
+        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
+        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
     """
+
+    strain: str = "interpolated"
+
+    def __post_init__(self) -> None:
+        check_strain(self.strain, "TensionField")
 
     def constants(self, fabric: Fabric) -> np.ndarray:
         """(2,) Y [N/m] and ν; refuses a fabric that is not isotropic."""
@@ -62,9 +75,10 @@ class TensionField:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane | BoundRegge:
         constants, moduli = panel.each(self.constants), panel.each(self.moduli)
-        return membrane.bind("TensionField", KERNELS, constants, moduli, panel, slots)
+        data = constants, moduli, panel, slots
+        return membrane.bind("TensionField", KERNELS, *data, self.strain)
 
 
 @inner

@@ -14,6 +14,8 @@ from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_WIDTH
 from fecloth.terms.loops import membrane
+from fecloth.terms.loops.regge_membrane import BoundRegge
+from fecloth.terms.loops.regge_strain import check_strain
 
 
 @dataclass(frozen=True)
@@ -35,11 +37,16 @@ class TensorCondition:
     ----------
     k
         Stiffness of the condition [N/m], > 0.
+    strain
+        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
+        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
     """
 
     k: Annotated[float, PER_WIDTH]
+    strain: str = "interpolated"
 
     def __post_init__(self):
+        check_strain(self.strain, "TensorCondition")
         if not (is_number(self.k) and self.k > 0):
             raise InputError(f"k = {self.k!r}", "must be finite and > 0 [N/m]", "TensorCondition")
 
@@ -52,9 +59,9 @@ class TensorCondition:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane | BoundRegge:
         k, moduli = panel.each(lambda fabric: np.array([self.k])), panel.each(self.moduli)
-        return membrane.bind("TensorCondition", KERNELS, k, moduli, panel, slots)
+        return membrane.bind("TensorCondition", KERNELS, k, moduli, panel, slots, self.strain)
 
 
 @inner

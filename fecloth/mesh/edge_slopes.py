@@ -1,0 +1,272 @@
+"""Slopes of the edges of a plate, reconstructed from the hinge angles around each edge.
+
+Across an interior edge with the dihedral angle θ the slopes of its two triangles are
+
+    α_left = θ/2 + φ,   α_right = θ/2 − φ.
+
+Morley's plate has one unknown φ for each edge. Here φ = Σ w_f θ_f over the hinges f of the two
+triangles, with the weights w of least norm that are exact for every constant curvature. The mean
+of the curvature over the mesh does not depend on φ, so a constant moment does no work on a local
+deflection; and the deflections are some of Morley's, so the energy is at least Morley's: there is
+no other motion without energy than the affine ones.
+
+A clamped edge of the boundary is one more hinge, from its triangle to a plane that is held; its
+slope is its angle. Free edges have no moment, and a user of the slopes eliminates theirs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sparse
+
+from fecloth.mesh.half_edges import HalfEdges
+
+LEAST_SINGULAR = 0.15  # of the angles of a patch, in edge lengths; below it the patch is widened
+SINGULAR = 1e-6  # likewise; below it the weights are those of the shortest least-squares fit
+ROUND_OFF = 1e-12  # weights below it are zero: the two triangles are images of each other
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeSlopes:
+    """The slopes α of the half-edges of a mesh as a linear function C of its hinge angles θ.
+
+    Attributes
+    ----------
+    edges
+        The half-edges.
+    region
+        (m,) equal where two triangles lie in the same named regions. Only between others may the
+        material change.
+    """
+
+    edges: HalfEdges
+    region: np.ndarray
+
+    @cached_property
+    def patches(self) -> sparse.csr_matrix:
+        """(h, m) nonzero where the hinges of a triangle take part in φ of an interior edge.
+
+        They are those of the edge's two triangles. With fewer than three hinges all triangles at
+        the four nodes take part; where the angles hardly tell one of the curvatures, all triangles
+        at the two nodes of the edge.
+        """
+        plate, edges = self._plain, self.edges
+        patches = plate.in_triangle.T.tocsr()
+        patch = (patches @ plate.in_triangle).tocsr()
+        *_, gram = _gram(plate, patch)
+        few = np.diff(patch.indptr) < 3
+        flat = _least_eigenvalue(gram) < LEAST_SINGULAR**2
+        for chosen, corners in ((few, 4), (flat & ~few, 2)):
+            rows = np.flatnonzero(chosen)
+            nodes = edges.hinges.nodes[rows, :corners]
+            data = np.ones(nodes.size), (np.repeat(rows, corners), nodes.ravel())
+            at_node = sparse.csr_matrix(data, shape=(patches.shape[0], len(edges.X)))
+            patches = patches + at_node @ edges.at_node
+        return patches
+
+    @cached_property
+    def plain(self) -> sparse.csr_matrix:
+        """(3m, h) C of one material and no clamp; the rows of free half-edges are empty."""
+        return self._slopes(self._plain)
+
+    @cached_property
+    def pairs(self) -> np.ndarray:
+        """(p, 2) int32 pairs i < j of nodes that the angles of one triangle's slopes couple.
+
+        They are those of any plate on this mesh. Without a seam many weights are zero, on regular
+        meshes; the edges between two regions may be seams and have all weights of their patches.
+        """
+        m, h = len(self.edges.triangles), len(self.edges.of_hinge)
+        nodes, sides = self.edges.hinges.nodes, self.edges.hinges.sides
+        seam = sparse.diags((self.region[sides[:, 0]] != self.region[sides[:, 1]]).astype(float))
+        slopes = abs(self.plain) + abs(self._sides) @ seam @ self.patches @ self._plain.in_triangle
+        slopes.data[:] = 1.0
+        of_triangle = sparse.csr_matrix(
+            (np.ones(3 * m), np.arange(3 * m), np.arange(0, 3 * m + 1, 3)), shape=(m, 3 * m)
+        )
+        ends = sparse.csr_matrix(
+            (np.ones(4 * h), nodes.ravel(), np.arange(0, 4 * h + 1, 4)),
+            shape=(h, len(self.edges.X)),
+        )
+        around = of_triangle @ slopes @ ends
+        pairs = sparse.triu(around.T @ around, k=1, format="coo")
+        return np.column_stack([pairs.row, pairs.col]).astype(np.int32)
+
+    def of_plate(
+        self, rigidity: np.ndarray, material: np.ndarray, clamped: np.ndarray
+    ) -> tuple[sparse.csr_matrix, np.ndarray]:
+        """C (3m, h + c) of a plate, and the hinge of each half-edge (3m,), −1 where it is free.
+
+        Parameters
+        ----------
+        rigidity
+            (m, 3, 3) D of each triangle [N m] on (κ₁₁, κ₂₂, 2κ₁₂) in X and Y.
+        material
+            (m,) equal where two triangles have the same D. Across a seam between two materials φ
+            is exact for a constant moment.
+        clamped
+            (c,) half-edges on the boundary whose slope is held: the hinges h … h + c − 1.
+        """
+        plate = _Plate(self.edges, clamped, rigidity, material)
+        if not len(clamped) and (material == material[0]).all():
+            return self.plain, plate.hinge
+        return self._slopes(plate), plate.hinge
+
+    @property
+    def _plain(self) -> _Plate:
+        m = len(self.edges.triangles)
+        one = np.broadcast_to(np.eye(3), (m, 3, 3))
+        return _Plate(self.edges, np.empty(0, int), one, np.zeros(m, int))
+
+    def _slopes(self, plate: _Plate) -> sparse.csr_matrix:
+        h, c, size = len(self.edges.of_hinge), len(plate.clamped), len(plate.hinge)
+        half_edges, hinges = np.concatenate(self.edges.of_hinge.T), np.tile(np.arange(h), 2)
+        rows = np.concatenate([half_edges, plate.clamped])
+        columns = np.concatenate([hinges, h + np.arange(c)])
+        parts = np.concatenate([np.full(2 * h, 0.5), np.ones(c)])
+        mean = sparse.csr_matrix((parts, (rows, columns)), shape=(size, h + c))
+        return (mean + self._sides @ self._weights(plate)).tocsr()
+
+    @property
+    def _sides(self) -> sparse.csr_matrix:
+        """(3m, h) 1 for the left and −1 for the right half-edge of each interior edge."""
+        h, size = len(self.edges.of_hinge), 3 * len(self.edges.triangles)
+        place = np.concatenate(self.edges.of_hinge.T), np.tile(np.arange(h), 2)
+        return sparse.csr_matrix((np.repeat([1.0, -1.0], h), place), shape=(size, h))
+
+    def _weights(self, plate: _Plate) -> sparse.csr_matrix:
+        """(h, h + c) W with φ = W θ.
+
+        With θ_f = Λ_f · κ and φ = φ̂ · κ the shortest w with Σ w_f Λ_f = φ̂ is Λ (ΛᵀΛ)⁻¹ φ̂.
+        """
+        patch = (self.patches @ plate.in_triangle).tocsr()
+        row, angle, gram = _gram(plate, patch)
+        hinges, slope = np.arange(patch.shape[0]), self.edges.slopes_of_curvature
+        left, right = self.edges.of_hinge.T
+        phi = 0.5 * (slope[left] - plate.across(hinges, hinges, right // 3, slope[right]))
+        phi /= self.edges.hinges.length[:, None]
+        weights = np.einsum("ei,ei->e", angle, _solve(gram, phi)[row])
+        weights[np.abs(weights) < ROUND_OFF] = 0.0
+        W = sparse.csr_matrix((weights, patch.indices, patch.indptr), shape=patch.shape)
+        W.eliminate_zeros()
+        return W
+
+
+@dataclass(frozen=True, eq=False)
+class _Plate:
+    """A mesh with clamped half-edges and materials."""
+
+    edges: HalfEdges
+    clamped: np.ndarray
+    rigidity: np.ndarray
+    material: np.ndarray
+
+    @cached_property
+    def hinge(self) -> np.ndarray:
+        """(3m,) hinge of each half-edge; −1 for a free edge."""
+        hinge = self.edges.hinge.copy()
+        hinge[self.clamped] = len(self.edges.of_hinge) + np.arange(len(self.clamped))
+        return hinge
+
+    @cached_property
+    def in_triangle(self) -> sparse.csr_matrix:
+        """(m, h + c) 1 where a hinge is an edge of the triangle."""
+        used = np.flatnonzero(self.hinge >= 0)
+        shape = len(self.edges.triangles), len(self.edges.of_hinge) + len(self.clamped)
+        return sparse.csr_matrix((np.ones(len(used)), (used // 3, self.hinge[used])), shape=shape)
+
+    def angles(self, centre: np.ndarray, hinge: np.ndarray) -> np.ndarray:
+        """(p, 3) row Λ with θ = Λ · κ of each `hinge`; κ is that of the left side of `centre`."""
+        h, slope = len(self.edges.of_hinge), self.edges.slopes_of_curvature
+        halves = np.concatenate([self.edges.of_hinge[:, 0], self.clamped])
+        left = halves[hinge]
+        rows = self.across(centre, hinge, left // 3, slope[left])
+        interior = slice(None) if not len(self.clamped) else np.flatnonzero(hinge < h)
+        right = self.edges.of_hinge[hinge[interior], 1]
+        rows[interior] += self.across(centre[interior], hinge[interior], right // 3, slope[right])
+        return rows
+
+    def across(self, centre, hinge, triangle, rows) -> np.ndarray:
+        """Turn rows (p, 3) on κ of `triangle` into rows on κ of the left side of `centre`.
+
+        They differ where a seam lies between: `centre`, if it is one, else `hinge`.
+        """
+        sides = self.edges.hinges.sides[centre]
+        home = self.material[sides[:, 0]]
+        there = np.flatnonzero(home != self.material[triangle])
+        if len(there):
+            seam = home[there] != self.material[sides[there, 1]]
+            seam |= hinge[there] >= len(self.edges.of_hinge)
+            vector = self.edges.hinges.vector[np.where(seam, centre[there], hinge[there])]
+            a, b = self.rigidity[sides[there, 0]], self.rigidity[triangle[there]]
+            rows[there] = np.einsum("pi,pij->pj", rows[there], continue_curvature(vector, a, b))
+        return rows
+
+
+def _gram(plate: _Plate, patch: sparse.csr_matrix):
+    """Row of each entry of `patch`, its Λ in edge lengths (entries, 3), and ΛᵀΛ (h, 3, 3)."""
+    row = np.repeat(np.arange(patch.shape[0]), np.diff(patch.indptr))
+    angle = plate.angles(row, patch.indices) / plate.edges.hinges.length[row, None]
+    products = (angle[:, :, None] * angle[:, None, :]).reshape(-1, 9)
+    gram = np.add.reduceat(products, patch.indptr[:-1], axis=0) if len(row) else products
+    return row, angle, gram.reshape(-1, 3, 3)
+
+
+def _least_eigenvalue(A: np.ndarray) -> np.ndarray:
+    """(p,) least eigenvalue of symmetric matrices (p, 3, 3), by the cosines of a third angle."""
+    mean = np.trace(A, axis1=1, axis2=2) / 3
+    B = A - mean[:, None, None] * np.eye(3)
+    size = np.sqrt(np.sum(B * B, axis=(1, 2)) / 6)
+    cosine = np.linalg.det(B) / (2 * np.maximum(size, 1e-300) ** 3)
+    return mean + 2 * size * np.cos(np.arccos(np.clip(cosine, -1, 1)) / 3 + 2 * np.pi / 3)
+
+
+def _solve(gram: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """y (h, 3) with gram y = phi; of singular matrices the shortest least-squares solution."""
+    singular = _least_eigenvalue(gram) < SINGULAR
+    y = np.empty_like(phi)
+    y[~singular] = np.linalg.solve(gram[~singular], phi[~singular, :, None])[..., 0]
+    inverse = np.linalg.pinv(gram[singular], rcond=SINGULAR, hermitian=True)
+    y[singular] = np.einsum("pij,pj->pi", inverse, phi[singular])
+    return y
+
+
+def continue_curvature(seam: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(p, 3, 3) T with κ(b) = T κ(a) across straight seams, both as (κ₁₁, κ₂₂, 2κ₁₂).
+
+    With the normal n and the tangent t of the seam, κ_tt, κ_nt and the moment M_nn go through;
+    κ_nn jumps.
+
+    Parameters
+    ----------
+    seam
+        (p, 2) vectors along the seams.
+    a, b
+        (p, 3, 3) D on the two sides [N m].
+    """
+    normal = np.arctan2(-seam[:, 0], seam[:, 1])
+    there, back = turn_curvature(normal), turn_curvature(-normal)
+    moment_a, moment_b = (
+        np.einsum("pki,pkl,plj->pij", back, D, back, optimize=True)[:, 0] for D in (a, b)
+    )
+    T = np.broadcast_to(np.eye(3), a.shape).copy()
+    T[:, 0] = moment_a - moment_b
+    T[:, 0, 0] = moment_a[:, 0]
+    T[:, 0] /= moment_b[:, :1]
+    return np.einsum("pik,pkl,plj->pij", back, T, there, optimize=True)
+
+
+def turn_curvature(angle: np.ndarray) -> np.ndarray:
+    """(p, 3, 3) R with R κ the curvature (κ₁₁, κ₂₂, 2κ₁₂) along axes turned by `angle` (p,)."""
+    c, s = np.cos(angle), np.sin(angle)
+    rows = np.array(
+        [
+            [c * c, s * s, c * s],
+            [s * s, c * c, -c * s],
+            [-2 * c * s, 2 * c * s, c * c - s * s],
+        ]
+    )
+    return np.moveaxis(rows, -1, 0)

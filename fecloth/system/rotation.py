@@ -1,0 +1,77 @@
+"""The rotation of clamped nodes about an axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """x(t) = p + R(t) R(t₀)ᵀ (x(t₀) − p): nodes turn by an angle about an axis through a point p.
+
+    Parameters
+    ----------
+    point
+        p (3,), a point of the axis [m].
+    axis
+        (3,) its direction, of any length.
+    angle
+        Angle [rad] as a formula of t [s], such as ``"2*pi*t"``, or as a function ``angle(t)``.
+        Only its changes count. The turn is right-handed about the axis.
+
+    Raises
+    ------
+    InputError
+        For a point or an axis that are not three finite numbers, an axis of no length, and an angle
+        that is neither a formula nor a function.
+
+    Examples
+    --------
+    >>> turn = Rotation((0, 0, 0), (0, 0, 2), "pi*t")
+    >>> turn.matrix(0.5).round(12) @ [1.0, 0.0, 0.0]
+    array([0., 1., 0.])
+    >>> turn.rate(0.5).round(6)
+    array([0.      , 0.      , 3.141593])
+    """
+
+    point: Sequence[float]
+    axis: Sequence[float]
+    angle: OfTime
+
+    def __post_init__(self) -> None:
+        for name in ("point", "axis"):
+            value = np.asarray(getattr(self, name))
+            if value.shape != (3,) or value.dtype.kind not in "iuf" or not np.isfinite(value).all():
+                what = f"{name} = {getattr(self, name)!r}"
+                raise InputError(what, "must be three finite numbers", "Rotation")
+        if not np.any(self.axis):
+            raise InputError(f"axis = {self.axis!r}", "must not be zero", "Rotation")
+        _ = self._angle  # here, so that an error is raised where the rotation is written
+
+    @cached_property
+    def _angle(self) -> TimeFunction:
+        return scalar(self.angle, "angle", "Rotation")
+
+    @cached_property
+    def _unit(self) -> np.ndarray:
+        axis = np.array(self.axis, dtype=float)
+        axis /= abs(axis).max()  # so that no square overflows
+        return axis / np.linalg.norm(axis)
+
+    def matrix(self, t: float, since: float | None = None) -> np.ndarray:
+        """(3, 3) rotation by the angle, or by its change `since` a time."""
+        angle = self._angle(t) - (0.0 if since is None else self._angle(since))
+        x, y, z = self._unit
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+
+    def rate(self, t: float) -> np.ndarray:
+        """(3,) angular velocity [rad/s]."""
+        return self._angle.rate(t) * self._unit

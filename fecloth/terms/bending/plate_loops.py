@@ -1,0 +1,224 @@
+"""Loops over the hinges of a plate, whose angles are coupled by a constant matrix Q.
+
+With the measures μ_e of the dihedral angles (`fold_measure`), g_e = ∂μ_e/∂x on the four nodes of
+hinge e, and the moments m = Q (μ − μ⁰) [N m],
+
+    energy   ½ (μ − μ⁰) · m
+    f_a    = −Σ_e m_e g_ea
+    K_ab   =  Σ_ef g_ea Q_ef g_fbᵀ + Σ_e m_e ∂²μ_e/∂x_a∂x_b
+
+The first part of K is positive semi-definite. It is added row by row: y_b = Σ_f Q_ef g_fb over the
+nodes b of the row of e, then g_ea y_bᵀ into the blocks of e.
+
+The node of a hinge is −1 where it is held in space: the hinges from `first` on are clamped edges,
+whose fourth node is `ghosts[e − first]`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fecloth.jit import inner, kernel
+from fecloth.terms.bending.dihedral_angle import angle, arms, cross, gradient, hessian, side
+from fecloth.terms.bending.fold_measure import measure
+
+
+@inner
+def gather(nodes, ghosts, first, e, x, y):
+    """y (4, 3) = the positions of the nodes of a hinge."""
+    for a in range(4):
+        i = nodes[e, a]
+        for c in range(3):
+            y[a, c] = x[i, c] if i >= 0 else ghosts[e - first, c]
+
+
+@kernel
+def add_measures(nodes, ghosts, first, x, scale, mu):
+    """mu += scale μ of each hinge."""
+    y = np.empty((4, 3))
+    for e in range(len(nodes)):
+        gather(nodes, ghosts, first, e, x, y)
+        mu[e] += scale * measure(angle(*arms(y)))[0]
+
+
+@kernel
+def sum_products(a, b):
+    """Σ a_e b_e."""
+    total = 0.0
+    for e in range(len(a)):
+        total += a[e] * b[e]
+    return total
+
+
+@kernel
+def fill_gradients(nodes, ghosts, first, x, mu, g):
+    """mu (h,) = μ and g (h, 4, 3) = ∂μ/∂x of each hinge."""
+    y = np.empty((4, 3))
+    for n in range(len(nodes)):
+        gather(nodes, ghosts, first, n, x, y)
+        e, a, b = arms(y)
+        mu[n], slope, _ = measure(angle(e, a, b))
+        gradient(side(e, a, cross(e, a)), side(e, b, cross(b, e)), g[n])
+        if slope != 1.0:
+            for k in range(4):
+                for c in range(3):
+                    g[n, k, c] *= slope
+
+
+@kernel
+def add_rates(nodes, g, v, rate):
+    """rate (h,) += ∂μ/∂x · v."""
+    for e in range(len(nodes)):
+        total = 0.0
+        for a in range(4):
+            i = nodes[e, a]
+            if i >= 0:
+                total += g[e, a, 0] * v[i, 0] + g[e, a, 1] * v[i, 1] + g[e, a, 2] * v[i, 2]
+        rate[e] += total
+
+
+@kernel
+def add_force(nodes, g, moment, f):
+    """f_a −= m_e g_ea."""
+    for e in range(len(nodes)):
+        m = moment[e]
+        for a in range(4):
+            i = nodes[e, a]
+            if i >= 0:
+                for c in range(3):
+                    f[i, c] -= m * g[e, a, c]
+
+
+@kernel
+def add_products(indptr, indices, Q, place, start, width, slots, left, right, scale, J):
+    """J += scale Σ left_ea Q_ef right_fbᵀ.
+
+    Row e has the nodes 0 … width[e] − 1; `place` (entries of Q, 4) says which of them are those of
+    hinge f, and the blocks of node a of e with them are slots[start[e] + a width[e] …]. Either is
+    −1 for a node that is held in space.
+    """
+    y = np.empty((width.max() if len(width) else 0, 3))
+    for e in range(len(width)):
+        u = width[e]
+        for b in range(u):
+            for c in range(3):
+                y[b, c] = 0.0
+        for s in range(indptr[e], indptr[e + 1]):
+            f, q = indices[s], scale * Q[s]
+            for a in range(4):
+                b = place[s, a]
+                if b >= 0:
+                    for c in range(3):
+                        y[b, c] += q * right[f, a, c]
+        for a in range(4):
+            g0, g1, g2 = left[e, a, 0], left[e, a, 1], left[e, a, 2]
+            first = start[e] + a * u
+            if slots[first] >= 0:
+                for b in range(u):
+                    block = np.uintp(slots[first + b])
+                    for c in range(3):
+                        J[block, 0, c] += g0 * y[b, c]
+                        J[block, 1, c] += g1 * y[b, c]
+                        J[block, 2, c] += g2 * y[b, c]
+
+
+@kernel
+def add_curvatures(nodes, ghosts, first, x, place, own, start, width, slots, moment, scale, J):
+    """J += scale Σ m_e ∂²μ_e/∂x∂x; own[e] is the entry of Q on the diagonal of row e."""
+    y, g, H = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3, 4, 3))
+    for n in range(len(nodes)):
+        m = scale * moment[n]
+        gather(nodes, ghosts, first, n, x, y)
+        e, a, b = arms(y)
+        _, slope, bend = measure(angle(e, a, b))
+        left, right = side(e, a, cross(e, a)), side(e, b, cross(b, e))
+        gradient(left, right, g)
+        hessian(e, left, right, H)
+        for i in range(4):
+            if nodes[n, i] < 0:
+                continue
+            row = start[n] + i * width[n]
+            for j in range(4):
+                if nodes[n, j] < 0:
+                    continue
+                block = np.uintp(slots[row + place[own[n], j]])
+                for c in range(3):
+                    for d in range(3):
+                        second = slope * H[i, c, j, d] + bend * g[i, c] * g[j, d]
+                        J[block, c, d] += m * second
+
+
+@kernel
+def add_gradient_rates(nodes, ghosts, first, x, v, scale, out):
+    """out (h, 4, 3) += scale ∂μ̇/∂x = scale ∂²μ/∂x∂x · v."""
+    y, g, H = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3, 4, 3))
+    for n in range(len(nodes)):
+        gather(nodes, ghosts, first, n, x, y)
+        e, a, b = arms(y)
+        _, slope, bend = measure(angle(e, a, b))
+        left, right = side(e, a, cross(e, a)), side(e, b, cross(b, e))
+        gradient(left, right, g)
+        hessian(e, left, right, H)
+        rate = 0.0
+        for j in range(4):
+            i = nodes[n, j]
+            if i >= 0:
+                rate += g[j, 0] * v[i, 0] + g[j, 1] * v[i, 1] + g[j, 2] * v[i, 2]
+        for k in range(4):
+            for c in range(3):
+                total = bend * rate * g[k, c]
+                for j in range(4):
+                    i = nodes[n, j]
+                    if i >= 0:
+                        for d in range(3):
+                            total += slope * H[k, c, j, d] * v[i, d]
+                out[n, k, c] += scale * total
+
+
+@kernel
+def count_row_nodes(nodes, indptr, indices, n, width):
+    """width[e] = the number of different nodes of the hinges in row e of Q."""
+    last = np.full(n, -1)
+    for e in range(len(nodes)):
+        width[e] = 0
+        for s in range(indptr[e], indptr[e + 1]):
+            for a in range(4):
+                i = nodes[indices[s], a]
+                if i >= 0 and last[i] != e:
+                    last[i] = e
+                    width[e] += 1
+
+
+@kernel
+def fill_rows(nodes, indptr, indices, block_ptr, block_nodes, blocks, start, width, place, slots):
+    """Fill `place` and `slots` of `add_products` from the blocks of each pair of nodes.
+
+    Row i of the pairs has the nodes block_nodes[block_ptr[i] …], ascending, with their `blocks`.
+    Return the first hinge with a pair that has no block, or −1.
+    """
+    n = len(block_ptr) - 1
+    last, position = np.full(n, -1), np.zeros(n, np.int64)
+    row = np.empty(width.max() if len(width) else 0, np.int64)
+    for e in range(len(nodes)):
+        u = 0
+        for s in range(indptr[e], indptr[e + 1]):
+            for a in range(4):
+                i = nodes[indices[s], a]
+                if i < 0:
+                    place[s, a] = -1
+                    continue
+                if last[i] != e:
+                    last[i], position[i], row[u] = e, u, i
+                    u += 1
+                place[s, a] = position[i]
+        for a in range(4):
+            i, first = nodes[e, a], start[e] + a * u
+            for b in range(u):
+                slots[first + b] = -1
+                if i >= 0:
+                    begin, end = block_ptr[i], block_ptr[i + 1]
+                    found = begin + np.searchsorted(block_nodes[begin:end], row[b])
+                    if found == end or block_nodes[found] != row[b]:
+                        return e
+                    slots[first + b] = blocks[found]
+    return -1

@@ -1,0 +1,67 @@
+"""The stiffness Q of a plate between the angles of its hinges."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sparse
+
+from fecloth.errors import InputError
+from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.panel import Panel
+from fecloth.mesh.edge_slopes import EdgeSlopes, turn_curvature
+
+
+def plate_rigidity(panel: Panel, where: str) -> np.ndarray:
+    """(m, 3, 3) D of each triangle [N m], in X and Y, for the term `where`.
+
+    Raises
+    ------
+    InputError
+        If a fabric has no bending rigidity.
+    """
+
+    def constants(fabric: Fabric) -> np.ndarray:
+        if fabric.bending is None:
+            remedy = "Give it in the fabric, one number or (warp, weft)."
+            what = "the fabric has no bending_rigidity"
+            raise InputError(what, f"{where} needs it, > 0 [N m]", where, remedy)
+        return fabric.plate().ravel()
+
+    D = panel.each(constants).reshape(-1, 3, 3)
+    R = turn_curvature(panel.grain)
+    return np.einsum("eki,ekl,elj->eij", R, D, R, optimize=True)
+
+
+def panel_stiffness(panel: Panel, where: str) -> sparse.csr_matrix:
+    """Q of a panel, on P2 of the four parts of each triangle, for the term `where`."""
+    slopes = panel.cloth.edge_slopes
+    copies = len(slopes.edges.triangles) // len(panel.cloth.triangles)
+    D = np.repeat(plate_rigidity(panel, where), copies, axis=0)
+    cut = np.column_stack([panel.region, panel.grain])
+    material = np.unique(cut, axis=0, return_inverse=True)[1].ravel()
+    clamped = np.empty(0, int) if panel.clamps is None else panel.clamps.half_edges
+    return angle_stiffness(slopes, D, np.repeat(material, copies), clamped)
+
+
+def angle_stiffness(
+    slopes: EdgeSlopes, rigidity: np.ndarray, material: np.ndarray, clamped: np.ndarray
+) -> sparse.csr_matrix:
+    """(h + c, h + c) Q = Cᵀ K C [N m] with the energy ½ θᵀ Q θ of small angles.
+
+    K has a block A Bᵀ D B for each triangle, from which the slopes of free edges are eliminated.
+    The arguments are those of `EdgeSlopes.of_plate`.
+    """
+    edges = slopes.edges
+    C, hinge = slopes.of_plate(rigidity, material, clamped)
+    m, B = len(edges.triangles), edges.curvature_of_slopes
+    K = np.einsum("eki,ekl,elj,e->eij", B, rigidity, B, edges.area, optimize=True)
+    for i, free in enumerate((hinge < 0).reshape(m, 3).T):
+        e = np.flatnonzero(free)
+        column = K[e, :, i]
+        K[e] -= column[:, :, None] * column[:, None, :] / column[:, i, None, None]
+        K[e, :, i] = K[e, i, :] = 0.0
+    blocks = sparse.bsr_matrix((K, np.arange(m), np.arange(m + 1)), shape=(3 * m, 3 * m))
+    Q = C.T @ (blocks.tocsr() @ C)
+    Q = (0.5 * (Q + Q.T)).tocsr()
+    Q.sort_indices()
+    return Q

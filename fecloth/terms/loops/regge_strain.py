@@ -1,0 +1,268 @@
+"""The Regge-interpolated Green strain of quadratic triangles.
+
+Where a P2 membrane bends, its Green strain E is quadratic in a triangle, and most of it is an
+artefact: too stiff by orders for thin cloth (membrane locking). The linear tensor E_h that keeps
+
+    t · E t        at two Gauss points of each edge, with the edge's direction t
+    ∫ E dA         over the triangle
+
+has no such part, and equals E where E is linear in X, as it is about flat (Neunteufel and Schöberl
+2021, Avoiding membrane locking with Regge interpolation, Comput. Methods Appl. Mech. Engrg. 373).
+The energy is Σ_p w_p W(E_h(p)) over three points. Each component k of E_h(p), in the order
+(11, 22, 12), is a quadratic form of the nodes' positions,
+
+    E_k = ½ Σ_ab A^k_ab x_a · x_b − E⁰_k,      B^k_b = ∂E_k/∂x_b = Σ_a A^k_ab x_a
+
+and with the stress S̃ = (S11, S22, 2 S12) and the moduli ℂ̃ = ∂S̃/∂E
+
+    f_b  = −Σ_p w Σ_k S̃_k B^k_b
+    K_ab =  Σ_p w (Σ_kl B^k_a ℂ̃_kl B^l_bᵀ + Σ_k S̃_k A^k_ab I₃)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.fabric.panel import Panel
+from fecloth.jit import Array, inner
+from fecloth.terms.loops.green_strain import Six, Three
+
+NODES, POINTS = 6, 3
+GAUSS = 0.5 * np.array([1 - 1 / np.sqrt(3), 1 + 1 / np.sqrt(3)])  # on an edge from 0 to 1
+INTERIOR = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6  # barycentric; exact to degree 2
+EDGES = np.array([[0, 1], [1, 2], [0, 2]])  # corners; the midpoints follow in this order
+
+
+STRAINS = "interpolated", "pointwise"
+
+
+def check_strain(strain: object, where: str) -> None:
+    """Raise an `InputError` for a `strain` that does not exist."""
+    if strain not in STRAINS:
+        allowed = 'must be "interpolated" or "pointwise"'
+        raise InputError(f"strain = {strain!r}", allowed, where)
+
+
+def is_interpolated(strain: object, panel: Panel) -> bool:
+    """Whether a term with this `strain` takes E_h on the element of the panel."""
+    return panel.cloth.element == "P2" and strain != "pointwise"
+
+
+@dataclass(frozen=True, eq=False)
+class ReggeStrain:
+    """E_h of the triangles of a panel, along warp and weft.
+
+    Attributes
+    ----------
+    nodes
+        (m, 6) nodes of each triangle, as in ``cloth.stencil``.
+    forms
+        (m, 3 points, 3, 6, 6) A [1/m²].
+    weights
+        (m, 3) w [m²].
+    rest
+        (m, 3 points, 3) E⁰, for which the flat cloth has no strain.
+    slopes
+        (m, 6, 6) ∂N_a/∂t at the six Gauss points of the edges [1/m].
+    gradients
+        (m, 3, 6, 2) ∂N_a/∂X at the three points [1/m].
+    samples
+        (m, 9, 9) E_h at the three points from the six t · E t and the mean of E.
+    """
+
+    nodes: np.ndarray
+    forms: np.ndarray
+    weights: np.ndarray
+    rest: np.ndarray
+    slopes: np.ndarray
+    gradients: np.ndarray
+    samples: np.ndarray
+
+    @classmethod
+    def of_panel(cls, panel: Panel) -> ReggeStrain:
+        """Make the forms of each triangle; of P2 only."""
+        cloth = panel.cloth
+        c, s = np.cos(panel.grain)[:, None], np.sin(panel.grain)[:, None]
+        X, Y = np.moveaxis(cloth.X[cloth.stencil], -1, 0)
+        X = np.stack([c * X + s * Y, c * Y - s * X], axis=-1)  # (m, 6, 2) along warp and weft
+        barycentric = _barycentric_gradients(X[:, :3])
+        points = np.zeros((6, 3))
+        along = np.tile(GAUSS, 3)
+        ends = np.repeat(EDGES, 2, axis=0)
+        points[np.arange(6)[:, None], ends] = np.stack([1 - along, along], axis=-1)
+        edge = X[:, EDGES[:, 1]] - X[:, EDGES[:, 0]]
+        t = np.repeat(edge / np.linalg.norm(edge, axis=-1, keepdims=True), 2, axis=1)  # (m, 6, 2)
+        slopes = np.einsum("esai,esi->esa", _gradients(points, barycentric), t)
+        gradients = _gradients(INTERIOR, barycentric)
+        samples = _interpolation(points, t)
+        forms = np.einsum("eps,esa,esb->epab", samples[:, :, :6], slopes, slopes, optimize=True)
+        mean = _strain_forms(gradients).mean(axis=1)  # (m, 3, 6, 6)
+        forms += np.einsum("epk,ekab->epab", samples[:, :, 6:], mean, optimize=True)
+        forms = np.ascontiguousarray(forms.reshape(-1, POINTS, 3, NODES, NODES))
+        local = X - X[:, :1]
+        rest = 0.5 * np.einsum("epkab,eai,ebi->epk", forms, local, local, optimize=True)
+        area = cloth.weights.sum(axis=1)
+        weights = np.repeat(area[:, None] / POINTS, POINTS, axis=1)
+        return cls(cloth.stencil, forms, weights, rest, slopes, gradients, samples)
+
+
+def _barycentric_gradients(corners: np.ndarray) -> np.ndarray:
+    """(m, 3, 2) gradients of the barycentric coordinates of triangles (m, 3, 2)."""
+    e = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)  # opposite to each corner
+    double_area = e[:, 0, 0] * e[:, 1, 1] - e[:, 0, 1] * e[:, 1, 0]
+    gradients: np.ndarray = np.stack([-e[..., 1], e[..., 0]], axis=-1) / double_area[:, None, None]
+    return gradients
+
+
+def _gradients(points: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """(m, p, 6, 2) gradients of the shape functions at barycentric points (p, 3)."""
+    corners = (4 * points - 1)[None, :, :, None] * g[:, None]
+    i, j = EDGES.T
+    middle = points[None, :, i, None] * g[:, None, j] + points[None, :, j, None] * g[:, None, i]
+    return np.concatenate([corners, 4 * middle], axis=2)
+
+
+def _strain_forms(G: np.ndarray) -> np.ndarray:
+    """(m, p, 3, 6, 6) the forms of E11, E22, E12 at points with the gradients G (m, p, 6, 2)."""
+    G1, G2 = G[..., 0], G[..., 1]
+    both = np.einsum("...a,...b->...ab", G1, G2)
+    parts = [
+        np.einsum("...a,...b->...ab", G1, G1),
+        np.einsum("...a,...b->...ab", G2, G2),
+        0.5 * (both + np.swapaxes(both, -1, -2)),
+    ]
+    stacked: np.ndarray = np.stack(parts, axis=2)
+    return stacked
+
+
+def _interpolation(points: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """(m, 9, 9) E_h at the interior points from its nine data; t (m, 6, 2) at the edge `points`.
+
+    The unknowns are the values of E_h at the corners.
+    """
+    along = np.stack([t[..., 0] ** 2, t[..., 1] ** 2, 2 * t[..., 0] * t[..., 1]], axis=-1)
+    data = np.empty((len(t), 9, 3, 3))
+    data[:, :6] = points[None, :, :, None] * along[:, :, None, :]
+    data[:, 6:] = np.eye(3)[None, :, None, :] / 3
+    values = np.einsum("pc,kl->pkcl", INTERIOR, np.eye(3)).reshape(9, 9)
+    return np.ascontiguousarray(values @ np.linalg.inv(data.reshape(-1, 9, 9)))
+
+
+@inner
+def gather(nodes: Array, e: int, x: Array, u: Array) -> None:
+    """u (6, 3) = the positions of the nodes from the first one, against round-off."""
+    i = np.uintp(nodes[e, 0])
+    for a in range(NODES):
+        j = np.uintp(nodes[e, a])
+        for c in range(3):
+            u[a, c] = x[j, c] - x[i, c]
+
+
+@inner
+def fill_rows(A: Array, u: Array, B: Array) -> None:
+    """B (3, 6, 3) = Σ_a A_ab u_a at a point with the forms A (3, 6, 6)."""
+    for k in range(3):
+        for b in range(NODES):
+            b0 = b1 = b2 = 0.0
+            for a in range(NODES):
+                b0 += A[k, b, a] * u[a, 0]
+                b1 += A[k, b, a] * u[a, 1]
+                b2 += A[k, b, a] * u[a, 2]
+            B[k, b, 0], B[k, b, 1], B[k, b, 2] = b0, b1, b2
+
+
+@inner
+def contract_rows(B: Array, u: Array) -> Three:
+    """B^k · u."""
+    E11 = E22 = E12 = 0.0
+    for b in range(NODES):
+        for c in range(3):
+            E11 += B[0, b, c] * u[b, c]
+            E22 += B[1, b, c] * u[b, c]
+            E12 += B[2, b, c] * u[b, c]
+    return E11, E22, E12
+
+
+@inner
+def strain(A: Array, rest: Array, u: Array, B: Array) -> Three:
+    """Return E_h at a point and fill B."""
+    fill_rows(A, u, B)
+    E = contract_rows(B, u)
+    return 0.5 * E[0] - rest[0], 0.5 * E[1] - rest[1], 0.5 * E[2] - rest[2]
+
+
+@inner
+def scatter_force(nodes: Array, e: int, w: float, S: Three, B: Array, f: Array) -> None:
+    """f_b −= w S̃ · B_b."""
+    S1, S2, S3 = w * S[0], w * S[1], 2.0 * w * S[2]
+    for b in range(NODES):
+        i = np.uintp(nodes[e, b])
+        for c in range(3):
+            f[i, c] -= S1 * B[0, b, c] + S2 * B[1, b, c] + S3 * B[2, b, c]
+
+
+@inner
+def scatter_material(
+    slots: Array, e: int, w: float, B: Array, C: Six, right: Array, T: Array, J: Array
+) -> None:
+    """J_ab += w Σ_kl B^k_a ℂ̃_kl right^l_bᵀ; T (3, 6, 3) is work space."""
+    C11, C22, C66, C12, C16, C26 = C
+    for b in range(NODES):
+        for c in range(3):
+            r1, r2, r3 = w * right[0, b, c], w * right[1, b, c], 2.0 * w * right[2, b, c]
+            T[0, b, c] = C11 * r1 + C12 * r2 + C16 * r3
+            T[1, b, c] = C12 * r1 + C22 * r2 + C26 * r3
+            T[2, b, c] = 2.0 * (C16 * r1 + C26 * r2 + C66 * r3)
+    for a in range(NODES):
+        for b in range(NODES):
+            s = np.uintp(slots[e, a, b])
+            for i in range(3):
+                for j in range(3):
+                    J[s, i, j] += (
+                        B[0, a, i] * T[0, b, j] + B[1, a, i] * T[1, b, j] + B[2, a, i] * T[2, b, j]
+                    )
+
+
+@inner
+def scatter_geometric(slots: Array, e: int, w: float, S: Three, A: Array, J: Array) -> None:
+    """J_ab += w Σ_k S̃_k A^k_ab I₃."""
+    S1, S2, S3 = w * S[0], w * S[1], 2.0 * w * S[2]
+    for a in range(NODES):
+        for b in range(NODES):
+            s = np.uintp(slots[e, a, b])
+            value = S1 * A[0, a, b] + S2 * A[1, a, b] + S3 * A[2, a, b]
+            for i in range(3):
+                J[s, i, i] += value
+
+
+@inner
+def add_sample_stress(M: Array, p: int, w: float, S: Three, sigma: Array) -> None:
+    """sigma (9,) += the stress at point p on the nine data of E_h."""
+    for s in range(9):
+        sigma[s] += w * (S[0] * M[3 * p, s] + S[1] * M[3 * p + 1, s] + 2.0 * S[2] * M[3 * p + 2, s])
+
+
+@inner
+def scatter_tension(
+    slots: Array, e: int, scale: float, sigma: Array, H: Array, S: Three, G: Array, J: Array
+) -> None:
+    """J_ab += scale (Σ_s max(σ_s, 0) H_sa H_sb + ⅓ Σ_q G_a · S G_b) I₃, semi-definite if S is.
+
+    σ_s are the stresses on t · E t at the Gauss points of the edges, with the slopes H there, and
+    S is the one on the mean of E, with the gradients G at the three points.
+    """
+    for a in range(NODES):
+        for b in range(NODES):
+            total = 0.0
+            for s in range(6):
+                total += max(sigma[s], 0.0) * H[s, a] * H[s, b]
+            for q in range(POINTS):
+                g1 = S[0] * G[q, a, 0] + S[2] * G[q, a, 1]
+                g2 = S[2] * G[q, a, 0] + S[1] * G[q, a, 1]
+                total += (g1 * G[q, b, 0] + g2 * G[q, b, 1]) / 3.0
+            block = np.uintp(slots[e, a, b])
+            for i in range(3):
+                J[block, i, i] += scale * total

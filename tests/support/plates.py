@@ -1,0 +1,69 @@
+"""Meshes, linear solutions and series for tests of plates."""
+
+import numpy as np
+from scipy.sparse.linalg import spsolve
+
+import fecloth as fc
+
+PATTERNS = ["right", "cross", "equilateral", "unstructured", "jittered", "graded"]
+BENDING = {"areal_density": 1.0, "tensile_stiffness": 1e3, "bending_rigidity": 1.0}
+
+
+def square(pattern, n):
+    """A unit square with n edges along its sides; "jittered" has nodes moved by up to 0.22 h."""
+    if pattern == "jittered":
+        cloth = fc.Cloth.rectangle(1.0, 1.0, 1 / n, "right")
+        X, inside = cloth.X.copy(), ~on_sides(cloth)
+        X[inside] += np.random.default_rng(1).uniform(-0.22, 0.22, (inside.sum(), 2)) / n
+        return fc.Cloth.from_arrays(X, cloth.triangles)
+    if pattern == "graded":  # cells from 1/n down to a seventh of it
+        cells = int(np.ceil(n * np.log(7) * 7 / 6))
+        cloth = fc.Cloth.rectangle(1.0, 1.0, 1 / cells, "right")
+        return fc.Cloth.from_arrays((7**cloth.X - 1) / 6, cloth.triangles)
+    return fc.Cloth.rectangle(1.0, 1.0, 1 / n, pattern)
+
+
+def on_sides(cloth):
+    """(n,) whether a node lies on the sides of the unit square."""
+    return ((cloth.X < 1e-9) | (cloth.X > 1 - 1e-9)).any(axis=1)
+
+
+def sides(X):
+    return ((X < 1e-9) | (X > 1 - 1e-9)).any(axis=1)
+
+
+def plate(cloth, fabric, pins=(), **options):
+    return fc.System(cloth, fabric, [fc.PlateBending(**options)], pins=pins)
+
+
+def transverse(system):
+    """(n, n) the stiffness against deflections about flat [N/m]."""
+    return system.stiffness(system.rest()).tocsr()[2::3, 2::3].tocsc()
+
+
+def deflection(system, load, held=None, w=None):
+    """(n,) deflection under nodal forces, with the values `w` at the `held` nodes."""
+    K = transverse(system)
+    if held is None:
+        held = np.zeros(len(load), bool)
+        held[system.constraints.nodes] = True
+    w = np.zeros(len(load)) if w is None else w.copy()
+    free = ~held
+    w[free] = spsolve(K[free][:, free], load[free] - K[free][:, held] @ w[held])
+    return w
+
+
+def uniform_load(cloth):
+    return cloth.weighted_load(np.ones(len(cloth.triangles)))
+
+
+def navier(X, D, terms=60):
+    """Deflection of a simply supported unit square of the rigidities D under the load 1."""
+    (D11, D12), D22, D66 = D[0, :2], D[1, 1], D[2, 2]
+    w = np.zeros(len(X))
+    for m in range(1, terms, 2):
+        for n in range(1, terms, 2):
+            stiffness = D11 * m**4 + 2 * (D12 + 2 * D66) * (m * n) ** 2 + D22 * n**4
+            amplitude = 16 / (np.pi**6 * m * n * stiffness)
+            w += amplitude * np.sin(m * np.pi * X[:, 0]) * np.sin(n * np.pi * X[:, 1])
+    return w
