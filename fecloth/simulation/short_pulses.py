@@ -28,7 +28,9 @@ def longest_step(
     """Return an upper bound [s] of steps chosen in a run from t with these stops, None if fixed."""
     if steps.dt is not None:
         return None
-    bounds = [float(np.diff(ends, prepend=t).max()), getattr(steps, "longest", None) or math.inf]
+    sizes = np.diff(ends, prepend=t)
+    sizes[0] /= 2  # the first step is below SAFETY of what is ahead, and so at most half of it
+    bounds = [float(sizes.max()), getattr(steps, "longest", None) or math.inf]
     if steps.traits.explicit:
         bounds.append(element_bound(system, "central_difference"))
     return min(bounds)
