@@ -104,6 +104,7 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "t_start": "The start [s].",
         "rtol": "Error of the chosen steps, relative to the cloth's size [1/s].",
         "atol": "Error of the chosen steps [m/s].",
+        "longest": "The longest chosen step [s]; see `Adaptive`.",
     },
     "NewtonTable": {"linear": "The linear solver."},
     "Output": {

@@ -20,6 +20,7 @@ from fecloth.scene.dimensionless import (
 )
 from fecloth.scene.problem import Problem
 from fecloth.simulation.set_up_warnings import find_set_up_warnings
+from fecloth.simulation.short_pulses import find_short_pulses
 from fecloth.stability.critical_step import element_bound
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -40,8 +41,10 @@ def find_warnings(problem: Problem) -> list[str]:
     """Return a sentence for each likely problem of the run, with its remedy."""
     dt = None if _is_static(problem) else problem.dt
     set_up = find_set_up_warnings(problem.system, problem.state, dt, problem.t_end)
+    ends = np.append(problem.stops, problem.t_end)
+    pulses = find_short_pulses(problem.system, problem.state, problem.steps, ends)
     checks = (_mesh, _weight, _flat, _fast_waves, _short_steps, _damping)
-    return [*set_up, *(sentence for check in checks for sentence in check(problem))]
+    return [*set_up, *pulses, *(sentence for check in checks for sentence in check(problem))]
 
 
 def _mesh(problem: Problem) -> Iterator[str]:

@@ -16,6 +16,7 @@ from fecloth.simulation.resolve import choose_steps
 from fecloth.simulation.step_times import EARLIER, coarse_clock
 
 MOST_STEPS = 10_000_000
+CHOSEN = ("rtol", "atol", "longest")  # parameters of `Adaptive` and `Auto`
 _METHODS = METHODS | EXPLICIT
 
 
@@ -35,8 +36,8 @@ class Time(Table):
 
     Without a method and dt, both are chosen: `method` is "auto".
     With ``dt = "auto"`` explicit methods take 0.9 of their largest stable step. With `rtol` [1/s]
-    or `atol` [m/s], and for implicit methods always, the error determines the steps; see
-    `Adaptive`.
+    or `atol` [m/s], and for implicit methods always, the error determines the steps, up to
+    `longest` [s]; see `Adaptive`.
     """
 
     method: _MethodTable = Field(None, description=", ".join([*_METHODS, "auto"]))
@@ -45,6 +46,7 @@ class Time(Table):
     t_start: Annotated[float, TIME] = 0.0
     rtol: Annotated[float | None, RATE] = Field(None, ge=0)
     atol: Annotated[float | None, SPEED] = Field(None, ge=0)
+    longest: Annotated[float | None, TIME] = Field(None, gt=0)
 
     @model_validator(mode="before")
     @classmethod
@@ -67,7 +69,7 @@ class Time(Table):
         if self.dt == "auto":
             self.steps()
             return self
-        for key in ("rtol", "atol"):
+        for key in CHOSEN:
             if getattr(self, key) is not None:
                 raise InputError(f"{key} = {getattr(self, key)!r}", 'needs dt = "auto"')
         if self.method.type == "auto":
@@ -83,7 +85,7 @@ class Time(Table):
 
     def steps(self) -> StepChoice | Auto:
         """Return the method with the choice of its steps, as `march` takes it."""
-        tolerances = {k: getattr(self, k) for k in ("rtol", "atol") if getattr(self, k) is not None}
+        tolerances = {k: getattr(self, k) for k in CHOSEN if getattr(self, k) is not None}
         if self.method.type == "auto":
             return Auto(**tolerances)
         dt = None if self.dt == "auto" else self.dt

@@ -84,8 +84,8 @@ class Adaptive(ChosenSteps):
 
     The ends of a step do not show a short motion inside it. A step with little error is therefore
     sampled, at sixteen times for the motion of pins and at five for loads that depend on time, and
-    rejected if these deviate from the interpolation between its ends. Shorter motions are missed:
-    make a step end there with the `stops` of `march`.
+    rejected if these deviate from the interpolation between its ends. Shorter motions may be
+    missed, of which `run` warns: bound the steps by `longest`, or make one end there with `stops`.
 
     Explicit methods stay below their stability limit, see `StabilityLimited`. The estimate includes
     fast waves in the plane of the cloth. A method that does not damp them then takes short steps:
@@ -102,11 +102,14 @@ class Adaptive(ChosenSteps):
         Error for each second of motion, relative to the cloth's size R [1/s].
     atol
         The same as a velocity [m/s], added.
+    longest
+        Longest step [s], for motions and loads shorter than the samples see; None for any.
 
     Raises
     ------
     InputError
-        For tolerances below 0 or both 0, and for a method without an estimate.
+        For tolerances below 0 or both 0, for a longest step that is not > 0, and for a method
+        without an estimate.
 
     Examples
     --------
@@ -123,6 +126,7 @@ class Adaptive(ChosenSteps):
     method: Integrator | ExplicitIntegrator
     rtol: float = 1e-3
     atol: float = 0.0
+    longest: float | None = None
 
     def __post_init__(self):
         for name in ("rtol", "atol"):
@@ -131,6 +135,9 @@ class Adaptive(ChosenSteps):
                 raise InputError(f"{name} = {value!r}", "must be a number >= 0", "Adaptive")
         if self.rtol == self.atol == 0:
             raise InputError("rtol = atol = 0", "one of them must be > 0", "Adaptive")
+        if self.longest is not None and not (is_number(self.longest) and self.longest > 0):
+            allowed = "must be a number > 0 [s], or None"
+            raise InputError(f"longest = {self.longest!r}", allowed, "Adaptive")
         method = self.method
         is_method = not isinstance(method, type) and hasattr(method, "step")
         if is_method:
@@ -181,7 +188,7 @@ class Adaptive(ChosenSteps):
     ) -> Step:
         """One step from `state` over at most `horizon` [s], and to its end if that is near."""
         control, tried = memory or self.start(system, state, horizon), Counts()
-        dt = _fit_step(control.dt, horizon)
+        dt = _fit_step(min(control.dt, self.longest or math.inf), horizon)
         reason: str | NewtonFailed | SolveFailed = ""
         for rejected in range(RETRIES):
             if not state.t + dt > state.t:  # below the round-off of the time

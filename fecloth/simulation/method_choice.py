@@ -67,18 +67,19 @@ class Auto(ChosenSteps):
 
     Parameters
     ----------
-    rtol, atol
+    rtol, atol, longest
         As for `Adaptive`.
     """
 
     rtol: float = 1e-3
     atol: float = 0.0
+    longest: float | None = None
 
     traits = MethodTraits(order=2, chooses_dt=True)
 
     def __post_init__(self):
         try:
-            self._candidate(GeneralizedAlpha())  # refuses the tolerances
+            self._candidate(GeneralizedAlpha())  # refuses the parameters
         except InputError as error:
             raise InputError(error.what, error.allowed, "Auto", error.remedy) from None
 
@@ -88,7 +89,7 @@ class Auto(ChosenSteps):
         return self._candidate(GeneralizedAlpha()), self._candidate(CentralDifference())
 
     def _candidate(self, method) -> Adaptive:
-        return Adaptive(method, self.rtol, self.atol)
+        return Adaptive(method, self.rtol, self.atol, self.longest)
 
     def step(self, *_):
         """Raise `InputError`: `march` chooses a method before the first step."""

@@ -22,6 +22,7 @@ from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.set_up_warnings import find_set_up_warnings
+from fecloth.simulation.short_pulses import find_short_pulses
 from fecloth.simulation.surface_checks import Shape, intersection_warning
 from fecloth.simulation.time_error import relative_error
 from fecloth.simulation.time_error_words import find_doubts, name_time_error
@@ -134,12 +135,14 @@ def run(
     validation.function("report", report, "lambda info: print(info.t)", "run")
     opening = replace(state, t=memory.start) if memory else state
     steps = choose_steps(method, dt)
-    end = float(steps.end_times(opening.t, t_end, stops)[-1])  # refuses wrong times
+    ends = steps.end_times(opening.t, t_end, stops)  # refuses wrong times
+    end = float(ends[-1])
     ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
     record = trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
     check_offers(steps.method, ("numerical",), "run")
-    foreseen = tuple(find_set_up_warnings(system, opening, steps.dt, end))
+    set_up = find_set_up_warnings(system, opening, steps.dt, end)
+    foreseen = (*set_up, *find_short_pulses(system, opening, steps, ends))
     for words in foreseen:
         warnings.warn(words, FeclothWarning, stacklevel=2)
     if memory is None:  # `march` checks and warns only without a memory
