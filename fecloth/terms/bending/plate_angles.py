@@ -79,6 +79,13 @@ class PlateAngles:
     rows: CoupledRows
     flat_gradient: np.ndarray
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of the arrays [bytes]."""
+        Q, rows = self.stiffness, self.rows
+        arrays = Q.data, Q.indices, rows.place, rows.slots, rows.start, rows.width, rows.own
+        return sum(array.nbytes for array in arrays)
+
     def at(self, t: float) -> tuple:
         """What the loops over the hinges take first, at the time t."""
         held = self.held if self.moved is None else self.moved(self.held, t)
