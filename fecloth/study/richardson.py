@@ -116,7 +116,7 @@ def describe_level(settings: Mapping) -> str:
 
 
 def describe_errors(table: Rows) -> str:
-    """Return a sentence for h and for dt: the error, or that there is no convergence."""
+    """Return two sentences: the error by h and the error by dt, or that it does not converge."""
     lines = []
     for row in table:
         error, name = row.get(RELATIVE, np.nan), row["halved"]

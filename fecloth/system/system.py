@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, brief
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
@@ -51,7 +51,8 @@ class System:
     Raises
     ------
     InputError
-        For a term that cannot be bound or does not know the cloth's element, a pin that names no
+        For a `start` of another cloth, a clamped pin without a term that holds normals, a term that
+        cannot be bound or does not know the cloth's element, a pin that names no
         node, or a lumped mass for P2.
 
     Examples
@@ -81,6 +82,10 @@ class System:
         mass = mass_kind if mass is None else mass
         mass = cloth.usual_mass if mass is None else mass
         _check_elements(terms, cloth.element)
+        if start is not None and not (isinstance(start, State) and len(start.x) == len(cloth.X)):
+            allowed = f"must be a State of {len(cloth.X)} nodes, or None"
+            remedy = "Make it by system.state(x, v) of a system on this cloth."
+            raise InputError(f"start = {brief(start)}", allowed, "System", remedy)
         for name, value in (
             ("cloth", cloth),
             ("fabric", fabric),

@@ -138,7 +138,7 @@ def make_flex(
       </worldbody>
     </mujoco>"""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # 4.0 wrongly warns that there is no passive force
+        warnings.simplefilter("ignore")  # MuJoCo 4.0 misses a passive force that is there
         model = mujoco.MjSpec.from_string(xml).compile()
     free = model.flex_vertbodyid > 0  # pinned vertices belong to the world, body 0
     model.body_mass[model.flex_vertbodyid[free]] = system.nodal_mass[free]

@@ -38,7 +38,7 @@ the README; costs in time are relative to `StVK`.
 The pictures of membranes and springs have the same axes. All laws represent one fabric, Y =
 {Y:g} N/m and ν = {NU:g} (G = {G:.0f} N/m); the straight lines Y (λ − 1) and G γ are drawn for
 comparison. Left: the force per unstretched width along the warp at the stretch λ, with free sides.
-The width and the slant are solved for, so that there is no stress across. Right: simple shear by γ
+Its width and its shear are computed such that there is no stress across. Right: simple shear by γ
 at constant width and length. The curves come from the term's own forces on a patch under one
 uniform deformation, without a border. They do not show that a compressed sheet would buckle. The
 orthotropic fabric has half of Y along the weft and G = {0.1 * Y:g} N/m. In bending, the cloth is

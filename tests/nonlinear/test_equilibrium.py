@@ -239,7 +239,7 @@ def limit_pressure():
 
 
 def test_load_steps_end_at_the_limit_load():
-    """A rubber membrane bears no more than a limit pressure; the error states the load reached."""
+    """Above its limit pressure a rubber membrane has no equilibrium; the error names the load."""
     shear, radius = 1000.0 / 3, 0.5
     cloth = fc.Cloth.disk(radius, 0.05)
     fabric = fc.Fabric(0.2, 3 * shear, 0.5)

@@ -219,3 +219,80 @@ def test_a_clamp_needs_a_term_that_holds_it():
         fc.System(cloth, ISOTROPIC, [fc.StVK(), fc.HingeBending()], pins)
     with pytest.raises(fc.InputError, match=r"must cover an edge of the boundary"):
         plate(cloth, ISOTROPIC, [fc.Pin([0], clamp=True)])
+
+
+def test_work_of_a_clamp_that_turns_closes_the_energy_balance():
+    cloth = fc.Cloth.rectangle(0.4, 0.1, 0.05, "right")
+    fabric = fc.Fabric(0.2, 500.0, bending_rigidity=1e-3)
+    turn = fc.Rotation((0, 0, 0), (0, 1, 0), "1 - cos(3*t)")
+    pins = [fc.Pin("left", clamp=True, rotate=turn)]
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending()], pins)
+    ledgers = []
+    for dt in (4e-3, 2e-3):
+        run = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt, 0.4)
+        ledgers.append({name: column[-1] for name, column in run.energies.items()})
+    assert ledgers[1]["pins"] > 0.5 * ledgers[1]["total"] > 0
+    assert abs(ledgers[1]["remainder"]) < 0.01 * ledgers[1]["pins"]
+    assert abs(ledgers[1]["remainder"]) < 0.5 * abs(ledgers[0]["remainder"])
+
+
+def test_scene_clamps_and_turns_its_pins(tmp_path):
+    path = tmp_path / "clamp.toml"
+    path.write_text(
+        """
+[cloth]
+shape = "rectangle"
+width = 0.4
+height = 0.1
+h = 0.05
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 500.0
+bending_rigidity = 1e-3
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "PlateBending"
+rest = "start"
+[[terms]]
+type = "BendingDamping"
+time = 0.02
+law = { type = "PlateBending" }
+[[pins]]
+where = "left"
+clamp = true
+rotate = { point = [0, 0, "10 cm"], axis = [0, 1, 0], angle = "-1.0*t" }
+[start]
+position = ["X", "Y", "0.5*X**2"]
+[time]
+method = "bdf2"
+dt = 0.01
+t_end = 0.1
+"""
+    )
+    system = fc.load_scene(path).build().system
+    (pin, _), *_ = system.constraints.groups.values()
+    assert (pin.clamp, pin.rotate.point) == (True, (0.0, 0.0, 0.1))
+    assert len(system.panel.clamps.half_edges) == 2
+    assert system.energies(system.start)["PlateBending"] < 1e-25
+
+
+def test_start_of_another_cloth_is_refused():
+    cloth, other = square("right", 4), square("right", 5)
+    start = plate(other, ISOTROPIC).rest()
+    with pytest.raises(fc.InputError, match=r"start = .*must be a State of 25 nodes.*system.state"):
+        fc.System(cloth, ISOTROPIC, [fc.PlateBending()], start=start)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"bending_poisson_ratio": 1.0}, "bending_poisson_ratio = 1.0: must lie between -1 and 1"),
+        ({"bias_rigidity": 0.5}, r"bias_rigidity = 0.5: must exceed .* = 0.5 N m.*twist"),
+        ({"bias_rigidity": 0.0}, "bias_rigidity = 0.0: must be a finite number > 0"),
+    ],
+)
+def test_fabric_that_would_bend_without_work_is_refused(values, message):
+    with pytest.raises(fc.InputError, match=message):
+        fc.Fabric(**BENDING, **values)
