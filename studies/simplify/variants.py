@@ -123,7 +123,7 @@ def variants_of_time(data: Data) -> Iterator[Variant]:
             continue
         change, is_check = multiply_step(key, factor), factor < 1
         yield Variant(f"{key} × {factor:g}", key, factor, "time", change, is_check=is_check)
-    if method_name(data) not in (*EXPLICIT, "auto") and data["cloth"].get("element") != "P2":
+    if method_name(data) not in (*EXPLICIT, "auto"):
         yield Variant("explicit", "explicit", None, "time", use_explicit_steps)
 
 
