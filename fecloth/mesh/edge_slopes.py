@@ -109,7 +109,8 @@ class EdgeSlopes:
         """
         sides = self.edges.hinges.sides
         seam = self.region[sides[:, 0]] != self.region[sides[:, 1]]
-        ends: np.ndarray = (self.edges.hinge < 0).reshape(-1, 3).any(axis=1)
+        ends = np.zeros(len(self.edges.triangles), bool)
+        ends[np.flatnonzero(self.edges.hinge < 0) // 3] = True
         ends[sides[seam]] = True
         used = np.diff(self._plain_weights.indptr) > 0
         return seam | (used & (self.patches @ ends.astype(float) > 0))
