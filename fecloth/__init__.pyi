@@ -29,6 +29,7 @@ from .nonlinear.options import Newton
 from .nonlinear.stage import Stage
 from .output.frame_arrays import fields
 from .output.frames import Frames, read_frame, write_vtk
+from .runs.outcome import SceneResult
 from .runs.run_scene import run_scene
 from .scene.scene import load_scene
 from .simulation.energy_ledger import Ledger
@@ -116,6 +117,7 @@ __all__ = [
     "Result",
     "Rotation",
     "SceneError",
+    "SceneResult",
     "Slide",
     "SolveFailed",
     "Springs",

@@ -22,7 +22,7 @@ from fecloth.runs import restart as restarts
 from fecloth.runs.disk_space import MOST_FRAMES, check_space
 from fecloth.runs.environment import peak_memory, versions
 from fecloth.runs.folder import RunFolder
-from fecloth.runs.outcome import FAILED, INTERRUPTED, Outcome, count_sizes
+from fecloth.runs.outcome import FAILED, INTERRUPTED, SceneResult, count_sizes, read_columns
 from fecloth.runs.restart import Restart
 from fecloth.runs.shape_watch import ShapeWatch, last_count, shape_summary
 from fecloth.runs.stopwatch import Watch
@@ -39,6 +39,7 @@ from fecloth.view.html_report import write_report
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 _TABLES = ("steps", "energies", "observed", "strains")
+_OBSERVED = ("energies", "observed")
 _SO_FAR = ("state", "memory", "ledger", "balance", "time_error", "counted")
 _COUNTED = ("newton", "linear", "modified", "factorisations", "rejected", "limited")
 
@@ -341,7 +342,7 @@ class Recorder:
             return restarts.find(self.folder.path).state.t
         return None
 
-    def close(self, status: str, why: str, error: FeclothError | None, warn) -> Outcome:
+    def close(self, status: str, why: str, error: FeclothError | None, warn) -> SceneResult:
         """Write the last good state as a frame, the summary, the last line of the log."""
         try:
             with self.watch.phase("output"):
@@ -366,8 +367,32 @@ class Recorder:
             self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing
         except InputError as full:
             status, error = FAILED, error or full
-        ends = self.ledger, error, tuple(self.warnings), resumes
-        return Outcome(status, self.folder.path, summary, *ends)
+        return self._result(status, summary, time_error, error, resumes)
+
+    def _result(self, status: str, summary: dict, time_error: float, error, resumes) -> SceneResult:
+        energies, observed = (read_columns(self.tables[name].path) for name in _OBSERVED)
+        times = energies.pop("t", np.empty(0))
+        observed.pop("t", None)
+        return SceneResult(
+            state=self.state,
+            times=times,
+            energies=energies,
+            observed=observed,
+            seconds=summary["seconds"],
+            newton=self.counts["newton"],
+            linear=self.counts["linear"],
+            solver=summary["solver"],
+            method=self.problem.method,
+            shape=self.watched.shape(self.state, self.seen),
+            warnings=tuple(self.warnings),
+            time_error=time_error,
+            status=status,
+            folder=self.folder.path,
+            summary=summary,
+            ledger=self.ledger,
+            error=error,
+            resumes=resumes,
+        )
 
 
 def _kind(words: str) -> str:
