@@ -48,6 +48,7 @@ def test_quick(study, says, out):
     [
         "convergence",
         "models",
+        "models.elastica",
         "simplify",
         "work_precision",
         "stability",
