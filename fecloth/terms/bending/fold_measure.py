@@ -7,7 +7,7 @@ It has two continuous derivatives. The angle itself jumps from π to −π where
 through each other; the measure makes that fold infinitely stiff. In a march the fold stays open as
 long as no step carries a node further than the gap that is left; only contact stops a longer step.
 
-The other candidate, 2 tan(θ/2) for all angles (as in libshell's `MidedgeAngleTanFormulation`), keeps
+The other candidate, 2 tan(θ/2) for all angles, as in libshell's `MidedgeAngleTanFormulation`, keeps
 folds open as well. Measured with each, P1 unless P2 is named, errors relative:
 
     =================================================  ================  ================

@@ -31,13 +31,13 @@ def helicoid():
     points, weights = np.polynomial.legendre.leggauss(20)
     scale = (1 - NU) * B * TURN**2 * WIDTH  # of bending without stretch
 
-    def across(c, u):  # y = Y Σ c_k u^2k and its derivative, u = 2Y/W
-        powers = [np.power(u, 2 * k) for k in range(len(c))]
-        y = 0.5 * WIDTH * u * sum(c_k * p for c_k, p in zip(c, powers, strict=True))
-        return y, sum((2 * k + 1) * c_k * p for k, (c_k, p) in enumerate(zip(c, powers)))
+    def across(c):  # y over W/2 as a function of 2Y/W
+        odd = np.column_stack([np.zeros(len(c)), c]).ravel()
+        return np.polynomial.Polynomial(odd)
 
     def energy(q):
-        a, (y, dy) = q[0], across(q[1:], points)
+        a, shape = q[0], across(q[1:])
+        y, dy = 0.5 * WIDTH * shape(points), shape.deriv()(points)
         E1, E2 = (a**2 + (TURN * y) ** 2 - 1) / 2, (dy**2 - 1) / 2
         membrane = Y / (1 - NU**2) * (E1**2 + E2**2 + 2 * NU * E1 * E2)
         twist = a * TURN * dy / np.sqrt(a**2 + (TURN * y) ** 2)
@@ -45,7 +45,8 @@ def helicoid():
         return weights @ (0.5 * WIDTH * 0.5 * (membrane + bending)) / scale
 
     least = minimize(energy, [1.0, 1.0, 0.0, 0.0], method="BFGS", options={"gtol": 1e-7})
-    return scale * least.fun, least.x[0], lambda s: across(least.x[1:], 2 * s / WIDTH)[0]
+    shape = across(least.x[1:])
+    return scale * least.fun, least.x[0], lambda Y: 0.5 * WIDTH * shape(2 * Y / WIDTH)
 
 
 def held_at_the_helicoid(pattern, element, n):
