@@ -35,6 +35,7 @@ from .simulation.energy_ledger import Ledger
 from .simulation.error_control import Adaptive
 from .simulation.march import march
 from .simulation.method_choice import Auto
+from .simulation.modes import Modes, modes
 from .simulation.probes import Probe
 from .simulation.resolve import solver_for
 from .simulation.run import Result, run
@@ -104,6 +105,7 @@ __all__ = [
     "MembraneLaw",
     "MeshError",
     "MethodTraits",
+    "Modes",
     "NeoHookean",
     "Newmark",
     "Newton",
@@ -142,6 +144,7 @@ __all__ = [
     "load_scene",
     "many_steps",
     "march",
+    "modes",
     "plane_moduli",
     "read_frame",
     "run",
