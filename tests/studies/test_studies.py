@@ -24,6 +24,7 @@ def out(tmp_path_factory):
         ("benchmarks.kernels", "figures met"),
         ("benchmarks.moved_pin", "figures met"),
         ("benchmarks.terms", "StVK"),
+        ("benchmarks.bending", "figures met"),
         ("models.hinge_bias", "derived"),
         ("models.homogenised_moduli", "exponent of h"),
         ("benchmarks.linear_solvers", "auto over the best"),
@@ -48,6 +49,7 @@ def test_quick(study, says, out):
     [
         "convergence",
         "models",
+        "models.elastica",
         "simplify",
         "work_precision",
         "stability",
