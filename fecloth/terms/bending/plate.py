@@ -151,7 +151,7 @@ class BoundPlate:
     def add_force(self, x, v, t, f) -> None:
         """f_a −= Σ m ∂μ/∂x_a with the moments m = Q (μ − μ⁰) [N]."""
         mu, g = self.plate.gradients(x, t)
-        plate_loops.add_force(self.plate.nodes, g, self.plate.stiffness @ (mu - self.rest), f)
+        self.plate.add_force(mu - self.rest, g, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx (GᵀQG + Σ m ∂²μ/∂x∂x) with G = ∂μ/∂x; `definite` drops the second part."""
