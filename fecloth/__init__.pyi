@@ -41,6 +41,7 @@ from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
 from .system.pins import Pin, Slide
 from .system.rotation import Rotation
+from .system.space_error import SpaceError, space_error
 from .system.state import State
 from .system.system import System
 from .terms import (
@@ -118,6 +119,7 @@ __all__ = [
     "SceneError",
     "Slide",
     "SolveFailed",
+    "SpaceError",
     "Springs",
     "StVK",
     "Stage",
@@ -147,6 +149,7 @@ __all__ = [
     "run",
     "run_scene",
     "solver_for",
+    "space_error",
     "stability",
     "strip_rigidity",
     "study",

@@ -115,6 +115,13 @@ class Panel:
         return self.each(lambda fabric: fabric.areal_density)[:, 0]
 
     @cached_property
+    def material(self) -> np.ndarray:
+        """(m,) equal where two triangles have one fabric and one warp direction."""
+        cut = np.column_stack([self.region, self.grain])
+        number: np.ndarray = np.unique(cut, axis=0, return_inverse=True)[1].ravel()
+        return number
+
+    @cached_property
     def gradients(self) -> np.ndarray:
         """(m, q, k, 2) derivatives of N_a along warp and weft [1/m].
 

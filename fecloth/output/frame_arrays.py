@@ -7,6 +7,7 @@
     quality               (m,)    4√3 A / Σ l² of the reference triangle
     stress_resultants     (m, 3)  S11, S22, S12 [N/m]
     energy_density        (m,)    W [J/m²] per reference area
+    error_density         (m,)    energy of the error in space [J/m²], where it is asked for
 
 1 is the warp and 2 the weft by the grain of the system (without a system, X and Y); ParaView shows
 the components by these names. Cell values are means over the reference triangle. Triangles of the
@@ -20,16 +21,17 @@ import numpy as np
 
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.vtu_writer import Arrays
+from fecloth.system.space_error import space_error
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import deformation_gradient, principal_stretches
 
 
-def fields(system: System, state: State) -> tuple[Arrays, Arrays]:
+def fields(system: System, state: State, error_density: bool = False) -> tuple[Arrays, Arrays]:
     """Return the point data and cell data of a state, as listed at the head of this file.
 
     Stress resultants and energy density are summed over the membrane terms; a system without one
-    has neither.
+    has neither. With `error_density` the cells have that of `space_error`.
     """
     points, cells = kinematics(system.cloth, state, system.panel.gradients)
     membranes = [term for term in system.bound if hasattr(term, "add_stress")]
@@ -38,6 +40,8 @@ def fields(system: System, state: State) -> tuple[Arrays, Arrays]:
         for term in membranes:
             term.add_stress(state.x, stress)
         cells |= {"stress_resultants": stress[:, :3], "energy_density": stress[:, 3]}
+    if error_density:
+        cells["error_density"] = space_error(system, state).density
     return points, cells
 
 

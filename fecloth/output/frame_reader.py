@@ -63,6 +63,7 @@ FIELDS = {
     "speed": Field("speed", "m/s", "velocity", _norm),
     "displacement": Field("displacement", "m", "displacement", _norm),
     "energy_density": Field("energy density", "J/m²", "energy_density", np.asarray),
+    "error_density": Field("error density", "J/m²", "error_density", np.asarray),
     "height": Field("height", "m", "", _component(2)),
     "quality": Field("quality", "", "quality", np.asarray),
     **{

@@ -34,6 +34,7 @@ from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.simulation.time_error import TimeError, relative_error
 from fecloth.simulation.time_error_words import describe_time_error, find_doubts
+from fecloth.system.space_error import space_error
 from fecloth.view.html_report import write_report
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
@@ -265,7 +266,7 @@ class Recorder:
         if len(self.frames.times) >= MOST_FRAMES:
             remedy = "Raise every, or lower frames, in [output]."
             raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=remedy)
-        arrays = fields(self.problem.system, self.state)
+        arrays = fields(self.problem.system, self.state, self.problem.error_density)
         self.frames.add(self.state, arrays)
         self.shown = Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
         row = stretch_row(self.state.t, arrays[1]["principal_stretches"])
@@ -307,6 +308,7 @@ class Recorder:
 
     def _summary(self, status: str, why: str, failure: str | None, error: float) -> dict:
         """Return the content of summary.json; `error` is that in time."""
+        space = space_error(self.problem.system, self.state)
         return {
             "status": status,
             "error": failure,
@@ -316,6 +318,8 @@ class Recorder:
             "t_end": self.problem.t_end,
             "time_error": None if math.isnan(error) else error,
             "time_error_in_words": describe_time_error(error, self.problem.method, self.mean_dt),
+            "space_error": None if math.isnan(space.relative) else space.relative,
+            "space_error_in_words": str(space),
             **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
@@ -361,6 +365,7 @@ class Recorder:
             words += f"; --resume goes on from {resumes:g} s"
         try:
             self.folder.log(summary["time_error_in_words"])
+            self.folder.log(summary["space_error_in_words"])
             self.folder.log(f"{words}: {error}" if error else words)
             self._report(summary)
             self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing
