@@ -18,7 +18,6 @@ Field = Callable[[np.ndarray], np.ndarray]
 SMALL = 1e-4  # load of the plates: their deflection is far below the length √(B/Y)
 NU, GAMMA = 0.3, 10.0
 PLATE = fc.Fabric(1.0, 1e3, NU, bending_rigidity=1.0, bending_poisson_ratio=NU)
-HELD = fc.Pin("boundary", clamp=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +74,11 @@ def mesh(width: float, height: float, n: int, pattern: str, element: str) -> fc.
     return fc.Cloth.from_arrays(X, cloth.triangles, sets, renumber=False, element=element)
 
 
+def on_sides(X: np.ndarray) -> np.ndarray:
+    """Return whether points lie on the sides of the unit square."""
+    return (np.abs(X - 0.5) > 0.5 - 1e-9).any(axis=1)
+
+
 def load(cloth: fc.Cloth, density: Field) -> fc.UserForce:
     """Return consistent nodal forces of a load (p, 3) per reference area."""
     parts = [cloth.load(lambda X, i=i: density(X)[:, i], order=8) for i in range(3)]
@@ -86,7 +90,7 @@ def bend(cloth, fabric, pressure: Callable, pins) -> Solved:
     """Return a plate under a small load across it."""
     across = load(cloth, lambda X: SMALL * np.outer(pressure(X), [0.0, 0.0, 1.0]))
     system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending(), across], pins)
-    return Solved(system, fc.equilibrium(system, system.rest(), tolerance=1e-6))
+    return Solved(system, fc.equilibrium(system, system.rest(), tolerance=1e-5))
 
 
 # --- membranes ------------------------------------------------------------------------------------
@@ -97,7 +101,7 @@ def taut_sheet(pattern: str, n: int, element: str) -> Solved:
     cloth = mesh(1.0, 1.0, n, pattern, element)
     fabric = fc.Fabric(manufactured.DENSITY, manufactured.Y, manufactured.NU)
     body = load(cloth, lambda X: -manufactured.divergence(X))
-    system = fc.System(cloth, fabric, [fc.StVK(), body], ["boundary"])
+    system = fc.System(cloth, fabric, [fc.StVK(), body], [fc.Pin(on_sides)])
     state = fc.equilibrium(system, system.state(manufactured.position(cloth.X)))
     return Solved(system, state, lambda X: _components(manufactured.strain(X)))
 
@@ -124,9 +128,8 @@ def hanging_strip(pattern: str, n: int, element: str) -> Solved:
 
 def supported_square(pattern: str, n: int, element: str) -> Solved:
     """Return a simply supported square under a uniform load: Navier's series."""
-    plate = bend(
-        mesh(1.0, 1.0, n, pattern, element), PLATE, lambda X: np.ones(len(X)), ["boundary"]
-    )
+    square = mesh(1.0, 1.0, n, pattern, element)
+    plate = bend(square, PLATE, lambda X: np.ones(len(X)), [fc.Pin(on_sides)])
     m = np.arange(1, 80, 2)
     i, j = np.meshgrid(m, m, indexing="ij")
     a = 16 * SMALL / (np.pi**4 * i * j * (i * i + j * j) ** 2)
@@ -154,14 +157,16 @@ def clamped_square(pattern: str, n: int, element: str) -> Solved:
         parts = np.cos(2 * x) * np.sin(y) ** 2, np.cos(2 * y) * np.sin(x) ** 2
         return 2 * pi**2 * SMALL * np.stack([*parts, np.sin(2 * x) * np.sin(2 * y)], axis=1)
 
-    plate = bend(mesh(1.0, 1.0, n, pattern, element), PLATE, pressure, [HELD])
+    plate = bend(
+        mesh(1.0, 1.0, n, pattern, element), PLATE, pressure, [fc.Pin(on_sides, clamp=True)]
+    )
     return replace(plate, curvature=curvature)
 
 
 def clamped_disc(pattern: str, n: int, element: str) -> Solved:
     """Return a clamped disc under a uniform load, of deflection q (1 − r²)²/64; pattern unused."""
     cloth = fc.Cloth.disk(1.0, (1 if element == "P1" else 2) / n, element)
-    plate = bend(cloth, PLATE, lambda X: np.ones(len(X)), [HELD])
+    plate = bend(cloth, PLATE, lambda X: np.ones(len(X)), [fc.Pin("boundary", clamp=True)])
 
     def curvature(X):
         x, y = X.T
@@ -238,7 +243,8 @@ def cantilever(pattern: str, n: int, element: str, ratio: float = 1e6) -> Solved
     def curvature(X):
         return np.outer(-shape(X[:, 0])[1], [1, 0, 0])
 
-    return Solved(system, fc.equilibrium(system, system.state(start)), strain, curvature)
+    state = fc.equilibrium(system, system.state(start), tolerance=1e-7)
+    return Solved(system, state, strain, curvature)
 
 
 def thin_cantilever(pattern: str, n: int, element: str) -> Solved:
