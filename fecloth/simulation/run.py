@@ -26,7 +26,7 @@ from fecloth.simulation.short_pulses import find_short_pulses
 from fecloth.simulation.surface_checks import Shape, intersection_warning
 from fecloth.simulation.time_error import relative_error
 from fecloth.simulation.time_error_words import find_doubts, name_time_error
-from fecloth.system.space_error import name_space_error, space_error
+from fecloth.system.space_error import space_error
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -92,7 +92,6 @@ class Result:
     def __repr__(self) -> str:
         steps, t = len(self.times) - 1, self.times[-1]
         remarks = [name_time_error(self.time_error)]
-        remarks += [] if self.space_error_reason else [name_space_error(self.space_error)]
         remarks += [count_warnings(self.warnings)] if self.warnings else []
         return f"<Result of {steps} steps of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
 

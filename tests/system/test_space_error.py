@@ -50,7 +50,6 @@ def test_an_equilibrium_and_a_run_say_it():
     state = system.state(wavy(cloth))
     result = fc.run(system, fc.BackwardEuler(), state, 1e-4, 3e-4)
     assert result.space_error == fc.space_error(system, result.state).relative > 0.01
-    assert "error in space about" in repr(result)
     loaded = fc.System(cloth, PLATE, [*terms, fc.Gravity()], [fc.Pin(on_sides)])
     found = fc.equilibrium(loaded, loaded.state(wavy(cloth)))
     assert found.space_error == fc.space_error(loaded, found).relative > 0.01
