@@ -29,12 +29,14 @@ from .nonlinear.options import Newton
 from .nonlinear.stage import Stage
 from .output.frame_arrays import fields
 from .output.frames import Frames, read_frame, write_vtk
+from .runs.outcome import SceneResult
 from .runs.run_scene import run_scene
 from .scene.scene import load_scene
 from .simulation.energy_ledger import Ledger
 from .simulation.error_control import Adaptive
 from .simulation.march import march
 from .simulation.method_choice import Auto
+from .simulation.modes import Modes, modes
 from .simulation.probes import Probe
 from .simulation.resolve import solver_for
 from .simulation.run import Result, run
@@ -105,6 +107,7 @@ __all__ = [
     "MembraneLaw",
     "MeshError",
     "MethodTraits",
+    "Modes",
     "NeoHookean",
     "Newmark",
     "Newton",
@@ -117,6 +120,7 @@ __all__ = [
     "Result",
     "Rotation",
     "SceneError",
+    "SceneResult",
     "Slide",
     "SolveFailed",
     "SpaceError",
@@ -144,6 +148,7 @@ __all__ = [
     "load_scene",
     "many_steps",
     "march",
+    "modes",
     "plane_moduli",
     "read_frame",
     "run",

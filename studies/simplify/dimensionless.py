@@ -29,7 +29,7 @@ from fecloth.scene.scene import Scene
 
 FIRST_ORDER = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler", "ForwardEuler")
 DAMPED = ("BackwardEuler", "LinearlyImplicitEuler", "BDF2")
-BENDING = ("HingeBending", "QuadraticBending")
+BENDING = ("HingeBending", "QuadraticBending", "PlateBending")
 MEMBRANES = ("StVK", "TensorCondition", "BaraffWitkin", "NeoHookean", "TensionField", "Springs")
 AIR = ("Drag", "Wind")
 DAMPINGS = ("MassDamping", "StrainRateDamping", "BendingDamping", "Drag")
@@ -193,7 +193,7 @@ class Numbers:
     def rest(self) -> float:
         """Fraction of the motion that is left at the end [-]; 1 if the whole path counts."""
         interest = self.scene.interest
-        if interest is None or interest.path or interest.period:
+        if interest is None or not interest.at_end_only:
             return 1.0
         return math.exp(-sum(self.decay(name) for name in DAMPINGS))
 

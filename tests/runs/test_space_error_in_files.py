@@ -62,7 +62,7 @@ def test_a_run_says_its_error_and_its_frames_where_it_is(run):
     outcome = run("output.error_density=true")
     log, page, summary = files_of(outcome)
     words = summary["space_error_in_words"]
-    assert 0.01 < summary["space_error"] < 0.5
+    assert 0.01 < summary["space_error"] == outcome.space_error < 0.5
     assert words.startswith("error in space about")
     assert words in log
     assert words in finished_message(outcome)
@@ -78,6 +78,7 @@ def test_a_run_without_an_estimate_says_why(run):
     words = "no estimate, as HingeBending bends with a rigidity that depends on the mesh"
     assert summary["space_error"] is None
     assert words in summary["space_error_in_words"]
+    assert words.endswith(outcome.space_error_reason)
     assert words in log
     assert "error in space" in page
     assert "error_density" not in cells(outcome)

@@ -45,8 +45,8 @@ def test_changes_of_fields_paths_ends_and_periods():
     other = make_answer(0.5, fewer, columns(fewer, 6.3, 1.0), out_of_plane(0.21), ("tip",))
     interest = Interest(end=("displacement", "sag", "area"), path=("sag",), period=("tip.z",))
     found = changes(full, other, interest)
-    assert found["displacement at the end"] == pytest.approx(0.05, rel=1e-9)
-    assert found["sag at the end"] == found["area at the end"] == 0
+    assert found["displacement"] == pytest.approx(0.05, rel=1e-9)
+    assert found["sag"] == found["area"] == 0
     assert found["path of sag"] == pytest.approx(0, abs=1e-12)
     assert found["period of tip.z"] == pytest.approx(0.3 / 6.3, rel=0.02)
     larger = make_answer(0.5, fewer, columns(fewer, 6.0, 1.1), out_of_plane(0.2), ("tip",))
@@ -66,10 +66,10 @@ def test_a_removed_term_has_a_zero_column_and_no_oscillation_has_no_period():
     full = make_answer(0.5, t, {"StVK": t}, lambda X: np.zeros((len(X), 3)))
     without = make_answer(0.5, t, {}, lambda X: np.zeros((len(X), 3)))
     assert changes(full, without, Interest(end=("StVK", "displacement"))) == {
-        "StVK at the end": 1.0,
-        "displacement at the end": 0.0,
+        "StVK": 1.0,
+        "displacement": 0.0,
     }
-    with pytest.raises(InputError, match="passes its mean less than twice"):
+    with pytest.raises(InputError, match="passes its middle less than twice"):
         changes(full, full, Interest(period=("StVK",)))
 
 
@@ -97,9 +97,28 @@ def test_p2_becomes_p1_and_adaptive_steps_get_a_looser_tolerance():
     data["cloth"]["element"], data["mass"], data["terms"] = "P2", "consistent", data["terms"][::2]
     data["time"] = {"method": "bdf2", "dt": "auto", "rtol": 0.01, "t_end": 0.1}
     simpler = {one.name: one.apply(data) for one in variants(data, Interest(end=("sag",)))}
-    assert "explicit" not in simpler
-    assert simpler["P1 for P2"]["mass"] == "lumped"
+    assert simpler["explicit"]["mass"] == simpler["P1 for P2"]["mass"] == "lumped"
+    assert simpler["pointwise strain of StVK"]["terms"][0]["strain"] == "pointwise"
+    assert not {"Springs for StVK", "HingeBending for PlateBending"} & set(simpler)
     assert scene_of(to_toml(simpler["rtol × 4"])).time.rtol == 0.04
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_plate_becomes_hinges_or_is_left_out_with_its_clamps(element):
+    """Each simpler scene can be built and marched by a step."""
+    data = data_of(make_strip(terms=[{"type": "StVK"}, {"type": "PlateBending"}]))
+    data["cloth"] |= {"element": element, "h": 0.2}
+    data["pins"][0]["clamp"] = True
+    tried = variants(data, Interest(end=("sag",)))
+    named = {one.name: one for one in tried}
+    siblings = {"HingeBending for PlateBending", "QuadraticBending for PlateBending"}
+    assert siblings & set(named) == (siblings if element == "P1" else set())
+    assert ("pointwise strain of StVK" in named) == (element == "P2")
+    for name in siblings & set(named) | {"without PlateBending", "explicit"}:
+        built = scene_of(to_toml(named[name].apply(data))).build()
+        assert bool(built.system.panel.clamps) == (name == "explicit")
+        next(fc.march(*_march(built)))
+    assert data["pins"][0]["clamp"]
 
 
 def make_strip(**changed):
