@@ -6,7 +6,7 @@ Users choose a field by one word (`fecloth view`, `fecloth render`):
     larger_stress, smaller_stress      principal stress resultants [N/m]
     E11, E22, E12                      Green strain along warp and weft
     S11, S22, S12                      stress resultants [N/m]
-    energy_density [J/m²], quality     as in the frames
+    energy_density, error_density [J/m²], quality    as in the frames
     speed [m/s], displacement, height [m]    |v|, |x − (X, 0)|, z
 
 The arrays are listed in `frame_arrays`. Quadratic triangles are cut into four straight ones.
