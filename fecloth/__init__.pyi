@@ -43,6 +43,7 @@ from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
 from .system.pins import Pin, Slide
 from .system.rotation import Rotation
+from .system.space_error import SpaceError, space_error
 from .system.state import State
 from .system.system import System
 from .terms import (
@@ -122,6 +123,7 @@ __all__ = [
     "SceneResult",
     "Slide",
     "SolveFailed",
+    "SpaceError",
     "Springs",
     "StVK",
     "Stage",
@@ -152,6 +154,7 @@ __all__ = [
     "run",
     "run_scene",
     "solver_for",
+    "space_error",
     "stability",
     "strip_rigidity",
     "study",

@@ -68,11 +68,12 @@ def count_sizes(system: System) -> dict:
 
 
 def finished_message(outcome: SceneResult) -> str:
-    """Return how wrong a run is in time, what it has cost, the file to open, and its warnings."""
+    """Return how wrong a run is in time and space, its cost, the file to open, and its warnings."""
     counts, seconds = outcome.summary, outcome.summary["seconds"]
     return (
         f"{shape_message(counts)}\n"
         f"{counts['time_error_in_words']}\n"
+        f"{counts['space_error_in_words']}\n"
         f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
         f"{seconds['total']:.1f} s; open {outcome.folder / counts['open']} in ParaView"
         f"{warning_count(outcome)}"

@@ -34,6 +34,7 @@ from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.simulation.time_error import TimeError, relative_error
 from fecloth.simulation.time_error_words import describe_time_error, find_doubts
+from fecloth.system.space_error import SpaceError, space_error
 from fecloth.view.html_report import write_report
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
@@ -266,7 +267,7 @@ class Recorder:
         if len(self.frames.times) >= MOST_FRAMES:
             remedy = "Raise every, or lower frames, in [output]."
             raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=remedy)
-        arrays = fields(self.problem.system, self.state)
+        arrays = fields(self.problem.system, self.state, self.problem.error_density)
         self.frames.add(self.state, arrays)
         self.shown = Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
         row = stretch_row(self.state.t, arrays[1]["principal_stretches"])
@@ -306,7 +307,9 @@ class Recorder:
             self._warn_once(words, warn)
         return error
 
-    def _summary(self, status: str, why: str, failure: str | None, error: float) -> dict:
+    def _summary(
+        self, status: str, why: str, failure: str | None, error: float, space: SpaceError
+    ) -> dict:
         """Return the content of summary.json; `error` is that in time."""
         return {
             "status": status,
@@ -317,6 +320,8 @@ class Recorder:
             "t_end": self.problem.t_end,
             "time_error": None if math.isnan(error) else error,
             "time_error_in_words": describe_time_error(error, self.problem.method, self.mean_dt),
+            "space_error": None if math.isnan(space.relative) else space.relative,
+            "space_error_in_words": str(space),
             **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
@@ -355,21 +360,29 @@ class Recorder:
         time_error = self._doubts(warn)
         self._warn_once(warn_of_round_off(self.counts["limited"]), warn)
         self._warn_of_shape(warn)
-        summary = self._summary(status, why, str(error) if error else None, time_error)
+        with self.watch.phase("output"):
+            space = space_error(self.problem.system, self.state)
+        failure = str(error) if error else None
+        summary = self._summary(status, why, failure, time_error, space)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         resumes = self._resume_time()
         if status == INTERRUPTED and resumes is not None:
             words += f"; --resume goes on from {resumes:g} s"
         try:
             self.folder.log(summary["time_error_in_words"])
+            self.folder.log(summary["space_error_in_words"])
             self.folder.log(f"{words}: {error}" if error else words)
             self._report(summary)
             self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing
         except InputError as full:
             status, error = FAILED, error or full
-        return self._result(status, summary, time_error, error, resumes)
+        errors = time_error, space
+        return self._result(status, summary, errors, error, resumes)
 
-    def _result(self, status: str, summary: dict, time_error: float, error, resumes) -> SceneResult:
+    def _result(
+        self, status: str, summary: dict, errors: tuple[float, SpaceError], error, resumes
+    ) -> SceneResult:
+        time_error, space = errors
         energies, observed = (read_columns(self.tables[name].path) for name in _OBSERVED)
         times = energies.pop("t", np.empty(0))
         observed.pop("t", None)
@@ -386,6 +399,8 @@ class Recorder:
             shape=self.watched.shape(self.state, self.seen),
             warnings=tuple(self.warnings),
             time_error=time_error,
+            space_error=space.relative,
+            space_error_reason=space.reason,
             status=status,
             folder=self.folder.path,
             summary=summary,
