@@ -46,6 +46,7 @@ def test_quick(study, says, out):
 @pytest.mark.parametrize(
     "study",
     [
+        "bending",
         "convergence",
         "models",
         "simplify",
