@@ -11,6 +11,12 @@ from studies.bending.meshes import square as square
 BENDING = {"areal_density": 1.0, "tensile_stiffness": 1e3, "bending_rigidity": 1.0}
 
 
+def rolled(X, radius):
+    """The sheet rolled without stretch on a cylinder about the Y axis."""
+    angle = X[:, 0] / radius
+    return np.column_stack([radius * np.sin(angle), X[:, 1], radius * (1 - np.cos(angle))])
+
+
 def plate(cloth, fabric, pins=(), **options):
     return fc.System(cloth, fabric, [fc.PlateBending(**options)], pins=pins)
 
