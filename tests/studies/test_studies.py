@@ -24,6 +24,7 @@ def out(tmp_path_factory):
         ("benchmarks.kernels", "figures met"),
         ("benchmarks.moved_pin", "figures met"),
         ("benchmarks.terms", "StVK"),
+        ("convergence.space_error", "0 outside"),
         ("benchmarks.bending", "figures met"),
         ("models.hinge_bias", "derived"),
         ("models.homogenised_moduli", "exponent of h"),
