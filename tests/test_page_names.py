@@ -20,7 +20,7 @@ from fecloth.simulation.march import StepInfo
 # what a call or a name in a code span may begin with, beside fecloth's own
 ROOTS = {"system": fc.System, "cloth": fc.Cloth, "fabric": fc.Fabric, "state": fc.State}
 ROOTS |= {"result": fc.Result, "info": StepInfo, "StepInfo": StepInfo}
-ROOTS |= {"fc": fc, "fecloth": fc, "C": None}
+ROOTS |= {"fc": fc, "fecloth": fc, "C": None, "frequency": None}  # frequency(2) is a quantity
 ROOTS |= dict.fromkeys((*dir(builtins), *formula_functions.FUNCTIONS))
 TEXT = "\n".join(map(read, NAMES))
 SOURCES = [path.read_text() for at in ("fecloth", "studies") for path in (ROOT / at).rglob("*.py")]

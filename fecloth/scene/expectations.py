@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.errors import SceneError
+from fecloth.errors import InputError, SceneError
 from fecloth.scene.probe_tables import Expectation, Interest
 from fecloth.suggest import did_you_mean
 
@@ -29,20 +29,17 @@ def refuse_times(expect: Expected, start: float, end: float, source: str) -> Non
 def refuse_unknown(
     expect: Expected, interest: Interest | None, names: list[str], source: str
 ) -> None:
-    """Raise `SceneError` for a quantity that is not among the columns `names`.
-
-    [interest] may also name a whole probe and, under `end`, the displacement.
-    """
-    paths = [name[:-2] for name in names if name.endswith(".x")]
-    known = {"expect": names, "end": [*names, *paths, "displacement"]}
-    wanted = [("expect", name) for name in expect]
-    wanted += [(key, name) for key, columns in interest or () for name in columns]
-    for key, name in wanted:
-        among = known.get(key, [*names, *paths])
-        if name not in among:
-            what = f"expect.{name}" if key == "expect" else f"interest.{key}: {name}"
-            allowed = f"unknown quantity; this run has {', '.join(among)}"
-            raise SceneError(what, allowed, source, did_you_mean(name, among))
+    """Raise `SceneError` for a quantity that is not among the columns `names`."""
+    for name in expect:
+        if name not in names:
+            allowed = f"unknown quantity; this run has {', '.join(names)}"
+            raise SceneError(f"expect.{name}", allowed, source, did_you_mean(name, names))
+    for key, quantities in interest.parsed.items() if interest else ():
+        for quantity in quantities:
+            try:
+                quantity.require_known(names, f"interest.{key}")
+            except InputError as error:
+                raise SceneError(error.what, error.allowed, source, error.remedy) from None
 
 
 @dataclass(frozen=True)

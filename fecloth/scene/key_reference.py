@@ -33,7 +33,8 @@ PAGES = {"scene": Path(__file__).parent, "terms": Path(__file__).parents[1] / "t
 MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for each parameter
     "Scene": {
         "title": "A name for reports.",
-        "mass": 'How the mass is put on the nodes; "lumped", for P2 "consistent".',
+        "mass": 'How the mass is put on the nodes; default for P2: "consistent". Explicit methods '
+        'need "lumped".',
         "cloth": "The cloth: shape and mesh.",
         "fabric": "The fabric of the whole cloth: a table, or the name of a published fabric.",
         "fabrics": "In place of `fabric`: one for each region, as in [fabrics.body].",
@@ -46,7 +47,7 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "output": "When frames and restart files are written.",
         "probes": "Points whose path is recorded at every step, as [[probes]].",
         "expect": "What `fecloth check` verifies: names of columns, each with an expectation.",
-        "interest": "What `python -m studies.simplify` compares.",
+        "interest": "The quantities of interest: what studies compare.",
     },
     "Rectangle": {
         "shape": "The kind of cloth.",
@@ -128,9 +129,10 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "at": "Time [s]; left out: the end.",
     },
     "Interest": {
-        "end": "Columns whose value at the end matters; also displacement, the field.",
-        "path": "Columns whose course over the run matters.",
-        "period": "Columns whose period of swing matters.",
+        "quantities": 'Quantities in their grammar, see above, as in ["max tip.z"].',
+        "end": 'Short for values at the end: "tip.z"; also displacement, the field.',
+        "path": 'Short for "path of NAME": columns whose course over the run matters.',
+        "period": 'Short for "period of NAME": columns whose period of swing matters.',
     },
 }
 

@@ -10,9 +10,10 @@ from fecloth.errors import InputError
 from fecloth.quantities.units import LENGTH, TIME
 from fecloth.scene.field_types import Name
 from fecloth.scene.table_model import Table, require_exactly_one
-from fecloth.simulation.probes import Probe
+from fecloth.simulation.probes import TAKEN, Probe
+from fecloth.simulation.quantity import FIELDS, Quantity, parse_quantity
 
-_TAKEN = ("mean_displacement", "reaction")  # names of columns of every run
+_TAKEN = (*TAKEN, *FIELDS, "reaction", "energy")  # names in the grammar of quantities
 
 
 class ProbeTable(Table):
@@ -66,22 +67,46 @@ class Expectation(Table):
 
 
 class Interest(Table):
-    """The quantities for which a scene is run; `studies/simplify/` compares simpler scenes by them.
+    """The quantities for which a scene is run, and by which studies compare runs.
 
-    Names of probes and of columns, such as ``"tip"`` and ``"sag"``: their values at the `end`
-    (there also ``"displacement"``, the field), their `path` over the run, and the `period` of
-    their swing. With `end` alone the motion before it does not matter.
+    `quantities` are texts in the grammar of `Quantity`, such as ``"max tip.z"``. The other keys
+    are short for them: values at the `end`, a `path` over the run, the `period` of a swing. With
+    values at the end alone the motion before it does not matter.
     """
 
+    quantities: tuple[str, ...] = ()
     end: tuple[str, ...] = ()
     path: tuple[str, ...] = ()
     period: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _refuse_empty(self):
-        if not (self.end or self.path or self.period):
-            raise InputError("interest is empty", "must name a quantity under end, path or period")
+        if not (self.quantities or self.end or self.path or self.period):
+            allowed = "must name a quantity under quantities, end, path or period"
+            raise InputError("interest is empty", allowed)
+        _ = self.parsed  # refuses texts outside the grammar
         return self
+
+    @property
+    def parsed(self) -> dict[str, tuple[Quantity, ...]]:
+        """The quantities by the key that names them."""
+        texts = {
+            "quantities": self.quantities,
+            "end": self.end,
+            "path": [f"path of {name}" for name in self.path],
+            "period": [f"period of {name}" for name in self.period],
+        }
+        return {key: tuple(map(parse_quantity, names)) for key, names in texts.items()}
+
+    @property
+    def at_end_only(self) -> bool:
+        """Whether the motion before the end does not matter."""
+        return all(one.how == "value" and one.at is None for one in self.all)
+
+    @property
+    def all(self) -> tuple[Quantity, ...]:
+        """All quantities."""
+        return tuple(one for group in self.parsed.values() for one in group)
 
 
 def _as_tuple(value: Any) -> Any:

@@ -12,9 +12,13 @@ import scipy.sparse as sparse
 from fecloth.errors import InputError
 from fecloth.jit import kernel
 from fecloth.mesh.cloth import Cloth, Where
+from fecloth.mesh.enclosed_volume import Enclosure
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.kinematics import extreme_stretches
 from fecloth.terms.loops.green_strain import gradient
+
+TAKEN = ("mean_displacement", "sag", "area", "volume", "least_stretch", "largest_stretch")
 
 
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
@@ -70,16 +74,22 @@ class Probe:
 
 @dataclass(frozen=True, eq=False)
 class Observer:
-    """The quantities recorded at every step, bound to a system and its start."""
+    """The quantities recorded at every step, bound to a system and its start.
+
+    With `shape` these are also the largest and least principal stretch and the enclosed volume.
+    """
 
     system: System
     start: State
     probes: Mapping[str, object]
+    shape: Enclosure | None = None
 
     @classmethod
-    def bind(cls, system: System, start: State, probes=()) -> Observer:
-        probes = _distinct(probes)
-        return cls(system, start, {p.name: p.weights(system.cloth) for p in probes})
+    def bind(cls, system: System, start: State, probes=(), shape: bool = False) -> Observer:
+        probes, cloth = _distinct(probes), system.cloth
+        weights = {p.name: p.weights(cloth) for p in probes}
+        enclosure = Enclosure.of(cloth.triangles, len(cloth.X)) if shape else None
+        return cls(system, start, weights, enclosure)
 
     def row(self, old: State | None, step) -> dict[str, float]:
         """Return probes, displacement, sag, area and reactions over the step (NaN at the start)."""
@@ -92,6 +102,10 @@ class Observer:
         row |= _components("mean_displacement", self.system.sums.mean(mass, moved))
         row["sag"] = float(-moved[:, 2].min())
         row["area"] = area(self.system.cloth, state.x)
+        if self.shape:
+            stretches = extreme_stretches(self.system.cloth, state.x)
+            row["volume"] = self.shape.volume(state.x)
+            row["least_stretch"], row["largest_stretch"] = stretches
         forces = {} if old is None else reactions(self.system, old, step)
         for name in self.system.constraints.groups:
             row |= _components(f"reaction:{name}", forces.get(name, np.full(3, np.nan)))
@@ -106,7 +120,7 @@ def _distinct(probes) -> tuple[Probe, ...]:
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"probe {name!r} appears twice", "needs a unique name", "Observer")
-        if name in ("mean_displacement", "sag", "area") or name.startswith("reaction:"):
+        if name in TAKEN or name.startswith("reaction:"):
             raise InputError(f"probe {name!r}", "is the name of a column of every run", "Observer")
     return tuple(probes)
 

@@ -21,6 +21,7 @@ from fecloth.scene.probe_tables import Interest
 from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene, load_scene
 from fecloth.simulation.probes import Observer
+from fecloth.simulation.quantity_values import RunRecord, relative_difference
 from fecloth.simulation.record_steps import update_ledger
 from fecloth.simulation.resolve import resolve
 from fecloth.simulation.run import columns
@@ -73,7 +74,7 @@ def answer(
 def march(built: Problem, most: float | None) -> dict:
     """Run the scene in time; its CPU seconds do not include recording."""
     system, state, counts = built.system, built.state, dict.fromkeys(COUNTED, 0)
-    ledger, observer = fc.Ledger.open(system, state), Observer.bind(system, state, built.probes)
+    ledger, observer = fc.Ledger.open(system, state), bind_observer(built)
     rows, seconds, begin = [ledger.row() | observer.row(None, None)], 0.0, time.process_time()
     run = system, built.steps, state, built.t_end
     steps, solver, _ = resolve(*run, built.linear, built.newton)
@@ -92,6 +93,10 @@ def march(built: Problem, most: float | None) -> dict:
     return row | {"times": [r["t"] for r in rows], "columns": column_lists(rows), "state": state}
 
 
+def bind_observer(built: Problem) -> Observer:
+    return Observer.bind(built.system, built.state, built.probes, shape=True)
+
+
 def column_lists(rows: list[dict]) -> dict[str, list[float]]:
     return {name: values.tolist() for name, values in columns(rows).items()}
 
@@ -105,7 +110,7 @@ def solve_equilibrium(built: Problem) -> dict:
     state = fc.equilibrium(built.system, start, report=iterations.append)
     row = {"cpu_seconds": time.process_time() - begin, "steps": 1}
     row |= {"newton": len(iterations), "factorisations": len(iterations)}
-    observer = Observer.bind(built.system, old, built.probes)
+    observer = bind_observer(built)
     observed = [observer.row(None, None), observer.row(old, Step(state, state, None, Counts()))]
     ledgers = [fc.Ledger.open(built.system, at).row() for at in (old, state)]
     rows = [ledger | row for ledger, row in zip(ledgers, observed, strict=True)]
@@ -126,79 +131,17 @@ class Answer:
         return cls(row, scene.mesh(), tuple(probe.name for probe in scene.probes))
 
     @property
-    def times(self) -> np.ndarray:
-        return np.array(self.row["times"])
-
-    @property
-    def moved(self) -> np.ndarray:
-        """(n, 3) displacements at the end [m]."""
-        return np.array(self.row["moved"])
-
-    def column(self, name: str) -> np.ndarray:
-        """Return a column (s, 1), or the displacement of a probe (s, 3), over the run.
-
-        The energy of a term that the scene does not have is zero.
-        """
-        columns = self.row["columns"]
-        names = [f"{name}.{c}" for c in "xyz"] if f"{name}.x" in columns else [name]
-        none = np.zeros(len(self.times))
-        values = np.stack([columns.get(one, none) for one in names], axis=1)
-        return values - values[0] if name.split(".")[0] in self.probes else values
+    def record(self) -> RunRecord:
+        """What quantities are computed from."""
+        columns = {name: np.array(column) for name, column in self.row["columns"].items()}
+        fields = {"displacement": np.array(self.row["moved"])}
+        return RunRecord(np.array(self.row["times"]), columns, self.cloth, fields, self.probes)
 
 
 def changes(full: Answer, other: Answer, interest: Interest) -> dict[str, float]:
     """Return the relative change of each quantity of interest."""
-    found = {f"{name} at the end": at_end(full, other, name) for name in interest.end}
-    found |= {f"path of {name}": along_path(full, other, name) for name in interest.path}
-    periods = {name: (period(full, name), period(other, name)) for name in interest.period}
-    return found | {f"period of {name}": abs(b / a - 1) for name, (a, b) in periods.items()}
-
-
-def at_end(full: Answer, other: Answer, name: str) -> float:
-    """Return ‖b − a‖/‖a‖ at the end; for the displacement field, in L2 over the finer cloth."""
-    if name == "displacement":
-        apart = full.cloth.l2_difference(other.cloth, full.moved, other.moved)
-        return ratio(apart, full.cloth.l2_norm(full.moved))
-    a, b = full.column(name)[-1], other.column(name)[-1]
-    return ratio(np.linalg.norm(b - a), np.linalg.norm(a))
-
-
-def along_path(full: Answer, other: Answer, name: str) -> float:
-    """Return √∫|b − a|² dt / √∫|a|² dt over the steps of the run with fewer steps.
-
-    The rectangle rule takes each step's end, because reactions have no value at the start.
-    """
-    t = min(full.times, other.times, key=len)
-    a, b = (
-        np.stack([np.interp(t[1:], one.times, column) for column in one.column(name).T])
-        for one in (full, other)
-    )
-    apart, size = (np.sqrt(np.sum(np.diff(t) * values**2)) for values in (b - a, a))
-    return ratio(apart, size)
-
-
-def period(one: Answer, name: str) -> float:
-    """Return the mean time between two upward or two downward crossings of the time mean [s].
-
-    With only two crossings, twice the time between them.
-    """
-    t, values = one.times, one.column(name)
-    if values.shape[1] > 1:
-        raise InputError(
-            f"interest.period: {name}", f"take a component, as {name}.z", "studies.simplify"
-        )
-    y = values[:, 0] - np.trapezoid(values[:, 0], t) / (t[-1] - t[0])
-    at = np.flatnonzero(y[:-1] * y[1:] < 0)
-    if len(at) < 2:
-        what, remedy = f"interest.period: {name}", "Take a greater t_end."
-        raise InputError(what, "passes its mean less than twice", "studies.simplify", remedy)
-    passed = t[at] - y[at] * (t[at + 1] - t[at]) / (y[at + 1] - y[at])
-    return float((passed[2:] - passed[:-2]).mean() if len(at) > 2 else 2 * np.ptp(passed))
-
-
-def ratio(apart: float, size: float) -> float:
-    """Return apart/size; 0 for 0/0 and infinity for any other apart/0."""
-    return float(apart / size) if size else (np.inf if apart else 0.0)
+    a, b = full.record, other.record
+    return {one.text: relative_difference(one, a, b) for one in interest.all}
 
 
 def interest_of(scene: Scene) -> Interest:
@@ -207,7 +150,7 @@ def interest_of(scene: Scene) -> Interest:
         return scene.interest
     if scene.probes:
         return Interest(path=tuple(probe.name for probe in scene.probes))
-    return Interest(end=("displacement",))
+    return Interest(quantities=("displacement",))
 
 
 def data_of(scene: Scene) -> dict:

@@ -193,7 +193,7 @@ class Numbers:
     def rest(self) -> float:
         """Fraction of the motion that is left at the end [-]; 1 if the whole path counts."""
         interest = self.scene.interest
-        if interest is None or interest.path or interest.period:
+        if interest is None or not interest.at_end_only:
             return 1.0
         return math.exp(-sum(self.decay(name) for name in DAMPINGS))
 

@@ -65,7 +65,7 @@ def variants(data: Data, interest: Interest) -> list[Variant]:
     """List all variants of a scene, terms first."""
     found = [one for term in data.get("terms", []) for one in variants_of_term(term)]
     found += [*variants_of_mesh(data), *variants_of_time(data)]
-    if not (interest.path or interest.period):
+    if interest.at_end_only:
         found.append(Variant("equilibrium", "static", None, "time", lambda data: data, True))
         found.append(Variant("one long step", "static", None, "time", use_one_step))
     return found
@@ -123,7 +123,7 @@ def variants_of_time(data: Data) -> Iterator[Variant]:
             continue
         change, is_check = multiply_step(key, factor), factor < 1
         yield Variant(f"{key} × {factor:g}", key, factor, "time", change, is_check=is_check)
-    if method_name(data) not in (*EXPLICIT, "auto") and data["cloth"].get("element") != "P2":
+    if method_name(data) not in (*EXPLICIT, "auto"):
         yield Variant("explicit", "explicit", None, "time", use_explicit_steps)
 
 

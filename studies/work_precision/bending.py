@@ -33,9 +33,9 @@ SWINGS = (0.03, 0.02, 0.01, 0.005)  # m, edges of P1; of P2 they are twice as lo
 STEPS = (0.01, 0.005, 0.0025, 0.00125)  # s, of the implicit method
 MESHES = {
     "cantilever": (0.04, 0.02, 0.01, 0.005, 0.003),
-    "table": (0.016, 0.012, 0.008, 0.006, 0.004),
+    "table": (0.016, 0.012, 0.008, 0.006, 0.004, 0.003),
 }
-FINE = {"cantilever": (0.012, 0.01, 0.008, 0.006), "table": (0.01, 0.008, 0.0065, 0.005)}
+FINE = {"cantilever": (0.012, 0.01, 0.008, 0.006), "table": (0.0075, 0.006, 0.005, 0.004)}
 COARSE = {"cantilever": 0.05, "table": 0.03}  # m, of the warm-up
 LEVELS = (0.05, 0.01, 0.003, 0.001)
 COLUMNS = ("scene", "model", "method", "h", "step", "triangles", "nodes", "status", "seconds")

@@ -325,9 +325,11 @@ MISTAKES = [
     ("probes.1.name='mean_displacement'", "probes.1.name = 'mean_displacement'", ""),
     ("expect.sg={value=1, relative=1}", "expect.sg: unknown quantity", "mean 'sag'?"),
     ("expect.'tip.q'={value=1, relative=1}", "expect.tip.q: unknown quantity", "tip.z"),
-    ("interest={}", "interest is empty: must name a quantity under end, path or period", ""),
+    ("interest={}", "interest is empty: must name a quantity under", ""),
     ("interest={end=['sg']}", "interest.end: sg: unknown quantity; this run has", "mean 'sag'?"),
-    ("interest={path=['displacement']}", "interest.path: displacement: unknown", ""),
+    ("interest={path=['displacement']}", "interest: quantity 'path of displacement': a field", ""),
+    ("interest={quantities=['max sgg']}", "interest.quantities: sgg: unknown", "mean 'sag'?"),
+    ("interest={quantities=['sag at 3 d']}", "interest: quantity 'sag at 3 d': needs a time", ""),
     ("interest={period=['tip.q']}", "interest.period: tip.q: unknown quantity", "tip.z"),
     # one of two
     ("pins.0.inside='X < 1'", "pins.0: where and inside are given: give exactly one", ""),
@@ -688,7 +690,11 @@ def test_any_valid_scene_loads_again_to_an_equal_one(tmp_path_factory, data):
 
 def test_interest_names_columns_probes_and_the_field(file):
     scene = load_scene(
-        file, ["interest={end=['displacement', 'sag'], path=['tip'], period=['tip.z']}"]
+        file,
+        [
+            "interest={end=['displacement', 'sag'], path=['tip'], period=['tip.z'],"
+            " quantities=['volume', 'energy.StVK at 1 ms', 'frequency(2)']}"
+        ],
     )
     assert scene.build().probes
     assert scene.interest.path == ("tip",)

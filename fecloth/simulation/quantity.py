@@ -1,0 +1,182 @@
+"""Quantities of interest: one grammar for scenes, the command line and Python."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+from fecloth.errors import InputError
+from fecloth.suggest import did_you_mean
+
+FIELDS = ("displacement", "velocity")
+SHAPES = ("sag", "area", "volume", "largest_stretch", "least_stretch")
+NORMS = {"L2": "l2", "H1": "h1"}
+HOW = {  # words before the name: what is taken of its values over the run
+    "max": "max",
+    "min": "min",
+    "path of": "path",
+    "period of": "period",
+    "frequency of": "frequency",
+}
+UNITS = {"sag": "m", "area": "m²", "volume": "m³", "largest_stretch": "", "least_stretch": ""}
+UNITS |= {"displacement": "m²", "velocity": "m²/s", "reaction": "N", "energy": "J"}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
+EXAMPLES = (
+    "tip.z, tip.z at 0.3 s, max sag, path of tip, period of tip.z, energy.StVK, reaction.left.z, "
+    "displacement in H1, frequency(2)"
+)
+_MODE = re.compile(r"frequency\s*\(\s*(\d+)\s*\)")
+_TEXT = re.compile(
+    rf"(?:(?P<how>{'|'.join(HOW)})\s+)?(?P<name>.+?)(?:\s+in\s+(?P<norm>\w+))?"
+    r"(?:\s+at\s+(?:(?P<end>the end)|(?P<at>[-+.\deE]+)\s*(?P<unit>\w*)))?"
+)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity of interest, as `parse_quantity` reads it from a text.
+
+        [max | min | path of | period of | frequency of] NAME [in L2 | in H1] [at TIME]
+        frequency(k)
+
+    Attributes
+    ----------
+    text
+        The text; it names the quantity in tables.
+    name
+        A column ("tip.z", "sag", "energy.StVK"), a vector ("tip", "reaction.left"), a field
+        ("displacement"), or "" for the frequency of a mode and for a function.
+    how
+        "value" (at a time), "max", "min", "path", "period", "frequency", "mode" or "function".
+    at
+        Time of the value [s]; None for the end.
+    norm
+        "l2" or "h1" of a field, else "".
+    mode
+        Number k of the mode, from 1.
+    function
+        The user's function of the result of a run, which returns a number.
+    """
+
+    text: str
+    name: str = ""
+    how: str = "value"
+    at: float | None = None
+    norm: str = ""
+    mode: int = 0
+    function: Callable[..., float] | None = None
+
+    def __str__(self) -> str:
+        return self.text
+
+    @property
+    def is_field(self) -> bool:
+        """Whether it is a field over the cloth."""
+        return self.name in FIELDS
+
+    @cached_property
+    def column(self) -> str:
+        """Name of the column in energies.csv or observed.csv, or of its vector."""
+        kind, _, rest = self.name.partition(".")
+        if kind == "reaction" and rest:
+            return f"reaction:{rest}"
+        return rest if kind == "energy" and rest else self.name
+
+    def unit(self, names: Iterable[str] = ()) -> str:
+        """Return the SI unit; `names` are those of the energies, which need no prefix."""
+        if self.how in ("mode", "frequency"):
+            return "Hz"
+        if self.how in ("period", "function"):
+            return "s" if self.how == "period" else ""
+        if self.norm == "h1":
+            return "m" if self.name == "displacement" else "m/s"
+        kind = self.name.replace(":", ".").split(".")[0]
+        if self.name in names or kind in ("dissipated", "work"):
+            return "J"
+        return UNITS.get(kind, "m")
+
+    def require_known(self, names: Iterable[str], where: str = "quantity") -> None:
+        """Raise `InputError` if the run has no such column, among the `names` of its columns."""
+        if self.how in ("mode", "function"):
+            return
+        columns = {*names, *SHAPES}
+        vectors = {name[:-2] for name in columns if name.endswith(".x")}
+        known = columns if self.how in ("period", "frequency", "max", "min") else columns | vectors
+        if self.is_field or self.column in known:
+            return
+        shown = sorted(known | (set() if self.how != "value" else set(FIELDS)))
+        if self.column in vectors:
+            remedy = f"Take a component, as {self.name}.z."
+        else:
+            remedy = did_you_mean(self.column, shown)
+        allowed = f"unknown quantity; this run has {', '.join(shown)}"
+        raise InputError(f"{where}: {self.name}", allowed, "", remedy)
+
+
+def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
+    """Return the quantity of a text, or of a function of the result of a run.
+
+    Raises
+    ------
+    InputError
+        For a text outside the grammar.
+
+    Examples
+    --------
+    >>> parse_quantity("max tip.z").how, parse_quantity("tip.z at 30 ms").at
+    ('max', 0.03)
+    >>> parse_quantity("displacement in H1").norm, parse_quantity("frequency(2)").mode
+    ('h1', 2)
+    """
+    if isinstance(text, Quantity):
+        return text
+    if callable(text):
+        name = getattr(text, "__name__", "a function")
+        return Quantity(name if name != "<lambda>" else "a function", how="function", function=text)
+    if not (isinstance(text, str) and text.strip()):
+        raise InputError(f"quantity = {text!r}", "must be a text such as " + EXAMPLES)
+    words = " ".join(text.split())
+    if mode := _MODE.fullmatch(words):
+        if not int(mode[1]):
+            raise InputError(f"quantity {text!r}", "the first mode is frequency(1)")
+        return Quantity(words, how="mode", mode=int(mode[1]))
+    found = _TEXT.fullmatch(words)
+    if found is None or " at " in found["name"] or " in " in found["name"]:
+        raise _refusal(text, "is not in the grammar of quantities")
+    how = HOW[found["how"]] if found["how"] else "value"
+    at = None if found["at"] is None else _seconds(text, found["at"], found["unit"])
+    quantity = Quantity(words, found["name"], how, at, _norm(text, found["name"], found["norm"]))
+    if quantity.how != "value" and (at is not None or found["end"]):
+        raise _refusal(text, f"'{found['how']}' is over the whole run: it takes no time")
+    if quantity.is_field and (quantity.how != "value" or at is not None):
+        raise _refusal(text, "a field is taken at the end only")
+    return quantity
+
+
+def _seconds(text: str, number: str, unit: str) -> float:
+    try:
+        value = float(number) * SECONDS[unit or "s"]
+    except (ValueError, KeyError):
+        remedy = did_you_mean(unit, SECONDS) if unit else ""
+        allowed = f"a time such as 0.3 s or 30 ms; units: {', '.join(SECONDS)}"
+        raise InputError(f"quantity {text!r}", f"needs {allowed}", "", remedy) from None
+    if not (math.isfinite(value) and value >= 0):
+        raise InputError(f"quantity {text!r}", "needs a time >= 0 s")
+    return value
+
+
+def _norm(text: str, name: str, norm: str | None) -> str:
+    if name not in FIELDS:
+        if norm:
+            raise _refusal(text, f"'in {norm}' is for the fields {', '.join(FIELDS)}")
+        return ""
+    if norm and norm.upper() not in NORMS:
+        raise InputError(f"quantity {text!r}", "the norm must be L2 or H1")
+    return NORMS[(norm or "L2").upper()]
+
+
+def _refusal(text: str, why: str) -> InputError:
+    return InputError(f"quantity {text!r}", why, "", f"Examples: {EXAMPLES}.")

@@ -1,0 +1,157 @@
+"""Values of quantities of interest in a run, and their differences between two runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.mesh.cloth import Cloth
+from fecloth.simulation.quantity import Quantity
+from fecloth.simulation.run import Result
+from fecloth.simulation.signal_period import signal_period
+
+COMPONENTS = "xyz"
+
+
+@dataclass(frozen=True, eq=False)
+class RunRecord:
+    """What quantities are computed from: the columns of a run and the fields at its end.
+
+    Attributes
+    ----------
+    times
+        (s + 1,) [s].
+    columns
+        Column → (s + 1,), as in energies.csv and observed.csv.
+    cloth, fields
+        The cloth, and "displacement" [m] and "velocity" [m/s] (n, 3) at the end.
+    probes
+        Names of the probes: their size is that of their displacement.
+    frequencies
+        Of the modes, lowest first [Hz].
+    values
+        Values of functions of the result, by the text of the quantity.
+    """
+
+    times: np.ndarray
+    columns: Mapping[str, np.ndarray]
+    cloth: Cloth | None = None
+    fields: Mapping[str, np.ndarray] = field(default_factory=dict)
+    probes: tuple[str, ...] = ()
+    frequencies: tuple[float, ...] = ()
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, result: Result, cloth: Cloth | None = None, **more) -> RunRecord:
+        """Return the record of what `run` returned."""
+        return cls(result.times, {**result.energies, **result.observed}, cloth, **more)
+
+    @cached_property
+    def vectors(self) -> set[str]:
+        """Names whose x, y and z are columns."""
+        return {name[:-2] for name in self.columns if name.endswith(".x")}
+
+    def moved(self, quantity: Quantity) -> np.ndarray:
+        """Return the values over the run; of a probe its displacement."""
+        column = self.column(quantity)
+        return column - column[0] if quantity.name.split(".")[0] in self.probes else column
+
+    def column(self, quantity: Quantity) -> np.ndarray:
+        """Return (s + 1, 1) or (s + 1, 3) values over the run.
+
+        A column that this run does not have is zero: the energy of a term left out.
+        """
+        name, none = quantity.column, np.zeros(len(self.times))
+        names = [f"{name}.{c}" for c in COMPONENTS] if name in self.vectors else [name]
+        return np.stack([self.columns.get(one, none) for one in names], axis=1)
+
+
+def value_of(quantity: Quantity, record: RunRecord) -> float:
+    """Return the number of a quantity; of a vector, path or field its size, see `size_of`."""
+    if quantity.how == "function":
+        return float(record.values[quantity.text])
+    if quantity.how == "mode":
+        if quantity.mode > len(record.frequencies):
+            what = f"{quantity}: this cloth has {len(record.frequencies)} modes"
+            raise InputError(what, "needs a smaller number")
+        return float(record.frequencies[quantity.mode - 1])
+    column = None if quantity.is_field else record.column(quantity)
+    if column is None or quantity.how == "path" or column.shape[1] > 1:
+        return size_of(quantity, record)
+    values = column[:, 0]
+    if quantity.how in ("max", "min"):
+        return float(getattr(np, f"nan{quantity.how}")(values))
+    if quantity.how in ("period", "frequency"):
+        period = signal_period(record.times, values, quantity.name)
+        return period if quantity.how == "period" else 1 / period
+    return float(_at(quantity, record, column)[0])
+
+
+def size_of(quantity: Quantity, record: RunRecord) -> float:
+    """Return the size to which a difference is compared; of probes that of their displacement."""
+    if quantity.is_field:
+        return _norm(quantity, record, record, 0.0)
+    if quantity.name and quantity.how in ("value", "path"):
+        column = record.moved(quantity)
+        if quantity.how == "path":
+            return _rms(record.times, column)
+        return float(np.linalg.norm(_at(quantity, record, column)))
+    return abs(value_of(quantity, record))
+
+
+def difference_of(quantity: Quantity, a: RunRecord, b: RunRecord) -> float:
+    """Return the size of b − a: |b − a| of numbers, the norm of vectors and fields.
+
+    Of probes it is that of their displacements. Of paths it is the root mean square
+    √(∫ |b − a|² dt / T) over the steps of the run with fewer steps; each step counts with its end,
+    because reactions have no value at the start.
+    """
+    if quantity.is_field:
+        return _norm(quantity, a, b, 1.0)
+    if quantity.how == "path":
+        t = min(a.times, b.times, key=len)
+        on = [
+            np.column_stack([np.interp(t, r.times, c) for c in r.column(quantity).T])
+            for r in (a, b)
+        ]
+        offset = on[1][0] - on[0][0] if quantity.name.split(".")[0] in a.probes else 0.0
+        return _rms(t, on[1] - on[0] - offset)
+    if quantity.how == "value" and a.column(quantity).shape[1] > 1:
+        ends = [_at(quantity, r, r.column(quantity)) for r in (a, b)]
+        return float(np.linalg.norm(ends[1] - ends[0]))
+    return abs(value_of(quantity, b) - value_of(quantity, a))
+
+
+def relative_difference(quantity: Quantity, a: RunRecord, b: RunRecord) -> float:
+    """Return the difference over the size in `a`; 0 for 0/0, infinity for any other x/0."""
+    apart, size = difference_of(quantity, a, b), size_of(quantity, a)
+    return apart / size if size else (math.inf if apart else 0.0)
+
+
+def _at(quantity: Quantity, record: RunRecord, column: np.ndarray) -> np.ndarray:
+    """Return the values at the quantity's time, linear between steps."""
+    if quantity.at is None:
+        return column[-1]
+    first, last = record.times[0], record.times[-1]
+    if not first <= quantity.at <= last:
+        allowed = f"must lie in the run, {first:g} to {last:g} s"
+        raise InputError(f"{quantity}: t = {quantity.at:g} s", allowed)
+    return np.array([np.interp(quantity.at, record.times, values) for values in column.T])
+
+
+def _rms(times: np.ndarray, values: np.ndarray) -> float:
+    steps = np.diff(times)
+    return float(np.sqrt(steps @ np.sum(values[1:] ** 2, axis=1) / steps.sum()))
+
+
+def _norm(quantity: Quantity, a: RunRecord, b: RunRecord, minus: float) -> float:
+    """Return the norm of b − minus · a over the cloth."""
+    if a.cloth is None or b.cloth is None:
+        raise InputError(f"{quantity}", "needs the cloth: RunRecord.of(result, cloth, fields=…)")
+    of_a, of_b = minus * a.fields[quantity.name], b.fields[quantity.name]
+    return float(getattr(a.cloth, f"{quantity.norm}_difference")(b.cloth, of_a, of_b))

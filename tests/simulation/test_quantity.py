@@ -1,0 +1,208 @@
+"""Quantities of interest: the grammar, values in runs, differences between runs."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import fecloth as fc
+from fecloth.errors import InputError
+from fecloth.mesh.enclosed_volume import Enclosure
+from fecloth.simulation.probes import Observer
+from fecloth.simulation.quantity import parse_quantity
+from fecloth.simulation.quantity_values import (
+    RunRecord,
+    difference_of,
+    relative_difference,
+    size_of,
+    value_of,
+)
+from fecloth.simulation.signal_period import signal_period
+
+T = np.linspace(0, 2, 201)
+COLUMNS = {"tip.x": 1 + 0 * T, "tip.y": 0 * T, "tip.z": 3 + np.sin(2 * np.pi * T) * np.exp(-T)}
+COLUMNS |= {"sag": T**2, "StVK": 2 * T, "reaction:left.z": np.where(T > 0, 4.0, np.nan)}
+
+
+def record(columns=COLUMNS, **more):
+    return RunRecord(T, columns, probes=("tip",), **more)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("sag", 4.0),
+        ("sag at the end", 4.0),
+        ("sag at 0.5 s", 0.25),
+        ("sag at 500ms", 0.25),
+        ("sag at 5e-1", 0.25),
+        ("max sag", 4.0),
+        ("min tip.z", COLUMNS["tip.z"].min()),
+        ("energy.StVK", 4.0),
+        ("StVK", 4.0),
+        ("energy.Springs", 0.0),
+        ("reaction.left.z", 4.0),
+        ("min reaction:left.z", 4.0),
+        ("path of sag", np.sqrt(np.mean(T[1:] ** 4))),
+        ("tip.z", COLUMNS["tip.z"][-1]),
+        ("  frequency ( 2 ) ", 5.0),
+    ],
+)
+def test_values_of_numbers(text, value):
+    assert_allclose(value_of(parse_quantity(text), record(frequencies=(3.0, 5.0))), value)
+
+
+def test_the_size_of_a_probe_is_that_of_its_displacement():
+    moved = abs(COLUMNS["tip.z"][-1] - 3)
+    for text in ("tip.z", "tip"):
+        assert_allclose(size_of(parse_quantity(text), record()), moved, atol=1e-15)
+
+
+def test_differences_of_vectors_paths_and_numbers():
+    other = COLUMNS | {"tip.x": COLUMNS["tip.x"] + 0.15 * T, "tip.z": COLUMNS["tip.z"] + 0.4 * T}
+    a, b = record(), record(other)
+    assert_allclose(difference_of(parse_quantity("tip"), a, b), np.hypot(0.3, 0.8))
+    assert_allclose(difference_of(parse_quantity("tip.z at 1 s"), a, b), 0.4)
+    assert_allclose(
+        difference_of(parse_quantity("path of tip.z"), a, b), 0.4 * np.sqrt(4 / 3), rtol=5e-3
+    )
+    shifted = record(other | {"tip.x": other["tip.x"] + 5})  # another place, the same motion
+    path = parse_quantity("path of tip")
+    for one in (b, shifted):
+        assert_allclose(
+            difference_of(path, a, one), np.hypot(0.15, 0.4) * np.sqrt(4 / 3), rtol=5e-3
+        )
+    assert relative_difference(parse_quantity("tip.y"), a, b) == 0
+
+
+def test_fields_in_l2_and_h1():
+    """u = s X (Y, 0, 0) over the unit square: ‖u‖² = s²/9, ‖∇u‖² = 2 s²/3."""
+
+    def run(h, slope):
+        cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right", element="P2")
+        u = slope * cloth.X[:, [0]] * cloth.X[:, [1]] * [[1.0, 0, 0]]
+        return RunRecord(T, {}, cloth, {"displacement": u, "velocity": 2 * u})
+
+    a, b = run(0.25, 1.0), run(0.125, 1.3)
+    for text, size in (("displacement", 1 / 3), ("displacement in H1", np.sqrt(2 / 3))):
+        assert_allclose(size_of(parse_quantity(text), a), size)
+        assert_allclose(difference_of(parse_quantity(text), a, b), 0.3 * size)
+    assert_allclose(value_of(parse_quantity("velocity in l2"), a), 2 / 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "must be a text such as tip.z"),
+        (3, "must be a text such as tip.z"),
+        ("max tip.z at 3 s", "over the whole run: it takes no time"),
+        ("sag at 3 d", "needs a time such as 0.3 s or 30 ms"),
+        ("sag at -1 s", "needs a time >= 0 s"),
+        ("sag at 1e s", "needs a time such as"),
+        ("sag at noon", "is not in the grammar of quantities"),
+        ("sag in H1", "'in H1' is for the fields displacement, velocity"),
+        ("displacement in L3", "the norm must be L2 or H1"),
+        ("path of displacement", "a field is taken at the end only"),
+        ("frequency(0)", "the first mode is frequency\\(1\\)"),
+    ],
+)
+def test_texts_outside_the_grammar(text, message):
+    with pytest.raises(InputError, match=message):
+        parse_quantity(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("max sgg", "sgg: unknown quantity; this run has.* Did you mean 'sag'?"),
+        ("period of tip", "Take a component, as tip.z"),
+        ("energy.StVKK", "Did you mean 'StVK'?"),
+        ("reaction.lefd.z", "Did you mean 'reaction:left.z'?"),
+        ("max displacements", "unknown quantity"),
+    ],
+)
+def test_unknown_names(text, message):
+    with pytest.raises(InputError, match=message):
+        parse_quantity(text).require_known(COLUMNS)
+    for known in ("tip", "volume", "energy.StVK", "displacement in H1", "frequency(1)"):
+        parse_quantity(known).require_known(COLUMNS)
+
+
+def test_what_a_run_cannot_give():
+    with pytest.raises(InputError, match="must lie in the run, 0 to 2 s"):
+        value_of(parse_quantity("sag at 3 s"), record())
+    with pytest.raises(InputError, match="has 1 modes"):
+        value_of(parse_quantity("frequency(2)"), record(frequencies=(3.0,)))
+    with pytest.raises(InputError, match="needs the cloth"):
+        value_of(parse_quantity("displacement"), record())
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [("tip.z", "m"), ("energy.StVK", "J"), ("total", "J"), ("reaction.left.z", "N")]
+    + [("path of tip", "m"), ("period of sag", "s"), ("frequency(1)", "Hz"), ("volume", "m³")]
+    + [("displacement", "m²"), ("displacement in H1", "m"), ("largest_stretch", "")],
+)
+def test_units(text, unit):
+    assert parse_quantity(text).unit(["total"]) == unit
+
+
+def test_a_function_of_the_result_is_a_quantity():
+    def lowest(result):
+        return result
+
+    quantity = parse_quantity(lowest)
+    assert (quantity.text, quantity.how) == ("lowest", "function")
+    assert value_of(quantity, record(values={"lowest": 7.0})) == 7.0
+    assert parse_quantity(quantity) is quantity
+
+
+# --- periods --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("samples", [10, 16, 40])  # in a period
+@pytest.mark.parametrize(("periods", "decay"), [(1.3, 0.0), (2.2, 0.0), (2.2, 0.1), (5.7, 0.1)])
+def test_the_period_is_right_to_a_thousandth(samples, periods, decay, rng):
+    """Uneven samples of a damped swing about 5, from any phase."""
+    t = np.linspace(0, periods, int(samples * periods) + 1)
+    t[1:-1] += 0.2 / samples * rng.uniform(-1, 1, len(t) - 2)
+    for phase in np.arange(8):
+        y = 5 + np.exp(-decay * t) * np.sin(2 * np.pi * t + phase)
+        assert abs(signal_period(0.7 * t, y) / 0.7 - 1) < 1e-3
+
+
+def test_a_signal_without_a_swing_has_no_period():
+    with pytest.raises(InputError, match="passes its middle less than twice"):
+        signal_period(T, T)
+    with pytest.raises(InputError, match="3 samples: must be at least 4"):
+        signal_period(T[:3], T[:3])
+
+
+# --- shape ----------------------------------------------------------------------------------------
+
+
+def test_the_volume_under_a_dome_and_in_a_tube():
+    """A spherical cap: V = π h (3 a² + h²)/6. A tube has two caps: V = π R² L, wherever it is."""
+    cloth = fc.Cloth.disk(1.0, 0.05)
+    r = np.linalg.norm(cloth.X, axis=1)
+    dome = np.column_stack([cloth.X, np.sqrt(np.maximum(4 - r**2, 0)) - np.sqrt(3)]) + [5, 6, 7]
+    height = 2 - np.sqrt(3)
+    exact = np.pi * height * (3 + height**2) / 6
+    assert_allclose(Enclosure.of(cloth.triangles, len(dome)).volume(dome), exact, rtol=3e-3)
+    n = 60
+    angle = 2 * np.pi * np.arange(n) / n
+    ring = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    a, b = np.arange(n), (np.arange(n) + 1) % n
+    tube = np.concatenate([np.column_stack([a, b, a + n]), np.column_stack([b, b + n, a + n])])
+    x = np.concatenate([ring, ring + [0, 0, 2]]) + [3, 4, 5]
+    exact = n * np.sin(2 * np.pi / n)  # π R² L of the polygon with n corners
+    assert_allclose(Enclosure.of(tube, 2 * n).volume(x), exact, rtol=1e-12)
+
+
+def test_an_observer_records_stretches_and_volume_where_asked():
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()])
+    start = system.state(system.rest().x * [1.5, 0.9, 1])
+    row = Observer.bind(system, start, shape=True).row(None, None)
+    assert_allclose([row["least_stretch"], row["largest_stretch"]], [0.9, 1.5])
+    assert_allclose(row["volume"], 0, atol=1e-15)
+    assert "volume" not in Observer.bind(system, start).row(None, None)
