@@ -3,10 +3,11 @@
     python -m studies.work_precision.bending [--quick] [--out DIR]
 
 Three scenes: a strip of paper that swings down from a hinged edge, a sheet of it clamped along an
-edge, and a square cloth on a round table, both at rest under their weight. Errors are those of
-the mean depth: of the swing against a fine chain of links, the largest of 40 times over the largest
-depth; at rest against the limit of plates, a + b h² fitted to the values on four fine meshes of P2.
-The same fit to P1 says how sure the limit is. The error of the swing includes that in time.
+edge, and a square cloth on a round table, both at rest under their weight. The error is the larger
+of those of the mean depth and of a point. The swing is compared with a fine chain of links: the
+largest distance at 40 times over the largest depth, which includes the error in time. The cloths at
+rest are compared with the limit of plates, a + b h² fitted to the values on four fine meshes of P2;
+the same fit to P1 says how sure the limit is.
 
 Seconds are CPU seconds on one thread after a warm-up, without the set-up: the least of three
 runs, or of one run that takes more than 1 s.
@@ -39,7 +40,7 @@ FINE = {"cantilever": (0.012, 0.01, 0.008, 0.006), "table": (0.0075, 0.006, 0.00
 COARSE = {"cantilever": 0.05, "table": 0.03}  # m, of the warm-up
 LEVELS = (0.05, 0.01, 0.003, 0.001)
 COLUMNS = ("scene", "model", "method", "h", "step", "triangles", "nodes", "status", "seconds")
-COLUMNS += ("total_error", "point_error")
+COLUMNS += ("total_error", "mean_error", "point_error")
 
 
 def run_swing(model: str, h: float, method: str, step: float | None) -> dict:
@@ -64,7 +65,7 @@ def run_rest(scene: str, model: str, h: float) -> dict:
 
 def list_swings(quick: bool) -> Rows:
     """List runs of the swing: the explicit one and implicit ones with several steps."""
-    sizes, steps = (SWINGS[:2], STEPS[1:3]) if quick else (SWINGS, STEPS)
+    sizes, steps = (SWINGS[:2], STEPS[2:3]) if quick else (SWINGS, STEPS)
     return [
         {"model": model, "h": h * (2 if MODELS[model] == "P2" else 1), "method": m, "step": dt}
         for model in MODELS
@@ -110,7 +111,7 @@ def add_errors_of_swings(rows: Rows, quick: bool) -> None:
     exact = continuum("swing", swing("plate", 0.03).times, quick)
     for row in rows:
         if row["status"] == "ok":
-            row["total_error"] = distance(row["mean"], exact["mean"])
+            row["mean_error"] = distance(row["mean"], exact["mean"])
             row["point_error"] = distance(row["point"], exact["point"])
 
 
@@ -118,7 +119,7 @@ def add_errors_at_rest(rows: Rows, fine: Rows, quick: bool) -> list[study.Findin
     """Add the errors against the limits; return how far those of P1 and P2 differ."""
     findings = []
     for scene in dict.fromkeys(row["scene"] for row in fine):
-        for name, error in (("mean", "total_error"), ("point", "point_error")):
+        for name, error in (("mean", "mean_error"), ("point", "point_error")):
             a, b = (limit(fine, scene, model, name) for model in ("plate, P2", "plate"))
             for row in rows:
                 if row["scene"] == scene and row["status"] == "ok":
@@ -155,7 +156,8 @@ def conclude(rows: Rows, quick: bool) -> list[study.Finding]:
         for model in MODELS:
             own = [r for r in rows if (r["scene"], r["model"]) == (scene, model)]
             least = 100 * min(row["total_error"] for row in own if row["status"] == "ok")
-            bounds = {"high": 2.0 if quick else 0.2} if model.startswith("plate") else {"low": 0.3}
+            high = 2.0 if quick else {"table": 0.5}.get(scene, 0.05)
+            bounds = {"high": high} if model.startswith("plate") else {"low": 0.3}
             findings.append(study.Finding(f"{scene}, {model}: least error [%]", least, **bounds))
     best = None if quick else cheapest(rows, 0.001, scene="swing")
     if best:
@@ -178,13 +180,16 @@ def main() -> int:
     add_errors_of_swings(swings, options.quick)
     sure = add_errors_at_rest(still, fine, options.quick)
     rows = swings + [row | {"method": "equilibrium"} for row in still]
+    for row in rows:
+        if row["status"] == "ok":
+            row["total_error"] = max(row["mean_error"], row["point_error"])
     rows = [{name: row.get(name) for name in COLUMNS} for row in rows]
     draw(options.out, rows)
     return study.write_report(
         options,
         TITLE,
         rows,
-        tables={"CPU seconds to an error of the mean": table_of_costs(rows)},
+        tables={"CPU seconds to an error": table_of_costs(rows)},
         figures=("bending",),
         findings=[*sure, *conclude(rows, options.quick)],
         results=("refused",),

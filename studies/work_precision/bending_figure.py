@@ -13,28 +13,40 @@ PANELS = {  # title: scene and method
     "cantilever at rest": ("cantilever", "equilibrium"),
     "tablecloth at rest": ("table", "equilibrium"),
 }
+NAMES = {  # model: number of the point that has the name, its place beside it [pt], alignment
+    "hinges": (-1, (7, 8), "left"),
+    "quadratic": (-1, (7, -8), "left"),
+    "plate": (-1, (8, 0), "left"),
+    "plate, P2": (-1, (8, 0), "left"),
+}
+ELSEWHERE = {  # where a name would lie on another line
+    ("swing, explicit", "plate"): (-1, (-8, -6), "right"),
+    ("tablecloth at rest", "plate"): (-1, (-8, -6), "right"),
+    ("tablecloth at rest", "hinges"): (0, (-8, -6), "right"),
+    ("tablecloth at rest", "quadratic"): (0, (-8, 2), "right"),
+}
 
 
 def draw(out, rows: Rows) -> None:
-    """Draw all runs as faint points, and the front of each model with its name at its end."""
-    words = "CPU time [s]", "error of the mean depth [%]"
+    """Draw all runs as faint points, and the front of each model with its name."""
+    words = "CPU time [s]", "error [%]"
     with study.figure(out, "bending", *words, panels=(2, 2), size=(9.0, 8.0)) as (_, axes):
         for ax, (title, (scene, method)) in zip(axes.flat, PANELS.items(), strict=True):
             ax.set_title(title)
             for i, model in enumerate(MODELS):
                 of = {"scene": scene, "method": method, "model": model, "status": "ok"}
-                draw_front(ax, [row for row in rows if of.items() <= row.items()], model, i)
-            ax.margins(x=0.3, y=0.1)
+                place = ELSEWHERE.get((title, model), NAMES[model])
+                draw_front(ax, [row for row in rows if of.items() <= row.items()], model, i, place)
+            ax.margins(x=0.45, y=0.1)
 
 
-def draw_front(ax, rows: Rows, model: str, i: int) -> None:
-    """Draw the runs of a model, and its front with the name at the right end."""
+def draw_front(ax, rows: Rows, model: str, i: int, place: tuple) -> None:
+    """Draw the runs of a model, and its front with the name at one of its points."""
     if not rows:
         return
-    look = study.line_style(i)
+    look, (k, offset, side) = study.line_style(i), place
     ax.plot(*points(rows), **look | {"ls": "", "ms": 3}, alpha=0.3, mew=0)
     seconds, errors = points(front(rows))
     ax.plot(seconds, errors, **look | {"ms": 5})
-    above = {"hinges": 1.0, "quadratic": -1.0}.get(model, 0.0)  # these two lie on each other
-    at = {"textcoords": "offset points", "va": "center", "color": look["color"], "fontsize": 11}
-    ax.annotate(model, (seconds[-1], errors[-1]), (7, 7 * above), **at)
+    text = {"color": look["color"], "fontsize": 11, "ha": side, "va": "center"}
+    ax.annotate(model, (seconds[k], errors[k]), offset, textcoords="offset points", **text)

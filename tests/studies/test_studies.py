@@ -50,6 +50,7 @@ def test_quick(study, says, out):
         "models",
         "simplify",
         "work_precision",
+        "work_precision.bending",
         "stability",
         "newton_catalogue",
         "trust",
