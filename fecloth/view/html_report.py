@@ -153,7 +153,8 @@ def _tiles(summary, tables) -> dict[str, str]:
         "Newton iterations": f"{summary['newton']}",
         "linear iterations": f"{summary['linear']}",
         "energy unexplained": _unexplained(summary, tables["steps"]),
-        "error in time": _time_error(summary),
+        "error in time": _error(summary, "time"),
+        "error in space": _error(summary, "space"),
         "frames": f"{summary['frames']}",
     }
     if strains := tables["strains"]:
@@ -168,10 +169,10 @@ def _tiles(summary, tables) -> dict[str, str]:
     return tiles
 
 
-def _time_error(summary):
-    """The estimate of the error in time without its first words; older runs have none."""
-    words = summary.get("time_error_in_words", "no estimate").removeprefix("error in time")
-    return words.partition(";")[0].removeprefix(":").strip()
+def _error(summary, of):
+    """The estimate of the error in time or space without its first words; older runs have none."""
+    words = summary.get(f"{of}_error_in_words", "no estimate").removeprefix(f"error in {of}")
+    return words.partition(";")[0].partition(", as")[0].removeprefix(":").strip()
 
 
 def _unexplained(summary, steps):

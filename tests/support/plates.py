@@ -32,6 +32,12 @@ def sides(X):
     return ((X < 1e-9) | (X > 1 - 1e-9)).any(axis=1)
 
 
+def rolled(X, radius):
+    """The sheet rolled without stretch on a cylinder about the Y axis."""
+    angle = X[:, 0] / radius
+    return np.column_stack([radius * np.sin(angle), X[:, 1], radius * (1 - np.cos(angle))])
+
+
 def plate(cloth, fabric, pins=(), **options):
     return fc.System(cloth, fabric, [fc.PlateBending(**options)], pins=pins)
 

@@ -179,3 +179,22 @@ def inner_energy(system, x, n):
     centre = cloth.X[cloth.triangles].mean(axis=1)
     inside = ((centre > 3 / n) & (centre < 1 - 3 / n)).all(axis=1)
     return (density * edges.area)[inside].sum() / edges.area[inside].sum()
+
+
+@pytest.mark.parametrize(
+    ("pattern", "n", "cut"), [("equilateral", 6, None), ("unstructured", 28, 0.5)]
+)
+def test_any_triangles_may_be_of_another_fabric(pattern, n, cut):
+    """The matrix has a block for each weight that a seam or a clamp makes."""
+    cloth = fc.Cloth.rectangle(1.0, 0.5, 1 / n, pattern)
+    centre = cloth.X[cloth.triangles].mean(axis=1)
+    choose = np.random.default_rng(0)
+    for _ in range(1 if cut else 20):
+        soft = centre[:, 0] < cut if cut else choose.random(len(centre)) < 0.5
+        parts = {"soft": np.flatnonzero(soft), "stiff": np.flatnonzero(~soft)}
+        two = fc.Cloth.from_arrays(cloth.X, cloth.triangles, regions=parts)
+        fabric = {"soft": ISOTROPIC, "stiff": fc.Fabric(1.0, 1e3, bending_rigidity=10.0)}
+        pins = [fc.Pin(lambda X: X[:, 0] < 1e-9, clamp=True)]
+        K = transverse(plate(two, fabric, pins))
+        w = cloth.X[:, 0] ** 2
+        assert w @ K @ w > 0.1
