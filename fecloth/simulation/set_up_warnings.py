@@ -159,8 +159,8 @@ def _bending_unknown_to_hinges(system: System) -> Iterator[str]:
                 "equilateral triangles is a plate of -1/3, on others by the pattern, however fine; "
                 "take PlateBending"
             )
-        huber = sum(value**0.5 for value in fabric.bending) ** 2 / 4
-        if bias is not None and abs(bias / huber - 1) > ALIKE:
+        huber = sum(value**0.5 for value in fabric.bending or ()) ** 2 / 4
+        if bias is not None and abs(bias - huber) > ALIKE * huber:
             yield (
                 f"bias_rigidity = {bias:g} N m has no effect: {names[0]} knows warp and weft only, "
                 f"and bends at 45° with {huber:.3g} N m; take PlateBending"
