@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
-from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.fold_measure import fold_measure
 from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
@@ -18,6 +18,9 @@ from fecloth.terms.bending.plate_discrete_gradient import PlateOverStep
 from fecloth.terms.bending.plate_stiffness import panel_curvatures
 from fecloth.terms.recovered_error import plate_error
 from fecloth.terms.step_difference import StepDifference
+
+if TYPE_CHECKING:
+    from fecloth.system.state import State
 
 
 @dataclass(frozen=True)
@@ -149,8 +152,7 @@ class BoundPlate:
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """½ (μ − μ⁰)ᵀ Q (μ − μ⁰) [J]."""
-        change = self.plate.measures(x, t) - self.rest
-        return 0.5 * plate_loops.sum_products(change, self.plate.stiffness @ change)
+        return self.plate.energy(x, t, self.rest)
 
     def add_force(self, x, v, t, f) -> None:
         """f_a −= Σ m ∂μ/∂x_a with the moments m = Q (μ − μ⁰) [N]."""
@@ -173,14 +175,24 @@ class BoundPlate:
         change = self.plate.measures(x, t) - self.rest
         return panel_curvatures(self.panel, change, self.name)
 
-    def work_of_clamps(self, old: np.ndarray, new: np.ndarray, begin: float, end: float) -> float:
-        """Work [J] of clamps that turn, in a step from positions `old` to `new` (n, 3).
+    def work_of_clamps(self, old: State, new: State, stages: Sequence[State]) -> float:
+        """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp.
 
-        It is the change of the energy by time alone, the mean of those at both positions.
+        p are the points that stand for the normals, and `stages` the states at which the forces act
+        in this step. In a translation the work cancels with that of the pinned nodes, which take
+        the opposite forces.
         """
         if self.plate.moved is None:
             return 0.0
-        return 0.5 * sum(self.energy(x, end) - self.energy(x, begin) for x in (old, new))
+        path = self.plate.held_at(new.t) - self.plate.held_at(old.t)
+        force = sum(self._force_on_clamps(at) for at in stages) / len(stages)
+        return float(np.sum(force * path))
+
+    def _force_on_clamps(self, state: State) -> np.ndarray:
+        mu, g = self.plate.gradients(state.x, state.t)
+        first = len(mu) - len(self.plate.held)
+        moment = (self.plate.stiffness @ (mu - self.rest))[first:]
+        return moment[:, None] * g[first:, 3]
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bound of the eigenvalues of M⁻¹K [1/s²] at flat."""

@@ -8,7 +8,9 @@ constant the work of the force is that of the energy, and both momenta are conse
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,6 +26,9 @@ from fecloth.terms.loops.rigid_motion import (
     remove_rigid_part,
     subtract_mean,
 )
+
+if TYPE_CHECKING:
+    from fecloth.system.state import State
 
 FOUR = (0, 0, 0, 0)  # a zero for each node of a hinge, whose number the compiler must know
 
@@ -164,6 +169,18 @@ class PlateOverStep:
         rows = self.plate.rows
         data = rows.place, rows.own, rows.start, rows.width, rows.slots
         add_gradient_changes(*self.plate.at(t), self.start, x, end, *data, moment, wx, J.values)
+
+    def work_of_clamps(self, old: State, new: State, stages: Sequence[State]) -> float:
+        """Work [J] that moves the normals of clamps: the change of energy by time alone.
+
+        Over the step the normals are those of the mean time, and the forces on the nodes have the
+        work of the energy for these. What is left are the changes before and after that time.
+        """
+        if self.plate.moved is None:
+            return 0.0
+        (mean,) = stages
+        path = (old.x, old.t, -1), (old.x, mean.t, 1), (new.x, mean.t, -1), (new.x, new.t, 1)
+        return sum(sign * self.plate.energy(x, t, self.rest) for x, t, sign in path)
 
     def _step(self, x, t) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         h = len(self.plate.nodes)
