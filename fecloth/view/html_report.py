@@ -51,7 +51,7 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
     parts = {
         "warnings": _fill_each(NOTE, _warnings(folder, summary)),
         "tiles": _fill_each(TILE, _named(_tiles(summary, tables))),
-        "charts": "\n".join(_charts(tables)),
+        "charts": "\n".join(_static_charts(tables) if _is_static(summary) else _charts(tables)),
         "bars": _fill_each(BAR, _bars(summary["seconds"])),
         "numbers": _fill_each(ROW, _named(_numbers(summary))),
     }
@@ -147,13 +147,12 @@ def _tiles(summary, tables) -> dict[str, str]:
     """The figures to read first."""
     seconds = summary["seconds"]["total"]
     tiles = {
-        "simulated": f"{summary['t']:.4g} of {summary['t_end']:.4g} s",
+        "simulated": f"{summary['t']:.4g} of {summary['t_end']:.4g}{summary.get('unit', ' s')}",
         "took": f"{seconds:.3g} s",
         "steps": f"{summary['steps']}",
         "Newton iterations": f"{summary['newton']}",
         "linear iterations": f"{summary['linear']}",
-        "energy unexplained": _unexplained(summary, tables["steps"]),
-        "error in time": _time_error(summary),
+        **_doubts(summary, tables["steps"]),
         "frames": f"{summary['frames']}",
     }
     if strains := tables["strains"]:
@@ -166,6 +165,22 @@ def _tiles(summary, tables) -> dict[str, str]:
     if summary.get("peak_memory_MB"):
         tiles["memory"] = f"{summary['peak_memory_MB']:.0f} MB"
     return tiles
+
+
+def _is_static(summary) -> bool:
+    """Whether t is the part of the loads."""
+    return summary.get("unit", " s") != " s"
+
+
+def _doubts(summary, steps) -> dict[str, str]:
+    """Return the figures that say how wrong the run may be."""
+    if _is_static(summary):
+        words = summary["time_error_in_words"].removeprefix("equilibrium: ")
+        return {"equilibrium": words.replace("; the", ", the")}
+    return {
+        "energy unexplained": _unexplained(summary, steps),
+        "error in time": _time_error(summary),
+    }
 
 
 def _time_error(summary):
@@ -206,6 +221,13 @@ def _charts(tables) -> list[str]:
         counts = {name: curve for name, curve in counts.items() if curve[1].any()}
         figures.append(chart("Iterations a step", counts, "t [s]", "iterations", log=True))
     return figures
+
+
+def _static_charts(tables) -> list[str]:
+    """Return the charts over the part of the loads; no energy can stay unexplained there."""
+    chosen = tables | {"steps": {}}
+    drawn = [figure for figure in _charts(chosen) if "Energy that stays" not in figure]
+    return [figure.replace("t [s]", "part of the loads") for figure in drawn]
 
 
 def _energies(table):
