@@ -29,6 +29,7 @@ from .nonlinear.options import Newton
 from .nonlinear.stage import Stage
 from .output.frame_arrays import fields
 from .output.frames import Frames, read_frame, write_vtk
+from .runs.outcome import SceneResult
 from .runs.run_scene import run_scene
 from .scene.scene import load_scene
 from .simulation.energy_ledger import Ledger
@@ -42,6 +43,7 @@ from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
 from .system.pins import Pin, Slide
 from .system.rotation import Rotation
+from .system.space_error import SpaceError, space_error
 from .system.state import State
 from .system.system import System
 from .terms import (
@@ -118,8 +120,10 @@ __all__ = [
     "Result",
     "Rotation",
     "SceneError",
+    "SceneResult",
     "Slide",
     "SolveFailed",
+    "SpaceError",
     "Springs",
     "StVK",
     "Stage",
@@ -150,6 +154,7 @@ __all__ = [
     "run",
     "run_scene",
     "solver_for",
+    "space_error",
     "stability",
     "strip_rigidity",
     "study",

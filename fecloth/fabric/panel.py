@@ -118,6 +118,13 @@ class Panel:
         return self.each(lambda fabric: fabric.areal_density)[:, 0]
 
     @cached_property
+    def material(self) -> np.ndarray:
+        """(m,) equal where two triangles have one fabric and one warp direction."""
+        cut = np.column_stack([self.region, self.grain])
+        number: np.ndarray = np.unique(cut, axis=0, return_inverse=True)[1].ravel()
+        return number
+
+    @cached_property
     def nodal_mass(self) -> np.ndarray:
         """(n,) row sums of the mass matrix [kg]; zero at the corners of P2 if it is consistent."""
         if self.mass == "lumped":

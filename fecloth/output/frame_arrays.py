@@ -14,6 +14,7 @@
     stress_tensor         (m, 9)  stress resultants in space: F S Fᵀ / J [N/m of the present width]
     principal_stresses    (m, 2)  smaller, larger of these [N/m]
     energy_density        (m,)    W [J/m²] per reference area
+    error_density         (m,)    energy of the error in space [J/m²], where it is asked for
 
 1 is the warp and 2 the weft by the grain of the system (without a system, X and Y). Cell values are
 means over the reference triangle; the tensors and directions use the mean of F. A tensor's
@@ -27,6 +28,7 @@ import numpy as np
 
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.vtu_writer import Arrays
+from fecloth.system.space_error import space_error
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import deformation_gradient, principal_stretches
@@ -34,11 +36,11 @@ from fecloth.terms.kinematics import deformation_gradient, principal_stretches
 STATIC = ("quality", "region", "reference", "held")  # the same in all frames
 
 
-def fields(system: System, state: State) -> tuple[Arrays, Arrays]:
+def fields(system: System, state: State, error_density: bool = False) -> tuple[Arrays, Arrays]:
     """Return the point data and cell data of a state, as listed at the head of this file.
 
     Stress resultants and energy density are summed over the membrane terms; a system without one
-    has neither.
+    has neither. With `error_density` the cells have that of `space_error`.
     """
     F = deformation_gradient(system.cloth, state.x, system.panel.gradients)
     mean = _mean(system.cloth, F)
@@ -52,6 +54,8 @@ def fields(system: System, state: State) -> tuple[Arrays, Arrays]:
         for term in membranes:
             term.add_stress(state.x, stress)
         cells |= _stresses(R, U, stress)
+    if error_density:
+        cells["error_density"] = space_error(system, state).density
     return points, cells
 
 

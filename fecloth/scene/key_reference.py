@@ -123,6 +123,7 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "restart_steps": "Steps between two restart files.",
         "restart_every": "In place of `restart_steps`: seconds of the motion between two.",
         "intersections": "Whether the pairs of triangles that intersect are counted at frames.",
+        "error_density": "Whether frames have the error in space of each triangle.",
     },
     "ProbeTable": {
         "name": "Name of the columns.",

@@ -48,6 +48,8 @@ class Problem:
         Whether the pairs of triangles that intersect are counted.
     unit
         What follows a value of t in words: " s" or " of the loads".
+    error_density
+        Whether frames have the energy of the error in space per area.
     """
 
     cloth: Cloth
@@ -67,6 +69,7 @@ class Problem:
     restarts: int | float | None = None
     intersections: bool = True
     unit: str = " s"
+    error_density: bool = False
 
     @property
     def is_static(self) -> bool:

@@ -153,6 +153,7 @@ def _tiles(summary, tables) -> dict[str, str]:
         "Newton iterations": f"{summary['newton']}",
         "linear iterations": f"{summary['linear']}",
         **_doubts(summary, tables["steps"]),
+        "error in space": _error(summary, "space"),
         "frames": f"{summary['frames']}",
     }
     if strains := tables["strains"]:
@@ -173,20 +174,21 @@ def _is_static(summary) -> bool:
 
 
 def _doubts(summary, steps) -> dict[str, str]:
-    """Return the figures that say how wrong the run may be."""
-    if _is_static(summary):
-        words = summary["time_error_in_words"].removeprefix("equilibrium: ")
-        return {"equilibrium": words.replace("; the", ", the")}
-    return {
-        "energy unexplained": _unexplained(summary, steps),
-        "error in time": _time_error(summary),
-    }
+    """Return how wrong a run may be in time, or whether an equilibrium is stable."""
+    if not _is_static(summary):
+        energy = _unexplained(summary, steps)
+        return {"energy unexplained": energy, "error in time": _error(summary, "time")}
+    least = summary.get("least_eigenvalue")
+    if least is None:
+        return {"equilibrium": summary["time_error_in_words"].removeprefix("equilibrium: ")}
+    words = summary["time_error_in_words"].removeprefix("equilibrium: ").partition(";")[0]
+    return {"equilibrium": words, "least eigenvalue of K": f"{least:.4g} N/m"}
 
 
-def _time_error(summary):
-    """The estimate of the error in time without its first words; older runs have none."""
-    words = summary.get("time_error_in_words", "no estimate").removeprefix("error in time")
-    return words.partition(";")[0].removeprefix(":").strip()
+def _error(summary, of):
+    """The estimate of the error in time or space without its first words; older runs have none."""
+    words = summary.get(f"{of}_error_in_words", "no estimate").removeprefix(f"error in {of}")
+    return words.partition(";")[0].partition(", as")[0].removeprefix(":").strip()
 
 
 def _unexplained(summary, steps):

@@ -100,7 +100,8 @@ def test_a_run_leaves_the_files_of_its_load_steps(scene, tmp_path, capsys):
     assert "static equilibrium in 4 load steps, tolerance 1e-09" in printed.err
     assert "done at 1 of the loads after 4 steps" in (out / "run.log").read_text()
     report = (out / "report.html").read_text()
-    assert f"stable, the least eigenvalue of K is {least:.4g} N/m" in report
+    assert "least eigenvalue of K" in report
+    assert f"{least:.4g} N/m" in report
     assert "part of the loads" in report
     assert "Step size" not in report
 

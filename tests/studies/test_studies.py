@@ -24,6 +24,8 @@ def out(tmp_path_factory):
         ("benchmarks.kernels", "figures met"),
         ("benchmarks.moved_pin", "figures met"),
         ("benchmarks.terms", "StVK"),
+        ("convergence.space_error", "0 outside"),
+        ("benchmarks.bending", "figures met"),
         ("models.hinge_bias", "derived"),
         ("models.homogenised_moduli", "exponent of h"),
         ("benchmarks.linear_solvers", "auto over the best"),
@@ -46,8 +48,10 @@ def test_quick(study, says, out):
 @pytest.mark.parametrize(
     "study",
     [
+        "bending",
         "convergence",
         "models",
+        "models.elastica",
         "simplify",
         "work_precision",
         "stability",
