@@ -14,7 +14,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.sparse.linalg import LinearOperator
 from scipy.special import jn_zeros, jv
-from support.plates import sides, square
+from support.plates import on_sides, square
 from support.tiers import slow_except
 
 import fecloth as fc
@@ -200,7 +200,7 @@ def test_plates(element, pattern):
         "clamped": clamped_square(),
     }
     assert exact["clamped"][0] == pytest.approx(35.985, abs=2e-3)
-    pins = {"free": [], "supported": [fc.Pin(sides)], "clamped": [fc.Pin(sides, clamp=True)]}
+    pins = {"free": [], "supported": [fc.Pin(on_sides)], "clamped": [fc.Pin(on_sides, clamp=True)]}
     for name, held in pins.items():
         errors = []
         for n in (8, 16) if element == "P1" else (6, 12):
