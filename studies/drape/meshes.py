@@ -1,4 +1,9 @@
-"""Four meshes of the round specimen: two by Gmsh, and two patterns of a square made round."""
+"""Four meshes of the round specimen: two by Gmsh, and two patterns of a square made round.
+
+`PlateBending` takes the hanging ring alone, clamped at its inner edge. `HingeBending`, which has no
+clamp, takes the whole disk with the nodes over the support pinned. (The plate on the disk would put
+a part of the bend over the support into the first triangles inside.)
+"""
 
 from __future__ import annotations
 
@@ -16,18 +21,33 @@ MESHES = {  # pattern, and edge length relative to h
     "right": ("right", 1.0),
     "cross": ("cross", 4 / 3),
 }
-"""Their triangles are 4,852, 2,726, 5,000 and 6,400 at h = 6 mm."""
+"""At h = 6 mm the disks have 4,852, 2,742, 5,000 and 6,400 triangles."""
 
 
-def mesh_specimen(pattern: str, h: float, element: str = "P1") -> fc.Cloth:
+def mesh_specimen(pattern: str, h: float) -> fc.Cloth:
     """Mesh the specimen with edge length h [m]; its node set "support" lies on the disk."""
     if pattern == "Gmsh":
-        return fc.Cloth.read(GEOMETRY, h=h, element=element)
+        return fc.Cloth.read(GEOMETRY, h=h)
     count = 10 * max(1, round(2 * SPECIMEN / h / 10))  # so that a ring of edges lies on the support
     square = fc.Cloth.rectangle(2.0, 2.0, h=2 / count, pattern=pattern)
     X = SPECIMEN * make_round(square.X - 1)
     support = np.flatnonzero(np.hypot(*X.T) < SUPPORT + 1e-9)
-    return fc.Cloth.from_arrays(X, square.triangles, sets={"support": support}, element=element)
+    return fc.Cloth.from_arrays(X, square.triangles, sets={"support": support})
+
+
+def cut_ring(disk: fc.Cloth) -> fc.Cloth:
+    """Return the hanging ring of a P1 mesh of the specimen; "support" is its inner edge."""
+    hangs = np.hypot(*disk.X.T) > SUPPORT + 1e-9
+    triangles = disk.triangles[hangs[disk.triangles].any(axis=1)]
+    used, triangles = np.unique(triangles, return_inverse=True)
+    support = np.flatnonzero(~hangs[used])
+    return fc.Cloth.from_arrays(disk.X[used], triangles.reshape(-1, 3), {"support": support})
+
+
+def make_quadratic(cloth: fc.Cloth) -> fc.Cloth:
+    """Return the P2 cloth on the triangles of a P1 cloth with the node set "support"."""
+    sets = {"support": cloth.nodes("support")}
+    return fc.Cloth.from_arrays(cloth.X, cloth.triangles, sets, element="P2")
 
 
 def make_round(points: np.ndarray) -> np.ndarray:

@@ -54,6 +54,7 @@ def test_quick(study, says, out):
         "models.elastica",
         "simplify",
         "work_precision",
+        "work_precision.bending",
         "stability",
         "newton_catalogue",
         "trust",
@@ -89,3 +90,12 @@ def test_the_picture(tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("drape coefficient") == 3
     assert picture.stat().st_size > 20_000
+
+
+@pytest.mark.study
+def test_drape_on_several_meshes(tmp_path):
+    command = [*MODULE, "studies.drape", "--quick", "--meshes", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert len((tmp_path / "meshes.csv").read_text().splitlines()) == 10
+    assert (tmp_path / "meshes.md").read_text().count("| interlock |") == 2
