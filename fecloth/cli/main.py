@@ -1,4 +1,4 @@
-"""The command line: fecloth run | view | render | check | mesh | info."""
+"""The command line: fecloth run | view | render | check | converge | mesh | info."""
 
 from __future__ import annotations
 
@@ -98,6 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     import argparse
 
     from fecloth import __version__
+    from fecloth.cli.converge import add_options
     from fecloth.cli.suggesting_parser import SuggestingParser
 
     parser = SuggestingParser(
@@ -132,6 +133,9 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("scenes", nargs="+", metavar="scene", help="a .toml file")
     _scene_options(sub)
 
+    sub = _command(commands, "converge", _converge, "refine a scene: value, uncertainty, order")
+    add_options(sub)
+
     sub = _command(commands, "mesh", _mesh, "mesh and describe a cloth; write it with -o")
     sub.add_argument("path", help="a .geo, .msh or other mesh file, or a scene")
     sub.add_argument("--h", type=float, metavar="SIZE", help="edge length of a .geo file [m]")
@@ -159,7 +163,7 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
         epilog=STATUS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(command=function, prints=function in (_mesh, _info))
+    parser.set_defaults(command=function, prints=function in (_mesh, _info, _converge))
     return parser
 
 
@@ -296,6 +300,16 @@ def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None])
     for words in result.warnings:
         print(f"warning: {words}", file=sys.stderr)
     return check(scene.expect, result.times, result.observed, result.energies)
+
+
+# --- studies --------------------------------------------------------------------------------------
+
+
+def _converge(options) -> int:
+    from fecloth.cli.converge import run_converge
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_converge(options)
 
 
 # --- mesh -----------------------------------------------------------------------------------------
