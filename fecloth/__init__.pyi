@@ -29,18 +29,21 @@ from .nonlinear.options import Newton
 from .nonlinear.stage import Stage
 from .output.frame_arrays import fields
 from .output.frames import Frames, read_frame, write_vtk
+from .runs.outcome import SceneResult
 from .runs.run_scene import run_scene
 from .scene.scene import load_scene
 from .simulation.energy_ledger import Ledger
 from .simulation.error_control import Adaptive
 from .simulation.march import march
 from .simulation.method_choice import Auto
+from .simulation.modes import Modes, modes
 from .simulation.probes import Probe
 from .simulation.resolve import solver_for
 from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
 from .system.pins import Pin, Slide
 from .system.rotation import Rotation
+from .system.space_error import SpaceError, space_error
 from .system.state import State
 from .system.system import System
 from .terms import (
@@ -104,6 +107,7 @@ __all__ = [
     "MembraneLaw",
     "MeshError",
     "MethodTraits",
+    "Modes",
     "NeoHookean",
     "Newmark",
     "Newton",
@@ -116,8 +120,10 @@ __all__ = [
     "Result",
     "Rotation",
     "SceneError",
+    "SceneResult",
     "Slide",
     "SolveFailed",
+    "SpaceError",
     "Springs",
     "StVK",
     "Stage",
@@ -142,11 +148,13 @@ __all__ = [
     "load_scene",
     "many_steps",
     "march",
+    "modes",
     "plane_moduli",
     "read_frame",
     "run",
     "run_scene",
     "solver_for",
+    "space_error",
     "stability",
     "strip_rigidity",
     "study",

@@ -1,4 +1,4 @@
-"""The command line: fecloth run | view | render | check | converge | mesh | info."""
+"""The command line: fecloth run | view | render | check | converge | modes | mesh | info."""
 
 from __future__ import annotations
 
@@ -29,8 +29,10 @@ STATUS = """exit status:
 """
 MISSED, BAD_INPUT, SIMULATION_FAILED, STOPPED = 1, 2, 3, 4
 FIELD_NAMES = (  # the keys of `frame_reader.FIELDS`, and the checker pattern
-    *("larger_stretch", "smaller_stretch", "speed", "displacement", "energy_density", "height"),
-    *("quality", "E11", "E22", "E12", "S11", "S22", "S12", "checks"),
+    *("larger_stretch", "smaller_stretch", "speed", "displacement", "energy_density"),
+    *("error_density", "height"),
+    *("quality", "larger_stress", "smaller_stress"),
+    *("E11", "E22", "E12", "S11", "S22", "S12", "checks"),
 )
 
 
@@ -136,6 +138,12 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "converge", _converge, "refine a scene: value, uncertainty, order")
     add_options(sub)
 
+    sub = _command(commands, "modes", _modes, "print the natural frequencies of a scene [Hz]")
+    sub.add_argument("scene", help="a .toml file")
+    sub.add_argument("-n", "--count", type=int, default=6, help="number of frequencies (6)")
+    sub.add_argument("-o", "--output", metavar="DIR", help="folder for the shapes, for ParaView")
+    _scene_options(sub)
+
     sub = _command(commands, "mesh", _mesh, "mesh and describe a cloth; write it with -o")
     sub.add_argument("path", help="a .geo, .msh or other mesh file, or a scene")
     sub.add_argument("--h", type=float, metavar="SIZE", help="edge length of a .geo file [m]")
@@ -163,7 +171,7 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
         epilog=STATUS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(command=function, prints=function in (_mesh, _info, _converge))
+    parser.set_defaults(command=function, prints=function in (_mesh, _info, _modes, _converge))
     return parser
 
 
@@ -310,6 +318,17 @@ def _converge(options) -> int:
     from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
 
     return run_converge(options)
+
+
+# --- modes ----------------------------------------------------------------------------------------
+
+
+def _modes(options) -> int:
+    from fecloth.cli.modes import print_modes
+    from fecloth.scene.scene import load_scene
+
+    scene = load_scene(options.scene, options.set, **_meshing(options))
+    return print_modes(scene, options.count, options.output, options.quiet)
 
 
 # --- mesh -----------------------------------------------------------------------------------------

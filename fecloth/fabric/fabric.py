@@ -158,6 +158,7 @@ class Fabric:
         load: float = 500.0,
         tensile: str = "secant",
         source: str = "KES-F",
+        bending_poisson_ratio: float = 0.0,
     ) -> Fabric:
         """Create a fabric from the results of Kawabata's instruments (KES-F), in their units.
 
@@ -165,8 +166,9 @@ class Fabric:
         ----------
         fields
             W [mg/cm²], EMT [%], G [gf/(cm deg)], B [gf cm²/cm] and optionally LT [-],
-            WT [gf cm/cm²] and 2HB [gf cm/cm]; one number or (warp, weft) each. Other fields of
-            KES-F are ignored. If G has two values, their mean is used.
+            WT [gf cm/cm²], 2HB [gf cm/cm] and B45 [gf cm²/cm]; one number or (warp, weft) each.
+            Other fields of KES-F are ignored. If G has two values, their mean is used. B45, one
+            number, is B of a specimen cut at 45°, which not every laboratory measures.
         poisson_ratio
             ν₁₂, which KES-F does not measure.
         load
@@ -177,24 +179,36 @@ class Fabric:
             the test the clamps prevent the lateral contraction. This is neglected, as with ν = 0.
         source
             Text that is stored in the fabric.
+        bending_poisson_ratio
+            ν_b, which KES-F does not measure: 0 unless another source has it.
 
         Raises
         ------
         InputError
-            For a field that is missing, unknown or not positive, or if LT and WT disagree.
+            For a field that is missing, unknown or not positive, or if LT and WT disagree, or for
+            a B45 below what B₁ and B₂ allow (see `bias_rigidity`).
 
         Notes
         -----
         S. Kawabata, The Standardization and Analysis of Hand Evaluation, 2nd ed. (1980).
+
+        No test of KES-F twists the cloth, and none measures how it bends across: the rigidity of
+        twist follows from B45, or is Huber's estimate without it, and ν_b is 0. The fields of shear
+        (G, 2HG, 2HG5) belong to the plane and tell neither.
 
         Examples
         --------
         >>> fabric = Fabric.from_kes({"W": 20.0, "EMT": (4.0, 6.0), "G": 0.8, "B": (0.1, 0.05)})
         >>> fabric.bending[0]  # 1 gf cm²/cm = 98.07 µN m
         9.80665e-06
+        >>> fabric.bias_rigidity, fabric.bending_poisson_ratio  # neither was measured
+        (None, 0.0)
         """
         return cls(
-            **instruments.kes(fields, load, tensile), poisson_ratio=poisson_ratio, source=source
+            **instruments.kes(fields, load, tensile),
+            poisson_ratio=poisson_ratio,
+            bending_poisson_ratio=bending_poisson_ratio,
+            source=source,
         )
 
     @classmethod
@@ -204,6 +218,7 @@ class Fabric:
         poisson_ratio: float = 0.0,
         load: int = 100,
         source: str = "FAST",
+        bending_poisson_ratio: float = 0.0,
     ) -> Fabric:
         """Create a fabric from the results of the FAST instruments, in their units.
 
@@ -211,7 +226,8 @@ class Fabric:
         ----------
         fields
             W [g/m²], E5, E20 or E100 [%] (the one of `load`), EB5 [%] and the bending length
-            C [mm]; one number or (warp, weft) each. Other fields of FAST are ignored.
+            C [mm]; one number or (warp, weft) each. Optionally C45 [mm], the bending length of a
+            strip cut at 45°, which not every laboratory measures. Other fields are ignored.
         poisson_ratio
             ν₁₂, which FAST does not measure.
         load
@@ -219,16 +235,23 @@ class Fabric:
             formula of `from_kes`.
         source
             Text that is stored in the fabric.
+        bending_poisson_ratio
+            ν_b, which FAST does not measure: 0 unless another source has it.
 
         Raises
         ------
         InputError
-            For a field that is missing, unknown or not positive.
+            For a field that is missing, unknown or not positive, or for a C45 too short for C (see
+            `bias_rigidity`).
 
         Notes
         -----
         B = 9.81e-6 W C³ µN m and G = 123 / EB5 N/m in these units: A. De Boos and D. Tester,
         SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994).
+
+        No test of FAST twists the cloth, and none measures how it bends across: the rigidity of
+        twist follows from C45, or is Huber's estimate without it, and ν_b is 0. EB5, the extension
+        on the bias, belongs to shear in the plane and tells neither.
 
         Examples
         --------
@@ -236,7 +259,12 @@ class Fabric:
         >>> fabric.shear
         41.0
         """
-        return cls(**instruments.fast(fields, load), poisson_ratio=poisson_ratio, source=source)
+        return cls(
+            **instruments.fast(fields, load),
+            poisson_ratio=poisson_ratio,
+            bending_poisson_ratio=bending_poisson_ratio,
+            source=source,
+        )
 
     @classmethod
     def sheet(cls, E: float, nu: float, thickness: float, rho: float) -> Fabric:

@@ -12,6 +12,12 @@ Sources:
   Simulation, IEEE SA Industry Connections (2020): tables of the fields and units of both
   instruments, and G = 123/EB5. It is free to read. It warns that the results of different
   instruments do not agree.
+- D. Cooper, The Stiffness of Woven Textiles, Journal of the Textile Institute 51 (1960), T317:
+  the bending stiffness along warp, weft and one other direction describes most fabrics.
+
+Neither instrument twists a fabric: the rigidity of twist comes from a specimen cut at 45° and bent
+as the others, where the laboratory has one, and else is Huber's estimate. Neither measures
+Poisson's ratio of bending. Shear and its hysteresis are those of the plane, and tell neither.
 """
 
 from __future__ import annotations
@@ -33,6 +39,7 @@ KES_UNITS = {
     "WT": 1e2 * GF,  # gf cm/cm², in N/m
     "G": 1e2 * GF * 180 / math.pi,  # gf/(cm deg), in N/m
     "B": 1e-2 * GF,  # gf cm²/cm, in N m
+    "B45": 1e-2 * GF,  # the same of a specimen cut at 45°
     "2HB": GF,  # gf cm/cm, in N
 }
 """The fields of KES-F that are used, and their units in SI."""
@@ -46,6 +53,7 @@ FAST_UNITS = {
     "E100": 1e-2,
     "EB5": 1e-2,
     "C": 1e-3,  # mm, in m
+    "C45": 1e-3,  # the same of a strip cut at 45°
 }
 """The fields of FAST that are used, and their units in SI."""
 
@@ -74,6 +82,7 @@ def kes(fields: Mapping, load: float, tensile: str) -> dict:
         "tensile_stiffness": Y,
         "shear_stiffness": sum(values["G"]) / 2,
         "bending_rigidity": values["B"],
+        "bias_rigidity": values["B45"][0] if "B45" in values else None,
         "bending_hysteresis": values.get("2HB"),
     }
 
@@ -95,8 +104,14 @@ def fast(fields: Mapping, load: int) -> dict:
         "areal_density": density,
         "tensile_stiffness": tuple(secant(1e2 * GF * load, e) for e in values[f"E{load}"]),
         "shear_stiffness": 1.23 / values["EB5"][0],
-        "bending_rigidity": tuple(9.81 * density * c**3 for c in values["C"]),
+        "bending_rigidity": tuple(_peirce(density, c) for c in values["C"]),
+        "bias_rigidity": _peirce(density, values["C45"][0]) if "C45" in values else None,
     }
+
+
+def _peirce(density: float, bending_length: float) -> float:
+    """B [N m] from the areal density [kg/m²] and the bending length [m], with FAST's 9.81 m/s²."""
+    return 9.81 * density * bending_length**3
 
 
 def secant(force: float, extension: float) -> float:
@@ -150,7 +165,7 @@ def _pair(name: str, value: Any, unit: float, where: str) -> Pair:
     is_pair = isinstance(pair, (tuple, list)) and len(pair) == 2
     if not (is_pair and all(is_number(number) and number > 0 for number in pair)):
         raise InputError(f"{name} = {value!r}", "must be a number > 0, or (warp, weft)", where)
-    if name in ("W", "EB5") and pair[0] != pair[1]:
+    if name in ("W", "EB5", "B45", "C45") and pair[0] != pair[1]:
         raise InputError(f"{name} = {value!r}", "must be one number", where)
     return (unit * pair[0], unit * pair[1])
 

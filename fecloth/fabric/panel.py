@@ -55,6 +55,8 @@ class Panel:
         (n, 3) positions at which the run starts [m]; None: flat, at (X, Y, 0).
     clamps
         The edges whose normal pins hold.
+    mass
+        "lumped" or "consistent", as in `System`.
     """
 
     cloth: Cloth
@@ -63,6 +65,7 @@ class Panel:
     grain: np.ndarray
     start: np.ndarray | None = None
     clamps: Clamps | None = None
+    mass: str = "consistent"
 
     @classmethod
     def cut(
@@ -113,6 +116,20 @@ class Panel:
     def density(self) -> np.ndarray:
         """(m,) mass per reference area of each triangle [kg/m²]."""
         return self.each(lambda fabric: fabric.areal_density)[:, 0]
+
+    @cached_property
+    def material(self) -> np.ndarray:
+        """(m,) equal where two triangles have one fabric and one warp direction."""
+        cut = np.column_stack([self.region, self.grain])
+        number: np.ndarray = np.unique(cut, axis=0, return_inverse=True)[1].ravel()
+        return number
+
+    @cached_property
+    def nodal_mass(self) -> np.ndarray:
+        """(n,) row sums of the mass matrix [kg]; zero at the corners of P2 if it is consistent."""
+        if self.mass == "lumped":
+            return self.cloth.diagonal_mass(self.density)
+        return self.cloth.weighted_load(self.density)
 
     @cached_property
     def gradients(self) -> np.ndarray:

@@ -29,7 +29,7 @@ strips in several directions, and bent them, with their own apparatus.
 
 - The presets use the data of the authors, graphics.berkeley.edu/papers/Wang-DDE-2011-08/: the row
   of zero strain of the tables "stretching" (c₁₁, c₁₂, c₂₂, c₃₃ [N/m]) and the column of zero
-  curvature of "bending" (k [N m], edges along u and along v).
+  curvature of "bending" (k [N m], edges along u, at 45° and along v).
 - The numbers have the meaning of ARCSim, the simulator of their laboratory (Narain, Samii and
   O'Brien 2012, dde.cpp and physics.cpp). The energy is c₁₁E₁₁² + 2 c₁₂E₁₁E₂₂ + c₂₂E₂₂² + 2 c₃₃E₁₂².
   ARCSim doubles the numbers when it reads them, and replaces negative ones by zero. Therefore Y
@@ -39,6 +39,8 @@ strips in several directions, and bent them, with their own apparatus.
   G = c₃₃/2. The presets follow the forces, because these move the cloth in ARCSim.
 - A hinge has the energy k l²θ²/8 over the area of its two triangles. Therefore B = k/4 (see
   `HingeBending`).
+- Of the three rows of "bending" that of edges at 45° gives the rigidity on the bias, and with it
+  the rigidity of twist. They did not measure Poisson's ratio of bending: no preset has one.
 - The direction v is taken as warp or wale. In the denim it is the stiffer direction, and the
   elastane is in the weft.
 - Of the ten fabrics navy-sparkle-sweat is omitted, because its moduli are not positive definite.
@@ -90,15 +92,17 @@ def clyde(density: float, thickness: float, moduli: list[float]) -> dict:
 def wang(density: float, stretching: list[float], bending: list[float]) -> dict:
     """Constants from the density [kg/m²], `stretching` [N/m] and `bending` [µN m].
 
-    `bending` is in the order of edges along u and along v. An edge along u resists a curvature
-    along v, the warp.
+    `bending` is in the order of edges along u, at 45° and along v. An edge along u resists a
+    curvature along v, the warp.
     """
     c11, c12, c22, c33 = stretching
     moduli = orthotropic(2 * c22, 2 * max(c12, 0.0), 2 * c11, c33)
+    warp, bias, weft = (1e-6 * k / 4 for k in bending)
     return {
         "areal_density": density,
         **moduli,
-        "bending_rigidity": tuple(1e-6 * k / 4 for k in bending),
+        "bending_rigidity": (warp, weft),
+        "bias_rigidity": bias,
     }
 
 

@@ -2,23 +2,73 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg.protocol import LinearSolver, SolveInfo
+
+Updates = list[tuple[float, np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
+class LowRankUpdate:
+    """What turns A⁻¹ b into (A + Σ c u uᵀ)⁻¹ b, for any b.
+
+    Sherman–Morrison–Woodbury formula: with y = A⁻¹ b and Z = A⁻¹ U,
+    x = y − Z (1/c + Uᵀ Z)⁻¹ Uᵀ y.
+    Source: Hager (1989), Updating the Inverse of a Matrix, eq. 2.
+
+    Attributes
+    ----------
+    U, Z
+        (3n, k) the vectors u, and the solutions of A z = u.
+    small
+        (k, k) the matrix 1/c + Uᵀ Z.
+    infos
+        The `SolveInfo` of each of these solves.
+    """
+
+    U: np.ndarray
+    Z: np.ndarray
+    small: np.ndarray
+    infos: tuple[SolveInfo, ...]
+
+    @classmethod
+    def prepare(cls, solver: LinearSolver, updates: Updates, rtol: float) -> LowRankUpdate:
+        """Solve for Z with the matrix A that `solver` has prepared; `updates` are not empty."""
+        columns = [solver.solve(u, rtol=rtol) for _, u in updates]
+        Z = np.stack([z.ravel() for z, _ in columns], axis=1)
+        U = np.stack([u.ravel() for _, u in updates], axis=1)
+        small = np.diag([1 / c for c, _ in updates]) + U.T @ Z
+        return cls(U, Z, small, tuple(info for _, info in columns))
+
+    def apply(self, y: np.ndarray) -> np.ndarray:
+        """Return x (n, 3) for y = A⁻¹ b (n, 3)."""
+        x: np.ndarray = y.ravel() - self.Z @ np.linalg.solve(self.small, self.U.T @ y.ravel())
+        return x.reshape(y.shape)
+
+    def require_definite(self, updates: Updates) -> None:
+        """Raise `IndefiniteMatrix` if A + Σ c u uᵀ is not positive definite, where A is.
+
+        1/c + Uᵀ Z and the sum are, up to signs, the two Schur complements of one matrix, so that
+        the sum is definite if 1/c + Uᵀ Z has as many negative eigenvalues as 1/c.
+        Source: Haynsworth (1968), Determination of the inertia of a partitioned Hermitian matrix.
+        """
+        negative = sum(c < 0 for c, _ in updates)
+        if (np.linalg.eigvalsh(0.5 * (self.small + self.small.T)) <= 0).sum() != negative:
+            raise IndefiniteMatrix("a part of low rank makes A indefinite")
 
 
 def solve_updated(
     solver: LinearSolver,
-    updates: list[tuple[float, np.ndarray]],
+    updates: Updates,
     b: np.ndarray,
     rtol: float,
     guess: np.ndarray | None = None,
 ) -> tuple[np.ndarray, list[SolveInfo]]:
     """Solve (A + Σ c u uᵀ) x = b, where A is the matrix that `solver` has prepared.
-
-    Sherman–Morrison–Woodbury formula: with y = A⁻¹ b and Z = A⁻¹ U,
-    x = y − Z (1/c + Uᵀ Z)⁻¹ Uᵀ y.
-    Source: Hager (1989), Updating the Inverse of a Matrix, eq. 2.
 
     Parameters
     ----------
@@ -35,12 +85,8 @@ def solve_updated(
     -------
     x (n, 3), and the `SolveInfo` of each solve with A.
     """
-    x, info = solver.solve(b, rtol=rtol, guess=guess)
+    y, info = solver.solve(b, rtol=rtol, guess=guess)
     if not updates:
-        return x, [info]
-    columns = [solver.solve(u, rtol=rtol) for _, u in updates]
-    Z = np.stack([z.ravel() for z, _ in columns], axis=1)
-    U = np.stack([u.ravel() for _, u in updates], axis=1)
-    small = np.diag([1 / c for c, _ in updates]) + U.T @ Z
-    x = x - (Z @ np.linalg.solve(small, U.T @ x.ravel())).reshape(x.shape)
-    return x, [info, *(other for _, other in columns)]
+        return y, [info]
+    update = LowRankUpdate.prepare(solver, updates, rtol)
+    return update.apply(y), [info, *update.infos]

@@ -329,7 +329,19 @@ class Cloth:
         return mass.weighted_load(self, density)
 
     def mass(self, kind: str | None = None, density: np.ndarray | None = None) -> sparse.csr_matrix:
-        """(n, n) mass matrix ∫ ρ N_a N_b dA, consistent or lumped by row sums.
+        """(n, n) mass matrix ∫ ρ N_a N_b dA, consistent or lumped.
+
+        The lumped one is the diagonal of each triangle's consistent mass, scaled to the mass of
+        the triangle: a third of it at each node of P1, which are the row sums; 1/19 at the corners
+        and 16/57 at the midpoints of P2, whose row sums would be zero at the corners.
+
+        Frequencies of a taut square converge with order 2 on lumped P2 as on P1, with order 4 on
+        consistent P2. On 1,100 to 2,100 nodes of four patterns the lowest one is off by 1.2e-4 to
+        2.0e-4 on lumped P2, 4.0e-4 to 6.0e-4 on P1, 9e-7 to 7e-6 on consistent P2
+        (tests/mesh/test_lumped_quadratic.py).
+
+        Source: Hinton, Rock and Zienkiewicz (1976), A note on mass lumping and related processes
+        in the finite element method, Earthquake Engng Struct. Dyn. 4, 245–249.
 
         Parameters
         ----------
@@ -341,7 +353,7 @@ class Cloth:
         Raises
         ------
         InputError
-            For another kind, and for a lumped mass on P2: the row sums of the corners are zero.
+            For another kind.
         """
         density = np.ones(len(self.triangles)) if density is None else density
         return mass.matrix(self, self.usual_mass if kind is None else kind, density)
@@ -352,11 +364,7 @@ class Cloth:
         return "lumped" if self.element == "P1" else "consistent"
 
     def diagonal_mass(self, density: np.ndarray) -> np.ndarray:
-        """(n,) diagonal of the consistent mass, scaled to the mass of each triangle [kg].
-
-        It is positive for both elements and equals the row sums for P1. Use it for norms, estimates
-        and bounds only: time steps with this mass lose the order of P2.
-        """
+        """(n,) the lumped masses [kg]; positive for both elements. See `mass`."""
         return mass.diagonal(self, density)
 
     @property

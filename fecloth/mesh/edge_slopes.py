@@ -26,7 +26,8 @@ from fecloth.mesh.half_edges import HalfEdges
 
 LEAST_SINGULAR = 0.15  # of the angles of a patch, in edge lengths; below it the patch is widened
 SINGULAR = 1e-6  # likewise; below it the weights are those of the shortest least-squares fit
-ROUND_OFF = 1e-12  # weights below it are zero: the two triangles are images of each other
+ROUND_OFF = 1e-12  # weights below it are zero
+IMAGES = 1e-11  # φ̂ below it is zero: the two triangles are images of each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,19 +71,23 @@ class EdgeSlopes:
     @cached_property
     def plain(self) -> sparse.csr_matrix:
         """(3m, h) C of one material and no clamp; the rows of free half-edges are empty."""
-        return self._slopes(self._plain)
+        return self._slopes(self._plain, self._plain_weights)
+
+    @cached_property
+    def _plain_weights(self) -> sparse.csr_matrix:
+        return self._weights(self._plain)
 
     @cached_property
     def pairs(self) -> np.ndarray:
         """(p, 2) int32 pairs i < j of nodes that the angles of one triangle's slopes couple.
 
-        They are those of any plate on this mesh. Without a seam many weights are zero, on regular
-        meshes; the edges between two regions may be seams and have all weights of their patches.
+        They are those of any plate on this mesh. On regular meshes many weights are zero. Those of
+        the edges in `_changing` are not zero in every plate: they have all hinges of their patches.
         """
         m, h = len(self.edges.triangles), len(self.edges.of_hinge)
-        nodes, sides = self.edges.hinges.nodes, self.edges.hinges.sides
-        seam = sparse.diags((self.region[sides[:, 0]] != self.region[sides[:, 1]]).astype(float))
-        slopes = abs(self.plain) + abs(self._sides) @ seam @ self.patches @ self._plain.in_triangle
+        nodes, changing = self.edges.hinges.nodes, sparse.diags(self._changing.astype(float))
+        patch = changing @ self.patches @ self._plain.in_triangle
+        slopes = abs(self.plain) + abs(self._sides) @ patch
         slopes.data[:] = 1.0
         of_triangle = sparse.csr_matrix(
             (np.ones(3 * m), np.arange(3 * m), np.arange(0, 3 * m + 1, 3)), shape=(m, 3 * m)
@@ -94,6 +99,21 @@ class EdgeSlopes:
         around = of_triangle @ slopes @ ends
         pairs = sparse.triu(around.T @ around, k=1, format="coo")
         return np.column_stack([pairs.row, pairs.col]).astype(np.int32)
+
+    @property
+    def _changing(self) -> np.ndarray:
+        """(h,) whether the weights of an edge depend on seams and clamps.
+
+        They do at a seam, and where φ is not zero and the patch has an edge that may be a seam or
+        a clamp: one between two regions, or on the boundary.
+        """
+        sides = self.edges.hinges.sides
+        seam = self.region[sides[:, 0]] != self.region[sides[:, 1]]
+        ends = np.zeros(len(self.edges.triangles), bool)
+        ends[np.flatnonzero(self.edges.hinge < 0) // 3] = True
+        ends[sides[seam]] = True
+        used = np.diff(self._plain_weights.indptr) > 0
+        return seam | (used & (self.patches @ ends.astype(float) > 0))
 
     def of_plate(
         self, rigidity: np.ndarray, material: np.ndarray, clamped: np.ndarray
@@ -113,7 +133,7 @@ class EdgeSlopes:
         plate = _Plate(self.edges, clamped, rigidity, material)
         if not len(clamped) and (material == material[0]).all():
             return self.plain, plate.hinge
-        return self._slopes(plate), plate.hinge
+        return self._slopes(plate, self._weights(plate)), plate.hinge
 
     @property
     def _plain(self) -> _Plate:
@@ -121,14 +141,14 @@ class EdgeSlopes:
         one = np.broadcast_to(np.eye(3), (m, 3, 3))
         return _Plate(self.edges, np.empty(0, int), one, np.zeros(m, int))
 
-    def _slopes(self, plate: _Plate) -> sparse.csr_matrix:
+    def _slopes(self, plate: _Plate, weights: sparse.csr_matrix) -> sparse.csr_matrix:
         h, c, size = len(self.edges.of_hinge), len(plate.clamped), len(plate.hinge)
         half_edges, hinges = np.concatenate(self.edges.of_hinge.T), np.tile(np.arange(h), 2)
         rows = np.concatenate([half_edges, plate.clamped])
         columns = np.concatenate([hinges, h + np.arange(c)])
         parts = np.concatenate([np.full(2 * h, 0.5), np.ones(c)])
         mean = sparse.csr_matrix((parts, (rows, columns)), shape=(size, h + c))
-        return (mean + self._sides @ self._weights(plate)).tocsr()
+        return (mean + self._sides @ weights).tocsr()
 
     @property
     def _sides(self) -> sparse.csr_matrix:
@@ -148,6 +168,7 @@ class EdgeSlopes:
         left, right = self.edges.of_hinge.T
         phi = 0.5 * (slope[left] - plate.across(hinges, hinges, right // 3, slope[right]))
         phi /= self.edges.hinges.length[:, None]
+        phi[np.abs(phi).max(axis=1) < IMAGES] = 0.0
         weights = np.einsum("ei,ei->e", angle, _solve(gram, phi)[row])
         weights[np.abs(weights) < ROUND_OFF] = 0.0
         W = sparse.csr_matrix((weights, patch.indices, patch.indptr), shape=patch.shape)

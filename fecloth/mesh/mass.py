@@ -1,4 +1,4 @@
-"""Mass matrices of a cloth: consistent, lumped, and the scaled diagonal."""
+"""Mass matrices of a cloth: consistent, and lumped by scaling the diagonal of that."""
 
 from __future__ import annotations
 
@@ -17,18 +17,11 @@ def weighted_load(cloth, density: np.ndarray) -> np.ndarray:
 
 
 def matrix(cloth, kind: str, density: np.ndarray) -> sparse.csr_matrix:
-    """(n, n) mass matrix ∫ ρ N_a N_b dA, consistent or lumped by row sums; see `Cloth.mass`."""
+    """(n, n) mass matrix ∫ ρ N_a N_b dA, consistent or lumped; see `Cloth.mass`."""
     if kind not in ("lumped", "consistent"):
         raise InputError(f"mass = {kind!r}", 'must be "lumped" or "consistent"', "Cloth.mass")
-    if kind == "lumped" and cloth.element == "P2":
-        raise InputError(
-            'mass = "lumped"',
-            'must be "consistent" for element P2: the row sums of its corners are zero',
-            "Cloth.mass",
-            'Use mass = "consistent" with an implicit method, or element = "P1".',
-        )
     if kind == "lumped":
-        return sparse.diags(weighted_load(cloth, density), format="csr")
+        return sparse.diags(diagonal(cloth, density), format="csr")
     basis = cloth.basis(2 * cloth.kind.degree)
     rho = np.broadcast_to(density[:, None], basis.dx.shape)
     form = skfem.BilinearForm(lambda u, v, w: w["rho"] * u * v)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.arguments import check_system
 from fecloth.system.records import remembered
+from fecloth.system.space_error import space_error
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -41,12 +43,16 @@ class Equilibrium(State):
         Of all load steps together.
     reason
         A sentence: why the iteration ended.
+    space_error, space_error_reason
+        The estimated relative error in space, or NaN and why there is none: see `space_error`.
     """
 
     residual: float
     iterations: int
     factorisations: int
     reason: str
+    space_error: float = math.nan
+    space_error_reason: str = ""
 
     def __repr__(self) -> str:
         return f"<Equilibrium of {len(self.x)} nodes at t = {self.t:g} s: {self.reason}>"
@@ -164,7 +170,9 @@ def equilibrium(
     met = f"its residual, {counts.residual:.1e} of the forces, is below the tolerance {tolerance:g}"
     reason = met if counts.residual else "no force exceeds its round-off"
     work = counts.newton, counts.factorisations
-    return Equilibrium(start.t, x, np.zeros_like(x), counts.residual, *work, reason)
+    error = space_error(system, State(start.t, x, np.zeros_like(x)))
+    space = error.relative, error.reason
+    return Equilibrium(start.t, x, np.zeros_like(x), counts.residual, *work, reason, *space)
 
 
 def _check(system, state, load_steps, tolerance, max_iterations, solver, report):

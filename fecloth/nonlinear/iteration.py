@@ -110,8 +110,11 @@ def iterate(
     y: np.ndarray,
     least: int = 0,
     report: Callable[[Progress], None] = lambda progress: None,
+    instead: np.ndarray | None = None,
 ) -> tuple[np.ndarray, Counts]:
     """Iterate from y until ‖R‖ ≤ tolerance × scale, and at least `least` times.
+
+    If the forces at y are not finite, the iteration starts from `instead`.
 
     Each iteration solves J s = −R with the exact matrix J or, where that is not positive definite
     or s is no improvement of any length (`line_search.find_step`), with the first remedy for which
@@ -132,6 +135,8 @@ def iterate(
     """
     work, most = _Work(equation, context), context.options.max_iterations
     point = work.at(y, 0.0)
+    if instead is not None and not np.isfinite(point.norm):
+        point = work.at(instead, 0.0)
     least_norm, last, resume = point.norm, 0, equation.resume
     ask, length = least == 0, 1.0  # whether to compare with round-off; α of the last step
     for number in range(most + 1):

@@ -20,6 +20,7 @@ def solve(
 ) -> tuple[np.ndarray, Counts]:
     """Return the unknown q (n, 3) of a stage, and the `Counts`.
 
+    It starts from the `guess`, or from zero without one or where the forces there are not finite.
     If the solver holds a factor for the same weights, its direction is tried first. The full step
     is taken if the residual falls; otherwise a new factor is computed. `iteration.iterate` says
     how the length of a step is chosen, and what happens where the matrix is not definite. The norm
@@ -33,10 +34,11 @@ def solve(
         If the tolerance is not met, unless by round-off: then `Counts.limited` is 1.
     """
     equation = StageEquation(system, stage, solver.options.definiteness)
-    q = np.zeros_like(stage.x) if guess is None else system.constraints.project(guess.copy())
+    zero = np.zeros_like(stage.x)
+    q = zero if guess is None else system.constraints.project(guess.copy())
     solver.begin(stage.wx, stage.wa)
     try:
-        return iterate(equation, solver, q, least=1)
+        return iterate(equation, solver, q, least=1, instead=zero)
     except FeclothError:
         solver.factor_reuse.drop()
         raise

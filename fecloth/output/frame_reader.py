@@ -3,9 +3,10 @@
 Users choose a field by one word (`fecloth view`, `fecloth render`):
 
     larger_stretch, smaller_stretch    principal stretches
+    larger_stress, smaller_stress      principal stress resultants [N/m]
     E11, E22, E12                      Green strain along warp and weft
     S11, S22, S12                      stress resultants [N/m]
-    energy_density [J/m²], quality     as in the frames
+    energy_density, error_density [J/m²], quality    as in the frames
     speed [m/s], displacement, height [m]    |v|, |x − (X, 0)|, z
 
 The arrays are listed in `frame_arrays`. Quadratic triangles are cut into four straight ones.
@@ -63,12 +64,15 @@ FIELDS = {
     "speed": Field("speed", "m/s", "velocity", _norm),
     "displacement": Field("displacement", "m", "displacement", _norm),
     "energy_density": Field("energy density", "J/m²", "energy_density", np.asarray),
+    "error_density": Field("error density", "J/m²", "error_density", np.asarray),
     "height": Field("height", "m", "", _component(2)),
     "quality": Field("quality", "", "quality", np.asarray),
+    "larger_stress": Field("larger stress", "N/m", "principal_stresses", _component(1)),
+    "smaller_stress": Field("smaller stress", "N/m", "principal_stresses", _component(0)),
     **{
-        f"{letter}{ij}": Field(f"{letter}{ij}", unit, array, _component(i))
-        for letter, unit, array in (("E", "", "green_strain"), ("S", "N/m", "stress_resultants"))
-        for i, ij in enumerate(("11", "22", "12"))
+        f"{letter}{ij}": Field(f"{letter}{ij}", unit, f"{letter}{ij}", np.asarray)
+        for letter, unit in (("E", ""), ("S", "N/m"))
+        for ij in ("11", "22", "12")
     },
 }
 

@@ -32,14 +32,13 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.atomic_files import WriteError, writing
-from fecloth.output.frame_arrays import fields, kinematics
+from fecloth.output.frame_arrays import STATIC, fields, kinematics
 from fecloth.output.vtu_writer import CELLS, Arrays
 from fecloth.output.write_ahead_log import changing, replace_whole
 from fecloth.system.state import State
 from fecloth.system.system import System
 
 CHUNK = 1 << 18  # bytes of a dataset that are compressed and read at a time
-STATIC = ("quality",)  # cell arrays of the reference, written once
 COUNTS = ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
 SHARED = ("PartOffsets", "CellOffsets", "ConnectivityIdOffsets")
 

@@ -11,15 +11,17 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+TENSOR = tuple(f"{i}{j}" for i in "XYZ" for j in "XYZ")
 COMPONENTS = {
-    "green_strain": ("E11", "E22", "E12"),
     "principal_stretches": ("smaller", "larger"),
-    "stress_resultants": ("S11", "S22", "S12"),
+    "principal_stresses": ("smaller", "larger"),
+    "strain_tensor": TENSOR,
+    "stress_tensor": TENSOR,
 }
 COMPRESSION = 1  # zlib level; 6 is slower and saves a few per cent on float64
 BLOCK = 1 << 18  # bytes that are compressed at a time
 CELLS = {3: 5, 6: 22}  # nodes of a triangle → VTK's number for the cell, linear and quadratic
-VTK_TYPES = {"f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
+VTK_TYPES = {"f8": "Float64", "f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 
 Arrays = dict[str, np.ndarray]
 

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from fecloth.errors import FeclothError
 from fecloth.output.atomic_files import WriteError
 from fecloth.runs.folder import FolderMoved
 from fecloth.runs.shape_watch import shape_message
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.run import Result
 from fecloth.system.system import System
 
 DONE, FAILED, INTERRUPTED = "done", "failed", "interrupted"
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """How a run ended.
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class SceneResult(Result):
+    """How the run of a scene ended: a `Result`, its arrays read from the tables of the folder.
 
     Attributes
     ----------
@@ -29,8 +33,6 @@ class Outcome:
         Energies at the last good state.
     error
         The cause of a failure.
-    warnings
-        All that the run warned of, before its first step and since.
     resumes
         Time from which `--resume` goes on [s], or None.
     """
@@ -40,8 +42,20 @@ class Outcome:
     summary: dict
     ledger: Ledger
     error: FeclothError | None = None
-    warnings: tuple[str, ...] = ()
     resumes: float | None = None
+
+    def __repr__(self) -> str:
+        steps, t = self.summary["steps"], self.state.t
+        return f"<SceneResult: {self.status} after {steps} steps at t = {t:g} s, in {self.folder}>"
+
+
+def read_columns(file: Path) -> dict[str, np.ndarray]:
+    """Return the columns of a table of numbers; of a file that cannot be read, none."""
+    with suppress(OSError), file.open(encoding="utf-8") as stream:
+        names = stream.readline().strip().split(",")
+        rows = np.loadtxt(stream, delimiter=",", ndmin=2)
+        return dict(zip(names, rows.T.copy(), strict=True)) if rows.size else {}
+    return {}
 
 
 def count_sizes(system: System) -> dict:
@@ -53,19 +67,20 @@ def count_sizes(system: System) -> dict:
     }
 
 
-def finished_message(outcome: Outcome) -> str:
-    """Return how wrong a run is in time, what it has cost, the file to open, and its warnings."""
+def finished_message(outcome: SceneResult) -> str:
+    """Return how wrong a run is in time and space, its cost, the file to open, and its warnings."""
     counts, seconds = outcome.summary, outcome.summary["seconds"]
     return (
         f"{shape_message(counts)}\n"
         f"{counts['time_error_in_words']}\n"
+        f"{counts['space_error_in_words']}\n"
         f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
         f"{seconds['total']:.1f} s; open {outcome.folder / counts['open']} in ParaView"
         f"{warning_count(outcome)}"
     )
 
 
-def warning_count(outcome: Outcome) -> str:
+def warning_count(outcome: SceneResult) -> str:
     """Return the end of the last line if there were warnings, or ""."""
     if not outcome.warnings:
         return ""
@@ -75,7 +90,7 @@ def warning_count(outcome: Outcome) -> str:
     )
 
 
-def failure_message(outcome: Outcome) -> str:
+def failure_message(outcome: SceneResult) -> str:
     """Return why a run ended early, what is readable, and from where it can go on."""
     folder, t = outcome.folder, outcome.summary["t"]
     readable = f"{folder} is readable up to t = {t:g} s"

@@ -22,7 +22,7 @@ from fecloth.runs import restart as restarts
 from fecloth.runs.disk_space import MOST_FRAMES, check_space
 from fecloth.runs.environment import peak_memory, versions
 from fecloth.runs.folder import RunFolder
-from fecloth.runs.outcome import FAILED, INTERRUPTED, Outcome, count_sizes
+from fecloth.runs.outcome import FAILED, INTERRUPTED, SceneResult, count_sizes, read_columns
 from fecloth.runs.restart import Restart
 from fecloth.runs.shape_watch import ShapeWatch, last_count, shape_summary
 from fecloth.runs.stopwatch import Watch
@@ -34,11 +34,13 @@ from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.simulation.time_error import TimeError, relative_error
 from fecloth.simulation.time_error_words import describe_time_error, find_doubts
+from fecloth.system.space_error import SpaceError, space_error
 from fecloth.view.html_report import write_report
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 _TABLES = ("steps", "energies", "observed", "strains")
+_OBSERVED = ("energies", "observed")
 _SO_FAR = ("state", "memory", "ledger", "balance", "time_error", "counted")
 _COUNTED = ("newton", "linear", "modified", "factorisations", "rejected", "limited")
 
@@ -265,7 +267,7 @@ class Recorder:
         if len(self.frames.times) >= MOST_FRAMES:
             remedy = "Raise every, or lower frames, in [output]."
             raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=remedy)
-        arrays = fields(self.problem.system, self.state)
+        arrays = fields(self.problem.system, self.state, self.problem.error_density)
         self.frames.add(self.state, arrays)
         self.shown = Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
         row = stretch_row(self.state.t, arrays[1]["principal_stretches"])
@@ -305,7 +307,9 @@ class Recorder:
             self._warn_once(words, warn)
         return error
 
-    def _summary(self, status: str, why: str, failure: str | None, error: float) -> dict:
+    def _summary(
+        self, status: str, why: str, failure: str | None, error: float, space: SpaceError
+    ) -> dict:
         """Return the content of summary.json; `error` is that in time."""
         return {
             "status": status,
@@ -316,6 +320,8 @@ class Recorder:
             "t_end": self.problem.t_end,
             "time_error": None if math.isnan(error) else error,
             "time_error_in_words": describe_time_error(error, self.problem.method, self.mean_dt),
+            "space_error": None if math.isnan(space.relative) else space.relative,
+            "space_error_in_words": str(space),
             **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
@@ -341,7 +347,7 @@ class Recorder:
             return restarts.find(self.folder.path).state.t
         return None
 
-    def close(self, status: str, why: str, error: FeclothError | None, warn) -> Outcome:
+    def close(self, status: str, why: str, error: FeclothError | None, warn) -> SceneResult:
         """Write the last good state as a frame, the summary, the last line of the log."""
         try:
             with self.watch.phase("output"):
@@ -354,20 +360,54 @@ class Recorder:
         time_error = self._doubts(warn)
         self._warn_once(warn_of_round_off(self.counts["limited"]), warn)
         self._warn_of_shape(warn)
-        summary = self._summary(status, why, str(error) if error else None, time_error)
+        with self.watch.phase("output"):
+            space = space_error(self.problem.system, self.state)
+        failure = str(error) if error else None
+        summary = self._summary(status, why, failure, time_error, space)
         words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
         resumes = self._resume_time()
         if status == INTERRUPTED and resumes is not None:
             words += f"; --resume goes on from {resumes:g} s"
         try:
             self.folder.log(summary["time_error_in_words"])
+            self.folder.log(summary["space_error_in_words"])
             self.folder.log(f"{words}: {error}" if error else words)
             self._report(summary)
             self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing
         except InputError as full:
             status, error = FAILED, error or full
-        ends = self.ledger, error, tuple(self.warnings), resumes
-        return Outcome(status, self.folder.path, summary, *ends)
+        errors = time_error, space
+        return self._result(status, summary, errors, error, resumes)
+
+    def _result(
+        self, status: str, summary: dict, errors: tuple[float, SpaceError], error, resumes
+    ) -> SceneResult:
+        time_error, space = errors
+        energies, observed = (read_columns(self.tables[name].path) for name in _OBSERVED)
+        times = energies.pop("t", np.empty(0))
+        observed.pop("t", None)
+        return SceneResult(
+            state=self.state,
+            times=times,
+            energies=energies,
+            observed=observed,
+            seconds=summary["seconds"],
+            newton=self.counts["newton"],
+            linear=self.counts["linear"],
+            solver=summary["solver"],
+            method=self.problem.method,
+            shape=self.watched.shape(self.state, self.seen),
+            warnings=tuple(self.warnings),
+            time_error=time_error,
+            space_error=space.relative,
+            space_error_reason=space.reason,
+            status=status,
+            folder=self.folder.path,
+            summary=summary,
+            ledger=self.ledger,
+            error=error,
+            resumes=resumes,
+        )
 
 
 def _kind(words: str) -> str:

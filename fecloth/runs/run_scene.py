@@ -28,7 +28,7 @@ from fecloth.output.atomic_files import lock_folder, writing
 from fecloth.runs import restart as restarts
 from fecloth.runs.folder import RunFolder, remove_on_failure
 from fecloth.runs.interruption import interruptible
-from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, Outcome, count_sizes
+from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, SceneResult, count_sizes
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.restart import Restart
 from fecloth.runs.stopwatch import Watch
@@ -51,8 +51,8 @@ def run_scene(
     resume: bool = False,
     warn: Callable[[str], None] = lambda words: None,
     closed: Callable[[], object] = lambda: None,
-) -> Outcome:
-    """Mesh, compile, march and write.
+) -> SceneResult:
+    """Mesh, compile, march and write; return a `Result` with the status and folder of the run.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def run_scene(
     Raises
     ------
     SceneError, InputError
-        Before anything is written. Afterwards a failure is an `Outcome`.
+        Before anything is written. Afterwards a failure is in the `error` of the result.
     """
     path = Path(path)
     with ExitStack() as locks:
@@ -84,7 +84,7 @@ def run_scene(
 
 def _run_scene(
     scene, path, overwrite, resume, announce, report, warn, closed, locks: ExitStack
-) -> Outcome:
+) -> SceneResult:
     watch, existed = Watch(), path.is_dir()
     if not resume:
         RunFolder.refuse(path, overwrite)

@@ -12,9 +12,10 @@ from fecloth.mesh.surface import Surface
 from fecloth.runs.csv_table import Table
 from fecloth.scene.problem import Problem
 from fecloth.scene.wrinkles import wrinkle_warning
-from fecloth.simulation.surface_checks import compressed_share, intersection_warning
+from fecloth.simulation.surface_checks import Shape, compressed_share, intersection_warning
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.kinematics import extreme_stretches
 
 APART = {True: 150, False: 6}  # fewest steps between two counts, explicit or not: a tenth of them
 
@@ -54,6 +55,13 @@ class ShapeWatch:
             "inverted": self.surface.count_inverted(state.x),
             "intersecting": math.nan if pairs is None else pairs,
         }
+
+    def shape(self, state: State, row: Mapping[str, float]) -> Shape:
+        """Return the shape of the cloth at a state; `row` is that of the last frame."""
+        count = row.get("intersecting", math.nan)
+        stretches = extreme_stretches(self.system.cloth, state.x)
+        inverted = self.surface.count_inverted(state.x)
+        return Shape(*stretches, inverted, None if math.isnan(count) else int(count))
 
     def warnings(self, row: Mapping[str, float]) -> Iterator[str]:
         """Yield the sentences for a row of strains.csv; empty ones are none."""

@@ -80,6 +80,7 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
         note=_note(scene),
         restarts=scene.output.restart_steps or scene.output.restart_every,
         intersections=scene.output.intersections,
+        error_density=scene.output.error_density,
     )
 
 

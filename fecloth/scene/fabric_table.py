@@ -36,7 +36,12 @@ class FabricTable(_FabricFields):
         if len(used) > 1:
             raise InputError(f"{used[0]} and {used[1]} are given", "give one of them")
         rest = {key: value for key, value in data.items() if key not in used}
-        return {**_constants(used[0], data[used[0]]), **rest} if used else rest
+        if not used:
+            return rest
+        constants = _constants(used[0], data[used[0]])
+        if "bending_rigidity" in rest:  # the rigidity on the bias belongs to the replaced pair
+            constants.pop("bias_rigidity", None)
+        return {**constants, **rest}
 
 
 def _constants(key: str, value: Any) -> dict:

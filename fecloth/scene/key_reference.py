@@ -33,7 +33,8 @@ PAGES = {"scene": Path(__file__).parent, "terms": Path(__file__).parents[1] / "t
 MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for each parameter
     "Scene": {
         "title": "A name for reports.",
-        "mass": 'How the mass is put on the nodes; "lumped", for P2 "consistent".',
+        "mass": 'How the mass is put on the nodes; default for P2: "consistent". Explicit methods '
+        'need "lumped".',
         "cloth": "The cloth: shape and mesh.",
         "fabric": "The fabric of the whole cloth: a table, or the name of a published fabric.",
         "fabrics": "In place of `fabric`: one for each region, as in [fabrics.body].",
@@ -115,6 +116,7 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "restart_steps": "Steps between two restart files.",
         "restart_every": "In place of `restart_steps`: seconds of the motion between two.",
         "intersections": "Whether the pairs of triangles that intersect are counted at frames.",
+        "error_density": "Whether frames have the error in space of each triangle.",
     },
     "ProbeTable": {
         "name": "Name of the columns.",

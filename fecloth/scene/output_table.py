@@ -29,6 +29,7 @@ class Output(Table):
     restart_steps: int | None = Field(default=None, ge=1)
     restart_every: Annotated[float | None, TIME] = Field(default=None, gt=0)
     intersections: bool = True
+    error_density: bool = False
 
     @model_validator(mode="before")
     @classmethod

@@ -47,7 +47,7 @@ def plan(problem: Problem, why: str) -> list[str]:
         fastest = f"fastest wave in the fabric {max(map(wave_speed, system.panel.fabrics)):.3g} m/s"
         needs = f"an explicit method would need dt <= {limit:.3g} s (bound at rest)"
         if system.mass_kind != "lumped":
-            needs = "a consistent mass allows no explicit method"
+            needs = 'a consistent mass allows no explicit method, mass = "lumped" would'
         lines.append(f"{fastest}; {needs}")
     return lines
 

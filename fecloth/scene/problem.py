@@ -45,6 +45,8 @@ class Problem:
         Steps (an int) or seconds between two restart files; None for none.
     intersections
         Whether the pairs of triangles that intersect are counted.
+    error_density
+        Whether frames have the energy of the error in space per area.
     """
 
     cloth: Cloth
@@ -63,6 +65,7 @@ class Problem:
     note: str = ""
     restarts: int | float | None = None
     intersections: bool = True
+    error_density: bool = False
 
     @property
     def method(self) -> Any:

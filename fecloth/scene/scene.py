@@ -77,9 +77,6 @@ class Scene(Table):
     @model_validator(mode="after")
     def _consistent(self):
         require_exactly_one(self, "fabric", "fabrics")
-        if self.mass == "lumped" and self.cloth.element == "P2":
-            allowed = 'must be "consistent" for element P2: row sums give its corners no mass'
-            raise InputError('mass = "lumped"', allowed, "", "Leave it out.")
         if self.fabrics == {}:
             raise InputError("fabrics = {}", "must name a region, as in [fabrics.body]")
         names = [probe.name for probe in self.probes]

@@ -26,6 +26,7 @@ from fecloth.simulation.short_pulses import find_short_pulses
 from fecloth.simulation.surface_checks import Shape, intersection_warning
 from fecloth.simulation.time_error import relative_error
 from fecloth.simulation.time_error_words import find_doubts, name_time_error
+from fecloth.system.space_error import space_error
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -63,6 +64,9 @@ class Result:
         Error of x in time, relative to the largest displacement, as far as the steps tell it:
         `TimeError`. From 0.3 on it says only that they do not resolve the motion. NaN where there
         is no estimate: see `relative_error`.
+    space_error, space_error_reason
+        Error of stress and moment in space at the end, relative, or NaN and why there is no
+        estimate: see `space_error`.
     """
 
     state: State
@@ -77,6 +81,8 @@ class Result:
     shape: Shape
     warnings: tuple[str, ...] = ()
     time_error: float = math.nan
+    space_error: float = math.nan
+    space_error_reason: str = ""
 
     @property
     def doubt(self) -> str:
@@ -216,6 +222,7 @@ def collect(
         error = relative_error(record.time_error, system, method, state, record.info.step, ledger)
         dt = (state.t - record.time_error.start.t) / (len(energies) - 1)
         inaccurate = find_doubts(error, system, method, dt, balance, ledger)
+    space = space_error(system, state)
     doubts = (
         warned or balance.warning(ledger, ended=True),
         warn_of_round_off(counts.limited),
@@ -235,6 +242,8 @@ def collect(
         shape=shape,
         warnings=(*foreseen, *filter(None, doubts)),
         time_error=error,
+        space_error=space.relative,
+        space_error_reason=space.reason,
     )
 
 

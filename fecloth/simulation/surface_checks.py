@@ -64,11 +64,11 @@ def compressed_share(system: System, cells: Mapping[str, np.ndarray]) -> float:
     A triangle is compressed if its smaller principal stress is below −0.2 times the root mean
     square of the larger ones, by more than round-off. `cells` is the cell data of a frame.
     """
-    if (stress := cells.get("stress_resultants")) is None:
+    if "S11" not in cells:
         return 0.0
+    S11, S22, S12 = cells["S11"], cells["S22"], cells["S12"]
     area = system.cloth.weights.sum(axis=1)
-    mean, half = (stress[:, 0] + stress[:, 1]) / 2, (stress[:, 0] - stress[:, 1]) / 2
-    radius = np.hypot(half, stress[:, 2])
+    mean, radius = (S11 + S22) / 2, np.hypot((S11 - S22) / 2, S12)
     tension = math.sqrt(float(area @ (mean + radius) ** 2) / area.sum())
     stiffness = min(min(fabric.tensile) for fabric in system.panel.fabrics)
     compressed = mean - radius < -(SQUEEZED * tension + NOTHING * stiffness)

@@ -135,7 +135,9 @@ def element_bound(system: System, method="symplectic_euler") -> float:
     rows of triangles: right, cross      1.06, 1.23
     rows of triangles: equilateral       1.30
     Gmsh, least angle above 30°          1.3 to 1.5
-    the same, P2                         1.6
+    the same, P2, consistent mass        1.6
+    P2, lumped: right, equilateral       1.03, 1.08
+    P2, lumped: cross, Gmsh              1.2, 1.25
     with one sliver of 12°, of 3°        2.8, 5.7
     ===================================  ============
 

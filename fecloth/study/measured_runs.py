@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import time
 import warnings
@@ -14,13 +13,14 @@ from typing import Any
 import numba
 import numpy as np
 
-from fecloth.errors import FeclothWarning, InputError
+from fecloth.errors import FeclothWarning
 from fecloth.integrators.step import Step
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.equilibrium import equilibrium
 from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import march
+from fecloth.simulation.modes import modes as natural_modes
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
@@ -97,7 +97,8 @@ def measure(
         row["displacement"] = (end.x - setup.start.x).tolist()
         row["velocity"] = end.v.tolist()
         if modes:
-            row["frequencies"] = mode_frequencies(setup.system, end, modes)
+            found = natural_modes(setup.system, end, count=modes)
+            row["frequencies"] = [float(frequency) for frequency in found.frequencies]
         if function:
             row["function"] = float(function(result))
     cloth = setup.cloth
@@ -155,16 +156,6 @@ def _nothing_run(setup: Setup) -> dict:
 def _ends(setup: Setup, both: Mapping, end, result) -> dict:
     times = np.array([setup.start.t, end.t])
     return {"times": times, "columns": both, "end": end, "result": result}
-
-
-def mode_frequencies(system, state, count: int) -> list[float]:
-    """Return the lowest natural frequencies about a state [Hz], by `fc.modes`."""
-    try:
-        module = importlib.import_module("fecloth.nonlinear.modes")
-    except ImportError:
-        allowed = "needs the modes of a cloth, which this version of fecloth does not compute"
-        raise InputError(f"frequency({count})", allowed) from None
-    return [float(f) for f in module.modes(system, state, count=count).frequencies]
 
 
 def columns_to_record(quantity: Quantity) -> list[str]:

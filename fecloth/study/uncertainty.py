@@ -17,8 +17,8 @@ With φ_i = φ₀ + α h_i^p on sizes h₁ < h₂ < …, φ₀ the limit and p t
 Both are stated for order 2; here P takes its place, and the fixed powers are P − 1 and P. They
 were fitted to all levels; where p > P the coarse ones spoil such a fit, and the grid convergence
 index of the two finest levels with P, F = 3 and the scatter of the free fit is taken if it is
-smaller: this is not in the papers. Values that oscillate or diverge get three times their whole range, as by Eça and Hoekstra for less than
-four levels.
+smaller: this is not in the papers. Values that oscillate or diverge get at least three times
+their range.
 """
 
 from __future__ import annotations

@@ -40,8 +40,8 @@ class System:
     pins
         `Pin` and `Slide` objects, or names of node sets to hold fixed.
     mass
-        "lumped" (row sums) or "consistent"; default: lumped for P1 and consistent for P2, whose
-        row sums give the corners of the triangles no mass.
+        "lumped" or "consistent", see `Cloth.mass`; default: lumped for P1 and consistent for P2.
+        Explicit methods need a lumped one, which costs P2 two of its four orders of frequencies.
     grain
         Angle of the warp from the X axis [rad], for all or by region.
     start
@@ -52,8 +52,7 @@ class System:
     ------
     InputError
         For a `start` of another cloth, a clamped pin without a term that holds normals, a term that
-        cannot be bound or does not know the cloth's element, a pin that names no
-        node, or a lumped mass for P2.
+        cannot be bound or does not know the cloth's element, or a pin that names no node.
 
     Examples
     --------
@@ -113,7 +112,8 @@ class System:
             what, allowed = "a pin with clamp = true", "needs a bending term that holds normals"
             remedy = "Add PlateBending, or pin without a clamp."
             raise InputError(what, allowed, "System", remedy)
-        return replace(panel, start=self.start.x if self.start else None, clamps=clamps)
+        begin = self.start.x if self.start else None
+        return replace(panel, start=begin, clamps=clamps, mass=self.mass_kind)
 
     @cached_property
     def scalar_mass(self) -> sparse.csr_matrix:
@@ -122,8 +122,8 @@ class System:
 
     @cached_property
     def nodal_mass(self) -> np.ndarray:
-        """(n,) row sums of the mass [kg]; zero at the corners of P2 triangles."""
-        return self.cloth.weighted_load(self.panel.density)
+        """(n,) row sums of the mass [kg]; zero at the corners of P2 if it is consistent."""
+        return self.panel.nodal_mass
 
     @cached_property
     def total_mass(self) -> float:
@@ -132,7 +132,7 @@ class System:
 
     @cached_property
     def diagonal_mass(self) -> np.ndarray:
-        """(n,) masses > 0 [kg] for norms and estimates: P1's row sums, `Cloth.diagonal_mass`."""
+        """(n,) the lumped masses > 0 [kg], for norms and estimates with any mass."""
         return self.cloth.diagonal_mass(self.panel.density)
 
     @cached_property

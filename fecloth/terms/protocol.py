@@ -43,7 +43,8 @@ class Term(Protocol):
     """What a user writes: a frozen dataclass with the parameters of the term.
 
     It may have an attribute `elements`, the names of the elements that it supports, as
-    ``("P1", "P2")``. Without it, the term is for P1 alone.
+    ``("P1", "P2")``. Without it, the term is for P1 alone. Another is `no_space_error`, a text
+    that says, after the name of the term, why `space_error` has no estimate with it.
     """
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
@@ -90,6 +91,9 @@ class BoundTerm(Protocol):
         Whether its force depends on v, so that D is not zero.
     load
         Optional; True for a force from outside, which the load steps of `equilibrium` scale.
+    stores_strain
+        Optional; False for a term whose energy is not that of a strain: the error in space leaves
+        it out.
     """
 
     name: str
@@ -170,6 +174,17 @@ class Stressed(Protocol):
 
     def add_stress(self, x: np.ndarray, out: np.ndarray) -> None:
         """out (triangles, 4) += S₁₁, S₂₂, S₁₂ [N/m] and the energy per area [J/m²], in place."""
+        ...
+
+
+class Recovered(Protocol):
+    """The ability of a membrane or plate to estimate its error in space.
+
+    A system in which another term has an energy, and is no load, has no estimate.
+    """
+
+    def strain_error(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(triangles,) energy [J] of the recovered strain minus the strain of the mesh."""
         ...
 
 

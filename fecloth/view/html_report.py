@@ -10,6 +10,7 @@ from __future__ import annotations
 import html
 import json
 import math
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from string import Template
@@ -18,6 +19,7 @@ import numpy as np
 
 from fecloth.output.atomic_files import replace_file
 from fecloth.output.frame_reader import Frame
+from fecloth.view.observed_charts import observed_charts
 from fecloth.view.svg_chart import chart
 from fecloth.view.web_page import fill_template, pack_frames, shown_fields, title_of
 
@@ -25,6 +27,8 @@ MOST_ROWS = 4000  # of a table that are read for a chart
 STRETCHES = ("smallest", "1 %", "median", "99 %", "largest")  # columns of strains.csv
 COLUMNS = ("t", "total")  # of the ledger that are no curve of it
 PHASES = ("mesh", "bind", "compile", "choose", "assemble", "factor", "solve", "record", "output")
+
+TABLES = ("steps", "energies", "observed", "strains")
 
 NOTE = Template('<p class="$kind">$text</p>')
 TILE = Template("<div><b>$text</b><span>$name</span></div>")
@@ -42,7 +46,7 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
     frame
         The last one.
     """
-    tables = {name: read_table(folder / f"{name}.csv") for name in ("steps", "energies", "strains")}
+    tables = {name: read_table(folder / f"{name}.csv") for name in TABLES}
     data = pack_frames([frame], shown_fields(frame))
     parts = {
         "warnings": _fill_each(NOTE, _warnings(folder, summary)),
@@ -56,6 +60,7 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
         "status": summary["status"] + (", with warnings" if doubtful(summary) else ""),
         "badge": "warned" if doubtful(summary) else summary["status"],
         "note": _subtitle(summary),
+        "model": _model(folder),
         "spent": f"Where {summary['seconds']['total']:.3g} s went",
         "scene": _text(folder / "scene.resolved.toml"),
     }
@@ -106,6 +111,28 @@ def _subtitle(summary):
     return f"{words}; {summary['method']}" if summary.get("method") else words
 
 
+def _model(folder: Path) -> str:
+    """The fabrics and the terms of the scene, in a line."""
+    scene = tomllib.loads(_text(folder / "scene.resolved.toml"))
+    if not (fabric := scene.get("fabric")):
+        return ""
+    fabrics = {"Fabric": fabric} if "areal_density" in fabric else fabric
+    terms = ", ".join(term["type"] for term in scene.get("terms", ())) or "none"
+    return "; ".join(
+        [*(f"{name}: {_constants(f)}" for name, f in fabrics.items()), f"terms: {terms}"]
+    )
+
+
+def _constants(fabric: Mapping) -> str:
+    """The main constants of a fabric, those along warp and weft as 1 × 2."""
+    words = [f"{1000 * fabric['areal_density']:.4g} g/m²"]
+    for key, unit in (("tensile_stiffness", "N/m"), ("bending_rigidity", "N m")):
+        if value := fabric.get(key):
+            values = value if isinstance(value, list) else [value]
+            words.append(f"{key.split('_')[0]} {' × '.join(f'{v:.4g}' for v in values)} {unit}")
+    return ", ".join(words)
+
+
 def _warnings(folder, summary) -> Iterator[dict[str, str]]:
     """Return the failure, the warnings of the summary, and those that only the log has."""
     if text := summary.get("error"):
@@ -126,7 +153,8 @@ def _tiles(summary, tables) -> dict[str, str]:
         "Newton iterations": f"{summary['newton']}",
         "linear iterations": f"{summary['linear']}",
         "energy unexplained": _unexplained(summary, tables["steps"]),
-        "error in time": _time_error(summary),
+        "error in time": _error(summary, "time"),
+        "error in space": _error(summary, "space"),
         "frames": f"{summary['frames']}",
     }
     if strains := tables["strains"]:
@@ -141,10 +169,10 @@ def _tiles(summary, tables) -> dict[str, str]:
     return tiles
 
 
-def _time_error(summary):
-    """The estimate of the error in time without its first words; older runs have none."""
-    words = summary.get("time_error_in_words", "no estimate").removeprefix("error in time")
-    return words.partition(";")[0].removeprefix(":").strip()
+def _error(summary, of):
+    """The estimate of the error in time or space without its first words; older runs have none."""
+    words = summary.get(f"{of}_error_in_words", "no estimate").removeprefix(f"error in {of}")
+    return words.partition(";")[0].partition(", as")[0].removeprefix(":").strip()
 
 
 def _unexplained(summary, steps):
@@ -167,8 +195,8 @@ def _numbers(summary) -> dict[str, str]:
 
 
 def _charts(tables) -> list[str]:
-    steps, energies, strains = (tables[name] for name in ("steps", "energies", "strains"))
-    figures = [_energies(energies), _remainder(energies)]
+    steps, energies, observed, strains = (tables[name] for name in TABLES)
+    figures = [*observed_charts(observed), _energies(energies), _remainder(energies)]
     if strains:
         curves = {name: (strains["t"], strains[name]) for name in STRETCHES if name in strains}
         figures.append(chart("Principal stretches, at the frames", curves, "t [s]", "stretch"))

@@ -16,7 +16,7 @@ import numpy as np
 from fecloth.output.frame_reader import drawable
 
 WIDTH, HEIGHT = 460, 230
-LEFT, RIGHT, TOP, BOTTOM = 58, 10, 12, 36
+LEFT, RIGHT, TOP, BOTTOM = 72, 22, 12, 36
 NEAR = 0.05  # fraction of a tick step or span by which a curve may lie outside the grid
 SPANS = 250  # spans of a long curve; each is drawn by its least and largest value
 COLOURS = ("#1f5fa8", "#d1495b", "#2f8f6b", "#b7791f", "#6b4fa0", "#3a9db0", "#8a5a44", "#5c6773")
@@ -132,11 +132,12 @@ def _grid(across, up, log):
     for px, value in zip(_place(across, across.ticks, 0), across.ticks, strict=True):
         parts.append(f'<line x1="{px:.1f}" x2="{px:.1f}" y1="{TOP}" y2="{HEIGHT - BOTTOM}"/>')
         label = f'<text x="{px:.1f}" y="{HEIGHT - BOTTOM + 15}" text-anchor="middle">'
-        parts.append(f"{label}{_number(value)}</text>")
+        parts.append(f"{label}{_number(value, across)}</text>")
     for py, value in zip(_place(up, up.ticks, 1), up.ticks, strict=True):
         parts.append(f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{py:.1f}" y2="{py:.1f}"/>')
         label = f'<text x="{LEFT - 5}" y="{py + 4:.1f}" text-anchor="end">'
-        parts.append(f"{label}{_number(10.0**value if log else value)}</text>")
+        shown = _number(10.0**value) if log else _number(value, up)
+        parts.append(f"{label}{shown}</text>")
     return f'<g class="grid">{"".join(parts)}</g>'
 
 
@@ -150,8 +151,13 @@ def _axis_labels(x, y):
     )
 
 
-def _number(value: float) -> str:
-    text = f"{0.0 if abs(value) < 1e-15 else value:.4g}"
+def _number(value: float, axis: Axis | None = None) -> str:
+    """Return a number in words; on an axis with the digits that tell its ticks apart."""
+    digits = 4
+    if axis is not None and len(axis.ticks) > 1:
+        largest, step = np.abs(axis.ticks).max(), axis.ticks[1] - axis.ticks[0]
+        digits = max(digits, math.ceil(math.log10(largest / step)) + 2)
+    text = f"{0.0 if abs(value) < 1e-15 else value:.{digits}g}"
     mantissa, _, exponent = text.partition("e")
     return f"{mantissa}e{int(exponent)}".replace("-", "−") if exponent else text.replace("-", "−")
 

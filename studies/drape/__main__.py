@@ -8,68 +8,42 @@ prints it with the number of folds, for the runs of studies/scenes/drape.toml in
 Without folders it runs three fabrics and draws them into out/drape.png; --picture names another
 file.
 
-With --methods it drapes the tablecloth with each of `METHODS` and `STEPS`, and prints their cost
-and their result.
+With --meshes it drapes all published fabrics that have a bending rigidity on four meshes, with
+`PlateBending` and with `HingeBending`, and writes meshes.csv and meshes.md into the folder --out.
+`between_meshes` says what is compared.
 
-This does not replace a measurement: the folds are one of many states at rest. With --h 0.0045 the
-coefficients change by 0.01 and the folds by one.
+With --methods it drapes the tablecloth with `HingeBending` and each of `METHODS` and `STEPS`, and
+prints their cost and their result.
 """
 
 from __future__ import annotations
 
-import math
 import tempfile
 import time
+import warnings
 from itertools import product
 from pathlib import Path
 
-import numpy as np
-
+import fecloth as fc
 from fecloth import study
-from fecloth.errors import InputError
+from fecloth.errors import FeclothError, FeclothWarning, InputError
 from fecloth.output.frame_reader import Frame, Series
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
 from fecloth.view.checker_pattern import material_coordinates
+from studies.drape.between_meshes import COLUMNS, compare_meshes, summarise, write_table
+from studies.drape.measures import count_folds, drape_coefficient
+from studies.drape.meshes import mesh_specimen
 
-HERE = Path(__file__).parent
+SCENE = Path(__file__).parents[1] / "scenes" / "drape.toml"
 FABRICS = ("interlock", "polyester-tablecloth", "trousers")
-METHODS = ("backward_euler", "linearly_implicit_euler", "bdf2", "implicit_midpoint")
+METHODS = (fc.BackwardEuler, fc.LinearlyImplicitEuler, fc.BDF2, fc.ImplicitMidpoint)
 STEPS = (0.02, 0.01, 0.005)  # s
-SPECIMEN, SUPPORT = 0.15, 0.09  # radii in meshes/drape.geo [m]
-CELL = 5e-4  # size of the cells in which the area of the shadow is counted [m]
-
-
-def shadow_area(x: np.ndarray, triangles: np.ndarray) -> float:
-    """Return the area that triangles cover, seen from above; overlaps count once [m²]."""
-    corners = x[triangles, :2]
-    count = math.ceil(2 * np.ptp(corners, axis=1).max() / CELL)
-    i, j = np.nonzero(np.tri(count + 1)[::-1])  # points of each triangle, closer than the cells
-    weights = np.stack([i, j, count - i - j], axis=1) / count
-    cells = np.floor(weights @ corners / CELL).astype(int).reshape(-1, 2)
-    cells -= cells.min(axis=0)
-    covered = np.zeros(cells.max(axis=0) + 1, bool)
-    covered[*cells.T] = True
-    return np.count_nonzero(covered) * CELL**2
-
-
-def drape_coefficient(frame: Frame) -> float:
-    """Return (shadow − support)/(specimen − support), all areas; the specimen is the flat mesh."""
-    flat, support = shadow_area(material_coordinates(frame), frame.cells), math.pi * SUPPORT**2
-    return (shadow_area(frame.points, frame.cells) - support) / (flat - support)
-
-
-def count_folds(frame: Frame) -> int:
-    """Count the crests of the rim: its arcs above the mean height."""
-    X = material_coordinates(frame)
-    rim = np.flatnonzero(np.hypot(*X.T) > SPECIMEN - 1e-6)
-    z = frame.points[rim[np.argsort(np.arctan2(*X[rim].T))], 2]
-    return int(np.sum((z > z.mean()) & (np.roll(z, 1) <= z.mean())))
 
 
 def drape_fabric(fabric: str, h: float, folder: Path) -> Frame:
     """Run the drape test of a fabric in a folder; return its last frame."""
-    scene = load_scene(HERE.parent / "scenes" / "drape.toml", [f"fabric={fabric}", f"cloth.h={h}"])
+    scene = load_scene(SCENE, [f"fabric={fabric}", f"cloth.h={h}"])
     run_scene(scene, folder)
     return read_last_frame(folder)
 
@@ -95,10 +69,14 @@ def draw_fabrics(folders: dict[str, Path], words: dict[str, str], target: Path) 
     figure.savefig(target)
 
 
-def describe_drape(frame: Frame) -> str:
+def describe_drape(X, x, triangles) -> str:
     """Return the drape coefficient and the number of folds in words."""
-    coefficient = 100 * drape_coefficient(frame)
-    return f"drape coefficient {coefficient:.0f} %, {count_folds(frame)} folds"
+    coefficient = 100 * drape_coefficient(X, x, triangles)
+    return f"drape coefficient {coefficient:.0f} %, {count_folds(X, x)} folds"
+
+
+def describe_frame(frame: Frame) -> str:
+    return describe_drape(material_coordinates(frame), frame.points, frame.cells)
 
 
 def read_last_frame(folder: Path) -> Frame:
@@ -111,7 +89,7 @@ def compare_fabrics(h: float, picture: Path | None) -> None:
     with tempfile.TemporaryDirectory() as folder:
         folders = {fabric: Path(folder) / fabric for fabric in FABRICS}
         words = {
-            fabric: describe_drape(drape_fabric(fabric, h, run)) for fabric, run in folders.items()
+            fabric: describe_frame(drape_fabric(fabric, h, run)) for fabric, run in folders.items()
         }
         for fabric in FABRICS:
             print(f"{fabric:22s} {words[fabric]}")
@@ -120,22 +98,38 @@ def compare_fabrics(h: float, picture: Path | None) -> None:
             print(f"wrote {picture}")
 
 
+def tabulate_meshes(h: float, out: Path, is_quick: bool) -> None:
+    """Write the tables of fabrics and meshes into a folder; print each row when it is done."""
+    bent = (name for name in fc.Fabric.presets() if fc.Fabric.preset(name).bending)
+    fabrics = FABRICS[:1] if is_quick else tuple(bent)
+    rows: list[dict] = []
+    for row in compare_meshes(fabrics, () if is_quick else FABRICS, h):
+        rows.append(row)
+        write_table(rows, out / "meshes.csv")
+        values = (row[name] for name in COLUMNS)
+        print(*(v if isinstance(v, str) else f"{v:.4g}" for v in values), sep="  ")
+    (out / "meshes.md").write_text(summarise(rows), encoding="utf-8")
+    print(f"wrote {out / 'meshes.md'}")
+
+
 def compare_methods(h: float) -> None:
     """Print for each method and step the cost of the tablecloth's fall, and where it ends."""
+    cloth, fabric = mesh_specimen("Gmsh", h), fc.Fabric.preset("polyester-tablecloth")
+    terms = [fc.StVK(), fc.HingeBending(), fc.MassDamping(8.0), fc.Gravity((0, 0, -9.81))]
+    system = fc.System(cloth, fabric, terms, pins=[fc.Pin("support")])
     for method, dt in product(METHODS, STEPS):
-        overrides = [f"cloth.h={h}", f"time.method={method}", f"time.dt={dt}"]
-        with tempfile.TemporaryDirectory() as folder:
-            begin = time.process_time()
-            outcome = run_scene(
-                load_scene(HERE.parent / "scenes" / "drape.toml", overrides), Path(folder) / "run"
-            )
-            seconds = time.process_time() - begin
-            end = outcome.status
-            if end == "done":
-                off = any("energy balance" in words for words in outcome.warnings)
-                warned = ", its energy balance off on the way" if off else ""
-                end = describe_drape(read_last_frame(outcome.folder)) + warned
-        print(f"{method:24s} {1000 * dt:3.0f} ms  {seconds:5.1f} CPU s  {end}")
+        begin = time.process_time()
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", FeclothWarning)
+            try:
+                x = fc.run(system, method(), system.rest(), dt=dt, t_end=1.0).state.x
+                end = describe_drape(cloth.X, x, cloth.triangles)
+            except FeclothError:
+                end = "failed"
+        seconds = time.process_time() - begin
+        if any("energy balance" in str(warning.message) for warning in caught):
+            end += ", its energy balance off on the way"
+        print(f"{method.__name__:24s} {1000 * dt:3.0f} ms  {seconds:5.1f} CPU s  {end}")
 
 
 def choose_picture(target: Path | None, is_quick: bool) -> Path | None:
@@ -153,15 +147,19 @@ def choose_picture(target: Path | None, is_quick: bool) -> Path | None:
 def main() -> int:
     parser = study.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("runs", nargs="*", type=Path, metavar="DIR", help="folder of a drape test")
+    parser.add_argument("--meshes", action="store_true", help="all fabrics on four meshes instead")
     parser.add_argument("--methods", action="store_true", help="compare methods and steps instead")
     parser.add_argument("--quick", action="store_true", help="coarse, without a picture")
     parser.add_argument("--h", type=float, default=0.006, help="edge length [m]")
     parser.add_argument("--picture", type=Path, help="file of the picture (out/drape.png)")
+    parser.add_argument("--out", type=Path, default=Path("out/drape"), help="folder of the tables")
     options = parser.parse_args()
     for folder in options.runs:
-        print(f"{folder!s:22s} {describe_drape(read_last_frame(folder))}")
+        print(f"{folder!s:22s} {describe_frame(read_last_frame(folder))}")
     h = 0.015 if options.quick else options.h
-    if options.methods:
+    if options.meshes:
+        tabulate_meshes(h, options.out, options.quick)
+    elif options.methods:
         compare_methods(h)
     elif not options.runs:
         compare_fabrics(h, choose_picture(options.picture, options.quick))

@@ -29,7 +29,7 @@ from fecloth.scene.scene import Scene
 
 FIRST_ORDER = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler", "ForwardEuler")
 DAMPED = ("BackwardEuler", "LinearlyImplicitEuler", "BDF2")
-BENDING = ("HingeBending", "QuadraticBending")
+BENDING = ("HingeBending", "QuadraticBending", "PlateBending")
 MEMBRANES = ("StVK", "TensorCondition", "BaraffWitkin", "NeoHookean", "TensionField", "Springs")
 AIR = ("Drag", "Wind")
 DAMPINGS = ("MassDamping", "StrainRateDamping", "BendingDamping", "Drag")

@@ -28,6 +28,8 @@ def _predict_change(variant: Variant, numbers: Numbers) -> float | None:
             return _without(variant.by, numbers)
         case "springs":
             return numbers.other_membrane()
+        case "hinges":  # carry 0.8 to 1.33 of the rigidity, depending on the mesh
+            return 0.3 * numbers.without_bending()
         case "quadratic":  # 2 sin²(θ/2) for θ²/2 at the angle of the sharpest bend
             bend = (
                 numbers.h / numbers.L * (1.0 if numbers.case == "across" else numbers.N ** (1 / 3))

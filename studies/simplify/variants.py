@@ -12,6 +12,10 @@ from fecloth.simulation.error_control import Adaptive
 
 Data = dict
 MEMBRANES = ("StVK", "TensorCondition", "BaraffWitkin", "NeoHookean", "TensionField")
+CHEAPER_BENDING = {  # on P1: the kind of change, and the term in place of another
+    "PlateBending": {"hinges": "HingeBending", "quadratic": "QuadraticBending"},
+    "HingeBending": {"quadratic": "QuadraticBending"},
+}
 LONG = 1e5  # s, a step of backward Euler in which inertia is negligible
 LARGER = (2, 4)  # times dt, rtol
 COARSER = (1.5, 2.0)  # times h
@@ -63,7 +67,8 @@ class Variant:
 
 def variants(data: Data, interest: Interest) -> list[Variant]:
     """List all variants of a scene, terms first."""
-    found = [one for term in data.get("terms", []) for one in variants_of_term(term)]
+    element, listed = data["cloth"].get("element", "P1"), data.get("terms", [])
+    found = [one for term in listed for one in variants_of_term(term, element)]
     found += [*variants_of_mesh(data), *variants_of_time(data)]
     if interest.at_end_only:
         found.append(Variant("equilibrium", "static", None, "time", lambda data: data, True))
@@ -71,25 +76,33 @@ def variants(data: Data, interest: Interest) -> list[Variant]:
     return found
 
 
-def variants_of_term(term: Data) -> Iterator[Variant]:
+def variants_of_term(term: Data, element: str) -> Iterator[Variant]:
     """Yield the scene without a term, and with a cheaper term in its place."""
     name, slot = term["type"], f"term {term}"
     yield Variant(f"without {name}", "without", name, slot, replace_term(term, None))
-    if name in MEMBRANES:
+    if name in MEMBRANES and element == "P1":
         springs = replace_term(term, {"type": "Springs"})
         yield Variant(f"Springs for {name}", "springs", name, slot, springs)
-    if name == "HingeBending":
-        quadratic = replace_term(term, {"type": "QuadraticBending"})
-        yield Variant("QuadraticBending for hinges", "quadratic", name, slot, quadratic)
+    if element == "P2" and term.get("strain") == "interpolated":
+        pointwise = replace_term(term, term | {"strain": "pointwise"})
+        yield Variant(f"pointwise strain of {name}", "strain", name, slot, pointwise)
+    if term.get("rest", "flat") in ("flat", None) and element == "P1":
+        for kind, other in CHEAPER_BENDING.get(name, {}).items():
+            replaced = replace_term(term, {"type": other})
+            yield Variant(f"{other} for {name}", kind, name, slot, replaced)
 
 
 def replace_term(term: Data, other: Data | None) -> Callable[[Data], Data]:
     """Return the change that replaces a term by `other`, or removes it if that is None.
 
-    The change also removes the entries of [expect] for the term's columns.
+    The change also removes the entries of [expect] for the term's columns, and the clamps of pins
+    if the other one cannot hold them.
     """
+    unclamps = term["type"] == "PlateBending"
 
     def apply(data: Data) -> Data:
+        if unclamps:
+            data = data | {"pins": [pin | {"clamp": False} for pin in data.get("pins", [])]}
         terms = [other if one == term else one for one in data["terms"]]
         removed = {head + term["type"] for head in ("", "dissipated:", "work:")}
         expect = {key: value for key, value in data.get("expect", {}).items() if key not in removed}
@@ -123,7 +136,7 @@ def variants_of_time(data: Data) -> Iterator[Variant]:
             continue
         change, is_check = multiply_step(key, factor), factor < 1
         yield Variant(f"{key} × {factor:g}", key, factor, "time", change, is_check=is_check)
-    if method_name(data) not in (*EXPLICIT, "auto") and data["cloth"].get("element") != "P2":
+    if method_name(data) not in (*EXPLICIT, "auto"):
         yield Variant("explicit", "explicit", None, "time", use_explicit_steps)
 
 

@@ -130,6 +130,27 @@ def test_a_hinge_of_wang_has_the_energy_of_their_simulator():
     assert ours == pytest.approx(theirs, rel=1e-3)
 
 
+@pytest.mark.parametrize("angle", [0.0, 45.0, 90.0, 135.0])
+def test_a_fabric_of_wang_has_the_rigidity_that_was_measured_along_the_angle(angle):
+    """Denim, edges across it at 90° (u is the weft), 45° and 0°: k/4, bent to κ nnᵀ."""
+    c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    curvature = np.array([c * c, s * s, 2 * c * s])
+    measured = {0.0: 64.196457, 90.0: 96.951576}.get(angle, 73.384567)  # µN m
+    D = fc.Fabric.preset("denim-wang").plate()
+    assert 1e6 * curvature @ D @ curvature == pytest.approx(measured / 4, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", [n for n in fc.Fabric.presets() if fc.Fabric.preset(n).bending])
+def test_a_preset_resists_every_curvature(name):
+    """B₄₅ is measured, and 0.77 to 1.34 times Huber's estimate, (√B₁ + √B₂)²/4."""
+    fabric = fc.Fabric.preset(name)
+    warp, weft = fabric.bending
+    assert np.linalg.eigvalsh(fabric.plate())[0] > 0.2 * min(warp, weft)
+    huber = (math.sqrt(warp) + math.sqrt(weft)) ** 2 / 4
+    assert 0.77 <= round(fabric.bias_rigidity / huber, 2) <= 1.34
+    assert fabric.bending_poisson_ratio == 0  # nobody measured it
+
+
 def test_omitted_fabric_of_wang_is_not_positive_definite():
     """Navy-sparkle-sweat: c₁₁ c₂₂ < c₁₂²."""
     moduli = presets.orthotropic(3.272434, -19.875324, 12.486332, 17.616289)
@@ -194,6 +215,28 @@ def test_kes_load_is_the_load_of_the_instrument():
     assert pulled(soft, 0.04) == pytest.approx(49.03325, rel=1e-12)
 
 
+def test_kes_bias_specimen_gives_the_rigidity_of_twist():
+    """Bent at 45° with no curvature along the bend: D at 45° is B45; 1 gf cm²/cm = 98.0665 µN m."""
+    fabric = fc.Fabric.from_kes(SHEET | {"B45": 0.09}, bending_poisson_ratio=0.1)
+    assert fabric.bias_rigidity == 0.09 * 1e-2 * GRAM_FORCE
+    assert fabric.bending_poisson_ratio == 0.1
+    D = fabric.plate()
+    assert (D[0, 0], D[1, 1]) == fabric.bending
+    bias = np.array([0.5, 0.5, 1.0])
+    assert bias @ D @ bias == pytest.approx(0.09 * 98.0665e-6, rel=1e-14)
+    assert D[0, 1] == pytest.approx(0.1 * math.sqrt(0.12 * 0.08) * 98.0665e-6, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    "fabric", [fc.Fabric.from_kes(SHEET), fc.Fabric.from_kes(SHEET | {"G": 9.0, "2HG5": 3.0})]
+)
+def test_kes_shear_says_nothing_of_twist(fabric):
+    """Without a specimen on the bias twist is Huber's, whatever shear and its hysteresis are."""
+    assert fabric.bias_rigidity is None
+    assert fabric.bending_poisson_ratio == 0
+    assert fabric.plate()[2, 2] == pytest.approx(math.sqrt(0.12 * 0.08) * 98.0665e-6 / 2, rel=1e-14)
+
+
 KES_MISTAKES = [
     ({"EMT": 0.0}, {}, "EMT = 0.0: must be a number > 0, or", ""),
     ({"EMTT": 4.0}, {}, "EMTT = 4.0: unknown field; must be one of W, EMT", "'EMT'"),
@@ -204,6 +247,9 @@ KES_MISTAKES = [
     ({}, {"tensile": "initial"}, 'must be "secant" or "energy"', ""),
     ({}, {"load": -1.0}, "load = -1.0: must be a number > 0", ""),
     ({}, {"poisson_ratio": 2.0}, "poisson_ratio = 2.0: must lie between", ""),
+    ({"B45": (0.1, 0.1001)}, {}, r"B45 = \(0.1, 0.1001\): must be one number", ""),
+    ({"B45": 0.04}, {}, r"bias_rigidity = 3.9\d+e-06: must exceed .* = 4.903e-06 N m", "twist"),
+    ({}, {"bending_poisson_ratio": 1.0}, "bending_poisson_ratio = 1.0: must lie between", ""),
 ]
 
 
@@ -279,10 +325,22 @@ def test_fast_stiffness_gives_the_load_at_the_extension(load, extension):
     assert pulled(fabric, extension) == pytest.approx(load * GRAM_FORCE / 0.01, rel=1e-12)
 
 
+def test_fast_bias_strip_gives_the_rigidity_of_twist():
+    """C45 = 14 mm: B = 9.81 W C³ as along warp and weft."""
+    fabric = fc.Fabric.from_fast(CARD | {"C45": 14}, bending_poisson_ratio=0.2)
+    assert fabric.bias_rigidity == pytest.approx(0.168 * 9.81 * 0.014**3, rel=1e-14)
+    assert fabric.bending_poisson_ratio == 0.2
+    bias = np.array([0.5, 0.5, 1.0])
+    assert bias @ fabric.plate() @ bias == pytest.approx(fabric.bias_rigidity, rel=1e-14)
+    assert fc.Fabric.from_fast(CARD).bias_rigidity is None
+
+
 FAST_MISTAKES = [
     ({"E100": 0}, {}, "E100 = 0: must be a number > 0"),
     ({"E500": 3}, {}, "E500 = 3: unknown field"),
     ({"EB5": (3, 4)}, {}, "must be one number"),
+    ({"C45": (14, 15)}, {}, "must be one number"),
+    ({"C45": 9}, {}, r"bias_rigidity = 1.2\d+e-06: must exceed .* = 2.647e-06 N m"),
     ({}, {"load": 50}, "load = 50: must be 5, 20 or 100"),
 ]
 
@@ -379,6 +437,20 @@ def test_scene_with_fields_of_instruments(tmp_path):
     assert (
         fc.Fabric(**{k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}) == fabric
     )
+
+
+def test_scene_with_a_specimen_on_the_bias(tmp_path):
+    """The rigidity on the bias belongs to its pair: where a scene replaces one, it goes."""
+    bias = KES.replace("G =", "B45 = 0.09, G =")
+    read = scene(tmp_path, f"[fabric]\n{bias}\nbending_poisson_ratio = 0.1\n").fabric
+    assert read.make() == dataclasses.replace(
+        fc.Fabric.from_kes({"W": 20.0, "EMT": (4, 6), "G": 0.8, "B": (0.12, 0.08), "2HB": 0.05}),
+        **{"bias_rigidity": 0.09 * 1e-2 * GRAM_FORCE, "bending_poisson_ratio": 0.1},
+    )
+    stiff = "preset = 'denim-wang'\nbending_rigidity = 1e-3\n"
+    assert scene(tmp_path, f"[fabric]\n{stiff}").fabric.make().bias_rigidity is None
+    both = scene(tmp_path, f"[fabric]\n{stiff}bias_rigidity = 8e-4\n").fabric.make()
+    assert (both.bending, both.bias_rigidity) == ((1e-3, 1e-3), 8e-4)
 
 
 def test_scene_instruments_with_loads_and_regions(tmp_path):

@@ -460,14 +460,33 @@ def test_a_scene_with_quadratic_triangles(tmp_path, capsys):
     flat = meshio.read(tmp_path / "flat.vtu")
     assert np.array_equal(flat.cells_dict["triangle6"], cloth.cells)
     for change, said in (
-        (("[cloth]", 'mass = "lumped"\n[cloth]'), 'mass = "lumped": .* Leave it out'),
         (('"StVK"', '"HingeBending"'), "HingeBending on element P2"),
-        (('"bdf2"', '"central_difference"'), "a lumped P2 triangle has no mass"),
+        (('"bdf2"', '"central_difference"'), 'Write mass = "lumped", or take an implicit'),
         (('"P2"', '"P3"'), "P1"),
     ):
         file.write_text(SCENE.replace(*change))
         with pytest.raises(fc.InputError, match=said):
             run_scene.run_scene(load_scene(file), tmp_path / "refused")
+
+
+def test_a_scene_with_explicit_steps_on_quadratic_triangles(tmp_path, capsys):
+    """`mass = "lumped"` and the method's name suffice; it stays near the implicit run."""
+    file, ends = tmp_path / "s.toml", []
+    file.write_text(SCENE)
+    bending = "\n[[terms]]\ntype = 'PlateBending'\n"
+    for change in ("mass='lumped'", "mass='consistent'"):
+        method = "central_difference" if "lumped" in change else "generalized_alpha"
+        text = SCENE.replace('method = "bdf2"\ndt = 0.01', f"method = '{method}'")
+        text = text.replace("[[pins]]", f"{bending}[[pins]]").replace(
+            "tensile_stiffness", "bending_rigidity = 1e-4\ntensile_stiffness"
+        )
+        file.write_text(f"{change}\n{text}")
+        assert main(["run", str(file), "-o", str(tmp_path / method), "--quiet"]) == 0
+        cloth = load_scene(file).mesh()
+        last = read_frame(sorted((tmp_path / method).rglob("*.vtu"))[-1], cloth)
+        ends.append(cloth.load() @ last.x[:, 2])
+    assert ends[0] < -5e-4
+    assert ends[0] == pytest.approx(ends[1], rel=0.01)
 
 
 def test_run_compiles_all_kernels_before_the_first_step(tmp_path, monkeypatch):

@@ -149,6 +149,31 @@ def test_slides_move_in_their_plane_only():
 # --- loads that grow in steps ---------------------------------------------------------------------
 
 
+def clamped_strip(load, cells, element, bending=1e-3):
+    """The strip below with a plate and a clamp, held along its end alone."""
+    fabric = fc.Fabric(0.1, 12 * bending / 0.005**2, bending_rigidity=bending)
+    cloth = fc.Cloth.rectangle(1.0, 1 / cells, 1 / cells, "right", element)
+    pressure = fc.Pressure(load * bending, tangent="exact")
+    terms = [fc.StVK(), fc.PlateBending(), pressure]
+    return fc.System(cloth, fabric, terms, pins=[fc.Pin("left", clamp=True)])
+
+
+@pytest.mark.parametrize(("element", "cells"), [("P1", (20, 40)), ("P2", (10, 20))])
+def test_a_follower_pressure_turns_a_clamped_plate_round(element, cells):
+    """In ten load steps to the elastica, with order 2."""
+    expected, turn = blown_elastica(20.0)
+    assert turn > 150
+    errors = []
+    for count in cells:
+        system = clamped_strip(20.0, count, element)
+        found, iterations = solved(system, system.rest(), load_steps=10)
+        assert {it.load for it in iterations} >= {0.5, 1.0}
+        tip = found.x[system.cloth.nodes("right")].mean(axis=0) - [0, 0.5 / count, 0]
+        errors.append(np.linalg.norm(tip - expected))
+    assert errors[1] < (7e-4 if element == "P2" else 4e-4)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.15)
+
+
 def strip(load, cells, bending=1e-3):
     """A strip 1 m long, one cell wide, under a follower pressure of `load` B_eff/L³.
 

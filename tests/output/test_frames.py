@@ -24,9 +24,10 @@ from fecloth.output.frame_arrays import fields
 from fecloth.output.frames import Frames, read_frame, write_vtk
 from fecloth.runs.folder import RunFolder
 
-POINT_DATA = {"displacement", "velocity"}
-KINEMATIC = {"green_strain", "principal_stretches", "quality"}
-MATERIAL = {"stress_resultants", "energy_density"}
+POINT_DATA = {"displacement", "velocity", "reference"}
+SHAPE = {"E11", "E22", "E12", "principal_stretches", "warp", "weft", "strain_tensor", "quality"}
+KINEMATIC = SHAPE | {"region"}
+MATERIAL = {"S11", "S22", "S12", "stress_tensor", "principal_stresses", "energy_density"}
 
 
 @pytest.fixture(scope="module")
@@ -69,13 +70,64 @@ def test_uniform_stretch_has_its_closed_form(system):
     W = Y / (2 * (1 - nu**2)) * ((1 - nu) * np.sum(E * E) + nu * np.trace(E) ** 2)
     W += k / 2 * np.sum(C * C)
     expected = {
-        "green_strain": [E[0, 0], E[1, 1], E[0, 1]],
+        "E11": E[0, 0],
+        "E22": E[1, 1],
+        "E12": E[0, 1],
         "principal_stretches": np.linalg.svd(F)[1][::-1],
-        "stress_resultants": [S[0, 0], S[1, 1], S[0, 1]],
+        "S11": S[0, 0],
+        "S22": S[1, 1],
+        "S12": S[0, 1],
         "energy_density": W,
     }
     for name, value in expected.items():
         np.testing.assert_allclose(cells[name], np.broadcast_to(value, cells[name].shape), 1e-11)
+    cauchy = F @ S @ F.T / np.sqrt(np.linalg.det(F.T @ F))
+    turned = np.linalg.svd(F, full_matrices=False)
+    R = turned[0] @ turned[2]
+    stresses = np.linalg.eigvalsh(R.T @ cauchy @ R)
+    np.testing.assert_allclose(cells["principal_stresses"][0], stresses, 1e-11)
+    for name, tensor in (("stress_tensor", cauchy), ("strain_tensor", R @ E @ R.T)):
+        size = np.abs(tensor).max()
+        np.testing.assert_allclose(cells[name][0].reshape(3, 3), tensor, atol=1e-6 * size)
+    norm = np.linalg.norm(cells["strain_tensor"], axis=1)
+    np.testing.assert_allclose(norm, np.linalg.norm(E), 1e-6)
+
+
+def test_tensor_glyphs_of_vtk_point_along_the_principal_directions(system, tmp_path):
+    """A sheet stretched by 1.2 and lowered by 0.9 across, and turned: the glyph's longest axis."""
+    vtk = pytest.importorskip("vtk")
+    angle = 0.6
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)], [0, 0]])
+    x = system.cloth.X @ (turn * [1.2, 0.9]).T
+    file = write_vtk(tmp_path / "turned", system.cloth, system.state(x), system)
+    reader = vtk.vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(file.with_name("turned_000000.vtu")))
+    centres, glyphs, source = vtk.vtkCellCenters(), vtk.vtkTensorGlyph(), vtk.vtkLineSource()
+    centres.SetInputConnection(reader.GetOutputPort())
+    glyphs.SetInputConnection(centres.GetOutputPort())
+    glyphs.SetSourceConnection(source.GetOutputPort())  # a line along X, the largest eigenvalue
+    glyphs.SetInputArrayToProcess(0, 0, 0, 0, "stress_tensor")
+    glyphs.ColorGlyphsOff()
+    glyphs.Update()
+    ends = [np.array(glyphs.GetOutput().GetPoint(i)) for i in (0, 1)]
+    line = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    assert abs(line @ [np.cos(angle), np.sin(angle), 0]) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_held_counts_the_directions_that_pins_hold():
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    pins = ["left", fc.Slide("right", direction=(1, 0, 0))]
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()], pins)
+    held = fields(system, system.rest())[0]["held"]
+    for name, count in (("left", 3), ("right", 2)):
+        assert (held[cloth.nodes(name)] == count).all()
+    assert held.sum() == 5 * len(cloth.nodes("left"))
+
+
+def test_a_collapsed_triangle_has_finite_arrays(system):
+    state = system.state(np.zeros_like(system.rest().x))
+    for arrays in fields(system, state):
+        assert all(np.isfinite(values).all() for values in arrays.values())
 
 
 def test_cell_data_belongs_to_its_triangle(system):
@@ -85,7 +137,7 @@ def test_cell_data_belongs_to_its_triangle(system):
     x[node, 0] += 0.01
     points, cells = fields(system, system.state(x))
     around = (system.cloth.triangles == node).any(axis=1)
-    for name in ("green_strain", "stress_resultants"):
+    for name in ("strain_tensor", "stress_tensor"):
         np.testing.assert_array_equal(np.abs(cells[name]).max(axis=1) > 1e-12, around)
     energies = system.energies(system.state(x))
     stored = system.cloth.weights.sum(axis=1) @ cells["energy_density"]
@@ -110,7 +162,7 @@ def test_meshio_reads_the_same_numbers(system, states, tmp_path):
     points, cells = fields(system, states[1])
     np.testing.assert_array_equal(mesh.points, states[1].x)
     np.testing.assert_array_equal(mesh.cells_dict["triangle"], system.cloth.triangles)
-    assert set(mesh.point_data) == POINT_DATA
+    assert set(mesh.point_data) == POINT_DATA | {"held"}
     assert set(mesh.cell_data) == KINEMATIC | MATERIAL
     for name, value in points.items():
         np.testing.assert_array_equal(mesh.point_data[name], value)
@@ -154,8 +206,8 @@ def test_vtk_reads_the_same_numbers_names_and_times(system, states, tmp_path):
     for name, value in cells.items():
         np.testing.assert_array_equal(grid.cell_data[name], value)
     assert grid.field_data["TimeValue"].tolist() == [times[2]]
-    strain = grid.GetCellData().GetArray("green_strain")
-    assert [strain.GetComponentName(i) for i in range(3)] == ["E11", "E22", "E12"]
+    strain = grid.GetCellData().GetArray("strain_tensor")
+    assert [strain.GetComponentName(i) for i in range(3)] == ["XX", "XY", "XZ"]
 
 
 def test_lists_name_every_frame_at_its_time(system, states, tmp_path):
@@ -170,7 +222,7 @@ def test_lists_name_every_frame_at_its_time(system, states, tmp_path):
         "file-series-version": "1.0",
         "files": [{"name": f.name, "time": t} for f, t in zip(files, times, strict=True)],
     }
-    assert set(meshio.read(files[0]).cell_data) == KINEMATIC  # no system, no stress
+    assert set(meshio.read(files[0]).cell_data) == SHAPE  # no system, no stress
     assert not list(tmp_path.rglob("*.part"))
 
 

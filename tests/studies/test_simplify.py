@@ -97,9 +97,28 @@ def test_p2_becomes_p1_and_adaptive_steps_get_a_looser_tolerance():
     data["cloth"]["element"], data["mass"], data["terms"] = "P2", "consistent", data["terms"][::2]
     data["time"] = {"method": "bdf2", "dt": "auto", "rtol": 0.01, "t_end": 0.1}
     simpler = {one.name: one.apply(data) for one in variants(data, Interest(end=("sag",)))}
-    assert "explicit" not in simpler
-    assert simpler["P1 for P2"]["mass"] == "lumped"
+    assert simpler["explicit"]["mass"] == simpler["P1 for P2"]["mass"] == "lumped"
+    assert simpler["pointwise strain of StVK"]["terms"][0]["strain"] == "pointwise"
+    assert not {"Springs for StVK", "HingeBending for PlateBending"} & set(simpler)
     assert scene_of(to_toml(simpler["rtol × 4"])).time.rtol == 0.04
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_plate_becomes_hinges_or_is_left_out_with_its_clamps(element):
+    """Each simpler scene can be built and marched by a step."""
+    data = data_of(make_strip(terms=[{"type": "StVK"}, {"type": "PlateBending"}]))
+    data["cloth"] |= {"element": element, "h": 0.2}
+    data["pins"][0]["clamp"] = True
+    tried = variants(data, Interest(end=("sag",)))
+    named = {one.name: one for one in tried}
+    siblings = {"HingeBending for PlateBending", "QuadraticBending for PlateBending"}
+    assert siblings & set(named) == (siblings if element == "P1" else set())
+    assert ("pointwise strain of StVK" in named) == (element == "P2")
+    for name in siblings & set(named) | {"without PlateBending", "explicit"}:
+        built = scene_of(to_toml(named[name].apply(data))).build()
+        assert bool(built.system.panel.clamps) == (name == "explicit")
+        next(fc.march(*_march(built)))
+    assert data["pins"][0]["clamp"]
 
 
 def make_strip(**changed):

@@ -24,6 +24,8 @@ def out(tmp_path_factory):
         ("benchmarks.kernels", "figures met"),
         ("benchmarks.moved_pin", "figures met"),
         ("benchmarks.terms", "StVK"),
+        ("convergence.space_error", "0 outside"),
+        ("benchmarks.bending", "figures met"),
         ("models.hinge_bias", "derived"),
         ("models.homogenised_moduli", "exponent of h"),
         ("benchmarks.linear_solvers", "auto over the best"),
@@ -46,8 +48,10 @@ def test_quick(study, says, out):
 @pytest.mark.parametrize(
     "study",
     [
+        "bending",
         "convergence",
         "models",
+        "models.elastica",
         "simplify",
         "work_precision",
         "stability",
@@ -85,3 +89,12 @@ def test_the_picture(tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("drape coefficient") == 3
     assert picture.stat().st_size > 20_000
+
+
+@pytest.mark.study
+def test_drape_on_several_meshes(tmp_path):
+    command = [*MODULE, "studies.drape", "--quick", "--meshes", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert len((tmp_path / "meshes.csv").read_text().splitlines()) == 10
+    assert (tmp_path / "meshes.md").read_text().count("| interlock |") == 2

@@ -4,32 +4,17 @@ import numpy as np
 from scipy.sparse.linalg import spsolve
 
 import fecloth as fc
+from studies.bending.meshes import PATTERNS as PATTERNS
+from studies.bending.meshes import on_sides as on_sides
+from studies.bending.meshes import square as square
 
-PATTERNS = ["right", "cross", "equilateral", "unstructured", "jittered", "graded"]
 BENDING = {"areal_density": 1.0, "tensile_stiffness": 1e3, "bending_rigidity": 1.0}
 
 
-def square(pattern, n):
-    """A unit square with n edges along its sides; "jittered" has nodes moved by up to 0.22 h."""
-    if pattern == "jittered":
-        cloth = fc.Cloth.rectangle(1.0, 1.0, 1 / n, "right")
-        X, inside = cloth.X.copy(), ~on_sides(cloth)
-        X[inside] += np.random.default_rng(1).uniform(-0.22, 0.22, (inside.sum(), 2)) / n
-        return fc.Cloth.from_arrays(X, cloth.triangles)
-    if pattern == "graded":  # cells from 1/n down to a seventh of it
-        cells = int(np.ceil(n * np.log(7) * 7 / 6))
-        cloth = fc.Cloth.rectangle(1.0, 1.0, 1 / cells, "right")
-        return fc.Cloth.from_arrays((7**cloth.X - 1) / 6, cloth.triangles)
-    return fc.Cloth.rectangle(1.0, 1.0, 1 / n, pattern)
-
-
-def on_sides(cloth):
-    """(n,) whether a node lies on the sides of the unit square."""
-    return ((cloth.X < 1e-9) | (cloth.X > 1 - 1e-9)).any(axis=1)
-
-
-def sides(X):
-    return ((X < 1e-9) | (X > 1 - 1e-9)).any(axis=1)
+def rolled(X, radius):
+    """The sheet rolled without stretch on a cylinder about the Y axis."""
+    angle = X[:, 0] / radius
+    return np.column_stack([radius * np.sin(angle), X[:, 1], radius * (1 - np.cos(angle))])
 
 
 def plate(cloth, fabric, pins=(), **options):

@@ -86,6 +86,31 @@ def test_a_run_leaves_a_report_of_its_end(run, tmp_path):
     assert np.array_equal(drawn, cloth.triangles)
 
 
+def test_it_shows_fabric_terms_probes_sag_area_and_reactions(run):
+    probe = 'probes=[{ name = "tip", where = "right" }]'
+    page = run("--set", probe)[1]
+    assert "Fabric: 200 g/m², tensile 1000 N/m; terms: StVK, Gravity" in page
+    titles = re.findall("<figcaption>(.*?)</figcaption>", page)
+    wanted = ["Position of tip", "Mean displacement", "Sag", "Area", "Force of the pin left"]
+    assert titles[:5] == wanted
+
+
+def test_ticks_of_an_axis_differ():
+    t = np.linspace(0.0, 1.0, 9)
+    ticks = re.findall(
+        ">([−0-9.e]+)</text>", chart("area", {"area": (t, 1.4015 + 1e-4 * t)}, "", "")
+    )
+    assert len(ticks) == len(set(ticks)) > 8
+
+
+def test_labels_at_the_ends_of_the_axes_are_inside_the_picture():
+    figure = chart("small", {"a": (np.array([0, 1e-4]), np.array([-1.25e-7, 2.5e-7]))}, "t", "y")
+    for x, anchor, text in re.findall('<text x="([0-9.]+)".*?anchor="(.*?)">(.*?)<', figure):
+        width = 7 * len(text)  # a digit of this size is 6.7 wide
+        left = float(x) - width * {"end": 1.0, "middle": 0.5}[anchor]
+        assert 17 < left < left + width < 460  # the title of the axis is left of 17
+
+
 def test_remainder_is_shown_as_a_share_of_the_moving_energy(run, tmp_path):
     page = run()[1]
     ledger = np.genfromtxt(tmp_path / "run/energies.csv", delimiter=",", names=True)

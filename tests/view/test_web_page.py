@@ -243,6 +243,36 @@ def test_field_mouse_and_play(run, browser):
     page.page.wait_for_function('document.querySelector(".time").value == 0', timeout=5000)
     page.page.wait_for_function('document.querySelector(".time").value > 0', timeout=5000)
     assert not page.troubles
+    page.page.close()  # it plays on
+
+
+@pytest.mark.parametrize("run", ["P1"], indirect=True)
+def test_space_plays_and_arrow_keys_move_by_one_frame(run, browser):
+    page = Page(browser, run[0] / "view.html")
+    press = page.page.keyboard.press
+
+    def frame():
+        return int(page.page.locator(".time").input_value())
+
+    press("ArrowLeft")
+    assert frame() == 7
+    for key, wanted in (("Home", 0), ("ArrowLeft", 8), ("ArrowRight", 0), ("End", 8)):
+        press(key)
+        assert frame() == wanted
+    page.page.locator(".time").focus()
+    press("ArrowLeft")
+    assert frame() == 7
+    press("Space")
+    page.page.wait_for_function('document.querySelector(".time").value == 2', timeout=5000)
+    press("Space")
+    still = frame()
+    page.page.wait_for_timeout(300)
+    assert frame() == still
+    page.page.locator(".field").focus()
+    press("ArrowDown")
+    assert frame() == still
+    assert not page.troubles
+    page.page.close()
 
 
 @pytest.mark.parametrize("run", ["P1"], indirect=True)

@@ -93,6 +93,8 @@ class HingeBending:
             raise InputError(f"rest = {self.rest!r}", allowed, "HingeBending")
         object.__setattr__(self, "rest", tuple(rest.tolist()) if rest.ndim else float(rest))
 
+    no_space_error = "bends with a rigidity that depends on the mesh"
+
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.hinges.nodes
 

@@ -15,6 +15,8 @@ from fecloth.terms.bending.fold_measure import fold_measure
 from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.bending.plate_discrete_gradient import PlateOverStep
+from fecloth.terms.bending.plate_stiffness import panel_curvatures
+from fecloth.terms.recovered_error import plate_error
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -90,7 +92,7 @@ class PlateBending:
     def bind(self, panel: Panel, slots: Callable) -> BoundPlate:
         plate = bind_angles(panel, slots, "PlateBending")
         rest = fold_measure(rest_angles(self.rest, panel))
-        return BoundPlate(plate, np.append(rest, np.zeros(len(plate.held))))
+        return BoundPlate(plate, np.append(rest, np.zeros(len(plate.held))), panel)
 
 
 def check_rest(rest, where: str):
@@ -136,6 +138,7 @@ class BoundPlate:
 
     plate: PlateAngles
     rest: np.ndarray
+    panel: Panel
 
     name = "PlateBending"
     symmetric = True
@@ -159,6 +162,15 @@ class BoundPlate:
         self.plate.add_products(g, g, wx, J)
         if not definite:
             self.plate.add_curvatures(x, t, self.plate.stiffness @ (mu - self.rest), wx, J)
+
+    def strain_error(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(m,) energy [J] of what recovery changes of the curvature in each triangle."""
+        return plate_error(self.panel, *self.curvatures(x, t))
+
+    def curvatures(self, x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Change of κ (m, 3) [1/m] and D (m, 3, 3) [N m], see `panel_curvatures`."""
+        change = self.plate.measures(x, t) - self.rest
+        return panel_curvatures(self.panel, change, self.name)
 
     def work_of_clamps(self, old: np.ndarray, new: np.ndarray, begin: float, end: float) -> float:
         """Work [J] of clamps that turn, in a step from positions `old` to `new` (n, 3).

@@ -37,10 +37,33 @@ def panel_stiffness(panel: Panel, where: str) -> sparse.csr_matrix:
     slopes = panel.cloth.edge_slopes
     copies = len(slopes.edges.triangles) // len(panel.cloth.triangles)
     D = np.repeat(plate_rigidity(panel, where), copies, axis=0)
-    cut = np.column_stack([panel.region, panel.grain])
-    material = np.unique(cut, axis=0, return_inverse=True)[1].ravel()
-    clamped = np.empty(0, int) if panel.clamps is None else panel.clamps.half_edges
-    return angle_stiffness(slopes, D, np.repeat(material, copies), clamped)
+    return angle_stiffness(slopes, D, np.repeat(panel.material, copies), clamped_edges(panel))
+
+
+def clamped_edges(panel: Panel) -> np.ndarray:
+    """(c,) half-edges whose slope pins hold."""
+    return np.empty(0, int) if panel.clamps is None else panel.clamps.half_edges
+
+
+def panel_curvatures(panel: Panel, change: np.ndarray, where: str) -> tuple:
+    """κ (m, 3) [1/m] as (κ₁₁, κ₂₂, 2κ₁₂) from changes (h + c,) of the angles, and D (m, 3, 3).
+
+    Both in X and Y, on P2 of the four parts of each triangle. The slope of a free edge is that
+    without a moment.
+    """
+    slopes = panel.cloth.edge_slopes
+    edges, m = slopes.edges, len(slopes.edges.triangles)
+    copies = m // len(panel.cloth.triangles)
+    D = np.repeat(plate_rigidity(panel, where), copies, axis=0)
+    material = np.repeat(panel.material, copies)
+    C, hinge = slopes.of_plate(D, material, clamped_edges(panel))
+    B, alpha = edges.curvature_of_slopes, (C @ change).reshape(m, 3)
+    K = np.einsum("eki,ekl,elj->eij", B, D, B, optimize=True)
+    K /= np.trace(K, axis1=1, axis2=2)[:, None, None]
+    free = (hinge < 0).reshape(m, 3)
+    known = np.where(free[:, :, None], K, np.eye(3))
+    alpha = np.linalg.solve(known, np.where(free, 0.0, alpha)[:, :, None])
+    return (B @ alpha)[:, :, 0], D
 
 
 def angle_stiffness(

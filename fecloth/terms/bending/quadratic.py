@@ -48,6 +48,8 @@ class QuadraticBending:
     True
     """
 
+    no_space_error = "bends with a rigidity that depends on the mesh"
+
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.hinges.nodes
 

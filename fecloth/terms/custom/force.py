@@ -89,7 +89,7 @@ class UserForce:
         cloth = panel.cloth
         amount = {
             "area": cloth.load,
-            "mass": lambda: cloth.weighted_load(panel.density),
+            "mass": lambda: panel.nodal_mass,
             "node": lambda: np.ones(len(cloth.X)),
         }[self.per]()
         if callable(self.force):

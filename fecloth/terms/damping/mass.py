@@ -21,7 +21,7 @@ from fecloth.quantities.units import RATE
 class MassDamping:
     """d_a = −α m_a v_a with the lumped masses m_a; dissipated power α Σ m_a |v_a|².
 
-    P2 triangles have no lumped masses. On them d = −α M v with the consistent mass M.
+    On P2 triangles with a consistent mass M, d = −α M v.
 
     This is the mass-proportional part of Rayleigh damping. A mode of angular frequency ω has the
     damping ratio ζ = α / (2 ω). The momentum of a free cloth decreases as e^(−α t). The force acts
@@ -54,12 +54,12 @@ class MassDamping:
         return None if cloth.element == "P1" else cloth.stencil
 
     def bind(self, panel: Panel, slots) -> BoundMassDamping | BoundConsistentMassDamping:
-        if panel.cloth.element != "P1":
+        if panel.cloth.element != "P1" and panel.mass == "consistent":
             matrix = self.rate * panel.cloth.mass("consistent", panel.density)
             rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
             pairs = np.column_stack([rows, matrix.indices]).astype(np.int32)
             return BoundConsistentMassDamping(self.rate, matrix, slots(pairs)[:, 0, 1].copy())
-        mass = panel.cloth.weighted_load(panel.density)
+        mass = panel.nodal_mass
         diagonal = slots(np.arange(len(mass), dtype=np.int32)[:, None]).ravel()
         return BoundMassDamping(self.rate * mass[:, None], diagonal)
 
@@ -96,7 +96,7 @@ class BoundMassDamping:
 
 @dataclass(frozen=True, eq=False)
 class BoundConsistentMassDamping:
-    """`MassDamping` on a cloth of P2 triangles.
+    """`MassDamping` on a cloth of P2 triangles with a consistent mass.
 
     Attributes
     ----------

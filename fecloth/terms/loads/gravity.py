@@ -17,9 +17,10 @@ from fecloth.terms.step_difference import StepDifference
 
 @dataclass(frozen=True)
 class Gravity:
-    """f_a = ρ g ∫ N_a dA, potential −Σ f_a · x_a [J] (zero at the origin).
+    """f_a = Σ_b M_ab g = ρ g ∫ N_a dA, potential −Σ f_a · x_a [J] (zero at the origin).
 
-    Source: virtual work of the weight ρ g of the reference area, exact on P1 and P2.
+    Source: virtual work of the weight ρ g of the reference area, exact on P1 and P2. On P2 with a
+    lumped mass it is m_a g with the lumped masses m_a, so that a cloth in free fall stays flat.
 
     Valid at any deformation, in a uniform gravity field. Over the height of a cloth the field is
     uniform.
@@ -46,8 +47,7 @@ class Gravity:
         return None
 
     def bind(self, panel: Panel, slots) -> BoundGravity:
-        weights = panel.cloth.weighted_load(panel.density)
-        return BoundGravity(np.outer(weights, self.acceleration))
+        return BoundGravity(np.outer(panel.nodal_mass, self.acceleration))
 
 
 @dataclass(frozen=True, eq=False)

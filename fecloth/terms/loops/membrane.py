@@ -47,6 +47,8 @@ import numpy as np
 from fecloth.fabric.panel import Panel
 from fecloth.jit import Array, Zeros, specialise
 from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.mesh.recovery import CONSTANT, QUADRATIC, Samples
+from fecloth.terms.kinematics import deformation_gradient
 from fecloth.terms.loops import membrane_discrete_gradient, regge_membrane
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.green_strain import (
@@ -61,6 +63,7 @@ from fecloth.terms.loops.green_strain import (
 from fecloth.terms.loops.membrane_discrete_gradient import DiscreteGradientKernels, OverStep
 from fecloth.terms.loops.regge_membrane import BoundRegge, ReggeKernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
+from fecloth.terms.recovered_error import green_strains, membrane_error
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -144,6 +147,27 @@ def add_stress(
             out[e, 3] += share * W
 
 
+def add_moduli(
+    per_node: Zeros,
+    per_point: Zeros,
+    nodes: Array,
+    G: Array,
+    w: Array,
+    c: Array,
+    x: Array,
+    out: Array,
+) -> None:
+    """out[e] += ℂ (6,), the mean over the triangle."""
+    for e in range(len(nodes)):
+        area = 0.0
+        for q in range(len(per_point)):
+            area += w[e, q]
+        for q in range(len(per_point)):
+            _, _, C = law(green_strain(gradient(per_node, nodes, G, e, q, x)), c[e])
+            for k in range(6):
+                out[e, k] += w[e, q] / area * C[k]
+
+
 class MembraneKernels(NamedTuple):
     """The entry points of a law, each a template above compiled with the law."""
 
@@ -152,6 +176,7 @@ class MembraneKernels(NamedTuple):
     add_tangent: Callable[..., None]
     add_definite_tangent: Callable[..., None]
     add_stress: Callable[..., None]
+    add_moduli: Callable[..., None]  # of the definite law
     over_step: DiscreteGradientKernels
     regge: ReggeKernels
 
@@ -180,6 +205,7 @@ def kernels(
         specialise(add_tangent, law=law),
         specialise(add_tangent, law=definite_law),
         specialise(add_stress, law=law),
+        specialise(add_moduli, law=definite_law),
         membrane_discrete_gradient.kernels(law, definite_law, is_quadratic),
         regge_membrane.kernels(law, definite_law),
     )
@@ -240,6 +266,18 @@ class BoundMembrane:
     def add_stress(self, x: Array, out: Array) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""
         self.kernels.add_stress(*self.data, x, out)
+
+    def strain_error(self, x: Array, t: float) -> np.ndarray:
+        """(m,) energy [J] of what recovery changes of the strain in each triangle."""
+        return membrane_error(self.panel, *self.sampled_strain(x))
+
+    def sampled_strain(self, x: Array) -> tuple[Array, Array, Samples]:
+        """E (m, q, 3) at the points of samples, ℂ (m, 6) [N/m], and the samples."""
+        cloth, moduli = self.panel.cloth, np.zeros((len(self.slots), 6))
+        self.kernels.add_moduli(*self.data, x, moduli)
+        F = deformation_gradient(cloth, x, self.panel.gradients)
+        samples = CONSTANT if cloth.element == "P1" else QUADRATIC
+        return green_strains(F), moduli, samples
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest and of M⁻¹D [1/s]."""

@@ -22,6 +22,7 @@ import numpy as np
 from fecloth.fabric.panel import Panel
 from fecloth.jit import Array, specialise
 from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.mesh.recovery import LINEAR, Samples
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.green_strain import Six, Three, clamp
 from fecloth.terms.loops.membrane_discrete_gradient import (
@@ -44,6 +45,7 @@ from fecloth.terms.loops.regge_strain import (
     scatter_tension,
     strain,
 )
+from fecloth.terms.recovered_error import membrane_error
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -118,6 +120,19 @@ def add_stress(
             out[e, 1] += S[1] / POINTS
             out[e, 2] += S[2] / POINTS
             out[e, 3] += W / POINTS
+
+
+def add_moduli(
+    nodes: Array, A: Array, w: Array, c: Array, rest: Array, x: Array, out: Array
+) -> None:
+    """out[e] += ℂ (6,), the mean over the triangle."""
+    u, B = np.empty((NODES, 3)), np.empty((3, NODES, 3))
+    for e in range(len(nodes)):
+        gather(nodes, e, x, u)
+        for p in range(POINTS):
+            _, _, C = law(strain(A[e, p], rest[e, p], u, B), c[e])
+            for k in range(6):
+                out[e, k] += C[k] / POINTS
 
 
 def add_step_force(
@@ -200,6 +215,7 @@ class ReggeKernels(NamedTuple):
     add_tangent: Callable[..., None]
     add_definite_tangent: Callable[..., None]
     add_stress: Callable[..., None]
+    add_moduli: Callable[..., None]  # of the definite law
     add_step_force: Callable[..., None]
     add_step_tangent: Callable[..., None]
     add_symmetric_step_tangent: Callable[..., None]
@@ -213,6 +229,7 @@ def kernels(law: Callable[..., Any], definite_law: Callable[..., Any]) -> ReggeK
         specialise(add_tangent, law=law),
         specialise(add_definite_tangent, law=definite_law),
         specialise(add_stress, law=law),
+        specialise(add_moduli, law=definite_law),
         specialise(add_step_force, law=law),
         specialise(add_step_tangent, law=law),
         specialise(add_symmetric_step_tangent, law=law),
@@ -278,6 +295,16 @@ class BoundRegge:
     def add_stress(self, x: Array, out: Array) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""
         self.kernels.add_stress(*self.data, x, out)
+
+    def strain_error(self, x: Array, t: float) -> np.ndarray:
+        """(m,) energy [J] of what recovery changes of the strain in each triangle."""
+        return membrane_error(self.panel, *self.sampled_strain(x))
+
+    def sampled_strain(self, x: Array) -> tuple[Array, Array, Samples]:
+        """E (m, q, 3) at the points of samples, ℂ (m, 6) [N/m], and the samples."""
+        moduli = np.zeros((len(self.slots), 6))
+        self.kernels.add_moduli(*self.data, x, moduli)
+        return self.strain.values(x), moduli, LINEAR
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest, where E_h equals E."""

@@ -81,6 +81,13 @@ class ReggeStrain:
     gradients: np.ndarray
     samples: np.ndarray
 
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """(m, 3 points, 3) E_h at positions x (n, 3), as E11, E22, E12."""
+        u = x[self.nodes] - x[self.nodes[:, :1]]
+        rows = np.einsum("epkab,eai->epkbi", self.forms, u, optimize=True)
+        E: np.ndarray = 0.5 * np.einsum("epkbi,ebi->epk", rows, u, optimize=True) - self.rest
+        return E
+
     @property
     def nbytes(self) -> int:
         """Memory of the arrays [bytes], about 3.9 kB a triangle."""

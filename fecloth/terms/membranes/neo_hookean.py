@@ -136,6 +136,15 @@ def invariants(E):
 
 
 @inner
+def positive(D):
+    """D, or NaN where D ≤ 0: no deformation has it, but an interpolated strain may, in a long step.
+
+    Newton's line search then takes a shorter one; W would be below that of the cloth at rest.
+    """
+    return D if D > 0.0 else math.nan
+
+
+@inner
 def inverse(E, D):
     """A = C⁻¹ as (A11, A22, A12), D = det C."""
     return (1.0 + 2.0 * E[1]) / D, (1.0 + 2.0 * E[0]) / D, -2.0 * E[2] / D
@@ -160,7 +169,7 @@ def incompressible(E, c):
     """c = (μ,): W = μ/2 (2 tr E − 1 + 1/D) and S = μ (I − A/D), written without cancellation."""
     mu = c[0]
     trace, determinant, d = invariants(E)
-    D = 1.0 + d
+    D = positive(1.0 + d)
     W = mu * (trace * d - 2.0 * determinant) / D
     s, both = mu / (D * D), d * (2.0 + d)  # both = D² − 1
     S = s * (both - 2.0 * E[1]), s * (both - 2.0 * E[0]), s * 2.0 * E[2]
@@ -172,9 +181,9 @@ def compressible_stress(E, c):
     """W, S, and the parts of ℂ: g = μ − λ ln J and A = C⁻¹."""
     mu, lam = c[0], c[1]
     trace, determinant, d = invariants(E)
-    log_J = 0.5 * math.log1p(d)
-    A = inverse(E, 1.0 + d)
-    s, p = mu / (1.0 + d), lam * log_J
+    D, log_J = positive(1.0 + d), 0.5 * math.log1p(max(d, -1.0))
+    A = inverse(E, D)
+    s, p = mu / D, lam * log_J
     S11 = s * (2.0 * E[0] + 4.0 * determinant) + p * A[0]
     S22 = s * (2.0 * E[1] + 4.0 * determinant) + p * A[1]
     S12 = s * 2.0 * E[2] + p * A[2]

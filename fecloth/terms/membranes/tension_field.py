@@ -71,6 +71,7 @@ class TensionField:
         return fabric.moduli()
 
     elements = ("P1", "P2")
+    no_space_error = "leaves the strain across its wrinkles open"
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil

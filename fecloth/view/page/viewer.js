@@ -365,18 +365,32 @@ function showCloth(element, data) {
   for (const input of [slider, chooser]) input.addEventListener("input", show);
   let timer = 0;
   const stop = () => { clearInterval(timer); timer = 0; play.textContent = "▶\uFE0E"; };
-  const next = () => {
-    slider.value = (Number(slider.value) + 1) % data.times.length;
+  const move = (by) => {
+    slider.value = (Number(slider.value) + by + data.times.length) % data.times.length;
     show();
   };
   const length = data.times[data.times.length - 1] - data.times[0];
   const pace = Math.min(200, Math.max(33, (1000 * length) / Math.max(data.times.length - 1, 1)));
-  play.addEventListener("click", () => {
+  const toggle = () => {
     if (timer) { stop(); return; }
-    timer = setInterval(next, pace);
+    timer = setInterval(() => move(1), pace);
     play.textContent = "❚❚";
-  });
+  };
+  play.addEventListener("click", toggle);
   slider.addEventListener("pointerdown", stop);
+  const keys = {
+    " ": toggle,
+    ArrowRight: () => { stop(); move(1); },
+    ArrowLeft: () => { stop(); move(-1); },
+    Home: () => { stop(); slider.value = 0; show(); },
+    End: () => { stop(); slider.value = slider.max; show(); },
+  };
+  document.addEventListener("keydown", (e) => {
+    const used = e.altKey || e.ctrlKey || e.metaKey || e.target.closest("select, summary");
+    if (used || !(e.key in keys) || data.times.length < 2) return;
+    e.preventDefault();  // the button and the slider have these keys, too
+    keys[e.key]();
+  });
   if (data.times.length < 2) {
     element.classList.add("still");
     for (const part of [slider, play]) part.hidden = true;

@@ -10,32 +10,12 @@ curving across, nor does the twist that `right` couples to bending lift it out o
 import numpy as np
 import pytest
 import scipy.sparse.linalg
-from scipy.integrate import cumulative_simpson, solve_bvp
 
 import fecloth as fc
+from studies.references.elastica import heavy_elastica
 
 LENGTH, DENSITY, G = 1.0, 0.1, 9.81
 CELLS = 100  # along the strip
-
-
-def elastica(gamma):
-    """s, reach and drop of the inextensible strip, in units of its length."""
-    s, y = np.linspace(0, 1, 101), np.zeros((2, 101))
-    for load in np.geomspace(min(gamma, 1.0), gamma, 6):
-        solution = solve_bvp(
-            lambda s, y, load=load: [y[1], -load * (1 - s) * np.cos(y[0])],
-            lambda start, end: [start[0], end[1]],
-            s,
-            y,
-            tol=1e-8,
-            max_nodes=100_000,
-        )
-        assert solution.success
-        s, y = solution.x, solution.y
-    s = np.linspace(0, 1, 2001)
-    angle = solution.sol(s)[0]
-    along, down = (cumulative_simpson(f(angle), x=s, initial=0) for f in (np.cos, np.sin))
-    return s, along, down
 
 
 def hanging(pattern, gamma, bending):
@@ -72,7 +52,7 @@ PATTERNS = ["right", "cross", "equilateral"]
 
 def close_to_elastica(pattern, gamma, bending):
     effective = 1 / np.linalg.inv(fc.bending_tensor(pattern))[0, 0]
-    _, reach, drop = elastica(gamma / effective)
+    _, reach, drop = heavy_elastica(gamma / effective)
     assert hanging(pattern, gamma, bending) == pytest.approx((reach[-1], drop[-1]), rel=0.03)
 
 

@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
-import scipy.linalg
+import scipy.sparse
+from scipy.sparse.linalg import eigsh
 from support.plates import (
     BENDING,
     PATTERNS,
     deflection,
     navier,
+    on_sides,
     plate,
-    sides,
     square,
     transverse,
     uniform_load,
@@ -17,6 +18,7 @@ from support.plates import (
 from support.tiers import slow_except
 
 import fecloth as fc
+from studies.references import plates
 
 ISOTROPIC = fc.Fabric(**BENDING, bending_poisson_ratio=0.3)
 ORTHOTROPIC = fc.Fabric(  # D11, D22, D12, D66 = 4, 1, 0.4, 0.6
@@ -49,8 +51,7 @@ def test_constant_curvature_is_a_solution_on_any_mesh(pattern, fabric):
 def test_only_affine_deflections_have_no_energy(pattern, fabric):
     system = plate(square(pattern, 6), fabric)
     values = np.linalg.eigvalsh(transverse(system).toarray())
-    assert abs(values[:3]).max() < 1e-10 * values[-1]
-    assert values[3] > 1e-6 * values[-1]
+    assert abs(values[:3]).max() < 1e-8 * values[3]
 
 
 @pytest.mark.parametrize("fabric", [ISOTROPIC, ORTHOTROPIC], ids=["isotropic", "orthotropic"])
@@ -66,55 +67,61 @@ def test_force_at_a_corner_twists_a_square_by_P_over_4_D66(pattern, fabric):
     assert w[d] == pytest.approx(1 / (4 * fabric.plate()[2, 2]), rel=1e-8)
 
 
-def supported(pattern, n, fabric, clamp):
+def uniformly_loaded(pattern, n, fabric, edges):
+    """The cloth, and the deflection of the square under the load 1."""
     cloth = square(pattern, n)
-    system = plate(cloth, fabric, [fc.Pin(sides, clamp=clamp)])
+    system = plate(cloth, fabric, [fc.Pin(on_sides, clamp=edges == "clamped")])
     return cloth, deflection(system, uniform_load(cloth))
 
 
-def largest_error(pattern, n, fabric):
-    cloth, w = supported(pattern, n, fabric, clamp=False)
-    exact = navier(cloth.X, fabric.plate())
-    return abs(w - exact).max() / exact.max()
+def sizes(pattern):
+    """Graded meshes have three times as many nodes along a side."""
+    return (8, 16) if pattern == "graded" else (32, 64)
+
+
+def at_32(errors):
+    """The error on edges of 1/32; that at 16 over 4 if there is none."""
+    return errors.get(32, errors[16] / 4 if 16 in errors else np.nan)
+
+
+@pytest.mark.parametrize(("edges", "limit"), [("supported", 1.5e-3), ("clamped", 1.3e-2)])
+@pytest.mark.parametrize("pattern", slow_except(PATTERNS, "unstructured"))
+def test_square_under_a_uniform_load_converges_with_order_2(pattern, edges, limit):
+    """The largest error of w at n = 32 over the largest w, against Ritz's method."""
+    errors = {}
+    for n in sizes(pattern):
+        cloth, w = uniformly_loaded(pattern, n, ISOTROPIC, edges)
+        exact = plates.square_deflection(cloth.X, ISOTROPIC.plate(), edges)
+        errors[n] = abs(w - exact).max() / exact.max()
+    assert at_32(errors) < limit
+    first, second = errors.values()
+    assert 1.9 < np.log2(first / second) < 2.2
 
 
 @pytest.mark.parametrize("pattern", slow_except(PATTERNS, "unstructured"))
-def test_simply_supported_square_converges_with_order_2(pattern):
-    room = 1.5 if pattern == "graded" else 1.0
-    errors = [largest_error(pattern, n, ISOTROPIC) for n in (16, 32)]
-    assert errors[1] < 1.5e-3 * room
-    assert 1.8 < np.log2(errors[0] / errors[1]) < 2.3
+def test_orthotropic_supported_square_converges_to_navier(pattern):
+    errors = {}
+    for n in sizes(pattern):
+        cloth, w = uniformly_loaded(pattern, n, ORTHOTROPIC, "supported")
+        exact = navier(cloth.X, ORTHOTROPIC.plate())
+        errors[n] = abs(w - exact).max() / exact.max()
+    assert at_32(errors) < 1.0e-3
+    first, second = errors.values()
+    assert 1.8 < np.log2(first / second) < 2.3
 
 
-@pytest.mark.parametrize("pattern", slow_except(PATTERNS, "unstructured"))
-def test_orthotropic_simply_supported_square_converges(pattern):
-    room = 1.5 if pattern == "graded" else 1.0
-    errors = [largest_error(pattern, n, ORTHOTROPIC) for n in (16, 32)]
-    assert errors[1] < 1.5e-3 * room
-    assert np.log2(errors[0] / errors[1]) > 1.8
-
-
-@pytest.mark.parametrize("pattern", slow_except(PATTERNS, "unstructured"))
-def test_clamped_square_converges_with_order_2(pattern):
-    """Timoshenko and Woinowsky-Krieger (1959), table 35: 0.00126532 q a⁴/D at the centre."""
-    room = 1.5 if pattern == "graded" else 1.0
+@pytest.mark.parametrize(
+    ("h", "limit"), [(0.05, 5e-3), pytest.param(0.025, 1.3e-3, marks=pytest.mark.slow)]
+)
+def test_clamped_disk_converges_to_its_closed_form(h, limit):
     errors = []
-    for n in (16, 32):
-        _, w = supported(pattern, n, ISOTROPIC, clamp=True)
-        errors.append(abs(w.max() / 0.00126532 - 1))
-    assert errors[1] < 1.3e-2 * room
-    lowest = 1.6 if pattern == "graded" else 1.8  # no node of these lies at the centre
-    assert lowest < np.log2(errors[0] / errors[1]) < 2.3
-
-
-def test_clamped_disk_converges_to_q_a4_over_64_D():
-    errors = []
-    for h in (0.1, 0.05):
-        cloth = fc.Cloth.disk(1.0, h)
+    for size in (2 * h, h):
+        cloth = fc.Cloth.disk(1.0, size)
         system = plate(cloth, ISOTROPIC, [fc.Pin("boundary", clamp=True)])
-        errors.append(deflection(system, uniform_load(cloth)).max() * 64 - 1)
-    assert abs(errors[1]) < 5e-3
-    assert 1.8 < np.log2(errors[0] / errors[1]) < 2.3
+        w, exact = deflection(system, uniform_load(cloth)), plates.disk_deflection(cloth.X, 1.0)
+        errors.append(abs(w - exact).max() / exact.max())
+    assert errors[1] < limit
+    assert 1.8 < np.log2(errors[0] / errors[1]) < 2.2
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.3])
@@ -127,33 +134,35 @@ def test_supported_disk_sags_as_its_poisson_ratio_says(nu):
 
 
 @pytest.mark.parametrize("pattern", slow_except(PATTERNS, "unstructured"))
-def test_free_square_vibrates_at_the_frequencies_of_leissa(pattern):
-    """Leissa (1973), The free vibration of rectangular plates: ν = 0.3, 13.468, 19.596, 24.271."""
-    room = 1.5 if pattern == "graded" else 1.0
+def test_free_square_vibrates_at_the_frequencies_of_ritz(pattern):
+    """The first and the third at n = 32, with lumped mass."""
+    exact = plates.square_frequencies(ISOTROPIC.plate(), "free", 3)
+    sizes = (8, 16) if pattern == "graded" else (16, 32)
+    room = 4 if pattern == "graded" else 1
     errors = []
-    for n in (8, 16):
+    for n in sizes:
         system = plate(square(pattern, n), ISOTROPIC)
-        K, M = transverse(system).toarray(), np.diag(system.nodal_mass)
-        rates = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True, subset_by_index=(3, 5)))
-        errors.append(abs(rates / [13.4682, 19.5961, 24.2702] - 1))
-    assert errors[1][0] < 4 * 1.8e-3 * room
-    assert errors[1][2] < 4 * 4.2e-3 * room
-    assert 1.7 < np.log2(errors[0][0] / errors[1][0]) < 2.3
+        M = scipy.sparse.diags(system.nodal_mass).tocsc()
+        squares = eigsh(transverse(system), 6, M, sigma=-1.0, return_eigenvectors=False)
+        errors.append(abs(np.sqrt(np.sort(squares)[3:]) / exact - 1))
+    assert errors[1][0] < 1.8e-3 * room
+    assert errors[1][2] < 4.2e-3 * room
+    assert 1.9 < np.log2(errors[0][0] / errors[1][0]) < 2.1
 
 
-@pytest.mark.parametrize("pattern", PATTERNS[:5])
+@pytest.mark.parametrize("pattern", slow_except(PATTERNS, "right"))
 def test_energy_of_a_cylinder_across_the_mesh(pattern):
     """Nodes on a cylinder of 57°, its axis 20° off the X axis: ½ B κ² over the area, order 2."""
     errors = []
-    for n in (10, 20):
+    for n in (20, 40):
         cloth = square(pattern, n)
         system = plate(cloth, ISOTROPIC)
         x = on_cylinder(cloth.X, 1.0, np.radians(20))
         inner = 0.5 * ISOTROPIC.plate()[0, 0]
         # free edges carry no moment, so the energy is taken from the triangles inside
-        errors.append(abs(inner_energy(system, x, n) / inner - 1))
-    assert errors[1] < 7e-5
-    assert 1.8 < np.log2(errors[0] / errors[1]) < 2.3
+        errors.append(abs(inner_energy(system, x) / inner - 1))
+    assert errors[0] < 7e-5
+    assert 1.9 < np.log2(errors[0] / errors[1]) < 2.2
 
 
 def on_cylinder(X, radius, turn):
@@ -164,8 +173,8 @@ def on_cylinder(X, radius, turn):
     return np.column_stack([c * along - s * y, s * along + c * y, z])
 
 
-def inner_energy(system, x, n):
-    """Energy per area of the triangles that are two edges or more away from the sides."""
+def inner_energy(system, x):
+    """Energy per area of the triangles that are 0.15 or more away from the sides."""
     from fecloth.mesh.edge_slopes import EdgeSlopes
     from fecloth.terms.bending.plate_stiffness import plate_rigidity
 
@@ -177,5 +186,24 @@ def inner_energy(system, x, n):
     D = plate_rigidity(system.panel, "test")
     density = 0.5 * np.einsum("ei,eij,ej->e", kappa, D, kappa)
     centre = cloth.X[cloth.triangles].mean(axis=1)
-    inside = ((centre > 3 / n) & (centre < 1 - 3 / n)).all(axis=1)
+    inside = ((centre > 0.15) & (centre < 0.85)).all(axis=1)
     return (density * edges.area)[inside].sum() / edges.area[inside].sum()
+
+
+@pytest.mark.parametrize(
+    ("pattern", "n", "cut"), [("equilateral", 6, None), ("unstructured", 28, 0.5)]
+)
+def test_any_triangles_may_be_of_another_fabric(pattern, n, cut):
+    """The matrix has a block for each weight that a seam or a clamp makes."""
+    cloth = fc.Cloth.rectangle(1.0, 0.5, 1 / n, pattern)
+    centre = cloth.X[cloth.triangles].mean(axis=1)
+    choose = np.random.default_rng(0)
+    for _ in range(1 if cut else 20):
+        soft = centre[:, 0] < cut if cut else choose.random(len(centre)) < 0.5
+        parts = {"soft": np.flatnonzero(soft), "stiff": np.flatnonzero(~soft)}
+        two = fc.Cloth.from_arrays(cloth.X, cloth.triangles, regions=parts)
+        fabric = {"soft": ISOTROPIC, "stiff": fc.Fabric(1.0, 1e3, bending_rigidity=10.0)}
+        pins = [fc.Pin(lambda X: X[:, 0] < 1e-9, clamp=True)]
+        K = transverse(plate(two, fabric, pins))
+        w = cloth.X[:, 0] ** 2
+        assert w @ K @ w > 0.1

@@ -1,0 +1,34 @@
+"""The command `fecloth modes`: natural frequencies of a scene."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from typing import TYPE_CHECKING
+
+from fecloth.cli.progress import terminal
+from fecloth.errors import FeclothWarning
+from fecloth.simulation.modes import modes
+
+if TYPE_CHECKING:
+    from fecloth.scene.scene import Scene
+
+
+def print_modes(scene: Scene, count: int, folder: str | None, quiet: bool) -> int:
+    """Print the frequencies [Hz], one a line; write the shapes where a folder is given.
+
+    Whether the state is stable, and the file to open, are printed on standard error.
+    """
+    problem = scene.build()
+    with warnings.catch_warnings():  # they are printed below
+        warnings.simplefilter("ignore", FeclothWarning)
+        found = modes(problem.system, problem.state, count=count)
+    for frequency in found.frequencies:
+        print(f"{frequency:.6g}")
+    for words in found.warnings:
+        print(f"warning: {words}", file=sys.stderr)
+    console = terminal(quiet)
+    console.print(found.verdict, soft_wrap=True)
+    if folder:
+        console.print(f"open {found.write(folder)} in ParaView", soft_wrap=True)
+    return 0

@@ -1,0 +1,218 @@
+"""Natural frequencies and modes of small vibration about a state."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import warnings as python_warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fecloth.errors import FeclothWarning, InputError
+from fecloth.nonlinear.eigenpairs import Eigenpairs, least_eigenpairs
+from fecloth.output.atomic_files import replace_file, writing
+from fecloth.output.frames import Frames
+from fecloth.system.arguments import check_system
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+SYMMETRIC = 1e-6  # asymmetry of K that changes no frequency visibly
+SHOWN = 0.1  # extents of the cloth by which the files show a mode
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """The modes of lowest frequency, as `modes` returns them.
+
+    Attributes
+    ----------
+    system, state
+        What vibrates, and the state about which it does.
+    frequencies
+        (count,) [Hz], ascending. A negative one is −√(−ω²)/(2π) of an unstable mode, which grows
+        by the factor e in 1/(2π |f|) seconds.
+    eigenvalues
+        (count,) ω² [1/s²].
+    shapes
+        (count, n, 3) u with u · M u = 1 [1/√kg], zero in the directions that pins hold.
+    zero
+        Frequency [Hz] up to which a mode counts as one without stiffness, such as the motion of a
+        rigid body: round-off hides whether it is more.
+    warnings
+        A sentence for each reason to doubt the modes.
+    """
+
+    system: System
+    state: State
+    frequencies: np.ndarray
+    eigenvalues: np.ndarray
+    shapes: np.ndarray
+    zero: float
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def unstable(self) -> int:
+        """Number of these modes that grow."""
+        return int((self.frequencies < -self.zero).sum())
+
+    @property
+    def verdict(self) -> str:
+        """Whether the state is stable, in words."""
+        f, count = self.frequencies, len(self.frequencies)
+        if self.unstable:
+            return (
+                f"unstable: {self.unstable} of the {count} lowest modes grow, the first by the "
+                f"factor e in {1 / (2 * math.pi * abs(f[0])):.3g} s"
+            )
+        rigid = int((f <= self.zero).sum())
+        if rigid == count:
+            return f"none of the {count} lowest modes has any stiffness"
+        lowest = f"the lowest frequency is {f[rigid]:.4g} Hz"
+        if rigid:
+            have = "1 mode has" if rigid == 1 else f"{rigid} modes have"
+            return f"{have} no stiffness; of the others {lowest}"
+        return f"stable: {lowest}"
+
+    @property
+    def table(self) -> list[dict[str, float]]:
+        """A row for each mode."""
+        pairs = zip(self.frequencies.tolist(), self.eigenvalues.tolist(), strict=True)
+        return [
+            {"mode": i, "frequency [Hz]": f, "eigenvalue [1/s²]": value}
+            for i, (f, value) in enumerate(pairs, start=1)
+        ]
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the table."""
+        text, rows = io.StringIO(), self.table
+        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        replace_file(Path(path), text.getvalue().encode())
+
+    def write(self, folder: str | Path) -> Path:
+        """Write modes.csv, and for ParaView a frame for each mode; return the .pvd file.
+
+        The frame of time i shows mode i with a largest displacement of a tenth of the extent of
+        the cloth. Its point array `shape` has the displacement, 1 at most; `Warp By Vector` with
+        another factor shows more or less.
+        """
+        folder, cloth = Path(folder), self.system.cloth
+        with writing(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        self.to_csv(folder / "modes.csv")
+        frames = Frames(folder / "modes", cloth, stem="frames/mode")
+        for number, shape in enumerate(self.shapes, start=1):
+            shape = shape / np.linalg.norm(shape, axis=1).max()
+            shown = State(float(number), self.state.x + SHOWN * cloth.extent * shape, 0.0 * shape)
+            frames.add(shown, ({"shape": shape}, {}))
+        return frames.opens
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{f:.4g}" for f in self.frequencies[:6])
+        more = ", …" if len(self.frequencies) > 6 else ""
+        return f"<{len(self.frequencies)} modes: {shown}{more} Hz; {self.verdict}>"
+
+    def _repr_html_(self) -> str:
+        """Return the table and the verdict, for notebooks."""
+        head = "<tr><th>mode</th><th>frequency [Hz]</th></tr>"
+        rows = (f"<tr><td>{i}</td><td>{f:.6g}</td></tr>" for i, f in enumerate(self.frequencies, 1))
+        notes = "".join(f"<p>{words}</p>" for words in (self.verdict, *self.warnings))
+        return f"<table>{head}{''.join(rows)}</table>{notes}"
+
+
+def modes(system: System, state: State, *, count: int = 6) -> Modes:
+    """The `count` modes of lowest frequency of small vibrations about `state`.
+
+        K u = ω² M u,   f = ω / 2π
+
+    K = −∂f/∂x is the sum of all terms' exact tangents at the positions and the time of `state`, for
+    v = 0, with those of low rank that couple all nodes (`Gas`). M is the mass of the system, lumped
+    or consistent, and u is in the directions that pins and slides allow. Damping does not count.
+    About a state that is no equilibrium the modes are those of the motion relative to the one that
+    begins there; find the equilibrium first.
+
+    With the consistent mass frequencies converge from above: with h² on P1 and h⁴ on P2, of plates
+    (`PlateBending`) with h² on both. One vector of a set with equal frequencies is as good as
+    another.
+
+    A tangent that is not symmetric, of `Pressure`, `Drag`, `Wind` or `UserForce` with
+    ``tangent = "exact"``, counts with its symmetric part, with a warning: flutter is not found.
+
+    Source: Ericsson and Ruhe (1980), The spectral transformation Lanczos method; the iteration is
+    ARPACK's (Lehoucq, Sorensen and Yang 1998), by SciPy's `eigsh`.
+
+    Parameters
+    ----------
+    system, state
+        What vibrates and about which state.
+    count
+        Number of modes, less than the number of free degrees of freedom.
+
+    Returns
+    -------
+    Modes
+        With `frequencies` [Hz], `shapes` (count, n, 3), a `verdict`, and `write` for ParaView.
+
+    Raises
+    ------
+    InputError
+        For a count out of range.
+    SolveFailed
+        If the stiffness is not finite.
+
+    Warns
+    -----
+    FeclothWarning
+        If the state is unstable, or a tangent is not symmetric.
+
+    Examples
+    --------
+    A square drum of side 1 m under the tension T = 143.6 N/m has f₁ = √(T/(2 ρ))/a = 18.9 Hz:
+
+    >>> import numpy as np
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="cross")
+    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=10000.0, poisson_ratio=0.3)
+    >>> system = fc.System(cloth, fabric, [fc.StVK()], pins=["boundary"])
+    >>> tight = system.state(np.column_stack([1.01 * cloth.X, np.zeros(len(cloth.X))]))
+    >>> fc.modes(system, tight, count=3)
+    <3 modes: 18.85, 29.65, 29.65 Hz; stable: the lowest frequency is 18.85 Hz>
+    """
+    check_system(system, state, "modes")
+    free = system.admissible.shape[1]
+    if not (isinstance(count, int) and not isinstance(count, bool) and 1 <= count < free):
+        allowed = f"must be an integer from 1 to {free - 1}, less than the free dofs"
+        raise InputError(f"count = {count!r}", allowed, "modes")
+    pairs = least_eigenpairs(system, state, count)
+    frequencies = _frequencies(pairs.values)
+    zero = float(_frequencies(np.array([pairs.zero]))[0])
+    sentences = tuple(_warnings(pairs))
+    for words in sentences:
+        python_warnings.warn(words, FeclothWarning, stacklevel=2)
+    return Modes(system, state, frequencies, pairs.values, pairs.vectors, zero, sentences)
+
+
+def _frequencies(eigenvalues: np.ndarray) -> np.ndarray:
+    """±√|ω²|/(2π) [Hz] with the sign of ω²."""
+    size: np.ndarray = np.sqrt(np.abs(eigenvalues)) / (2 * math.pi)
+    return np.copysign(size, eigenvalues)
+
+
+def _warnings(pairs: Eigenpairs) -> Iterator[str]:
+    """Yield a sentence for each reason to doubt the modes."""
+    if pairs.values[0] < -pairs.zero:
+        rate = math.sqrt(-pairs.values[0])
+        yield (
+            f"the state is unstable: ω² = {pairs.values[0]:.3g} 1/s² < 0, so that a disturbance "
+            f"grows by the factor e in {1 / rate:.3g} s; unstable modes have negative frequencies"
+        )
+    if pairs.asymmetry > SYMMETRIC:
+        yield (
+            f"the stiffness is not symmetric (by {pairs.asymmetry:.1g} of its size): the modes are "
+            "those of its symmetric part, and flutter is not found"
+        )

@@ -1,0 +1,42 @@
+"""Charts of observed.csv: probes, sag, area and the reactions of the pins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fecloth.view.svg_chart import chart
+
+MOST = 6  # charts of probes, and of pins; the others are only in observed.csv
+REACTION = "reaction:"
+
+
+def observed_charts(table: Mapping[str, np.ndarray]) -> list[str]:
+    """Return a <figure> for each probe, for sag and area, and for the reaction of each pin.
+
+    `table` has the columns of observed.csv; without rows there is no figure.
+    """
+    if not table:
+        return []
+    vectors = [name.removesuffix(".x") for name in table if name.endswith(".x")]
+    pins = [name for name in vectors if name.startswith(REACTION)]
+    probes = [name for name in vectors if name not in pins]
+    shown = [(_title(name), _components(table, name), "[m]") for name in probes[:MOST]]
+    shown += [("Sag", {"sag": table["sag"]}, "[m]"), ("Area", {"area": table["area"]}, "[m²]")]
+    shown += [(_title(name), _components(table, name), "[N]") for name in pins[:MOST]]
+    return [_draw(table["t"], *figure) for figure in shown]
+
+
+def _title(name: str) -> str:
+    if name.startswith(REACTION):
+        return f"Force of the pin {name.removeprefix(REACTION)}"
+    return "Mean displacement" if name == "mean_displacement" else f"Position of {name}"
+
+
+def _components(table, name: str) -> dict[str, np.ndarray]:
+    return {component: table[f"{name}.{component}"] for component in "xyz"}
+
+
+def _draw(t: np.ndarray, title: str, columns: Mapping[str, np.ndarray], unit: str) -> str:
+    return chart(title, {name: (t, values) for name, values in columns.items()}, "t [s]", unit)

@@ -1,0 +1,1 @@
+"""Does bending converge, with which model, on which mesh?"""

@@ -1,0 +1,109 @@
+"""Bending: the error of each model against the edge length, on six problems and six patterns.
+
+The problems: a supported square, a clamped square and a clamped disk under a uniform load, the
+first frequency of a free square, a square twisted at a corner, and a heavy strip at large rotation.
+The models: `HingeBending`, `QuadraticBending`, and `PlateBending` on P1 and P2. They have equal
+nodes: h is their distance, on graded meshes the longest, and the triangles of P2 are twice as long.
+
+Hinges have no clamp: two rows of nodes are held, and the cloth begins half-way between them. On
+graded meshes their clamped problems are left out. A disk has no "right" and no "cross" pattern.
+
+The second part has two fabrics, 10 : 1, whose seam is a zigzag. errors.md and errors.csv are the
+tables of the full form.
+
+    python -m studies.bending [--quick] [--jobs N] [--out DIR]
+"""
+
+from __future__ import annotations
+
+from fecloth import study
+from fecloth.study.reports import markdown_table
+from studies.bending import figure
+from studies.bending.cases import MODELS, PROBLEMS, run
+from studies.bending.findings import (
+    HINGES,
+    Rows,
+    conclude,
+    conclude_seams,
+    order,
+    patterns_of,
+    seam_errors,
+    select,
+)
+from studies.bending.meshes import DISK_PATTERNS, PATTERNS
+from studies.bending.seams import CROSS, GMSH, LINE, MORLEY, PLATE, run_seam
+
+TITLE = "Error of bending"
+CLAMPED = ("clamped_square", "clamped_disk", "heavy_strip")
+
+
+def list_cases(quick: bool) -> Rows:
+    """List the settings of the six problems."""
+    return [
+        {"problem": problem, "model": model, "pattern": pattern, "n": n}
+        for problem in PROBLEMS
+        for model in MODELS
+        for pattern in patterns(problem, model, quick)
+        for n in ((8, 16) if quick else (8, 16, 32) if pattern == "graded" else (8, 16, 32, 64))
+    ]
+
+
+def patterns(problem: str, model: str, quick: bool) -> tuple[str, ...]:
+    """Return the patterns on which the model carries the problem."""
+    if quick:
+        return ("unstructured",) if problem == "clamped_disk" else ("right", "unstructured")
+    every = DISK_PATTERNS if problem == "clamped_disk" else PATTERNS
+    return every[:-1] if model in HINGES and problem in CLAMPED else every
+
+
+def list_seams(quick: bool) -> Rows:
+    """List the meshes with a seam."""
+    sizes = (8, 16) if quick else (8, 16, 32, 64)
+    models = {LINE: [PLATE], CROSS: [PLATE, MORLEY], GMSH: [PLATE]}
+    return [
+        {"seam": seam, "model": model, "n": n}
+        for seam, chosen in models.items()
+        for model in chosen
+        for n in sizes
+    ]
+
+
+def error_table(rows: Rows) -> Rows:
+    """Return a line with all errors and the last order for each problem, model and pattern."""
+    lines = []
+    for problem in PROBLEMS:
+        for model in MODELS:
+            for pattern in patterns_of(rows, problem=problem, model=model):
+                line = {"problem": problem, "model": model, "pattern": pattern}
+                group = select(rows, **line)
+                errors = {f"n = {row['n']}": row["error"] for row in group}
+                lines.append(line | errors | {"order": round(order(group), 2)})
+    return lines
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run all cases, write the figure, the tables and the report; return the exit status."""
+    options = study.parse_arguments(__doc__ or "", argv, needs=["matplotlib"])
+    running = study.run_options(options)
+    rows = study.run_cases(list_cases(options.quick), run, **running, time_limit=120)
+    seams = study.run_cases(list_seams(options.quick), run_seam, **running, time_limit=120)
+    study.require_results(options, TITLE, rows)
+    figure.draw(options.out, rows)
+    tables = {"Relative errors": error_table(rows), "A zigzag seam": seam_errors(seams)}
+    study.write_csv(tables["Relative errors"], options.out / "errors.csv")
+    command = f"python -m studies.bending{' --quick' if options.quick else ''}"
+    parts = [f"## {heading}\n\n{markdown_table(lines)}" for heading, lines in tables.items()]
+    text = "\n\n".join([f"# {TITLE}", f"Made by `{command}`.", *parts])
+    (options.out / "errors.md").write_text(text + "\n", encoding="utf-8")
+    return study.write_report(
+        options,
+        TITLE,
+        rows + seams,
+        tables=tables,
+        figures=("bending",),
+        findings=conclude(rows) + conclude_seams(seam_errors(seams)),
+    )
+
+
+if __name__ == "__main__":
+    study.run_main(main)

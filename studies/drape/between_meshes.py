@@ -1,0 +1,148 @@
+"""Drape coefficients on several meshes: what the mesh changes, and what the start changes.
+
+A draped cloth has many states at rest, with other folds. So that meshes and models are compared in
+the same state, each starts from the drape of the first mesh with `PlateBending`, interpolated to
+its nodes. That first drape starts flat. What the choice of the state does is measured apart: on
+the first mesh, from flat starts with small random heights.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator
+
+import fecloth as fc
+from fecloth.errors import FeclothError
+from studies.drape.measures import count_folds, drape_coefficient
+from studies.drape.meshes import (
+    MESHES,
+    SPECIMEN,
+    SUPPORT,
+    cut_ring,
+    make_quadratic,
+    mesh_specimen,
+)
+
+PLATE, HINGES = "PlateBending", "HingeBending"
+QUADRATIC = "P2, Gmsh"
+SEEDS = (1, 2, 3, 4)
+HEIGHT = 1e-4  # standard deviation of the disturbed starts [m]
+TOLERANCE = 1e-6  # of the forces; 1e-9 changes a coefficient by less than 1e-5
+COLUMNS = ("fabric", "mesh", "model", "triangles", "coefficient", "folds", "iterations", "seconds")
+
+
+def compare_meshes(
+    fabrics: tuple[str, ...], disturbed: tuple[str, ...], h: float
+) -> Iterator[dict]:
+    """Drape each fabric on each mesh with both models, and `disturbed` ones from other starts."""
+    disks = {name: mesh_specimen(pattern, ratio * h) for name, (pattern, ratio) in MESHES.items()}
+    cloths = {(name, HINGES): disk for name, disk in disks.items()}
+    cloths |= {(name, PLATE): cut_ring(disk) for name, disk in disks.items()}
+    cloths[QUADRATIC, PLATE] = make_quadratic(cut_ring(mesh_specimen("Gmsh", 2 * h)))
+    first = cloths[next(iter(MESHES)), PLATE]
+    for fabric in fabrics:
+        begin, row = drape(first, fabric, PLATE, lie_flat(first))
+        for (name, model), cloth in cloths.items():
+            start = carry(first, begin, cloth)
+            found = row if cloth is first else drape(cloth, fabric, model, start)[1]
+            yield {"fabric": fabric, "mesh": name, **found}
+        for seed in SEEDS if fabric in disturbed else ():
+            found = drape(first, fabric, PLATE, lie_flat(first, seed))[1]
+            yield {"fabric": fabric, "mesh": f"disturbed {seed}", **found}
+
+
+def drape(cloth: fc.Cloth, fabric: str, model: str, start: np.ndarray) -> tuple[np.ndarray, dict]:
+    """Return the positions at rest that Newton's iteration reaches, and a row of the table."""
+    terms = [fc.StVK(), getattr(fc, model)(), fc.Gravity((0, 0, -9.81))]
+    pin = fc.Pin("support", clamp=model == PLATE)
+    system = fc.System(cloth, fc.Fabric.preset(fabric), terms, pins=[pin])
+    row = {"model": model, "triangles": len(cloth.triangles)}
+    clock = time.process_time()
+    try:
+        rest = fc.equilibrium(system, system.state(start), tolerance=TOLERANCE, max_iterations=600)
+    except FeclothError:
+        return start, row | dict.fromkeys(COLUMNS[4:], math.nan)
+    seconds, triangles = time.process_time() - clock, plane_triangles(cloth)
+    coefficient = drape_coefficient(cloth.X, rest.x, triangles)
+    return rest.x, row | {
+        "coefficient": coefficient,
+        "folds": count_folds(cloth.X, rest.x),
+        "iterations": rest.iterations,
+        "seconds": seconds,
+    }
+
+
+def plane_triangles(cloth: fc.Cloth) -> np.ndarray:
+    """Return the triangles; on P2 the four parts of each."""
+    if cloth.element == "P1":
+        return cloth.triangles
+    a, b, c, ab, bc, ca = cloth.cells.T
+    parts = (a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)
+    return np.concatenate([np.stack(part, axis=1) for part in parts])
+
+
+def lie_flat(cloth: fc.Cloth, seed: int | None = None) -> np.ndarray:
+    """Return the flat positions; with a seed the hanging nodes have random heights."""
+    z = np.zeros(len(cloth.X))
+    if seed is not None:
+        hangs = np.hypot(*cloth.X.T) > SUPPORT + 1e-9
+        z[hangs] = HEIGHT * np.random.default_rng(seed).standard_normal(hangs.sum())
+    return np.c_[cloth.X, z]
+
+
+def carry(old: fc.Cloth, x: np.ndarray, new: fc.Cloth) -> np.ndarray:
+    """Return positions of one mesh, interpolated to another; the support stays flat."""
+    if old is new:
+        return x
+    angles = np.sort(np.arctan2(*old.X[np.hypot(*old.X.T) > SPECIMEN - 1e-6].T))
+    inside = 0.9999 * math.cos(np.diff(angles).max() / 2)  # because the old rim is a polygon
+    carried = LinearNDInterpolator(old.X, x)(inside * new.X)
+    support = new.nodes("support")
+    carried[support] = np.c_[new.X[support], np.zeros(len(support))]
+    return carried
+
+
+def spread(values: list[float]) -> float:
+    """Return (largest − least)/mean."""
+    return (max(values) - min(values)) / (sum(values) / len(values))
+
+
+def summarise(rows: list[dict]) -> str:
+    """Return the table of a fabric a line: coefficients on each mesh, spreads, seconds."""
+    names = [*MESHES, QUADRATIC]
+    head = ["fabric", "model", *names, "spread of four", "folds", "CPU s", "of disturbed starts"]
+    lines = [head, ["---"] * len(head)]
+    for fabric in dict.fromkeys(row["fabric"] for row in rows):
+        mine = [row for row in rows if row["fabric"] == fabric]
+        for model in (PLATE, HINGES):
+            lines.append(_line(fabric, model, [row for row in mine if row["model"] == model]))
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def _line(fabric: str, model: str, rows: list[dict]) -> list[str]:
+    on = {row["mesh"]: row for row in rows}
+    four = [on[name] for name in MESHES if name in on]
+    percent = [f"{100 * on[name]['coefficient']:.1f}" if name in on else "" for name in MESHES]
+    percent.append(f"{100 * on[QUADRATIC]['coefficient']:.1f}" if QUADRATIC in on else "")
+    others = [row for row in rows if row["mesh"].startswith("disturbed")]
+    return [
+        *(fabric, model, *percent, f"{100 * spread([row['coefficient'] for row in four]):.1f} %"),
+        " ".join(f"{row['folds']:.0f}" for row in four),
+        " ".join(f"{row['seconds']:.1f}" for row in four),
+        " ".join(f"{100 * row['coefficient']:.1f} ({row['folds']:.0f})" for row in others),
+    ]
+
+
+def write_table(rows: list[dict], file: Path) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("w", newline="", encoding="utf-8") as out:
+        table = csv.DictWriter(out, COLUMNS)
+        table.writeheader()
+        for row in rows:
+            table.writerow(row | {k: f"{row[k]:.4g}" for k in ("coefficient", "seconds")})

@@ -1,0 +1,61 @@
+"""`fecloth modes`: what it prints and writes, and its exit status."""
+
+import math
+
+import pytest
+
+from fecloth.cli.main import main
+
+DRUM = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 1.0
+h = 0.1
+pattern = "cross"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 10000.0
+poisson_ratio = 0.3
+[[terms]]
+type = "StVK"
+[[pins]]
+where = "boundary"
+[start]
+position = ["1.01 * X", "1.01 * Y", "0"]
+[time]
+t_end = 1.0
+"""
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "drum.toml"
+    path.write_text(DRUM)
+    return str(path)
+
+
+def test_it_prints_a_frequency_a_line(scene, capsys, tmp_path):
+    assert main(["modes", scene, "-n", "3", "-o", "shapes"]) == 0
+    printed = capsys.readouterr()
+    found = [float(line) for line in printed.out.splitlines()]
+    tension = 1e4 / 0.7 * (1.01**2 - 1) / 2
+    exact = [math.sqrt(tension / 0.2 * n) / 2 for n in (2, 5, 5)]
+    assert found == pytest.approx(exact, rel=0.011)  # lumped: from below
+    assert "stable: the lowest frequency is 18.8" in printed.err
+    assert "open shapes/modes.pvd in ParaView" in printed.err
+    assert len(list((tmp_path / "shapes" / "frames").glob("*.vtu"))) == 3
+
+
+def test_it_warns_of_an_unstable_start(scene, capsys):
+    squeezed = "start.position=['0.99 * X', '0.99 * Y', '0']"
+    assert main(["modes", scene, "-n", "2", "--quiet", "--set", squeezed]) == 0
+    printed = capsys.readouterr()
+    assert all(float(line) < 0 for line in printed.out.splitlines())
+    assert printed.err.startswith("warning: the state is unstable")
+
+
+def test_a_mistake_is_one_line(scene, capsys):
+    assert main(["modes", scene, "-n", "0"]) == 2
+    assert "error: modes: count = 0: must be an integer from 1 to" in capsys.readouterr().err

@@ -1,0 +1,378 @@
+"""Modes against closed forms and dense eigensolvers: orders, repeated, rigid and unstable modes."""
+
+import math
+import re
+import warnings
+
+import meshio
+import numpy as np
+import pytest
+from conftest import flat
+from numpy.polynomial import Polynomial
+from scipy import sparse
+from scipy.linalg import eigh
+from scipy.optimize import brentq
+from scipy.sparse.linalg import LinearOperator
+from scipy.special import jn_zeros, jv
+from support.plates import on_sides, square
+from support.tiers import slow_except
+
+import fecloth as fc
+from fecloth.errors import IndefiniteMatrix, InputError
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.low_rank_update import LowRankUpdate
+from fecloth.linalg.select import direct
+from fecloth.nonlinear.eigenpairs import find_all, least_eigenpairs
+
+DRUM = fc.Fabric(areal_density=0.2, tensile_stiffness=1e4, poisson_ratio=0.3)
+ORDERS = {"P1": 2.0, "P2": 4.0}
+
+
+def dense(system, state, unit_mass=False):
+    """All eigenvalues and vectors of the free directions, by LAPACK."""
+    Z, K = system.admissible, system.stiffness(state).toarray()
+    for c, u in system.dense(state):
+        K += c * np.outer(u.ravel(), u.ravel())
+    K = Z.T @ (0.5 * (K + K.T)) @ Z
+    M = np.eye(len(K)) if unit_mass else (Z.T @ system.mass @ Z).toarray()
+    return eigh(K, M)
+
+
+def orders(errors):
+    """Observed order of each mode, of errors on two meshes of which the second is half as fine."""
+    return np.log2(np.divide(*errors))
+
+
+def omega2(system, state, count):
+    return fc.modes(system, state, count=count).eigenvalues
+
+
+# --- membranes ------------------------------------------------------------------------------------
+
+
+def drum(cloth, stretch=1.01, terms=(), fabric=DRUM):
+    """A pinned membrane stretched alike in both directions, and its stress resultant [N/m]."""
+    system = fc.System(cloth, fabric, [fc.StVK(), *terms], pins=["boundary"], mass="consistent")
+    stress = fabric.tensile[0] / (1 - fabric.poisson_ratio) * (stretch**2 - 1) / 2
+    return system, system.state(flat(cloth) * [stretch, stretch, 1.0]), stress
+
+
+@pytest.mark.parametrize("pattern", slow_except(["right", "cross", "equilateral"], "cross"))
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_square_drum(element, pattern):
+    """T (m² + n²) π²/ρ with every repeated one, in order 2 and 4."""
+    errors = []
+    for n in (10, 20) if pattern == "cross" else (16, 32):
+        cloth = fc.Cloth.rectangle(1.0, 1.0, 1 / n, pattern, element)
+        system, tight, stress = drum(cloth)
+        exact = sorted(m * m + n * n for m in range(1, 9) for n in range(1, 9))[:8]
+        found = omega2(system, tight, 8) / (stress / 0.2 * math.pi**2)
+        assert (found > exact).all()  # the consistent mass: from above
+        errors.append(found / exact - 1)
+    np.testing.assert_allclose(orders(errors), ORDERS[element], atol=0.15)
+
+
+def strip_spectrum(length, width, stretches, moduli, rho, count):
+    """All ω² of a strip that slides along its sides: for each n, m one across, two in its plane."""
+    (a, b), (C11, C12, C22, C66) = stretches, moduli
+    E1, E2 = (a * a - 1) / 2, (b * b - 1) / 2
+    S1, S2 = C11 * E1 + C12 * E2, C12 * E1 + C22 * E2
+    found = []
+    for n in range(16):
+        for m in range(16):
+            k, q = n * math.pi / length, m * math.pi / width
+            across = S1 * k * k + S2 * q * q
+            if n:
+                found.append(across)
+            A = C11 * a * a * k * k + C66 * a * a * q * q + across
+            B = C22 * b * b * q * q + C66 * b * b * k * k + across
+            D = a * b * k * q * (C12 + C66)
+            plane = np.linalg.eigvalsh([[A, D], [D, B]])
+            found += plane.tolist() if n and m else [A] if n else [B] if m else []
+    return np.sort(found)[:count] / rho
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_taut_strip_with_its_modes_in_the_plane(element):
+    """u = (A sin kX cos qY, B cos kX sin qY, C sin kX cos qY) solve the linearised balance."""
+    length, width, rho, stretches = 1.0, 0.5, 0.2, np.array([1.3, 1.1])
+    fabric = fc.Fabric(rho, 100.0, 0.3)
+    C = 100.0 / (1 - 0.3**2)
+    moduli = C, 0.3 * C, C, 100.0 / (2 * 1.3)
+    X0, Y0 = (lambda X: np.isin(X[:, 0], [0.0, length])), (lambda X: np.isin(X[:, 1], [0.0, width]))
+    pins = [
+        fc.Pin(lambda X: X0(X) & Y0(X)),
+        fc.Slide(lambda X: X0(X) & ~Y0(X), direction=(0, 1, 0)),
+        fc.Slide(lambda X: Y0(X) & ~X0(X), normal=(0, 1, 0)),
+    ]
+    errors = []
+    for n in (16, 32) if element == "P1" else (10, 20):
+        cloth = fc.Cloth.rectangle(length, width, 1 / n, "right", element)
+        system = fc.System(cloth, fabric, [fc.StVK()], pins, mass="consistent")
+        tight = system.state(flat(cloth) * [*stretches, 1.0])
+        exact = strip_spectrum(length, width, stretches, moduli, rho, 12)
+        shapes = fc.modes(system, tight, count=12).shapes
+        errors.append(omega2(system, tight, 12) / exact - 1)
+    in_plane = abs(shapes[:, :, :2]).max(axis=(1, 2)) > 1e-6
+    assert 0 < in_plane.sum() < 12  # both kinds are among them
+    np.testing.assert_allclose(orders(errors), ORDERS[element], atol=0.2)
+
+
+def test_kettledrum_of_gas_meets_its_characteristic_equation():
+    """T k² J₀(ka) + κ π a² J₂(ka) = 0 with κ = γ p/V: J₀(kr) − J₀(ka) balances its own pressure."""
+    a, depth, p, stretch = 0.5, 1.0, 2000.0, 1.01
+    volume = math.pi * a**2 * stretch**2 * depth / 3  # the cone to `origin`
+    gas = fc.Gas(p, volume, ambient=p, exponent=1.4, origin=(0.0, 0.0, -depth))
+    kappa = 1.4 * p / volume * stretch**4  # u is the area of the stretched cloth over that at rest
+    errors = []
+    for h in (0.1, 0.05):
+        system, tight, T = drum(fc.Cloth.disk(a, h), stretch, [gas])
+
+        def equation(ka, T=T):
+            return T * (ka / a) ** 2 * jv(0, ka) + kappa * math.pi * a**2 * jv(2, ka)
+
+        symmetric = brentq(equation, 2.5, 5.2)
+        assert symmetric > 1.1 * jn_zeros(0, 1)[0]  # the gas makes it stiffer
+        pair = jn_zeros(1, 1)[0]
+        exact = np.sort([symmetric, pair, pair]) ** 2 * T / (0.2 * a**2)
+        errors.append(abs(omega2(system, tight, 3) / exact - 1))
+    assert np.max(errors[-1]) < 0.02
+    assert (orders(errors) > 1.7).all()
+
+
+def test_hanging_strip_swings_as_a_chain():
+    """f = j₀,ₙ √(g/L) / 4π across a strip that hangs under its own weight (D. Bernoulli 1733)."""
+    length, errors = 1.0, []
+    exact = jn_zeros(0, 3) * math.sqrt(9.81 / length) / (4 * math.pi)
+    for h in (0.05, 0.025):
+        cloth = fc.Cloth.rectangle(h, length, h, "right", "P2")
+        pins = ["top", fc.Slide(lambda X: X[:, 1] < length - 1e-9, normal=(1, 0, 0))]
+        terms = [fc.StVK(), fc.Gravity((0.0, -9.81, 0.0))]
+        system = fc.System(cloth, fc.Fabric(0.2, 1e5), terms, pins)
+        found = fc.modes(system, fc.equilibrium(system, system.rest(), tolerance=1e-8), count=9)
+        nearest = abs(found.frequencies[:, None] - exact).min(axis=0)  # its edges also swing apart
+        errors.append(nearest / exact)
+        assert found.verdict.startswith("stable")
+    assert errors[-1].max() < 1e-3
+    assert (errors[-1] < errors[0])[1:].all()
+
+
+# --- plates ---------------------------------------------------------------------------------------
+
+PLATE = fc.Fabric(1.0, 1e5, bending_rigidity=1.0, bending_poisson_ratio=0.3)
+
+
+def plate_rates(cloth, pins, count):
+    system = fc.System(cloth, PLATE, [fc.StVK(), fc.PlateBending()], pins, mass="consistent")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return fc.modes(system, system.rest(), count=count)
+
+
+def clamped_square(degree=8):
+    """ω of the clamped unit square by Ritz, with products of (x (1 − x))² xⁱ."""
+    basis = [Polynomial([0, 0, 1, -2, 1]) * Polynomial([-0.5, 1]) ** i for i in range(degree)]
+
+    def gram(a, b):
+        pairs = [
+            [(basis[i].deriv(a) * basis[j].deriv(b)).integ() for j in range(degree)]
+            for i in range(degree)
+        ]
+        return np.array([[p(1.0) - p(0.0) for p in row] for row in pairs])
+
+    mass, bend, mixed = gram(0, 0), gram(2, 2), gram(2, 0)
+    K = (
+        np.kron(bend, mass)
+        + np.kron(mass, bend)
+        + np.kron(mixed, mixed.T)
+        + np.kron(mixed.T, mixed)
+    )
+    return np.sqrt(eigh(K, np.kron(mass, mass), eigvals_only=True)[:3])
+
+
+@pytest.mark.parametrize("pattern", slow_except(["cross", "jittered", "unstructured"], "cross"))
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_plates(element, pattern):
+    """Free (Leissa 1973: 13.468, 19.596, 24.271), supported 2π², 5π², 5π², clamped by Ritz."""
+    exact = {
+        "free": [13.4682, 19.5961, 24.2702],
+        "supported": np.array([2, 5, 5]) * math.pi**2,
+        "clamped": clamped_square(),
+    }
+    assert exact["clamped"][0] == pytest.approx(35.985, abs=2e-3)
+    pins = {"free": [], "supported": [fc.Pin(on_sides)], "clamped": [fc.Pin(on_sides, clamp=True)]}
+    for name, held in pins.items():
+        errors = []
+        for n in (8, 16) if element == "P1" else (6, 12):
+            cloth = square(pattern, n)
+            if element == "P2":
+                cloth = fc.Cloth.from_arrays(cloth.X, cloth.triangles, element="P2")
+            rigid = 0 if held else 6
+            found = plate_rates(cloth, held, rigid + 3)
+            assert (abs(found.frequencies[:rigid]) <= found.zero).all(), name
+            rates = 2 * math.pi * found.frequencies[rigid:]
+            errors.append(abs(rates / exact[name] - 1))
+        assert errors[-1].max() < (0.03 if held else 2e-3)
+        if held:  # those of the free plate are too small, and of both signs
+            assert (orders(errors) > 1.8).all(), name
+
+
+# --- any system -----------------------------------------------------------------------------------
+
+
+def free_sheet(*terms, pins=(), mass="lumped", h=0.25):
+    cloth = fc.Cloth.rectangle(1.0, 0.75, h, "right")
+    fabric = fc.Fabric(0.2, 1e3, 0.3, bending_rigidity=1e-2)
+    return fc.System(cloth, fabric, terms, pins, mass)
+
+
+TERMS = {
+    "membranes": [fc.StVK(), fc.NeoHookean(), fc.TensionField(), fc.TensorCondition(50.0)],
+    "Baraff–Witkin": [fc.BaraffWitkin((1e3, 1e3), 1e2), fc.QuadraticBending()],
+    "hinges": [fc.StVK(), fc.HingeBending(), fc.BendingDamping(0.1)],
+    "plate": [fc.StVK(), fc.PlateBending(), fc.StrainRateDamping(0.01), fc.MassDamping(1.0)],
+    "springs": [
+        fc.Springs(),
+        fc.Tether("left", (0.1, 0, 0.3), 1e3),
+        fc.PointForce("right", (0.1, 0.0, 0.2)),
+    ],
+    "loads": [fc.StVK(), fc.Gravity(), fc.Pressure(20.0), fc.Gas(1.2e5, 0.2, origin=(0, 0, -1.0))],
+    "air": [fc.StVK(), fc.Drag(1.0), fc.Wind(normal=1.0, velocity=(3.0, 0.0, 2.0))],
+}
+SLIDES = [fc.Slide("left", normal=(1, 2, 3)), fc.Slide("right", direction=(1, 1, 0))]
+
+
+@pytest.mark.parametrize("mass", slow_except(["lumped", "consistent"], "lumped"))
+@pytest.mark.parametrize("name", TERMS)
+def test_every_term_agrees_with_a_dense_solution(name, mass, rng):
+    """At a rough state, on oblique slides, with negative eigenvalues too."""
+    system = free_sheet(*TERMS[name], pins=SLIDES, mass=mass)
+    x = flat(system.cloth) * [1.1, 1.05, 1.0] + 0.02 * rng.standard_normal((len(system.cloth.X), 3))
+    state = system.state(x, rng.standard_normal(x.shape))
+    still = system.state(x)
+    for unit in (False, True):
+        exact, _ = dense(system, still, unit)
+        found = least_eigenpairs(system, state, 7, unit)
+        np.testing.assert_allclose(found.values, exact[:7], rtol=1e-7, atol=1e-10 * exact[-1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # unstable
+        U = fc.modes(system, still, count=7).shapes.reshape(7, -1)
+    np.testing.assert_allclose(U @ system.mass @ U.T, np.eye(7), atol=1e-8)
+    held = system.constraints.held_part
+    assert max(abs(held(shape)).max() for shape in U.reshape(7, -1, 3)) < 1e-12 * abs(U).max()
+
+
+def test_exact_tangents_that_are_not_symmetric_count_with_their_symmetric_part():
+    system = free_sheet(fc.StVK(), fc.Pressure(50.0, "exact"), pins=["left"])
+    X = system.cloth.X
+    bent = system.state(np.column_stack([1.05 * X[:, 0], X[:, 1], 0.3 * X[:, 0] ** 2]))
+    with pytest.warns(fc.FeclothWarning, match=r"the stiffness is not symmetric \(by 0\.0"):
+        found = fc.modes(system, bent, count=4)
+    np.testing.assert_allclose(found.eigenvalues, dense(system, bent)[0][:4], rtol=1e-8)
+    held = free_sheet(fc.StVK(), fc.Pressure(50.0, "exact"), pins=["boundary"])
+    with warnings.catch_warnings():  # with a held edge it is symmetric
+        warnings.simplefilter("error")
+        fc.modes(held, held.state(1.05 * flat(held.cloth)), count=2)
+
+
+@pytest.mark.parametrize(("copies", "count"), [(5, 5), (8, 12), (20, 15), (1, 39)])
+def test_eigenvalues_with_many_vectors_are_all_found(copies, count):
+    """Lanczos' iteration from one vector finds three of five equal ones and then the next."""
+    values = np.repeat(np.arange(1.0, 41.0) ** 2, copies)
+    inverse = LinearOperator((len(values),) * 2, lambda b: b.ravel() / (values + 1), dtype=float)
+    found, vectors = find_all(inverse, sparse.identity(len(values), format="csr"), 1.0, count)
+    np.testing.assert_allclose(found, values[:count], rtol=1e-10)
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(count), atol=1e-10)
+
+
+# --- what has no or negative stiffness ------------------------------------------------------------
+
+
+def test_a_free_sheet_has_six_rigid_modes():
+    system = free_sheet(fc.StVK(), fc.PlateBending())
+    found = fc.modes(system, system.rest(), count=8)
+    assert (abs(found.frequencies[:6]) < found.zero).all()
+    assert found.zero < 0.01 < found.frequencies[6]
+    assert found.verdict.startswith("6 modes have no stiffness; of the others the lowest frequency")
+    flat_only = free_sheet(fc.StVK())
+    assert "none of the 5" in fc.modes(flat_only, flat_only.rest(), count=5).verdict
+    nothing = free_sheet(fc.Gravity(), pins=["left"])
+    assert (abs(fc.modes(nothing, nothing.rest(), count=3).frequencies) < 1e-10).all()
+
+
+def test_a_buckled_plate_is_unstable():
+    """ρ ω² = D k⁴ − N k², k² = π² (m² + n²), of a supported plate under the pressure N [N/m]."""
+    squeeze, B, rho = 0.9999, 1e-3, 0.2
+    fabric = fc.Fabric(rho, 1e3, bending_rigidity=B)
+    cloth = fc.Cloth.rectangle(1.0, 1.0, 1 / 24, "cross")
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending()], ["boundary"], "consistent")
+    state = system.state(flat(cloth) * [squeeze, squeeze, 1.0])
+    k2 = math.pi**2 * np.sort([m * m + n * n for m in range(1, 9) for n in range(1, 9)])
+    exact = np.sort(B * k2**2 + 1e3 * (squeeze**2 - 1) / 2 * k2)[:4] / rho
+    assert exact[0] < 0
+    with pytest.warns(fc.FeclothWarning, match="the state is unstable: ω² = -"):
+        found = fc.modes(system, state, count=4)
+    np.testing.assert_allclose(found.eigenvalues, exact, atol=0.01 * B * k2[4] ** 2 / rho)
+    assert found.unstable == (exact < 0).sum()
+    np.testing.assert_allclose(found.frequencies[0], -math.sqrt(-exact[0]) / 2 / math.pi, rtol=0.02)
+    assert re.match(r"unstable: \d of the 4 lowest modes grow, the first by", found.verdict)
+    assert found.warnings[0].startswith("the state is unstable")
+
+
+def test_a_part_of_low_rank_can_make_a_matrix_indefinite(rng):
+    system = free_sheet(fc.StVK(), fc.PlateBending(), pins=["boundary"])
+    K = system.project(system.assemble(BlockMatrix.zeros(system.pattern), system.rest(), wx=1.0))
+    solver, u = direct(), system.constraints.project(rng.standard_normal((len(system.cloth.X), 3)))
+    solver.prepare(K)
+    z, _ = solver.solve(u)
+    limit = -1 / np.vdot(u, z)  # K + c u uᵀ is singular
+    for c, definite in ((0.99 * limit, True), (1.01 * limit, False), (-limit, True)):
+        update = LowRankUpdate.prepare(solver, [(c, u)], 1e-10)
+        if definite:
+            update.require_definite([(c, u)])
+        else:
+            with pytest.raises(IndefiniteMatrix):
+                update.require_definite([(c, u)])
+
+
+# --- what is returned and written -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_files_show_the_shapes(tmp_path, element):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, 0.25, "cross", element)
+    system, tight, _ = drum(cloth)
+    found = fc.modes(system, tight, count=3)
+    pvd = found.write(tmp_path / "modes")
+    assert pvd.name == "modes.pvd"
+    assert pvd.read_text().count("<DataSet") == 3
+    for i, shape in enumerate(found.shapes):
+        frame = meshio.read(pvd.parent / f"frames/mode_{i:06d}.vtu")
+        shown = frame.point_data["shape"]
+        assert np.linalg.norm(shown, axis=1).max() == pytest.approx(1.0)
+        np.testing.assert_allclose(np.cross(shown, shape), 0, atol=1e-12 * abs(shape).max())
+        np.testing.assert_allclose(frame.points - tight.x, 0.1 * cloth.extent * shown, atol=1e-12)
+    head, *rows = (pvd.parent / "modes.csv").read_text().splitlines()
+    assert head == "mode,frequency [Hz],eigenvalue [1/s²]"
+    assert [float(row.split(",")[1]) for row in rows] == found.frequencies.tolist()
+
+
+def test_the_modes_say_what_they_are():
+    system, tight, _ = drum(fc.Cloth.rectangle(1.0, 1.0, 0.25, "cross"))
+    found = fc.modes(system, tight, count=7)
+    assert re.match(r"<7 modes: ([\d.]+, ){6}… Hz; stable: the lowest frequency is", repr(found))
+    assert found._repr_html_().count("<tr>") == 8
+    again = fc.modes(system, tight, count=7)
+    np.testing.assert_array_equal(found.shapes, again.shapes)
+    other = fc.modes(system, system.state(tight.x, tight.x), count=7)  # the velocity does not count
+    np.testing.assert_array_equal(found.shapes, other.shapes)
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.0, True, "6", 27])
+def test_a_wrong_count_is_refused(count):
+    system, tight, _ = drum(fc.Cloth.rectangle(1.0, 1.0, 0.25, "right"))
+    assert system.admissible.shape[1] == 27
+    with pytest.raises(InputError, match=r"count = .*must be an integer from 1 to 26"):
+        fc.modes(system, tight, count=count)
+    with pytest.raises(InputError, match="state comes second"):
+        fc.modes(tight, system)

@@ -1,0 +1,72 @@
+"""The references of the bending study against published figures and other closed forms."""
+
+import numpy as np
+import pytest
+from support.plates import navier
+
+from studies.bending import meshes
+from studies.bending.findings import order, seam_errors
+from studies.bending.seams import CROSS, MORLEY, PLATE
+from studies.references import plates
+
+D = np.array([[1.0, 0.3, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 0.35]])
+ORTHOTROPIC = np.array([[4.0, 0.4, 0.0], [0.4, 1.0, 0.0], [0.0, 0.0, 0.6]])
+
+
+def test_ritz_agrees_with_timoshenko_navier_and_leissa():
+    """Timoshenko and Woinowsky-Krieger (1959), table 35; Leissa (1973): 13.468, 19.596, 24.271."""
+    centre, X = np.array([[0.5, 0.5]]), np.random.default_rng(0).random((20, 2))
+    w = plates.square_deflection(centre, D, "clamped")
+    assert w == pytest.approx([0.00126532], rel=1e-5)
+    supported = plates.square_deflection(X, ORTHOTROPIC, "supported")
+    assert supported == pytest.approx(navier(X, ORTHOTROPIC, 200), rel=1e-5)
+    rates = plates.square_frequencies(D, "free", 3)
+    assert rates == pytest.approx([13.4682, 19.5961, 24.2702], rel=1e-5)
+
+
+def test_heavy_strip_has_the_ratio_of_the_elastica_and_stretches():
+    assert plates.heavy_strip(10.0, 1e12) == pytest.approx(1.066802320, rel=1e-9)
+    assert plates.heavy_strip(0.01, 1e12) == pytest.approx(0.01 / 8, rel=1e-4)
+    stiff, soft = plates.heavy_strip(10.0, 1e6), plates.heavy_strip(10.0, 1e5)
+    assert soft > stiff > plates.heavy_strip(10.0, 1e12)
+
+
+@pytest.mark.parametrize("at", [0.5, 0.3])
+def test_beam_of_two_parts_bends_by_its_moment(at):
+    X = np.linspace(0, 1, 1001)
+    w = plates.beam_of_two(X, 1.0, 10.0, at)
+    curvature = -np.diff(w, 2) / (X[1] - X[0]) ** 2
+    exact = 0.5 * X * (1 - X) / np.where(at > X, 1.0, 10.0)
+    away = np.abs(X[1:-1] - at) > 2e-3
+    assert w[[0, -1]] == pytest.approx(0, abs=1e-15)
+    assert curvature[away] == pytest.approx(exact[1:-1][away], abs=1e-6)
+    slope = np.diff(w) / (X[1] - X[0])
+    assert np.abs(np.diff(slope)).max() < 2e-4  # no corner at the seam
+
+
+@pytest.mark.parametrize("pattern", meshes.DISK_PATTERNS)
+def test_meshes_of_the_disk_cover_it(pattern):
+    cloth = meshes.disk(pattern, 12)
+    assert cloth.area == pytest.approx(np.pi, rel=0.01)
+    ends = np.linalg.norm(cloth.X[cloth.nodes("boundary")], axis=1)
+    assert ends == pytest.approx(1.0)
+
+
+def test_graded_square_has_cells_from_1_over_n_down_to_a_twentieth():
+    X = np.unique(meshes.square("graded", 8).X[:, 0].round(12))
+    assert np.diff(X).max() <= 1 / 8
+    assert np.diff(X).max() / np.diff(X).min() == pytest.approx(20, rel=0.15)
+
+
+def test_errors_of_seams_are_against_the_extrapolated_reference():
+    sizes = (8, 16, 32)
+    rows = [
+        {"seam": CROSS, "model": model, "n": n, "h": 1 / n, "mean": 2 + c / n**2, "status": "ok"}
+        for model, c in ((PLATE, 1.0), (MORLEY, 3.0))
+        for n in sizes
+    ]
+    lines = seam_errors(rows)
+    errors = [line["error"] for line in lines]
+    assert errors == pytest.approx([0.5 * c / n**2 for c in (1, 3) for n in sizes])
+    assert lines[2]["order"] == pytest.approx(2.0)
+    assert np.isnan(order(rows[:1], "mean"))

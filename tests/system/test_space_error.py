@@ -1,0 +1,226 @@
+"""The estimated error in space: near the true one, refused with a reason, free of axes."""
+
+import math
+
+import numpy as np
+import pytest
+from support.messages import message_test
+from support.plates import square
+from support.tiers import slow_except
+
+import fecloth as fc
+from fecloth.system.mesh_folds import folds_at_mesh_size, roughness
+from studies.convergence.space_error_cases import PROBLEMS, on_sides, true_error
+
+PLATE = fc.Fabric(0.2, (1000.0, 600.0), 0.2, 300.0, bending_rigidity=(2e-3, 1e-3))
+FAST = [("taut_sheet", "cross", "P1"), ("two_fabrics", "unstructured", "P1")]
+FAST += [("hanging_strip", "right", "P2"), ("clamped_square", "jittered", "P1")]
+SLOW = [("supported_square", "equilateral", "P2"), ("clamped_disc", "unstructured", "P2")]
+SLOW += [("cantilever", "cross", "P1"), ("cantilever", "jittered", "P2")]
+
+
+@pytest.mark.parametrize("case", slow_except(FAST + SLOW, *FAST), ids=" ".join)
+def test_estimate_is_near_the_true_error_and_falls_with_it(case):
+    """The whole table is in studies/convergence/space_error.md."""
+    (problem, pattern, element), relative = case, []
+    for n in (8, 16):
+        solved = PROBLEMS[problem](pattern, n, element)
+        energies = solved.system.energies(solved.state)
+        stored = energies["StVK"] + energies.get("PlateBending", 0.0)
+        estimate = fc.space_error(solved.system, solved.state)
+        assert 0.75 < estimate.relative / math.sqrt(true_error(solved) / stored) < 1.25
+        area = solved.system.cloth.weights.sum(axis=1)
+        assert estimate.density @ area == pytest.approx(estimate.relative**2 * stored)
+        relative.append(estimate.relative)
+    # with h², P2 membranes; else with h, and faster while the mesh locks
+    assert relative[0] / relative[1] > (3.2 if problem == "hanging_strip" else 1.6)
+
+
+def wavy(cloth, height=0.02):
+    X, Y = cloth.X.T
+    wave = height * np.sin(3 * X + 1) * np.cos(2 * Y)
+    return np.column_stack([1.01 * X + 0.3 * wave, 1.02 * Y - 0.2 * wave, wave])
+
+
+@pytest.mark.filterwarnings("ignore:error in time|numerical:fecloth.errors.FeclothWarning")
+def test_an_equilibrium_and_a_run_say_it():
+    cloth = square("right", 6)
+    terms = [fc.StVK(), fc.PlateBending()]
+    system = fc.System(cloth, PLATE, terms, [fc.Pin(lambda X: X[:, 0] < 1e-9)])
+    state = system.state(wavy(cloth))
+    result = fc.run(system, fc.BackwardEuler(), state, 1e-4, 3e-4)
+    assert result.space_error == fc.space_error(system, result.state).relative > 0.01
+    loaded = fc.System(cloth, PLATE, [*terms, fc.Gravity()], [fc.Pin(on_sides)])
+    found = fc.equilibrium(loaded, loaded.state(wavy(cloth)))
+    assert found.space_error == fc.space_error(loaded, found).relative > 0.01
+    assert not found.space_error_reason
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize(
+    "law", [fc.StVK(), fc.StVK(strain="pointwise"), fc.NeoHookean()], ids=["StVK", "points", "neo"]
+)
+def test_the_estimate_does_not_depend_on_the_axes(element, law):
+    """The mesh, and its fabric with it, turned in the plane and in space."""
+    mesh = square("unstructured", 4)
+    isotropic = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-3)
+    fabric, found = isotropic if isinstance(law, fc.NeoHookean) else PLATE, []
+    for angle in (0.0, 0.7):
+        c, s = np.cos(angle), np.sin(angle)
+        X = mesh.X @ np.array([[c, s], [-s, c]])
+        cloth = fc.Cloth.from_arrays(X, mesh.triangles, renumber=False, element=element)
+        system = fc.System(cloth, fabric, [law, fc.PlateBending()], grain=angle)
+        back = fc.Cloth.from_arrays(mesh.X, mesh.triangles, renumber=False, element=element)
+        x = wavy(back) @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+        found.append(fc.space_error(system, system.state(x)))
+    assert found[1].relative == pytest.approx(found[0].relative, rel=1e-9)
+    assert found[1].density == pytest.approx(found[0].density, rel=1e-7)
+    assert found[0].relative > 1e-3
+
+
+def test_the_norm_is_that_of_the_moduli_at_the_state():
+    """Blown up by half, a neo-Hookean sheet is far softer than at rest."""
+    cloth = square("right", 6)
+    fabric = fc.Fabric(0.2, 1000.0, 0.5)
+    system = fc.System(cloth, fabric, [fc.NeoHookean()])
+    x = wavy(cloth)
+    x[:, :2] = 1.5 * (cloth.X + 0.02 * cloth.X**2)
+    term = system.bound[0]
+    _, moduli, _ = term.sampled_strain(x)
+    step, direction = 1e-5, np.diag([1.0, 0.0, 0.0])
+    assert (moduli[:, 0] < 0.2 * term.moduli[:, 0]).all()
+    stretched = [x.copy(), x.copy()]
+    for sign, positions in zip((1, -1), stretched, strict=True):
+        positions += sign * step * x @ direction
+    S = [np.zeros((len(cloth.triangles), 4)) for _ in stretched]
+    E = [term.sampled_strain(positions)[0][:, 0] for positions in stretched]
+    for positions, out in zip(stretched, S, strict=True):
+        term.add_stress(positions, out)
+    change = E[0] - E[1]
+    assert np.abs(change[:, 1]).max() < 1e-9
+    predicted = moduli[:, 0] * change[:, 0] + 2 * moduli[:, 4] * change[:, 2]
+    assert predicted == pytest.approx(S[0][:, 0] - S[1][:, 0], rel=1e-5)
+
+
+# --- no estimate, and why -------------------------------------------------------------------------
+
+
+def error_of(*terms, x=None, fabric=PLATE, cloth=None):
+    cloth = square("right", 6) if cloth is None else cloth
+    system = fc.System(cloth, fabric, terms)
+    return fc.space_error(system, system.state(wavy(cloth) if x is None else x))
+
+
+class Foundation:
+    """A user's spring to the ground."""
+
+    def stencil(self, cloth):
+        return None
+
+    def bind(self, panel, slots):
+        return BoundFoundation()
+
+
+class BoundFoundation:
+    name = "Foundation"
+    symmetric = has_energy = True
+    dissipative = velocity_dependent = False
+
+    def energy(self, x, t):
+        return float((x**2).sum())
+
+    def add_force(self, x, v, t, f):
+        f -= 2 * x
+
+    def add_tangent(self, *data):
+        pass
+
+    def rate_bounds(self, mass):
+        return 1.0, 0.0
+
+
+ISOTROPIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-3)
+REFUSED = [
+    ("HingeBending bends with a rigidity that depends", [fc.StVK(), fc.HingeBending()]),
+    ("QuadraticBending bends with a rigidity that depends", [fc.StVK(), fc.QuadraticBending()]),
+    ("BaraffWitkin states no stress", [fc.BaraffWitkin(), fc.PlateBending()]),
+    ("Springs states no stress", [fc.Springs()]),
+    ("TensionField leaves the strain across", [fc.TensionField()]),
+    ("Foundation states no stress", [fc.StVK(), Foundation()]),
+    ("no term stores energy", [fc.Gravity(), fc.StrainRateDamping(time=0.1)]),
+]
+
+
+@pytest.mark.parametrize(("why", "terms"), REFUSED)
+def test_refused_terms_are_named(why, terms):
+    error = error_of(*terms, fabric=ISOTROPIC)
+    assert math.isnan(error.relative)
+    assert error.reason.startswith(why)
+    assert str(error) == f"error in space: no estimate, as {error.reason}"
+
+
+def test_loads_and_damping_are_left_out():
+    alone = error_of(fc.StVK(), fc.PlateBending())
+    others = fc.Gravity(), fc.Pressure(3.0), fc.StrainRateDamping(time=0.1)
+    assert error_of(fc.StVK(), fc.PlateBending(), *others).relative == alone.relative
+
+
+def test_a_term_may_say_that_it_stores_no_strain(monkeypatch):
+    monkeypatch.setattr(BoundFoundation, "stores_strain", False, raising=False)
+    alone = error_of(fc.StVK(), fabric=ISOTROPIC)
+    assert error_of(fc.StVK(), Foundation(), fabric=ISOTROPIC).relative == alone.relative
+
+
+def test_a_cloth_at_rest_has_no_estimate():
+    cloth = square("unstructured", 5)
+    flat = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    error = error_of(fc.StVK(), fc.PlateBending(), x=flat, cloth=cloth)
+    assert error.reason == "the cloth is not strained"
+    assert not error.density.any()
+
+
+def folded(n, edges, height=0.3):
+    """A sheet with folds along Y that are `edges` edges wide, pulled along Y by a per cent."""
+    cloth = square("right", n)
+    column = np.rint(cloth.X[:, 0] * n) / edges
+    lift = height / n * edges * (2 * np.abs(column / 2 - np.floor(column / 2 + 0.5)))
+    return cloth, np.column_stack([cloth.X[:, 0], 1.01 * cloth.X[:, 1], lift])
+
+
+def test_folds_as_fine_as_the_triangles_have_no_estimate():
+    cloth, x = folded(16, 1)
+    assert folds_at_mesh_size(cloth, x)
+    assert roughness(cloth, fc.hinge_angles(cloth, x)) > 0.9
+    error = error_of(fc.StVK(), x=x, cloth=cloth)
+    assert "folds at the size of its triangles" in error.reason
+    assert np.isfinite(error.density).all()
+
+
+def test_folds_that_the_mesh_resolves_or_that_do_not_matter_are_none():
+    cloth = square("right", 16)
+    X, Y = cloth.X.T
+    wave = np.column_stack([X, 1.01 * Y, 0.05 * np.sin(2 * np.pi * X)])
+    assert not folds_at_mesh_size(cloth, wave)
+    assert roughness(cloth, fc.hinge_angles(cloth, wave)) < 0.4
+    cloth, x = folded(16, 1, height=0.01)
+    assert not folds_at_mesh_size(cloth, x)
+
+
+def test_an_error_above_a_half_is_not_resolved():
+    cloth = square("cross", 4)
+    noise = np.random.default_rng(0).normal(0, 0.01, cloth.X.shape)
+    x = np.column_stack([cloth.X + noise, np.zeros(len(noise))])
+    assert error_of(fc.StVK(), x=x, cloth=cloth).reason.startswith("it is above 50 %")
+
+
+test_messages = message_test(
+    [
+        (
+            lambda: fc.space_error(
+                fc.System(square("right", 2), PLATE, [fc.StVK()]),
+                fc.System(square("right", 3), PLATE, [fc.StVK()]).rest(),
+            ),
+            "space_error",
+        ),
+    ]
+)

@@ -1,0 +1,63 @@
+"""P2 with the interpolated strain and `PlateBending` over time steps."""
+
+import numpy as np
+import pytest
+from support.tiers import slow_except
+
+import fecloth as fc
+
+FABRIC = fc.Fabric(0.2, 50.0, 0.2, bending_rigidity=(0.02, 0.01), bending_poisson_ratio=0.2)
+
+
+METHODS = [fc.BDF2(), fc.ImplicitMidpoint(), fc.EnergyMomentum()]
+
+
+@pytest.mark.parametrize("method", slow_except(METHODS, METHODS[0]))
+def test_methods_keep_their_order_in_time(method):
+    """A damped strip, clamped level, falls from rest to half its length below the clamp."""
+    cloth = fc.Cloth.rectangle(0.5, 0.25, 0.125, "right", "P2")
+    damping = [fc.StrainRateDamping(0.01), fc.BendingDamping(0.01, law=fc.PlateBending())]
+    terms = [fc.StVK(), fc.PlateBending(), *damping, fc.Gravity()]
+    system = fc.System(cloth, FABRIC, terms, [fc.Pin("left", clamp=True)])
+    newton = fc.Newton(tolerance=1e-10)
+    a, b, c = (
+        fc.run(system, method, system.rest(), dt=0.2 / n, t_end=0.2, newton=newton).state.x
+        for n in (40, 80, 160)
+    )
+    assert -c[:, 2].min() > 0.2
+    assert np.log2(np.linalg.norm(a - b) / np.linalg.norm(b - c)) == pytest.approx(2.0, abs=0.15)
+
+
+def flying(pattern, membrane):
+    """A free sheet, bent, that turns and swings, and its start."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, 0.25, pattern, "P2")
+    system = fc.System(cloth, FABRIC, [membrane, fc.PlateBending()])
+    X = cloth.X
+    x = np.column_stack([X, 0.15 * np.sin(2.5 * X[:, 0] + X[:, 1])])
+    v = np.cross([1.0, 3.0, 2.0], x) + np.sin(5 * x[:, ::-1])
+    return system, system.state(x, v)
+
+
+@pytest.mark.parametrize("pattern", slow_except(["right", "unstructured"], "right"))
+@pytest.mark.parametrize("tangent", ["exact", "symmetric"])
+def test_energy_momentum_keeps_energy_and_both_momenta(pattern, tangent):
+    (system, start), newton = flying(pattern, fc.StVK()), fc.Newton(tolerance=1e-12)
+    result = fc.run(system, fc.EnergyMomentum(tangent), start, dt=0.01, t_end=0.2, newton=newton)
+    total, M = result.energies["total"], system.scalar_mass
+    assert np.ptp(result.energies["PlateBending"]) > 1e-2 * total[0]
+    assert np.ptp(total) < 1e-9 * total[0]
+    for momentum in (lambda s: (M @ s.v).sum(axis=0), lambda s: np.cross(s.x, M @ s.v).sum(axis=0)):
+        assert momentum(result.state) == pytest.approx(momentum(start), abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["incompressible", "compressible"])
+def test_neo_hookean_takes_no_step_to_strains_that_no_deformation_has(kind):
+    """There det C = det(I + 2 E_h) ≤ 0, and its energy would be far below that at rest."""
+    fabric = fc.Fabric(0.2, 500.0, 0.5, bending_rigidity=1e-3)
+    system, start = flying("right", fc.NeoHookean(kind))
+    system = fc.System(system.cloth, fabric, system.terms)
+    crushed = np.vstack([start.x[:1] * 0.5, start.x[1:]]) * [1.0, -1.0, 1.0]
+    crushed[::3] += np.random.default_rng(0).normal(0, 0.5, crushed[::3].shape)
+    assert not np.isfinite(system.energies(system.state(crushed))["NeoHookean"])
+    end = fc.run(system, fc.BDF2(), start, dt=0.005, t_end=0.05).state
+    assert system.energies(end)["NeoHookean"] > 0
