@@ -36,11 +36,9 @@ WHOLE = ("max", "min", "path", "period", "frequency")  # over the run
 known_functions: dict[tuple[str, str], Callable] = {}  # of this process: imported already
 
 
-def run_scene_text(
-    text: str, digest: str, recorded: list, modes: int = 0, is_static: bool = False
-) -> dict:
+def run_scene_text(text: str, digest: str, recorded: list, modes: int = 0) -> dict:
     """Run the scene of a text; `recorded` are the columns to return over the whole run."""
-    return measure(setup_of_scene(text, is_static), recorded, modes)
+    return measure(setup_of_scene(text), recorded, modes)
 
 
 def run_function(
@@ -86,7 +84,7 @@ def measure(
         if modes and not setup.is_static:
             row = _nothing_run(setup)
         else:
-            row = _solve(setup) if setup.is_static else _march(setup)
+            row = _solve(setup) if setup.t_end is None else _march(setup)
         result, all_columns, end = row.pop("result"), row.pop("columns"), row.pop("end")
         row["cpu_seconds"] = time.process_time() - begin
         row["ends"] = {key: [float(v[0]), float(v[-1])] for key, v in all_columns.items()}

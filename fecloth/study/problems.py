@@ -110,14 +110,19 @@ class SceneProblem(_Common):
 
     def can_refine(self, what: str) -> bool:
         """Whether the scene has an h, or a dt in seconds."""
-        value = self.scene.cloth.h if what == "h" else self.scene.time.dt
-        return is_number(value)
+        if what == "dt" and self.scene.equilibrium:
+            return False
+        return is_number(self.scene.cloth.h if what == "h" else self.scene.time.dt)
 
     def check(self, refine: str) -> None:
         """Raise `InputError` if it has no h or dt to refine."""
         if refine != "dt" and not self.can_refine("h"):
             remedy = "Give a .geo file and h, or a shape."
             raise InputError("a mesh of one size", "has no cloth.h to refine", self.name, remedy)
+        if self.scene.equilibrium:
+            if refine != "h":
+                raise InputError(f"refine = {refine!r}", "an equilibrium has no dt", self.name)
+            return
         explicit = self.scene.time.method.type in EXPLICIT and self.scene.time.rtol is None
         if refine == "dt" and not self.can_refine("dt"):
             raise InputError('dt = "auto"', "cannot be refined", self.name, "Give time.dt.")
@@ -128,7 +133,7 @@ class SceneProblem(_Common):
     def text(self, level: Level) -> str:
         """Return the scene of a level; a refined dt divides the run into equal steps."""
         h, dt, time = self.scene.cloth.h, None, self.scene.time
-        if level.dt != 1 and isinstance(time.dt, float):
+        if level.dt != 1 and time and time.dt != "auto":
             span = time.t_end - time.t_start
             dt = span / round(math.ceil(span / time.dt - 1e-9) * level.dt)
         finer = None if level.h == 1 or h is None else h / level.h

@@ -11,6 +11,7 @@ from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.options import Newton
 from fecloth.runs.warm_up import compile_kernels
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.resolve import choose_steps
 from fecloth.study.scene_text import scene_of
@@ -22,7 +23,7 @@ RETURNS = "must return cloth, system, method and start"
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A system with its start and how it is solved; static without `t_end`."""
+    """A system with its start and how it is solved; an equilibrium without `t_end`."""
 
     system: System
     start: State
@@ -39,7 +40,7 @@ class Setup:
     @property
     def is_static(self) -> bool:
         """Whether the result is an equilibrium."""
-        return self.t_end is None
+        return self.t_end is None or isinstance(self.steps, LoadSteps)
 
     @property
     def is_explicit(self) -> bool:
@@ -47,13 +48,12 @@ class Setup:
         return not self.is_static and self.steps.traits.explicit
 
 
-def setup_of_scene(text: str, is_static: bool = False) -> Setup:
+def setup_of_scene(text: str) -> Setup:
     """Return the setup of a scene's text, with what it needs compiled."""
     built = scene_of(text).build()
     compile_kernels(built)
-    t_end = None if is_static else built.t_end
-    steps = built.system, built.state, built.steps, t_end, built.newton, built.linear
-    return Setup(*steps, built.probes)
+    run = built.system, built.state, built.steps, built.t_end, built.newton, built.linear
+    return Setup(*run, built.probes)
 
 
 def setup_of_function(

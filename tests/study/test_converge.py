@@ -148,6 +148,21 @@ def test_a_scene_and_its_cache(scene, tmp_path, capsys):
     assert "h / 4: ok" in capsys.readouterr().err
 
 
+def test_a_scene_at_rest(scene):
+    """A taut strip with ν = 0 under a small load q: w = q L²/(8 S), at every node exact."""
+    lines = (
+        scene.read_text().partition("[time]")[0].replace('velocity = ["0", "0", "sin(pi * X)"]', "")
+    )
+    weight = '[[terms]]\ntype = "Gravity"\nacceleration = [0, 0, -1e-3]\n'
+    scene.write_text(lines + weight + "[equilibrium]\n")
+    found = fc.study.converge(scene, "sag", levels=3)
+    exact = 0.2e-3 / 8 / (100 * (1.1**2 - 1) / 2)
+    assert found.value == pytest.approx(exact, rel=1e-3)
+    assert list(found.shares) == ["mesh"]
+    with pytest.raises(InputError, match="an equilibrium has no dt"):
+        fc.study.converge(scene, "sag", refine="dt")
+
+
 def test_a_function_is_a_quantity(scene):
     lowest = lambda result: result.state.x[:, 2].max()  # noqa: E731
     found = fc.study.converge(scene, lowest, levels=3)
