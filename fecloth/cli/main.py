@@ -219,12 +219,12 @@ def _run(options) -> int:
         loud = terminal(quiet=False) if options.quiet else console
         loud.print(f"warning: {words}", soft_wrap=True)
 
-    with progress(console, scene.time.t_end) as report:
+    with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
         resume = bool(options.resume)
         run_ = scene, path, options.overwrite, announce, report, resume, warn
         outcome = run_scene(*run_, closed=lambda: set_handler(signal.SIG_IGN))
     if not options.quiet:
-        print(ledger_text(outcome.ledger))
+        print(ledger_text(outcome.ledger, outcome.summary["unit"]))
         print(finished_message(outcome))
     if outcome.status == DONE:
         return 0
@@ -284,7 +284,7 @@ def _check(options) -> int:
     for path in options.scenes:
         scene = load_scene(path, options.set, **_meshing(options))
         scene.require_expectations()
-        with progress(console, scene.time.t_end) as report:
+        with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
             verdicts = _compare_with_expectations(scene, report)
         for verdict in verdicts:
             if not (options.quiet and verdict.passed):
@@ -303,7 +303,8 @@ def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None])
     result = collect(problem.march(solver), *start, why, report=report)
     for words in result.warnings:
         print(f"warning: {words}", file=sys.stderr)
-    return check(scene.expect, result.times, result.observed, result.energies)
+    unit = scene.schedule.unit
+    return check(scene.expect, result.times, result.observed, result.energies, unit)
 
 
 # --- modes ----------------------------------------------------------------------------------------
