@@ -163,7 +163,7 @@ def _bending_unknown_to_hinges(system: System) -> Iterator[str]:
         huber = sum(value**0.5 for value in fabric.bending or ()) ** 2 / 4
         if bias is not None and abs(bias - huber) > PATTERN * huber:
             yield (
-                f"bias_rigidity = {bias:.3g} N m has no effect: {names[0]} knows warp and weft only, "
+                f"bias_rigidity = {bias:.3g} N m has no effect: {names[0]} knows warp and weft, "
                 f"and bends at 45° with {huber:.3g} N m; take PlateBending"
             )
 
