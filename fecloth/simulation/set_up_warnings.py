@@ -29,6 +29,9 @@ PLACED = ("PointForce", "Pressure", "Tether", "UserForce")  # may act at several
 STRETCH = 0.01  # strain at which the resistance of a system is measured
 RESISTS = 1e-3  # of the fabric's resistance; less is none
 ALIKE = 0.1  # a net of springs within this is as stiff as the fabric
+HINGES = ("HingeBending", "QuadraticBending")
+PATTERN = 0.25  # of its rigidity is what hinges miss by the pattern of the mesh anyway
+OF_HINGES = -1 / 3  # Poisson's ratio of bending on equilateral triangles, and nearly on Gmsh's
 EXHAUSTED = 0.5  # of the ambient pressure; a gas with less lets the cloth collapse
 
 
@@ -42,6 +45,7 @@ def find_set_up_warnings(
     yield from _counted_twice(system)
     yield from _springs_of_another_fabric(system)
     yield from _ignored_poisson_ratio(system)
+    yield from _bending_unknown_to_hinges(system)
     yield from _gas_without_pressure(system, state)
     yield from find_pin_warnings(system, state, t_end)
     yield from find_motion_jumps(system, state, t_end)
@@ -141,6 +145,27 @@ def _ignored_poisson_ratio(system: System) -> Iterator[str]:
             f"poisson_ratio = {nu:g} has no effect: NeoHookean is incompressible, with 0.5; "
             'use kind = "compressible", or leave poisson_ratio out'
         )
+
+
+def _bending_unknown_to_hinges(system: System) -> Iterator[str]:
+    """Warn if the fabric states a plate's constant that hinges do not have."""
+    names = [type(term).__name__ for term in system.terms if type(term).__name__ in HINGES]
+    if not names:
+        return
+    for fabric in dict.fromkeys(system.panel.fabrics):
+        nu, bias = fabric.bending_poisson_ratio, fabric.bias_rigidity
+        if nu and abs(nu - OF_HINGES) > ALIKE:
+            yield (
+                f"bending_poisson_ratio = {nu:g} has no effect: {names[0]} on a mesh of nearly "
+                "equilateral triangles is a plate of -1/3, on others by the pattern, however fine; "
+                "take PlateBending"
+            )
+        huber = sum(value**0.5 for value in fabric.bending or ()) ** 2 / 4
+        if bias is not None and abs(bias - huber) > PATTERN * huber:
+            yield (
+                f"bias_rigidity = {bias:.3g} N m has no effect: {names[0]} knows warp and weft, "
+                f"and bends at 45° with {huber:.3g} N m; take PlateBending"
+            )
 
 
 # --- loads ----------------------------------------------------------------------------------------

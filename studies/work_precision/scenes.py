@@ -17,7 +17,11 @@ MEMBRANES = {
     "BaraffWitkin": fc.BaraffWitkin(),
     "Springs": fc.Springs(),
 }
-BENDING = {"hinges": fc.HingeBending(), "quadratic": fc.QuadraticBending()}
+BENDING = {
+    "hinges": fc.HingeBending(),
+    "quadratic": fc.QuadraticBending(),
+    "plate": fc.PlateBending(),
+}
 TRAMPOLINE = fc.Fabric(areal_density=0.2, tensile_stiffness=Y, poisson_ratio=NU)
 STRIP = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
 PAPER = fc.Fabric(areal_density=0.08, tensile_stiffness=2000.0, bending_rigidity=1e-3)

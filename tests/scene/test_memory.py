@@ -9,6 +9,7 @@ import sys
 import pytest
 
 SCENE = """
+{mass}
 [cloth]
 shape = "rectangle"
 width = 1.0
@@ -37,6 +38,7 @@ linear = "{linear}"
 every_steps = 2
 """
 BENDING = '[[terms]]\ntype = "HingeBending"'
+PLATE = '[[terms]]\ntype = "PlateBending"'
 SLOW = pytest.mark.slow
 
 
@@ -45,6 +47,7 @@ def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: 
     h = 1 / round(math.sqrt(triangles / 2))
     dt = 0.2 * h * math.sqrt(0.2 / 500) if kind == "explicit" else 0.1 * h
     values = {"h": h, "pattern": pattern, "element": element, "bending": bending, "dt": dt}
+    values["mass"] = 'mass = "lumped"' if kind == "explicit" else ""
     values["method"] = "central_difference" if kind == "explicit" else "backward_euler"
     values["linear"] = "auto" if kind == "explicit" else kind
     (folder / "sheet.toml").write_text(SCENE.format(**values, t_end=3.5 * dt))
@@ -65,6 +68,7 @@ def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: 
                 ("explicit", "P1", "", 20_000, "right"),
                 ("explicit", "P1", BENDING, 20_000, "cross"),
                 ("explicit", "P1", BENDING, 250_000, "right"),
+                ("explicit", "P2", PLATE, 10_000, "right"),
                 ("pcg", "P1", BENDING, 2_000, "right"),
                 ("pcg", "P1", BENDING, 20_000, "right"),
                 ("pcg", "P1", BENDING, 250_000, "right"),

@@ -15,6 +15,8 @@ FABRIC = {"areal_density": 0.2, "tensile_stiffness": 500.0, "poisson_ratio": 0.0
 STIFF = FABRIC | {"bending_rigidity": 2e-4}
 BASE = {"terms": (fc.StVK(), fc.Gravity()), "pins": (fc.Pin("left"),), "fabric": FABRIC}
 BENT = BASE | {"terms": (fc.StVK(), fc.HingeBending(), fc.Gravity()), "fabric": STIFF}
+SHEET = BASE | {"fabric": STIFF | {"bending_poisson_ratio": 0.3}}
+BIAS = BASE | {"fabric": STIFF | {"bending_rigidity": (1e-4, 4e-4), "bias_rigidity": 5e-4}}
 UP = (0, 0, 1)
 INSIDE = int(np.argmin(np.linalg.norm(CLOTH["right"].X - 0.1, axis=1)))
 
@@ -99,6 +101,16 @@ CASES = [  # the words of the warning, the wrong set-up, and the right one by th
         r"poisson_ratio = 0\.3 has no effect: NeoHookean is incompressible, with 0\.5",
         terms(fc.NeoHookean()) | {"fabric": FABRIC | {"poisson_ratio": 0.3}},
         terms(fc.NeoHookean("compressible")) | {"fabric": FABRIC | {"poisson_ratio": 0.3}},
+    ),
+    (
+        r"bending_poisson_ratio = 0\.3 has no effect: HingeBending .* of -1/3.* PlateBending",
+        SHEET | {"terms": (fc.StVK(), fc.HingeBending())},
+        SHEET | {"terms": (fc.StVK(), fc.PlateBending())},
+    ),
+    (
+        r"bias_rigidity = 0\.0005 N m has no effect: QuadraticBending .* at 45° with 0\.000225 N m",
+        BIAS | {"terms": (fc.StVK(), fc.QuadraticBending())},
+        BIAS | {"terms": (fc.StVK(), fc.PlateBending())},
     ),
     (
         r"pin 'left': 100 % of its motion of 5 m lies along .* leave direction out",
@@ -202,6 +214,11 @@ SOUND = {
     "a tether on a cloth of springs": terms(
         fc.StVK(), *(fc.Tether(where, (0, 0, 0), 5.0) for where in ("left", "right"))
     ),
+    "hinges of their own Poisson's ratio": BASE
+    | {
+        "terms": (fc.StVK(), fc.HingeBending()),
+        "fabric": STIFF | {"bending_poisson_ratio": -0.33, "bias_rigidity": 2.4e-4},
+    },
     "a corner": pin(within(1e-3, 1e-3)),
     "a node inside": pin(lambda X: np.linalg.norm(X - 0.1, axis=1) < 1e-3),
     "a predicate of all nodes": pin(lambda X: np.arange(len(X)) == INSIDE),

@@ -150,3 +150,40 @@ def test_mujocos_sheet_falls_as_ours():
     ours = run(**settings, method="CentralDifference", step=4e-5, repeats=1)
     other = run_mujoco(**settings, method="MuJoCo Euler", step=4e-5, linear="auto")
     assert distance(other["mean"], ours["mean"]) < 1e-3
+
+
+def test_a_low_row_behind_an_edge_clamps_hinges_at_that_edge():
+    """A row as high as the others lets the strip hang 1.41 times as deep as B says at h = 0.1."""
+    import fecloth as fc
+    from studies.work_precision.bending_scenes import with_held_row
+
+    fabric, depths = fc.Fabric(0.2, 1000.0, bending_rigidity=1.0), []
+    for h in (0.1, 0.05):
+        strip = fc.Cloth.rectangle(1.0, 0.5, h=h, pattern="right")
+        cloth = with_held_row(strip, "left")
+        assert len(cloth.triangles) == len(strip.triangles) + round(0.5 / h)
+        assert (cloth.X[cloth.nodes("held"), 0] < 1e-12).all()
+        terms = [fc.StVK(), fc.HingeBending(), fc.Gravity((0, 0, -0.1))]
+        system = fc.System(cloth, fabric, terms, ["held"])
+        x = fc.equilibrium(system, system.rest()).x
+        depths.append(-x[cloth.X[:, 0] > 1 - 1e-9, 2].mean() / (0.1 * 0.2 / 8))  # q L⁴/(8 B)
+    assert depths[0] == pytest.approx(depths[1], rel=0.03)
+    assert 1.0 < depths[1] < 1 / 0.8  # what hinges carry on `right`, see HingeBending
+
+
+def test_the_limit_is_that_of_a_straight_line_in_h2():
+    from studies.work_precision.bending import cheapest as cheapest_of
+    from studies.work_precision.bending import limit
+
+    rows = [
+        {"scene": "a", "model": "plate", "status": "ok", "h": h, "mean": 3.0 - 7.0 * h**2}
+        for h in (0.1, 0.2, 0.4)
+    ]
+    rows += [rows[0] | {"model": "hinges", "mean": 9.0}, rows[0] | {"status": "failed", "mean": 9}]
+    assert limit(rows, "a", "plate", "mean") == pytest.approx(3.0, rel=1e-12)
+    runs = [
+        {"scene": "a", "status": "ok", "seconds": s, "total_error": e}
+        for s, e in ((1.0, 0.02), (3.0, 0.001), (2.0, 0.009))
+    ]
+    assert cheapest_of(runs, 0.01, scene="a") == runs[2]
+    assert cheapest_of(runs, 1e-4, scene="a") is None

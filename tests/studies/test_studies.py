@@ -54,6 +54,7 @@ def test_quick(study, says, out):
         "models.elastica",
         "simplify",
         "work_precision",
+        "work_precision.bending",
         "stability",
         "newton_catalogue",
         "trust",

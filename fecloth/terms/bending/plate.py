@@ -49,8 +49,9 @@ class PlateBending:
     Valid for any rotation and for small curvature times edge length. Errors fall with h². In
     bending, P1 membranes lock where Y h⁴κ²/B is large and no edges lie along the folds.
 
-    Cost of a triangle relative to `HingeBending`: force 0.8, tangent 1.4 to 1.8, definite tangent
-    0.4 to 1.0. The matrix has about twice the entries.
+    Cost of a triangle relative to `HingeBending`: force 1.0 to 1.1, tangent 1.7 to 2.1, definite
+    tangent 0.8 to 1.0; conjugate gradients take 0.96 to 1.05 of its iterations
+    (``python -m studies.benchmarks.bending``). The matrix has about twice the entries.
 
     Parameters
     ----------
@@ -154,7 +155,7 @@ class BoundPlate:
     def add_force(self, x, v, t, f) -> None:
         """f_a −= Σ m ∂μ/∂x_a with the moments m = Q (μ − μ⁰) [N]."""
         mu, g = self.plate.gradients(x, t)
-        plate_loops.add_force(self.plate.nodes, g, self.plate.stiffness @ (mu - self.rest), f)
+        self.plate.add_force(mu - self.rest, g, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx (GᵀQG + Σ m ∂²μ/∂x∂x) with G = ∂μ/∂x; `definite` drops the second part."""

@@ -109,6 +109,11 @@ class PlateAngles:
         plate_loops.add_rates(self.nodes, g, v, rate)
         return rate
 
+    def add_force(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> None:
+        """f −= Σ m g with the moments m = Q change [N m], and g (h, 4, 3) [1/m]."""
+        Q = self.stiffness
+        plate_loops.add_force(self.nodes, Q.indptr, Q.indices, Q.data, change, g, f)
+
     def add_products(self, left: np.ndarray, right: np.ndarray, scale: float, J) -> None:
         """J += scale leftᵀ Q right, both (h, 4, 3)."""
         Q, rows = self.stiffness, self.rows

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.jit import inner, kernel
-from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.dihedral_angle import angle, arms, cross, gradient, hessian, side
 from fecloth.terms.bending.fold_measure import measure
 from fecloth.terms.bending.plate_angles import PlateAngles
@@ -149,7 +148,7 @@ class PlateOverStep:
     def add_force(self, x, v, t, f) -> None:
         """f_a −= Σ m̄ ḡ_a [N]."""
         mean, g, _ = self._step(x, t)
-        plate_loops.add_force(self.plate.nodes, g, self.plate.stiffness @ (mean - self.rest), f)
+        self.plate.add_force(mean - self.rest, g, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; a symmetric one takes both gradients and ∂²μ at the mean."""

@@ -77,11 +77,27 @@ def add_rates(nodes, g, v, rate):
         rate[e] += total
 
 
+@inner
+def row_product(indptr, indices, Q, e, change):
+    """Σ_f Q_ef change_f, as four sums: no addition waits for the one before."""
+    begin, end = indptr[e], indptr[e + 1]
+    last = end - (end - begin) % 4
+    m0, m1, m2, m3 = 0.0, 0.0, 0.0, 0.0
+    for s in range(begin, last, 4):
+        m0 += Q[s] * change[np.uintp(indices[s])]
+        m1 += Q[s + 1] * change[np.uintp(indices[s + 1])]
+        m2 += Q[s + 2] * change[np.uintp(indices[s + 2])]
+        m3 += Q[s + 3] * change[np.uintp(indices[s + 3])]
+    for s in range(last, end):
+        m0 += Q[s] * change[np.uintp(indices[s])]
+    return (m0 + m1) + (m2 + m3)
+
+
 @kernel
-def add_force(nodes, g, moment, f):
-    """f_a −= m_e g_ea."""
+def add_force(nodes, indptr, indices, Q, change, g, f):
+    """f_a −= m_e g_ea with the moments m = Q change."""
     for e in range(len(nodes)):
-        m = moment[e]
+        m = row_product(indptr, indices, Q, e, change)
         for a in range(4):
             i = nodes[e, a]
             if i >= 0:
@@ -132,20 +148,30 @@ def add_curvatures(nodes, ghosts, first, x, place, own, start, width, slots, mom
         e, a, b = arms(y)
         _, slope, bend = measure(angle(e, a, b))
         left, right = side(e, a, cross(e, a)), side(e, b, cross(b, e))
-        gradient(left, right, g)
         hessian(e, left, right, H)
+        if bend != 0.0:
+            gradient(left, right, g)
+            add_fold(slope, bend, g, H)
+        column, row = place[np.uintp(own[n])], start[n]
         for i in range(4):
-            if nodes[n, i] < 0:
-                continue
-            row = start[n] + i * width[n]
+            if nodes[n, i] >= 0:
+                for j in range(4):
+                    if nodes[n, j] >= 0:
+                        block = np.uintp(slots[np.uintp(row + column[j])])
+                        for c in range(3):
+                            for d in range(3):
+                                J[block, c, d] += m * H[i, c, j, d]
+            row += width[n]
+
+
+@inner
+def add_fold(slope, bend, g, H):
+    """H (4, 3, 4, 3) of the angle becomes that of its measure: μ′ H + μ″ g gᵀ."""
+    for i in range(4):
+        for c in range(3):
             for j in range(4):
-                if nodes[n, j] < 0:
-                    continue
-                block = np.uintp(slots[row + place[own[n], j]])
-                for c in range(3):
-                    for d in range(3):
-                        second = slope * H[i, c, j, d] + bend * g[i, c] * g[j, d]
-                        J[block, c, d] += m * second
+                for d in range(3):
+                    H[i, c, j, d] = slope * H[i, c, j, d] + bend * g[i, c] * g[j, d]
 
 
 @kernel

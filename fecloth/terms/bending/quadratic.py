@@ -23,8 +23,11 @@ class QuadraticBending:
     k = B l²/(A₁ + A₂) [N m] is `HingeBending`'s, and the three components of x do not couple.
 
     At flat, Q is the stiffness of `HingeBending` out of the plane, so its B_eff on each mesh is
-    the same. While the triangles keep their shape, Σ g_a x_a is the sum of the two unit vectors in
-    them that point from the edge: the energy is 2 k sin²(θ/2), softer than ½ k θ² when folded.
+    the same, and so is its Poisson's ratio of bending: −1/3 on equilateral meshes, and nearly on
+    those of Gmsh, whatever the fabric's. `PlateBending` has the fabric's own.
+
+    While the triangles keep their shape, Σ g_a x_a is the sum of the two unit vectors in them that
+    point from the edge: the energy is 2 k sin²(θ/2), softer than ½ k θ² when folded.
 
     Source: Bergou et al. (2006), A Quadratic Bending Model for Inextensible Surfaces, section 2.
     There l g = −K₀ (cotangents of the angles at the edge), and Q = 3/(A₁ + A₂) K₀ᵀK₀ is the one

@@ -98,8 +98,8 @@ class BoundPlateDamping:
 
     def add_force(self, x, v, t, f) -> None:
         """f_a −= Σ m ∂μ/∂x_a with the moments m = τ Q μ̇ [N]."""
-        _, moment, g = self._moments(x, v, t)
-        plate_loops.add_force(self.plate.nodes, g, moment, f)
+        _, g = self.plate.gradients(x, t)
+        self.plate.add_force(self.time * self.plate.rates(g, v), g, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D.
