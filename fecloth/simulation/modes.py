@@ -16,6 +16,8 @@ import numpy as np
 
 from fecloth.errors import FeclothWarning, InputError
 from fecloth.nonlinear.eigenpairs import Eigenpairs, least_eigenpairs
+from fecloth.nonlinear.iteration import ROUND_OFF
+from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.output.atomic_files import replace_file, writing
 from fecloth.output.frames import Frames
 from fecloth.system.arguments import check_system
@@ -26,6 +28,7 @@ from fecloth.view.mode_shapes import draw_modes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+BALANCED = 0.01  # part of the forces that may be out of balance
 SYMMETRIC = 1e-6  # asymmetry of K that changes no frequency visibly
 PAGE = (
     '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Modes</title></head>\n'
@@ -190,7 +193,7 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
     Warns
     -----
     FeclothWarning
-        If the state is unstable, or a tangent is not symmetric.
+        If the state is unstable or no equilibrium, or a tangent is not symmetric.
 
     Examples
     --------
@@ -207,13 +210,17 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
     """
     check_system(system, state, "modes")
     free = system.admissible.shape[1]
+    if free < 2:
+        what = f"a system of {free} free degrees of freedom"
+        raise InputError(what, "must have at least 2", "modes", "Pin less of the cloth.")
     if not (isinstance(count, int) and not isinstance(count, bool) and 1 <= count < free):
         allowed = f"must be an integer from 1 to {free - 1}, less than the free dofs"
         raise InputError(f"count = {count!r}", allowed, "modes")
     pairs = least_eigenpairs(system, state, count)
+    unbalanced = _unbalanced(system, state)
     frequencies = _frequencies(pairs.values)
     zero = float(_frequencies(np.array([pairs.zero]))[0])
-    sentences = tuple(_warnings(pairs))
+    sentences = tuple(_warnings(pairs, unbalanced))
     for words in sentences:
         python_warnings.warn(words, FeclothWarning, stacklevel=2)
     return Modes(system, state, frequencies, pairs.values, pairs.vectors, zero, sentences)
@@ -225,8 +232,25 @@ def _frequencies(eigenvalues: np.ndarray) -> np.ndarray:
     return np.copysign(size, eigenvalues)
 
 
-def _warnings(pairs: Eigenpairs) -> Iterator[str]:
+def _unbalanced(system: System, state: State) -> float:
+    """Return ‖f‖ of the free directions, at rest, over the sum of the sizes of all forces.
+
+    It is 0 where the forces are round-off.
+    """
+    equation = StaticEquation(system, state)
+    f, scale = equation.forces(equation.at(state.x))
+    size = system.sums.norm(f)
+    return size / scale if size > ROUND_OFF * equation.round_off(state.x) else 0.0
+
+
+def _warnings(pairs: Eigenpairs, unbalanced: float) -> Iterator[str]:
     """Yield a sentence for each reason to doubt the modes."""
+    if unbalanced > BALANCED:
+        yield (
+            f"the state is not in equilibrium ({100 * unbalanced:.2g} % of the forces are not "
+            "balanced): the modes are those of the stiffness there; find the equilibrium first, "
+            "with fc.equilibrium, or [equilibrium] in place of [time] in a scene"
+        )
     if pairs.values[0] < -pairs.zero:
         rate = math.sqrt(-pairs.values[0])
         yield (
