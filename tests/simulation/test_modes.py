@@ -213,8 +213,8 @@ def test_plates(element, pattern):
             rates = 2 * math.pi * found.frequencies[rigid:]
             errors.append(abs(rates / exact[name] - 1))
         assert errors[-1].max() < (0.03 if held else 2e-3)
-        if held:  # those of the free plate are too small, and of both signs
-            assert (orders(errors) > 1.8).all(), name
+        tiny = errors[-1] < 5e-4  # where errors change their sign, they have no order
+        assert ((orders(errors) > 1.8) | tiny).all(), name
 
 
 # --- any system -----------------------------------------------------------------------------------
