@@ -43,10 +43,10 @@ COLUMNS = ("scene", "model", "method", "h", "step", "triangles", "nodes", "statu
 COLUMNS += ("total_error", "mean_error", "point_error")
 
 
-def run_swing(model: str, h: float, method: str, step: float | None) -> dict:
+def run_swing(model: str, h: float, method: str, step: float | None, repeats: int = 3) -> dict:
     """Run the swing; without a step the explicit method takes its largest stable one."""
     problem = swing(model, h, method == EXPLICIT)
-    return measure_run(problem, make_runner(problem, method, step, "auto"), 3)
+    return measure_run(problem, make_runner(problem, method, step, "auto"), repeats)
 
 
 def run_rest(scene: str, model: str, h: float) -> dict:
@@ -66,8 +66,10 @@ def run_rest(scene: str, model: str, h: float) -> dict:
 def list_swings(quick: bool) -> Rows:
     """List runs of the swing: the explicit one and implicit ones with several steps."""
     sizes, steps = (SWINGS[:2], STEPS[2:3]) if quick else (SWINGS, STEPS)
+    more = {"repeats": 1} if quick else {}
     return [
         {"model": model, "h": h * (2 if MODELS[model] == "P2" else 1), "method": m, "step": dt}
+        | more
         for model in MODELS
         for h in sizes
         for m, dt in [(EXPLICIT, None), *((IMPLICIT, dt) for dt in steps)]
