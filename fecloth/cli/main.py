@@ -1,4 +1,4 @@
-"""The command line: fecloth run | view | render | check | modes | mesh | info."""
+"""The command line: fecloth run | view | render | check | converge | modes | mesh | info."""
 
 from __future__ import annotations
 
@@ -100,6 +100,7 @@ def _parser() -> argparse.ArgumentParser:
     import argparse
 
     from fecloth import __version__
+    from fecloth.cli.converge import add_options
     from fecloth.cli.suggesting_parser import SuggestingParser
 
     parser = SuggestingParser(
@@ -134,6 +135,9 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("scenes", nargs="+", metavar="scene", help="a .toml file")
     _scene_options(sub)
 
+    sub = _command(commands, "converge", _converge, "refine a scene: value, uncertainty, order")
+    add_options(sub)
+
     sub = _command(commands, "modes", _modes, "print the natural frequencies of a scene [Hz]")
     sub.add_argument("scene", help="a .toml file")
     sub.add_argument("-n", "--count", type=int, default=6, help="number of frequencies (6)")
@@ -167,7 +171,7 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
         epilog=STATUS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(command=function, prints=function in (_mesh, _info, _modes))
+    parser.set_defaults(command=function, prints=function in (_mesh, _info, _modes, _converge))
     return parser
 
 
@@ -305,6 +309,16 @@ def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None])
         print(f"warning: {words}", file=sys.stderr)
     unit = scene.schedule.unit
     return check(scene.expect, result.times, result.observed, result.energies, unit)
+
+
+# --- studies --------------------------------------------------------------------------------------
+
+
+def _converge(options) -> int:
+    from fecloth.cli.converge import run_converge
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_converge(options)
 
 
 # --- modes ----------------------------------------------------------------------------------------

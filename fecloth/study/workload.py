@@ -107,17 +107,36 @@ def check_scene(cases: Sequence[Workload], options: argparse.Namespace) -> None:
         If the predicted time is longer than an hour, without --yes, or if the scene has a mistake
         that only its mesh shows.
     """
-    seconds = sum(case.seconds for case in cases) / (1 if options.scheduler else options.jobs)
+    limit = None if options.yes else LONGEST
+    jobs = 1 if options.scheduler else options.jobs
+    check_size(cases, jobs, limit, str(options.scene), "--yes runs it anyway.")
+    load_scene(options.scene).build()
+
+
+def check_size(
+    cases: Sequence[Workload],
+    jobs: int,
+    most_seconds: float | None,
+    where: str,
+    remedy: str = "most_seconds = None runs it anyway.",
+) -> None:
+    """Print the size of a study before it begins: cases, triangles, steps and predicted time.
+
+    Raises
+    ------
+    InputError
+        If the predicted time is above `most_seconds`.
+    """
+    seconds = sum(case.seconds for case in cases) / jobs
     size = (
         f"{len(cases)} cases, up to {max(case.triangles for case in cases):,.0f} triangles × "
         f"{max(case.steps for case in cases):,.0f} steps"
     )
     print(f"{size}; predicted: about {in_words(seconds)}", file=sys.stderr, flush=True)
-    if seconds > LONGEST and not options.yes:
-        allowed = f"predicted time above {in_words(LONGEST)}"
-        remedy = "Check width, height, h and dt of the scene; --yes runs it anyway."
-        raise InputError(size, allowed, str(options.scene), remedy)
-    load_scene(options.scene).build()
+    if most_seconds is not None and seconds > most_seconds:
+        allowed = f"predicted time above {in_words(most_seconds)}"
+        advice = f"Check the size of the cloth, h and dt; {remedy}"
+        raise InputError(size, allowed, where, advice)
 
 
 def in_words(seconds: float) -> str:
