@@ -1,6 +1,6 @@
 """Work and precision of bending: hinges, their quadratic form, plates on P1 and on P2.
 
-    python -m studies.work_precision.bending [--quick] [--out DIR]
+    python -m studies.work_precision.bending_fronts [--quick] [--out DIR]
 
 Three scenes: a strip of paper that swings down from a hinged edge, a sheet of it clamped along an
 edge, and a square cloth on a round table, both at rest under their weight. The error is the larger
@@ -192,7 +192,7 @@ def main() -> int:
         TITLE,
         rows,
         tables={"CPU seconds to an error": table_of_costs(rows)},
-        figures=("bending",),
+        figures=("bending_fronts",),
         findings=[*sure, *conclude(rows, options.quick)],
         results=("refused",),
     )
