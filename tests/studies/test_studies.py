@@ -54,7 +54,7 @@ def test_quick(study, says, out):
         "models.elastica",
         "simplify",
         "work_precision",
-        "work_precision.bending",
+        "work_precision.bending_fronts",
         "stability",
         "newton_catalogue",
         "trust",
