@@ -8,7 +8,9 @@ import math
 import warnings as python_warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +21,16 @@ from fecloth.output.frames import Frames
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.view.mode_shapes import draw_modes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SYMMETRIC = 1e-6  # asymmetry of K that changes no frequency visibly
+PAGE = (
+    '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Modes</title></head>\n'
+    '<body><h1>Modes</h1>\n{body}\n<p><img src="figure.png" alt="The shapes"></p></body></html>\n'
+)
 SHOWN = 0.1  # extents of the cloth by which the files show a mode
 
 
@@ -112,6 +122,18 @@ class Modes:
             frames.add(shown, ({"shape": shape}, {}))
         return frames.opens
 
+    def figure(self) -> Figure:
+        """Return a Matplotlib figure of the shapes."""
+        return draw_modes(self.system.cloth, self.frequencies, self.shapes)
+
+    def report(self, folder: str | Path) -> Path:
+        """Write report.html with the table and figure.png, and all that `write` does."""
+        self.write(folder)
+        self.figure().savefig(Path(folder) / "figure.png", dpi=160)
+        page = PAGE.format(body=self._repr_html_())
+        replace_file(Path(folder) / "report.html", page.encode())
+        return Path(folder) / "report.html"
+
     def __repr__(self) -> str:
         shown = ", ".join(f"{f:.4g}" for f in self.frequencies[:6])
         more = ", …" if len(self.frequencies) > 6 else ""
@@ -121,7 +143,7 @@ class Modes:
         """Return the table and the verdict, for notebooks."""
         head = "<tr><th>mode</th><th>frequency [Hz]</th></tr>"
         rows = (f"<tr><td>{i}</td><td>{f:.6g}</td></tr>" for i, f in enumerate(self.frequencies, 1))
-        notes = "".join(f"<p>{words}</p>" for words in (self.verdict, *self.warnings))
+        notes = "".join(f"<p>{escape(words)}</p>" for words in (self.verdict, *self.warnings))
         return f"<table>{head}{''.join(rows)}</table>{notes}"
 
 

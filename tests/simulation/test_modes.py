@@ -357,6 +357,18 @@ def test_files_show_the_shapes(tmp_path, element):
     assert [float(row.split(",")[1]) for row in rows] == found.frequencies.tolist()
 
 
+def test_a_report_has_the_table_and_the_picture(tmp_path):
+    system, tight, _ = drum(fc.Cloth.disk(0.5, 0.1))
+    found = fc.modes(system, tight, count=4)
+    page = found.report(tmp_path / "modes").read_text()
+    assert f"<td>{found.frequencies[3]:.6g}</td>" in page
+    assert found.verdict in page
+    assert (tmp_path / "modes" / "figure.png").stat().st_size > 10_000
+    assert (tmp_path / "modes" / "modes.pvd").exists()
+    titles = [axis.get_title() for axis in found.figure().axes]
+    assert titles[:4] == [f"{f:.4g} Hz" for f in found.frequencies]
+
+
 def test_the_modes_say_what_they_are():
     system, tight, _ = drum(fc.Cloth.rectangle(1.0, 1.0, 0.25, "cross"))
     found = fc.modes(system, tight, count=7)

@@ -55,7 +55,7 @@ def test_quick(study, says, out):
         "models.elastica",
         "simplify",
         "work_precision",
-        "work_precision.bending",
+        "work_precision.bending_fronts",
         "stability",
         "newton_catalogue",
         "trust",

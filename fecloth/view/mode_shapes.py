@@ -1,0 +1,52 @@
+"""A picture of modes of vibration."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.mesh.cloth import Cloth
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLUMNS, MOST = 3, 12  # panels side by side, and in all
+PANEL = 2.6  # inches
+
+
+def draw_modes(cloth: Cloth, frequencies: np.ndarray, shapes: np.ndarray) -> Figure:
+    """Draw the first twelve shapes on the flat cloth.
+
+    The colour is the displacement along the direction in which the mode moves most, relative to
+    the largest one.
+
+    Raises
+    ------
+    InputError
+        Without Matplotlib.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        remedy = "Install it: pip install matplotlib."
+        raise InputError("matplotlib", "is needed for figures", "Modes", remedy) from error
+    count = min(len(shapes), MOST)
+    columns, rows = min(count, COLUMNS), math.ceil(count / COLUMNS)
+    figure = Figure(figsize=(PANEL * columns + 0.6, PANEL * rows), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    for axis, frequency, shape in zip(axes, frequencies, shapes, strict=False):
+        along = np.linalg.svd(shape, full_matrices=False)[2][0]
+        u = shape @ along
+        u = u / u[abs(u).argmax()]
+        colours = axis.tripcolor(
+            *cloth.X.T, cloth.triangles, u, shading="gouraud", cmap="RdBu_r", vmin=-1, vmax=1
+        )
+        axis.set_title(f"{frequency:.4g} Hz", fontsize=10)
+        axis.set_aspect("equal")
+    for axis in axes:
+        axis.axis("off")
+    figure.colorbar(colours, ax=list(axes), label="displacement / largest", shrink=0.8)
+    return figure
