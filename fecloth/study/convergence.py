@@ -12,7 +12,8 @@ from fecloth.study.figures import new_figure, use_plain_ticks
 from fecloth.study.result import StudyResult, with_uncertainty
 from fecloth.study.uncertainty import Estimate, observed_order
 
-CLOSE = 0.5  # an observed order within this of the theory is in the asymptotic range
+CLOSE = 0.25  # an order that is lower by less than this part is in the asymptotic range
+MOST_LEVELS = 5  # that are proposed
 SLOW = 0.3  # below this order nothing converges for practical purposes
 
 
@@ -120,11 +121,11 @@ def judge(
         return True, "converges: all levels give the same value to round-off"
     if estimate.behaviour == "oscillating":
         return False, f"does not converge: the values go up and down from level to level.{why}"
-    if estimate.behaviour == "diverging" or order < SLOW:
+    if estimate.behaviour == "diverging" or (order < SLOW and obstacles):
         return False, f"does not converge: refinement does not reduce the changes.{why}"
     orders = f"observed order {order:.2f}, theory {theory:g}"
-    if order >= theory - CLOSE and estimate.scatter < estimate.data_range:
-        faster = order > theory + CLOSE
+    if order >= (1 - CLOSE) * theory and estimate.scatter < estimate.data_range:
+        faster = order > (1 + CLOSE) * theory
         return (
             True,
             f"converges {'faster than its theory' if faster else 'as it should'} ({orders})",
@@ -143,9 +144,11 @@ def _level_in_range(h: np.ndarray, values: np.ndarray, theory: float) -> str:
     near, far = abs(theory - local[0]), abs(theory - local[1])
     if near >= far:
         return "the order does not approach the theory from level to level"
-    more = math.ceil(math.log(CLOSE / near) / math.log(near / far)) if near > CLOSE else 1
-    ratio = (h[1] / h[0]) ** max(more, 1)
-    return f"about {max(more, 1)} more level(s), to {h[0] / ratio:.3g}, would be"
+    close = CLOSE * theory
+    more = math.ceil(math.log(close / near) / math.log(near / far)) if near > close else 1
+    if more > MOST_LEVELS:
+        return "the order hardly approaches the theory from level to level"
+    return f"about {max(more, 1)} more, to {h[0] * (h[0] / h[1]) ** max(more, 1):.3g}, would be"
 
 
 def describe_value(result_name: str, value: float, uncertainty: float, unit: str) -> str:

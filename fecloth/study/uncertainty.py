@@ -227,7 +227,7 @@ def _behaviour(values: np.ndarray) -> str:
     steps = np.diff(values)
     if (steps[:2] * steps[1:3] < 0).all():
         return "oscillating"
-    return "diverging" if abs(steps[0]) >= abs(steps[-1]) else "monotone"
+    return "diverging" if abs(steps[0]) >= np.abs(steps[1:]).max() else "monotone"
 
 
 def _powers(order: float, theory: float) -> list[tuple[float, ...]]:

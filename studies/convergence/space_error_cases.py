@@ -228,7 +228,10 @@ def cantilever(pattern: str, n: int, element: str, ratio: float = 1e6) -> Solved
 
 
 def arc(pattern: str, n: int, element: str) -> Solved:
-    """Return a strip bent to an arc of one radian by turned clamps: κ = 1 without strain."""
+    """Return a strip bent to an arc of one radian by turned clamps: κ = 1 without strain.
+
+    The true strain, of the order of B κ²/Y, is left out: up to 0.3 % in the norm of the energy.
+    """
     cloth = mesh(1.0, 0.5, n, pattern, element)
     angle, far, end = 1.0, np.array([1.0, 0.0]), np.array([np.sin(1.0), 1 - np.cos(1.0)])
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
