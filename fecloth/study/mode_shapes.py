@@ -36,8 +36,9 @@ def draw_modes(cloth: Cloth, frequencies: np.ndarray, shapes: np.ndarray) -> Fig
         along = np.linalg.svd(shape, full_matrices=False)[2][0]
         u = shape @ along
         u = u / u[abs(u).argmax()]
+        smooth = {"shading": "gouraud", "rasterized": True}  # SVG has no colours between nodes
         colours = axis.tripcolor(
-            *cloth.X.T, cloth.triangles, u, shading="gouraud", cmap="RdBu_r", vmin=-1, vmax=1
+            *cloth.X.T, cloth.triangles, u, cmap="RdBu_r", vmin=-1, vmax=1, **smooth
         )
         axis.set_title(f"{frequency:.4g} Hz", fontsize=10)
         axis.set_aspect("equal")
