@@ -1,4 +1,4 @@
-"""The command line: fecloth run | view | render | check | modes | mesh | info."""
+"""The command line: fecloth run | view | render | check | converge | modes | mesh | info."""
 
 from __future__ import annotations
 
@@ -100,6 +100,7 @@ def _parser() -> argparse.ArgumentParser:
     import argparse
 
     from fecloth import __version__
+    from fecloth.cli.converge import add_options
     from fecloth.cli.suggesting_parser import SuggestingParser
 
     parser = SuggestingParser(
@@ -134,6 +135,9 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("scenes", nargs="+", metavar="scene", help="a .toml file")
     _scene_options(sub)
 
+    sub = _command(commands, "converge", _converge, "refine a scene: value, uncertainty, order")
+    add_options(sub)
+
     sub = _command(commands, "modes", _modes, "print the natural frequencies of a scene [Hz]")
     sub.add_argument("scene", help="a .toml file")
     sub.add_argument("-n", "--count", type=int, default=6, help="number of frequencies (6)")
@@ -167,7 +171,7 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
         epilog=STATUS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(command=function, prints=function in (_mesh, _info, _modes))
+    parser.set_defaults(command=function, prints=function in (_mesh, _info, _modes, _converge))
     return parser
 
 
@@ -219,12 +223,12 @@ def _run(options) -> int:
         loud = terminal(quiet=False) if options.quiet else console
         loud.print(f"warning: {words}", soft_wrap=True)
 
-    with progress(console, scene.time.t_end) as report:
+    with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
         resume = bool(options.resume)
         run_ = scene, path, options.overwrite, announce, report, resume, warn
         outcome = run_scene(*run_, closed=lambda: set_handler(signal.SIG_IGN))
     if not options.quiet:
-        print(ledger_text(outcome.ledger))
+        print(ledger_text(outcome.ledger, outcome.summary["unit"]))
         print(finished_message(outcome))
     if outcome.status == DONE:
         return 0
@@ -284,7 +288,7 @@ def _check(options) -> int:
     for path in options.scenes:
         scene = load_scene(path, options.set, **_meshing(options))
         scene.require_expectations()
-        with progress(console, scene.time.t_end) as report:
+        with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
             verdicts = _compare_with_expectations(scene, report)
         for verdict in verdicts:
             if not (options.quiet and verdict.passed):
@@ -303,7 +307,18 @@ def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None])
     result = collect(problem.march(solver), *start, why, report=report)
     for words in result.warnings:
         print(f"warning: {words}", file=sys.stderr)
-    return check(scene.expect, result.times, result.observed, result.energies)
+    unit = scene.schedule.unit
+    return check(scene.expect, result.times, result.observed, result.energies, unit)
+
+
+# --- studies --------------------------------------------------------------------------------------
+
+
+def _converge(options) -> int:
+    from fecloth.cli.converge import run_converge
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_converge(options)
 
 
 # --- modes ----------------------------------------------------------------------------------------

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from fecloth.cli.progress import terminal
 from fecloth.errors import FeclothWarning
-from fecloth.simulation.modes import modes
+from fecloth.runs.run_scene import resolve_scene
+from fecloth.study.modes import modes
 
 if TYPE_CHECKING:
     from fecloth.scene.scene import Scene
@@ -17,12 +18,17 @@ if TYPE_CHECKING:
 def print_modes(scene: Scene, count: int, folder: str | None, quiet: bool) -> int:
     """Print the frequencies [Hz], one a line; write the shapes where a folder is given.
 
-    Whether the state is stable, and the file to open, are printed on standard error.
+    They are those of small vibrations about the start, or about the equilibrium of a scene with
+    [equilibrium]. Whether the state is stable, and the file to open, are printed on standard error.
     """
     problem = scene.build()
+    state = problem.state
+    if problem.is_static:
+        problem, solver, _ = resolve_scene(problem)
+        *_, (state, _) = problem.march(solver)
     with warnings.catch_warnings():  # they are printed below
         warnings.simplefilter("ignore", FeclothWarning)
-        found = modes(problem.system, problem.state, count=count)
+        found = modes(problem.system, state, count=count)
     for frequency in found.frequencies:
         print(f"{frequency:.6g}")
     for words in found.warnings:

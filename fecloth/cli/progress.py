@@ -20,11 +20,12 @@ def terminal(quiet: bool) -> Console:
 
 
 @contextmanager
-def progress(console: Console, t_end: float) -> Iterator[Callable[[StepInfo], None]]:
-    """Show a bar with simulated time, step, Newton iterations and the time that is left."""
-    words = TextColumn(
-        "t = {task.completed:.4g} of {task.total:g} s  {task.description}", markup=False
-    )
+def progress(
+    console: Console, t_end: float, unit: str = " s"
+) -> Iterator[Callable[[StepInfo], None]]:
+    """Show a bar with t and its unit, step, Newton iterations and the time that is left."""
+    so_far = "t = {task.completed:.4g} of {task.total:g}" + unit
+    words = TextColumn(so_far + "  {task.description}", markup=False)
     columns = words, BarColumn(), TimeElapsedColumn(), "left", TimeRemainingColumn()
     bar = Progress(*columns, console=console, transient=True)
     task = bar.add_task("", total=t_end)

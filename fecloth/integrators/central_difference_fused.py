@@ -31,7 +31,10 @@ from fecloth.terms.loops.membrane import BoundMembrane
 from fecloth.terms.membranes import stvk
 
 add_force = stvk.KERNELS.add_force
-TERMS = "the terms must be one StVK, and constant loads: Gravity, PointForce, UserForce of numbers"
+TERMS = (
+    'the terms must be one StVK (on P2 with strain = "pointwise"), and constant loads: Gravity, '
+    "PointForce, UserForce of numbers"
+)
 
 
 def many_steps(system: System, state: State, dt: float, steps: int, threads: int = 1) -> State:

@@ -160,13 +160,11 @@ def equilibrium(
     """
     _check(system, state, load_steps, tolerance, max_iterations, solver, report)
     start = State(state.t, state.x.copy(), np.zeros_like(state.x))
-    options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)
-    matrix = BlockMatrix.zeros(system.pattern)
-    context = SolverContext(select.create(solver, system.symmetric), matrix, options)
+    context = static_context(system, tolerance, max_iterations, solver)
     if load_steps == 1:
-        x, counts = _solve(StaticEquation(system, start), start.x, context, report)
+        x, counts = solve_static(StaticEquation(system, start), start.x, context, report)
     else:
-        x, counts = _increase_loads(system, start, context, 1 / load_steps, report)
+        x, _, counts = increase_loads(system, start, context, 1 / load_steps, report=report)
     met = f"its residual, {counts.residual:.1e} of the forces, is below the tolerance {tolerance:g}"
     reason = met if counts.residual else "no force exceeds its round-off"
     work = counts.newton, counts.factorisations
@@ -192,15 +190,46 @@ def _check(system, state, load_steps, tolerance, max_iterations, solver, report)
         raise InputError(f"solver = {solver!r}", allowed, "equilibrium")
 
 
-def _increase_loads(system, start, context, largest, report) -> tuple[np.ndarray, Counts]:
-    """Return x under the full loads, increased by at most the fraction `largest` at a time."""
-    x, reached, increment, rate, total = start.x, 0.0, largest, 0.0, Counts()
-    while reached < 1:
+def static_context(
+    system: System, tolerance: float, max_iterations: int, solver: str
+) -> SolverContext:
+    """Return the direct solver with its matrix, and Newton's options, for `solve_static`."""
+    options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)
+    linear = select.create(solver, system.symmetric)
+    return SolverContext(linear, BlockMatrix.zeros(system.pattern), options)
+
+
+def increase_loads(
+    system: System,
+    start: State,
+    context: SolverContext,
+    largest: float,
+    loads: tuple[float, float] = (0.0, 1.0),
+    rate: np.ndarray | float = 0.0,
+    report: Callable[[Iteration], None] = lambda iteration: None,
+) -> tuple[np.ndarray, np.ndarray | float, Counts]:
+    """Increase the factor on the loads from the first to the second of `loads`.
+
+    Parameters
+    ----------
+    start
+        The state at the first factor: in equilibrium, or the start of all where it is 0.
+    largest
+        The largest increment of the factor.
+    rate
+        ∂x/∂(factor) there [m], as far as it is known.
+
+    Returns
+    -------
+    x (n, 3) and the rate at the second factor, and the counts.
+    """
+    x, (reached, end), increment, total = start.x, loads, largest, Counts()
+    while reached < end:
         to = reached + increment
-        load = to if to < 1 - 1e-9 else 1.0
+        load = to if to < end - 1e-9 else end
         guess = x + (load - reached) * rate
         try:
-            new, counts = _solve(StaticEquation(system, start, load), guess, context, report)
+            new, counts = solve_static(StaticEquation(system, start, load), guess, context, report)
         except EquilibriumFailed as failure:
             increment /= 2
             if increment < SMALLEST * largest:
@@ -213,10 +242,15 @@ def _increase_loads(system, start, context, largest, report) -> tuple[np.ndarray
         x, reached, total = new, load, total.plus(counts)
         if counts.newton <= QUICK:
             increment = min(2 * increment, largest)
-    return x, total
+    return x, rate, total
 
 
-def _solve(equation: StaticEquation, x, context, report) -> tuple[np.ndarray, Counts]:
+def solve_static(
+    equation: StaticEquation,
+    x: np.ndarray,
+    context: SolverContext,
+    report: Callable[[Iteration], None] = lambda iteration: None,
+) -> tuple[np.ndarray, Counts]:
     """Return x in equilibrium with the loads of the equation, and the counts."""
 
     def tell(progress: Progress):

@@ -45,8 +45,8 @@ class SceneResult(Result):
     resumes: float | None = None
 
     def __repr__(self) -> str:
-        steps, t = self.summary["steps"], self.state.t
-        return f"<SceneResult: {self.status} after {steps} steps at t = {t:g} s, in {self.folder}>"
+        steps, at = self.summary["steps"], place_in_words(self.state.t, self.summary["unit"])
+        return f"<SceneResult: {self.status} after {steps} steps at {at}, in {self.folder}>"
 
 
 def read_columns(file: Path) -> dict[str, np.ndarray]:
@@ -65,6 +65,11 @@ def count_sizes(system: System) -> dict:
         "triangles": len(system.cloth.triangles),
         "free_dofs": system.admissible.shape[1],
     }
+
+
+def place_in_words(t: float, unit: str) -> str:
+    """Return how far a run is: "t = 0.5 s", or "0.5 of the loads"."""
+    return f"t = {t:g}{unit}" if unit == " s" else f"{t:g}{unit}"
 
 
 def finished_message(outcome: SceneResult) -> str:
@@ -92,8 +97,8 @@ def warning_count(outcome: SceneResult) -> str:
 
 def failure_message(outcome: SceneResult) -> str:
     """Return why a run ended early, what is readable, and from where it can go on."""
-    folder, t = outcome.folder, outcome.summary["t"]
-    readable = f"{folder} is readable up to t = {t:g} s"
+    folder, t, unit = outcome.folder, outcome.summary["t"], outcome.summary["unit"]
+    readable = f"{folder} is readable up to {place_in_words(t, unit)}"
     again = f"--resume {folder} goes on from"
     if isinstance(outcome.error, FolderMoved):
         return f"failed: {outcome.error}"
@@ -102,18 +107,19 @@ def failure_message(outcome: SceneResult) -> str:
     if outcome.resumes is None:
         goes = "no restart file was written; set restart_steps in [output] to have them"
     elif outcome.error:
-        goes = f"{again} its last restart file, at t = {outcome.resumes:g} s"
+        goes = f"{again} its last restart file, at {place_in_words(outcome.resumes, unit)}"
     elif outcome.resumes < t:
-        goes = f"{again} t = {outcome.resumes:g} s, the last restart that continues bit for bit"
+        place = place_in_words(outcome.resumes, unit)
+        goes = f"{again} {place}, the last restart that continues bit for bit"
     else:
         goes = f"{again} there"
     cause = f"failed: {outcome.error}\n" if outcome.error else "interrupted; "
     return f"{cause}{readable}; {goes}{warning_count(outcome)}"
 
 
-def ledger_text(ledger: Ledger) -> str:
+def ledger_text(ledger: Ledger, unit: str = " s") -> str:
     """Return the ledger, a line for each column."""
     row = ledger.row() | {"start": ledger.start}
     shown = {key: value for key, value in row.items() if key not in ("t", "total")}
     lines = [f"  {key:<28} {value: .6e} J" for key, value in shown.items()]
-    return "\n".join([f"energy at t = {ledger.t:g} s", *lines])
+    return "\n".join([f"energy at {place_in_words(ledger.t, unit)}", *lines])

@@ -22,7 +22,14 @@ from fecloth.runs import restart as restarts
 from fecloth.runs.disk_space import MOST_FRAMES, check_space
 from fecloth.runs.environment import peak_memory, versions
 from fecloth.runs.folder import RunFolder
-from fecloth.runs.outcome import FAILED, INTERRUPTED, SceneResult, count_sizes, read_columns
+from fecloth.runs.outcome import (
+    FAILED,
+    INTERRUPTED,
+    SceneResult,
+    count_sizes,
+    place_in_words,
+    read_columns,
+)
 from fecloth.runs.restart import Restart
 from fecloth.runs.shape_watch import ShapeWatch, last_count, shape_summary
 from fecloth.runs.stopwatch import Watch
@@ -31,7 +38,8 @@ from fecloth.scene.problem import Problem
 from fecloth.scene.time_table import MOST_STEPS
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.march import StepInfo
-from fecloth.simulation.record_steps import Record, record_steps
+from fecloth.simulation.record_steps import MOST_GROWTH, Record, record_steps
+from fecloth.simulation.rest_stability import RestStability
 from fecloth.simulation.time_error import TimeError, relative_error
 from fecloth.simulation.time_error_words import describe_time_error, find_doubts
 from fecloth.system.space_error import SpaceError, space_error
@@ -97,7 +105,8 @@ class Recorder:
         self.counted = last_count(self.tables["strains"], self.tables["steps"])
         restarts.drop_later(self.folder.path, found)
         exactly = "" if found.exact else ", exact to the solver's tolerance only: a factor was lost"
-        self.folder.log(f"goes on from step {found.memory.step} at {found.state.t:g} s{exactly}")
+        at = place_in_words(found.state.t, self.problem.unit)
+        self.folder.log(f"goes on from step {found.memory.step} at {at}{exactly}")
         if changed := restarts.differences(found):
             self.folder.log(f"the last bits may differ: {changed}")
 
@@ -153,7 +162,9 @@ class Recorder:
             return
         steps = problem.march(self.solver, self.state, self.memory)
         start = problem.system, problem.method, self.ledger, problem.observer
-        records = record_steps(steps, *start, balance=self.balance, time_error=self.time_error)
+        growth = math.inf if problem.is_static else MOST_GROWTH
+        so_far = self.balance, self.time_error
+        records = record_steps(steps, *start, *so_far, most_growth=growth)
         for record in records:
             info = record.info
             if info.step > MOST_STEPS:
@@ -297,20 +308,38 @@ class Recorder:
         steps = self.counts["steps"]
         return (self.state.t - self.problem.state.t) / steps if steps else math.nan
 
-    def _doubts(self, warn) -> float:
-        """Return the error in time, and warn of what casts doubt on the run at its end."""
+    def _doubts(self, warn) -> dict:
+        """Return how wrong the run is, for the summary, and warn of what casts doubt on it."""
         self._warn_once(self.balance.warning(self.ledger, ended=True), warn)
+        return self._rest(warn) if self.problem.is_static else self._time_error(warn)
+
+    def _rest(self, warn) -> dict:
+        """Return whether the equilibrium is stable, and warn if it is not."""
+        if self.state.t < self.problem.t_end:
+            return {"time_error": None, "time_error_in_words": "equilibrium: not reached"}
+        rest = RestStability.of(self.problem.system, self.state)
+        self._warn_once(rest.warning, warn)
+        least = None if math.isnan(rest.least) else rest.least
+        return {
+            "time_error": None,
+            "time_error_in_words": rest.words,
+            "least_eigenvalue": least,
+        }
+
+    def _time_error(self, warn) -> dict:
+        """Return the error in time, and warn if it is large."""
         problem, last = self.problem, (self.state, self.counts["steps"], self.ledger)
         error = relative_error(self.time_error, problem.system, problem.method, *last)
         run = problem.system, problem.method, self.mean_dt
         for words in find_doubts(error, *run, self.balance, self.ledger):
             self._warn_once(words, warn)
-        return error
+        return {
+            "time_error": None if math.isnan(error) else error,
+            "time_error_in_words": describe_time_error(error, problem.method, self.mean_dt),
+        }
 
-    def _summary(
-        self, status: str, why: str, failure: str | None, error: float, space: SpaceError
-    ) -> dict:
-        """Return the content of summary.json; `error` is that in time."""
+    def _summary(self, status: str, why: str, failure: str | None, doubts: dict) -> dict:
+        """Return the content of summary.json; `doubts` say how wrong the run is."""
         return {
             "status": status,
             "error": failure,
@@ -318,10 +347,8 @@ class Recorder:
             "warning": next(iter(self.warnings), None),  # as older runs have it
             "t": self.state.t,
             "t_end": self.problem.t_end,
-            "time_error": None if math.isnan(error) else error,
-            "time_error_in_words": describe_time_error(error, self.problem.method, self.mean_dt),
-            "space_error": None if math.isnan(space.relative) else space.relative,
-            "space_error_in_words": str(space),
+            "unit": self.problem.unit,
+            **doubts,
             **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
@@ -357,17 +384,19 @@ class Recorder:
             status, error = FAILED, error or full
         for table in self.tables.values():
             table.close()
-        time_error = self._doubts(warn)
+        doubts = self._doubts(warn)
         self._warn_once(warn_of_round_off(self.counts["limited"]), warn)
         self._warn_of_shape(warn)
         with self.watch.phase("output"):
             space = space_error(self.problem.system, self.state)
-        failure = str(error) if error else None
-        summary = self._summary(status, why, failure, time_error, space)
-        words = f"{status} at t = {self.state.t:g} s after {self.counts['steps']} steps"
+        doubts["space_error"] = None if math.isnan(space.relative) else space.relative
+        doubts["space_error_in_words"] = str(space)
+        summary = self._summary(status, why, str(error) if error else None, doubts)
+        place = place_in_words(self.state.t, self.problem.unit)
+        words = f"{status} at {place} after {self.counts['steps']} steps"
         resumes = self._resume_time()
         if status == INTERRUPTED and resumes is not None:
-            words += f"; --resume goes on from {resumes:g} s"
+            words += f"; --resume goes on from {resumes:g}{self.problem.unit}"
         try:
             self.folder.log(summary["time_error_in_words"])
             self.folder.log(summary["space_error_in_words"])
@@ -376,13 +405,9 @@ class Recorder:
             self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing
         except InputError as full:
             status, error = FAILED, error or full
-        errors = time_error, space
-        return self._result(status, summary, errors, error, resumes)
+        return self._result(status, summary, space, error, resumes)
 
-    def _result(
-        self, status: str, summary: dict, errors: tuple[float, SpaceError], error, resumes
-    ) -> SceneResult:
-        time_error, space = errors
+    def _result(self, status: str, summary: dict, space: SpaceError, error, resumes) -> SceneResult:
         energies, observed = (read_columns(self.tables[name].path) for name in _OBSERVED)
         times = energies.pop("t", np.empty(0))
         observed.pop("t", None)
@@ -398,7 +423,7 @@ class Recorder:
             method=self.problem.method,
             shape=self.watched.shape(self.state, self.seen),
             warnings=tuple(self.warnings),
-            time_error=time_error,
+            time_error=math.nan if summary["time_error"] is None else summary["time_error"],
             space_error=space.relative,
             space_error_reason=space.reason,
             status=status,

@@ -247,8 +247,10 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
     if restart.start != start:
         allowed = "the mesh or the frame of the start has changed"
         raise InputError(f"{folder} has another start", allowed)
-    to_go = now["time.t_end"] - restart.state.t
+    to_go = now.get("time.t_end", 1.0) - restart.state.t  # of [equilibrium]: all loads
     if to_go < 0 or (to_go == 0 and _has_summary_at(folder, restart.state.t)):
+        if "time.t_end" not in now:
+            raise InputError(f"the run in {folder} is complete", "nothing is left to do")
         allowed = f"the run in {folder} has already reached {restart.state.t:g} s"
         remedy = "To continue beyond its end, raise it: --set time.t_end=..."
         raise InputError(f"time.t_end = {now['time.t_end']}", allowed, remedy=remedy)

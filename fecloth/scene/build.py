@@ -18,12 +18,14 @@ from fecloth.integrators.protocol import StepChoice, check_terms, has_symmetric_
 from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.frames import read_frame
+from fecloth.scene.equilibrium_table import EquilibriumTable
 from fecloth.scene.error_words import errors_at
 from fecloth.scene.expectations import refuse_unknown
 from fecloth.scene.pin_table import PinTable
 from fecloth.scene.problem import Problem
 from fecloth.scene.time_table import Time
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.step_times import step_times
@@ -56,7 +58,7 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
     state = _start(scene, cloth, at)
     system = _system(scene, cloth, state, at)
     _check_start(scene, system, state, at)
-    steps = scene.time.steps()
+    steps = scene.schedule.steps()
     _check_method(scene, system, state, steps, at)
     probes = tuple(table.probe() for table in scene.probes)
     ledger, observer = Ledger.open(system, state), _observer(system, state, probes, at)
@@ -68,14 +70,15 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
         system=system,
         state=state,
         steps=steps,
-        t_end=scene.time.t_end,
+        t_end=scene.schedule.t_end,
+        unit=scene.schedule.unit,
         newton=scene.solver.make(),
         linear=scene.solver.linear,
         probes=probes,
         ledger=ledger,
         observer=observer,
-        frame_steps=scene.output.steps(scene.time),
-        stops=scene.output.stops(scene.time),
+        frame_steps=scene.output.steps(scene.schedule),
+        stops=scene.output.stops(scene.schedule),
         frame_format=scene.output.format,
         note=_note(scene),
         restarts=scene.output.restart_steps or scene.output.restart_every,
@@ -88,7 +91,7 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
 
 
 def _system(scene: Scene, cloth: Cloth, start: State, at: At) -> System:
-    pins = [_pin(i, table, scene.time, cloth, at) for i, table in enumerate(scene.pins)]
+    pins = [_pin(i, table, scene.schedule, cloth, at) for i, table in enumerate(scene.pins)]
     fabric = scene.fabric.make() if scene.fabric else _each(scene.fabrics, lambda t: t.make())
     grain = _each(scene.grain_degrees, math.radians)
     terms = [term.make() for term in scene.terms]
@@ -118,7 +121,7 @@ def _each(value: Any, function: Callable) -> Any:
     return function(value)
 
 
-def _pin(number: int, table: PinTable, time: Time, cloth: Cloth, at: At) -> Pin:
+def _pin(number: int, table: PinTable, time: Time | EquilibriumTable, cloth: Cloth, at: At) -> Pin:
     """Return the pin of a table after evaluating its motion at all times of the run."""
     with at(f"pins.{number}.{'inside' if table.where is None else 'where'}"):
         X = cloth.X[cloth.nodes(table.pin.where)]
@@ -132,7 +135,7 @@ def _pin(number: int, table: PinTable, time: Time, cloth: Cloth, at: At) -> Pin:
     return pin
 
 
-def _motion_times(time: Time) -> np.ndarray:
+def _motion_times(time: Time | EquilibriumTable) -> np.ndarray:
     """Return the start and the ends of all steps, at which a run needs a motion."""
     start, end = time.t_start, time.t_end
     dt = (end - start) / 1000 if time.dt == "auto" else time.dt
@@ -146,7 +149,7 @@ def _start(scene: Scene, cloth: Cloth, at: At) -> State:
     start = scene.start
     if start.frame:
         with at("start.frame"):
-            return replace(read_frame(start.frame, cloth), t=scene.time.t_start)
+            return replace(read_frame(start.frame, cloth), t=scene.schedule.t_start)
     with at("start.position"):
         x = start.x(cloth.X)
         if np.abs(x).max() > FARTHEST:
@@ -159,7 +162,7 @@ def _start(scene: Scene, cloth: Cloth, at: At) -> State:
             what = f"start.velocity: a node with {np.abs(v).max():g} m/s"
             raise SceneError(what, f"must be at most {FASTEST:g} m/s", scene.source)
     with at("start"):
-        return make_state(len(cloth.X), x, v, scene.time.t_start)
+        return make_state(len(cloth.X), x, v, scene.schedule.t_start)
 
 
 def _check_start(scene: Scene, system: System, state: State, at: At) -> None:
@@ -188,6 +191,9 @@ def _check_method(
     """Refuse a term, a mass, a step or a linear solver that the method does not allow."""
     with at("terms"):
         check_terms(system, steps, "terms")
+    if isinstance(steps, LoadSteps):
+        _refuse_loads_in_time(scene, system, state)
+        return
     with at(""):  # the mass
         steps.check(system)
     if scene.solver.linear != "auto" and not steps.traits.explicit:
@@ -197,6 +203,20 @@ def _check_method(
     insist = f'method = {{ type = "{scene.time.method.type}", beyond_limit = true }}'
     with at("time"):
         steps.check_start(system, state, insist)
+
+
+def _refuse_loads_in_time(scene: Scene, system: System, state: State) -> None:
+    """Refuse a term whose force changes with t, at positions that feel it from any direction."""
+    x, still = state.x, np.zeros_like(state.x)
+    x = x + 0.02 * system.cloth.extent * np.sin(5 * x[:, [1, 2, 0]] + 3 * x + [1, 2, 3])
+    for name, term in zip(system.names, system.bound, strict=True):
+        forces = np.zeros((3, *x.shape))
+        for t, f in zip((0.0, 0.37, 1.0), forces, strict=True):
+            term.add_force(x, still, t, f)
+        if not np.array_equal(forces[1:], forces[:2], equal_nan=True):
+            allowed = "must not depend on t in a scene with [equilibrium]"
+            remedy = "Write its value, or use [time]."
+            raise SceneError(f"terms: {name}", allowed, scene.source, remedy)
 
 
 def _observer(system: System, state: State, probes: tuple[Probe, ...], at: At) -> Observer:

@@ -14,12 +14,13 @@ from fecloth.suggest import did_you_mean
 Expected = Mapping[str, tuple[Expectation, ...]]
 
 
-def refuse_times(expect: Expected, start: float, end: float, source: str) -> None:
-    """Raise `SceneError` for a value expected at a time [s] outside the run."""
+def refuse_times(expect: Expected, start: float, end: float, source: str, unit: str = " s") -> None:
+    """Raise `SceneError` for a value expected at a t outside the run."""
+    most = f"time.t_end = {end} [s]" if unit == " s" else f"{end:g}{unit}"
     for name, expectations in expect.items():
         for at in (e.at for e in expectations if e.at is not None):
             if at > end:
-                allowed = f"must be at most time.t_end = {end} [s]"
+                allowed = f"must be at most {most}"
                 raise SceneError(f"expect.{name}.at = {at}", allowed, source)
             if at < start:
                 allowed = f"must be at least time.t_start = {start} [s]"
@@ -52,6 +53,8 @@ class Verdict:
         Column and time [s]; the end of the run if the scene gives no time.
     value, expected, tolerance
         In the column's unit; `tolerance` is the allowed difference.
+    unit
+        Of `at`: " s", or " of the loads" of a static scene.
     passed
         Whether ``|value − expected| <= tolerance``.
     """
@@ -62,10 +65,11 @@ class Verdict:
     expected: float
     tolerance: float
     passed: bool
+    unit: str = " s"
 
     def __str__(self) -> str:
         return (
-            f"{'ok' if self.passed else 'FAILED':<6} {self.name} at {self.at:g} s: "
+            f"{'ok' if self.passed else 'FAILED':<6} {self.name} at {self.at:g}{self.unit}: "
             f"{self.value:.8g}, expected {self.expected:.8g} ± {self.tolerance:.2g}"
         )
 
@@ -75,6 +79,7 @@ def check(
     times: np.ndarray,
     observed: Mapping[str, np.ndarray],
     energies: Mapping[str, np.ndarray],
+    unit: str = " s",
 ) -> list[Verdict]:
     """Compare the columns of a run, as in `Result`, with the expected values.
 
@@ -83,14 +88,16 @@ def check(
     """
     columns = {**energies, **observed}
     return [
-        _verdict(name, expectation, times, columns[name])
+        _verdict(name, expectation, times, columns[name], unit)
         for name, expectations in expect.items()
         for expectation in expectations
     ]
 
 
-def _verdict(name: str, expected: Expectation, times: np.ndarray, column: np.ndarray) -> Verdict:
+def _verdict(
+    name: str, expected: Expectation, times: np.ndarray, column: np.ndarray, unit: str
+) -> Verdict:
     at = float(times[-1]) if expected.at is None else expected.at
     value = float(np.interp(at, times, column, left=np.nan, right=np.nan))
     passed = abs(value - expected.value) <= expected.tolerance
-    return Verdict(name, at, value, expected.value, expected.tolerance, passed)
+    return Verdict(name, at, value, expected.value, expected.tolerance, passed, unit)

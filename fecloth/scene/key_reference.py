@@ -14,6 +14,7 @@ from pydantic.fields import FieldInfo
 
 from fecloth.scene import (
     docstrings,
+    equilibrium_table,
     output_table,
     pin_table,
     probe_tables,
@@ -42,7 +43,8 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "terms": "Forces and energies, as [[terms]]; a scene has those that it names, no others.",
         "pins": "What holds or moves nodes, as [[pins]].",
         "start": "Where the cloth starts.",
-        "time": "Method, step and duration.",
+        "time": "Method, step and duration of a motion.",
+        "equilibrium": "In place of `time`: the scene is static.",
         "solver": "Newton's iteration and the linear solver.",
         "output": "When frames and restart files are written.",
         "probes": "Points whose path is recorded at every step, as [[probes]].",
@@ -107,6 +109,11 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "atol": "Error of the chosen steps [m/s].",
         "longest": "The longest chosen step [s]; see `Adaptive`.",
     },
+    "EquilibriumTable": {
+        "tolerance": "On the sum of all forces, relative to them.",
+        "load_steps": "Equal steps in which the loads grow to their value.",
+        "max_iterations": "Newton iterations of a load step after which it has failed.",
+    },
     "NewtonTable": {"linear": "The linear solver."},
     "Output": {
         "frames": "Number of frames, about; 50 where no spacing is given.",
@@ -144,6 +151,7 @@ SECTIONS = {
     "[[pins]]": (pin_table.PinTable, pin_table.PinRotation),
     "[start]": (start_table.Start, start_table.Rotation),
     "[time]": (time_table.Time,),
+    "[equilibrium]": (equilibrium_table.EquilibriumTable,),
     "[solver]": (tables.SolverTable,),
     "[output]": (output_table.Output,),
     "[[probes]]": (probe_tables.ProbeTable,),

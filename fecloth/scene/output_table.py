@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from fecloth.output.vtkhdf_writer import h5py
 from fecloth.quantities.units import TIME
+from fecloth.scene.equilibrium_table import EquilibriumTable
 from fecloth.scene.table_model import Table, require_exactly_one
 from fecloth.scene.time_table import Time
 
@@ -46,13 +47,13 @@ class Output(Table):
             h5py()
         return self
 
-    def steps(self, time: Time) -> int | None:
+    def steps(self, time: Time | EquilibriumTable) -> int | None:
         """Return the steps between two frames, rounded; None for frames at the `stops`."""
         if self.every_steps or time.dt == "auto":
             return self.every_steps
         return max(1, round(self._seconds(time) / time.dt))
 
-    def stops(self, time: Time) -> tuple[float, ...]:
+    def stops(self, time: Time | EquilibriumTable) -> tuple[float, ...]:
         """Return the times of frames at which a step must end, if the method chooses dt."""
         if self.every_steps or time.dt != "auto":
             return ()
@@ -60,5 +61,5 @@ class Output(Table):
         count = math.ceil((time.t_end - time.t_start) / seconds - 1e-9)
         return tuple(time.t_start + seconds * i for i in range(1, count))
 
-    def _seconds(self, time: Time) -> float:
+    def _seconds(self, time: Time | EquilibriumTable) -> float:
         return self.every or (time.t_end - time.t_start) / (self.frames or 1)

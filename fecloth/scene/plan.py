@@ -34,7 +34,7 @@ def plan(problem: Problem, why: str) -> list[str]:
         f"area {system.cloth.area:.6g} m², {system.admissible.shape[1]} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
         f"pins: {_pins(system)}",
-        f"{problem.method}, {_steps(problem)} to t = {problem.t_end:g} s",
+        _course(problem),
         f"linear solver: {why}",
         _threads_and_memory(problem),
         *_weight_line(system),
@@ -43,7 +43,7 @@ def plan(problem: Problem, why: str) -> list[str]:
     if problem.note:
         lines.append(problem.note)
     limit = element_bound(system, "central_difference")
-    if np.isfinite(limit):
+    if np.isfinite(limit) and not problem.is_static:
         fastest = f"fastest wave in the fabric {max(map(wave_speed, system.panel.fabrics)):.3g} m/s"
         needs = f"an explicit method would need dt <= {limit:.3g} s (bound at rest)"
         if system.mass_kind != "lumped":
@@ -66,6 +66,13 @@ def _pins(system: System) -> str:
 
 def _count(nodes: int) -> str:
     return "1 node" if nodes == 1 else f"{nodes} nodes"
+
+
+def _course(problem: Problem) -> str:
+    """Return the method, its steps and the end, in words."""
+    if problem.is_static:
+        return str(problem.method)
+    return f"{problem.method}, {_steps(problem)} to t = {problem.t_end:g} s"
 
 
 def _steps(problem: Problem) -> str:

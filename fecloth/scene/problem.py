@@ -11,6 +11,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import Memory, StepInfo, march
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.probes import Observer, Probe
@@ -45,6 +46,8 @@ class Problem:
         Steps (an int) or seconds between two restart files; None for none.
     intersections
         Whether the pairs of triangles that intersect are counted.
+    unit
+        What follows a value of t in words: " s" or " of the loads".
     error_density
         Whether frames have the energy of the error in space per area.
     """
@@ -65,7 +68,13 @@ class Problem:
     note: str = ""
     restarts: int | float | None = None
     intersections: bool = True
+    unit: str = " s"
     error_density: bool = False
+
+    @property
+    def is_static(self) -> bool:
+        """Whether an equilibrium is sought, so that t is the part of the loads."""
+        return isinstance(self.steps, LoadSteps)
 
     @property
     def method(self) -> Any:

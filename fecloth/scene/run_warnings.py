@@ -134,6 +134,8 @@ def _loss(system: System, dt: float) -> float:
 
 def _is_static(problem: Problem) -> bool:
     """Return whether a few steps of backward Euler, minutes long, seek a state of rest."""
+    if problem.is_static:
+        return True
     steps = (problem.t_end - problem.state.t) / problem.dt if problem.dt else math.inf
     return isinstance(problem.method, BackwardEuler) and steps <= 10 and (problem.dt or 0) >= 100
 
@@ -141,7 +143,7 @@ def _is_static(problem: Problem) -> bool:
 def _short_steps(problem: Problem) -> Iterator[str]:
     """Warn of an implicit method with steps so short that an explicit one needs longer ones."""
     method, dt = problem.method, problem.dt
-    if not dt or method.traits.explicit:
+    if not dt or method.traits.explicit or problem.is_static:
         return
     limit = element_bound(problem.system, "central_difference")
     if dt < SHORT * limit < math.inf:

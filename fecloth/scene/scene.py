@@ -18,8 +18,10 @@ from pydantic import Field, PrivateAttr, ValidationError, create_model, model_va
 from fecloth.errors import InputError, SceneError
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.gmsh_child import TIME_LIMIT
+from fecloth.nonlinear.options import Newton
 from fecloth.scene import tables, toml_text
 from fecloth.scene.build import build
+from fecloth.scene.equilibrium_table import EquilibriumTable
 from fecloth.scene.error_words import errors_at, scene_error
 from fecloth.scene.expectations import refuse_times
 from fecloth.scene.fabric_table import FabricTable
@@ -51,7 +53,8 @@ class Scene(Table):
     terms: tuple[tables.Term, ...] = ()
     pins: tuple[PinTable, ...] = ()
     start: Start = Start(plane="xy")
-    time: Time
+    time: Time = None  # type: ignore[assignment]  # None with [equilibrium]: use `schedule`
+    equilibrium: EquilibriumTable | None = None
     solver: tables.SolverTable = tables.SolverTable()
     output: Output = Output(frames=50)
     probes: tuple[ProbeTable, ...] = ()
@@ -83,11 +86,42 @@ class Scene(Table):
         for i, name in enumerate(names):
             if name in names[:i]:
                 raise InputError(f"probes.{i}.name = {name!r}", "two probes need two names")
-        fixed = self.time.dt != "auto"
+        require_exactly_one(self, "time", "equilibrium")
+        if self.equilibrium:
+            self._refuse_time()
+        fixed = self.schedule.dt != "auto"
         if fixed and self.output.every and self.output.every < self.time.dt:
             allowed = f"must be at least time.dt = {self.time.dt} [s]"
             raise InputError(f"output.every = {self.output.every}", allowed)
         return self
+
+    def _refuse_time(self) -> None:
+        """Refuse the keys that have no meaning without time."""
+        static, remedy = "needs [time]: this scene has [equilibrium]", ""
+        for i, pin in enumerate(self.pins):
+            if pin.motion or pin.rotate:
+                remedy = "Pins hold their nodes where [start] has them; give their place there."
+                key = "motion" if pin.motion else "rotate"
+                raise InputError(f"pins.{i}.{key} is given", static, "", remedy)
+        if self.start.velocity:
+            raise InputError("start.velocity is given", static, "", "Leave it out.")
+        for key, instead in (
+            ("every", "frames or every_steps"),
+            ("restart_every", "restart_steps"),
+        ):
+            if getattr(self.output, key):
+                raise InputError(f"output.{key} is given", static, "", f"Use {instead}.")
+        if self.solver.linear == "pcg":
+            remedy = "Leave it out, or take direct, pardiso or superlu."
+            raise InputError('solver.linear = "pcg"', static, "", remedy)
+        if self.solver.make() != Newton():
+            remedy = "Its tolerance and max_iterations are keys of [equilibrium]; leave others out."
+            raise InputError("[solver] has more than linear", static, "", remedy)
+
+    @property
+    def schedule(self) -> Time | EquilibriumTable:
+        """[time] or [equilibrium]: what t is, and the steps."""
+        return self.equilibrium or self.time
 
     def require_expectations(self) -> None:
         """Raise `SceneError` if [expect] is empty or has a time outside the run.
@@ -97,7 +131,8 @@ class Scene(Table):
         if not self.expect:
             remedy = "Add one, as in: sag = { value = 0.1, relative = 0.01 }"
             raise SceneError("no [expect] table", "nothing to check", self._source, remedy)
-        refuse_times(self.expect, self.time.t_start, self.time.t_end, self._source)
+        course = self.schedule
+        refuse_times(self.expect, course.t_start, course.t_end, self._source, course.unit)
 
     @property
     def source(self) -> str:
@@ -117,7 +152,7 @@ class Scene(Table):
         Paths are absolute, so that the text can be in any folder.
         """
         data = self.model_dump(exclude_none=True)
-        if len(data["time"]["method"]) == 1:
+        if self.time and len(data["time"]["method"]) == 1:
             data["time"]["method"] = data["time"]["method"]["type"]
         data["expect"] = {k: v[0] if len(v) == 1 else v for k, v in data["expect"].items()}
         return toml_text.to_toml(data)

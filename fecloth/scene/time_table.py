@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -47,6 +47,8 @@ class Time(Table):
     rtol: Annotated[float | None, RATE] = Field(None, ge=0)
     atol: Annotated[float | None, SPEED] = Field(None, ge=0)
     longest: Annotated[float | None, TIME] = Field(None, gt=0)
+
+    unit: ClassVar[str] = " s"
 
     @model_validator(mode="before")
     @classmethod

@@ -202,7 +202,7 @@ class Ledger:
         step counts several times.
         """
         available = self.available + LAG * max(0.0, self.inflow - self.last_inflow)
-        if self.deforming <= most * available:
+        if math.isinf(most) or self.deforming <= most * available:
             return ""
         return (
             f"the cloth deforms with a kinetic energy of {self.deforming:.3g} J, where its start, "

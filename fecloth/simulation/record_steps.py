@@ -52,9 +52,9 @@ def record_steps(
     method,
     ledger: Ledger,
     observer: Observer,
-    *,
     balance: Balance | None = None,
     time_error: TimeError | None = None,
+    *,
     most_growth: float = MOST_GROWTH,
 ) -> Iterator[Record]:
     """Yield a `Record` for each step of `march`.

@@ -19,6 +19,7 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.fixed_step import FixedStep
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.system.state import State
@@ -81,6 +82,8 @@ def resolve(
         dt = chosen.dt or (t_end - state.t) / 1000
         return solver_for(system, chosen.method, dt, solver, newton)
 
+    if isinstance(steps, LoadSteps):
+        return steps, *steps.solver(system, solver)
     if not isinstance(steps, Auto):
         return steps, *solver_of(steps)
     chosen, why = steps.choose(system, state, t_end, lambda each: solver_of(each)[0], record)

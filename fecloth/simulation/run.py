@@ -17,10 +17,12 @@ from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts, warn_of_round_off
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
+from fecloth.simulation.rest_stability import RestStability
 from fecloth.simulation.set_up_warnings import find_set_up_warnings
 from fecloth.simulation.short_pulses import find_short_pulses
 from fecloth.simulation.surface_checks import Shape, intersection_warning
@@ -208,7 +210,9 @@ def collect(
     record = None
     energies, observed = [ledger.row()], [observer.row(None, None)]
     counts, begin = Counts(), time.perf_counter()
-    records = record_steps(steps, system, method, ledger, observer, most_growth=most_growth)
+    static = isinstance(method, LoadSteps)
+    growth = math.inf if static else most_growth
+    records = record_steps(steps, system, method, ledger, observer, most_growth=growth)
     for record in records:
         state, ledger, balance = record.state, record.ledger, record.balance
         warned = warned or balance.warning(ledger)
@@ -218,7 +222,9 @@ def collect(
         report(record.info)
     shape, error = Shape.of(system, state), math.nan
     inaccurate: tuple[str, ...] = ()
-    if record:
+    if static:
+        inaccurate = (RestStability.of(system, state).warning,)
+    elif record:
         error = relative_error(record.time_error, system, method, state, record.info.step, ledger)
         dt = (state.t - record.time_error.start.t) / (len(energies) - 1)
         inaccurate = find_doubts(error, system, method, dt, balance, ledger)

@@ -30,6 +30,7 @@ STRETCH = 0.01  # strain at which the resistance of a system is measured
 RESISTS = 1e-3  # of the fabric's resistance; less is none
 ALIKE = 0.1  # a net of springs within this is as stiff as the fabric
 HINGES = ("HingeBending", "QuadraticBending")
+PATTERN = 0.25  # of its rigidity is what hinges miss by the pattern of the mesh anyway
 OF_HINGES = -1 / 3  # Poisson's ratio of bending on equilateral triangles, and nearly on Gmsh's
 EXHAUSTED = 0.5  # of the ambient pressure; a gas with less lets the cloth collapse
 
@@ -160,9 +161,9 @@ def _bending_unknown_to_hinges(system: System) -> Iterator[str]:
                 "take PlateBending"
             )
         huber = sum(value**0.5 for value in fabric.bending or ()) ** 2 / 4
-        if bias is not None and abs(bias - huber) > ALIKE * huber:
+        if bias is not None and abs(bias - huber) > PATTERN * huber:
             yield (
-                f"bias_rigidity = {bias:g} N m has no effect: {names[0]} knows warp and weft only, "
+                f"bias_rigidity = {bias:.3g} N m has no effect: {names[0]} knows warp and weft, "
                 f"and bends at 45° with {huber:.3g} N m; take PlateBending"
             )
 

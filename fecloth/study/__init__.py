@@ -1,4 +1,4 @@
-"""The engine of refinement, comparison and cost studies.
+"""Studies of your own problem, and the engine of refinement, comparison and cost studies.
 
 A study is a list of settings, a function that takes one setting and returns numbers, and findings:
 numbers with an expected range. The exit status is 0 if all are met, 1 if one is missed, 2 for a
@@ -33,53 +33,14 @@ mistake in the input, 3 if a case failed.
     if __name__ == "__main__":
         study.run_main(main)
 
-Import `fecloth.study` before NumPy: it limits every library to one thread.
+`converge` studies a scene or a function of yours, and returns a result with a verdict, a table, a
+figure and a report.
+
+The public names stand in ``__init__.pyi``. Each is imported when it is first used. A script whose
+cases run in its own process imports `fecloth.study.threads` before NumPy, which limits every
+library to one thread.
 """
 
-from fecloth.study import threads  # noqa: F401  before NumPy
-from fecloth.study.cases import Case, describe_settings, run_cases
-from fecloth.study.command import Parser, StudyFailed, require_packages, run_main
-from fecloth.study.figures import (
-    COLOURS,
-    MARKERS,
-    draw_lines,
-    draw_slope_triangle,
-    figure,
-    line_style,
-    mark_failures,
-)
-from fecloth.study.options import parse_arguments, run_options
-from fecloth.study.reports import Finding, hardware, require_results, write_csv, write_report
-from fecloth.study.status import TimeLimit, check_time_limit
-from fecloth.study.timing import Seconds, measure_seconds
-from fecloth.study.workload import Workload, check_scene
+import lazy_loader
 
-__all__ = [
-    "COLOURS",
-    "MARKERS",
-    "Case",
-    "Finding",
-    "Parser",
-    "Seconds",
-    "StudyFailed",
-    "TimeLimit",
-    "Workload",
-    "check_scene",
-    "check_time_limit",
-    "describe_settings",
-    "draw_lines",
-    "draw_slope_triangle",
-    "figure",
-    "hardware",
-    "line_style",
-    "mark_failures",
-    "measure_seconds",
-    "parse_arguments",
-    "require_packages",
-    "require_results",
-    "run_cases",
-    "run_main",
-    "run_options",
-    "write_csv",
-    "write_report",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

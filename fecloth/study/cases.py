@@ -94,7 +94,7 @@ class Case:
 def run_cases(
     cases: Iterable[Mapping[str, object]],
     function: Callable[..., dict[str, Number]],
-    out: str | Path,
+    out: str | Path | None,
     jobs: int = 1,
     scheduler: str | None = None,
     time_limit: float | None = None,
@@ -112,6 +112,8 @@ def run_cases(
 
     Parameters
     ----------
+    out
+        Folder of the results; None stores and reads none.
     jobs
         Number of processes, each with one thread; 1 runs the cases in this process.
     scheduler
@@ -136,7 +138,7 @@ def run_cases(
     cost_of = dict(
         zip((case.key for case in all_cases), costs or [1.0] * len(all_cases), strict=True)
     )
-    results = {} if fresh else _read_results(all_cases, Path(out), time_limit)
+    results = {} if fresh or out is None else _read_results(all_cases, Path(out), time_limit)
     missing = list({case.key: case for case in all_cases if case.key not in results}.values())
     if scheduler and missing:
         finished = run_on_cluster(missing, scheduler, time_limit)
@@ -146,7 +148,7 @@ def run_cases(
         finished = _run_here(missing, function, time_limit)
     progress = _Progress(len(missing), sum(cost_of[case.key] for case in missing))
     for case, result in finished:
-        _write_result(case, result, Path(out), time_limit)
+        _write_result(case, result, out, time_limit)
         results[case.key] = result
         progress.print(f"{label(case.settings)}: {_result_line(result)}", cost_of[case.key])
     return [{**case.settings, **results[case.key]} for case in all_cases]
@@ -161,15 +163,17 @@ def _path(case: Case, out: Path) -> Path:
     return out / "cache" / f"{case.key}.json"
 
 
-def _write_result(case: Case, result: dict, out: Path, time_limit: float | None) -> None:
+def _write_result(
+    case: Case, result: dict, out: str | Path | None, time_limit: float | None
+) -> None:
     """Write a result to disk if a second run would give the same."""
     clash = sorted(set(case.settings) & set(result))
     if clash:
         what = f"{case.name} returned {', '.join(clash)}"
         raise InputError(what, "a setting has that name already", case.file)
-    if result["status"] in status.REPRODUCIBLE:
+    if out is not None and result["status"] in status.REPRODUCIBLE:
         entry = {"settings": case.settings, "time_limit": time_limit, "result": result}
-        replace_file(_path(case, out), (json.dumps(entry, default=_to_plain) + "\n").encode())
+        replace_file(_path(case, Path(out)), (json.dumps(entry, default=_to_plain) + "\n").encode())
 
 
 def _read_results(cases: list[Case], out: Path, time_limit: float | None) -> dict[str, dict]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from fecloth.errors import InputError
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "h")
 DASHES = ("-", "--", "-.", ":")
-STYLE = {
+STYLE: dict[Any, Any] = {
     "figure.dpi": 100,
     "savefig.dpi": 160,
     "font.size": 12,
@@ -31,6 +32,19 @@ STYLE = {
     "axes.spines.right": False,
     "svg.hashsalt": "fecloth",  # the same figure gives the same file
 }
+
+
+def new_figure(rows: int = 1, columns: int = 1, size: tuple[float, float] = (8.0, 5.0)) -> tuple:
+    """Return a figure and its axes in this style, without pyplot: the user's backend stays."""
+    try:
+        from matplotlib import rc_context
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        remedy = "pip install 'fecloth[plot]'."
+        raise InputError("the figure", "needs matplotlib", "study", remedy) from error
+    with rc_context(STYLE):
+        drawing = Figure(figsize=size, layout="constrained")
+        return drawing, drawing.subplots(rows, columns)
 
 
 def pyplot():
@@ -81,14 +95,14 @@ def figure(
                 ax.set(xscale="log", yscale="log")
         yield drawing, axes
         for ax in np.ravel(axes):
-            _use_plain_ticks(ax)
+            use_plain_ticks(ax)
         Path(out).mkdir(parents=True, exist_ok=True)
         for kind in ("png", "svg"):
             drawing.savefig(Path(out) / f"{name}.{kind}")
         plt.close(drawing)
 
 
-def _use_plain_ticks(ax) -> None:
+def use_plain_ticks(ax) -> None:
     """Label a logarithmic axis of less than two decades with plain numbers, which fit."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

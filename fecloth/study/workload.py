@@ -18,6 +18,7 @@ from fecloth.scene.scene import Scene, load_scene
 IMPLICIT_STEP, EXPLICIT_STEP, BINDING, STABLE = 1e-5, 2e-7, 3e-5, 0.4
 LONGEST = 3600.0  # s, predicted for all cases, above which a study does not start by itself
 STEPS = 300  # of a run that chooses its steps by their error
+LOAD_STEP = 10  # steps in time that take as long as a load step: its Newton iterations factorise
 TRIANGLES = {"right": 2.0, "cross": 4.0}  # triangles per h²
 EQUILATERAL = 4 / math.sqrt(3)
 COARSE = 30, 5, 1  # times h, for the area of a shape from a file
@@ -41,7 +42,7 @@ class Workload:
     def of(cls, scene: Scene, refined: float = 1.0, dt: float | None = None) -> Workload:
         """Predict the size of a scene with the edge length h / refined, and with another dt [s]."""
         steps = count_steps(scene) if dt is None else _span(scene) / dt
-        is_explicit = dt is None and scene.time.method.type in EXPLICIT
+        is_explicit = dt is None and not scene.equilibrium and scene.time.method.type in EXPLICIT
         return cls(refined**2 * count_triangles(scene), steps, is_explicit)
 
     @classmethod
@@ -74,7 +75,12 @@ def _area(scene: Scene) -> float:
 
 
 def count_steps(scene: Scene) -> float:
-    """Return the number of steps; `STEPS` if an implicit run chooses them."""
+    """Return the number of steps; `STEPS` if an implicit run chooses them.
+
+    A load step takes as long as several steps in time.
+    """
+    if scene.equilibrium:
+        return LOAD_STEP * scene.equilibrium.load_steps
     if scene.time.dt != "auto":
         return math.ceil(_span(scene) / scene.time.dt - 1e-9)
     return _explicit_steps(scene) if scene.time.method.type in EXPLICIT else STEPS
@@ -89,7 +95,7 @@ def _explicit_steps(scene: Scene) -> float:
 
 
 def _span(scene: Scene) -> float:
-    return scene.time.t_end - scene.time.t_start
+    return scene.schedule.t_end - scene.schedule.t_start
 
 
 def check_scene(cases: Sequence[Workload], options: argparse.Namespace) -> None:
@@ -101,17 +107,36 @@ def check_scene(cases: Sequence[Workload], options: argparse.Namespace) -> None:
         If the predicted time is longer than an hour, without --yes, or if the scene has a mistake
         that only its mesh shows.
     """
-    seconds = sum(case.seconds for case in cases) / (1 if options.scheduler else options.jobs)
+    limit = None if options.yes else LONGEST
+    jobs = 1 if options.scheduler else options.jobs
+    check_size(cases, jobs, limit, str(options.scene), "--yes runs it anyway.")
+    load_scene(options.scene).build()
+
+
+def check_size(
+    cases: Sequence[Workload],
+    jobs: int,
+    most_seconds: float | None,
+    where: str,
+    remedy: str = "most_seconds = None runs it anyway.",
+) -> None:
+    """Print the size of a study before it begins: cases, triangles, steps and predicted time.
+
+    Raises
+    ------
+    InputError
+        If the predicted time is above `most_seconds`.
+    """
+    seconds = sum(case.seconds for case in cases) / jobs
     size = (
         f"{len(cases)} cases, up to {max(case.triangles for case in cases):,.0f} triangles × "
         f"{max(case.steps for case in cases):,.0f} steps"
     )
     print(f"{size}; predicted: about {in_words(seconds)}", file=sys.stderr, flush=True)
-    if seconds > LONGEST and not options.yes:
-        allowed = f"predicted time above {in_words(LONGEST)}"
-        remedy = "Check width, height, h and dt of the scene; --yes runs it anyway."
-        raise InputError(size, allowed, str(options.scene), remedy)
-    load_scene(options.scene).build()
+    if most_seconds is not None and seconds > most_seconds:
+        allowed = f"predicted time above {in_words(most_seconds)}"
+        advice = f"Check the size of the cloth, h and dt; {remedy}"
+        raise InputError(size, allowed, where, advice)
 
 
 def in_words(seconds: float) -> str:

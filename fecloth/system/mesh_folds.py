@@ -10,7 +10,7 @@ from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.kinematics import deformation_gradient
 from fecloth.terms.recovered_error import green_strains
 
-ROUGH = 0.8  # share of the angles that no curvature explains; random angles have 0.87
+ROUGH = 0.7  # share of the angles that no curvature explains; random angles have 0.87
 HIDDEN = 0.01  # strain that the folds take up, over the rms strain; below it they do not matter
 ENOUGH = 8  # fewest hinges around a node, for three components of curvature
 

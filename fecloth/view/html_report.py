@@ -51,7 +51,7 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
     parts = {
         "warnings": _fill_each(NOTE, _warnings(folder, summary)),
         "tiles": _fill_each(TILE, _named(_tiles(summary, tables))),
-        "charts": "\n".join(_charts(tables)),
+        "charts": "\n".join(_static_charts(tables) if _is_static(summary) else _charts(tables)),
         "bars": _fill_each(BAR, _bars(summary["seconds"])),
         "numbers": _fill_each(ROW, _named(_numbers(summary))),
     }
@@ -147,13 +147,12 @@ def _tiles(summary, tables) -> dict[str, str]:
     """The figures to read first."""
     seconds = summary["seconds"]["total"]
     tiles = {
-        "simulated": f"{summary['t']:.4g} of {summary['t_end']:.4g} s",
+        "simulated": f"{summary['t']:.4g} of {summary['t_end']:.4g}{summary.get('unit', ' s')}",
         "took": f"{seconds:.3g} s",
         "steps": f"{summary['steps']}",
         "Newton iterations": f"{summary['newton']}",
         "linear iterations": f"{summary['linear']}",
-        "energy unexplained": _unexplained(summary, tables["steps"]),
-        "error in time": _error(summary, "time"),
+        **_doubts(summary, tables["steps"]),
         "error in space": _error(summary, "space"),
         "frames": f"{summary['frames']}",
     }
@@ -167,6 +166,23 @@ def _tiles(summary, tables) -> dict[str, str]:
     if summary.get("peak_memory_MB"):
         tiles["memory"] = f"{summary['peak_memory_MB']:.0f} MB"
     return tiles
+
+
+def _is_static(summary) -> bool:
+    """Whether t is the part of the loads."""
+    return summary.get("unit", " s") != " s"
+
+
+def _doubts(summary, steps) -> dict[str, str]:
+    """Return how wrong a run may be in time, or whether an equilibrium is stable."""
+    if not _is_static(summary):
+        energy = _unexplained(summary, steps)
+        return {"energy unexplained": energy, "error in time": _error(summary, "time")}
+    least = summary.get("least_eigenvalue")
+    if least is None:
+        return {"equilibrium": summary["time_error_in_words"].removeprefix("equilibrium: ")}
+    words = summary["time_error_in_words"].removeprefix("equilibrium: ").partition(";")[0]
+    return {"equilibrium": words, "least eigenvalue of K": f"{least:.4g} N/m"}
 
 
 def _error(summary, of):
@@ -207,6 +223,13 @@ def _charts(tables) -> list[str]:
         counts = {name: curve for name, curve in counts.items() if curve[1].any()}
         figures.append(chart("Iterations a step", counts, "t [s]", "iterations", log=True))
     return figures
+
+
+def _static_charts(tables) -> list[str]:
+    """Return the charts over the part of the loads; no energy can stay unexplained there."""
+    chosen = tables | {"steps": {}}
+    drawn = [figure for figure in _charts(chosen) if "Energy that stays" not in figure]
+    return [figure.replace("t [s]", "part of the loads") for figure in drawn]
 
 
 def _energies(table):

@@ -21,6 +21,7 @@ from fecloth.study.reports import markdown_table
 from studies.bending import figure
 from studies.bending.cases import MODELS, PROBLEMS, run
 from studies.bending.findings import (
+    EXACT,
     HINGES,
     Rows,
     conclude,
@@ -76,8 +77,9 @@ def error_table(rows: Rows) -> Rows:
             for pattern in patterns_of(rows, problem=problem, model=model):
                 line = {"problem": problem, "model": model, "pattern": pattern}
                 group = select(rows, **line)
-                errors = {f"n = {row['n']}": row["error"] for row in group}
-                lines.append(line | errors | {"order": round(order(group), 2)})
+                errors = {f"n = {row['n']}": float(f"{row['error']:.4g}") for row in group}
+                last = None if problem == EXACT else round(order(group), 2)
+                lines.append(line | errors | {"order": last})
     return lines
 
 

@@ -37,6 +37,7 @@ from studies.drape.meshes import mesh_specimen
 
 SCENE = Path(__file__).parents[1] / "scenes" / "drape.toml"
 FABRICS = ("interlock", "polyester-tablecloth", "trousers")
+BENT = [name for name in fc.Fabric.presets() if fc.Fabric.preset(name).bending]
 METHODS = (fc.BackwardEuler, fc.LinearlyImplicitEuler, fc.BDF2, fc.ImplicitMidpoint)
 STEPS = (0.02, 0.01, 0.005)  # s
 
@@ -98,12 +99,10 @@ def compare_fabrics(h: float, picture: Path | None) -> None:
             print(f"wrote {picture}")
 
 
-def tabulate_meshes(h: float, out: Path, is_quick: bool) -> None:
+def tabulate_meshes(fabrics: list[str], disturbed: tuple[str, ...], h: float, out: Path) -> None:
     """Write the tables of fabrics and meshes into a folder; print each row when it is done."""
-    bent = (name for name in fc.Fabric.presets() if fc.Fabric.preset(name).bending)
-    fabrics = FABRICS[:1] if is_quick else tuple(bent)
     rows: list[dict] = []
-    for row in compare_meshes(fabrics, () if is_quick else FABRICS, h):
+    for row in compare_meshes(fabrics, disturbed, h):
         rows.append(row)
         write_table(rows, out / "meshes.csv")
         values = (row[name] for name in COLUMNS)
@@ -148,6 +147,7 @@ def main() -> int:
     parser = study.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("runs", nargs="*", type=Path, metavar="DIR", help="folder of a drape test")
     parser.add_argument("--meshes", action="store_true", help="all fabrics on four meshes instead")
+    parser.add_argument("--fabric", choices=BENT, help="with --meshes only this fabric")
     parser.add_argument("--methods", action="store_true", help="compare methods and steps instead")
     parser.add_argument("--quick", action="store_true", help="coarse, without a picture")
     parser.add_argument("--h", type=float, default=0.006, help="edge length [m]")
@@ -158,7 +158,8 @@ def main() -> int:
         print(f"{folder!s:22s} {describe_frame(read_last_frame(folder))}")
     h = 0.015 if options.quick else options.h
     if options.meshes:
-        tabulate_meshes(h, options.out, options.quick)
+        one = options.fabric or (FABRICS[0] if options.quick else None)
+        tabulate_meshes([one] if one else BENT, () if one else FABRICS, h, options.out)
     elif options.methods:
         compare_methods(h)
     elif not options.runs:

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import eigsh
 import fecloth as fc
 from fecloth.integrators.central_difference_fused import many_steps
 from fecloth.simulation.resolve import resolve
-from fecloth.stability.critical_step import critical_dt, element_bound
+from fecloth.stability.critical_step import critical_dt, element_bound, estimate
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-3)
 PATTERNS = ["right", "cross", "equilateral", "unstructured"]
@@ -91,6 +91,7 @@ def test_steps_are_stable_up_to_the_limit(pattern, terms):
     for kind in (fc.SymplecticEuler, fc.CentralDifference):
         limit = critical_dt(system, system.rest(), kind())
         bound = element_bound(system, kind())
+        assert estimate(system, system.rest(), kind()) == pytest.approx(limit, rel=0.03)
         assert bound <= limit < (2.2 if terms == "stiff plate" else 1.35) * bound
         assert growth(system, kind(), 0.95 * limit, 100) < 20
         assert growth(system, kind(beyond_limit=True), 1.05 * limit, 200) > 1e3
@@ -135,6 +136,12 @@ def test_many_steps_are_those_of_central_differences():
     for threads in (1, 2):
         fast = many_steps(system, system.rest(), dt, 50, threads)
         np.testing.assert_allclose(fast.x, slow.x, atol=1e-13)
+
+
+def test_many_steps_name_the_strain_that_they_know():
+    system = fc.System(square("right", 0.5), FABRIC, [fc.StVK()], mass="lumped")
+    with pytest.raises(fc.InputError, match='many_steps: term StVK: .* strain = "pointwise"'):
+        many_steps(system, system.rest(), 1e-5, 2)
 
 
 def test_auto_may_choose_explicit_steps():

@@ -553,7 +553,7 @@ def body_force(X):
     return -sum(stress(X + shifts[j])[0][:, :, j].imag / h for j in range(2))
 
 
-def static_errors(element, n, per="node"):
+def static_errors(element, n, per="node", strain="interpolated"):
     """L2 and H1 error of the equilibrium under the force that makes `motion` exact.
 
     Per "node" the force is integrated with the shape functions, per "area" by its nodal values.
@@ -561,7 +561,8 @@ def static_errors(element, n, per="node"):
     cloth = fc.Cloth.rectangle(1.0, 1.0, 1 / n, element=element)
     values = cloth.load(body_force, order=8) if per == "node" else body_force(cloth.X)
     force = fc.UserForce(lambda x, v, t: values, per=per)
-    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [fc.StVK(), force], pins=["boundary"])
+    terms = [fc.StVK(strain=strain), force]
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), terms, pins=["boundary"])
     x = fc.equilibrium(system, system.state(motion(cloth.X))).x
     return cloth.l2_error(x, motion, 10), cloth.h1_error(x, motion_gradient, 10)
 
@@ -575,3 +576,15 @@ def test_orders_in_space(element, l2, h1, per):
     errors = np.array([static_errors(element, k, per) for k in n])
     orders = [observed_order(1 / np.array(n), e)[-1] for e in errors.T]
     assert orders == pytest.approx([l2, h1], abs=0.15)
+
+
+def test_both_strains_have_the_orders_of_quadratic_triangles():
+    errors = {
+        strain: np.array([static_errors("P2", n, "node", strain) for n in (8, 16, 32)])
+        for strain in ("interpolated", "pointwise")
+    }
+    for found in errors.values():
+        orders = [observed_order(1 / np.array([8, 16, 32]), e)[-1] for e in found.T]
+        assert orders == pytest.approx([3, 2], abs=0.15)
+    np.testing.assert_allclose(errors["interpolated"], errors["pointwise"], rtol=0.05)
+    assert (errors["interpolated"] != errors["pointwise"]).all()

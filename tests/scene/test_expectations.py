@@ -23,7 +23,7 @@ def test_check_compares_at_the_end_and_between_steps():
     times = np.array([0.02, 0.04, 0.08])
     energies = columns(total=[5.0, 4.0, 8.0])
     at_end, between, *outside, first = check(expect, times, columns(sag=[0, 1, 2.19]), energies)
-    assert dataclasses.astuple(at_end) == ("sag", 0.08, 2.19, 2.0, 0.2, True)
+    assert dataclasses.astuple(at_end) == ("sag", 0.08, 2.19, 2.0, 0.2, True, " s")
     assert (between.name, between.at, between.passed) == ("total", 0.05, True)
     assert between.value == pytest.approx(5.0)
     assert first.passed

@@ -172,8 +172,8 @@ def test_a_low_row_behind_an_edge_clamps_hinges_at_that_edge():
 
 
 def test_the_limit_is_that_of_a_straight_line_in_h2():
-    from studies.work_precision.bending import cheapest as cheapest_of
-    from studies.work_precision.bending import limit
+    from studies.work_precision.bending_fronts import cheapest as cheapest_of
+    from studies.work_precision.bending_fronts import limit
 
     rows = [
         {"scene": "a", "model": "plate", "status": "ok", "h": h, "mean": 3.0 - 7.0 * h**2}

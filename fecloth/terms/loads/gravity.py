@@ -20,7 +20,8 @@ class Gravity:
     """f_a = Σ_b M_ab g = ρ g ∫ N_a dA, potential −Σ f_a · x_a [J] (zero at the origin).
 
     Source: virtual work of the weight ρ g of the reference area, exact on P1 and P2. On P2 with a
-    lumped mass it is m_a g with the lumped masses m_a, so that a cloth in free fall stays flat.
+    lumped mass it is m_a g with the lumped masses m_a, so that a cloth in free fall stays flat;
+    a P2 strip at rest under it converges as P1 does, h² in L2 in place of h³.
 
     Valid at any deformation, in a uniform gravity field. Over the height of a cloth the field is
     uniform.

@@ -1,6 +1,6 @@
 """Work and precision of bending: hinges, their quadratic form, plates on P1 and on P2.
 
-    python -m studies.work_precision.bending [--quick] [--out DIR]
+    python -m studies.work_precision.bending_fronts [--quick] [--out DIR]
 
 Three scenes: a strip of paper that swings down from a hinged edge, a sheet of it clamped along an
 edge, and a square cloth on a round table, both at rest under their weight. The error is the larger
@@ -43,10 +43,10 @@ COLUMNS = ("scene", "model", "method", "h", "step", "triangles", "nodes", "statu
 COLUMNS += ("total_error", "mean_error", "point_error")
 
 
-def run_swing(model: str, h: float, method: str, step: float | None) -> dict:
+def run_swing(model: str, h: float, method: str, step: float | None, repeats: int = 3) -> dict:
     """Run the swing; without a step the explicit method takes its largest stable one."""
     problem = swing(model, h, method == EXPLICIT)
-    return measure_run(problem, make_runner(problem, method, step, "auto"), 3)
+    return measure_run(problem, make_runner(problem, method, step, "auto"), repeats)
 
 
 def run_rest(scene: str, model: str, h: float) -> dict:
@@ -66,8 +66,10 @@ def run_rest(scene: str, model: str, h: float) -> dict:
 def list_swings(quick: bool) -> Rows:
     """List runs of the swing: the explicit one and implicit ones with several steps."""
     sizes, steps = (SWINGS[:2], STEPS[2:3]) if quick else (SWINGS, STEPS)
+    more = {"repeats": 1} if quick else {}
     return [
         {"model": model, "h": h * (2 if MODELS[model] == "P2" else 1), "method": m, "step": dt}
+        | more
         for model in MODELS
         for h in sizes
         for m, dt in [(EXPLICIT, None), *((IMPLICIT, dt) for dt in steps)]
@@ -190,7 +192,7 @@ def main() -> int:
         TITLE,
         rows,
         tables={"CPU seconds to an error": table_of_costs(rows)},
-        figures=("bending",),
+        figures=("bending_fronts",),
         findings=[*sure, *conclude(rows, options.quick)],
         results=("refused",),
     )

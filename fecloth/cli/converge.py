@@ -1,0 +1,68 @@
+"""The command `fecloth converge`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `fecloth converge`."""
+    add = parser.add_argument
+    add("scene", help="a .toml file")
+    text = 'what is judged, as "max tip.z" (default: the first of [interest])'
+    add("--quantity", metavar="Q", help=text)
+    add("--refine", choices=("h", "dt", "both"), default="h", help="what is refined (h)")
+    add("--levels", type=int, default=4, metavar="N", help="from 3 to 10 (4)")
+    add("--ratio", type=float, metavar="R", help="h or dt of a level over the next (2 or √2)")
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
+    add_study_options(parser, "converge")
+
+
+def add_study_options(parser: argparse.ArgumentParser, command: str) -> None:
+    """Add the options that all studies of a scene share."""
+    add = parser.add_argument
+    add("-o", "--output", metavar="DIR", help=f"folder of the report (out/{command}/SCENE)")
+    add("--jobs", type=int, default=1, metavar="N", help="processes, one thread each (1)")
+    add("--scheduler", metavar="ADDRESS", help="Dask scheduler that runs the cases")
+    limit = "longest time of a case (%(default)g s)"
+    add("--time-limit", type=float, default=600.0, metavar="S", help=limit)
+    add("--yes", action="store_true", help="run it however long it may take")
+    add("--fresh", action="store_true", help="run every case again")
+
+
+def run_converge(options) -> int:
+    """Refine the scene, print the verdict and the table, write the report."""
+    from fecloth.scene.scene import load_scene
+    from fecloth.study.refinement import converge
+    from fecloth.study.workload import LONGEST
+
+    scene = load_scene(options.scene, options.set)
+    folder, cache = folders(options, "converge")
+    found = converge(
+        scene,
+        options.quantity,
+        options.refine,
+        options.levels,
+        ratio=options.ratio,
+        cache=cache,
+        jobs=options.jobs,
+        scheduler=options.scheduler,
+        time_limit=options.time_limit,
+        most_seconds=None if options.yes else LONGEST,
+        fresh=options.fresh,
+    )
+    print("\n".join([found.verdict, *found.notes(), "", str(found.table), ""]))
+    print(f"wrote {found.report(folder)}")
+    failed = any(row.get("status") for row in found.table)
+    return 3 if failed else 0
+
+
+def folders(options, command: str) -> tuple[Path, Path]:
+    """Return the folder of the report, and that under which finished cases are stored.
+
+    Without -o all commands share one store, so that none runs what another has run.
+    """
+    if options.output:
+        return Path(options.output), Path(options.output)
+    return Path("out") / command / Path(options.scene).stem, Path("out")

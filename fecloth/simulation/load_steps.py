@@ -1,0 +1,141 @@
+"""Static equilibrium in load steps, as a choice of steps that `march` takes.
+
+The "time" is the part of the loads that acts, from 0 at the start to 1. So frames, tables, restart
+files and probes serve a static scene as they serve a motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from fecloth.integrators.numerical_dissipation import load_forces
+from fecloth.integrators.protocol import MethodTraits
+from fecloth.integrators.step import Step
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.equilibrium import increase_loads, solve_static, static_context
+from fecloth.nonlinear.stage_equation import NewtonFailed
+from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
+from fecloth.simulation.step_times import step_times
+from fecloth.system.records import remembered
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+TERMS_TIME = 0.0  # at which loads are evaluated: those of a static scene do not depend on it
+
+
+@remembered
+@dataclass(frozen=True, eq=False)
+class LoadRate:
+    """∂x/∂(part of the loads) (n, 3) [m] after a step: where the next one begins its search."""
+
+    rate: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ScaledLoad:
+    """A bound load whose force is multiplied by `factor`."""
+
+    load: Any
+    factor: float
+
+    def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
+        """f += factor × the force of the load."""
+        force = np.zeros_like(f)
+        self.load.add_force(x, v, t, force)
+        f += self.factor * force
+
+
+@dataclass(frozen=True)
+class LoadSteps:
+    """Equilibria under growing loads; each step finds one by `nonlinear.equilibrium`.
+
+    Parameters
+    ----------
+    load_steps, tolerance, max_iterations
+        As for `equilibrium`.
+    """
+
+    load_steps: int = 1
+    tolerance: float = 1e-9
+    max_iterations: int = 200
+
+    traits: ClassVar[MethodTraits] = MethodTraits(
+        order=0, theta=1.0, stability=None, chooses_dt=True, has_difference=True
+    )
+
+    @property
+    def method(self) -> LoadSteps:
+        return self
+
+    @property
+    def dt(self) -> float:
+        """The part of the loads that a step adds."""
+        return 1 / self.load_steps
+
+    def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
+        """Return the part of the loads at the end of every step."""
+        return step_times(t, self.dt, t_end, stops)
+
+    def check(self, system: System) -> None:
+        """Nothing to refuse: the mass does not count."""
+
+    def check_start(self, system: System, state: State, insist: str = "") -> None:
+        """Nothing to refuse."""
+
+    def solver(self, system: System, choice: str) -> tuple[SolverContext, str]:
+        """Return the direct solver of all steps, and in words why it was chosen."""
+        name = "direct" if choice == "auto" else choice
+        context = static_context(system, self.tolerance, self.max_iterations, name)
+        assert context.linear is not None
+        reason = "as for every equilibrium" if choice == "auto" else "requested"
+        return context, f"{context.linear.name} ({reason})"
+
+    def step(
+        self, system: System, state: State, horizon: float, solver, memory: LoadRate | None = None
+    ) -> Step:
+        """Find the equilibrium under the part `state.t` + `horizon` of the loads.
+
+        Raises
+        ------
+        NewtonFailed
+            If there is none that the search reaches, also in smaller increments.
+        """
+        still = np.zeros_like(state.x)
+        start, load = State(TERMS_TIME, state.x, still), state.t + horizon
+        rate: Any = 0.0 if memory is None else memory.rate
+        try:
+            if self.load_steps == 1:
+                x, counts = solve_static(StaticEquation(system, start, load), start.x, solver)
+                rate = still
+            else:
+                loads = state.t, load
+                x, rate, counts = increase_loads(system, start, solver, horizon, loads, rate)
+        except EquilibriumFailed as failure:
+            reason = f"no equilibrium was found: {failure.reason}"
+            raise NewtonFailed(reason, failure.residual, failure.remedy) from failure
+        new, over = State(load, x, still), system.with_bound(_scaled(system, load))
+        return Step(new, new, LoadRate(rate), counts, over=over)
+
+    def numerical(self, system: System, old: State, step: Step) -> float:
+        """Energy [J] that the slow motion from one equilibrium to the next takes away.
+
+        The energies and the work in the ledger are those of the full loads.
+        """
+        before, after = system.energies(old), system.energies(step.state)
+        work = system.sums.dot(load_forces(system, step.state), step.state.x - old.x)
+        return sum(before.values()) - sum(after.values()) + work
+
+    def __str__(self) -> str:
+        steps = "1 load step" if self.load_steps == 1 else f"{self.load_steps} load steps"
+        return f"static equilibrium in {steps}, tolerance {self.tolerance:g}"
+
+
+def _scaled(system: System, load: float) -> Iterator[Any]:
+    """Yield the terms, of which the loads act with the factor `load`."""
+    for term in system.bound:
+        scales = load != 1.0 and getattr(term, "load", False)
+        yield ScaledLoad(term, load) if scales else term

@@ -1,0 +1,61 @@
+"""The public names of `fecloth.study` and the modules that define them."""
+
+from .cases import Case, describe_settings, run_cases
+from .command import Parser, StudyFailed, require_packages, run_main
+from .convergence import Convergence
+from .figures import (
+    COLOURS,
+    MARKERS,
+    draw_lines,
+    draw_slope_triangle,
+    figure,
+    line_style,
+    mark_failures,
+    new_figure,
+)
+from .options import parse_arguments, run_options
+from .refinement import converge
+from .reports import Finding, hardware, require_results, write_csv, write_report
+from .result import StudyResult
+from .status import TimeLimit, check_time_limit
+from .tables import Table
+from .timing import Seconds, measure_seconds
+from .uncertainty import Estimate, estimate_uncertainty
+from .workload import Workload, check_scene
+
+__all__ = [
+    "COLOURS",
+    "MARKERS",
+    "Case",
+    "Convergence",
+    "Estimate",
+    "Finding",
+    "Parser",
+    "Seconds",
+    "StudyFailed",
+    "StudyResult",
+    "Table",
+    "TimeLimit",
+    "Workload",
+    "check_scene",
+    "check_time_limit",
+    "converge",
+    "describe_settings",
+    "draw_lines",
+    "draw_slope_triangle",
+    "estimate_uncertainty",
+    "figure",
+    "hardware",
+    "line_style",
+    "mark_failures",
+    "measure_seconds",
+    "new_figure",
+    "parse_arguments",
+    "require_packages",
+    "require_results",
+    "run_cases",
+    "run_main",
+    "run_options",
+    "write_csv",
+    "write_report",
+]

@@ -1,0 +1,156 @@
+"""The result of `converge`: value, uncertainty, order, and a verdict in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fecloth.study.figures import new_figure, use_plain_ticks
+from fecloth.study.result import StudyResult, with_uncertainty
+from fecloth.study.uncertainty import Estimate, observed_order
+
+CLOSE = 0.25  # an order that is lower by less than this part is in the asymptotic range
+MOST_LEVELS = 5  # that are proposed
+SLOW = 0.3  # below this order nothing converges for practical purposes
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Convergence(StudyResult):
+    """What `converge` found; lengths in m, times in s, the quantity in its own unit.
+
+    Attributes
+    ----------
+    quantity, unit
+        Text of the quantity, and its SI unit.
+    value
+        The quantity on the finest level; of a field, path or vector its size.
+    uncertainty
+        The exact value is expected in value ± uncertainty: of what was refined, plus the shares.
+    limit
+        The value extrapolated to h = 0 or dt = 0.
+    order, theory
+        Observed order, NaN if there is none, and theoretical order.
+    converges
+        Whether the verdict begins with "converges".
+    refine
+        "h", "dt" or "both".
+    shares
+        Estimated size of each part of the error: "mesh" or "time step" or both (what was refined),
+        and "time step" or "mesh" and "solver" as far as they were estimated.
+    estimate
+        The `Estimate` from the published procedure.
+    """
+
+    quantity: str = ""
+    unit: str = ""
+    value: float = math.nan
+    uncertainty: float = math.nan
+    limit: float = math.nan
+    order: float = math.nan
+    theory: float = math.nan
+    converges: bool = False
+    refine: str = "h"
+    shares: Mapping[str, float] = field(default_factory=dict)
+    estimate: Estimate | None = None
+    remarks: tuple[str, ...] = ()
+
+    def notes(self) -> list[str]:
+        """Sentences on the extrapolated value, the parts of the error and what was noticed."""
+        lines = []
+        if self.estimate and math.isfinite(self.limit):
+            procedure = self.estimate.procedure
+            text = f"{self.limit:.8g} {self.unit}".strip()
+            lines.append(f"Extrapolated value: {text}. Procedure: {procedure}.")
+        if self.shares:
+            parts = [f"{name} {size:.2g} {self.unit}".strip() for name, size in self.shares.items()]
+            lines.append(f"Estimated parts of the error: {', '.join(parts)}.")
+        return [*lines, *self.remarks]
+
+    def figure(self):
+        """Return the errors of the levels with the theoretical slope, and the values."""
+        size = "dt" if self.refine == "dt" else "h"
+        rows = [row for row in self.table if row.get("value") is not None]
+        h = np.array([row[size] for row in rows], dtype=float)
+        values = np.array([row["value"] for row in rows], dtype=float)
+        drawing, (left, right) = new_figure(1, 2, size=(10.0, 4.4))
+        drawing.suptitle(f"{self.title}: {self.quantity}")
+        self._draw_errors(left, h, np.array([row["error"] for row in rows], dtype=float))
+        right.errorbar(
+            h[-1:], values[-1:], yerr=[self.uncertainty], fmt="none", ecolor="0.3", capsize=5
+        )
+        right.plot(h, values, "o-", color="#0072B2")
+        if math.isfinite(self.limit) and self.estimate and self.estimate.behaviour == "monotone":
+            right.axhline(self.limit, color="#D55E00", ls="--", label="extrapolated")
+            right.legend()
+        unit = "s" if size == "dt" else "m"
+        right.set(xlim=(0, None), xlabel=f"{size} [{unit}]", ylabel=_labelled("value", self.unit))
+        left.set(xlabel=f"{size} [{unit}]", ylabel=_labelled("estimated error", self.unit))
+        right.ticklabel_format(useOffset=False)
+        return drawing
+
+    def _draw_errors(self, ax, h: np.ndarray, errors: np.ndarray) -> None:
+        shown = errors > 0
+        if not shown.any():
+            ax.text(0.5, 0.5, "no error to show", ha="center", transform=ax.transAxes)
+            return
+        ax.loglog(h[shown], errors[shown], "o-", color="#0072B2", label="estimated error")
+        if math.isfinite(self.theory) and shown.sum() > 1:
+            line = errors[shown][0] * (h[shown] / h[shown][0]) ** self.theory
+            ax.loglog(h[shown], line, "--", color="0.5", label=f"order {self.theory:g}")
+        use_plain_ticks(ax)
+        ax.legend()
+
+
+def _labelled(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def judge(
+    estimate: Estimate, h: Sequence[float], values: Sequence[float], obstacles: Sequence[str]
+) -> tuple[bool, str]:
+    """Return whether values converge, and a sentence that says so and why not.
+
+    `h` and `values` are those of the levels, coarse to fine.
+    """
+    theory, order = estimate.theory, estimate.order
+    why = f" Possible reasons: {'; '.join(obstacles)}." if obstacles else ""
+    if estimate.behaviour == "constant":
+        return True, "converges: all levels give the same value to round-off"
+    if estimate.behaviour == "oscillating":
+        return False, f"does not converge: the values go up and down from level to level.{why}"
+    if estimate.behaviour == "diverging" or (order < SLOW and obstacles):
+        return False, f"does not converge: refinement does not reduce the changes.{why}"
+    orders = f"observed order {order:.2f}, theory {theory:g}"
+    if order >= (1 - CLOSE) * theory and estimate.scatter < estimate.data_range:
+        faster = order > (1 + CLOSE) * theory
+        return (
+            True,
+            f"converges {'faster than its theory' if faster else 'as it should'} ({orders})",
+        )
+    next_level = _level_in_range(np.array(h), np.array(values), theory)
+    return False, f"not yet in the asymptotic range ({orders}): {next_level}.{why}"
+
+
+def _level_in_range(h: np.ndarray, values: np.ndarray, theory: float) -> str:
+    """Return which level would be in the asymptotic range, if the local orders approach theory."""
+    fine_first = slice(None, None, -1)
+    h, values = h[fine_first], values[fine_first]
+    local = [observed_order(h[k : k + 3], values[k : k + 3]) for k in range(len(h) - 2)]
+    if len(local) < 2 or not np.isfinite(local[:2]).all():
+        return "one level more would tell"
+    near, far = abs(theory - local[0]), abs(theory - local[1])
+    if near >= far:
+        return "the order does not approach the theory from level to level"
+    close = CLOSE * theory
+    more = math.ceil(math.log(close / near) / math.log(near / far)) if near > close else 1
+    if more > MOST_LEVELS:
+        return "the order hardly approaches the theory from level to level"
+    return f"about {max(more, 1)} more, to {h[0] * (h[0] / h[1]) ** max(more, 1):.3g}, would be"
+
+
+def describe_value(result_name: str, value: float, uncertainty: float, unit: str) -> str:
+    """Return "sag = 0.1235 ± 0.0012 m"."""
+    return f"{result_name} = {with_uncertainty(value, uncertainty, unit)}"

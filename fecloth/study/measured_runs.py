@@ -1,0 +1,189 @@
+"""One run of a study, and what quantities of interest need of it, as a row of numbers."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numba
+import numpy as np
+
+from fecloth.errors import FeclothWarning
+from fecloth.integrators.step import Step
+from fecloth.mesh.cloth import Cloth
+from fecloth.nonlinear.equilibrium import equilibrium
+from fecloth.nonlinear.statistics import Counts
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.march import march
+from fecloth.simulation.probes import Observer, Probe
+from fecloth.simulation.quantity import Quantity
+from fecloth.simulation.quantity_values import RunRecord
+from fecloth.simulation.record_steps import trial_recorder
+from fecloth.simulation.resolve import method_to_report, resolve
+from fecloth.simulation.run import collect, columns
+from fecloth.study.modes import modes as natural_modes
+from fecloth.study.obstacles import find_obstacles
+from fecloth.study.processes import load_function
+from fecloth.study.setups import Setup, setup_of_function, setup_of_scene
+from fecloth.study.status import check_time_limit
+
+WHOLE = ("max", "min", "path", "period", "frequency")  # over the run
+known_functions: dict[tuple[str, str], Callable] = {}  # of this process: imported already
+
+
+def run_scene_text(text: str, digest: str, recorded: list, modes: int = 0) -> dict:
+    """Run the scene of a text; `recorded` are the columns to return over the whole run."""
+    return measure(setup_of_scene(text), recorded, modes)
+
+
+def run_function(
+    path: str,
+    name: str,
+    digest: str,
+    settings: dict,
+    dt: float | None,
+    t_end: float | None,
+    probes: list,
+    recorded: list,
+    modes: int = 0,
+    sharper: float = 1.0,
+) -> dict:
+    """Run what the user's function of that file returns; `probes` are names with places."""
+    function = known_functions.get((path, name)) or load_function(path, name)
+    placed = tuple(Probe(*probe) for probe in probes)
+    return measure(
+        setup_of_function(function, settings, dt, t_end, placed, sharper), recorded, modes
+    )
+
+
+def measure(
+    setup: Setup,
+    recorded: Sequence[str],
+    modes: int = 0,
+    function: Callable[[Any], float] | None = None,
+) -> dict:
+    """Run a setup on one thread and return its row.
+
+    Parameters
+    ----------
+    recorded
+        Columns, or names of vectors, that are returned over the whole run.
+    modes
+        Number of natural frequencies about the start, or about the equilibrium; then a setup in
+        time is not run.
+    function
+        A user's function of the result.
+    """
+    with one_thread(), warnings.catch_warnings(action="ignore", category=FeclothWarning):
+        begin = time.process_time()
+        if modes and not setup.is_static:
+            row = _nothing_run(setup)
+        else:
+            row = _solve(setup) if setup.t_end is None else _march(setup)
+        result, all_columns, end = row.pop("result"), row.pop("columns"), row.pop("end")
+        row["cpu_seconds"] = time.process_time() - begin
+        row["ends"] = {key: [float(v[0]), float(v[-1])] for key, v in all_columns.items()}
+        wanted = {*recorded, *(f"{name}.{c}" for name in recorded for c in "xyz")}
+        row["energies"] = sorted(Ledger.open(setup.system, setup.start).row())
+        row["columns"] = {k: v.tolist() for k, v in all_columns.items() if k in wanted}
+        row["times"] = row["times"].tolist() if wanted else [row["times"][0], row["times"][-1]]
+        row["displacement"] = (end.x - setup.start.x).tolist()
+        row["velocity"] = end.v.tolist()
+        if modes:
+            found = natural_modes(setup.system, end, count=modes)
+            row["frequencies"] = [float(frequency) for frequency in found.frequencies]
+        if function:
+            row["function"] = float(function(result))
+    cloth = setup.cloth
+    sizes = {"triangles": len(cloth.triangles), "nodes": len(cloth.X), "element": cloth.element}
+    sizes["edge"] = math.sqrt(cloth.area / len(cloth.triangles))
+    return sizes | row | {"obstacles": find_obstacles(setup, row["ends"])}
+
+
+def _march(setup: Setup) -> dict:
+    system, start = setup.system, setup.start
+    assert setup.t_end is not None
+    ledger = Ledger.open(system, start)
+    observer = Observer.bind(system, start, setup.probes, shape=True)
+    record = trial_recorder(system, ledger, observer)
+    run = system, setup.steps, start, setup.t_end
+    steps, solver, why = resolve(*run, setup.linear, setup.newton, record)
+    states = march(system, steps, start, None, setup.t_end, solver=solver)
+    method = method_to_report(steps)
+    result = collect(states, system, method, ledger, observer, why, report=check_time_limit)
+    return {
+        "times": result.times,
+        "columns": {**result.energies, **result.observed},
+        "end": result.state,
+        "result": result,
+        "steps": len(result.times) - 1,
+        "step": float(np.diff(result.times).max()),
+        "newton": result.newton,
+        "time_error": result.time_error,
+        "time_order": steps.traits.order,
+        "warnings": list(result.warnings),
+    }
+
+
+def _solve(setup: Setup) -> dict:
+    """Solve for the equilibrium; the rows are the start and the end."""
+    observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
+    state = equilibrium(setup.system, setup.start, report=check_time_limit)
+    earlier = replace(state, t=state.t - 1.0)  # reactions are those of a step, here at rest
+    rows = [observer.row(None, None), observer.row(earlier, Step(state, state, None, Counts()))]
+    ledgers = [Ledger.open(setup.system, at).row() for at in (setup.start, state)]
+    both = [ledger | row for ledger, row in zip(ledgers, rows, strict=True)]
+    nothing = {"time_error": math.nan, "time_order": 0, "warnings": []}
+    counted = {"steps": 1, "step": math.nan, "newton": state.iterations}
+    return counted | nothing | _ends(setup, columns(both), state, state)
+
+
+def _nothing_run(setup: Setup) -> dict:
+    """Return the row of a setup at its start."""
+    observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
+    row = Ledger.open(setup.system, setup.start).row() | observer.row(None, None)
+    counted = {"steps": 0, "step": math.nan, "newton": 0, "time_error": math.nan, "time_order": 0}
+    return counted | {"warnings": []} | _ends(setup, columns([row, row]), setup.start, setup.start)
+
+
+def _ends(setup: Setup, both: Mapping, end, result) -> dict:
+    times = np.array([setup.start.t, end.t])
+    return {"times": times, "columns": both, "end": end, "result": result}
+
+
+def columns_to_record(quantity: Quantity) -> list[str]:
+    """Return the columns that a quantity needs over the whole run."""
+    needs = quantity.how in WHOLE or quantity.at is not None
+    return [quantity.column] if needs else []
+
+
+def record_of(row: Mapping, quantity: Quantity, cloth: Cloth | None, probes=()) -> RunRecord:
+    """Return what a quantity is computed from, of a row of `measure`."""
+    whole = row["columns"] or row["ends"]
+    times = row["times"] if row["columns"] else [row["times"][0], row["times"][-1]]
+    fields = {name: np.array(row[name]) for name in ("displacement", "velocity")}
+    return RunRecord(
+        np.array(times),
+        {name: np.array(values) for name, values in whole.items()},
+        cloth,
+        fields,
+        tuple(probes),
+        tuple(row.get("frequencies", ())),
+        {quantity.text: row.get("function", math.nan)},
+    )
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let Numba use one thread inside; afterwards as many as before."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)

@@ -1,0 +1,49 @@
+"""What may keep a quantity from converging under refinement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from fecloth.study.setups import Setup
+
+FOLDED = 0.9  # least stretch below which a cloth has folds or wrinkles
+PATTERN = ("HingeBending", "QuadraticBending")
+
+
+def find_obstacles(setup: Setup, ends: Mapping[str, list[float]]) -> list[str]:
+    """Return a sentence for each feature of a system that limits or prevents convergence in h."""
+    system, found = setup.system, []
+    for name, (_, nodes) in system.constraints.groups.items():
+        if len(nodes) == 1:
+            found.append(
+                f"the pin {name} holds a single point: a membrane has no finite stiffness there, "
+                "and gives way by about log(1/h); pin an area or an edge"
+            )
+    if any(name.startswith("PointForce") for name in system.names):
+        found.append(
+            "a PointForce acts on a point, under which the deflection of a membrane grows like "
+            "log(1/h); spread it over an area"
+        )
+    least = ends.get("least_stretch", [1.0])[-1]
+    bends = has_bending(setup)
+    if least < FOLDED:
+        found.append(
+            f"a triangle is compressed to {least:.2f} of its length: folds and wrinkles differ "
+            "from mesh to mesh" + ("" if bends else ", without bending down to the edge length")
+        )
+    if any(name.startswith(PATTERN) for name in system.names):
+        found.append(
+            "the bending of hinges depends on the pattern of the mesh; PlateBending converges on "
+            "every mesh"
+        )
+    if not bends and not setup.is_static:
+        found.append(
+            "without bending the cloth may have kinks, which limit the order in h to 1.5 in L2 "
+            "and to 0.5 in H1"
+        )
+    return found
+
+
+def has_bending(setup: Setup) -> bool:
+    """Whether a term resists bending."""
+    return any("Bending" in name and "Damping" not in name for name in setup.system.names)

@@ -1,0 +1,371 @@
+"""What a study refines: a scene, or a user's function of h and dt."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fecloth.errors import InputError, is_number
+from fecloth.integrators import EXPLICIT
+from fecloth.mesh.cloth import Cloth
+from fecloth.scene.scene import Scene, load_scene
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.probes import Observer, Probe
+from fecloth.simulation.quantity import Quantity
+from fecloth.study import measured_runs, status
+from fecloth.study.cases import run_cases
+from fecloth.study.fingerprint import source_hash
+from fecloth.study.levels import REFINED, Level
+from fecloth.study.obstacles import has_bending
+from fecloth.study.scene_text import digest_of_files, scene_of, text_of
+from fecloth.study.setups import Setup, setup_of_function
+from fecloth.study.workload import STEPS, Workload
+
+if TYPE_CHECKING:
+    from fecloth.study.refinement import Runs
+
+STATIC = 20  # iterations of an equilibrium, for the predicted time
+ROUND = 0.5  # share of the corners of a boundary above which it is round
+
+
+class _Common:
+    """What both kinds of problems derive from their first level."""
+
+    first: Setup
+
+    @property
+    def is_static(self) -> bool:
+        return self.first.is_static
+
+    @property
+    def is_explicit(self) -> bool:
+        return self.first.is_explicit
+
+    @property
+    def probes(self) -> tuple[str, ...]:
+        """Names of the probes."""
+        return tuple(probe.name for probe in self.first.probes)
+
+    def orders(self, quantity: Quantity) -> tuple[float, float]:
+        """Return the theoretical orders in h and in dt."""
+        time = 1.0 if self.is_static else float(self.first.steps.traits.order or 1)
+        return space_order(quantity, self.first), time
+
+    def check_quantity(self, quantity: Quantity) -> None:
+        """Raise `InputError` for a quantity that the run does not have."""
+        setup = self.first
+        observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
+        names = {*observer.row(None, None), *Ledger.open(setup.system, setup.start).row()}
+        quantity.require_known(sorted(names - {"t"}))
+
+    def workload(self, level: Level) -> Workload:
+        """Predict the size of a level from the first one."""
+        triangles = len(self.first.cloth.triangles) * level.h**2
+        if self.is_static:
+            return Workload(triangles, STATIC)
+        dt = self.first.steps.dt
+        if dt is None:
+            return Workload(triangles, STEPS * level.h, self.is_explicit)
+        assert self.first.t_end is not None
+        steps = math.ceil((self.first.t_end - self.first.start.t) / dt * level.dt)
+        return Workload(triangles, steps, self.is_explicit)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneProblem(_Common):
+    """A scene to refine."""
+
+    scene: Scene
+    name: str
+
+    @cached_property
+    def first(self) -> Setup:  # type: ignore[override]  # computed when it is first needed
+        built = self.scene.build()
+        run = built.system, built.state, built.steps, built.t_end, built.newton, built.linear
+        return Setup(*run, built.probes)
+
+    @property
+    def h(self) -> float | None:
+        """Edge length of the first level [m]."""
+        return self.scene.cloth.h
+
+    @property
+    def default_quantity(self) -> str | Quantity:
+        if self.scene.interest:
+            return self.scene.interest.all[0]
+        probes = self.scene.probes
+        return f"path of {probes[0].name}" if probes else "displacement"
+
+    def ratio(self, refine: str) -> float:
+        """Return the usual ratio of two levels; that of nested meshes is 2."""
+        nested = getattr(self.scene.cloth, "pattern", "unstructured") != "unstructured"
+        return 2.0 if nested or refine == "dt" else math.sqrt(2)
+
+    def can_refine(self, what: str) -> bool:
+        """Whether the scene has an h, or a dt in seconds."""
+        if what == "dt" and self.scene.equilibrium:
+            return False
+        return is_number(self.scene.cloth.h if what == "h" else self.scene.time.dt)
+
+    def check(self, refine: str) -> None:
+        """Raise `InputError` if it has no h or dt to refine."""
+        if refine != "dt" and not self.can_refine("h"):
+            remedy = "Give a .geo file and h, or a shape."
+            raise InputError("a mesh of one size", "has no cloth.h to refine", self.name, remedy)
+        if self.scene.equilibrium:
+            if refine != "h":
+                raise InputError(f"refine = {refine!r}", "an equilibrium has no dt", self.name)
+            return
+        explicit = self.scene.time.method.type in EXPLICIT and self.scene.time.rtol is None
+        if refine == "dt" and not self.can_refine("dt"):
+            raise InputError('dt = "auto"', "cannot be refined", self.name, "Give time.dt.")
+        if refine == "both" and not (explicit or self.can_refine("dt")):
+            remedy = "Give time.dt; or refine h: the steps follow their tolerance."
+            raise InputError('dt = "auto"', "cannot be refined", self.name, remedy)
+
+    def text(self, level: Level) -> str:
+        """Return the scene of a level; a refined dt divides the run into equal steps."""
+        h, dt, time = self.scene.cloth.h, None, self.scene.time
+        if level.dt != 1 and time and time.dt != "auto":
+            span = time.t_end - time.t_start
+            dt = span / round(math.ceil(span / time.dt - 1e-9) * level.dt)
+        finer = None if level.h == 1 or h is None else h / level.h
+        return text_of(self.scene, finer, dt, level.sharper)
+
+    def run(self, levels: Sequence[Level], quantity: Quantity, runs: Runs) -> list[dict]:
+        """Run all levels; a function as quantity is computed in this process."""
+        texts = [self.text(level) for level in levels]
+        if quantity.function:
+            rows = [
+                status.attempt(
+                    lambda text: measured_runs.measure(
+                        measured_runs.setup_of_scene(text), [], 0, quantity.function
+                    ),
+                    {"text": text},
+                )
+                for text in texts
+            ]
+            return _with_levels(rows, levels)
+        shared = {
+            "digest": digest_of_files(self.scene),
+            "recorded": measured_runs.columns_to_record(quantity),
+            "modes": quantity.mode,
+        }
+        words = {text: _describe(level) for text, level in zip(texts, levels, strict=True)}
+        rows = run_cases(
+            [{"text": text, **shared} for text in texts],
+            measured_runs.run_scene_text,
+            label=lambda settings: words[settings["text"]],
+            costs=[self.workload(level).seconds for level in levels],
+            **_options(runs),
+        )
+        return _with_levels(rows, levels)
+
+    def cloth_of(self, row: Mapping, quantity: Quantity) -> Cloth | None:
+        """Return the cloth of a row where the quantity needs it."""
+        return scene_of(self.text(row["level"])).mesh() if quantity.is_field else None
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionProblem(_Common):
+    """A user's function of h and dt that returns cloth, system, method and start."""
+
+    function: Callable
+    h: float | None
+    dt: float | None
+    t_end: float | None
+    given: tuple[Probe, ...] = ()
+    settings: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return getattr(self.function, "__name__", "problem")
+
+    @cached_property
+    def first(self) -> Setup:  # type: ignore[override]  # computed when it is first needed
+        return self.setup(Level())
+
+    @property
+    def default_quantity(self) -> str | Quantity:
+        return f"path of {self.given[0].name}" if self.given and self.t_end else "displacement"
+
+    def ratio(self, refine: str) -> float:
+        """Return the usual ratio of two levels: a function's meshes are taken as nested."""
+        return 2.0
+
+    def can_refine(self, what: str) -> bool:
+        """Whether the function has an h, or steps of a given dt."""
+        return (self.h if what == "h" else self.dt) is not None
+
+    def check(self, refine: str) -> None:
+        """Raise `InputError` if it has no h or dt to refine."""
+        if refine not in REFINED:
+            return
+        for what in ("h", "dt") if refine == "both" else (refine,):
+            if not self.can_refine(what):
+                allowed = f"refine = {refine!r} needs the {what} of the first level"
+                raise InputError(f"{what} is missing", allowed, self.name, f"Give {what}=….")
+        if self.t_end is None and refine != "h":
+            raise InputError("t_end is missing", "an equilibrium has no dt", self.name)
+
+    def sizes(self, level: Level) -> tuple[dict[str, object], float | None]:
+        """Return the settings of the function, with h and dt, and dt."""
+        settings, dt = dict(self.settings), self.dt
+        if self.h is not None:
+            settings["h"] = self.h / level.h
+        if dt is not None and self.t_end is not None:
+            dt = self.t_end / round(math.ceil(self.t_end / dt - 1e-9) * level.dt)
+        if dt is not None:
+            settings["dt"] = dt
+        return settings, dt
+
+    def setup(self, level: Level) -> Setup:
+        """Call the function for a level."""
+        settings, dt = self.sizes(level)
+        run = self.function, settings, dt, self.t_end
+        return setup_of_function(*run, self.given, level.sharper)
+
+    def run(self, levels: Sequence[Level], quantity: Quantity, runs: Runs) -> list[dict]:
+        """Run all levels; a function that other processes cannot import runs in this one."""
+        recorded = measured_runs.columns_to_record(quantity)
+        file = _importable(self.function)
+        if file is None or quantity.function or not _are_names(self.given):
+            rows = []
+            for level in levels:
+                measure = measured_runs.measure, self.setup(level), recorded, quantity.mode
+                rows.append(status.attempt(_call, {"of": (*measure, quantity.function)}))
+            return _with_levels(rows, levels)
+        name = self.function.__name__
+        measured_runs.known_functions[file, name] = self.function
+        shared = {
+            "path": file,
+            "name": name,
+            "digest": source_hash(file),
+            "t_end": self.t_end,
+            "probes": [[p.name, p.where, list(p.point) if p.point else None] for p in self.given],
+            "recorded": recorded,
+            "modes": quantity.mode,
+        }
+        cases: list[Mapping] = []
+        for level in levels:
+            settings, dt = self.sizes(level)
+            cases.append({**shared, "settings": settings, "dt": dt, "sharper": level.sharper})
+        rows = run_cases(
+            cases,
+            measured_runs.run_function,
+            label=lambda settings: _describe(levels[cases.index(settings)]),
+            costs=[self.workload(level).seconds for level in levels],
+            **_options(runs),
+        )
+        return _with_levels(rows, levels)
+
+    def cloth_of(self, row: Mapping, quantity: Quantity) -> Cloth | None:
+        """Return the cloth of a row where the quantity needs it."""
+        return self.setup(row["level"]).cloth if quantity.is_field else None
+
+
+Problem = SceneProblem | FunctionProblem
+
+
+def open_problem(
+    problem: Any,
+    h: float | None = None,
+    dt: float | None = None,
+    t_end: float | None = None,
+    probes: Sequence[Probe] = (),
+    settings: Mapping[str, object] | None = None,
+) -> Problem:
+    """Return the problem of a scene, its path, or a function; see `converge`.
+
+    Raises
+    ------
+    InputError
+        For anything else, and for h, dt, t_end, probes or settings besides a scene.
+    """
+    if isinstance(problem, Scene | str | Path):
+        named = {"h": h, "dt": dt, "t_end": t_end, "probes": probes or None, **(settings or {})}
+        given = [name for name, value in named.items() if value is not None]
+        if given:
+            remedy = "Change the scene."
+            raise InputError(f"{given[0]} = …", "is for a function's problem", "problem", remedy)
+        scene = problem if isinstance(problem, Scene) else load_scene(problem)
+        stem = Path(str(scene.source).partition(" with ")[0]).stem
+        return SceneProblem(scene, scene.title or stem)
+    if not callable(problem):
+        allowed = "must be a scene, its path, or a function of h and dt"
+        raise InputError(f"problem = {problem!r}", allowed, "problem")
+    return FunctionProblem(problem, h, dt, t_end, tuple(probes), settings or {})
+
+
+def space_order(quantity: Quantity, setup: Setup) -> float:
+    """Return the theoretical order in h, for a smooth solution.
+
+    That of linear triangles is 2, of gradients 1; of quadratic triangles 3, of gradients 2, and 4
+    of energies, frequencies, areas, volumes and reactions. With bending or a round border of
+    straight edges it is at most 2.
+    """
+    is_gradient = quantity.norm == "h1" or quantity.name.endswith("stretch")
+    if setup.cloth.element == "P1":
+        return 1.0 if is_gradient else 2.0
+    if has_bending(setup) or is_round(setup.cloth):
+        return 2.0
+    names = {*setup.system.names, "kinetic", "total", "area", "volume"}
+    is_mean = quantity.how in ("mode", "period", "frequency") or quantity.column in names
+    is_mean |= quantity.column.startswith("reaction")
+    return 2.0 if is_gradient else 4.0 if is_mean else 3.0
+
+
+def is_round(cloth: Cloth) -> bool:
+    """Whether most corners of the border turn: a round shape, meshed with straight edges."""
+    edges = cloth.edge_sets.get("boundary")
+    if edges is None or not len(edges):
+        return False
+    vector = cloth.X[edges[:, 1]] - cloth.X[edges[:, 0]]
+    vector /= np.linalg.norm(vector, axis=1, keepdims=True)
+    nodes, both = edges.ravel(), np.repeat(vector, 2, axis=0)
+    order = np.argsort(nodes, kind="stable")
+    pairs = both[order][: len(order) // 2 * 2].reshape(-1, 2, 2)  # each node has two edges
+    turning = np.abs(pairs[:, 0, 0] * pairs[:, 1, 1] - pairs[:, 0, 1] * pairs[:, 1, 0])
+    return float(np.mean(turning > 1e-3)) > ROUND
+
+
+def _describe(level: Level) -> str:
+    parts = [f"{name} / {by:.3g}" for name, by in (("h", level.h), ("dt", level.dt)) if by != 1]
+    parts += ["a sharper tolerance"] if level.sharper != 1 else []
+    return " and ".join(parts) or "the first level"
+
+
+def _options(runs: Runs) -> dict[str, Any]:
+    names = ("jobs", "scheduler", "time_limit", "fresh")
+    return {"out": runs.cache, **{name: getattr(runs, name) for name in names}}
+
+
+def _with_levels(rows: Sequence[dict], levels: Sequence[Level]) -> list[dict]:
+    return [row | {"level": level} for row, level in zip(rows, levels, strict=True)]
+
+
+def _call(of: tuple) -> dict:
+    function, *arguments = of
+    return function(*arguments)
+
+
+def _importable(function: Callable) -> str | None:
+    """Return the file of a function at its top level; None for any other."""
+    name = getattr(function, "__qualname__", "<")
+    try:
+        file = inspect.getsourcefile(function)
+    except TypeError:
+        return None
+    at_top = "<" not in name and "." not in name
+    return str(Path(file).resolve()) if at_top and file and Path(file).exists() else None
+
+
+def _are_names(probes: Sequence[Probe]) -> bool:
+    return all(isinstance(probe.where, str | None) for probe in probes)

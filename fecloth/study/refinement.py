@@ -1,0 +1,281 @@
+"""`converge`: refine a problem in h, in dt or in both, and say what the result is worth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from fecloth.scene.scene import Scene
+from fecloth.simulation.probes import Probe
+from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.simulation.quantity_values import difference_of, value_of
+from fecloth.study.convergence import Convergence, describe_value, judge
+from fecloth.study.levels import Level, make_levels
+from fecloth.study.measured_runs import record_of
+from fecloth.study.problems import Problem, open_problem
+from fecloth.study.status import OK
+from fecloth.study.tables import Table
+from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
+from fecloth.study.workload import LONGEST, check_size
+
+LIMIT = LONGEST
+
+
+@dataclass(frozen=True)
+class Runs:
+    """How the cases of a study run.
+
+    Attributes
+    ----------
+    cache
+        Folder whose `cache` stores each finished case, for the next time; None for none.
+    jobs, scheduler
+        Processes of this machine, or the address of a Dask scheduler.
+    time_limit
+        Longest time of a case [s].
+    most_seconds
+        Predicted time above which the study does not start [s]; None for no limit.
+    fresh
+        Run every case, even if its result is stored.
+    """
+
+    cache: Path | None = None
+    jobs: int = 1
+    scheduler: str | None = None
+    time_limit: float | None = None
+    most_seconds: float | None = LIMIT
+    fresh: bool = False
+
+
+def converge(
+    problem: Scene | str | Path | Callable,
+    quantity: str | Callable[[Any], float] | Quantity | None = None,
+    refine: str = "h",
+    levels: int = 4,
+    *,
+    ratio: float | None = None,
+    h: float | None = None,
+    dt: float | None = None,
+    t_end: float | None = None,
+    probes: Sequence[Probe] = (),
+    cache: str | Path | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    time_limit: float | None = None,
+    most_seconds: float | None = LIMIT,
+    fresh: bool = False,
+    **settings: object,
+) -> Convergence:
+    """Refine a problem level by level; return the quantity with its uncertainty and a verdict.
+
+    The first level has the problem's own h and dt; each further one divides what is refined by
+    `ratio`. The uncertainty is that of the finest level by the grid convergence index (three
+    levels) or least squares (four or more), see `fecloth.study.uncertainty`; to it are added the
+    errors that the levels do not show: of the time step, or of the mesh, and of the solver's
+    tolerance, each from one more run of the first level, times 3 as for two levels (Roache 1994).
+    Fields and paths are judged by the differences between levels, of which the sum towards the
+    finest one takes the place of the values.
+
+    Parameters
+    ----------
+    problem
+        A scene, its path, or a function of h and dt (either may be missing) and of `settings` that
+        returns cloth, system, method and start.
+    quantity
+        A text as in [interest] (see the page of scenes) or a function of the result of `fc.run`,
+        by default the first of [interest], the path of the first probe, or the displacement.
+    refine
+        "h", "dt", or "both" in the ratio that balances their errors, dt ∝ h^(p/q) for the orders p
+        and q.
+    levels, ratio
+        Their number, and h or dt of a level over that of the next one: by default 2, for h of
+        unstructured meshes √2.
+    h, dt, t_end, probes
+        Of a function's problem: first edge length [m], step [s], end [s] (without it the
+        equilibrium is the result) and probes.
+    cache
+        Folder where finished cases are stored, from where the next call reads them.
+    jobs, scheduler, time_limit, fresh
+        As for `run_cases`.
+    most_seconds
+        Predicted time above which nothing is run [s]; None for any time.
+
+    Raises
+    ------
+    InputError
+        For a problem that cannot be refined so, an unknown quantity, or too long a time.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> def strip(h):
+    ...     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+    ...     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+    ...     system = fc.System(cloth, fc.Fabric(0.2, 20.0), terms, pins=["left"])
+    ...     return cloth, system, None, system.rest()
+    >>> tip = [fc.Probe("tip", "right")]
+    >>> found = fc.study.converge(strip, "tip.x", h=0.25, levels=3, probes=tip)
+    >>> print(f"{found.value:.4f}", found.verdict.splitlines()[0][:31])
+    1.0468 converges as it should (observed
+    """
+    opened = open_problem(problem, h, dt, t_end, probes, settings)
+    opened.check(refine)
+    chosen = parse_quantity(opened.default_quantity if quantity is None else quantity)
+    where = None if cache is None else Path(cache)
+    runs = Runs(where, jobs, scheduler, time_limit, most_seconds, fresh)
+    orders = opened.orders(chosen)
+    made = make_levels(refine, levels, ratio or opened.ratio(refine), *orders)
+    opened.check_quantity(chosen)
+    cases = made + _cases_for_shares(opened, chosen, refine)
+    check_size([opened.workload(case) for case in cases], jobs, runs.most_seconds, opened.name)
+    rows = opened.run(cases, chosen, runs)
+    return summarise(opened, chosen, refine, orders, rows[:levels], rows[levels:])
+
+
+def _cases_for_shares(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
+    """Return further cases on the first level: with half of dt or h, and a sharper tolerance."""
+    if opened.is_static or quantity.how == "mode":
+        return []
+    other = {"h": Level(dt=2.0), "dt": Level(h=opened.ratio("h"))}.get(refine)
+    cases = [other] if other and opened.can_refine("dt" if refine == "h" else "h") else []
+    return cases + ([] if opened.is_explicit else [Level(sharper=100.0)])
+
+
+def summarise(
+    opened: Problem,
+    quantity: Quantity,
+    refine: str,
+    orders: tuple[float, float],
+    rows: Sequence[Mapping],
+    more: Sequence[Mapping],
+) -> Convergence:
+    """Return the result from the rows of all levels, coarse to fine, and those for the shares."""
+    theory = orders[1] if refine == "dt" else orders[0]
+    rows = [{**row, "h": _edge(opened, rows[0], row)} for row in rows]
+    shown: dict[str, Any] = {
+        "title": opened.name,
+        "quantity": quantity.text,
+        "unit": quantity.unit(rows[0].get("energies", ())),
+        "refine": refine,
+        "theory": theory,
+    }
+    failed = [row for row in rows if row["status"] != OK]
+    if failed:
+        cause = failed[0]["cause"].splitlines()[0] if failed[0]["cause"] else failed[0]["status"]
+        verdict = f"not known: {len(failed)} of {len(rows)} levels failed; the first: {cause}"
+        return Convergence(verdict=verdict, table=Table(tuple(map(_table_row, rows))), **shown)
+    values, sequence = _values_of_levels(opened, quantity, rows)
+    sizes = [row["step"] if refine == "dt" else row["h"] for row in rows]
+    estimate = estimate_uncertainty(sizes, sequence, theory)
+    shares = _refined_share(refine, estimate)
+    shares |= _other_shares(opened, quantity, refine, orders, rows[0], more)
+    added = sum(UNSAFE * part for part in list(shares.values())[1:])
+    uncertainty = estimate.uncertainty + added
+    obstacles = list(rows[-1]["obstacles"]) if refine != "dt" else []
+    converges, verdict = judge(estimate, sizes, sequence, obstacles)
+    answer = describe_value(quantity.text, values[-1], uncertainty, shown["unit"])
+    lines = [
+        _table_row(row) | {"value": value, "error": abs(one - estimate.limit)}
+        for row, value, one in zip(rows, values, sequence, strict=True)
+    ]
+    return Convergence(
+        verdict=f"{verdict}: {answer}" if converges else f"{verdict}\nFinest level: {answer}",
+        table=Table(tuple(lines)),
+        value=values[-1],
+        uncertainty=uncertainty,
+        limit=estimate.limit if sequence is values else math.nan,
+        order=estimate.order,
+        converges=converges,
+        shares=shares,
+        estimate=estimate,
+        remarks=tuple(_remarks(rows, shares)),
+        **shown,
+    )
+
+
+def _values_of_levels(
+    opened: Problem, quantity: Quantity, rows: Sequence[Mapping]
+) -> tuple[list[float], list[float]]:
+    """Return the values, and the numbers that are judged.
+
+    Those are the values or, of fields, paths and vectors, the sum of the differences between
+    levels up to the finest one: it falls with the same order, to the error of the finest level.
+    """
+    records = [record_of(r, quantity, opened.cloth_of(r, quantity), opened.probes) for r in rows]
+    values = [value_of(quantity, record) for record in records]
+    is_vector = quantity.how == "value" and not quantity.is_field
+    is_vector = is_vector and records[0].column(quantity).shape[1] > 1
+    if not (quantity.is_field or quantity.how == "path" or is_vector):
+        return values, values
+    apart = [difference_of(quantity, a, b) for a, b in pairwise(records)]
+    return values, [sum(apart[k:]) for k in range(len(records))]
+
+
+def _refined_share(refine: str, estimate: Estimate) -> dict[str, float]:
+    """Return the estimated error of what was refined."""
+    name = {"h": "mesh", "dt": "time step"}.get(refine, "mesh and time step")
+    known = estimate.behaviour in ("monotone", "constant")
+    error = abs(estimate.value - estimate.limit)
+    return {name: error if known else estimate.uncertainty / UNSAFE}
+
+
+def _edge(opened: Problem, first: Mapping, row: Mapping) -> float | None:
+    """Return h of a level: that of the first times the ratio of √(area of a triangle)."""
+    if "edge" not in row or "edge" not in first:
+        return None
+    return (opened.h or first["edge"]) * row["edge"] / first["edge"]
+
+
+def _other_shares(
+    opened: Problem,
+    quantity: Quantity,
+    refine: str,
+    orders: tuple[float, float],
+    first: Mapping,
+    more: Sequence[Mapping],
+) -> dict[str, float]:
+    """Return the estimated errors that the levels do not show, from pairs of runs."""
+    found = {}
+    base = record_of(first, quantity, opened.cloth_of(first, quantity), opened.probes)
+    for row in more:
+        if row["status"] != OK:
+            continue
+        other = record_of(row, quantity, opened.cloth_of(row, quantity), opened.probes)
+        apart = difference_of(quantity, base, other)
+        if row["level"].sharper > 1:
+            found["solver"] = apart
+        elif refine == "h":
+            found["time step"] = apart / (1 - 2.0 ** -orders[1])
+        else:
+            ratio = first["edge"] / row["edge"]
+            found["mesh"] = apart / (1 - ratio ** -orders[0])
+    return found
+
+
+def _table_row(row: Mapping) -> dict:
+    """Return the columns of a level that a reader wants."""
+    names = ("triangles", "steps", "newton", "cpu_seconds")
+    sizes = {"h": row["h"], "dt": row.get("step")}
+    if isinstance(sizes["dt"], float) and not math.isfinite(sizes["dt"]):
+        del sizes["dt"]
+    state = {"status": row["status"]} if row["status"] != OK else {}
+    return sizes | {name: row.get(name) for name in names} | state
+
+
+def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
+    """Return sentences on large other parts of the error, and on what the runs warned of."""
+    lines = []
+    refined, *others = shares
+    for other in others:
+        if shares[other] > shares[refined]:
+            lines.append(
+                f"The {other} contributes more than the {refined} that was refined: refine it too."
+            )
+    warned = [words for row in rows for words in row.get("warnings", ())]
+    if warned:
+        lines.append(f"{len(warned)} warnings of the runs; the first: {warned[0]}")
+    return lines

@@ -1,0 +1,106 @@
+"""The shape that the results of all studies share: verdict, table, figure, report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fecloth.output.atomic_files import replace_file
+from fecloth.study.tables import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>
+body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; }}
+table {{ border-collapse: collapse; font-size: 14px; display: block; overflow-x: auto; }}
+th, td {{ border-bottom: 1px solid #ddd; padding: 0.3rem 0.7rem; text-align: right; }}
+img {{ max-width: 100%; }}
+</style></head><body>
+<h1>{title}</h1>
+{body}
+</body></html>
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """What a study found.
+
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    """
+
+    title: str
+    verdict: str
+    table: Table
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self.title}: {self.verdict.splitlines()[0]}>"
+
+    def figure(self) -> Figure:
+        """Return a Matplotlib figure of the result."""
+        raise NotImplementedError
+
+    def notes(self) -> list[str]:
+        """Sentences that follow the verdict in the report."""
+        return []
+
+    def report(self, folder: str | Path) -> Path:
+        """Write report.html, results.csv, figure.png and figure.svg; return the page's path."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        self.table.to_csv(folder / "results.csv")
+        drawing = self.figure()
+        for kind in ("png", "svg"):
+            drawing.savefig(folder / f"figure.{kind}", dpi=160)
+        picture = '<p><img src="figure.svg" alt="The figure of this study"></p>'
+        body = "\n".join([self._words(), picture, self.table._repr_html_()])
+        page = PAGE.format(title=escape(self.title), body=body)
+        replace_file(folder / "report.html", page.encode())
+        return folder / "report.html"
+
+    def _repr_html_(self) -> str:
+        """Return verdict, notes and table, for notebooks."""
+        return f"<h3>{escape(self.title)}</h3>{self._words()}{self.table._repr_html_()}"
+
+    def _words(self) -> str:
+        lines = [*self.verdict.splitlines(), *self.notes()]
+        first = f"<p><strong>{escape(lines[0])}</strong></p>"
+        return "\n".join([first, *(f"<p>{escape(line)}</p>" for line in lines[1:])])
+
+
+def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:
+    """Return a value and its uncertainty, to two digits of the latter.
+
+    Examples
+    --------
+    >>> with_uncertainty(0.123456, 0.00123, "m"), with_uncertainty(1234.5, 56.7)
+    ('0.1235 ± 0.0012 m', '1234 ± 57')
+    >>> with_uncertainty(2.5e-7, 3e-9, "m"), with_uncertainty(1.5, 0.0)
+    ('2.500e-07 ± 3.0e-09 m', '1.5 ± 0')
+    """
+    size = max(abs(value), uncertainty)
+    if not uncertainty > 0 or not size < float("inf"):
+        text = f"{value:.8g} ± {uncertainty:.2g}"
+    elif 1e-3 <= size < 1e5 and uncertainty > 1e-9 * size:
+        places = _places(uncertainty)
+        text = f"{value:.{max(places, 0)}f} ± {uncertainty:.{max(places, 0)}f}"
+    else:
+        digits = max(_places(uncertainty) - _places(size) + 1, 1)
+        text = f"{value:.{min(digits, 15)}e} ± {uncertainty:.1e}"
+    return f"{text} {unit}".strip()
+
+
+def _places(number: float) -> int:
+    """Return the decimal places of the second digit of a number."""
+    return 1 - int(f"{number:.1e}".partition("e")[2])

@@ -1,0 +1,46 @@
+"""Scenes as TOML texts, which identify a case wherever it runs."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+import tomllib
+from pathlib import Path
+
+from fecloth.scene.scene import Scene, load_scene
+from fecloth.scene.toml_text import to_toml
+
+WORDS = ("title", "expect", "interest", "output")  # tables that change no result
+
+
+def scene_of(text: str) -> Scene:
+    """Read the scene of a TOML text whose paths are absolute."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.toml"
+        path.write_text(text, encoding="utf-8")
+        return load_scene(path)
+
+
+def text_of(
+    scene: Scene, h: float | None = None, dt: float | None = None, sharper: float = 1
+) -> str:
+    """Return what a run of the scene depends on, with another h [m], dt [s] or tolerance.
+
+    `sharper` divides the tolerance of the nonlinear solver.
+    """
+    data = {key: value for key, value in tomllib.loads(scene.to_toml()).items() if key not in WORDS}
+    if h is not None:
+        data["cloth"]["h"] = h
+    if dt is not None:
+        data["time"]["dt"] = dt
+    if sharper != 1:
+        data["solver"]["tolerance"] = data["solver"]["tolerance"] / sharper
+    return to_toml(data)
+
+
+def digest_of_files(scene: Scene) -> str:
+    """Return a hash of the files that the scene reads: an edited mesh makes another case."""
+    digest = hashlib.sha256()
+    for path in (getattr(scene.cloth, "path", None), scene.start.frame):
+        digest.update(Path(path).read_bytes() if path else b"-")
+    return digest.hexdigest()[:12]

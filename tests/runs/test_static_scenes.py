@@ -1,0 +1,285 @@
+"""Scenes with [equilibrium]: their files, restart, stability, expectations and mistakes."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import eigvalsh
+from support.inflated import shooting
+
+import fecloth as fc
+from fecloth.cli.main import main
+from fecloth.errors import SceneError
+from fecloth.runs.run_scene import run_scene
+from fecloth.scene.scene import load_scene
+from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.rest_stability import RestStability
+
+SCENES = Path(__file__).parents[2] / "studies" / "scenes"
+SHEET = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.5
+h = 0.125
+pattern = "cross"
+[fabric]
+areal_density = 0.3
+tensile_stiffness = 1000.0
+poisson_ratio = 0.3
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Gravity"
+[[terms]]
+type = "Pressure"
+p = -2.0
+[[pins]]
+where = "boundary"
+name = "rim"
+[equilibrium]
+load_steps = 4
+[output]
+restart_steps = 1
+[[probes]]
+name = "middle"
+point = [0.5, 0.25]
+[expect]
+sag = { value = 0.05, relative = 1.0 }
+"""
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "sheet.toml"
+    path.write_text(SHEET)
+    return path
+
+
+def rows(path):
+    with open(path, encoding="utf-8") as stream:
+        return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(stream)]
+
+
+def last_frame(folder, problem, number):
+    return fc.read_frame(folder / f"frames/frame_{number:06d}.vtu", problem.cloth)
+
+
+def dense_least(system, state):
+    Z = system.admissible
+    return eigvalsh((Z.T @ system.stiffness(state) @ Z).toarray())[0]
+
+
+def test_a_run_leaves_the_files_of_its_load_steps(scene, tmp_path, capsys):
+    assert main(["run", str(scene), "-o", "out"]) == 0
+    out, problem = tmp_path / "out", load_scene(scene).build()
+    observed, energies = rows(out / "observed.csv"), rows(out / "energies.csv")
+    assert [row["t"] for row in observed] == pytest.approx([0, 0.25, 0.5, 0.75, 1])
+    exact = fc.equilibrium(problem.system, problem.state, load_steps=4)
+    np.testing.assert_allclose(last_frame(out, problem, 4).x, exact.x, rtol=0, atol=1e-12)
+    assert not last_frame(out, problem, 4).v.any()
+    assert observed[-1]["sag"] == pytest.approx(-exact.x[:, 2].min(), abs=1e-12)
+    weight = 0.3 * 9.81 * 0.5  # and the pressure
+    for row in observed[1:]:
+        assert row["reaction:rim.z"] > row["t"] * weight
+    balance = weight - problem.system.bound[2].p(0.0) * shadow(problem, exact)
+    assert observed[-1]["reaction:rim.z"] == pytest.approx(balance, rel=1e-6)
+    assert all(abs(row["remainder"]) < 1e-12 for row in energies)
+    assert energies[-1]["StVK"] == pytest.approx(problem.system.energies(exact)["StVK"], rel=1e-6)
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["status"], summary["steps"], summary["frames"]) == ("done", 4, 5)
+    least = dense_least(problem.system, exact)
+    assert summary["least_eigenvalue"] == pytest.approx(least, rel=1e-6)
+    printed = capsys.readouterr()
+    words = f"equilibrium: stable; the least eigenvalue of K is {least:.4g} N/m"
+    assert words in printed.out
+    assert "energy at 1 of the loads" in printed.out
+    assert "static equilibrium in 4 load steps, tolerance 1e-09" in printed.err
+    assert "done at 1 of the loads after 4 steps" in (out / "run.log").read_text()
+    report = (out / "report.html").read_text()
+    assert "least eigenvalue of K" in report
+    assert f"{least:.4g} N/m" in report
+    assert "part of the loads" in report
+    assert "Step size" not in report
+
+
+def shadow(problem, state):
+    """Area of the cloth's shadow, on which the pressure lies [m²]."""
+    a, b, c = np.moveaxis(state.x[problem.cloth.triangles], 1, 0)
+    return 0.5 * np.cross(b - a, c - a)[:, 2].sum()
+
+
+def test_one_load_step_is_the_python_call(scene, tmp_path):
+    one = load_scene(scene, ["equilibrium.load_steps=1"])
+    run_scene(one, tmp_path / "one")
+    problem = one.build()
+    found = fc.equilibrium(problem.system, problem.state)
+    np.testing.assert_array_equal(last_frame(tmp_path / "one", problem, 1).x, found.x)
+
+
+def test_a_killed_run_goes_on_bit_for_bit(scene, tmp_path):
+    def stop(info):
+        if info.step == 2:
+            raise KeyboardInterrupt
+
+    whole = load_scene(scene)
+    run_scene(whole, tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt):
+        run_scene(whole, tmp_path / "killed", report=stop)
+    assert len(rows(tmp_path / "killed/observed.csv")) == 3
+    assert main(["run", str(scene), "--resume", "killed", "--quiet"]) == 0
+    for name in ("observed.csv", "energies.csv", "strains.csv", "frames/frame_000004.vtu"):
+        assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    log = (tmp_path / "killed/run.log").read_text()
+    assert "goes on from step 2 at 0.5 of the loads" in log
+
+
+def test_a_complete_run_cannot_go_on(scene, capsys):
+    assert main(["run", str(scene), "-o", "out", "--quiet"]) == 0
+    assert main(["run", str(scene), "--resume", "out"]) == 2
+    assert "the run in out is complete: nothing is left to do" in capsys.readouterr().err
+
+
+def test_check_compares_the_equilibrium(scene, capsys):
+    assert main(["check", str(scene)]) == 0
+    assert "sag at 1 of the loads: 0.0" in capsys.readouterr().out
+    wrong = "expect.sag={ value = 0.05, relative = 1e-6, at = 0.5 }"
+    assert main(["check", str(scene), "--set", wrong]) == 1
+    assert "FAILED sag at 0.5 of the loads" in capsys.readouterr().out
+    late = "expect.sag={ value = 0.05, relative = 1e-6, at = 1.5 }"
+    assert main(["check", str(scene), "--set", late]) == 2
+    assert "expect.sag.at = 1.5: must be at most 1 of the loads" in capsys.readouterr().err
+
+
+def test_the_resolved_scene_is_the_scene(scene, tmp_path):
+    one = load_scene(scene, ["equilibrium.tolerance=1e-8", "solver.linear=superlu"])
+    resolved = tmp_path / "resolved.toml"
+    resolved.write_text(one.to_toml())
+    again = load_scene(resolved)
+    assert again == one
+    assert again.time is None
+    assert again.schedule.steps() == LoadSteps(4, 1e-8)
+
+
+def test_an_unstable_equilibrium_is_warned_of(scene, tmp_path, capsys):
+    """A sheet squeezed in its plane, with no force across: flat, and about to buckle."""
+    flat = ["terms=[{type='StVK'}]", "start.position=['0.99 * X', 'Y', '0']"]
+    sets = [word for one in flat for word in ("--set", one)]
+    assert main(["run", str(scene), "-o", "out", *sets]) == 0
+    words = "the equilibrium is unstable: the least eigenvalue of K is -"
+    assert f"warning: {words}" in capsys.readouterr().err
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    assert summary["least_eigenvalue"] < 0
+    assert summary["warnings"][-1].startswith(words)
+    assert main(["check", str(scene), *sets]) == 0
+    assert f"warning: {words}" in capsys.readouterr().err
+
+
+def test_stability_without_stiffness_and_without_freedom():
+    cloth = fc.Cloth.rectangle(1.0, 1.0, 0.5, "right")
+    fabric = fc.Fabric(0.2, 1e3)
+    slack = fc.System(cloth, fabric, [fc.StVK()], ["boundary"])
+    assert "a motion without stiffness" in RestStability.of(slack, slack.rest()).words
+    held = fc.System(cloth, fabric, [fc.StVK()], [fc.Pin(lambda X: X[:, 0] > -1)])
+    rest = RestStability.of(held, held.rest())
+    assert (rest.words, rest.warning) == ("equilibrium: not known whether it is stable", "")
+
+
+def test_what_slides_comes_to_rest(scene, tmp_path):
+    """A hanging strip whose sides slide: the closed form of its sum of forces, no false alarm."""
+    sets = [
+        "terms=[{type='StVK'}, {type='Gravity', acceleration=[0, -9.81, 0]}]",
+        "pins=[{where='top', name='top'}, {inside='Y < 0.49', normal=[0, 0, 1], name='plane'}]",
+    ]
+    outcome = run_scene(load_scene(scene, sets), tmp_path / "hung")
+    assert outcome.status == "done"
+    assert not outcome.warnings
+    for row in rows(tmp_path / "hung/observed.csv")[1:]:
+        assert row["reaction:top.y"] == pytest.approx(row["t"] * 0.3 * 9.81 * 0.5, rel=1e-8)
+
+
+def test_a_load_without_a_balance_fails_and_leaves_what_it_has(scene, tmp_path, capsys):
+    sets = ["terms=[{type='StVK'}, {type='Gravity'}]", "pins=[]"]
+    words = [word for one in sets for word in ("--set", one)]
+    assert main(["run", str(scene), "-o", "out", "--quiet", *words]) == 3
+    printed = capsys.readouterr().err
+    assert (
+        "no equilibrium was found: load stepping ended at 0 of the loads: nothing holds" in printed
+    )
+    assert "Pin it, or take the load away." in printed
+    assert "out is readable up to 0 of the loads" in printed
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    assert (summary["status"], summary["time_error_in_words"]) == (
+        "failed",
+        "equilibrium: not reached",
+    )
+
+
+def test_modes_are_those_about_the_equilibrium(scene, capsys):
+    assert main(["modes", str(scene), "-n", "3"]) == 0
+    printed = capsys.readouterr()
+    problem = load_scene(scene).build()
+    found = fc.modes(problem.system, fc.equilibrium(problem.system, problem.state), count=3)
+    lines = [float(line) for line in printed.out.splitlines()]
+    assert lines == pytest.approx(found.frequencies, rel=1e-4)
+    assert "stable" in printed.err
+
+
+def test_info_says_what_it_would_do(scene, capsys):
+    assert main(["info", str(scene)]) == 0
+    printed = capsys.readouterr().out
+    assert "static equilibrium in 4 load steps" in printed
+    assert "explicit" not in printed
+
+
+def test_the_example_expects_the_height_of_the_exact_membrane():
+    scene = load_scene(SCENES / "inflated_disk.toml")
+    height, _ = shooting(500.0)
+    assert scene.expect["middle.z"][0].value == pytest.approx(height, rel=1e-5)
+    assert main(["check", str(SCENES / "inflated_disk.toml"), "--quiet"]) == 0
+
+
+MISTAKES = {
+    "time.t_end=1.0": "time and equilibrium are given: give exactly one of time, equilibrium",
+    "equilibrium.load_steps=0": "load_steps = 0: must be a whole number >= 1",
+    "equilibrium.tolerance=2.0": "tolerance = 2.0: must be a finite number >= 1e-13 and < 1",
+    "equilibrium.dt=0.1": "dt = 0.1: unknown key; the keys are tolerance, load_steps",
+    "pins.0.motion=['0', '0', '0.1 * t']": "pins.0.motion is given: needs [time]",
+    "pins.0.rotate={axis=[0, 0, 1], angle='t'}": "pins.0.rotate is given: needs [time]",
+    "start.velocity=['0', '0', '1']": "start.velocity is given: needs [time]",
+    "output.every=0.5": "output.every is given: needs [time]",
+    "solver.linear=pcg": 'solver.linear = "pcg": needs [time]',
+    "solver.tolerance=1e-3": "[solver] has more than linear: needs [time]",
+}
+
+
+@pytest.mark.parametrize("override", MISTAKES)
+def test_mistakes_are_refused(scene, override):
+    with pytest.raises(SceneError) as refused:
+        load_scene(scene, [override])
+    assert MISTAKES[override] in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "term",
+    [
+        "{type='Pressure', p='10 * sin(2 * pi * t)'}",
+        "{type='Wind', velocity=['5 * t', 0, 0], normal=1.0}",
+        "{type='Tether', where='left', point=['0', '0', 't'], stiffness=10}",
+    ],
+)
+def test_loads_that_change_in_time_are_refused(scene, term):
+    terms = f"terms=[{{type='StVK'}}, {term}]"
+    with pytest.raises(
+        SceneError, match=r"terms: \w+: must not depend on t in a scene with \[equil"
+    ):
+        load_scene(scene, [terms]).build()
+
+
+def test_a_scene_needs_time_or_equilibrium(scene):
+    scene.write_text(SHEET.replace("[equilibrium]\nload_steps = 4", ""))
+    with pytest.raises(SceneError, match="time is missing: give exactly one of time, equilibrium"):
+        load_scene(scene)

@@ -1,0 +1,310 @@
+"""`converge`: known answers, verdicts, shares of the error, cache, report, command."""
+
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.cli import main as cli
+from fecloth.errors import InputError
+from fecloth.study import refinement
+from fecloth.study.convergence import Convergence, judge
+from fecloth.study.problems import is_round, open_problem, space_order
+from fecloth.study.result import with_uncertainty
+from fecloth.study.uncertainty import estimate_uncertainty
+from studies.references.closed_forms import hanging_strip_tip
+
+TIP = [fc.Probe("tip", "right")]
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.25
+h = 0.125
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 100.0
+[[terms]]
+type = "StVK"
+[[pins]]
+where = "left"
+[[pins]]
+where = "right"
+[start]
+position = ["1.1 * X", "Y", "0"]
+velocity = ["0", "0", "sin(pi * X)"]
+[time]
+method = "implicit_midpoint"
+dt = 0.01
+t_end = 0.1
+[[probes]]
+name = "middle"
+point = [0.5, 0.125]
+"""
+
+
+def strip(h, element="P1"):
+    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="cross", element=element)
+    terms, mass = [fc.StVK(), fc.Gravity((9.81, 0, 0))], {"P1": "lumped", "P2": "consistent"}
+    system = fc.System(cloth, fc.Fabric(0.2, 5.0), terms, pins=["left"], mass=mass[element])
+    return cloth, system, None, system.rest()
+
+
+def swing(h, dt):
+    """A rigid pendulum of two nodes would do; a taut string has the exact period 2 L/c."""
+    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()], pins=["left", "right"])
+    x = system.rest().x * [1.1, 1, 1]
+    v = np.column_stack([0 * cloth.X, 1e-3 * np.sin(np.pi * cloth.X[:, 0])])
+    return cloth, system, fc.ImplicitMidpoint(), system.state(x, v)
+
+
+def failing(h):
+    if h < 0.2:
+        raise InputError("h", "is too small for this test")
+    return strip(h)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    file = tmp_path / "string.toml"
+    file.write_text(SCENE)
+    return file
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("levels", [3, 4])
+def test_the_tip_of_a_hanging_strip_is_covered(element, levels):
+    exact = 1 + hanging_strip_tip(1.0, 5.0, 0.2)
+    found = fc.study.converge(strip, "tip.x", h=0.25, levels=levels, probes=TIP, element=element)
+    assert abs(found.value - exact) <= found.uncertainty <= 30 * abs(found.value - exact)
+    assert abs(found.limit - exact) < abs(found.value - exact)
+    assert found.converges
+    assert found.unit == "m"
+    assert len(found.table) == levels
+
+
+def test_a_field_converges_with_its_order_and_its_uncertainty_covers_the_error():
+    found = fc.study.converge(strip, "displacement in H1", h=0.25, levels=4)
+    assert found.order == pytest.approx(1, abs=0.15)
+    finest, reference = strip(0.25 / 8)[1], strip(0.25 / 8, "P2")[1]
+    moved = [fc.equilibrium(one, one.rest()).x - one.rest().x for one in (finest, reference)]
+    error = finest.cloth.h1_difference(reference.cloth, *moved)
+    assert error <= found.uncertainty <= 5 * error
+
+
+def test_period_of_a_string_by_h_dt_and_both():
+    """T = 2 L √(ρ/S) λ of the reference: stress S = 105/2 Y/100 of the stretched strip."""
+    speed = np.sqrt(100.0 * (1.1**2 - 1) / 2 / 0.2)
+    exact = 2.0 / speed
+    run = {
+        "h": 0.125,
+        "dt": 0.05 * exact,
+        "t_end": 2.2 * exact,
+        "probes": [fc.Probe("m", point=(0.5, 0.1))],
+    }
+    found = {}
+    for refine in ("h", "dt", "both"):
+        found[refine] = fc.study.converge(swing, "period of m.z", refine, 3, **run)
+        one = found[refine]
+        assert abs(one.value - exact) <= one.uncertainty, refine
+        assert one.order == pytest.approx(2, abs=0.5)
+    assert list(found["h"].shares) == ["mesh", "time step", "solver"]
+    assert list(found["dt"].shares) == ["time step", "mesh", "solver"]
+    assert list(found["both"].shares) == ["mesh and time step", "solver"]
+    assert any("refine it too" in words for words in found["h"].notes())  # dt is coarse
+    assert found["both"].uncertainty < 0.5 * found["dt"].uncertainty
+
+
+def test_the_frequency_of_a_square_drum_is_covered():
+    """f = √(S/ρ)/(√2 a) of a membrane with the tension S, stretched by 1.1."""
+
+    def drum(h):
+        cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right")
+        system = fc.System(cloth, fc.Fabric(0.2, 100.0, 0.3), [fc.StVK()], ["boundary"])
+        return cloth, system, fc.BDF2(), system.state(1.1 * system.rest().x)
+
+    exact = np.sqrt(100 / 0.7 * (1.1**2 - 1) / 2 / 0.2 / 2)
+    found = fc.study.converge(drum, "frequency(1)", h=0.25, levels=4)
+    assert abs(found.value - exact) <= found.uncertainty <= 5 * abs(found.value - exact)
+    assert (found.unit, found.theory) == ("Hz", 2.0)
+    assert found.order == pytest.approx(2, abs=0.2)
+
+
+def test_a_scene_and_its_cache(scene, tmp_path, capsys):
+    first = fc.study.converge(scene, "energy.StVK", levels=3, cache=tmp_path)
+    assert first.theory == 2
+    assert "5 cases, up to 512 triangles" in capsys.readouterr().err
+    again = fc.study.converge(fc.load_scene(scene), "energy.StVK", levels=3, cache=tmp_path)
+    assert again.value == first.value
+    assert "ok" not in capsys.readouterr().err  # nothing ran
+    other = fc.study.converge(scene, "max middle.z", levels=3, cache=tmp_path)
+    assert other.value > 0
+    assert "h / 4: ok" in capsys.readouterr().err
+
+
+def test_a_scene_at_rest(scene):
+    """A taut strip with ν = 0 under a small load q: w = q L²/(8 S), at every node exact."""
+    lines = (
+        scene.read_text().partition("[time]")[0].replace('velocity = ["0", "0", "sin(pi * X)"]', "")
+    )
+    weight = '[[terms]]\ntype = "Gravity"\nacceleration = [0, 0, -1e-3]\n'
+    scene.write_text(lines + weight + "[equilibrium]\n")
+    found = fc.study.converge(scene, "sag", levels=3)
+    exact = 0.2e-3 / 8 / (100 * (1.1**2 - 1) / 2)
+    assert found.value == pytest.approx(exact, rel=1e-3)
+    assert list(found.shares) == ["mesh"]
+    with pytest.raises(InputError, match="an equilibrium has no dt"):
+        fc.study.converge(scene, "sag", refine="dt")
+
+
+def test_a_function_is_a_quantity(scene):
+    lowest = lambda result: result.state.x[:, 2].max()  # noqa: E731
+    found = fc.study.converge(scene, lowest, levels=3)
+    assert found.value == pytest.approx(
+        fc.study.converge(scene, "middle.z", levels=3).value, rel=0.02
+    )
+
+
+@pytest.mark.slow
+def test_processes_give_the_same(tmp_path):
+    run = {"h": 0.25, "levels": 3, "probes": TIP}
+    one, two = (fc.study.converge(strip, "tip.x", jobs=jobs, **run) for jobs in (1, 2))
+    assert (one.value, one.uncertainty) == (two.value, two.uncertainty)
+
+
+def test_levels_that_fail_are_named():
+    found = fc.study.converge(failing, "displacement", h=0.25, levels=3)
+    assert found.verdict.startswith("not known: 2 of 3 levels failed; the first: h: is too small")
+    assert not found.converges
+
+
+def test_slow_changes_are_called_so_only_with_a_reason():
+    h, values = [0.8, 0.4, 0.2, 0.1], [1.0, 1.1, 1.199, 1.297]
+    estimate = estimate_uncertainty(h, values, 2.0)
+    assert judge(estimate, h, values, ["a point pin"])[1].startswith("does not converge")
+    words = judge(estimate, h, values, [])[1]
+    assert words.startswith("not yet in the asymptotic range")
+    assert "hardly approaches the theory" in words
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ([1.16, 1.04, 1.01, 1.0025], "converges as it should"),
+        ([1.3, 1.09, 1.025, 1.006], "converges as it should"),
+        ([1.0, 1.1, 1.2, 1.3], "does not converge: refinement does not reduce"),
+        ([1.0, 1.2, 0.9, 1.1], "does not converge: the values go up and down"),
+        ([1.0, 1.30, 1.50, 1.62], "not yet in the asymptotic range .* hardly approaches"),
+        ([1.3, 1.2, 1.13, 1.102], "about 1 more, to 0.05, would be"),
+        ([2.0, 2.0, 2.0, 2.0], "converges: all levels give the same value"),
+        ([1 + 1e-1, 1 + 1e-3, 1 + 1e-5, 1 + 1e-7], "converges faster than its theory"),
+    ],
+)
+def test_verdicts(values, words):
+    h = [0.8, 0.4, 0.2, 0.1]
+    converges, verdict = judge(estimate_uncertainty(h, values, 2.0), h, values, ["folds"])
+    assert re.search(words, verdict)
+    assert converges == verdict.startswith("converges")
+    assert ("Possible reasons: folds" in verdict) == (not converges)
+
+
+def test_a_point_pin_is_named_as_an_obstacle():
+    def corner(h):
+        cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right")
+        pin = fc.Pin(lambda X: np.hypot(*X.T) < 1e-9, name="corner")
+        system = fc.System(cloth, fc.Fabric(0.2, 20.0), [fc.StVK(), fc.Gravity()], ["right", pin])
+        return cloth, system, None, system.rest()
+
+    from fecloth.study.obstacles import find_obstacles
+    from fecloth.study.setups import setup_of_function
+
+    setup = setup_of_function(corner, {"h": 0.5}, None, None)
+    (words,) = find_obstacles(setup, {"least_stretch": [1.0, 0.95]})
+    assert "pin corner holds a single point" in words
+    assert "folds" in find_obstacles(setup, {"least_stretch": [1.0, 0.5]})[-1]
+
+
+@pytest.mark.parametrize(
+    ("problem", "more", "message"),
+    [
+        (3, {}, "must be a scene, its path, or a function"),
+        (strip, {}, "refine = 'h' needs the h of the first level"),
+        (strip, {"h": 0.25, "refine": "dt", "dt": 0.1}, "an equilibrium has no dt"),
+        (strip, {"h": 0.25, "levels": 2}, "levels = 2: must be an integer from 3 to 10"),
+        (strip, {"h": 0.25, "refine": "hh"}, 'must be "h", "dt" or "both"'),
+        (strip, {"h": 0.25, "ratio": 1.0}, "must lie between 1.1 and 10"),
+        (strip, {"h": 0.25, "elemnt": "P2"}, "elemnt = 'P2': the function takes h, element"),
+        (strip, {"h": 0.25, "quantity": "tpi.x"}, "tpi.x: unknown quantity"),
+        (strip, {"h": 0.01, "levels": 8}, "predicted time above"),
+        (lambda h: 3, {"h": 0.1}, "must return cloth, system, method and start"),
+    ],
+)
+def test_mistakes(problem, more, message):
+    with pytest.raises(InputError, match=message):
+        fc.study.converge(problem, **more)
+
+
+def test_mistakes_of_scenes(scene):
+    with pytest.raises(InputError, match="is for a function's problem"):
+        fc.study.converge(scene, h=0.1)
+    automatic = fc.load_scene(scene, ["time.dt=auto"])
+    with pytest.raises(InputError, match="Give time.dt"):
+        fc.study.converge(automatic, refine="dt")
+
+
+def test_theoretical_orders_know_round_borders_and_elements():
+    round_, flat = fc.Cloth.disk(1.0, 0.2), fc.Cloth.rectangle(1.0, 1.0, 0.2)
+    assert (is_round(round_), is_round(flat)) == (True, False)
+    for element, expected in (("P1", (2, 1, 2)), ("P2", (3, 2, 4))):
+        opened = open_problem(strip, h=0.25, settings={"element": element})
+        texts = ("displacement", "displacement in H1", "energy.StVK")
+        found = [space_order(refinement.parse_quantity(t), opened.first) for t in texts]
+        assert tuple(found) == expected
+
+
+def test_report_figure_and_words(tmp_path):
+    found = fc.study.converge(strip, "tip.x", h=0.25, levels=3, probes=TIP)
+    page = found.report(tmp_path / "r")
+    text = page.read_text()
+    assert str(tmp_path) not in text
+    assert found.verdict.split(":")[0] in text
+    assert {p.name for p in page.parent.iterdir()} == {
+        "report.html",
+        "results.csv",
+        "figure.png",
+        "figure.svg",
+    }
+    assert len((page.parent / "results.csv").read_text().splitlines()) == 4
+    assert repr(found).startswith("<Convergence of strip: converges")
+    assert "\n" not in repr(found)
+    assert "<table>" in found._repr_html_()
+    assert isinstance(found, Convergence)
+
+
+def test_rounded_values():
+    assert with_uncertainty(-0.123456, 0.0099) == "-0.1235 ± 0.0099"
+    assert with_uncertainty(123456.7, 321.0, "N") == "1.2346e+05 ± 3.2e+02 N"
+
+
+def test_the_command(scene, tmp_path, capsys):
+    folder = tmp_path / "out"
+    arguments = ["converge", str(scene), "--quantity", "max middle.z", "--levels", "3"]
+    assert cli.main([*arguments, "-o", str(folder)]) == 0
+    out, err = capsys.readouterr()
+    assert "max middle.z = 0.0" in out
+    assert str(tmp_path) not in err
+    assert (folder / "report.html").exists()
+    assert (folder / "cache").is_dir()
+
+
+def test_import_keeps_the_threads_of_the_user():
+    code = "import os, fecloth as fc; fc.study.converge; print(os.environ.get('OMP_NUM_THREADS'))"
+    clean = {k: v for k, v in os.environ.items() if not k.endswith("NUM_THREADS")}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=clean)
+    assert done.stdout.strip() == "None"

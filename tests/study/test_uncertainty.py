@@ -1,0 +1,84 @@
+"""Uncertainty of refined values: known sequences, bad ones, and coverage over many."""
+
+import numpy as np
+import pytest
+
+from fecloth.errors import InputError
+from fecloth.study.uncertainty import estimate_uncertainty, observed_order
+
+H4 = np.array([0.8, 0.4, 0.2, 0.1])
+
+
+@pytest.mark.parametrize("sizes", [H4, H4[1:], 0.1 * np.array([1, 1.3, 1.9, 2.2, 3.1])])
+@pytest.mark.parametrize(("order", "theory"), [(1, 1), (2, 2), (1.4, 2), (4, 4), (3, 3)])
+def test_a_pure_power_is_found_and_the_uncertainty_is_its_error_times_a_quarter_more(
+    sizes, order, theory
+):
+    values = 7.0 - 0.3 * sizes**order
+    found = estimate_uncertainty(sizes, values, theory)
+    error = 0.3 * min(sizes) ** order
+    assert found.order == pytest.approx(order, abs=1e-3)
+    assert found.limit == pytest.approx(7.0, abs=1e-3 * error)
+    assert found.uncertainty == pytest.approx(1.25 * error, rel=2e-3)
+    assert (found.value, found.behaviour) == (7.0 - error, "monotone")
+
+
+def test_an_order_above_the_theory_is_not_used_to_extrapolate():
+    for sizes in (H4[1:], H4):
+        values = 1.0 + sizes**3
+        found = estimate_uncertainty(sizes, values, theory=2)
+        assert found.order == pytest.approx(3, abs=1e-3)
+        assert found.uncertainty > 3 * 0.1**3
+
+
+def test_two_terms_are_covered_before_the_asymptotic_range():
+    for second in (0.5, 3.0, 10.0):
+        for sizes in (H4[1:], H4):
+            found = estimate_uncertainty(sizes, 1 + sizes**2 + second * sizes**4, theory=2)
+            assert found.uncertainty > 0.1**2 + second * 0.1**4
+
+
+@pytest.mark.parametrize(
+    ("values", "behaviour"),
+    [
+        ([1.0, 1.2, 0.9], "oscillating"),
+        ([1.0, 1.1, 1.3], "diverging"),
+        ([1.0, 1.2, 0.9, 1.15], "oscillating"),
+        ([1.0, 1.1, 1.3, 1.7], "diverging"),
+        ([2.0, 2.0, 2.0], "constant"),
+        ([0.0, 0.0, 0.0, 0.0], "constant"),
+    ],
+)
+def test_values_that_do_not_converge(values, behaviour):
+    found = estimate_uncertainty([0.8, 0.4, 0.2, 0.1][-len(values) :], values, theory=2)
+    assert found.behaviour == behaviour
+    assert found.value == found.limit == values[-1]
+    if behaviour == "constant":
+        assert found.uncertainty == 0
+    else:
+        assert found.uncertainty >= np.ptp(values[-3:])
+
+
+def test_scattered_values_are_covered_in_19_of_20(rng):
+    """Meshes that are not nested: the error is h² times a random factor from 0.8 to 1.2."""
+    sizes = np.array([1, 0.71, 0.5, 0.36])
+    covered, ratio = [], []
+    for _ in range(200):
+        error = sizes**2 * rng.uniform(0.8, 1.2, 4)
+        found = estimate_uncertainty(sizes, 5 + error, theory=2)
+        covered.append(found.uncertainty >= error[-1])
+        ratio.append(found.uncertainty / error[-1])
+    assert np.mean(covered) >= 0.95
+    assert np.median(ratio) < 5
+
+
+def test_orders_of_three_levels():
+    h = np.array([1.0, 1.5, 3.0])
+    assert observed_order(h, h**-0.5) == pytest.approx(-0.5)
+    assert observed_order(h, h**2.5) == pytest.approx(2.5)
+    assert np.isnan(observed_order(h, np.array([0.0, 1.0, 0.5])))
+
+
+def test_too_few_levels():
+    with pytest.raises(InputError, match="2 levels of different size: must be at least 3"):
+        estimate_uncertainty([0.1, 0.2, 0.2], [1, 2, 2], 2)
