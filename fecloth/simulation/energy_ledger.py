@@ -332,9 +332,10 @@ def _clamp_work(system, theta, old, step):
     Its forces act where those of `_pin_work` do, so that the two cancel in a translation.
     """
     at_stages = theta == 0.5 and not step.ends
-    stages = step.stages if at_stages else (old, step.state)
-    clamped = [t for t in (step.over or system).bound if hasattr(t, "work_of_clamps")]
-    return sum(term.work_of_clamps(old, step.state, stages) for term in clamped)
+    states = step.stages if at_stages else (old, step.state)
+    old, new, *stages = ((at.x, at.t) for at in (old, step.state, *states))
+    clamped = [term for term in (step.over or system).bound if hasattr(term, "work_of_clamps")]
+    return sum(term.work_of_clamps(old, new, stages) for term in clamped)
 
 
 def _pin_work(system, theta, old, step, inertia):

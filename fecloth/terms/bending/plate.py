@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +18,7 @@ from fecloth.terms.bending.plate_stiffness import panel_curvatures
 from fecloth.terms.recovered_error import plate_error
 from fecloth.terms.step_difference import StepDifference
 
-if TYPE_CHECKING:
-    from fecloth.system.state import State
+At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
 
 
 @dataclass(frozen=True)
@@ -175,21 +173,21 @@ class BoundPlate:
         change = self.plate.measures(x, t) - self.rest
         return panel_curvatures(self.panel, change, self.name)
 
-    def work_of_clamps(self, old: State, new: State, stages: Sequence[State]) -> float:
+    def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
         """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp.
 
-        p are the points that stand for the normals, and `stages` the states at which the forces act
-        in this step. In a translation the work cancels with that of the pinned nodes, which take
-        the opposite forces.
+        p are the points that stand for the normals. `old` and `new` are the positions (n, 3) and
+        times of the ends, and `stages` those at which the forces act in this step. In a translation
+        the work cancels with that of the pinned nodes, which take the opposite forces.
         """
         if self.plate.moved is None:
             return 0.0
-        path = self.plate.held_at(new.t) - self.plate.held_at(old.t)
-        force = sum(self._force_on_clamps(at) for at in stages) / len(stages)
+        path = self.plate.held_at(new[1]) - self.plate.held_at(old[1])
+        force = sum(self._force_on_clamps(*at) for at in stages) / len(stages)
         return float(np.sum(force * path))
 
-    def _force_on_clamps(self, state: State) -> np.ndarray:
-        mu, g = self.plate.gradients(state.x, state.t)
+    def _force_on_clamps(self, x: np.ndarray, t: float) -> np.ndarray:
+        mu, g = self.plate.gradients(x, t)
         first = len(mu) - len(self.plate.held)
         moment = (self.plate.stiffness @ (mu - self.rest))[first:]
         return moment[:, None] * g[first:, 3]

@@ -8,9 +8,7 @@ constant the work of the force is that of the energy, and both momenta are conse
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,9 +24,6 @@ from fecloth.terms.loops.rigid_motion import (
     remove_rigid_part,
     subtract_mean,
 )
-
-if TYPE_CHECKING:
-    from fecloth.system.state import State
 
 FOUR = (0, 0, 0, 0)  # a zero for each node of a hinge, whose number the compiler must know
 
@@ -170,7 +165,7 @@ class PlateOverStep:
         data = rows.place, rows.own, rows.start, rows.width, rows.slots
         add_gradient_changes(*self.plate.at(t), self.start, x, end, *data, moment, wx, J.values)
 
-    def work_of_clamps(self, old: State, new: State, stages: Sequence[State]) -> float:
+    def work_of_clamps(self, old, new, stages) -> float:
         """Work [J] that moves the normals of clamps: the change of energy by time alone.
 
         Over the step the normals are those of the mean time, and the forces on the nodes have the
@@ -178,8 +173,8 @@ class PlateOverStep:
         """
         if self.plate.moved is None:
             return 0.0
-        (mean,) = stages
-        path = (old.x, old.t, -1), (old.x, mean.t, 1), (new.x, mean.t, -1), (new.x, new.t, 1)
+        ((_, mean),) = stages
+        path = (*old, -1), (old[0], mean, 1), (new[0], mean, -1), (*new, 1)
         return sum(sign * self.plate.energy(x, t, self.rest) for x, t, sign in path)
 
     def _step(self, x, t) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
