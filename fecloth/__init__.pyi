@@ -36,11 +36,11 @@ from .simulation.energy_ledger import Ledger
 from .simulation.error_control import Adaptive
 from .simulation.march import march
 from .simulation.method_choice import Auto
-from .simulation.modes import Modes, modes
 from .simulation.probes import Probe
 from .simulation.resolve import solver_for
 from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
+from .study.modes import Modes, modes
 from .system.pins import Pin, Slide
 from .system.rotation import Rotation
 from .system.space_error import SpaceError, space_error

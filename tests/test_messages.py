@@ -38,6 +38,11 @@ def march(method=None, dt=0.01, bound=None, t_end=0.02, **options):
     return next(fc.march(bound, method or fc.BDF2(), bound.rest(), dt, t_end, **options))
 
 
+def modes(pins=(), **options):
+    bound = system(fc.StVK(), pins=pins)
+    return fc.modes(bound, bound.rest(), **options)
+
+
 def equilibrium(**options):
     return fc.equilibrium(system(fc.StVK()), system(fc.StVK()).rest(), **options)
 
@@ -396,6 +401,8 @@ METHODS = [
     (lambda: equilibrium(tolerance=0.0), r"equilibrium: tolerance = 0.0: must lie in \[1e-13, 1\)"),
     (lambda: equilibrium(max_iterations=0), "max_iterations = 0: must be an integer >= 1"),
     (lambda: equilibrium(load_steps=2.5), "load_steps = 2.5: must be an integer >= 1"),
+    (lambda: modes(count=0), r"modes: count = 0: must be an integer from 1 to \d+"),
+    (lambda: modes(pins=[fc.Pin(lambda X: X[:, 0] > -1)]), "of 0 free degrees of freedom: must"),
     (lambda: equilibrium(solver="pcg"), "solver = 'pcg': must be direct, pardiso or superlu"),
 ]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from fecloth.cli.progress import terminal
 from fecloth.errors import FeclothWarning
 from fecloth.runs.run_scene import resolve_scene
-from fecloth.simulation.modes import modes
+from fecloth.study.modes import modes
 
 if TYPE_CHECKING:
     from fecloth.scene.scene import Scene

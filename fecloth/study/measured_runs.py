@@ -20,13 +20,13 @@ from fecloth.nonlinear.equilibrium import equilibrium
 from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import march
-from fecloth.simulation.modes import modes as natural_modes
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.simulation.record_steps import trial_recorder
 from fecloth.simulation.resolve import method_to_report, resolve
 from fecloth.simulation.run import collect, columns
+from fecloth.study.modes import modes as natural_modes
 from fecloth.study.obstacles import find_obstacles
 from fecloth.study.processes import load_function
 from fecloth.study.setups import Setup, setup_of_function, setup_of_scene

@@ -47,7 +47,7 @@ def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
         The last one.
     """
     tables = {name: read_table(folder / f"{name}.csv") for name in TABLES}
-    data = pack_frames([frame], shown_fields(frame))
+    data = pack_frames([frame], shown_fields(frame), summary.get("unit", " s"))
     parts = {
         "warnings": _fill_each(NOTE, _warnings(folder, summary)),
         "tiles": _fill_each(TILE, _named(_tiles(summary, tables))),

@@ -34,7 +34,7 @@ from fecloth.output.frame_reader import (
 from fecloth.suggest import did_you_mean
 from fecloth.view import checker_pattern
 from fecloth.view.checker_pattern import CHECKS
-from fecloth.view.web_page import PERCENT, View, view_of
+from fecloth.view.web_page import PERCENT, View, unit_of, view_of
 
 SUFFIXES = (".mp4", ".gif", ".png")
 FPS = 5.0, 30.0  # limits of the frame rate of a movie in real time
@@ -229,6 +229,7 @@ def _draw_frames(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
     _add_cloth(plotter, cloth, shot, pyvista)
     plotter.add_mesh(border, color="#1b2027", line_width=1.5, lighting=False)
     text = max(6, round(shot.size[1] / 75))
+    unit = unit_of(series.folder)
     try:
         for i in frames:
             frame = series.read(i)
@@ -238,7 +239,7 @@ def _draw_frames(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
             shadow.points = cloth.points - drop * LIGHT + [0, 0, 1e-3 * np.ptp(shot.view.box)]
             style = {"font_size": text, "color": "#1b2027", "name": "time"}
             place = {"position": (0.02, 0.93), "viewport": True}
-            plotter.add_text(f"t = {frame.t:.3f} s", **place, **style)
+            plotter.add_text(f"t = {frame.t:.3f}{unit}", **place, **style)
             yield plotter.screenshot(return_img=True)
     finally:
         plotter.close()

@@ -77,7 +77,8 @@ def write_view(folder: str | Path) -> Path:
     series = Series.open(folder)
     fields = shown_fields(series.read(0))
     frames = select_frames(series, len(fields))
-    data = pack_frames((series.read(i) for i in frames), fields)
+    unit = unit_of(series.folder)
+    data = pack_frames((series.read(i) for i in frames), fields, unit)
     count = len(data["times"])
     note = f"{count} frame{'s' * (count > 1)}, {data['cells']} triangles"
     if len(frames) < len(series.times):
@@ -103,9 +104,18 @@ def select_frames(series: Series, fields: int) -> list[int]:
 
 def title_of(folder: Path) -> str:
     """Return the title of the scene, or the name of the folder."""
+    return _scene_of(folder).get("title") or folder.resolve().name
+
+
+def unit_of(folder: Path) -> str:
+    """Return what follows a value of t in words: " s", of a static scene " of the loads"."""
+    return " of the loads" if "equilibrium" in _scene_of(folder) else " s"
+
+
+def _scene_of(folder: Path) -> dict:
+    """Return the tables of the scene that was run; none for other folders."""
     scene = folder / "scene.resolved.toml"
-    tables = tomllib.loads(scene.read_text(encoding="utf-8")) if scene.is_file() else {}
-    return tables.get("title") or folder.resolve().name
+    return tomllib.loads(scene.read_text(encoding="utf-8")) if scene.is_file() else {}
 
 
 # --- the page -------------------------------------------------------------------------------------
@@ -132,7 +142,7 @@ def part(name: str) -> str:
     return (files("fecloth.view") / "page" / name).read_text(encoding="utf-8")
 
 
-def pack_frames(frames, fields: Sequence[str]) -> dict:
+def pack_frames(frames, fields: Sequence[str], unit: str = " s") -> dict:
     """Return the data that viewer.js draws: numbers of the frames in base64, for JSON.
 
     Parameters
@@ -141,6 +151,8 @@ def pack_frames(frames, fields: Sequence[str]) -> dict:
         `Frame`s of one mesh.
     fields
         Names of `frame_reader.FIELDS`, with values at the nodes or in the triangles.
+    unit
+        What follows the time of a frame.
     """
     times, clouds = [], []
     values: dict[str, list[np.ndarray]] = {name: [] for name in fields}
@@ -156,6 +168,7 @@ def pack_frames(frames, fields: Sequence[str]) -> dict:
     view, triangles = view_of(low, high), straight(frame.cells)
     return {
         "times": times,
+        "unit": unit,
         "start": len(times) - 1,  # the first frame is often flat
         "nodes": points.shape[1],
         "cells": len(frame.cells),

@@ -104,6 +104,9 @@ def test_a_run_leaves_the_files_of_its_load_steps(scene, tmp_path, capsys):
     assert f"{least:.4g} N/m" in report
     assert "part of the loads" in report
     assert "Step size" not in report
+    assert main(["view", "out", "--no-open"]) == 0
+    for page in (report, (out / "view.html").read_text()):
+        assert '"unit": " of the loads"' in page
 
 
 def shadow(problem, state):

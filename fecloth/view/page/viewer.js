@@ -354,7 +354,7 @@ function showCloth(element, data) {
   }
   const show = () => {
     const frame = Number(slider.value), field = Number(chooser.value);
-    find(".now").textContent = `t = ${figures(data.times[frame])} s`;
+    find(".now").textContent = `t = ${figures(data.times[frame])}${data.unit}`;
     legend(find(".legend"), cloth.fields[field], data.checks && data.checks.side);
     scene.show(frame, field);
   };

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
+from fecloth.study.figures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,21 +28,17 @@ def draw_modes(cloth: Cloth, frequencies: np.ndarray, shapes: np.ndarray) -> Fig
     InputError
         Without Matplotlib.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        remedy = "Install it: pip install matplotlib."
-        raise InputError("matplotlib", "is needed for figures", "Modes", remedy) from error
     count = min(len(shapes), MOST)
     columns, rows = min(count, COLUMNS), math.ceil(count / COLUMNS)
-    figure = Figure(figsize=(PANEL * columns + 0.6, PANEL * rows), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    figure, axes = new_figure(rows, columns, (PANEL * columns + 0.6, PANEL * rows))
+    axes = np.atleast_1d(axes).ravel()
     for axis, frequency, shape in zip(axes, frequencies, shapes, strict=False):
         along = np.linalg.svd(shape, full_matrices=False)[2][0]
         u = shape @ along
         u = u / u[abs(u).argmax()]
+        smooth = {"shading": "gouraud", "rasterized": True}  # SVG has no colours between nodes
         colours = axis.tripcolor(
-            *cloth.X.T, cloth.triangles, u, shading="gouraud", cmap="RdBu_r", vmin=-1, vmax=1
+            *cloth.X.T, cloth.triangles, u, cmap="RdBu_r", vmin=-1, vmax=1, **smooth
         )
         axis.set_title(f"{frequency:.4g} Hz", fontsize=10)
         axis.set_aspect("equal")

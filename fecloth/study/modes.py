@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import warnings as python_warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,26 +13,27 @@ import numpy as np
 
 from fecloth.errors import FeclothWarning, InputError
 from fecloth.nonlinear.eigenpairs import Eigenpairs, least_eigenpairs
-from fecloth.output.atomic_files import replace_file, writing
+from fecloth.nonlinear.iteration import ROUND_OFF
+from fecloth.nonlinear.static_equation import StaticEquation
+from fecloth.output.atomic_files import writing
 from fecloth.output.frames import Frames
+from fecloth.study.mode_shapes import draw_modes
+from fecloth.study.result import StudyResult
+from fecloth.study.tables import Table
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
-from fecloth.view.mode_shapes import draw_modes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+BALANCED = 0.01  # part of the forces that may be out of balance
 SYMMETRIC = 1e-6  # asymmetry of K that changes no frequency visibly
-PAGE = (
-    '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Modes</title></head>\n'
-    '<body><h1>Modes</h1>\n{body}\n<p><img src="figure.png" alt="The shapes"></p></body></html>\n'
-)
 SHOWN = 0.1  # extents of the cloth by which the files show a mode
 
 
-@dataclass(frozen=True, eq=False)
-class Modes:
+@dataclass(frozen=True, eq=False, repr=False)
+class Modes(StudyResult):
     """The modes of lowest frequency, as `modes` returns them.
 
     Attributes
@@ -69,40 +67,13 @@ class Modes:
         """Number of these modes that grow."""
         return int((self.frequencies < -self.zero).sum())
 
-    @property
-    def verdict(self) -> str:
-        """Whether the state is stable, in words."""
-        f, count = self.frequencies, len(self.frequencies)
-        if self.unstable:
-            return (
-                f"unstable: {self.unstable} of the {count} lowest modes grow, the first by the "
-                f"factor e in {1 / (2 * math.pi * abs(f[0])):.3g} s"
-            )
-        rigid = int((f <= self.zero).sum())
-        if rigid == count:
-            return f"none of the {count} lowest modes has any stiffness"
-        lowest = f"the lowest frequency is {f[rigid]:.4g} Hz"
-        if rigid:
-            have = "1 mode has" if rigid == 1 else f"{rigid} modes have"
-            return f"{have} no stiffness; of the others {lowest}"
-        return f"stable: {lowest}"
+    def figure(self) -> Figure:
+        """Return a Matplotlib figure of the shapes."""
+        return draw_modes(self.system.cloth, self.frequencies, self.shapes)
 
-    @property
-    def table(self) -> list[dict[str, float]]:
-        """A row for each mode."""
-        pairs = zip(self.frequencies.tolist(), self.eigenvalues.tolist(), strict=True)
-        return [
-            {"mode": i, "frequency [Hz]": f, "eigenvalue [1/s²]": value}
-            for i, (f, value) in enumerate(pairs, start=1)
-        ]
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the table."""
-        text, rows = io.StringIO(), self.table
-        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        replace_file(Path(path), text.getvalue().encode())
+    def notes(self) -> list[str]:
+        """The warnings."""
+        return list(self.warnings)
 
     def write(self, folder: str | Path) -> Path:
         """Write modes.csv, and for ParaView a frame for each mode; return the .pvd file.
@@ -114,7 +85,7 @@ class Modes:
         folder, cloth = Path(folder), self.system.cloth
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
-        self.to_csv(folder / "modes.csv")
+            self.table.to_csv(folder / "modes.csv")
         frames = Frames(folder / "modes", cloth, stem="frames/mode")
         for number, shape in enumerate(self.shapes, start=1):
             shape = shape / np.linalg.norm(shape, axis=1).max()
@@ -122,29 +93,10 @@ class Modes:
             frames.add(shown, ({"shape": shape}, {}))
         return frames.opens
 
-    def figure(self) -> Figure:
-        """Return a Matplotlib figure of the shapes."""
-        return draw_modes(self.system.cloth, self.frequencies, self.shapes)
-
-    def report(self, folder: str | Path) -> Path:
-        """Write report.html with the table and figure.png, and all that `write` does."""
-        self.write(folder)
-        self.figure().savefig(Path(folder) / "figure.png", dpi=160)
-        page = PAGE.format(body=self._repr_html_())
-        replace_file(Path(folder) / "report.html", page.encode())
-        return Path(folder) / "report.html"
-
     def __repr__(self) -> str:
         shown = ", ".join(f"{f:.4g}" for f in self.frequencies[:6])
         more = ", …" if len(self.frequencies) > 6 else ""
         return f"<{len(self.frequencies)} modes: {shown}{more} Hz; {self.verdict}>"
-
-    def _repr_html_(self) -> str:
-        """Return the table and the verdict, for notebooks."""
-        head = "<tr><th>mode</th><th>frequency [Hz]</th></tr>"
-        rows = (f"<tr><td>{i}</td><td>{f:.6g}</td></tr>" for i, f in enumerate(self.frequencies, 1))
-        notes = "".join(f"<p>{escape(words)}</p>" for words in (self.verdict, *self.warnings))
-        return f"<table>{head}{''.join(rows)}</table>{notes}"
 
 
 def modes(system: System, state: State, *, count: int = 6) -> Modes:
@@ -190,7 +142,7 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
     Warns
     -----
     FeclothWarning
-        If the state is unstable, or a tangent is not symmetric.
+        If the state is unstable or no equilibrium, or a tangent is not symmetric.
 
     Examples
     --------
@@ -207,16 +159,59 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
     """
     check_system(system, state, "modes")
     free = system.admissible.shape[1]
+    if free < 2:
+        what = f"a system of {free} free degrees of freedom"
+        raise InputError(what, "must have at least 2", "modes", "Pin less of the cloth.")
     if not (isinstance(count, int) and not isinstance(count, bool) and 1 <= count < free):
         allowed = f"must be an integer from 1 to {free - 1}, less than the free dofs"
         raise InputError(f"count = {count!r}", allowed, "modes")
     pairs = least_eigenpairs(system, state, count)
+    unbalanced = _unbalanced(system, state)
     frequencies = _frequencies(pairs.values)
     zero = float(_frequencies(np.array([pairs.zero]))[0])
-    sentences = tuple(_warnings(pairs))
+    sentences = tuple(_warnings(pairs, unbalanced))
     for words in sentences:
         python_warnings.warn(words, FeclothWarning, stacklevel=2)
-    return Modes(system, state, frequencies, pairs.values, pairs.vectors, zero, sentences)
+    return Modes(
+        title=f"Modes of {len(state.x)} nodes",
+        verdict=_verdict(frequencies, zero),
+        table=_table(frequencies, pairs.values),
+        system=system,
+        state=state,
+        frequencies=frequencies,
+        eigenvalues=pairs.values,
+        shapes=pairs.vectors,
+        zero=zero,
+        warnings=sentences,
+    )
+
+
+def _verdict(f: np.ndarray, zero: float) -> str:
+    """Return whether the state is stable, in words."""
+    unstable, soft, count = int((f < -zero).sum()), int((f <= zero).sum()), len(f)
+    if unstable:
+        return (
+            f"unstable: {unstable} of the {count} lowest modes grow, the first by the factor e "
+            f"in {1 / (2 * math.pi * abs(f[0])):.3g} s"
+        )
+    if soft == count:
+        return f"none of the {count} lowest modes has any stiffness"
+    lowest = f"the lowest frequency is {f[soft]:.4g} Hz"
+    if soft:
+        have = "1 mode has" if soft == 1 else f"{soft} modes have"
+        return f"{have} no stiffness; of the others {lowest}"
+    return f"stable: {lowest}"
+
+
+def _table(frequencies: np.ndarray, eigenvalues: np.ndarray) -> Table:
+    """Return a row for each mode."""
+    pairs = zip(frequencies.tolist(), eigenvalues.tolist(), strict=True)
+    return Table(
+        tuple(
+            {"mode": i, "frequency [Hz]": f, "eigenvalue [1/s²]": value}
+            for i, (f, value) in enumerate(pairs, start=1)
+        )
+    )
 
 
 def _frequencies(eigenvalues: np.ndarray) -> np.ndarray:
@@ -225,8 +220,25 @@ def _frequencies(eigenvalues: np.ndarray) -> np.ndarray:
     return np.copysign(size, eigenvalues)
 
 
-def _warnings(pairs: Eigenpairs) -> Iterator[str]:
+def _unbalanced(system: System, state: State) -> float:
+    """Return ‖f‖ of the free directions, at rest, over the sum of the sizes of all forces.
+
+    It is 0 where the forces are round-off.
+    """
+    equation = StaticEquation(system, state)
+    f, scale = equation.forces(equation.at(state.x))
+    size = system.sums.norm(f)
+    return size / scale if size > ROUND_OFF * equation.round_off(state.x) else 0.0
+
+
+def _warnings(pairs: Eigenpairs, unbalanced: float) -> Iterator[str]:
     """Yield a sentence for each reason to doubt the modes."""
+    if unbalanced > BALANCED:
+        yield (
+            f"the state is not in equilibrium ({100 * unbalanced:.2g} % of the forces are not "
+            "balanced): the modes are those of the stiffness there; find the equilibrium first, "
+            "with fc.equilibrium, or [equilibrium] in place of [time] in a scene"
+        )
     if pairs.values[0] < -pairs.zero:
         rate = math.sqrt(-pairs.values[0])
         yield (

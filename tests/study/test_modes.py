@@ -203,7 +203,7 @@ def test_plates(element, pattern):
     pins = {"free": [], "supported": [fc.Pin(on_sides)], "clamped": [fc.Pin(on_sides, clamp=True)]}
     for name, held in pins.items():
         errors = []
-        for n in (8, 16) if element == "P1" else (6, 12):
+        for n in (6, 12) if element == "P2" else (8, 16) if pattern == "cross" else (16, 32):
             cloth = square(pattern, n)
             if element == "P2":
                 cloth = fc.Cloth.from_arrays(cloth.X, cloth.triangles, element="P2")
@@ -213,8 +213,8 @@ def test_plates(element, pattern):
             rates = 2 * math.pi * found.frequencies[rigid:]
             errors.append(abs(rates / exact[name] - 1))
         assert errors[-1].max() < (0.03 if held else 2e-3)
-        if held:  # those of the free plate are too small, and of both signs
-            assert (orders(errors) > 1.8).all(), name
+        tiny = errors[-1] < 5e-4  # where errors change their sign, they have no order
+        assert ((orders(errors) > 1.8) | tiny).all(), name
 
 
 # --- any system -----------------------------------------------------------------------------------
@@ -270,9 +270,9 @@ def test_exact_tangents_that_are_not_symmetric_count_with_their_symmetric_part()
         found = fc.modes(system, bent, count=4)
     np.testing.assert_allclose(found.eigenvalues, dense(system, bent)[0][:4], rtol=1e-8)
     held = free_sheet(fc.StVK(), fc.Pressure(50.0, "exact"), pins=["boundary"])
-    with warnings.catch_warnings():  # with a held edge it is symmetric
-        warnings.simplefilter("error")
-        fc.modes(held, held.state(1.05 * flat(held.cloth)), count=2)
+    with pytest.warns(fc.FeclothWarning, match="not in equilibrium"):
+        at_edge = fc.modes(held, held.state(1.05 * flat(held.cloth)), count=2)
+    assert len(at_edge.warnings) == 1  # with a held edge it is symmetric
 
 
 @pytest.mark.parametrize(("copies", "count"), [(5, 5), (8, 12), (20, 15), (1, 39)])
@@ -298,6 +298,17 @@ def test_a_free_sheet_has_six_rigid_modes():
     assert "none of the 5" in fc.modes(flat_only, flat_only.rest(), count=5).verdict
     nothing = free_sheet(fc.Gravity(), pins=["left"])
     assert (abs(fc.modes(nothing, nothing.rest(), count=3).frequencies) < 1e-10).all()
+
+
+def test_a_state_that_is_no_equilibrium_is_warned_of():
+    system = free_sheet(fc.StVK(), fc.Gravity(), pins=["boundary"])
+    tight = system.state(flat(system.cloth) * [1.001, 1.001, 1.0])
+    words = r"not in equilibrium \([\d.]+ % of the forces are not balanced\)"
+    with pytest.warns(fc.FeclothWarning, match=words):
+        fc.modes(system, tight, count=2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fc.modes(system, fc.equilibrium(system, tight), count=2)
 
 
 def test_a_buckled_plate_is_unstable():
@@ -361,10 +372,10 @@ def test_a_report_has_the_table_and_the_picture(tmp_path):
     system, tight, _ = drum(fc.Cloth.disk(0.5, 0.1))
     found = fc.modes(system, tight, count=4)
     page = found.report(tmp_path / "modes").read_text()
-    assert f"<td>{found.frequencies[3]:.6g}</td>" in page
+    assert f"<td>{found.frequencies[3]:.4g}</td>" in page
     assert found.verdict in page
     assert (tmp_path / "modes" / "figure.png").stat().st_size > 10_000
-    assert (tmp_path / "modes" / "modes.pvd").exists()
+    assert (tmp_path / "modes" / "results.csv").exists()
     titles = [axis.get_title() for axis in found.figure().axes]
     assert titles[:4] == [f"{f:.4g} Hz" for f in found.frequencies]
 
@@ -374,6 +385,7 @@ def test_the_modes_say_what_they_are():
     found = fc.modes(system, tight, count=7)
     assert re.match(r"<7 modes: ([\d.]+, ){6}… Hz; stable: the lowest frequency is", repr(found))
     assert found._repr_html_().count("<tr>") == 8
+    assert found.table["frequency [Hz]"] == found.frequencies.tolist()
     again = fc.modes(system, tight, count=7)
     np.testing.assert_array_equal(found.shapes, again.shapes)
     other = fc.modes(system, system.state(tight.x, tight.x), count=7)  # the velocity does not count
