@@ -125,7 +125,7 @@ def _march(setup: Setup) -> dict:
         "step": float(np.diff(result.times).max()),
         "newton": result.newton,
         "time_error": result.time_error,
-        "time_order": steps.traits.order,
+        "time_order": 0 if setup.is_static else steps.traits.order,
         "warnings": list(result.warnings),
     }
 

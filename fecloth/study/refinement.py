@@ -253,6 +253,13 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
             lines.append(
                 f"The {other} contributes more than the {refined} that was refined: refine it too."
             )
+    if "time step" not in " ".join(shares) and rows[-1]["time_order"]:
+        estimated = rows[-1]["time_error"]
+        known = f"at {100 * estimated:.2g} % of the motion" if estimated >= 0 else "not at all"
+        lines.append(
+            f"The finest run estimates its error in time {known}: the uncertainty does not "
+            "contain it."
+        )
     warned = [words for row in rows for words in row.get("warnings", ())]
     if warned:
         lines.append(f"{len(warned)} warnings of the runs; the first: {warned[0]}")
