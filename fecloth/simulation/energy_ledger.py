@@ -129,7 +129,7 @@ class Ledger:
             work=work,
             pins=self.pins
             + _pin_work(system, method.traits.theta, old, step, inertia)
-            + _clamp_work(system, old, new),
+            + _clamp_work(system, method.traits.theta, old, step),
             numerical=self.numerical + method.numerical(system, old, step),
             last_inflow=self.inflow,
             deforming=deforming,
@@ -326,10 +326,16 @@ def _mean(function, stages):
     return sum(function(at.x, at.v, at.t) for at in stages) / len(stages)
 
 
-def _clamp_work(system, old, new):
-    """Work of the clamps that turn, over a step; part of the work of the pins."""
-    clamped = (term for term in system.bound if hasattr(term, "work_of_clamps"))
-    return sum(term.work_of_clamps(old.x, new.x, old.t, new.t) for term in clamped)
+def _clamp_work(system, theta, old, step):
+    """Work that moves the normals of clamps over a step; part of the work of the pins.
+
+    Its forces act where those of `_pin_work` do, so that the two cancel in a translation.
+    """
+    at_stages = theta == 0.5 and not step.ends
+    states = step.stages if at_stages else (old, step.state)
+    old, new, *stages = ((at.x, at.t) for at in (old, step.state, *states))
+    clamped = [term for term in (step.over or system).bound if hasattr(term, "work_of_clamps")]
+    return sum(term.work_of_clamps(old, new, stages) for term in clamped)
 
 
 def _pin_work(system, theta, old, step, inertia):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
-from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.fold_measure import fold_measure
 from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
@@ -18,6 +17,8 @@ from fecloth.terms.bending.plate_discrete_gradient import PlateOverStep
 from fecloth.terms.bending.plate_stiffness import panel_curvatures
 from fecloth.terms.recovered_error import plate_error
 from fecloth.terms.step_difference import StepDifference
+
+At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
 
 
 @dataclass(frozen=True)
@@ -149,8 +150,7 @@ class BoundPlate:
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """½ (μ − μ⁰)ᵀ Q (μ − μ⁰) [J]."""
-        change = self.plate.measures(x, t) - self.rest
-        return 0.5 * plate_loops.sum_products(change, self.plate.stiffness @ change)
+        return self.plate.energy(x, t, self.rest)
 
     def add_force(self, x, v, t, f) -> None:
         """f_a −= Σ m ∂μ/∂x_a with the moments m = Q (μ − μ⁰) [N]."""
@@ -173,14 +173,24 @@ class BoundPlate:
         change = self.plate.measures(x, t) - self.rest
         return panel_curvatures(self.panel, change, self.name)
 
-    def work_of_clamps(self, old: np.ndarray, new: np.ndarray, begin: float, end: float) -> float:
-        """Work [J] of clamps that turn, in a step from positions `old` to `new` (n, 3).
+    def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
+        """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp.
 
-        It is the change of the energy by time alone, the mean of those at both positions.
+        p are the points that stand for the normals. `old` and `new` are the positions (n, 3) and
+        times of the ends, and `stages` those at which the forces act in this step. In a translation
+        the work cancels with that of the pinned nodes, which take the opposite forces.
         """
         if self.plate.moved is None:
             return 0.0
-        return 0.5 * sum(self.energy(x, end) - self.energy(x, begin) for x in (old, new))
+        path = self.plate.held_at(new[1]) - self.plate.held_at(old[1])
+        force = sum(self._force_on_clamps(*at) for at in stages) / len(stages)
+        return float(np.sum(force * path))
+
+    def _force_on_clamps(self, x: np.ndarray, t: float) -> np.ndarray:
+        mu, g = self.plate.gradients(x, t)
+        first = len(mu) - len(self.plate.held)
+        moment = (self.plate.stiffness @ (mu - self.rest))[first:]
+        return moment[:, None] * g[first:, 3]
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bound of the eigenvalues of M⁻¹K [1/s²] at flat."""

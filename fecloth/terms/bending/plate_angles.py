@@ -88,8 +88,17 @@ class PlateAngles:
 
     def at(self, t: float) -> tuple:
         """What the loops over the hinges take first, at the time t."""
-        held = self.held if self.moved is None else self.moved(self.held, t)
+        held = self.held_at(t)
         return self.nodes, held, len(self.nodes) - len(held)
+
+    def held_at(self, t: float) -> np.ndarray:
+        """(c, 3) positions of the nodes that are held in space, at the time t [m]."""
+        return self.held if self.moved is None else self.moved(self.held, t)
+
+    def energy(self, x: np.ndarray, t: float, rest: np.ndarray) -> float:
+        """½ (μ − μ⁰)ᵀ Q (μ − μ⁰) [J] for the measures μ⁰ at rest."""
+        change = self.measures(x, t) - rest
+        return 0.5 * plate_loops.sum_products(change, self.stiffness @ change)
 
     def measures(self, x: np.ndarray, t: float) -> np.ndarray:
         """μ (h,)."""

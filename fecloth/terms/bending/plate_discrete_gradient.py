@@ -165,6 +165,18 @@ class PlateOverStep:
         data = rows.place, rows.own, rows.start, rows.width, rows.slots
         add_gradient_changes(*self.plate.at(t), self.start, x, end, *data, moment, wx, J.values)
 
+    def work_of_clamps(self, old, new, stages) -> float:
+        """Work [J] that moves the normals of clamps: the change of energy by time alone.
+
+        Over the step the normals are those of the mean time, and the forces on the nodes have the
+        work of the energy for these. What is left are the changes before and after that time.
+        """
+        if self.plate.moved is None:
+            return 0.0
+        ((_, mean),) = stages
+        path = (*old, -1), (old[0], mean, 1), (new[0], mean, -1), (*new, 1)
+        return sum(sign * self.plate.energy(x, t, self.rest) for x, t, sign in path)
+
     def _step(self, x, t) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         h = len(self.plate.nodes)
         mean, g, end = np.empty(h), np.empty((h, 4, 3)), np.empty((h, 4, 3))
