@@ -1,4 +1,4 @@
-"""The command line: fecloth run | view | render | check | converge | modes | mesh | info."""
+"""The command line; each command imports what it needs when it runs."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _parser() -> argparse.ArgumentParser:
     import argparse
 
     from fecloth import __version__
-    from fecloth.cli.converge import add_options
+    from fecloth.cli.studies import add_options, add_sweep_options
     from fecloth.cli.suggesting_parser import SuggestingParser
 
     parser = SuggestingParser(
@@ -138,6 +138,9 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "converge", _converge, "refine a scene: value, uncertainty, order")
     add_options(sub)
 
+    sub = _command(commands, "sweep", _sweep, "run a scene for several values of a key")
+    add_sweep_options(sub)
+
     sub = _command(commands, "modes", _modes, "print the natural frequencies of a scene [Hz]")
     sub.add_argument("scene", help="a .toml file")
     sub.add_argument("-n", "--count", type=int, default=6, help="number of frequencies (6)")
@@ -171,7 +174,9 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
         epilog=STATUS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(command=function, prints=function in (_mesh, _info, _modes, _converge))
+    parser.set_defaults(
+        command=function, prints=function in (_mesh, _info, _modes, _converge, _sweep)
+    )
     return parser
 
 
@@ -318,10 +323,17 @@ def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None])
 
 
 def _converge(options) -> int:
-    from fecloth.cli.converge import run_converge
+    from fecloth.cli.studies import run_converge
     from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
 
     return run_converge(options)
+
+
+def _sweep(options) -> int:
+    from fecloth.cli.studies import run_sweep
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_sweep(options)
 
 
 # --- modes ----------------------------------------------------------------------------------------

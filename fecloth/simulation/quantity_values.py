@@ -114,22 +114,31 @@ def difference_of(quantity: Quantity, a: RunRecord, b: RunRecord) -> float:
     if quantity.is_field:
         return _norm(quantity, a, b, 1.0)
     if quantity.how == "path":
-        t = min(a.times, b.times, key=len)
-        on = [
-            np.column_stack([np.interp(t, r.times, c) for c in r.column(quantity).T])
-            for r in (a, b)
-        ]
-        offset = on[1][0] - on[0][0] if quantity.name.split(".")[0] in a.probes else 0.0
-        return _rms(t, on[1] - on[0] - offset)
-    if quantity.how == "value" and a.column(quantity).shape[1] > 1:
-        ends = [_at(quantity, r, r.column(quantity)) for r in (a, b)]
+        times, path_a, path_b = _common_paths(quantity, a, b)
+        return _rms(times, path_b - path_a)
+    if quantity.how == "value":
+        ends = [_at(quantity, record, record.moved(quantity)) for record in (a, b)]
         return float(np.linalg.norm(ends[1] - ends[0]))
     return abs(value_of(quantity, b) - value_of(quantity, a))
+
+
+def _common_paths(
+    quantity: Quantity, a: RunRecord, b: RunRecord
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the times of the run with fewer steps, and both paths at these."""
+    t = min(a.times, b.times, key=len)
+    columns = a.moved(quantity).T, b.moved(quantity).T
+    of_a = np.column_stack([np.interp(t, a.times, one) for one in columns[0]])
+    of_b = np.column_stack([np.interp(t, b.times, one) for one in columns[1]])
+    return t, of_a, of_b
 
 
 def relative_difference(quantity: Quantity, a: RunRecord, b: RunRecord) -> float:
     """Return the difference over the size in `a`; 0 for 0/0, infinity for any other x/0."""
     apart, size = difference_of(quantity, a, b), size_of(quantity, a)
+    if quantity.how == "path":
+        times, path, _ = _common_paths(quantity, a, b)
+        size = _rms(times, path)
     return apart / size if size else (math.inf if apart else 0.0)
 
 

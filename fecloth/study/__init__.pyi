@@ -18,6 +18,7 @@ from .refinement import converge
 from .reports import Finding, hardware, require_results, write_csv, write_report
 from .result import StudyResult
 from .status import TimeLimit, check_time_limit
+from .sweeps import Sweep, sweep
 from .tables import Table
 from .timing import Seconds, measure_seconds
 from .uncertainty import Estimate, estimate_uncertainty
@@ -34,6 +35,7 @@ __all__ = [
     "Seconds",
     "StudyFailed",
     "StudyResult",
+    "Sweep",
     "Table",
     "TimeLimit",
     "Workload",
@@ -56,6 +58,7 @@ __all__ = [
     "run_cases",
     "run_main",
     "run_options",
+    "sweep",
     "write_csv",
     "write_report",
 ]

@@ -19,6 +19,12 @@ class Level:
     dt: float = 1.0
     sharper: float = 1.0
 
+    def __str__(self) -> str:
+        sizes = (("h", self.h), ("dt", self.dt))
+        parts = [f"{name} / {by:.3g}" for name, by in sizes if by != 1]
+        parts += ["a sharper tolerance"] if self.sharper != 1 else []
+        return " and ".join(parts) or "the first level"
+
 
 def make_levels(
     refine: str, levels: int, ratio: float, space_order: float = 1.0, time_order: float = 1.0

@@ -125,7 +125,7 @@ def _march(setup: Setup) -> dict:
         "step": float(np.diff(result.times).max()),
         "newton": result.newton,
         "time_error": result.time_error,
-        "time_order": steps.traits.order,
+        "time_order": 0 if setup.is_static else steps.traits.order,
         "warnings": list(result.warnings),
     }
 
@@ -164,8 +164,9 @@ def columns_to_record(quantity: Quantity) -> list[str]:
 
 def record_of(row: Mapping, quantity: Quantity, cloth: Cloth | None, probes=()) -> RunRecord:
     """Return what a quantity is computed from, of a row of `measure`."""
-    whole = row["columns"] or row["ends"]
-    times = row["times"] if row["columns"] else [row["times"][0], row["times"][-1]]
+    needs = bool(columns_to_record(quantity))
+    whole = row["columns" if needs else "ends"]
+    times = row["times"] if needs else [row["times"][0], row["times"][-1]]
     fields = {name: np.array(row[name]) for name in ("displacement", "velocity")}
     return RunRecord(
         np.array(times),

@@ -8,9 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import Any
 
 from fecloth.errors import InputError, is_number
 from fecloth.integrators import EXPLICIT
@@ -19,20 +17,15 @@ from fecloth.scene.scene import Scene, load_scene
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.quantity import Quantity
-from fecloth.study import measured_runs, status
-from fecloth.study.cases import run_cases
+from fecloth.study import measured_runs
 from fecloth.study.fingerprint import source_hash
 from fecloth.study.levels import REFINED, Level
-from fecloth.study.obstacles import has_bending
+from fecloth.study.orders import space_order
 from fecloth.study.scene_text import digest_of_files, scene_of, text_of
-from fecloth.study.setups import Setup, setup_of_function
+from fecloth.study.setups import Setup, setup_of_function, setup_of_scene
 from fecloth.study.workload import STEPS, Workload
 
-if TYPE_CHECKING:
-    from fecloth.study.refinement import Runs
-
 STATIC = 20  # iterations of an equilibrium, for the predicted time
-ROUND = 0.5  # share of the corners of a boundary above which it is round
 
 
 class _Common:
@@ -139,38 +132,21 @@ class SceneProblem(_Common):
         finer = None if level.h == 1 or h is None else h / level.h
         return text_of(self.scene, finer, dt, level.sharper)
 
-    def run(self, levels: Sequence[Level], quantity: Quantity, runs: Runs) -> list[dict]:
-        """Run all levels; a function as quantity is computed in this process."""
-        texts = [self.text(level) for level in levels]
-        if quantity.function:
-            rows = [
-                status.attempt(
-                    lambda text: measured_runs.measure(
-                        measured_runs.setup_of_scene(text), [], 0, quantity.function
-                    ),
-                    {"text": text},
-                )
-                for text in texts
-            ]
-            return _with_levels(rows, levels)
-        shared = {
-            "digest": digest_of_files(self.scene),
-            "recorded": measured_runs.columns_to_record(quantity),
-            "modes": quantity.mode,
-        }
-        words = {text: _describe(level) for text, level in zip(texts, levels, strict=True)}
-        rows = run_cases(
-            [{"text": text, **shared} for text in texts],
-            measured_runs.run_scene_text,
-            label=lambda settings: words[settings["text"]],
-            costs=[self.workload(level).seconds for level in levels],
-            **_options(runs),
-        )
-        return _with_levels(rows, levels)
+    runner = staticmethod(measured_runs.run_scene_text)
+    is_importable = True
 
-    def cloth_of(self, row: Mapping, quantity: Quantity) -> Cloth | None:
-        """Return the cloth of a row where the quantity needs it."""
-        return scene_of(self.text(row["level"])).mesh() if quantity.is_field else None
+    def setup(self, level: Level) -> Setup:
+        """Build the scene of a level."""
+        return setup_of_scene(self.text(level))
+
+    def case(self, level: Level, recorded: list[str], modes: int) -> dict[str, object]:
+        """Return the arguments of `runner` for a level."""
+        digest = digest_of_files(self.scene)
+        return {"text": self.text(level), "digest": digest, "recorded": recorded, "modes": modes}
+
+    def cloth_of(self, level: Level, quantity: Quantity) -> Cloth | None:
+        """Return the cloth of a level where the quantity needs it."""
+        return scene_of(self.text(level)).mesh() if quantity.is_field else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,43 +208,35 @@ class FunctionProblem(_Common):
         run = self.function, settings, dt, self.t_end
         return setup_of_function(*run, self.given, level.sharper)
 
-    def run(self, levels: Sequence[Level], quantity: Quantity, runs: Runs) -> list[dict]:
-        """Run all levels; a function that other processes cannot import runs in this one."""
-        recorded = measured_runs.columns_to_record(quantity)
-        file = _importable(self.function)
-        if file is None or quantity.function or not _are_names(self.given):
-            rows = []
-            for level in levels:
-                measure = measured_runs.measure, self.setup(level), recorded, quantity.mode
-                rows.append(status.attempt(_call, {"of": (*measure, quantity.function)}))
-            return _with_levels(rows, levels)
-        name = self.function.__name__
+    runner = staticmethod(measured_runs.run_function)
+
+    @property
+    def is_importable(self) -> bool:
+        """Whether other processes can import the function and know its probes."""
+        names = all(isinstance(probe.where, str | None) for probe in self.given)
+        return names and _importable(self.function) is not None
+
+    def case(self, level: Level, recorded: list[str], modes: int) -> dict[str, object]:
+        """Return the arguments of `runner` for a level."""
+        file, name = _importable(self.function) or "", self.function.__name__
         measured_runs.known_functions[file, name] = self.function
-        shared = {
+        settings, dt = self.sizes(level)
+        return {
             "path": file,
             "name": name,
             "digest": source_hash(file),
+            "settings": settings,
+            "dt": dt,
             "t_end": self.t_end,
             "probes": [[p.name, p.where, list(p.point) if p.point else None] for p in self.given],
             "recorded": recorded,
-            "modes": quantity.mode,
+            "modes": modes,
+            "sharper": level.sharper,
         }
-        cases: list[Mapping] = []
-        for level in levels:
-            settings, dt = self.sizes(level)
-            cases.append({**shared, "settings": settings, "dt": dt, "sharper": level.sharper})
-        rows = run_cases(
-            cases,
-            measured_runs.run_function,
-            label=lambda settings: _describe(levels[cases.index(settings)]),
-            costs=[self.workload(level).seconds for level in levels],
-            **_options(runs),
-        )
-        return _with_levels(rows, levels)
 
-    def cloth_of(self, row: Mapping, quantity: Quantity) -> Cloth | None:
-        """Return the cloth of a row where the quantity needs it."""
-        return self.setup(row["level"]).cloth if quantity.is_field else None
+    def cloth_of(self, level: Level, quantity: Quantity) -> Cloth | None:
+        """Return the cloth of a level where the quantity needs it."""
+        return self.setup(level).cloth if quantity.is_field else None
 
 
 Problem = SceneProblem | FunctionProblem
@@ -304,58 +272,6 @@ def open_problem(
     return FunctionProblem(problem, h, dt, t_end, tuple(probes), settings or {})
 
 
-def space_order(quantity: Quantity, setup: Setup) -> float:
-    """Return the theoretical order in h, for a smooth solution.
-
-    That of linear triangles is 2, of gradients 1; of quadratic triangles 3, of gradients 2, and 4
-    of energies, frequencies, areas, volumes and reactions. With bending or a round border of
-    straight edges it is at most 2.
-    """
-    is_gradient = quantity.norm == "h1" or quantity.name.endswith("stretch")
-    if setup.cloth.element == "P1":
-        return 1.0 if is_gradient else 2.0
-    if has_bending(setup) or is_round(setup.cloth):
-        return 2.0
-    names = {*setup.system.names, "kinetic", "total", "area", "volume"}
-    is_mean = quantity.how in ("mode", "period", "frequency") or quantity.column in names
-    is_mean |= quantity.column.startswith("reaction")
-    return 2.0 if is_gradient else 4.0 if is_mean else 3.0
-
-
-def is_round(cloth: Cloth) -> bool:
-    """Whether most corners of the border turn: a round shape, meshed with straight edges."""
-    edges = cloth.edge_sets.get("boundary")
-    if edges is None or not len(edges):
-        return False
-    vector = cloth.X[edges[:, 1]] - cloth.X[edges[:, 0]]
-    vector /= np.linalg.norm(vector, axis=1, keepdims=True)
-    nodes, both = edges.ravel(), np.repeat(vector, 2, axis=0)
-    order = np.argsort(nodes, kind="stable")
-    pairs = both[order][: len(order) // 2 * 2].reshape(-1, 2, 2)  # each node has two edges
-    turning = np.abs(pairs[:, 0, 0] * pairs[:, 1, 1] - pairs[:, 0, 1] * pairs[:, 1, 0])
-    return float(np.mean(turning > 1e-3)) > ROUND
-
-
-def _describe(level: Level) -> str:
-    parts = [f"{name} / {by:.3g}" for name, by in (("h", level.h), ("dt", level.dt)) if by != 1]
-    parts += ["a sharper tolerance"] if level.sharper != 1 else []
-    return " and ".join(parts) or "the first level"
-
-
-def _options(runs: Runs) -> dict[str, Any]:
-    names = ("jobs", "scheduler", "time_limit", "fresh")
-    return {"out": runs.cache, **{name: getattr(runs, name) for name in names}}
-
-
-def _with_levels(rows: Sequence[dict], levels: Sequence[Level]) -> list[dict]:
-    return [row | {"level": level} for row, level in zip(rows, levels, strict=True)]
-
-
-def _call(of: tuple) -> dict:
-    function, *arguments = of
-    return function(*arguments)
-
-
 def _importable(function: Callable) -> str | None:
     """Return the file of a function at its top level; None for any other."""
     name = getattr(function, "__qualname__", "<")
@@ -365,7 +281,3 @@ def _importable(function: Callable) -> str | None:
         return None
     at_top = "<" not in name and "." not in name
     return str(Path(file).resolve()) if at_top and file and Path(file).exists() else None
-
-
-def _are_names(probes: Sequence[Probe]) -> bool:
-    return all(isinstance(probe.where, str | None) for probe in probes)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,38 +16,11 @@ from fecloth.study.convergence import Convergence, describe_value, judge
 from fecloth.study.levels import Level, make_levels
 from fecloth.study.measured_runs import record_of
 from fecloth.study.problems import Problem, open_problem
+from fecloth.study.run_problems import Point, Runs, run_points
 from fecloth.study.status import OK
 from fecloth.study.tables import Table
 from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
-from fecloth.study.workload import LONGEST, check_size
-
-LIMIT = LONGEST
-
-
-@dataclass(frozen=True)
-class Runs:
-    """How the cases of a study run.
-
-    Attributes
-    ----------
-    cache
-        Folder whose `cache` stores each finished case, for the next time; None for none.
-    jobs, scheduler
-        Processes of this machine, or the address of a Dask scheduler.
-    time_limit
-        Longest time of a case [s].
-    most_seconds
-        Predicted time above which the study does not start [s]; None for no limit.
-    fresh
-        Run every case, even if its result is stored.
-    """
-
-    cache: Path | None = None
-    jobs: int = 1
-    scheduler: str | None = None
-    time_limit: float | None = None
-    most_seconds: float | None = LIMIT
-    fresh: bool = False
+from fecloth.study.workload import LONGEST
 
 
 def converge(
@@ -66,7 +38,7 @@ def converge(
     jobs: int = 1,
     scheduler: str | None = None,
     time_limit: float | None = None,
-    most_seconds: float | None = LIMIT,
+    most_seconds: float | None = LONGEST,
     fresh: bool = False,
     **settings: object,
 ) -> Convergence:
@@ -118,21 +90,20 @@ def converge(
     ...     system = fc.System(cloth, fc.Fabric(0.2, 20.0), terms, pins=["left"])
     ...     return cloth, system, None, system.rest()
     >>> tip = [fc.Probe("tip", "right")]
-    >>> found = fc.study.converge(strip, "tip.x", h=0.25, levels=3, probes=tip)
-    >>> print(f"{found.value:.4f}", found.verdict.splitlines()[0][:31])
-    1.0468 converges as it should (observed
+    >>> found = fc.study.converge(strip, "tip.x", h=0.25, levels=4, probes=tip)
+    >>> print(f"{found.value:.4f}", found.verdict.splitlines()[0][:22])
+    1.0450 converges as it should
     """
     opened = open_problem(problem, h, dt, t_end, probes, settings)
     opened.check(refine)
     chosen = parse_quantity(opened.default_quantity if quantity is None else quantity)
-    where = None if cache is None else Path(cache)
-    runs = Runs(where, jobs, scheduler, time_limit, most_seconds, fresh)
+    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
     orders = opened.orders(chosen)
     made = make_levels(refine, levels, ratio or opened.ratio(refine), *orders)
     opened.check_quantity(chosen)
     cases = made + _cases_for_shares(opened, chosen, refine)
-    check_size([opened.workload(case) for case in cases], jobs, runs.most_seconds, opened.name)
-    rows = opened.run(cases, chosen, runs)
+    points = [Point(opened, one, str(one), opened.workload(one)) for one in cases]
+    rows = run_points(points, [chosen], runs)
     return summarise(opened, chosen, refine, orders, rows[:levels], rows[levels:])
 
 
@@ -205,7 +176,10 @@ def _values_of_levels(
     Those are the values or, of fields, paths and vectors, the sum of the differences between
     levels up to the finest one: it falls with the same order, to the error of the finest level.
     """
-    records = [record_of(r, quantity, opened.cloth_of(r, quantity), opened.probes) for r in rows]
+    records = [
+        record_of(r, quantity, opened.cloth_of(r["point"].level, quantity), opened.probes)
+        for r in rows
+    ]
     values = [value_of(quantity, record) for record in records]
     is_vector = quantity.how == "value" and not quantity.is_field
     is_vector = is_vector and records[0].column(quantity).shape[1] > 1
@@ -240,13 +214,17 @@ def _other_shares(
 ) -> dict[str, float]:
     """Return the estimated errors that the levels do not show, from pairs of runs."""
     found = {}
-    base = record_of(first, quantity, opened.cloth_of(first, quantity), opened.probes)
+    base = record_of(
+        first, quantity, opened.cloth_of(first["point"].level, quantity), opened.probes
+    )
     for row in more:
         if row["status"] != OK:
             continue
-        other = record_of(row, quantity, opened.cloth_of(row, quantity), opened.probes)
+        other = record_of(
+            row, quantity, opened.cloth_of(row["point"].level, quantity), opened.probes
+        )
         apart = difference_of(quantity, base, other)
-        if row["level"].sharper > 1:
+        if row["point"].level.sharper > 1:
             found["solver"] = apart
         elif refine == "h":
             found["time step"] = apart / (1 - 2.0 ** -orders[1])
@@ -275,6 +253,13 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
             lines.append(
                 f"The {other} contributes more than the {refined} that was refined: refine it too."
             )
+    if "time step" not in " ".join(shares) and rows[-1]["time_order"]:
+        estimated = rows[-1]["time_error"]
+        known = f"at {100 * estimated:.2g} % of the motion" if estimated >= 0 else "not at all"
+        lines.append(
+            f"The finest run estimates its error in time {known}: the uncertainty does not "
+            "contain it."
+        )
     warned = [words for row in rows for words in row.get("warnings", ())]
     if warned:
         lines.append(f"{len(warned)} warnings of the runs; the first: {warned[0]}")

@@ -7,6 +7,7 @@ import tempfile
 import tomllib
 from pathlib import Path
 
+from fecloth.errors import SceneError
 from fecloth.scene.scene import Scene, load_scene
 from fecloth.scene.toml_text import to_toml
 
@@ -14,11 +15,16 @@ WORDS = ("title", "expect", "interest", "output")  # tables that change no resul
 
 
 def scene_of(text: str) -> Scene:
-    """Read the scene of a TOML text whose paths are absolute."""
+    """Read the scene of a TOML text whose paths are absolute; errors name no file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.toml"
         path.write_text(text, encoding="utf-8")
-        return load_scene(path)
+        try:
+            scene = load_scene(path)
+        except SceneError as error:
+            raise SceneError(error.what, error.allowed, "", error.remedy) from None
+    scene._source = "the scene"
+    return scene
 
 
 def text_of(

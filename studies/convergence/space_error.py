@@ -11,7 +11,6 @@ arc of constant curvature may be wrong, where the true error is below 3 %.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
@@ -106,4 +105,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    study.run_main(main)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 import tomllib
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -19,23 +17,16 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.runs.warm_up import compile_kernels
 from fecloth.scene.probe_tables import Interest
 from fecloth.scene.problem import Problem
-from fecloth.scene.scene import Scene, load_scene
+from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity_values import RunRecord, relative_difference
 from fecloth.simulation.record_steps import update_ledger
 from fecloth.simulation.resolve import resolve
 from fecloth.simulation.run import columns
+from fecloth.study.scene_text import scene_of
 
 COUNTED = ("newton", "linear", "factorisations")
 ENOUGH = 1.5  # CPU seconds of timing, after which the run is not repeated
-
-
-def scene_of(text: str) -> Scene:
-    """Read the scene of a TOML text whose paths are absolute."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "scene.toml"
-        path.write_text(text, encoding="utf-8")
-        return load_scene(path)
 
 
 def answer(

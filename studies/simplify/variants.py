@@ -70,7 +70,7 @@ def variants(data: Data, interest: Interest) -> list[Variant]:
     element, listed = data["cloth"].get("element", "P1"), data.get("terms", [])
     found = [one for term in listed for one in variants_of_term(term, element)]
     found += [*variants_of_mesh(data), *variants_of_time(data)]
-    if interest.at_end_only:
+    if interest.at_end_only and "time" in data:
         found.append(Variant("equilibrium", "static", None, "time", lambda data: data, True))
         found.append(Variant("one long step", "static", None, "time", use_one_step))
     return found
@@ -128,6 +128,8 @@ def variants_of_mesh(data: Data) -> Iterator[Variant]:
 
 def variants_of_time(data: Data) -> Iterator[Variant]:
     """Yield scenes with other steps or tolerances, and with explicit steps."""
+    if "time" not in data:  # an equilibrium
+        return
     time, key = data["time"], "rtol" if data["time"]["dt"] == "auto" else "dt"
     at_limit = key == "rtol" and method_name(data) in EXPLICIT and not {"rtol", "atol"} & set(time)
     finer = FINER if key == "dt" else FINER**2

@@ -366,7 +366,8 @@ def test_a_wrong_command_suggests_the_right_one(wrong, capsys):
     assert stop.value.code == 2
     told = capsys.readouterr().err
     assert (
-        f"{wrong!r}: must be one of run, view, render, check, converge, modes, mesh, info." in told
+        f"{wrong!r}: must be one of run, view, render, check, converge, sweep, modes, mesh, info."
+        in told
     )
     assert told.strip().endswith(WRONG_COMMANDS[wrong])
     assert "usage: fecloth [-h] [--version] COMMAND ..." in told

@@ -176,7 +176,8 @@ PLAIN = {  # numbers without a unit
     *("FabricTable.poisson_ratio", "FabricTable.bending_poisson_ratio"),
     *("WindTable.gusts", "GasTable.exponent"),
     *("BaraffWitkinTable.rest", "BaraffWitkinTable.area_exponent"),
-    *("NewtonTable.tolerance", "NewtonTable.forcing", "GeneralizedAlphaTable.rho_inf"),
+    *("NewtonTable.tolerance", "NewtonTable.forcing", "EquilibriumTable.tolerance"),
+    "GeneralizedAlphaTable.rho_inf",
     *("NewmarkTable.beta", "NewmarkTable.gamma"),
     *("HingeBendingTable.rest", "PlateBendingTable.rest"),
     *("Scene.grain_degrees", "Rotation.degrees"),  # rad; degrees

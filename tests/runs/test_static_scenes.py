@@ -2,6 +2,9 @@
 
 import csv
 import json
+import os
+import signal
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -138,6 +141,19 @@ def test_a_killed_run_goes_on_bit_for_bit(scene, tmp_path):
         assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
     log = (tmp_path / "killed/run.log").read_text()
     assert "goes on from step 2 at 0.5 of the loads" in log
+
+
+def test_ctrl_c_stops_after_a_load_step(scene, tmp_path, capsys, monkeypatch):
+    @contextmanager
+    def stopping(console, t_end, unit):
+        yield lambda info: info.step == 2 and os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr("fecloth.cli.progress.progress", stopping)
+    assert main(["run", str(scene), "-o", "out", "--quiet"]) == 4
+    words = "out is readable up to 0.5 of the loads; --resume out goes on from there"
+    assert words in capsys.readouterr().err
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    assert (summary["status"], summary["steps"]) == ("interrupted", 2)
 
 
 def test_a_complete_run_cannot_go_on(scene, capsys):

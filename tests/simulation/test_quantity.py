@@ -71,7 +71,9 @@ def test_differences_of_vectors_paths_and_numbers():
         assert_allclose(
             difference_of(path, a, one), np.hypot(0.15, 0.4) * np.sqrt(4 / 3), rtol=5e-3
         )
+    assert_allclose(difference_of(parse_quantity("tip.x"), a, shifted), 0.3)
     assert relative_difference(parse_quantity("tip.y"), a, b) == 0
+    assert relative_difference(parse_quantity("tip.y"), b, record(other | {"tip.y": T})) == np.inf
 
 
 def test_fields_in_l2_and_h1():

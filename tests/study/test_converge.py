@@ -13,7 +13,8 @@ from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.study import refinement
 from fecloth.study.convergence import Convergence, judge
-from fecloth.study.problems import is_round, open_problem, space_order
+from fecloth.study.orders import is_round, space_order
+from fecloth.study.problems import open_problem
 from fecloth.study.result import with_uncertainty
 from fecloth.study.uncertainty import estimate_uncertainty
 from studies.references.closed_forms import hanging_strip_tip
@@ -176,6 +177,15 @@ def test_processes_give_the_same(tmp_path):
     run = {"h": 0.25, "levels": 3, "probes": TIP}
     one, two = (fc.study.converge(strip, "tip.x", jobs=jobs, **run) for jobs in (1, 2))
     assert (one.value, one.uncertainty) == (two.value, two.uncertainty)
+
+
+def test_chosen_steps_leave_a_remark_on_the_error_in_time(scene):
+    for rtol, said in (("0.01", "at 0."), ("1", "not at all")):
+        chosen = fc.load_scene(scene, ["time.dt=auto", f"time.rtol={rtol}"])
+        found = fc.study.converge(chosen, "max middle.z", levels=3)
+        assert any(f"estimates its error in time {said}" in words for words in found.notes())
+    fixed = fc.study.converge(scene, "max middle.z", levels=3)
+    assert not any("estimates its error in time" in words for words in fixed.notes())
 
 
 def test_levels_that_fail_are_named():

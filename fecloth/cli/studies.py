@@ -1,4 +1,4 @@
-"""The command `fecloth converge`."""
+"""The commands `fecloth converge` and `fecloth sweep`."""
 
 from __future__ import annotations
 
@@ -56,6 +56,41 @@ def run_converge(options) -> int:
     print(f"wrote {found.report(folder)}")
     failed = any(row.get("status") for row in found.table)
     return 3 if failed else 0
+
+
+def add_sweep_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `fecloth sweep`."""
+    add = parser.add_argument
+    add("scene", help="a .toml file")
+    values = "values of a key: KEY=a:b:log:n, KEY=a:b:lin:n or KEY=v1,v2; may be repeated"
+    add("--over", action="append", required=True, metavar="KEY=VALUES", help=values)
+    text = 'as "max tip.z"; may be repeated (default: all of [interest])'
+    add("--quantity", action="append", metavar="Q", help=text)
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
+    add_study_options(parser, "sweep")
+
+
+def run_sweep(options) -> int:
+    """Run the scene for all values, print the table, write the report."""
+    from fecloth.scene.scene import load_scene
+    from fecloth.study.sweeps import sweep
+    from fecloth.study.workload import LONGEST
+
+    folder, cache = folders(options, "sweep")
+    found = sweep(
+        load_scene(options.scene, options.set),
+        options.over,
+        options.quantity,
+        cache=cache,
+        jobs=options.jobs,
+        scheduler=options.scheduler,
+        time_limit=options.time_limit,
+        most_seconds=None if options.yes else LONGEST,
+        fresh=options.fresh,
+    )
+    print("\n".join([found.verdict, "", str(found.table), ""]))
+    print(f"wrote {found.report(folder)}")
+    return 3 if any(row["status"] != "ok" for row in found.table) else 0
 
 
 def folders(options, command: str) -> tuple[Path, Path]:

@@ -1,0 +1,96 @@
+"""Run problems, each on a level, for quantities of interest: the engine of all such studies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fecloth.errors import InputError
+from fecloth.simulation.quantity import Quantity
+from fecloth.study import status
+from fecloth.study.cases import run_cases
+from fecloth.study.levels import Level
+from fecloth.study.measured_runs import columns_to_record, measure
+from fecloth.study.problems import Problem
+from fecloth.study.workload import LONGEST, Workload, check_size
+
+
+@dataclass(frozen=True)
+class Runs:
+    """How the cases of a study run.
+
+    Attributes
+    ----------
+    cache
+        Folder whose `cache` stores each finished case, for the next time; None for none.
+    jobs, scheduler
+        Processes of this machine, or the address of a Dask scheduler.
+    time_limit
+        Longest time of a case [s].
+    most_seconds
+        Predicted time above which the study does not start [s]; None for no limit.
+    fresh
+        Run every case, even if its result is stored.
+    """
+
+    cache: str | Path | None = None
+    jobs: int = 1
+    scheduler: str | None = None
+    time_limit: float | None = None
+    most_seconds: float | None = LONGEST
+    fresh: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A problem on a level, in words for the progress lines, and its predicted size."""
+
+    problem: Problem
+    level: Level
+    words: str
+    size: Workload
+
+
+def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Runs) -> list[dict]:
+    """Return a row for each point, with its `point`; first print the size of all.
+
+    A function that other processes cannot import, and a function as quantity, run in this process
+    and are not stored.
+
+    Raises
+    ------
+    InputError
+        If the predicted time is too long, or two functions are quantities.
+    """
+    functions = [one.function for one in quantities if one.function]
+    if len(functions) > 1:
+        raise InputError(f"{len(functions)} functions as quantities", "must be at most 1", "study")
+    recorded = sorted({name for one in quantities for name in columns_to_record(one)})
+    modes = max((one.mode for one in quantities), default=0)
+    check_size([p.size for p in points], runs.jobs, runs.most_seconds, points[0].problem.name)
+    if functions or not all(point.problem.is_importable for point in points):
+        rows = [_run_here(point, recorded, modes, *functions) for point in points]
+    else:
+        cases = [point.problem.case(point.level, recorded, modes) for point in points]
+        rows = run_cases(
+            cases,
+            points[0].problem.runner,
+            runs.cache,
+            runs.jobs,
+            runs.scheduler,
+            runs.time_limit,
+            runs.fresh,
+            label=lambda settings: points[cases.index(dict(settings))].words,
+            costs=[point.size.seconds for point in points],
+        )
+    return [{**row, "point": point} for row, point in zip(rows, points, strict=True)]
+
+
+def _run_here(
+    point: Point, recorded: list[str], modes: int, function: Callable | None = None
+) -> dict:
+    def run() -> dict:
+        return measure(point.problem.setup(point.level), recorded, modes, function)
+
+    return status.attempt(run, {})

@@ -1,0 +1,248 @@
+"""`sweep`: quantities of interest over the values of any key."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fecloth.errors import InputError
+from fecloth.scene.overrides import override
+from fecloth.scene.scene import Scene
+from fecloth.scene.toml_text import to_toml
+from fecloth.simulation.probes import Probe
+from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.simulation.quantity_values import value_of
+from fecloth.study.figures import line_style, mark_failures, new_figure
+from fecloth.study.levels import Level
+from fecloth.study.measured_runs import record_of
+from fecloth.study.problems import FunctionProblem, Problem, SceneProblem, open_problem
+from fecloth.study.ranges import read_ranges
+from fecloth.study.result import StudyResult
+from fecloth.study.run_problems import Point, Runs, run_points
+from fecloth.study.scene_text import scene_of
+from fecloth.study.status import OK
+from fecloth.study.tables import Table
+from fecloth.study.workload import LONGEST
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FIRST = Level()
+Asked = str | Callable[[Any], float] | Quantity
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sweep(StudyResult):
+    """What `sweep` found: the table has a row for each combination of values.
+
+    Attributes
+    ----------
+    keys, quantities
+        Names of the columns that were varied, and of those that were computed.
+    units
+        SI unit of each quantity.
+    """
+
+    keys: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+
+    def figure(self) -> Figure:
+        """Return a panel for each quantity over the first key, a line for each other value."""
+        drawing, axes = new_figure(len(self.quantities), 1, (8.0, 3.8 * len(self.quantities)))
+        first, *others = self.keys
+        groups: dict = {}  # rows by the values of the other keys
+        for row in self.table:
+            groups.setdefault(tuple(row[key] for key in others), []).append(row)
+        panels = axes if len(self.quantities) > 1 else [axes]
+        for ax, name, unit in zip(panels, self.quantities, self.units, strict=True):
+            for i, (group, rows) in enumerate(groups.items()):
+                good = [(row[first], row[name]) for row in rows if row.get(name) is not None]
+                words = ", ".join(f"{k} {v}" for k, v in zip(others, group, strict=True))
+                ax.plot(
+                    *zip(*good, strict=True) if good else ((), ()), label=words, **line_style(i)
+                )
+                mark_failures(ax, rows, first, str(line_style(i)["color"]))
+            ax.set(xlabel=first, ylabel=f"{name} [{unit}]" if unit else name)
+            if _spans_decades([row[first] for row in self.table]):
+                ax.set_xscale("log")
+            if others:
+                ax.legend()
+        return drawing
+
+
+def sweep(
+    problem: Scene | str | Path | Callable,
+    over: str | Iterable[str] | Mapping[str, Sequence],
+    quantity: Asked | Sequence[Asked] | None = None,
+    *,
+    h: float | None = None,
+    dt: float | None = None,
+    t_end: float | None = None,
+    probes: Sequence[Probe] = (),
+    cache: str | Path | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    time_limit: float | None = None,
+    most_seconds: float | None = LONGEST,
+    fresh: bool = False,
+    **settings: object,
+) -> Sweep:
+    """Run a problem for every combination of values and return quantities of each run.
+
+    Parameters
+    ----------
+    problem
+        As for `converge`.
+    over
+        Values of one or more keys: texts such as "fabric.bending_rigidity=1e-6:1e-4:log:9",
+        "…:lin:5" or "time.method=bdf2,newmark", or a mapping of keys to values. The keys of a
+        scene are those of ``--set``; those of a function are its arguments, with h and dt.
+    quantity
+        One or more; by default all of [interest], or as for `converge`.
+    h, dt, t_end, probes, cache, jobs, scheduler, time_limit, most_seconds, fresh
+        As for `converge`.
+
+    Raises
+    ------
+    InputError
+        For a key or a quantity that the problem does not have; a value that it refuses gives a
+        row with the status "refused".
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> def strip(h, stiffness):
+    ...     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+    ...     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+    ...     system = fc.System(cloth, fc.Fabric(0.2, stiffness), terms, pins=["left"])
+    ...     return cloth, system, None, system.rest()
+    >>> tip = [fc.Probe("tip", "right")]
+    >>> found = fc.study.sweep(strip, "stiffness=20:80:log:3", "tip.x", h=0.25, probes=tip)
+    >>> print([f"{x:.3f}" for x in found.table["tip.x"]])
+    ['1.045', '1.023', '1.012']
+    """
+    ranges = read_ranges(over)
+    combinations = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
+    given, sizes = dict(settings), {"h": h, "dt": dt}
+    if not isinstance(problem, Scene | str | Path):
+        sizes = {key: ranges[key][0] if key in ranges else value for key, value in sizes.items()}
+        given |= {key: values[0] for key, values in ranges.items() if key not in sizes}
+    opened = open_problem(problem, sizes["h"], sizes["dt"], t_end, probes, given)
+    chosen = _quantities(opened, quantity)
+    for one in chosen:
+        opened.check_quantity(one)
+    variants, refused = _variants(opened, combinations)
+    points = [
+        Point(variant, FIRST, _words(values), variant.workload(FIRST))
+        for values, variant in variants
+    ]
+    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
+    rows = run_points(points, chosen, runs)
+    lines = {
+        _words(values): _line(values, row, chosen)
+        for (values, _), row in zip(variants, rows, strict=True)
+    }
+    lines |= {_words(values): values | _failure("refused", why) for values, why in refused}
+    table = Table(tuple(lines[_words(values)] for values in combinations))
+    names = next((row["energies"] for row in rows if row["status"] == OK), ())
+    return Sweep(
+        title=opened.name,
+        verdict=_verdict(table, chosen),
+        table=table,
+        keys=tuple(ranges),
+        quantities=tuple(one.text for one in chosen),
+        units=tuple(one.unit(names) for one in chosen),
+    )
+
+
+def _quantities(opened: Problem, asked: Asked | Sequence[Asked] | None) -> list[Quantity]:
+    if asked is None:
+        scene = getattr(opened, "scene", None)
+        if scene is not None and scene.interest:
+            return list(scene.interest.all)
+        return [parse_quantity(opened.default_quantity)]
+    several = isinstance(asked, Sequence) and not isinstance(asked, str)
+    listed: Any = asked if several else [asked]
+    found = [parse_quantity(one) for one in listed]
+    if len({one.how == "mode" for one in found}) > 1 and not opened.is_static:
+        allowed = "needs a sweep of its own: a scene in time is not run for its modes"
+        raise InputError("frequency(k) beside other quantities", allowed, opened.name)
+    return found
+
+
+def _variants(opened: Problem, combinations: Sequence[dict]) -> tuple[list, list]:
+    """Return the problem with each combination of values, and the refused ones with the reason.
+
+    The first refusal is raised if nothing is left, as for a key that does not exist.
+    """
+    made, refused = [], []
+    for values in combinations:
+        try:
+            variant = _change(opened, values)
+            variant.workload(FIRST)
+            made.append((values, variant))
+        except InputError as error:
+            refused.append((values, error))
+    if not made:
+        raise refused[0][1]
+    return made, refused
+
+
+def _change(opened: Problem, values: Mapping[str, object]) -> Problem:
+    """Return the problem with these values."""
+    if isinstance(opened, FunctionProblem):
+        sizes: dict[str, Any] = {key: values[key] for key in ("h", "dt") if key in values}
+        rest = {key: value for key, value in values.items() if key not in sizes}
+        return replace(opened, settings={**opened.settings, **rest}, **sizes)
+    texts = [f"{key}={value}" for key, value in values.items()]
+    try:
+        data = override(tomllib.loads(opened.scene.to_toml()), texts)
+        return SceneProblem(scene_of(to_toml(data)), opened.name)
+    except InputError as error:
+        where = f"{opened.name} with {', '.join(texts)}"
+        raise InputError(error.what, error.allowed, where, error.remedy) from None
+
+
+def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:
+    """Return the row of the table for one run."""
+    if row["status"] != OK:
+        return {**values, **_failure(row["status"], row["cause"])}
+    problem, line = row["point"].problem, dict(values)
+    for one in quantities:
+        cloth = problem.cloth_of(FIRST, one)
+        try:
+            line[one.text] = value_of(one, record_of(row, one, cloth, problem.probes))
+        except InputError as error:  # as where a signal has no period
+            line |= _failure("no value", error)
+    counted = {name: row[name] for name in ("triangles", "steps", "cpu_seconds")}
+    return {"status": OK} | line | counted
+
+
+def _failure(status: str, cause: object) -> dict[str, object]:
+    return {"status": status, "cause": str(cause).splitlines()[0] if str(cause) else ""}
+
+
+def _words(values: Mapping[str, object]) -> str:
+    return ", ".join(f"{key} = {value}" for key, value in values.items())
+
+
+def _verdict(table: Table, quantities: Sequence[Quantity]) -> str:
+    """Return the range of each quantity, and how many runs failed."""
+    parts = []
+    for one in quantities:
+        values = [value for value in table[one.text] if isinstance(value, float)]
+        if values:
+            parts.append(f"{one.text} from {min(values):.4g} to {max(values):.4g}")
+    failed = sum(row["status"] != OK for row in table)
+    words = "; ".join(parts) or "no run has a value"
+    return words + (f"; {failed} of {len(table)} runs failed" if failed else "")
+
+
+def _spans_decades(values: Sequence) -> bool:
+    numbers = all(isinstance(value, int | float) and value > 0 for value in values)
+    return numbers and max(values) >= 10 * min(values)

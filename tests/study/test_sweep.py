@@ -1,0 +1,118 @@
+"""`sweep`: values of keys, rows, refused values, the command."""
+
+import csv
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.cli import main as cli
+from fecloth.errors import InputError
+from fecloth.study.ranges import parse_range
+from studies.references.closed_forms import hanging_strip_tip
+
+TIP = [fc.Probe("tip", "right")]
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.25
+h = 0.125
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 20.0
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Gravity"
+acceleration = [9.81, 0, 0]
+[[pins]]
+where = "left"
+[equilibrium]
+[[probes]]
+name = "tip"
+where = "right"
+[interest]
+end = ["tip.x", "sag"]
+"""
+
+
+def strip(h, stiffness, power=0):
+    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+    terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+    system = fc.System(cloth, fc.Fabric(0.2, stiffness * 10.0**power), terms, pins=["left"])
+    return cloth, system, None, system.rest()
+
+
+@pytest.fixture
+def scene(tmp_path):
+    file = tmp_path / "strip.toml"
+    file.write_text(SCENE)
+    return file
+
+
+def test_the_tip_of_a_strip_over_its_stiffness(scene, tmp_path):
+    over = "fabric.tensile_stiffness=5:500:log:3"
+    found = fc.study.sweep(scene, over, cache=tmp_path)
+    exact = [1 + hanging_strip_tip(1.0, y, 0.2) for y in (5.0, 50.0, 500.0)]
+    np.testing.assert_allclose(found.table["tip.x"], exact, rtol=1e-4)
+    assert found.quantities == ("tip.x", "sag")  # all of [interest]
+    assert found.units == ("m", "m")
+    assert found.table["fabric.tensile_stiffness"] == [5.0, 50.0, 500.0]
+    assert found.verdict.startswith(f"tip.x from {exact[2]:.4g} to {exact[0]:.4g}")
+
+
+def test_two_keys_of_a_function_and_a_field():
+    over = {"stiffness": [5.0, 50.0], "power": [0, 1]}
+    found = fc.study.sweep(strip, over, ["tip.x", "displacement"], h=0.25, probes=TIP)
+    assert found.table["power"] == [0, 1, 0, 1]
+    assert found.table["tip.x"][1] == pytest.approx(found.table["tip.x"][2], rel=1e-12)
+    same = fc.study.sweep(strip, "h=0.25,0.125", "tip.x", stiffness=5.0, probes=TIP)
+    assert same.table["tip.x"][0] == pytest.approx(found.table["tip.x"][0], rel=1e-12)
+    assert found.figure().axes[0].get_ylabel() == "tip.x [m]"
+
+
+def test_a_refused_value_has_a_row(scene):
+    found = fc.study.sweep(scene, "fabric.tensile_stiffness=-1,20", "tip.x")
+    assert found.table["status"] == ["refused", "ok"]
+    assert "/tmp" not in found.table["cause"][0]
+    mesh = fc.study.sweep(scene, "cloth.h=3,0.25", "tip.x")
+    assert "must be at most" in mesh.table["cause"][0]
+    assert "/tmp" not in mesh.table["cause"][0]
+    assert found.table["tip.x"][1] > 1
+    assert "1 of 2 runs failed" in found.verdict
+
+
+@pytest.mark.parametrize(
+    ("over", "more", "message"),
+    [
+        ("fabric.tensil=1,2", {}, "tensil"),
+        ("fabric.tensile_stiffness", {}, "write it like"),
+        ("fabric.tensile_stiffness=1:2:cubic:3", {}, "write it like"),
+        ("fabric.tensile_stiffness=0:2:log:3", {}, "write it like|1 to 10000 finite values"),
+        ("fabric.tensile_stiffness=1,2", {"quantity": "tpi.x"}, "tpi.x: unknown quantity"),
+        ({}, {}, "write it like"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore")
+def test_mistakes(scene, over, more, message):
+    with pytest.raises(InputError, match=message) as refusal:
+        fc.study.sweep(scene, over, **more)
+    assert "/tmp" not in str(refusal.value)
+
+
+def test_ranges():
+    assert parse_range("a.b=0:1:lin:3") == ("a.b", [0.0, 0.5, 1.0])
+    assert parse_range("a=1,2.5,bdf2") == ("a", [1, 2.5, "bdf2"])
+
+
+def test_the_command(scene, tmp_path, capsys):
+    over = ["--over", "fabric.tensile_stiffness=5:500:log:3"]
+    folder = tmp_path / "out"
+    assert cli.main(["sweep", str(scene), *over, "--quantity", "sag", "-o", str(folder)]) == 0
+    rows = list(csv.DictReader((folder / "results.csv").open()))
+    assert [row["fabric.tensile_stiffness"] for row in rows] == ["5.0", "50.0", "500.0"]
+    assert "sag" in rows[0]
+    assert (folder / "report.html").exists()
+    assert "fabric.tensile_stiffness = 50.0: ok" in capsys.readouterr().err
