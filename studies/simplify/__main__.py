@@ -20,10 +20,10 @@ from pathlib import Path
 
 from fecloth import study
 from fecloth.scene.scene import load_scene
-from studies.simplify.cases import data_of, interest_of
-from studies.simplify.dimensionless import Numbers
-from studies.simplify.dimensionless import table as table_of_numbers
-from studies.simplify.report import (
+from fecloth.study.simplification.cases import data_of, interest_of
+from fecloth.study.simplification.dimensionless import Numbers
+from fecloth.study.simplification.dimensionless import table as table_of_numbers
+from fecloth.study.simplification.report import (
     KNOWN,
     collect_findings,
     describe_result,
@@ -31,9 +31,13 @@ from studies.simplify.report import (
     format_row,
     rank_variants,
 )
-from studies.simplify.search import combine_variants, run_each_variant, run_reduced_scene
-from studies.simplify.task import Task
-from studies.simplify.variants import variants
+from fecloth.study.simplification.search import (
+    combine_variants,
+    run_each_variant,
+    run_reduced_scene,
+)
+from fecloth.study.simplification.task import Task
+from fecloth.study.simplification.variants import variants
 
 SCENES = Path(__file__).parents[1] / "scenes" / "needs"
 RESULTS = ("failed", "refused", "time limit")  # of a variant: a scene that needs the part

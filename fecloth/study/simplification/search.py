@@ -8,11 +8,11 @@ from fecloth import study
 from fecloth.output.atomic_files import replace_file
 from fecloth.scene.scene import load_scene
 from fecloth.scene.toml_text import to_toml
-from studies.simplify.cases import answer, data_of
-from studies.simplify.dimensionless import Numbers
-from studies.simplify.predictions import predict_change
-from studies.simplify.task import Task
-from studies.simplify.variants import Variant, variants
+from fecloth.study.simplification.cases import answer, data_of
+from fecloth.study.simplification.dimensionless import Numbers
+from fecloth.study.simplification.predictions import predict_change
+from fecloth.study.simplification.task import Task
+from fecloth.study.simplification.variants import Variant, variants
 
 LOST = 0.05  # fraction of the seconds; smaller differences are noise
 

@@ -12,13 +12,13 @@ from fecloth.errors import InputError
 from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import load_scene
 from fecloth.scene.toml_text import to_toml
+from fecloth.study.simplification.cases import Answer, changes, data_of, scene_of
+from fecloth.study.simplification.dimensionless import Numbers
+from fecloth.study.simplification.predictions import predict_change
+from fecloth.study.simplification.report import judge_variant
+from fecloth.study.simplification.search import sort_candidates, unresolved_sizes
+from fecloth.study.simplification.variants import variants
 from studies.simplify import __main__ as simplify
-from studies.simplify.cases import Answer, changes, data_of, scene_of
-from studies.simplify.dimensionless import Numbers
-from studies.simplify.predictions import predict_change
-from studies.simplify.report import judge_variant
-from studies.simplify.search import sort_candidates, unresolved_sizes
-from studies.simplify.variants import variants
 
 STUDIES = Path(__file__).parents[2] / "studies"
 SCENES = STUDIES / "scenes" / "needs"

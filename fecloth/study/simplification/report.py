@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from fecloth import study
-from studies.simplify.cases import COUNTED
-from studies.simplify.search import LOST, reliable_change, unresolved_sizes
-from studies.simplify.task import Task
-from studies.simplify.variants import Variant
+from fecloth.study.simplification.cases import COUNTED
+from fecloth.study.simplification.search import LOST, reliable_change, unresolved_sizes
+from fecloth.study.simplification.task import Task
+from fecloth.study.simplification.variants import Variant
 
 KNOWN = {  # scene: a part that it needs, and one that it does not need
     "taut": ("without Gravity", "without HingeBending"),

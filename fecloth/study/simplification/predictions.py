@@ -7,9 +7,9 @@ import math
 from fecloth.errors import FeclothError
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.error_control import Adaptive
-from studies.simplify.cases import data_of, scene_of
-from studies.simplify.dimensionless import BENDING, DAMPINGS, MEMBRANES, Numbers
-from studies.simplify.variants import Variant
+from fecloth.study.simplification.cases import data_of, scene_of
+from fecloth.study.simplification.dimensionless import BENDING, DAMPINGS, MEMBRANES, Numbers
+from fecloth.study.simplification.variants import Variant
 
 
 def predict_change(variant: Variant, numbers: Numbers) -> float | None:

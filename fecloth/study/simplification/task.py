@@ -12,8 +12,16 @@ from fecloth import study
 from fecloth.errors import FeclothError
 from fecloth.scene.scene import load_scene
 from fecloth.scene.toml_text import to_toml
-from studies.simplify.cases import COUNTED, Answer, answer, changes, data_of, interest_of, scene_of
-from studies.simplify.variants import PATIENCE
+from fecloth.study.simplification.cases import (
+    COUNTED,
+    Answer,
+    answer,
+    changes,
+    data_of,
+    interest_of,
+    scene_of,
+)
+from fecloth.study.simplification.variants import PATIENCE
 
 
 @dataclass(frozen=True, eq=False)
