@@ -1,4 +1,4 @@
-"""The commands `fecloth converge` and `fecloth sweep`."""
+"""The commands `fecloth converge`, `fecloth sweep` and `fecloth simplify`."""
 
 from __future__ import annotations
 
@@ -91,6 +91,42 @@ def run_sweep(options) -> int:
     print("\n".join([found.verdict, "", str(found.table), ""]))
     print(f"wrote {found.report(folder)}")
     return 3 if any(row["status"] != "ok" for row in found.table) else 0
+
+
+def add_simplify_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `fecloth simplify`."""
+    add = parser.add_argument
+    add("scene", help="a .toml file")
+    text = "largest change of a quantity, as 1%% or 0.01 (1%%)"
+    add("--tolerance", default="1%", metavar="T", help=text)
+    text = 'as "max tip.z"; may be repeated (default: all of [interest])'
+    add("--quantity", action="append", metavar="Q", help=text)
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
+    add_study_options(parser, "simplify")
+
+
+def run_simplify(options) -> int:
+    """Find what the scene does not need, print it, write the report and reduced.toml."""
+    from fecloth.scene.scene import load_scene
+    from fecloth.study.simplification.simplify import simplify
+    from fecloth.study.workload import LONGEST
+
+    folder, cache = folders(options, "simplify")
+    found = simplify(
+        load_scene(options.scene, options.set),
+        options.tolerance,
+        options.quantity,
+        folder=folder,
+        cache=cache,
+        jobs=options.jobs,
+        scheduler=options.scheduler,
+        time_limit=options.time_limit,
+        most_seconds=None if options.yes else LONGEST,
+        fresh=options.fresh,
+    )
+    print("\n".join([found.verdict, *found.notes(), "", str(found.table), ""]))
+    print(f"wrote {found.report(folder)} and {found.scene}")
+    return 0
 
 
 def folders(options, command: str) -> tuple[Path, Path]:

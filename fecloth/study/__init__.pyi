@@ -17,6 +17,8 @@ from .options import parse_arguments, run_options
 from .refinement import converge
 from .reports import Finding, hardware, require_results, write_csv, write_report
 from .result import StudyResult
+from .simplification.result import Simplification
+from .simplification.simplify import simplify
 from .status import TimeLimit, check_time_limit
 from .sweeps import Sweep, sweep
 from .tables import Table
@@ -33,6 +35,7 @@ __all__ = [
     "Finding",
     "Parser",
     "Seconds",
+    "Simplification",
     "StudyFailed",
     "StudyResult",
     "Sweep",
@@ -58,6 +61,7 @@ __all__ = [
     "run_cases",
     "run_main",
     "run_options",
+    "simplify",
     "sweep",
     "write_csv",
     "write_report",
