@@ -333,6 +333,7 @@ MISTAKES = [
     ("interest={period=['tip.q']}", "interest.period: tip.q: unknown quantity", "tip.z"),
     # one of two
     ("pins.0.inside='X < 1'", "pins.0: where and inside are given: give exactly one", ""),
+    ("terms.1.law='StVK'", "terms.1.law = 'StVK': must be a table", 'Write { type = "StVK" }.'),
     ("pins.0.clamp=true", "terms: a pin with clamp = true: needs a bending term", "PlateBending"),
     ("pins.1.clamp=true", "pins.1.clamp = true on 1 node: must cover an edge", "Pin more of"),
     ("pins.1.clamp=true", "(It is the second [[pins]], line 25.)", ""),
