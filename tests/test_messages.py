@@ -15,6 +15,7 @@ NAN, INF = float("nan"), float("inf")
 ISOTROPIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
 ORTHOTROPIC = fc.Fabric(0.15, (2000.0, 900.0), 0.2, shear_stiffness=60.0)
 BENDING = fc.Fabric(0.15, 1000.0, bending_rigidity=1e-5)
+TURN = fc.Rotation((0, 0, 0), (0, 0, 1), "t")
 SHEET = {"E": 2e5, "nu": 0.3, "thickness": 5e-4, "rho": 400.0}
 
 
@@ -303,6 +304,11 @@ SYSTEM = [
             ({"normal": (0.0, NAN, 1.0)}, "normal = .*: must be three finite numbers"),
             ({"normal": (0.0, 1.0)}, "normal = .*: must be three finite numbers"),
             ({"normal": "z"}, "normal = 'z': must be three finite numbers"),
+            ({"normal": (0, 0, 1), "clamp": True}, "clamp and normal are given: exclude each oth"),
+            (
+                {"direction": (0, 0, 1), "rotate": TURN},
+                r"Slide\('left'\): rotate and direction are",
+            ),
         )
     ),
 ]

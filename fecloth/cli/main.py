@@ -196,7 +196,9 @@ def _scene_options(parser: argparse.ArgumentParser) -> None:
     _mesh_options(parser)
     help_ = "replace a value of the scene, as in --set time.dt=0.005; may be repeated"
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=help_)
-    parser.add_argument("--quiet", action="store_true", help="print mistakes and failures only")
+    parser.add_argument(
+        "--quiet", action="store_true", help="print warnings, mistakes and failures only"
+    )
 
 
 # --- run ------------------------------------------------------------------------------------------
@@ -219,14 +221,15 @@ def _run(options) -> int:
     path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
     console = terminal(options.quiet)
 
-    def announce(problem: Problem, why: str, warnings: list[str]) -> None:
-        lines = [*sources(problem.system.fabric), *plan(problem, why)]
-        lines += [f"warning: {words}" for words in warnings]
-        console.print("\n".join(lines), soft_wrap=True)
-
     def warn(words: str) -> None:
         loud = terminal(quiet=False) if options.quiet else console
         loud.print(f"warning: {words}", soft_wrap=True)
+
+    def announce(problem: Problem, why: str, warnings: list[str]) -> None:
+        lines = [*sources(problem.system.fabric), *plan(problem, why)]
+        console.print("\n".join(lines), soft_wrap=True)
+        for words in warnings:
+            warn(words)
 
     with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
         resume = bool(options.resume)

@@ -39,13 +39,14 @@ class Fabric:
         G, shear force per width and shear angle [N/m]. Default for an isotropic fabric:
         G = Y / (2 (1 + ν)). A fabric with two different tensile stiffnesses must state it.
     bending_rigidity
-        B, moment per width and curvature [N m]; one number, (warp, weft), or None if unknown. A
-        term that needs it then raises an error.
+        B, moment per width and curvature [N m] of a cloth bent to a cylinder; one number,
+        (warp, weft), or None if unknown. A term that needs it then raises an error. A narrow strip,
+        free to curve across, has B (1 − ν_b²).
     bending_poisson_ratio
         ν_b [-] of bending: a strip bent to the curvature κ along the warp and free across
         takes −ν_b κ √(B₁/B₂) there. −1 < ν_b < 1.
     bias_rigidity
-        B₄₅ [N m], the bending rigidity at 45° to the warp. Default: Huber's estimate, for which the
+        B₄₅ [N m], that of a cylinder at 45° to the warp. Default: Huber's estimate, for which the
         rigidity of twist is D₆₆ = (1 − ν_b) √(B₁ B₂) / 2. It must exceed
         (B₁ + B₂ + 2 ν_b √(B₁ B₂)) / 4.
     bending_hysteresis

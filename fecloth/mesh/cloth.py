@@ -33,9 +33,9 @@ class Cloth:
     `source_triangles` give the numbers of the input mesh.
 
     The element is "P1" (linear triangles) or "P2" (quadratic triangles). The nodes of P2 are the
-    corners, followed by the midpoints of the edges (`fecloth.mesh.elements`). P2 has only a
-    consistent mass and therefore no explicit methods. Each term states the elements that it
-    supports.
+    corners, followed by the midpoints of the edges (`fecloth.mesh.elements`). The
+    mass of P2 is consistent unless a system has ``mass="lumped"``, which explicit methods need.
+    Each term states the elements that it supports.
 
     Attributes
     ----------

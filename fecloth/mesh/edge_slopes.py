@@ -85,6 +85,8 @@ class EdgeSlopes:
         the edges in `_changing` are not zero in every plate: they have all hinges of their patches.
         """
         m, h = len(self.edges.triangles), len(self.edges.of_hinge)
+        if not h:  # a triangle alone, whose clamps have angles to its corners
+            return np.sort(self.edges.triangles)[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2)
         nodes, changing = self.edges.hinges.nodes, sparse.diags(self._changing.astype(float))
         patch = changing @ self.patches @ self._plain.in_triangle
         slopes = abs(self.plain) + abs(self._sides) @ patch

@@ -99,14 +99,17 @@ def _system(scene: Scene, cloth: Cloth, start: State, at: At) -> System:
         return System(cloth, fabric, terms, pins, scene.mass, grain, start)
     except InputError:  # make its parts one by one, to name the table with the mistake
         with at("pins"):
-            find_clamps(Constraints.bind(pins, cloth), cloth, start)
+            Constraints.bind(pins, cloth)
+        written = {"terms": [{"type": table.type} for table in scene.terms], "pins": scene.pins}
+        for i, pin in enumerate(pins):
+            with errors_at(f"pins.{i}", scene.source, written, scene.text):
+                find_clamps(Constraints.bind([pin], cloth), cloth, start)
         with at("fabric" if scene.fabric else "fabrics"):
             Panel.cut(cloth, fabric)
         with at("grain_degrees"):
             Panel.cut(cloth, fabric, grain)
         with at("mass"):
-            System(cloth, fabric, (), pins, scene.mass, grain)
-        written = {"terms": [{"type": table.type} for table in scene.terms]}
+            System(cloth, fabric, (), (), scene.mass, grain)
         for i, term in enumerate(terms):
             with errors_at(f"terms.{i}", scene.source, written, scene.text):
                 System(cloth, fabric, [term], (), scene.mass, grain)

@@ -87,7 +87,7 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "rotate": "Turn the nodes, and the normals of a clamp: a table, see below.",
     },
     "PinRotation": {
-        "point": "A point of the axis [m].",
+        "point": "A point p of the axis [m]; with a motion u it goes through p + u(t).",
         "axis": "Direction of the axis.",
         "angle": "Angle [rad], a formula of t, right-handed; only its changes count.",
     },

@@ -24,6 +24,11 @@ class PinRotation(Table):
     axis: Vector
     angle: OfTime
 
+    @model_validator(mode="after")
+    def _has_an_axis(self):
+        self.rotation()
+        return self
+
     def rotation(self) -> Rotation:
         """The rotation as a pin takes it."""
         return Rotation(self.point, self.axis, self.angle)

@@ -54,9 +54,13 @@ class _ClampedGroup:
         ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
         half_edges = np.flatnonzero((edges.hinge < 0) & np.isin(ends, nodes).all(axis=1))
         if not len(half_edges):
-            what = f"clamp = true on the {len(nodes)} nodes of {pin.where!r}"
+            count = "1 node" if len(nodes) == 1 else f"{len(nodes)} nodes"
+            what = f"clamp = true on {count}{f' of {pin.where!r}' * isinstance(pin.where, str)}"
             allowed = "must cover an edge of the boundary: two neighbouring nodes of it"
-            remedy = "Pin more of the boundary, or leave the clamp out."
+            remedy = (
+                "Pin more of the boundary, or leave the clamp out: inside a cloth pinned triangles "
+                "hold the normal without it."
+            )
             raise InputError(what, allowed, "Pin", remedy)
         order = np.argsort(nodes)
         rows = order[np.searchsorted(nodes[order], ends[half_edges])]

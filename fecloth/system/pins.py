@@ -189,10 +189,10 @@ class Slide(Pin):
         super().__post_init__()
         if self.clamp or self.rotate is not None:
             name = "clamp" if self.clamp else "rotate"
-            remedy = "A Pin can hold or turn the normal; a slide leaves it free."
-            raise InputError(
-                f"{name} = {getattr(self, name)!r}", "is for pins", self._label, remedy
-            )
+            free = "direction" if self.normal is None else "normal"
+            allowed = "exclude each other: nodes that slide hold no normal, and do not turn"
+            remedy = f"Leave out {name}; or {free}, to hold the nodes in all directions."
+            raise InputError(f"{name} and {free} are given", allowed, self._label, remedy)
         if (self.direction is None) == (self.normal is None):
             given = "neither" if self.normal is None else "both"
             raise InputError(f"{given} of direction and normal", "needs one of them", self._label)

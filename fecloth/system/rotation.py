@@ -19,7 +19,7 @@ class Rotation:
     Parameters
     ----------
     point
-        p (3,), a point of the axis [m].
+        p (3,), a point of the axis [m]. With a motion u of the pin the axis goes through p + u(t).
     axis
         (3,) its direction, of any length.
     angle

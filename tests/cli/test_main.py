@@ -129,9 +129,14 @@ def test_the_resolved_scene_runs_to_the_same_end(scene):
     assert np.array_equal(a.points, b.points)
 
 
-def test_quiet_prints_nothing(scene, capfd):
-    assert main(["run", str(scene), "--quiet"]) == 0
+def test_quiet_prints_nothing_but_warnings(scene, capfd):
+    assert main(["run", str(scene), "-o", "a", "--quiet"]) == 0
     assert capfd.readouterr() == ("", "")
+    assert main(["run", str(scene), "-o", "b", "--quiet", "--set", "fabric.areal_density=20"]) == 0
+    out, warnings = capfd.readouterr()
+    assert not out
+    assert warnings.startswith("warning: areal_density = 20 kg/m²: cloth has 0.01 to 1.")
+    assert all(line.startswith("warning: ") for line in warnings.splitlines())
 
 
 def test_folder_that_is_not_empty_is_refused_and_unchanged(scene, capsys):

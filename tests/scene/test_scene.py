@@ -333,6 +333,12 @@ MISTAKES = [
     ("interest={period=['tip.q']}", "interest.period: tip.q: unknown quantity", "tip.z"),
     # one of two
     ("pins.0.inside='X < 1'", "pins.0: where and inside are given: give exactly one", ""),
+    ("pins.0.clamp=true", "terms: a pin with clamp = true: needs a bending term", "PlateBending"),
+    ("pins.1.clamp=true", "pins.1.clamp = true on 1 node: must cover an edge", "Pin more of"),
+    ("pins.1.clamp=true", "(It is the second [[pins]], line 25.)", ""),
+    ("pins.0={where='left', clamp=true, normal=[0, 0, 1]}", "clamp and normal are", "Leave"),
+    ("pins.0.rotate={axis=[0, 0, 0], angle='t'}", "pins.0.rotate.axis = (0.0, 0.0, 0.0)", "zero"),
+    ("pins.0.rotate={axis=[0, 0, 1], angle='X'}", "pins.0.rotate.angle: formula 'X', unknown", ""),
     ("output={every=0.1, every_steps=4}", "output: every and every_steps are given", ""),
     ("start={plane='xy', position=['X', 'Y', '0']}", "start: plane and position are given", ""),
     ("probes.0.where='left'", "probes.0: where and point are given", ""),
@@ -365,6 +371,13 @@ MISTAKES = [
     ("cloth={shape='file', path='test.toml'}", "cloth: ", "unknown suffix '.toml'"),
     ("cloth={shape='file', path='.'}", "cloth.path = '.': ", "is a folder"),
 ]  # fmt: skip
+
+
+def test_a_clamp_leaves_mistakes_of_terms_to_them(file):
+    """With a clamped pin each term is tried without the pins, and the wrong one is named."""
+    terms = "terms=[{type='StVK'}, {type='PlateBending', rest=[0.1, 0.2]}]"
+    message = refusal(file, "fabric.bending_rigidity=1e-5", "pins.0.clamp=true", terms)
+    assert "terms.1: rest has 2 angles: must be one angle or 18, one for each hinge" in message
 
 
 @pytest.mark.parametrize(("override", "what", "more"), MISTAKES, ids=[m[0][:40] for m in MISTAKES])

@@ -178,6 +178,26 @@ def test_a_clamp_needs_a_term_that_holds_it():
         plate(cloth, ISOTROPIC, [fc.Pin([0], clamp=True)])
 
 
+def test_a_triangle_alone_bends_about_its_clamp():
+    """Morley's κ = Σ l_i/A α_i n_i n_iᵀ with α₁ given, and without moments at the other edges.
+
+    For ν = 0 the energy is B A/2 |κ|², least over α₂ and α₃.
+    """
+    X = np.array([[0.0, 0.0], [0.2, 0.0], [0.05, 0.1]])
+    cloth = fc.Cloth.from_arrays(X, [[0, 1, 2]])
+    pins = [fc.Pin(lambda X: X[:, 1] < 1e-9, clamp=True)]
+    system = fc.System(cloth, fc.Fabric(1.0, 1e3, bending_rigidity=2.0), [fc.PlateBending()], pins)
+    x = system.rest().x
+    x[:, 2] = 1e-4 * cloth.X[:, 1]  # α₁ = 1e-4
+    edges = np.roll(X, -1, axis=0) - X
+    n = edges[:, ::-1] * [1, -1] / np.linalg.norm(edges, axis=1)[:, None]
+    G = (n @ n.T) ** 2  # n_i n_iᵀ : n_j n_jᵀ
+    least = G[0, 0] - G[0, 1:] @ np.linalg.solve(G[1:, 1:], G[1:, 0])
+    expected = 0.5 * 2.0 * 0.01 * (0.2 / 0.01 * 1e-4) ** 2 * least
+    assert system.energies(system.state(x))["PlateBending"] == pytest.approx(expected, rel=1e-6)
+    check_slopes(system, system.state(x + [[0, 0, 0.02 * i] for i in range(3)]))
+
+
 def test_work_of_a_clamp_that_turns_closes_the_energy_balance():
     cloth = fc.Cloth.rectangle(0.4, 0.1, 0.05, "right")
     fabric = fc.Fabric(0.2, 500.0, bending_rigidity=1e-3)
