@@ -29,6 +29,7 @@ def add_study_options(parser: argparse.ArgumentParser, command: str) -> None:
     add("--time-limit", type=float, default=600.0, metavar="S", help=limit)
     add("--yes", action="store_true", help="run it however long it may take")
     add("--fresh", action="store_true", help="run every case again")
+    add("--trust-geo", action="store_true", help="allow all commands in a .geo file")
 
 
 def run_converge(options) -> int:
@@ -37,7 +38,7 @@ def run_converge(options) -> int:
     from fecloth.study.refinement import converge
     from fecloth.study.workload import LONGEST
 
-    scene = load_scene(options.scene, options.set)
+    scene = load_scene(options.scene, options.set, trust_geo=options.trust_geo)
     folder, cache = folders(options, "converge")
     found = converge(
         scene,
@@ -78,7 +79,7 @@ def run_sweep(options) -> int:
 
     folder, cache = folders(options, "sweep")
     found = sweep(
-        load_scene(options.scene, options.set),
+        load_scene(options.scene, options.set, trust_geo=options.trust_geo),
         options.over,
         options.quantity,
         cache=cache,

@@ -36,9 +36,11 @@ WHOLE = ("max", "min", "path", "period", "frequency")  # over the run
 known_functions: dict[tuple[str, str], Callable] = {}  # of this process: imported already
 
 
-def run_scene_text(text: str, digest: str, recorded: list, modes: int = 0) -> dict:
+def run_scene_text(
+    text: str, digest: str, recorded: list, modes: int = 0, trust_geo: bool = False
+) -> dict:
     """Run the scene of a text; `recorded` are the columns to return over the whole run."""
-    return measure(setup_of_scene(text), recorded, modes)
+    return measure(setup_of_scene(text, trust_geo), recorded, modes)
 
 
 def run_function(
@@ -125,7 +127,7 @@ def _march(setup: Setup, report: Callable[..., None]) -> dict:
         "end": result.state,
         "result": result,
         "steps": len(result.times) - 1,
-        "step": float(np.diff(result.times).max()),
+        "step": math.nan if setup.is_static else float(np.diff(result.times).max()),
         "newton": result.newton,
         "time_error": result.time_error,
         "time_order": 0 if setup.is_static else steps.traits.order,

@@ -202,7 +202,7 @@ def _change(opened: Problem, values: Mapping[str, object]) -> Problem:
     texts = [f"{key}={value}" for key, value in values.items()]
     try:
         data = override(tomllib.loads(opened.scene.to_toml()), texts)
-        return SceneProblem(scene_of(to_toml(data)), opened.name)
+        return SceneProblem(scene_of(to_toml(data), opened.scene.trusts_geo), opened.name)
     except InputError as error:
         where = f"{opened.name} with {', '.join(texts)}"
         raise InputError(error.what, error.allowed, where, error.remedy) from None
