@@ -15,13 +15,19 @@ from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import value_of
 from fecloth.study.figures import line_style, mark_failures, new_figure
 from fecloth.study.measured_runs import record_of
-from fecloth.study.problems import Problem, open_problem
+from fecloth.study.problems import Problem
 from fecloth.study.ranges import read_ranges
 from fecloth.study.result import StudyResult
 from fecloth.study.run_problems import Point, Runs, run_points
 from fecloth.study.status import OK
 from fecloth.study.tables import Table
-from fecloth.study.variants import FIRST, describe_failure, describe_values, make_variants
+from fecloth.study.variants import (
+    FIRST,
+    describe_failure,
+    describe_values,
+    make_variants,
+    open_first,
+)
 from fecloth.study.workload import LONGEST
 
 if TYPE_CHECKING:
@@ -123,11 +129,7 @@ def sweep(
     """
     ranges = read_ranges(over)
     combinations = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
-    given, sizes = dict(settings), {"h": h, "dt": dt}
-    if not isinstance(problem, Scene | str | Path):
-        sizes = {key: ranges[key][0] if key in ranges else value for key, value in sizes.items()}
-        given |= {key: values[0] for key, values in ranges.items() if key not in sizes}
-    opened = open_problem(problem, sizes["h"], sizes["dt"], t_end, probes, given)
+    opened = open_first(problem, ranges, {"h": h, "dt": dt}, t_end, probes, settings)
     chosen = _quantities(opened, quantity)
     for one in chosen:
         opened.check_quantity(one)
