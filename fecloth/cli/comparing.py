@@ -48,7 +48,7 @@ def run_compare(options) -> int:
     if (len(options.scenes) == 1) != bool(options.variants):
         remedy = "For example --variants terms.0.type=StVK,Springs."
         raise InputError("compare", "takes one scene with --variants, or several", "", remedy)
-    scenes = [load_scene(one, options.set) for one in options.scenes]
+    scenes = [load_scene(one, options.set, trust_geo=options.trust_geo) for one in options.scenes]
     found = compare(
         scenes if options.variants is None else scenes[0],
         options.variants,

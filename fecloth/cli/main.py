@@ -101,7 +101,7 @@ def _parser() -> argparse.ArgumentParser:
 
     from fecloth import __version__
     from fecloth.cli.comparing import add_compare_options
-    from fecloth.cli.studies import add_options, add_sweep_options
+    from fecloth.cli.studies import add_options, add_simplify_options, add_sweep_options
     from fecloth.cli.suggesting_parser import SuggestingParser
 
     parser = SuggestingParser(
@@ -146,6 +146,10 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "sweep", _sweep, "run a scene for several values of a key")
     add_sweep_options(sub)
 
+    words = "find what a scene does not need, and write it without"
+    sub = _command(commands, "simplify", _simplify, words)
+    add_simplify_options(sub)
+
     sub = _command(commands, "modes", _modes, "print the natural frequencies of a scene [Hz]")
     sub.add_argument("scene", help="a .toml file")
     sub.add_argument("-n", "--count", type=int, default=6, help="number of frequencies (6)")
@@ -180,7 +184,8 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(
-        command=function, prints=function in (_mesh, _info, _modes, _converge, _compare, _sweep)
+        command=function,
+        prints=function in (_mesh, _info, _modes, _converge, _compare, _sweep, _simplify),
     )
     return parser
 
@@ -346,6 +351,13 @@ def _sweep(options) -> int:
     from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
 
     return run_sweep(options)
+
+
+def _simplify(options) -> int:
+    from fecloth.cli.studies import run_simplify
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_simplify(options)
 
 
 # --- modes ----------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The commands `fecloth converge` and `fecloth sweep`."""
+"""The commands `fecloth converge`, `fecloth sweep` and `fecloth simplify`."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ def add_study_options(parser: argparse.ArgumentParser, command: str) -> None:
     add("--time-limit", type=float, default=600.0, metavar="S", help=limit)
     add("--yes", action="store_true", help="run it however long it may take")
     add("--fresh", action="store_true", help="run every case again")
+    add("--trust-geo", action="store_true", help="allow all commands in a .geo file")
 
 
 def run_converge(options) -> int:
@@ -37,7 +38,7 @@ def run_converge(options) -> int:
     from fecloth.study.refinement import converge
     from fecloth.study.workload import LONGEST
 
-    scene = load_scene(options.scene, options.set)
+    scene = load_scene(options.scene, options.set, trust_geo=options.trust_geo)
     folder, cache = folders(options, "converge")
     found = converge(
         scene,
@@ -78,7 +79,7 @@ def run_sweep(options) -> int:
 
     folder, cache = folders(options, "sweep")
     found = sweep(
-        load_scene(options.scene, options.set),
+        load_scene(options.scene, options.set, trust_geo=options.trust_geo),
         options.over,
         options.quantity,
         cache=cache,
@@ -91,6 +92,42 @@ def run_sweep(options) -> int:
     print("\n".join([found.verdict, "", str(found.table), ""]))
     print(f"wrote {found.report(folder)}")
     return 3 if any(row["status"] != "ok" for row in found.table) else 0
+
+
+def add_simplify_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `fecloth simplify`."""
+    add = parser.add_argument
+    add("scene", help="a .toml file")
+    text = "largest change of a quantity, as 1%% or 0.01 (1%%)"
+    add("--tolerance", default="1%", metavar="T", help=text)
+    text = 'as "max tip.z"; may be repeated (default: all of [interest])'
+    add("--quantity", action="append", metavar="Q", help=text)
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
+    add_study_options(parser, "simplify")
+
+
+def run_simplify(options) -> int:
+    """Find what the scene does not need, print it, write the report and reduced.toml."""
+    from fecloth.scene.scene import load_scene
+    from fecloth.study.simplification.simplify import simplify
+    from fecloth.study.workload import LONGEST
+
+    folder, cache = folders(options, "simplify")
+    found = simplify(
+        load_scene(options.scene, options.set),
+        options.tolerance,
+        options.quantity,
+        folder=folder,
+        cache=cache,
+        jobs=options.jobs,
+        scheduler=options.scheduler,
+        time_limit=options.time_limit,
+        most_seconds=None if options.yes else LONGEST,
+        fresh=options.fresh,
+    )
+    print("\n".join([found.verdict, *found.notes(), "", str(found.table), ""]))
+    print(f"wrote {found.report(folder)} and {found.scene}")
+    return 0
 
 
 def folders(options, command: str) -> tuple[Path, Path]:

@@ -140,6 +140,11 @@ class Scene(Table):
         return self._source
 
     @property
+    def trusts_geo(self) -> bool:
+        """Whether the .geo file that it names may hold any command."""
+        return self._reading[0]
+
+    @property
     def text(self) -> str:
         """The text of that file, for the numbers of lines in messages."""
         return self._text

@@ -20,6 +20,8 @@ from .overlay import Overlay, compare_runs
 from .refinement import converge
 from .reports import Finding, hardware, require_results, write_csv, write_report
 from .result import StudyResult
+from .simplification.result import Simplification
+from .simplification.simplify import simplify
 from .status import TimeLimit, check_time_limit
 from .sweeps import Sweep, sweep
 from .tables import Table
@@ -39,6 +41,7 @@ __all__ = [
     "Overlay",
     "Parser",
     "Seconds",
+    "Simplification",
     "StudyFailed",
     "StudyResult",
     "Sweep",
@@ -66,6 +69,7 @@ __all__ = [
     "run_cases",
     "run_main",
     "run_options",
+    "simplify",
     "sweep",
     "write_csv",
     "write_report",

@@ -36,9 +36,11 @@ WHOLE = ("max", "min", "path", "period", "frequency")  # over the run
 known_functions: dict[tuple[str, str], Callable] = {}  # of this process: imported already
 
 
-def run_scene_text(text: str, digest: str, recorded: list, modes: int = 0) -> dict:
+def run_scene_text(
+    text: str, digest: str, recorded: list, modes: int = 0, trust_geo: bool = False
+) -> dict:
     """Run the scene of a text; `recorded` are the columns to return over the whole run."""
-    return measure(setup_of_scene(text), recorded, modes)
+    return measure(setup_of_scene(text, trust_geo), recorded, modes)
 
 
 def run_function(
@@ -66,6 +68,7 @@ def measure(
     recorded: Sequence[str],
     modes: int = 0,
     function: Callable[[Any], float] | None = None,
+    report: Callable[..., None] = check_time_limit,
 ) -> dict:
     """Run a setup on one thread and return its row.
 
@@ -78,13 +81,15 @@ def measure(
         time is not run.
     function
         A user's function of the result.
+    report
+        What is called after every step or iteration; it may raise `TimeLimit`.
     """
     with one_thread(), warnings.catch_warnings(action="ignore", category=FeclothWarning):
         begin = time.process_time()
         if modes and not setup.is_static:
             row = _nothing_run(setup)
         else:
-            row = _solve(setup) if setup.t_end is None else _march(setup)
+            row = (_solve if setup.t_end is None else _march)(setup, report)
         result, all_columns, end = row.pop("result"), row.pop("columns"), row.pop("end")
         row["cpu_seconds"] = time.process_time() - begin
         row["ends"] = {key: [float(v[0]), float(v[-1])] for key, v in all_columns.items()}
@@ -105,7 +110,7 @@ def measure(
     return sizes | row | {"obstacles": find_obstacles(setup, row["ends"])}
 
 
-def _march(setup: Setup) -> dict:
+def _march(setup: Setup, report: Callable[..., None]) -> dict:
     system, start = setup.system, setup.start
     assert setup.t_end is not None
     ledger = Ledger.open(system, start)
@@ -115,14 +120,14 @@ def _march(setup: Setup) -> dict:
     steps, solver, why = resolve(*run, setup.linear, setup.newton, record)
     states = march(system, steps, start, None, setup.t_end, solver=solver)
     method = method_to_report(steps)
-    result = collect(states, system, method, ledger, observer, why, report=check_time_limit)
+    result = collect(states, system, method, ledger, observer, why, report=report)
     return {
         "times": result.times,
         "columns": {**result.energies, **result.observed},
         "end": result.state,
         "result": result,
         "steps": len(result.times) - 1,
-        "step": float(np.diff(result.times).max()),
+        "step": math.nan if setup.is_static else float(np.diff(result.times).max()),
         "newton": result.newton,
         "time_error": result.time_error,
         "time_order": 0 if setup.is_static else steps.traits.order,
@@ -130,10 +135,10 @@ def _march(setup: Setup) -> dict:
     }
 
 
-def _solve(setup: Setup) -> dict:
+def _solve(setup: Setup, report: Callable[..., None]) -> dict:
     """Solve for the equilibrium; the rows are the start and the end."""
     observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
-    state = equilibrium(setup.system, setup.start, report=check_time_limit)
+    state = equilibrium(setup.system, setup.start, report=report)
     earlier = replace(state, t=state.t - 1.0)  # reactions are those of a step, here at rest
     rows = [observer.row(None, None), observer.row(earlier, Step(state, state, None, Counts()))]
     ledgers = [Ledger.open(setup.system, at).row() for at in (setup.start, state)]

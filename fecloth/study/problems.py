@@ -137,16 +137,19 @@ class SceneProblem(_Common):
 
     def setup(self, level: Level) -> Setup:
         """Build the scene of a level."""
-        return setup_of_scene(self.text(level))
+        return setup_of_scene(self.text(level), self.scene.trusts_geo)
 
     def case(self, level: Level, recorded: list[str], modes: int) -> dict[str, object]:
         """Return the arguments of `runner` for a level."""
-        digest = digest_of_files(self.scene)
-        return {"text": self.text(level), "digest": digest, "recorded": recorded, "modes": modes}
+        text, digest = self.text(level), digest_of_files(self.scene)
+        case = {"text": text, "digest": digest, "recorded": recorded, "modes": modes}
+        return case | {"trust_geo": self.scene.trusts_geo}
 
     def cloth_of(self, level: Level, quantity: Quantity) -> Cloth | None:
         """Return the cloth of a level where the quantity needs it."""
-        return scene_of(self.text(level)).mesh() if quantity.is_field else None
+        return (
+            scene_of(self.text(level), self.scene.trusts_geo).mesh() if quantity.is_field else None
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,13 +14,13 @@ from fecloth.scene.toml_text import to_toml
 WORDS = ("title", "expect", "interest", "output")  # tables that change no result
 
 
-def scene_of(text: str) -> Scene:
+def scene_of(text: str, trust_geo: bool = False) -> Scene:
     """Read the scene of a TOML text whose paths are absolute; errors name no file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.toml"
         path.write_text(text, encoding="utf-8")
         try:
-            scene = load_scene(path)
+            scene = load_scene(path, trust_geo=trust_geo)
         except SceneError as error:
             raise SceneError(error.what, error.allowed, "", error.remedy) from None
     scene._source = "the scene"

@@ -48,9 +48,9 @@ class Setup:
         return not self.is_static and self.steps.traits.explicit
 
 
-def setup_of_scene(text: str) -> Setup:
+def setup_of_scene(text: str, trust_geo: bool = False) -> Setup:
     """Return the setup of a scene's text, with what it needs compiled."""
-    built = scene_of(text).build()
+    built = scene_of(text, trust_geo).build()
     compile_kernels(built)
     run = built.system, built.state, built.steps, built.t_end, built.newton, built.linear
     return Setup(*run, built.probes)

@@ -71,7 +71,7 @@ def change_problem(opened: Problem, values: Mapping[str, object]) -> Problem:
         _forget_defaults(data, opened.scene, key)
     try:
         data = override(data, texts)
-        return SceneProblem(scene_of(to_toml(data)), opened.name)
+        return SceneProblem(scene_of(to_toml(data), opened.scene.trusts_geo), opened.name)
     except InputError as error:
         where = f"{opened.name} with {', '.join(texts)}"
         raise InputError(error.what, error.allowed, where, error.remedy) from None

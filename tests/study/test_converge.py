@@ -164,6 +164,25 @@ def test_a_scene_at_rest(scene):
         fc.study.converge(scene, "sag", refine="dt")
 
 
+def test_a_trusted_geo_file_stays_trusted(scene, tmp_path):
+    (tmp_path / "sheet.geo").write_text(
+        """Printf("a command that needs trust");
+        Point(1) = {0, 0, 0, 0.2}; Point(2) = {1, 0, 0, 0.2}; Point(3) = {0.5, 1, 0, 0.2};
+        Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 1};
+        Curve Loop(1) = {1, 2, 3}; Plane Surface(1) = {1}; Physical Surface("cloth") = {1};
+        """
+    )
+    shape = re.search(r"shape.*pattern[^\n]*", SCENE, re.DOTALL)[0]
+    text = SCENE.replace(shape, 'shape = "file"\npath = "sheet.geo"\nh = 0.4')
+    first = text.index("[[pins]]")
+    text = text[:first] + text[text.index("[start]") :]
+    scene.write_text(text.partition("[[probes]]")[0])
+    with pytest.raises(InputError, match="--trust-geo"):
+        fc.study.converge(scene, "area", levels=3)
+    found = fc.study.converge(fc.load_scene(scene, trust_geo=True), "area", levels=3)
+    assert found.table["triangles"][-1] > 2 * found.table["triangles"][0]
+
+
 def test_a_function_is_a_quantity(scene):
     lowest = lambda result: result.state.x[:, 2].max()  # noqa: E731
     found = fc.study.converge(scene, lowest, levels=3)
