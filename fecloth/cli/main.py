@@ -100,6 +100,7 @@ def _parser() -> argparse.ArgumentParser:
     import argparse
 
     from fecloth import __version__
+    from fecloth.cli.comparing import add_compare_options
     from fecloth.cli.studies import add_options, add_simplify_options, add_sweep_options
     from fecloth.cli.suggesting_parser import SuggestingParser
 
@@ -137,6 +138,10 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = _command(commands, "converge", _converge, "refine a scene: value, uncertainty, order")
     add_options(sub)
+
+    words = "compare models, or two scenes, beside the error of each"
+    sub = _command(commands, "compare", _compare, words)
+    add_compare_options(sub)
 
     sub = _command(commands, "sweep", _sweep, "run a scene for several values of a key")
     add_sweep_options(sub)
@@ -180,7 +185,7 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
     )
     parser.set_defaults(
         command=function,
-        prints=function in (_mesh, _info, _modes, _converge, _sweep, _simplify),
+        prints=function in (_mesh, _info, _modes, _converge, _compare, _sweep, _simplify),
     )
     return parser
 
@@ -332,6 +337,13 @@ def _converge(options) -> int:
     from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
 
     return run_converge(options)
+
+
+def _compare(options) -> int:
+    from fecloth.cli.comparing import run_compare
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_compare(options)
 
 
 def _sweep(options) -> int:

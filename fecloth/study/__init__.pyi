@@ -2,6 +2,8 @@
 
 from .cases import Case, describe_settings, run_cases
 from .command import Parser, StudyFailed, require_packages, run_main
+from .comparing import compare
+from .comparison import Comparison, Difference
 from .convergence import Convergence
 from .figures import (
     COLOURS,
@@ -14,6 +16,7 @@ from .figures import (
     new_figure,
 )
 from .options import parse_arguments, run_options
+from .overlay import Overlay, compare_runs
 from .refinement import converge
 from .reports import Finding, hardware, require_results, write_csv, write_report
 from .result import StudyResult
@@ -30,9 +33,12 @@ __all__ = [
     "COLOURS",
     "MARKERS",
     "Case",
+    "Comparison",
     "Convergence",
+    "Difference",
     "Estimate",
     "Finding",
+    "Overlay",
     "Parser",
     "Seconds",
     "Simplification",
@@ -44,6 +50,8 @@ __all__ = [
     "Workload",
     "check_scene",
     "check_time_limit",
+    "compare",
+    "compare_runs",
     "converge",
     "describe_settings",
     "draw_lines",
