@@ -100,7 +100,7 @@ def _parser() -> argparse.ArgumentParser:
     import argparse
 
     from fecloth import __version__
-    from fecloth.cli.studies import add_options, add_sweep_options
+    from fecloth.cli.studies import add_chart_options, add_options, add_sweep_options
     from fecloth.cli.suggesting_parser import SuggestingParser
 
     parser = SuggestingParser(
@@ -141,6 +141,9 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "sweep", _sweep, "run a scene for several values of a key")
     add_sweep_options(sub)
 
+    sub = _command(commands, "chart", _chart, "errors of other settings over CPU seconds")
+    add_chart_options(sub)
+
     sub = _command(commands, "modes", _modes, "print the natural frequencies of a scene [Hz]")
     sub.add_argument("scene", help="a .toml file")
     sub.add_argument("-n", "--count", type=int, default=6, help="number of frequencies (6)")
@@ -175,7 +178,7 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(
-        command=function, prints=function in (_mesh, _info, _modes, _converge, _sweep)
+        command=function, prints=function in (_mesh, _info, _modes, _converge, _sweep, _chart)
     )
     return parser
 
@@ -334,6 +337,13 @@ def _sweep(options) -> int:
     from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
 
     return run_sweep(options)
+
+
+def _chart(options) -> int:
+    from fecloth.cli.studies import run_chart
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_chart(options)
 
 
 # --- modes ----------------------------------------------------------------------------------------

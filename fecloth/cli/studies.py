@@ -1,4 +1,4 @@
-"""The commands `fecloth converge` and `fecloth sweep`."""
+"""The commands `fecloth converge`, `fecloth sweep` and `fecloth chart`."""
 
 from __future__ import annotations
 
@@ -19,14 +19,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_study_options(parser, "converge")
 
 
-def add_study_options(parser: argparse.ArgumentParser, command: str) -> None:
-    """Add the options that all studies of a scene share."""
+def add_study_options(
+    parser: argparse.ArgumentParser, command: str, longest: float = 600.0
+) -> None:
+    """Add the options that all studies of a scene share; `longest` is that of a case [s]."""
     add = parser.add_argument
     add("-o", "--output", metavar="DIR", help=f"folder of the report (out/{command}/SCENE)")
     add("--jobs", type=int, default=1, metavar="N", help="processes, one thread each (1)")
     add("--scheduler", metavar="ADDRESS", help="Dask scheduler that runs the cases")
     limit = "longest time of a case (%(default)g s)"
-    add("--time-limit", type=float, default=600.0, metavar="S", help=limit)
+    add("--time-limit", type=float, default=longest, metavar="S", help=limit)
     add("--yes", action="store_true", help="run it however long it may take")
     add("--fresh", action="store_true", help="run every case again")
     add("--trust-geo", action="store_true", help="allow all commands in a .geo file")
@@ -92,6 +94,56 @@ def run_sweep(options) -> int:
     print("\n".join([found.verdict, "", str(found.table), ""]))
     print(f"wrote {found.report(folder)}")
     return 3 if any(row["status"] != "ok" for row in found.table) else 0
+
+
+def add_chart_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `fecloth chart`."""
+    add = parser.add_argument
+    add("scene", help="a .toml file")
+    text = 'what is compared, as "max tip.z" (default: the first of [interest])'
+    add("--quantity", metavar="Q", help=text)
+    names = "{}, with commas (default: {})"
+    own = "the scene's own and the usual others"
+    add("--methods", type=_names, metavar="A,B", help=names.format("as bdf2,newmark", own))
+    add("--elements", type=_names, metavar="A,B", help=names.format("of P1,P2", "both"))
+    text = names.format("as StVK,NeoHookean", "the scene's own")
+    add("--models", type=_names, metavar="A,B", help=text)
+    add("--meshes", type=int, default=2, metavar="N", help="meshes with h, h/2, … (2)")
+    add("--levels", type=int, default=3, metavar="N", help="of the limit, from 3 (3)")
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
+    add_study_options(parser, "chart", 60.0)
+
+
+def _names(text: str) -> list[str]:
+    """Return the names of a text with commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def run_chart(options) -> int:
+    """Run the scene with other settings, print the verdict and the front, write the report."""
+    from fecloth.scene.scene import load_scene
+    from fecloth.study.charts import chart
+    from fecloth.study.workload import LONGEST
+
+    folder, cache = folders(options, "chart")
+    found = chart(
+        load_scene(options.scene, options.set, trust_geo=options.trust_geo),
+        options.quantity,
+        options.methods,
+        options.elements,
+        options.models,
+        meshes=options.meshes,
+        levels=options.levels,
+        cache=cache,
+        jobs=options.jobs,
+        scheduler=options.scheduler,
+        time_limit=options.time_limit,
+        most_seconds=None if options.yes else LONGEST,
+        fresh=options.fresh,
+    )
+    print("\n".join([found.verdict, *found.notes(), "", str(found.front), ""]))
+    print(f"wrote {found.report(folder)}")
+    return 0 if len(found.front) else 3
 
 
 def folders(options, command: str) -> tuple[Path, Path]:

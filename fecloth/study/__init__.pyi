@@ -1,6 +1,8 @@
 """The public names of `fecloth.study` and the modules that define them."""
 
 from .cases import Case, describe_settings, run_cases
+from .chart_result import Chart
+from .charts import chart
 from .command import Parser, StudyFailed, require_packages, run_main
 from .convergence import Convergence
 from .figures import (
@@ -28,6 +30,7 @@ __all__ = [
     "COLOURS",
     "MARKERS",
     "Case",
+    "Chart",
     "Convergence",
     "Estimate",
     "Finding",
@@ -39,6 +42,7 @@ __all__ = [
     "Table",
     "TimeLimit",
     "Workload",
+    "chart",
     "check_scene",
     "check_time_limit",
     "converge",

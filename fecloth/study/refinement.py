@@ -98,13 +98,26 @@ def converge(
     opened.check(refine)
     chosen = parse_quantity(opened.default_quantity if quantity is None else quantity)
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
-    orders = opened.orders(chosen)
+    return refine_problem(opened, chosen, refine, levels, ratio, runs)[0]
+
+
+def refine_problem(
+    opened: Problem,
+    quantity: Quantity,
+    refine: str,
+    levels: int,
+    ratio: float | None,
+    runs: Runs,
+) -> tuple[Convergence, list[dict]]:
+    """Run the levels; return the result, and the rows of the levels, coarse to fine."""
+    orders = opened.orders(quantity)
     made = make_levels(refine, levels, ratio or opened.ratio(refine), *orders)
-    opened.check_quantity(chosen)
-    cases = made + _cases_for_shares(opened, chosen, refine)
+    opened.check_quantity(quantity)
+    cases = made + _cases_for_shares(opened, quantity, refine)
     points = [Point(opened, one, str(one), opened.workload(one)) for one in cases]
-    rows = run_points(points, [chosen], runs)
-    return summarise(opened, chosen, refine, orders, rows[:levels], rows[levels:])
+    rows = run_points(points, [quantity], runs)
+    found = summarise(opened, quantity, refine, orders, rows[:levels], rows[levels:])
+    return found, rows[:levels]
 
 
 def _cases_for_shares(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
