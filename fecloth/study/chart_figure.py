@@ -119,8 +119,7 @@ def _draw_band(ax, floor: float) -> None:
         return
     ax.axhspan(ax.get_ylim()[0], floor, color="0.93", zorder=0)
     text = "below: within the uncertainty of the limit"
-    place = {"xy": (ax.get_xlim()[0], floor), "xytext": (6, -5), "textcoords": "offset points"}
-    ax.annotate(text, **place, va="top", fontsize=9, color="0.35")
+    ax.text(0.01, 0.012, text, transform=ax.transAxes, fontsize=9, color="0.35")
 
 
 def _label_ends(ax, ends: Sequence[tuple]) -> None:
@@ -128,7 +127,7 @@ def _label_ends(ax, ends: Sequence[tuple]) -> None:
     to_axes = ax.transAxes.inverted().transform
     heights = [to_axes(ax.transData.transform((x, y)))[1] for _, _, x, y in ends]
     for (name, colour, x, y), height in zip(ends, spread(heights, GAP), strict=True):
-        arrow = {"arrowstyle": "-", "color": colour, "lw": 0.7, "alpha": 0.6, "shrinkB": 4}
+        arrow = {"arrowstyle": "-", "color": colour, "lw": 0.7, "alpha": 0.6, "relpos": (0, 0.5)}
         ax.annotate(
             name,
             (x, y),

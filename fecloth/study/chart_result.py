@@ -50,7 +50,8 @@ class Chart(StudyResult):
             found = self.limit
             value = found.limit if math.isfinite(found.limit) else found.value
             words = with_uncertainty(value, found.uncertainty, found.unit)
-            lines.append(f"Limit: {self.quantity} = {words}; {found.verdict.splitlines()[0]}.")
+            verdict = found.verdict.splitlines()[0].partition(f": {self.quantity} = ")[0]
+            lines.append(f"Limit: {self.quantity} = {words}; {verdict}.")
         letters = grey_letters(self.table)
         if letters:
             key = ", ".join(f"{letter} {name}" for name, letter in letters.items())
