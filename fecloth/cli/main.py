@@ -100,7 +100,9 @@ def _parser() -> argparse.ArgumentParser:
     import argparse
 
     from fecloth import __version__
-    from fecloth.cli.studies import add_chart_options, add_options, add_sweep_options
+    from fecloth.cli.charting import add_chart_options
+    from fecloth.cli.comparing import add_compare_options
+    from fecloth.cli.studies import add_options, add_simplify_options, add_sweep_options
     from fecloth.cli.suggesting_parser import SuggestingParser
 
     parser = SuggestingParser(
@@ -138,11 +140,19 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "converge", _converge, "refine a scene: value, uncertainty, order")
     add_options(sub)
 
+    words = "compare models, or two scenes, beside the error of each"
+    sub = _command(commands, "compare", _compare, words)
+    add_compare_options(sub)
+
     sub = _command(commands, "sweep", _sweep, "run a scene for several values of a key")
     add_sweep_options(sub)
 
     sub = _command(commands, "chart", _chart, "errors of other settings over CPU seconds")
     add_chart_options(sub)
+
+    words = "find what a scene does not need, and write it without"
+    sub = _command(commands, "simplify", _simplify, words)
+    add_simplify_options(sub)
 
     sub = _command(commands, "modes", _modes, "print the natural frequencies of a scene [Hz]")
     sub.add_argument("scene", help="a .toml file")
@@ -178,7 +188,8 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(
-        command=function, prints=function in (_mesh, _info, _modes, _converge, _sweep, _chart)
+        command=function,
+        prints=function in (_mesh, _info, _modes, _converge, _compare, _sweep, _chart, _simplify),
     )
     return parser
 
@@ -332,6 +343,13 @@ def _converge(options) -> int:
     return run_converge(options)
 
 
+def _compare(options) -> int:
+    from fecloth.cli.comparing import run_compare
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_compare(options)
+
+
 def _sweep(options) -> int:
     from fecloth.cli.studies import run_sweep
     from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
@@ -340,10 +358,17 @@ def _sweep(options) -> int:
 
 
 def _chart(options) -> int:
-    from fecloth.cli.studies import run_chart
+    from fecloth.cli.charting import run_chart
     from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
 
     return run_chart(options)
+
+
+def _simplify(options) -> int:
+    from fecloth.cli.studies import run_simplify
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_simplify(options)
 
 
 # --- modes ----------------------------------------------------------------------------------------

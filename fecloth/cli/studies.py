@@ -1,4 +1,4 @@
-"""The commands `fecloth converge`, `fecloth sweep` and `fecloth chart`."""
+"""The commands `fecloth converge`, `fecloth sweep` and `fecloth simplify`."""
 
 from __future__ import annotations
 
@@ -96,44 +96,30 @@ def run_sweep(options) -> int:
     return 3 if any(row["status"] != "ok" for row in found.table) else 0
 
 
-def add_chart_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `fecloth chart`."""
+def add_simplify_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `fecloth simplify`."""
     add = parser.add_argument
     add("scene", help="a .toml file")
-    text = 'what is compared, as "max tip.z" (default: the first of [interest])'
-    add("--quantity", metavar="Q", help=text)
-    names = "{}, with commas (default: {})"
-    own = "the scene's own and the usual others"
-    add("--methods", type=_names, metavar="A,B", help=names.format("as bdf2,newmark", own))
-    add("--elements", type=_names, metavar="A,B", help=names.format("of P1,P2", "both"))
-    text = names.format("as StVK,NeoHookean", "the scene's own")
-    add("--models", type=_names, metavar="A,B", help=text)
-    add("--meshes", type=int, default=2, metavar="N", help="meshes with h, h/2, … (2)")
-    add("--levels", type=int, default=3, metavar="N", help="of the limit, from 3 (3)")
+    text = "largest change of a quantity, as 1%% or 0.01 (1%%)"
+    add("--tolerance", default="1%", metavar="T", help=text)
+    text = 'as "max tip.z"; may be repeated (default: all of [interest])'
+    add("--quantity", action="append", metavar="Q", help=text)
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
-    add_study_options(parser, "chart", 60.0)
+    add_study_options(parser, "simplify")
 
 
-def _names(text: str) -> list[str]:
-    """Return the names of a text with commas."""
-    return [name.strip() for name in text.split(",") if name.strip()]
-
-
-def run_chart(options) -> int:
-    """Run the scene with other settings, print the verdict and the front, write the report."""
+def run_simplify(options) -> int:
+    """Find what the scene does not need, print it, write the report and reduced.toml."""
     from fecloth.scene.scene import load_scene
-    from fecloth.study.charts import chart
+    from fecloth.study.simplification.simplify import simplify
     from fecloth.study.workload import LONGEST
 
-    folder, cache = folders(options, "chart")
-    found = chart(
-        load_scene(options.scene, options.set, trust_geo=options.trust_geo),
+    folder, cache = folders(options, "simplify")
+    found = simplify(
+        load_scene(options.scene, options.set),
+        options.tolerance,
         options.quantity,
-        options.methods,
-        options.elements,
-        options.models,
-        meshes=options.meshes,
-        levels=options.levels,
+        folder=folder,
         cache=cache,
         jobs=options.jobs,
         scheduler=options.scheduler,
@@ -141,9 +127,9 @@ def run_chart(options) -> int:
         most_seconds=None if options.yes else LONGEST,
         fresh=options.fresh,
     )
-    print("\n".join([found.verdict, *found.notes(), "", str(found.front), ""]))
-    print(f"wrote {found.report(folder)}")
-    return 0 if len(found.front) else 3
+    print("\n".join([found.verdict, *found.notes(), "", str(found.table), ""]))
+    print(f"wrote {found.report(folder)} and {found.scene}")
+    return 0
 
 
 def folders(options, command: str) -> tuple[Path, Path]:

@@ -86,6 +86,9 @@ def _of_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
 
 def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
     allowed = f"must be one of {kinds}"
+    if value in kinds.split(", "):  # where no name may replace a table
+        remedy = f'Write {{ {name} = "{value}" }}.'
+        return f"{key} = {shorten(value)}", f"must be a table with the key {name}", remedy
     if isinstance(value, str):  # a name may replace a table
         return f"{key} = {shorten(value)}", allowed, did_you_mean(value, kinds.split(", "))
     if not isinstance(value, dict):

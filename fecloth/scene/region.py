@@ -15,5 +15,8 @@ class Region:
 
     formula: Formula
 
+    def __repr__(self) -> str:
+        return repr(self.formula.text)  # as messages name it
+
     def __call__(self, X: np.ndarray) -> np.ndarray:
         return np.asarray(self.formula(X=X[:, 0], Y=X[:, 1]))

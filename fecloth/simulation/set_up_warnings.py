@@ -46,6 +46,7 @@ def find_set_up_warnings(
     yield from _springs_of_another_fabric(system)
     yield from _ignored_poisson_ratio(system)
     yield from _bending_unknown_to_hinges(system)
+    yield from _damping_of_other_bending(system)
     yield from _gas_without_pressure(system, state)
     yield from find_pin_warnings(system, state, t_end)
     yield from find_motion_jumps(system, state, t_end)
@@ -166,6 +167,19 @@ def _bending_unknown_to_hinges(system: System) -> Iterator[str]:
                 f"bias_rigidity = {bias:.3g} N m has no effect: {names[0]} knows warp and weft, "
                 f"and bends at 45° with {huber:.3g} N m; take PlateBending"
             )
+
+
+def _damping_of_other_bending(system: System) -> Iterator[str]:
+    """Warn of a plate that is damped as hinges, with another damping ratio."""
+    damping = [term for term in system.terms if isinstance(term, terms.BendingDamping)]
+    plates = any(isinstance(term, terms.PlateBending) for term in system.terms)
+    usual = terms.HingeBending if system.cloth.element == "P1" else terms.PlateBending
+    if plates and any(isinstance(term.law or usual(), terms.HingeBending) for term in damping):
+        yield (
+            "BendingDamping acts on hinges, and PlateBending is a plate: the damping ratio is not "
+            "ω τ/2, but 0.8 to 1.3 times that, by the pattern of the mesh; give it law = "
+            'PlateBending(), in a scene law = { type = "PlateBending" }'
+        )
 
 
 # --- loads ----------------------------------------------------------------------------------------

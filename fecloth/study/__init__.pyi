@@ -4,6 +4,8 @@ from .cases import Case, describe_settings, run_cases
 from .chart_result import Chart
 from .charts import chart
 from .command import Parser, StudyFailed, require_packages, run_main
+from .comparing import compare
+from .comparison import Comparison, Difference
 from .convergence import Convergence
 from .figures import (
     COLOURS,
@@ -16,9 +18,12 @@ from .figures import (
     new_figure,
 )
 from .options import parse_arguments, run_options
+from .overlay import Overlay, compare_runs
 from .refinement import converge
 from .reports import Finding, hardware, require_results, write_csv, write_report
 from .result import StudyResult
+from .simplification.result import Simplification
+from .simplification.simplify import simplify
 from .status import TimeLimit, check_time_limit
 from .sweeps import Sweep, sweep
 from .tables import Table
@@ -31,11 +36,15 @@ __all__ = [
     "MARKERS",
     "Case",
     "Chart",
+    "Comparison",
     "Convergence",
+    "Difference",
     "Estimate",
     "Finding",
+    "Overlay",
     "Parser",
     "Seconds",
+    "Simplification",
     "StudyFailed",
     "StudyResult",
     "Sweep",
@@ -45,6 +54,8 @@ __all__ = [
     "chart",
     "check_scene",
     "check_time_limit",
+    "compare",
+    "compare_runs",
     "converge",
     "describe_settings",
     "draw_lines",
@@ -62,6 +73,7 @@ __all__ = [
     "run_cases",
     "run_main",
     "run_options",
+    "simplify",
     "sweep",
     "write_csv",
     "write_report",

@@ -34,6 +34,7 @@ from fecloth.study.status import check_time_limit
 
 WHOLE = ("max", "min", "path", "period", "frequency")  # over the run
 REPEATS, SHORT = 3, 1.0  # runs to compare seconds, as long as all together take less [s]
+Solve = Callable[[Setup, Callable[..., None]], dict]
 known_functions: dict[tuple[str, str], Callable] = {}  # of this process: imported already
 
 
@@ -74,6 +75,7 @@ def measure(
     recorded: Sequence[str],
     modes: int = 0,
     function: Callable[[Any], float] | None = None,
+    report: Callable[..., None] = check_time_limit,
     timed: bool = False,
 ) -> dict:
     """Run a setup on one thread and return its row.
@@ -87,15 +89,17 @@ def measure(
         time is not run.
     function
         A user's function of the result.
+    report
+        What is called after every step or iteration; it may raise `TimeLimit`.
     timed
         Whether the CPU seconds will be compared: first a few steps warm up, and a short run is
         repeated, of which the fastest counts.
     """
     with one_thread(), warnings.catch_warnings(action="ignore", category=FeclothWarning):
-        solve = _solve if setup.t_end is None else _march
+        solve: Solve = _solve if setup.t_end is None else _march
         if modes and not setup.is_static:
             solve = _nothing_run
-        row, seconds = _run_timed(solve, setup) if timed else _run_once(solve, setup)
+        row, seconds = (_run_timed if timed else _run_once)(solve, setup, report)
         result, all_columns, end = row.pop("result"), row.pop("columns"), row.pop("end")
         row["cpu_seconds"] = seconds
         row["ends"] = {key: [float(v[0]), float(v[-1])] for key, v in all_columns.items()}
@@ -116,14 +120,14 @@ def measure(
     return sizes | row | {"obstacles": find_obstacles(setup, row["ends"])}
 
 
-def _run_once(solve: Callable[[Setup], dict], setup: Setup) -> tuple[dict, float]:
+def _run_once(solve: Solve, setup: Setup, report: Callable[..., None]) -> tuple[dict, float]:
     """Return the row of a run, and its CPU seconds."""
     begin = time.process_time()
-    row = solve(setup)
+    row = solve(setup, report)
     return row, time.process_time() - begin
 
 
-def _run_timed(solve: Callable[[Setup], dict], setup: Setup) -> tuple[dict, float]:
+def _run_timed(solve: Solve, setup: Setup, report: Callable[..., None]) -> tuple[dict, float]:
     """Warm up with four steps, or a static solution; then return the fastest of up to three."""
     first = setup
     if setup.t_end is not None and not setup.is_static:
@@ -131,15 +135,15 @@ def _run_timed(solve: Callable[[Setup], dict], setup: Setup) -> tuple[dict, floa
         short = min(4 * setup.steps.dt if setup.steps.dt else 0.02 * span, span)
         first = replace(setup, t_end=setup.start.t + short)
     with suppress(FeclothError):  # the run itself will say so
-        solve(first)
-    row, seconds = _run_once(solve, setup)
+        solve(first, report)
+    row, seconds = _run_once(solve, setup, report)
     spent = [seconds]
     while len(spent) < REPEATS and sum(spent) < SHORT:
-        spent.append(_run_once(solve, setup)[1])
+        spent.append(_run_once(solve, setup, report)[1])
     return row, min(spent)
 
 
-def _march(setup: Setup) -> dict:
+def _march(setup: Setup, report: Callable[..., None]) -> dict:
     system, start = setup.system, setup.start
     assert setup.t_end is not None
     ledger = Ledger.open(system, start)
@@ -149,7 +153,7 @@ def _march(setup: Setup) -> dict:
     steps, solver, why = resolve(*run, setup.linear, setup.newton, record)
     states = march(system, steps, start, None, setup.t_end, solver=solver)
     method = method_to_report(steps)
-    result = collect(states, system, method, ledger, observer, why, report=check_time_limit)
+    result = collect(states, system, method, ledger, observer, why, report=report)
     return {
         "times": result.times,
         "columns": {**result.energies, **result.observed},
@@ -164,10 +168,10 @@ def _march(setup: Setup) -> dict:
     }
 
 
-def _solve(setup: Setup) -> dict:
+def _solve(setup: Setup, report: Callable[..., None]) -> dict:
     """Solve for the equilibrium; the rows are the start and the end."""
     observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
-    state = equilibrium(setup.system, setup.start, report=check_time_limit)
+    state = equilibrium(setup.system, setup.start, report=report)
     earlier = replace(state, t=state.t - 1.0)  # reactions are those of a step, here at rest
     rows = [observer.row(None, None), observer.row(earlier, Step(state, state, None, Counts()))]
     ledgers = [Ledger.open(setup.system, at).row() for at in (setup.start, state)]
@@ -177,7 +181,7 @@ def _solve(setup: Setup) -> dict:
     return counted | nothing | _ends(setup, columns(both), state, state)
 
 
-def _nothing_run(setup: Setup) -> dict:
+def _nothing_run(setup: Setup, report: Callable[..., None]) -> dict:
     """Return the row of a setup at its start."""
     observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
     row = Ledger.open(setup.system, setup.start).row() | observer.row(None, None)

@@ -11,7 +11,7 @@ from typing import Any
 from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity, parse_quantity
-from fecloth.simulation.quantity_values import difference_of, value_of
+from fecloth.simulation.quantity_values import RunRecord, difference_of, value_of
 from fecloth.study.convergence import Convergence, describe_value, judge
 from fecloth.study.levels import Level, make_levels
 from fecloth.study.measured_runs import record_of
@@ -111,13 +111,21 @@ def refine_problem(
 ) -> tuple[Convergence, list[dict]]:
     """Run the levels; return the result, and the rows of the levels, coarse to fine."""
     orders = opened.orders(quantity)
-    made = make_levels(refine, levels, ratio or opened.ratio(refine), *orders)
+    cases = levels_to_run(opened, quantity, refine, levels, ratio)
     opened.check_quantity(quantity)
-    cases = made + _cases_for_shares(opened, quantity, refine)
     points = [Point(opened, one, str(one), opened.workload(one)) for one in cases]
     rows = run_points(points, [quantity], runs)
     found = summarise(opened, quantity, refine, orders, rows[:levels], rows[levels:])
     return found, rows[:levels]
+
+
+def levels_to_run(
+    opened: Problem, quantity: Quantity, refine: str, levels: int, ratio: float | None
+) -> list[Level]:
+    """Return the levels, coarse to fine, and after them those for the other shares."""
+    orders = opened.orders(quantity)
+    made = make_levels(refine, levels, ratio or opened.ratio(refine), *orders)
+    return made + _cases_for_shares(opened, quantity, refine)
 
 
 def _cases_for_shares(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
@@ -152,11 +160,11 @@ def summarise(
         cause = failed[0]["cause"].splitlines()[0] if failed[0]["cause"] else failed[0]["status"]
         verdict = f"not known: {len(failed)} of {len(rows)} levels failed; the first: {cause}"
         return Convergence(verdict=verdict, table=Table(tuple(map(_table_row, rows))), **shown)
-    values, sequence = _values_of_levels(opened, quantity, rows)
+    values, sequence = _values_of_levels(quantity, rows)
     sizes = [row["step"] if refine == "dt" else row["h"] for row in rows]
     estimate = estimate_uncertainty(sizes, sequence, theory)
     shares = _refined_share(refine, estimate)
-    shares |= _other_shares(opened, quantity, refine, orders, rows[0], more)
+    shares |= _other_shares(quantity, refine, orders, rows[0], more)
     added = sum(UNSAFE * part for part in list(shares.values())[1:])
     uncertainty = estimate.uncertainty + added
     obstacles = list(rows[-1]["obstacles"]) if refine != "dt" else []
@@ -182,24 +190,32 @@ def summarise(
 
 
 def _values_of_levels(
-    opened: Problem, quantity: Quantity, rows: Sequence[Mapping]
+    quantity: Quantity, rows: Sequence[Mapping]
 ) -> tuple[list[float], list[float]]:
     """Return the values, and the numbers that are judged.
 
     Those are the values or, of fields, paths and vectors, the sum of the differences between
     levels up to the finest one: it falls with the same order, to the error of the finest level.
     """
-    records = [
-        record_of(r, quantity, opened.cloth_of(r["point"].level, quantity), opened.probes)
-        for r in rows
-    ]
+    records = [record_at(row, quantity) for row in rows]
     values = [value_of(quantity, record) for record in records]
-    is_vector = quantity.how == "value" and not quantity.is_field
-    is_vector = is_vector and records[0].column(quantity).shape[1] > 1
-    if not (quantity.is_field or quantity.how == "path" or is_vector):
+    if is_number(quantity, records[0]):
         return values, values
     apart = [difference_of(quantity, a, b) for a, b in pairwise(records)]
     return values, [sum(apart[k:]) for k in range(len(records))]
+
+
+def record_at(row: Mapping, quantity: Quantity) -> RunRecord:
+    """Return what a quantity is computed from, of a row of `run_points`."""
+    opened, level = row["point"].problem, row["point"].level
+    return record_of(row, quantity, opened.cloth_of(level, quantity), opened.probes)
+
+
+def is_number(quantity: Quantity, record: RunRecord) -> bool:
+    """Whether the quantity is a number, not a field, a path or a vector."""
+    if quantity.is_field or quantity.how == "path":
+        return False
+    return quantity.how != "value" or record.column(quantity).shape[1] == 1
 
 
 def _refined_share(refine: str, estimate: Estimate) -> dict[str, float]:
@@ -218,7 +234,6 @@ def _edge(opened: Problem, first: Mapping, row: Mapping) -> float | None:
 
 
 def _other_shares(
-    opened: Problem,
     quantity: Quantity,
     refine: str,
     orders: tuple[float, float],
@@ -227,16 +242,11 @@ def _other_shares(
 ) -> dict[str, float]:
     """Return the estimated errors that the levels do not show, from pairs of runs."""
     found = {}
-    base = record_of(
-        first, quantity, opened.cloth_of(first["point"].level, quantity), opened.probes
-    )
+    base = record_at(first, quantity)
     for row in more:
         if row["status"] != OK:
             continue
-        other = record_of(
-            row, quantity, opened.cloth_of(row["point"].level, quantity), opened.probes
-        )
-        apart = difference_of(quantity, base, other)
+        apart = difference_of(quantity, base, record_at(row, quantity))
         if row["point"].level.sharper > 1:
             found["solver"] = apart
         elif refine == "h":

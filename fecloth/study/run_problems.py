@@ -97,6 +97,6 @@ def _run_here(
 ) -> dict:
     def run() -> dict:
         setup = point.problem.setup(point.level)
-        return measure(setup, recorded, modes, function, runs.timed)
+        return measure(setup, recorded, modes, function, timed=runs.timed)
 
     return status.attempt(run, {}, runs.time_limit)

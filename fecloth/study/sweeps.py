@@ -2,36 +2,37 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fecloth.errors import InputError
-from fecloth.scene.overrides import override
 from fecloth.scene.scene import Scene
-from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import value_of
 from fecloth.study.figures import line_style, mark_failures, new_figure
-from fecloth.study.levels import Level
 from fecloth.study.measured_runs import record_of
-from fecloth.study.problems import FunctionProblem, Problem, SceneProblem, open_problem
+from fecloth.study.problems import Problem
 from fecloth.study.ranges import read_ranges
 from fecloth.study.result import StudyResult
 from fecloth.study.run_problems import Point, Runs, run_points
-from fecloth.study.scene_text import scene_of
 from fecloth.study.status import OK
 from fecloth.study.tables import Table
+from fecloth.study.variants import (
+    FIRST,
+    describe_failure,
+    describe_values,
+    make_variants,
+    open_first,
+)
 from fecloth.study.workload import LONGEST
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FIRST = Level()
 Asked = str | Callable[[Any], float] | Quantity
 
 
@@ -128,27 +129,26 @@ def sweep(
     """
     ranges = read_ranges(over)
     combinations = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
-    given, sizes = dict(settings), {"h": h, "dt": dt}
-    if not isinstance(problem, Scene | str | Path):
-        sizes = {key: ranges[key][0] if key in ranges else value for key, value in sizes.items()}
-        given |= {key: values[0] for key, values in ranges.items() if key not in sizes}
-    opened = open_problem(problem, sizes["h"], sizes["dt"], t_end, probes, given)
+    opened = open_first(problem, ranges, {"h": h, "dt": dt}, t_end, probes, settings)
     chosen = _quantities(opened, quantity)
     for one in chosen:
         opened.check_quantity(one)
-    variants, refused = _variants(opened, combinations)
+    variants, refused = make_variants(opened, combinations)
     points = [
-        Point(variant, FIRST, _words(values), variant.workload(FIRST))
+        Point(variant, FIRST, describe_values(values), variant.workload(FIRST))
         for values, variant in variants
     ]
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
     rows = run_points(points, chosen, runs)
     lines = {
-        _words(values): _line(values, row, chosen)
+        describe_values(values): _line(values, row, chosen)
         for (values, _), row in zip(variants, rows, strict=True)
     }
-    lines |= {_words(values): values | _failure("refused", why) for values, why in refused}
-    table = Table(tuple(lines[_words(values)] for values in combinations))
+    lines |= {
+        describe_values(values): values | describe_failure("refused", why)
+        for values, why in refused
+    }
+    table = Table(tuple(lines[describe_values(values)] for values in combinations))
     names = next((row["energies"] for row in rows if row["status"] == OK), ())
     return Sweep(
         title=opened.name,
@@ -175,60 +175,19 @@ def _quantities(opened: Problem, asked: Asked | Sequence[Asked] | None) -> list[
     return found
 
 
-def _variants(opened: Problem, combinations: Sequence[dict]) -> tuple[list, list]:
-    """Return the problem with each combination of values, and the refused ones with the reason.
-
-    The first refusal is raised if nothing is left, as for a key that does not exist.
-    """
-    made, refused = [], []
-    for values in combinations:
-        try:
-            variant = _change(opened, values)
-            variant.workload(FIRST)
-            made.append((values, variant))
-        except InputError as error:
-            refused.append((values, error))
-    if not made:
-        raise refused[0][1]
-    return made, refused
-
-
-def _change(opened: Problem, values: Mapping[str, object]) -> Problem:
-    """Return the problem with these values."""
-    if isinstance(opened, FunctionProblem):
-        sizes: dict[str, Any] = {key: values[key] for key in ("h", "dt") if key in values}
-        rest = {key: value for key, value in values.items() if key not in sizes}
-        return replace(opened, settings={**opened.settings, **rest}, **sizes)
-    texts = [f"{key}={value}" for key, value in values.items()]
-    try:
-        data = override(tomllib.loads(opened.scene.to_toml()), texts)
-        return SceneProblem(scene_of(to_toml(data), opened.scene.trusts_geo), opened.name)
-    except InputError as error:
-        where = f"{opened.name} with {', '.join(texts)}"
-        raise InputError(error.what, error.allowed, where, error.remedy) from None
-
-
 def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:
     """Return the row of the table for one run."""
     if row["status"] != OK:
-        return {**values, **_failure(row["status"], row["cause"])}
+        return {**values, **describe_failure(row["status"], row["cause"])}
     problem, line = row["point"].problem, dict(values)
     for one in quantities:
         cloth = problem.cloth_of(FIRST, one)
         try:
             line[one.text] = value_of(one, record_of(row, one, cloth, problem.probes))
         except InputError as error:  # as where a signal has no period
-            line |= _failure("no value", error)
+            line |= describe_failure("no value", error)
     counted = {name: row[name] for name in ("triangles", "steps", "cpu_seconds")}
     return {"status": OK} | line | counted
-
-
-def _failure(status: str, cause: object) -> dict[str, object]:
-    return {"status": status, "cause": str(cause).splitlines()[0] if str(cause) else ""}
-
-
-def _words(values: Mapping[str, object]) -> str:
-    return ", ".join(f"{key} = {value}" for key, value in values.items())
 
 
 def _verdict(table: Table, quantities: Sequence[Quantity]) -> str:

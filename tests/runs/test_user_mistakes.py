@@ -278,7 +278,7 @@ def test_full_disk_loses_no_frames(form, scene):
     if form == "vtkhdf":
         error = small_disk(64_000, *options, meanwhile=FILLED, later=64)
     else:
-        error = small_disk(random.randrange(250, 550), *options)
+        error = small_disk(random.randrange(450, 900), *options)
     assert Path("statuses").exists(), error
     assert Path("statuses").read_text() == "3 0\n", error
     assert "Traceback" not in error

@@ -14,7 +14,7 @@ from fecloth.cli.main import main
 from fecloth.scene import dimensionless, plan, run_warnings
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.plausibility import implausible_values
-from studies.simplify.dimensionless import Numbers, table
+from fecloth.study.simplification.numbers import Numbers, table
 
 TEXT = """
 [cloth]

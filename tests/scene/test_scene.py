@@ -333,6 +333,7 @@ MISTAKES = [
     ("interest={period=['tip.q']}", "interest.period: tip.q: unknown quantity", "tip.z"),
     # one of two
     ("pins.0.inside='X < 1'", "pins.0: where and inside are given: give exactly one", ""),
+    ("terms.1.law='StVK'", "terms.1.law = 'StVK': must be a table", 'Write { type = "StVK" }.'),
     ("pins.0.clamp=true", "terms: a pin with clamp = true: needs a bending term", "PlateBending"),
     ("pins.1.clamp=true", "pins.1.clamp = true on 1 node: must cover an edge", "Pin more of"),
     ("pins.1.clamp=true", "(It is the second [[pins]], line 25.)", ""),
@@ -351,7 +352,7 @@ MISTAKES = [
     ("pins.0.motion=['X', 0, 0]", "pins.0.motion = ['X', '0', '0']: must depend on t", "shift"),
     ("pins.0.motion.2='t/(Y-0.5)'", "pins.0.motion: formula 't/(Y-0.5)' is", "X = 0, Y = 0.5"),
     ("pins.1.inside='X'", "pins.1.inside: formula 'X', a condition such as", ""),
-    ("pins.1.inside='X < -1'", "no node is selected", "X from 0 to 1 m, Y from 0 to 0.5"),
+    ("pins.1.inside='X < -1'", "selected by 'X < -1'", "X from 0 to 1 m, Y from 0 to 0.5"),
     ("terms.1.time=-1", "> 0 [s]. (It is the second [[terms]], StrainRateDamping, line 15.)", ""),
     ("terms.2.g=1", "unknown key", "(It is the third [[terms]], Gravity, line 19.)"),
     ("pins.1.inside='Z'", "(It is the second [[pins]], line 25.)", ""),

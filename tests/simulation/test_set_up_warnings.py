@@ -17,6 +17,8 @@ BASE = {"terms": (fc.StVK(), fc.Gravity()), "pins": (fc.Pin("left"),), "fabric":
 BENT = BASE | {"terms": (fc.StVK(), fc.HingeBending(), fc.Gravity()), "fabric": STIFF}
 SHEET = BASE | {"fabric": STIFF | {"bending_poisson_ratio": 0.3}}
 BIAS = BASE | {"fabric": STIFF | {"bending_rigidity": (1e-4, 4e-4), "bias_rigidity": 5e-4}}
+DAMPED = BASE | {"fabric": STIFF, "pins": (fc.Pin("left", clamp=True),)}
+DAMPING = fc.BendingDamping(0.01, law=fc.PlateBending())
 UP = (0, 0, 1)
 INSIDE = int(np.argmin(np.linalg.norm(CLOTH["right"].X - 0.1, axis=1)))
 
@@ -111,6 +113,11 @@ CASES = [  # the words of the warning, the wrong set-up, and the right one by th
         r"bias_rigidity = 0\.0005 N m has no effect: QuadraticBending .* at 45° with 0\.000225 N m",
         BIAS | {"terms": (fc.StVK(), fc.QuadraticBending())},
         BIAS | {"terms": (fc.StVK(), fc.PlateBending())},
+    ),
+    (
+        r"BendingDamping acts on hinges, .* not ω τ/2, but .*; give it law = PlateBending\(\)",
+        DAMPED | {"terms": (fc.StVK(), fc.PlateBending(), fc.BendingDamping(0.01))},
+        DAMPED | {"terms": (fc.StVK(), fc.PlateBending(), DAMPING)},
     ),
     (
         r"pin 'left': 100 % of its motion of 5 m lies along .* leave direction out",

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from fecloth.errors import FeclothError
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.error_control import Adaptive
-from studies.simplify.cases import data_of, scene_of
-from studies.simplify.dimensionless import BENDING, DAMPINGS, MEMBRANES, Numbers
-from studies.simplify.variants import Variant
+from fecloth.study.scene_text import scene_of
+from fecloth.study.simplification.numbers import BENDING, DAMPINGS, MEMBRANES, Numbers
+from fecloth.study.simplification.runs import data_of
+from fecloth.study.simplification.variants import Variant
+
+FLAT = 1e-9  # of the size of a cloth: what is out of the plane by round-off
 
 
 def predict_change(variant: Variant, numbers: Numbers) -> float | None:
@@ -51,6 +56,8 @@ def _predict_change(variant: Variant, numbers: Numbers) -> float | None:
             return numbers.time_error(dt) if dt else None
         case "static":
             return numbers.rest
+        case "load steps":  # unless there are several equilibria
+            return 0.0
     return None
 
 
@@ -68,6 +75,8 @@ def _without(name: str, numbers: Numbers) -> float | None:
         return 1.0
     if name in BENDING:
         return numbers.without_bending()
+    if name in DAMPINGS and numbers.is_static:  # nothing moves
+        return 0.0
     if name in DAMPINGS:
         fades = 1 - math.exp(-numbers.decay(name))
         others = sum(numbers.decay(other) for other in DAMPINGS if other != name)
@@ -75,3 +84,22 @@ def _without(name: str, numbers: Numbers) -> float | None:
     if name in numbers.loads and numbers.w:
         return numbers.loads[name] / numbers.w
     return None
+
+
+def find_limits(numbers: Numbers) -> list[str]:
+    """Return which assumptions of the predictions the scene does not fulfil, in words."""
+    scene, built = numbers.scene, numbers.built
+    x = built.state.x
+    normals = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[1]
+    known = {*MEMBRANES, *BENDING, *DAMPINGS, *numbers.loads}
+    other = sorted({type(term).__name__ for term in built.system.terms} - known)
+    limits = {
+        "no load acts at the start": not numbers.w,
+        "nothing is pinned": not len(built.system.constraints.nodes),
+        "pins move": any(pin.motion or pin.rotate for pin in scene.pins),
+        "the cloth does not start flat": normals[2] > FLAT * normals[0],
+        "it does not start at rest": bool(np.any(built.state.v)),
+        "the first of several fabrics counts": len(built.system.panel.fabrics) > 1,
+        f"no formula has {', '.join(other)}": bool(other),
+    }
+    return [words for words, is_so in limits.items() if is_so]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from fecloth.integrators import EXPLICIT
 from fecloth.scene.probe_tables import Interest
@@ -37,8 +38,6 @@ class Variant:
         Part of the scene that changes; the reduced scene has at most one change of each part.
     apply
         Function from the tables of a scene to those of the simpler scene.
-    static
-        True to solve `equilibrium` for the state at the end.
     is_check
         True for a refinement, which shows whether the scene itself is resolved. It is compared,
         but not taken.
@@ -46,10 +45,9 @@ class Variant:
 
     name: str
     kind: str
-    by: object
+    by: Any
     slot: str
     apply: Callable[[Data], Data]
-    static: bool = False
     is_check: bool = False
 
     @property
@@ -65,13 +63,14 @@ class Variant:
         return 20.0 if self.kind == "mesh" else 6.0
 
 
-def variants(data: Data, interest: Interest) -> list[Variant]:
+def list_variants(data: Data, interest: Interest) -> list[Variant]:
     """List all variants of a scene, terms first."""
     element, listed = data["cloth"].get("element", "P1"), data.get("terms", [])
     found = [one for term in listed for one in variants_of_term(term, element)]
     found += [*variants_of_mesh(data), *variants_of_time(data)]
     if interest.at_end_only and "time" in data:
-        found.append(Variant("equilibrium", "static", None, "time", lambda data: data, True))
+        if not any(pin.get("motion") or pin.get("rotate") for pin in data.get("pins", [])):
+            found.append(Variant("equilibrium", "static", None, "time", use_equilibrium))
         found.append(Variant("one long step", "static", None, "time", use_one_step))
     return found
 
@@ -128,7 +127,10 @@ def variants_of_mesh(data: Data) -> Iterator[Variant]:
 
 def variants_of_time(data: Data) -> Iterator[Variant]:
     """Yield scenes with other steps or tolerances, and with explicit steps."""
-    if "time" not in data:  # an equilibrium
+    if "time" not in data:
+        if data["equilibrium"].get("load_steps", 1) > 1:
+            change = change_table("equilibrium", load_steps=lambda _: 1)
+            yield Variant("one load step", "load steps", None, "time", change)
         return
     time, key = data["time"], "rtol" if data["time"]["dt"] == "auto" else "dt"
     at_limit = key == "rtol" and method_name(data) in EXPLICIT and not {"rtol", "atol"} & set(time)
@@ -166,6 +168,18 @@ def use_explicit_steps(data: Data) -> Data:
     span = {key: data["time"][key] for key in ("t_start", "t_end") if key in data["time"]}
     time = {"method": "central_difference", "dt": "auto", **span}
     return data | {"time": time, "mass": "lumped"}
+
+
+def use_equilibrium(data: Data) -> Data:
+    """Change to the equilibrium, in place of a motion that comes to rest.
+
+    What belongs to a motion is left out: the velocity at the start, [solver], the frames' seconds
+    and [expect], which may name times.
+    """
+    left = {key: data[key] for key in data if key not in ("time", "solver")}
+    start = {key: value for key, value in data["start"].items() if key != "velocity"}
+    static = {"equilibrium": {"load_steps": 1}, "start": start}
+    return left | static | {"output": {"frames": 1}, "expect": {}}
 
 
 def use_one_step(data: Data) -> Data:

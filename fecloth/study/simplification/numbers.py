@@ -46,6 +46,11 @@ class Numbers:
     def of(cls, scene: Scene) -> Numbers:
         return cls(scene, scene.build())
 
+    @property
+    def is_static(self) -> bool:
+        """Whether the scene is an equilibrium, without time."""
+        return self.scene.equilibrium is not None
+
     def term(self, name: str):
         """Return the scene's term of a type, or None."""
         return next((t for t in self.built.system.terms if type(t).__name__ == name), None)
@@ -250,25 +255,24 @@ def table(numbers: Numbers) -> list[dict]:
         2 * math.pi / numbers.omega if numbers.omega else math.inf,
     )
     wave = math.sqrt(numbers.tensile / numbers.density)
+    dt = None if numbers.is_static else numbers.built.dt
     rows = [
         ("gravity / membrane stiffness", "ρ g L/Y", g * numbers.L / numbers.tensile),
         ("gravity / bending stiffness", "ρ g L³/B", g * numbers.L**3 / numbers.rigidity)
         if numbers.rigidity
         else None,
         ("all loads / bending stiffness", "w L³/B", numbers.N) if numbers.rigidity else None,
-        ("dt / fastest wave", "dt √(Y/ρ)/h", numbers.built.dt * wave / numbers.h)
-        if numbers.built.dt
-        else None,
-        ("dt / slowest period", "dt ω/2π", numbers.built.dt / period) if numbers.built.dt else None,
+        ("dt / fastest wave", "dt √(Y/ρ)/h", dt * wave / numbers.h) if dt else None,
+        ("dt / slowest period", "dt ω/2π", dt / period) if dt else None,
     ]
-    for name in AIR:
+    for name in () if numbers.is_static else AIR:
         if numbers.term(name):
             load = numbers.loads.get(name) or numbers.slowing(name) * numbers.w
             rows.append((f"{name} / weight", "k u²/(ρ g)", load / g if g else math.inf))
-    for name in ("StrainRateDamping", "BendingDamping"):
+    for name in () if numbers.is_static else ("StrainRateDamping", "BendingDamping"):
         if term := numbers.term(name):
             rows.append((f"{name} / slowest period", "τ ω/2π", term.time / period))
-    if term := numbers.term("MassDamping"):
+    if not numbers.is_static and (term := numbers.term("MassDamping")):
         rows.append(("MassDamping · slowest period", "2π c/ω", term.rate * period))
     names = ("number", "formula", "value")
     return [dict(zip(names, row, strict=True)) for row in rows if row]

@@ -1,0 +1,306 @@
+"""`compare`: variants of a problem, or several problems, beside the error of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fecloth.errors import InputError, MeshError
+from fecloth.simulation.probes import Probe
+from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.simulation.quantity_values import difference_of
+from fecloth.study.comparison import (
+    Comparison,
+    Difference,
+    best_value,
+    describe_difference,
+    difference_of_numbers,
+    difference_of_sizes,
+    find_scale,
+)
+from fecloth.study.convergence import Convergence
+from fecloth.study.levels import Level
+from fecloth.study.overlay import Overlay
+from fecloth.study.problems import Problem, open_problem
+from fecloth.study.ranges import read_ranges
+from fecloth.study.refinement import is_number, levels_to_run, record_at, summarise
+from fecloth.study.run_problems import Point, Runs, run_points
+from fecloth.study.status import OK, REFUSED
+from fecloth.study.tables import Table
+from fecloth.study.variants import describe_failure, make_variants, name_variant, open_first
+from fecloth.study.workload import LONGEST
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+Variants = str | Iterable[str] | Mapping[str, Sequence]
+
+
+@dataclass(frozen=True, eq=False)
+class _Studied:
+    """A variant that ran: the rows of its levels, and what they say."""
+
+    rows: Sequence[Mapping]
+    study: Convergence
+
+
+def compare(
+    problem: Any,
+    variants: Variants | None = None,
+    quantity: str | Callable[[Any], float] | Quantity | None = None,
+    refine: str = "h",
+    levels: int = 3,
+    *,
+    ratio: float | None = None,
+    h: float | None = None,
+    dt: float | None = None,
+    t_end: float | None = None,
+    probes: Sequence[Probe] = (),
+    cache: str | Path | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    time_limit: float | None = None,
+    most_seconds: float | None = LONGEST,
+    fresh: bool = False,
+    **settings: object,
+) -> Comparison:
+    """Refine each variant of a problem, and compare them as given and in their limits.
+
+    A difference between two models on one mesh contains the errors of both. Here each variant is
+    refined as by `converge`; the differences of the extrapolated values have the uncertainties of
+    both, added. A variant that is refused or fails has a row with its cause.
+
+    Parameters
+    ----------
+    problem
+        As for `converge`, or a list of several without `variants`.
+    variants
+        Values of one or more keys, as for `sweep`: "terms.0.type=StVK,Springs", or a mapping of
+        keys to values, where a value may be a table, {"type": "Springs", "kind": "van_gelder"}.
+        The first is the one that the others are compared with.
+    quantity
+        As for `converge`; of a field, path or vector the size of the difference is given.
+    refine, levels, ratio
+        As for `converge`.
+    h, dt, t_end, probes, cache, jobs, scheduler, time_limit, most_seconds, fresh
+        As for `converge`.
+
+    Raises
+    ------
+    InputError
+        For less than two variants, a mistake that all variants share, or too long a time.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> def strip(h, stiffness):
+    ...     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+    ...     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+    ...     system = fc.System(cloth, fc.Fabric(0.2, stiffness), terms, pins=["left"])
+    ...     return cloth, system, None, system.rest()
+    >>> tip = [fc.Probe("tip", "right")]
+    >>> found = fc.study.compare(strip, "stiffness=40,20", "tip.x", h=0.25, probes=tip)
+    >>> print(found.verdict[:37])
+    tip.x: stiffness = 20 is 2.10747 ± 0.
+    """
+    sizes = {"h": h, "dt": dt}
+    opened = _open(problem, variants, sizes, t_end, probes, settings)
+    first = next(one for one in opened.values() if not isinstance(one, InputError))
+    chosen = parse_quantity(first.default_quantity if quantity is None else quantity)
+    plans = _plan(opened, lambda one: _levels(one, chosen, refine, levels, ratio))
+    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
+    rows = _run(opened, plans, chosen, runs)
+    studied = {name: _judge(rows[name], chosen, refine, levels) for name in plans}
+    return _conclude(opened, studied, chosen, refine)
+
+
+def _open(
+    problem: Any,
+    variants: Variants | None,
+    sizes: Mapping[str, float | None],
+    t_end: float | None,
+    probes: Sequence[Probe],
+    settings: Mapping[str, object],
+) -> dict[str, Problem | InputError]:
+    """Return the variants by name, with the reason for those that are refused."""
+    several = isinstance(problem, Sequence) and not isinstance(problem, str)
+    if several == (variants is not None):
+        allowed = "takes several problems, or one with variants"
+        raise InputError(
+            "compare", allowed, "", "Write variants=… as in terms.0.type=StVK,Springs."
+        )
+    if several:
+        found = [
+            open_problem(one, sizes["h"], sizes["dt"], t_end, probes, settings) for one in problem
+        ]
+        return _named([(one.name, one) for one in found])
+    ranges = read_ranges(variants or ())
+    combinations = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
+    base = open_first(problem, ranges, sizes, t_end, probes, settings)
+    made, refused = make_variants(base, combinations)
+    answers = [*made, *refused]
+    ordered = [next(one for values, one in answers if values is each) for each in combinations]
+    return _named(list(zip(map(name_variant, combinations), ordered, strict=True)))
+
+
+def _named(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the variants by names that differ."""
+    if len(pairs) < 2:
+        raise InputError(f"{len(pairs)} variant", "must be at least 2", "compare")
+    if len({type(one) for _, one in pairs if not isinstance(one, InputError)}) > 1:
+        raise InputError("scenes beside functions", "must be of one kind", "compare")
+    found: dict[str, Any] = {}
+    for name, one in pairs:
+        found[name if name not in found else f"{name} ({len(found) + 1})"] = one
+    return found
+
+
+def _levels(
+    opened: Problem, quantity: Quantity, refine: str, levels: int, ratio: float | None
+) -> list[Level]:
+    opened.check(refine)
+    opened.check_quantity(quantity)
+    return levels_to_run(opened, quantity, refine, levels, ratio)
+
+
+def _plan(opened: dict, levels_of: Callable[[Problem], list[Level]]) -> dict[str, list[Level]]:
+    """Return the levels of each variant; one that refuses is replaced by the reason in `opened`."""
+    plans = {}
+    for name, one in opened.items():
+        try:
+            if not isinstance(one, InputError):
+                plans[name] = levels_of(one)
+        except InputError as error:
+            opened[name] = error
+    if not plans:
+        raise next(iter(opened.values()))
+    return plans
+
+
+def _run(opened: Mapping, plans: Mapping, quantity: Quantity, runs: Runs) -> dict[str, list[dict]]:
+    """Return the rows of all levels by the name of the variant."""
+    points = [
+        Point(opened[name], level, f"{name}, {level}", opened[name].workload(level))
+        for name, levels in plans.items()
+        for level in levels
+    ]
+    rows = iter(run_points(points, [quantity], runs))
+    return {name: [next(rows) for _ in levels] for name, levels in plans.items()}
+
+
+def _judge(rows: Sequence[dict], quantity: Quantity, refine: str, levels: int) -> _Studied | dict:
+    """Return what the levels of one variant say; of one that failed, the cells of its row."""
+    problem = rows[0]["point"].problem
+    failed = next((row for row in rows[:levels] if row["status"] != OK), None)
+    if failed:
+        return describe_failure(failed["status"], failed["cause"])
+    try:
+        orders = problem.orders(quantity)
+        study = summarise(problem, quantity, refine, orders, rows[:levels], rows[levels:])
+    except InputError as error:  # as where a signal has no period
+        return describe_failure("no value", error)
+    return _Studied(rows[:levels], study)
+
+
+def _conclude(
+    opened: Mapping, studied: Mapping[str, _Studied | dict], quantity: Quantity, refine: str
+) -> Comparison:
+    """Return the result of all variants."""
+    good = {name: one for name, one in studied.items() if isinstance(one, _Studied)}
+    studies = {name: one.study for name, one in good.items()}
+    scale, numbers, differences = _differences(good, quantity)
+    overlay, remarks = _overlay(list(good.values())[:2], quantity)
+    names = {one.name for one in opened.values() if not isinstance(one, InputError)}
+    found = Comparison(
+        title=", ".join(sorted(names)),
+        verdict="",
+        table=Table(()),
+        quantity=quantity.text,
+        unit=next((one.unit for one in studies.values()), ""),
+        refine=refine,
+        studies=studies,
+        differences=differences,
+        scale=scale,
+        overlay=overlay,
+        remarks=remarks,
+    )
+    lines = [describe_difference(found, name, numbers) for name in differences]
+    rows = [
+        {"variant": name, **_cells(found, name, studied.get(name, one))}
+        for name, one in opened.items()
+    ]
+    verdict = "\n".join(lines) or "nothing to compare: less than two variants have a value"
+    return replace(found, verdict=verdict, table=Table(tuple(rows)))
+
+
+def _differences(
+    good: Mapping[str, _Studied], quantity: Quantity
+) -> tuple[float, bool, dict[str, Difference]]:
+    """Return the scale, whether the quantity is a number, and the differences from the first."""
+    if not good:
+        return math.nan, True, {}
+    first, *others = good
+    scale = find_scale(good[first].study)
+    numbers = is_number(quantity, record_at(good[first].rows[0], quantity))
+    found = {
+        name: _difference(good[first], good[name], quantity, scale, numbers) for name in others
+    }
+    return scale, numbers, found
+
+
+def _difference(
+    a: _Studied, b: _Studied, quantity: Quantity, scale: float, numbers: bool
+) -> Difference:
+    if numbers:
+        return difference_of_numbers(a.study, b.study, scale)
+    ends = [
+        difference_of(quantity, record_at(a.rows[k], quantity), record_at(b.rows[k], quantity))
+        for k in (0, -1)
+    ]
+    return difference_of_sizes(a.study, b.study, ends[0], ends[1], scale)
+
+
+def _cells(found: Comparison, name: str, one: _Studied | dict | InputError) -> dict:
+    """Return the row of a variant, without its name."""
+    if isinstance(one, InputError):
+        return describe_failure(REFUSED, one)
+    if isinstance(one, dict):
+        return one
+    given, unit = one.study.table[0], found.unit if math.isnan(found.scale) else "%"
+    apart = found.differences.get(name)
+    sizes = f" [{unit}]" if unit else ""
+    return {
+        "status": OK,
+        "value": given["value"],
+        "error": given["error"],
+        "limit": best_value(one.study),
+        "uncertainty": one.study.uncertainty,
+        f"difference as given{sizes}": apart.as_given if apart else None,
+        f"difference of limits{sizes}": apart.limit if apart else None,
+        f"±{sizes}": apart.uncertainty if apart else None,
+        "order": one.study.order,
+        "triangles": given["triangles"],
+        "cpu_seconds": given["cpu_seconds"],
+    }
+
+
+def _overlay(pair: Sequence[_Studied], quantity: Quantity) -> tuple[Overlay | None, tuple]:
+    """Return the ends of two variants as given, and why there are none."""
+    if len(pair) < 2 or quantity.how == "mode":
+        return None, ()
+    first, second = (_end(one.rows[0]) for one in pair)
+    try:
+        return Overlay.of(first, second), ()
+    except MeshError as error:  # as where a node is on one cloth only
+        return None, (f"There is no overlay: {error}",)
+
+
+def _end(row: Mapping) -> tuple[System, State]:
+    setup = row["point"].problem.first
+    moved, v = np.array(row["displacement"]), np.array(row["velocity"])
+    return setup.system, State(row["times"][-1], setup.start.x + moved, v)

@@ -1,0 +1,201 @@
+"""The result of `compare`: differences between variants beside the error of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from fecloth.study.convergence import Convergence
+from fecloth.study.figures import line_style, new_figure
+from fecloth.study.overlay import Overlay
+from fecloth.study.result import StudyResult, with_uncertainty
+
+REFINED = {
+    "h": ("the mesh is", "h", "m", "on the given mesh"),
+    "dt": ("the time step is", "dt", "s", "with the given step"),
+    "both": ("mesh and time step are", "h", "m", "on the given mesh and step"),
+}
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A variant against the first one, in % or in the unit of the quantity.
+
+    Attributes
+    ----------
+    as_given
+        On the mesh and with the step that are given.
+    limit, uncertainty
+        Of the extrapolated values: the exact difference is expected in limit ± uncertainty.
+    """
+
+    as_given: float
+    limit: float
+    uncertainty: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(StudyResult):
+    """What `compare` found; the table has a row for each variant.
+
+    Attributes
+    ----------
+    quantity, unit
+        Text of the quantity, and its SI unit.
+    refine
+        "h", "dt" or "both".
+    studies
+        The `Convergence` of each variant that ran.
+    differences
+        Of each variant from the first in `studies`.
+    scale
+        Value that is 100 %; NaN if it is zero within its uncertainty: then differences have the
+        unit of the quantity.
+    overlay
+        End of the first two variants as given; None where there are none.
+    """
+
+    quantity: str = ""
+    unit: str = ""
+    refine: str = "h"
+    studies: Mapping[str, Convergence] = field(default_factory=dict)
+    differences: Mapping[str, Difference] = field(default_factory=dict)
+    scale: float = math.nan
+    overlay: Overlay | None = None
+    remarks: tuple[str, ...] = ()
+
+    def notes(self) -> list[str]:
+        """Sentences on variants that failed, that do not converge, and on what was noticed."""
+        lines = [f"{row['variant']}: {row['cause']}" for row in self.table if row.get("cause")]
+        for name, study in self.studies.items():
+            if not study.converges:
+                lines.append(f"{name}: {study.verdict.splitlines()[0].rstrip('.')}.")
+            lines += [f"{name}: {words}" for words in study.remarks]
+        return [*lines, *self.remarks]
+
+    def report(self, folder: str | Path) -> Path:
+        """Write report.html, results.csv, the figure, and overlay/first.pvd for ParaView."""
+        if self.overlay:
+            self.overlay.write(Path(folder) / "overlay")
+        return super().report(folder)
+
+    def figure(self):
+        """Return the values over h or dt, each with the band of its limit."""
+        _, size, unit, _ = REFINED[self.refine]
+        drawing, ax = new_figure(size=(8.0, 5.0))
+        drawing.suptitle(f"{self.title}: {self.quantity}")
+        ends = {}
+        for i, (name, study) in enumerate(self.studies.items()):
+            h = np.array(study.table[size], dtype=float)
+            values = np.array(study.table["value"], dtype=float)
+            limit, style = best_value(study), line_style(i)
+            around = limit - study.uncertainty, limit + study.uncertainty
+            ax.axhspan(*around, color=style["color"], alpha=0.15, lw=0)
+            ax.plot([0, h[-1]], [limit, values[-1]], ":", color=style["color"])
+            ax.plot(h, values, **style)
+            ends[name] = h[0], values[0], style["color"]
+        label = f"{self.quantity} [{self.unit}]" if self.unit else self.quantity
+        ax.set(xlim=(0, None), xlabel=f"{size} [{unit}]", ylabel=label)
+        ax.ticklabel_format(useOffset=False)
+        _label_lines(ax, ends)
+        return drawing
+
+
+def _label_lines(ax, ends: Mapping[str, tuple]) -> None:
+    """Write the names beside the ends of the lines, far enough apart to be read."""
+    low, high = ax.get_ylim()
+    right = ax.get_xlim()[1]
+    if not ends:
+        ax.text(0.5, 0.5, "no variant has a value", ha="center", transform=ax.transAxes)
+        return
+    names = sorted(ends, key=lambda name: ends[name][1])
+    heights = _apart([ends[name][1] for name in names], 0.055 * (high - low))
+    for name, height in zip(names, heights, strict=True):
+        x, y, colour = ends[name]
+        ax.annotate(
+            name, (x, y), (right + 0.02 * right, height), color=colour, va="center",
+            annotation_clip=False, arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.6},
+        )  # fmt: skip
+
+
+def _apart(heights: Sequence[float], gap: float) -> list[float]:
+    """Return rising heights, moved as little as upward moves allow to be `gap` apart.
+
+    Examples
+    --------
+    >>> _apart([0.0, 0.5, 3.0], 1.0)
+    [0.0, 1.0, 3.0]
+    """
+    moved: list[float] = []
+    for height in heights:
+        moved.append(max(height, moved[-1] + gap) if moved else height)
+    return moved
+
+
+def best_value(study: Convergence) -> float:
+    """Return the limit, or the value of the finest level of what has no limit, as a field."""
+    return study.limit if math.isfinite(study.limit) else study.value
+
+
+def find_scale(study: Convergence) -> float:
+    """Return the value that is 100 %; NaN if it is zero within its uncertainty."""
+    value = best_value(study)
+    return value if abs(value) > study.uncertainty else math.nan
+
+
+def difference_of_numbers(a: Convergence, b: Convergence, scale: float) -> Difference:
+    """Return the difference b − a of numbers.
+
+    In per cent it is d = 100 (b/a − 1). Its uncertainty is the sum of the parts of both,
+    U_d = 100 (U_b + |b/a| U_a)/|a|: errors of two models on one mesh are not independent.
+    """
+    first, other = best_value(a), best_value(b)
+    given = b.table[0]["value"], a.table[0]["value"]
+    if math.isnan(scale):
+        return Difference(given[0] - given[1], other - first, a.uncertainty + b.uncertainty)
+    spread = (b.uncertainty + abs(other / first) * a.uncertainty) / abs(first)
+    return Difference(100 * (given[0] / given[1] - 1), 100 * (other / first - 1), 100 * spread)
+
+
+def difference_of_sizes(
+    a: Convergence, b: Convergence, as_given: float, on_finest: float, scale: float
+) -> Difference:
+    """Return the size of the difference of fields, paths or vectors; they have no limit."""
+    by = 1.0 if math.isnan(scale) else 100 / abs(scale)
+    return Difference(by * as_given, by * on_finest, by * (a.uncertainty + b.uncertainty))
+
+
+def describe_difference(found: Comparison, name: str, has_sign: bool) -> str:
+    """Return a sentence as "sag: Springs is 3.2 ± 0.1 % smaller than StVK; the mesh is off by …".
+
+    `has_sign` is false for sizes of differences, as those of fields.
+    """
+    first, one = next(iter(found.studies)), found.differences[name]
+    unit = found.unit if math.isnan(found.scale) else "%"
+    size = with_uncertainty(abs(one.limit), one.uncertainty, unit)
+    if abs(one.limit) <= one.uncertainty:
+        text = f"{name} and {first} cannot be told apart: the difference is {size}"
+    elif not has_sign:
+        text = f"{name} differs from {first} by {size}"
+    else:
+        words = ("higher", "lower") if math.isnan(found.scale) else ("larger", "smaller")
+        text = f"{name} is {size} {words[one.limit < 0]} than {first}"
+    errors = {key: _error_as_given(found, key) for key in (first, name)}
+    parts = " and ".join(
+        f"{error:.2g} {unit}".strip() + f" ({key})" for key, error in errors.items()
+    )
+    given = f"{abs(one.as_given):.2g} {unit}".strip()
+    what, *_, where = REFINED[found.refine]
+    text = f"{found.quantity}: {text}, {given} {where}; {what} off by {parts}"
+    if one.uncertainty < abs(one.limit) < max(errors.values()):
+        text += ", which is more than the difference"
+    return text
+
+
+def _error_as_given(found: Comparison, name: str) -> float:
+    by = 1.0 if math.isnan(found.scale) else 100 / abs(found.scale)
+    return by * found.studies[name].table[0]["error"]

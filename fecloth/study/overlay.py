@@ -1,0 +1,110 @@
+"""Two results on one mesh, for ParaView: the positions of both, and their difference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.mesh.cloth import Cloth
+from fecloth.output.frame_arrays import fields
+from fecloth.output.frame_reader import Frame, Series, straight
+from fecloth.output.frames import Frames, write_vtk
+from fecloth.output.vtu_writer import Arrays
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class Overlay:
+    """Two states, each with its system; the meshes may differ, the piece of cloth must not.
+
+    Attributes
+    ----------
+    first, second
+        System and state of both, A and B.
+    arrays
+        `other`, x_B(X), and `difference`, x_B(X) − x_A(X), (n, 3) at the nodes of A.
+    """
+
+    first: tuple[System, State]
+    second: tuple[System, State]
+    arrays: Arrays
+
+    @classmethod
+    def of(cls, first: tuple[System, State], second: tuple[System, State]) -> Overlay:
+        """Return the overlay; raise `MeshError` if a node of A does not lie on the cloth of B."""
+        (a, at_a), (b, at_b) = first, second
+        return cls(first, second, overlay_arrays(a.cloth, at_a.x, b.cloth, at_b.x))
+
+    def write(self, folder: str | Path) -> Path:
+        """Write first.pvd with `other` and `difference`, and second.pvd; return the former."""
+        folder = Path(folder)
+        system, state = self.first
+        points, cells = fields(system, state)
+        frames = Frames(folder / "first", system.cloth, system, stem="first")
+        frames.add(state, (points | self.arrays, cells))
+        write_vtk(folder / "second", self.second[0].cloth, self.second[1], self.second[0])
+        return frames.opens
+
+
+def overlay_arrays(cloth: Cloth, x: np.ndarray, other: Cloth, other_x: np.ndarray) -> Arrays:
+    """Return `other` and `difference` (n, 3) at the nodes of `cloth`, by material points.
+
+    Raises
+    ------
+    MeshError
+        If a node does not lie on the other cloth.
+    """
+    positions = other.interpolator(cloth.X) @ other_x
+    return {"other": positions, "difference": positions - x}
+
+
+def compare_runs(folder_a: str | Path, folder_b: str | Path, output: str | Path) -> Path:
+    """Write the frames of a run with the positions of another and the difference, for ParaView.
+
+    The meshes of the runs may differ: a position is interpolated linearly at the material point.
+
+    Parameters
+    ----------
+    folder_a, folder_b
+        Folders of two runs of one piece of cloth.
+    output
+        Folder and name of the new series, as "out/springs/overlay".
+
+    Returns
+    -------
+    Path
+        The .pvd file. Its frames are those of run A whose time run B has too, with `displacement`,
+        `velocity`, `reference`, `other` = x_B(X) and `difference` = x_B(X) − x_A(X).
+
+    Raises
+    ------
+    InputError
+        If a folder has no frames, or the runs have no time in common.
+    MeshError
+        If a node of A does not lie on the cloth of B.
+    """
+    a, b = Series.open(folder_a), Series.open(folder_b)
+    near = 1e-9 * max(abs(a.times[-1]), abs(b.times[-1]), 1e-300)
+    pairs = [(i, b.at(t)) for i, t in enumerate(a.times) if abs(b.times[b.at(t)] - t) <= near]
+    if not pairs:
+        remedy = "Give both scenes the same t_end and output.frames."
+        raise InputError(f"{folder_a} and {folder_b}", "have no time in common", "", remedy)
+    cloth, other = (_cloth_of(series.read(0)) for series in (a, b))
+    path = Path(output)
+    frames = Frames(path, cloth, stem=path.name)
+    for i, k in pairs:
+        frame = a.read(i)
+        kept = {name: frame.point_data[name] for name in ("displacement", "velocity", "reference")}
+        both = overlay_arrays(cloth, frame.points, other, b.read(k).points)
+        frames.add(State(frame.t, frame.points, kept["velocity"]), (kept | both, {}))
+    return frames.opens
+
+
+def _cloth_of(frame: Frame) -> Cloth:
+    """Return the reference mesh of a frame, quadratic triangles as four linear ones."""
+    X = frame.point_data["reference"][:, :2]
+    return Cloth.from_arrays(X, straight(frame.cells), renumber=False)

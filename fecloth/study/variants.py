@@ -1,0 +1,122 @@
+"""A problem with other values of its keys, and those combinations that it refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from fecloth.errors import InputError
+from fecloth.scene.overrides import override
+from fecloth.scene.scene import Scene
+from fecloth.scene.toml_text import to_toml
+from fecloth.simulation.probes import Probe
+from fecloth.study.levels import Level
+from fecloth.study.problems import FunctionProblem, Problem, SceneProblem, open_problem
+from fecloth.study.scene_text import scene_of
+
+FIRST = Level()
+
+
+def open_first(
+    problem: Any,
+    ranges: Mapping[str, Sequence],
+    sizes: Mapping[str, float | None],
+    t_end: float | None,
+    probes: Sequence[Probe],
+    settings: Mapping[str, object],
+) -> Problem:
+    """Return the problem to vary; a function's has the first value of each key.
+
+    `sizes` are its h and dt.
+    """
+    given = dict(settings)
+    if not isinstance(problem, Scene | str | Path):
+        sizes = {key: ranges[key][0] if key in ranges else value for key, value in sizes.items()}
+        given |= {key: values[0] for key, values in ranges.items() if key not in sizes}
+    return open_problem(problem, sizes["h"], sizes["dt"], t_end, probes, given)
+
+
+def make_variants(opened: Problem, combinations: Sequence[dict]) -> tuple[list, list]:
+    """Return the problem with each combination of values, and the refused ones with the reason.
+
+    The first refusal is raised if nothing is left, as for a key that does not exist.
+    """
+    made, refused = [], []
+    for values in combinations:
+        try:
+            variant = change_problem(opened, values)
+            variant.workload(FIRST)
+            made.append((values, variant))
+        except InputError as error:
+            refused.append((values, error))
+    if not made:
+        raise refused[0][1]
+    return made, refused
+
+
+def change_problem(opened: Problem, values: Mapping[str, object]) -> Problem:
+    """Return the problem with these values."""
+    if isinstance(opened, FunctionProblem):
+        sizes: dict[str, Any] = {key: values[key] for key in ("h", "dt") if key in values}
+        rest = {key: value for key, value in values.items() if key not in sizes}
+        return replace(opened, settings={**opened.settings, **rest}, **sizes)
+    texts = [f"{key}={_toml(value)}" for key, value in values.items()]
+    data = tomllib.loads(opened.scene.to_toml())
+    for key in values:
+        _forget_defaults(data, opened.scene, key)
+    try:
+        data = override(data, texts)
+        return SceneProblem(scene_of(to_toml(data), opened.scene.trusts_geo), opened.name)
+    except InputError as error:
+        where = f"{opened.name} with {', '.join(texts)}"
+        raise InputError(error.what, error.allowed, where, error.remedy) from None
+
+
+def _toml(value: object) -> object:
+    """Return a table as inline TOML, and any other value as it is."""
+    if not isinstance(value, Mapping):
+        return value
+    return f"{{{', '.join(f'{key} = {json.dumps(one)}' for key, one in value.items())}}}"
+
+
+def _forget_defaults(data: dict, scene: Scene, key: str) -> None:
+    """Before a term changes its type, remove the defaults of the old type: the new one has none."""
+    found = re.fullmatch(r"terms\.(\d{1,9})\.type", key.replace(" ", ""))
+    if found and int(found[1]) < len(scene.terms):
+        term, written = data["terms"][int(found[1])], scene.terms[int(found[1])].model_fields_set
+        data["terms"][int(found[1])] = {k: v for k, v in term.items() if k in written}
+
+
+def describe_values(values: Mapping[str, object]) -> str:
+    """Return "key = value, key = value"."""
+    return ", ".join(f"{key} = {value}" for key, value in values.items())
+
+
+def describe_failure(status: str, cause: object) -> dict[str, object]:
+    """Return the cells of a row that has no value."""
+    return {"status": status, "cause": str(cause).splitlines()[0] if str(cause) else ""}
+
+
+def name_variant(values: Mapping[str, object]) -> str:
+    """Return a short name: words stand for themselves, numbers with their key.
+
+    Examples
+    --------
+    >>> name_variant({"terms.0.type": "Springs", "cloth.h": 0.1})
+    'Springs, h = 0.1'
+    >>> name_variant({"terms.0": {"type": "Springs", "kind": "van_gelder"}})
+    'Springs (kind = van_gelder)'
+    """
+    return ", ".join(_name_value(key, value) for key, value in values.items())
+
+
+def _name_value(key: str, value: object) -> str:
+    if isinstance(value, Mapping):
+        more = describe_values({k: v for k, v in value.items() if k != "type"})
+        return f"{value.get('type', key)}{f' ({more})' if more else ''}"
+    return value if isinstance(value, str) else f"{key.rpartition('.')[2]} = {value}"

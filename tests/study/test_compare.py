@@ -1,0 +1,273 @@
+"""`compare`: known differences, other meshes, time steps, rows of failures, overlays, command."""
+
+import csv
+
+import meshio
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.cli import main as cli
+from fecloth.errors import InputError, MeshError
+from fecloth.study.overlay import Overlay
+from studies.references.closed_forms import hanging_strip_tip
+
+Y = 20.0
+SCENE = """
+title = "a strip"
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.25
+h = 0.125
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 20.0
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Gravity"
+acceleration = [9.81, 0, 0]
+[[pins]]
+where = "left"
+[equilibrium]
+[[probes]]
+name = "tip"
+where = "right"
+[interest]
+end = ["tip.x"]
+"""
+SWING = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.125
+h = 0.0625
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 100.0
+[[terms]]
+type = "StVK"
+[[pins]]
+where = "left"
+[[pins]]
+where = "right"
+[start]
+position = ["1.1 * X", "Y", "0"]
+velocity = ["0", "0", "sin(pi * X)"]
+[time]
+method = "backward_euler"
+dt = 0.01
+t_end = 0.1
+[[probes]]
+name = "middle"
+point = [0.5, 0.0625]
+"""
+
+
+def strip(h, k=Y / 4, stiffness=Y):
+    """StVK for k = 0; its fabric has ν = 0, so that TensorCondition(Y/4) is the same law."""
+    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+    term = fc.TensorCondition(k) if k else fc.StVK()
+    terms = [term, fc.Gravity((9.81, 0, 0))]
+    system = fc.System(cloth, fc.Fabric(0.2, stiffness), terms, pins=["left"])
+    return cloth, system, None, system.rest()
+
+
+def stretched(h, model):
+    """A strip stretched by ε = 1e-5 in its plane: ½ C₁₁ ε² A."""
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, Y, 0.3), [getattr(fc, model)()], pins=["boundary"])
+    return cloth, system, None, system.state(system.rest().x * [1 + 1e-5, 1, 1])
+
+
+@pytest.fixture
+def scene(tmp_path):
+    file = tmp_path / "strip.toml"
+    file.write_text(SCENE)
+    return file
+
+
+def change(scene, *pairs, name="other.toml"):
+    text = scene.read_text()
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    other = scene.with_name(name)
+    other.write_text(text)
+    return other
+
+
+def test_equal_laws_cannot_be_told_apart_and_softer_ones_differ_as_they_should():
+    variants = {"k": [0, Y / 4, Y / 5]}
+    found = fc.study.compare(strip, variants, "tip.x", h=0.25, probes=[fc.Probe("tip", "right")])
+    same, softer = (found.differences[name] for name in ("k = 5.0", "k = 4.0"))
+    assert abs(same.limit) < 1e-6
+    tips = [1 + hanging_strip_tip(1.0, stiffness, 0.2) for stiffness in (0.8 * Y, Y)]
+    exact = 100 * (tips[0] / tips[1] - 1)
+    assert abs(softer.limit - exact) <= softer.uncertainty < 0.02 * exact
+    first, second = found.verdict.splitlines()
+    assert first.startswith("tip.x: k = 5.0 and k = 0 cannot be told apart: the difference is 0.")
+    assert second.startswith("tip.x: k = 4.0 is 0.976")
+    assert "% larger than k = 0, 0.98 % on the given mesh; the mesh is off by 0.0013 %" in second
+    given = [row["value"] for row in found.table]
+    assert softer.as_given == pytest.approx(100 * (given[2] / given[0] - 1), rel=1e-12)
+
+
+def test_springs_have_the_stiffness_of_their_homogenised_moduli():
+    """The border springs are not halved: their share falls as h, and the limit has none."""
+    found = fc.study.compare(stretched, "model=StVK,Springs", "total", h=0.125)
+    C = fc.plane_moduli(fc.Springs(), fc.Fabric(0.2, Y, 0.3), "right")
+    exact = 100 * (C[0, 0] * (1 - 0.3**2) / Y - 1)
+    difference = found.differences["Springs"]
+    assert abs(difference.limit - exact) <= difference.uncertainty + 1e-2  # of ε
+    assert abs(difference.as_given - exact) > difference.uncertainty
+    assert difference.uncertainty < 5
+
+
+def test_one_model_on_two_meshes(scene):
+    """Two patterns of one scene: the limits agree, the values as given do not."""
+    softer = ("tensile_stiffness = 20.0", "tensile_stiffness = 5.0")
+    scene = change(scene, softer, name="a.toml")
+    other = change(scene, ('"right"\n[fabric', '"cross"\n[fabric'), ("0.125", "0.1"))
+    found = fc.study.compare([scene, other], quantity="displacement", cache=scene.parent)
+    assert found.table["variant"] == ["a strip", "a strip (2)"]
+    difference = found.differences["a strip (2)"]
+    assert difference.limit < difference.uncertainty < difference.as_given
+    assert "cannot be told apart" in found.verdict
+    apart = found.overlay.arrays["difference"]
+    assert len(apart) == 9 * 3
+    assert 0 < abs(apart).max() < 0.02
+
+
+def test_methods_differ_by_their_time_step_only(tmp_path):
+    file = tmp_path / "swing.toml"
+    file.write_text(SWING)
+    found = fc.study.compare(
+        file, "time.method=backward_euler,implicit_midpoint", "middle.z at 0.1 s", "dt"
+    )
+    difference = found.differences["implicit_midpoint"]
+    assert abs(difference.limit) < difference.uncertainty < abs(difference.as_given)
+    assert "the time step is off by" in found.verdict
+    assert found.figure().axes[0].get_xlabel() == "dt [s]"
+
+
+def test_a_value_of_zero_is_compared_in_its_unit(scene):
+    found = fc.study.compare(scene, "fabric.tensile_stiffness=20,40", "tip.z")
+    assert np.isnan(found.scale)
+    assert "cannot be told apart: the difference is 0 ± 0 m" in found.verdict
+    assert "difference of limits [m]" in found.table.columns
+
+
+def test_a_variant_that_is_refused_or_fails_has_a_row_with_its_cause(scene):
+    found = fc.study.compare(scene, "terms.0.type=StVK,TensorCondition,Springs")
+    assert found.table["status"] == ["ok", "refused", "ok"]
+    assert "terms.0.k is missing" in found.table["cause"][1]
+    assert any(line.startswith("TensorCondition: ") for line in found.notes())
+    assert list(found.differences) == ["Springs"]  # whose keys are not those of StVK
+    alone = fc.study.compare(scene, "terms.0.type=StVK,TensorCondition")
+    assert alone.verdict.startswith("nothing to compare")
+    texts = {text.get_text() for text in found.figure().axes[0].texts}
+    assert texts == {"StVK", "Springs"}
+
+
+def test_a_variant_may_be_a_table(scene):
+    tables = [{"type": "StVK"}, {"type": "TensorCondition", "k": Y / 4}]
+    found = fc.study.compare(scene, {"terms.0": tables})
+    assert found.differences["TensorCondition (k = 5.0)"].limit == pytest.approx(0, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("variants", "more", "message"),
+    [
+        (None, {}, "takes several problems, or one with variants"),
+        ("terms.0.type=StVK", {}, "1 variant: must be at least 2"),
+        ("terms.0.tpye=StVK,Springs", {}, "tpye"),
+        ("terms.0.type=StVK,Springs", {"quantity": "tpi.x"}, "tpi.x: unknown quantity"),
+        ("terms.0.type=StVK,Springs", {"refine": "dt"}, "an equilibrium has no dt"),
+        ("terms.0.type=StVK,Springs", {"levels": 2}, "levels = 2"),
+    ],
+)
+def test_mistakes(scene, variants, more, message):
+    with pytest.raises(InputError, match=message):
+        fc.study.compare(scene, variants, **more)
+
+
+def test_scenes_and_functions_are_not_compared(scene):
+    with pytest.raises(InputError, match="scenes beside functions"):
+        fc.study.compare([fc.load_scene(scene), strip])
+
+
+def stretched_by(factor, **mesh):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, **mesh)
+    system = fc.System(cloth, fc.Fabric(0.2, Y), [fc.StVK()], mass="consistent")
+    return system, system.state(system.rest().x * [factor, 1, 1])
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_an_overlay_is_exact_for_linear_maps(element, tmp_path):
+    a = stretched_by(1.1, h=0.25, pattern="cross", element=element)
+    b = stretched_by(1.3, h=0.2, pattern="unstructured")
+    file = Overlay.of(a, b).write(tmp_path)
+    assert file.name == "first.pvd"
+    frame = meshio.read(tmp_path / "first_000000.vtu")
+    X = a[0].cloth.X
+    expected = np.column_stack([0.2 * X[:, 0], 0 * X])
+    np.testing.assert_allclose(frame.point_data["difference"], expected, atol=1e-12)
+    np.testing.assert_allclose(frame.point_data["other"], frame.points + expected, atol=1e-12)
+    assert len(meshio.read(tmp_path / "second_000000.vtu").points) == len(b[0].cloth.X)
+
+
+def test_a_node_on_one_cloth_only_is_refused():
+    a, b = stretched_by(1.0, h=0.25, pattern="right"), strip(0.1)[1]
+    with pytest.raises(MeshError, match="must lie on the cloth"):
+        Overlay.of(a, (b, b.rest()))
+
+
+@pytest.fixture
+def two_runs(tmp_path):
+    """Folders of two runs on different meshes, the second with P2."""
+    scene = tmp_path / "a.toml"
+    scene.write_text(SWING + "[output]\nframes = 5\n")
+    other = change(scene, ('"right"\n[fabric', '"cross"\nelement = "P2"\n[fabric'))
+    folders = [tmp_path / "a", tmp_path / "b"]
+    for file, folder in zip((scene, other), folders, strict=True):
+        fc.run_scene(fc.load_scene(file), folder)
+    return folders
+
+
+def test_the_command_overlays_two_runs(two_runs, tmp_path, capsys):
+    a, b = two_runs
+    assert cli.main(["compare", str(a), str(b), "-o", str(tmp_path / "out")]) == 0
+    assert "overlay.pvd" in capsys.readouterr().out
+    frames = sorted((tmp_path / "out").glob("overlay_*.vtu"))
+    first, last = meshio.read(frames[0]), meshio.read(frames[-1])
+    assert len(frames) == len(sorted((a / "frames").glob("*.vtu")))
+    assert abs(first.point_data["difference"]).max() < 1e-12  # one start
+    middle = np.flatnonzero(np.all(last.point_data["reference"][:, :2] == [0.5, 0.0625], axis=1))
+    rows = [list(csv.DictReader((folder / "observed.csv").open()))[-1] for folder in (a, b)]
+    moved = float(rows[1]["middle.z"]) - float(rows[0]["middle.z"])
+    assert last.point_data["difference"][middle, 2] == pytest.approx(moved, rel=0.1)
+
+
+def test_runs_without_a_common_time_are_refused(two_runs, tmp_path):
+    a, _ = two_runs
+    late = a.parent / "late"
+    fc.run_scene(fc.load_scene(a.parent / "a.toml", ["time.t_start=1", "time.t_end=1.1"]), late)
+    with pytest.raises(InputError, match="have no time in common"):
+        fc.study.compare_runs(a, late, tmp_path / "out")
+
+
+def test_the_command(scene, tmp_path, capsys):
+    folder = tmp_path / "out"
+    arguments = ["compare", str(scene), "--variants", "terms.0.type=StVK,Springs"]
+    assert cli.main([*arguments, "-o", str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert "tip.x: Springs is 0.8" in out
+    assert "first.pvd" in out
+    rows = list(csv.DictReader((folder / "results.csv").open()))
+    assert [row["variant"] for row in rows] == ["StVK", "Springs"]
+    assert (folder / "report.html").exists()
+    assert cli.main(["compare", str(scene)]) == 2
