@@ -116,7 +116,7 @@ def run_simplify(options) -> int:
 
     folder, cache = folders(options, "simplify")
     found = simplify(
-        load_scene(options.scene, options.set),
+        load_scene(options.scene, options.set, trust_geo=options.trust_geo),
         options.tolerance,
         options.quantity,
         folder=folder,
