@@ -3,6 +3,7 @@
 import csv
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,14 +15,16 @@ from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import load_scene
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity_values import RunRecord, relative_difference
+from fecloth.study.measured_runs import measure
 from fecloth.study.scene_text import scene_of
+from fecloth.study.setups import setup_of_scene
 from fecloth.study.simplification import outcome as outcomes
 from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.outcome import Outcome
 from fecloth.study.simplification.predictions import find_limits, predict_change
 from fecloth.study.simplification.resolution import find_resolutions
 from fecloth.study.simplification.runs import data_of
-from fecloth.study.simplification.search import sort_candidates
+from fecloth.study.simplification.search import combine_variants, sort_candidates
 from fecloth.study.simplification.simplify import simplify
 from fecloth.study.simplification.variants import FINER, Variant, list_variants
 from fecloth.study.simplification.words import make_verdict
@@ -241,6 +244,36 @@ def test_a_scene_that_is_not_resolved_keeps_its_mesh():
     assert taken == {"dt × 2"}
 
 
+def test_an_error_above_the_tolerance_whose_change_is_below_it_is_not_resolved():
+    """Half of h shows three quarters of the error: 0.9 % of 1.2 %."""
+    verdicts, words, taken = judge({"h × 0.5": 0.009, "h × 1.5": 0.008})
+    assert words[0].startswith("not resolved to 1 %: the error of the mesh is about 1.2 %")
+    assert (verdicts["h × 1.5"], taken) == ("by chance", set())
+
+
+def test_changes_are_combined_while_they_stay_within_the_tolerance():
+    """The first two together do; the third adds too much, the fourth makes the scene slower."""
+    changes, seconds = {"a": 4e-3, "b": 5e-3, "c": 2e-3, "d": 0.0}, dict.fromkeys("abc", -0.2)
+
+    def run_one(name, data):
+        parts = name.split(" + ")
+        total = sum(changes[one] for one in parts)
+        spent = 1 + sum(seconds.get(one, 0.5) for one in parts)
+        return Outcome(name, "ok", changes={"sag": total}, seconds=spent, saved=1 - spent)
+
+    whole = {"cpu_seconds": 1.0}
+    original = SimpleNamespace(data={}, full=whole, tolerance=0.01, run_one=run_one)
+    tried = [Variant(x, "without", x, x, lambda data, x=x: data | {x: 1}) for x in "abcd"]
+    data, attempts = combine_variants(original, tried)
+    assert data == {"a": 1, "b": 1}
+    assert [(one.name, fits) for one, fits in attempts] == [
+        ("a", True),
+        ("a + b", True),
+        ("a + b + c", False),
+        ("a + b + d", False),
+    ]
+
+
 def test_a_resolved_scene_may_have_larger_triangles():
     changes = {"h × 0.5": 0.001, "h × 1.5": 0.0045, "h × 2": 0.0023, "without HingeBending": 1e-5}
     verdicts, words, taken = judge(changes)
@@ -351,11 +384,10 @@ def test_an_equilibrium_in_place_of_a_motion_to_rest_is_a_scene():
     data = data_of(make_strip(terms=[{"type": "StVK"}, {"type": "Gravity"}]))
     data["cloth"]["h"] = 0.1
     named = {one.name: one for one in list_variants(data, Interest(end=("sag",)))}
-    built = scene_of(to_toml(named["equilibrium"].apply(data))).build()
-    start = built.state
-    run = fc.run(built.system, built.steps, start, t_end=1.0)
-    expected = fc.equilibrium(built.system, start).x
-    np.testing.assert_allclose(run.state.x, expected, atol=1e-9)
+    setup = setup_of_scene(to_toml(named["equilibrium"].apply(data)))
+    moved = measure(setup, [])["displacement"]
+    expected = fc.equilibrium(setup.system, setup.start).x - setup.start.x
+    np.testing.assert_allclose(moved, expected, atol=1e-9)
 
 
 def test_what_the_predictions_do_not_cover_is_said():
@@ -374,6 +406,7 @@ def test_what_the_predictions_do_not_cover_is_said():
         ({"tolerance": "much"}, "tolerance = much"),
         ({"quantity": "tipp.z"}, "unknown quantity"),
         ({"quantity": len}, "a function as quantity"),
+        ({"quantity": "sag"}, "sag = 0: cannot show what changes it"),
         ({"most_seconds": 1e-3}, "predicted time above"),
     ],
 )

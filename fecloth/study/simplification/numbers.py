@@ -257,9 +257,9 @@ def table(numbers: Numbers) -> list[dict]:
     wave = math.sqrt(numbers.tensile / numbers.density)
     dt = None if numbers.is_static else numbers.built.dt
     rows = [
-        ("gravity / membrane stiffness", "ρ g L/Y", g * numbers.L / numbers.tensile),
+        ("gravity / membrane stiffness", "ρ g L/Y", g * numbers.L / numbers.tensile) if g else None,
         ("gravity / bending stiffness", "ρ g L³/B", g * numbers.L**3 / numbers.rigidity)
-        if numbers.rigidity
+        if g and numbers.rigidity
         else None,
         ("all loads / bending stiffness", "w L³/B", numbers.N) if numbers.rigidity else None,
         ("dt / fastest wave", "dt √(Y/ρ)/h", dt * wave / numbers.h) if dt else None,

@@ -66,7 +66,8 @@ def _change_of_reach(variant: Variant, numbers: Numbers) -> float:
 
     For example, ``inside = "X < 0.02"`` clamps another length of the cloth.
     """
-    other = Numbers.of(scene_of(to_toml(variant.apply(data_of(numbers.scene)))))
+    text = to_toml(variant.apply(data_of(numbers.scene)))
+    other = Numbers.of(scene_of(text, numbers.scene.trusts_geo))
     return abs(other.moved * other.L / (numbers.moved * numbers.L) - 1)
 
 

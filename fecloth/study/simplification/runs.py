@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from fecloth.errors import FeclothError
+from fecloth.errors import FeclothError, InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.scene.scene import Scene
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity import Quantity
-from fecloth.simulation.quantity_values import RunRecord, relative_difference
+from fecloth.simulation.quantity_values import RunRecord, relative_difference, size_of
 from fecloth.study.cases import run_cases
 from fecloth.study.command import StudyFailed
 from fecloth.study.measured_runs import columns_to_record, measure, record_of
@@ -38,6 +38,7 @@ def run_variant(
     modes: int,
     repeats: int,
     most: float | None = None,
+    trust_geo: bool = False,
 ) -> dict:
     """Run a scene and return the row of its fastest run.
 
@@ -53,8 +54,10 @@ def run_variant(
         Largest number of runs.
     most
         Largest CPU time of a run [s], without compiling.
+    trust_geo
+        As for `load_scene`.
     """
-    setup, rows = setup_of_scene(text), list[dict]()
+    setup, rows = setup_of_scene(text, trust_geo), list[dict]()
     while len(rows) < repeats and sum(row["cpu_seconds"] for row in rows) < ENOUGH:
         rows.append(measure(setup, recorded, modes, report=_limit(most)))
     return min(rows, key=lambda row: row["cpu_seconds"])
@@ -91,6 +94,10 @@ class Original:
     def name(self) -> str:
         return self.problem.name
 
+    def read(self, text: str) -> Scene:
+        """Return the scene of a text, trusted as the original one."""
+        return scene_of(text, self.problem.scene.trusts_geo)
+
     @cached_property
     def data(self) -> dict:
         """The tables of the scene."""
@@ -104,10 +111,17 @@ class Original:
         ------
         StudyFailed
             If the scene itself fails.
+        InputError
+            If all quantities are zero: then nothing changes them.
         """
         (row,) = self._rows([self._case("the scene", self.data, None)], self.runs.fresh)
         if row["status"] != OK:
             raise StudyFailed(f"{self.name}: the scene itself fails: {row['cause']}")
+        pairs = zip(self.quantities, self._records(row), strict=True)
+        if not any(size_of(one, record) for one, record in pairs):
+            names = ", ".join(one.text for one in self.quantities)
+            remedy = "Name another with --quantity or in [interest]."
+            raise InputError(f"{names} = 0", "cannot show what changes it", self.name, remedy)
         return row
 
     @cached_property
@@ -154,6 +168,7 @@ class Original:
             "modes": max((one.mode for one in self.quantities), default=0),
             "repeats": self.repeats,
             "most": most,
+            "trust_geo": scene.trusts_geo,
         }
 
     def _rows(self, cases: list[dict], fresh: bool) -> list[dict]:
@@ -163,5 +178,5 @@ class Original:
 
     def _records(self, row: Mapping) -> list[RunRecord]:
         needs = any(one.is_field for one in self.quantities)
-        cloth: Cloth | None = scene_of(row["text"]).mesh() if needs else None
+        cloth: Cloth | None = self.read(row["text"]).mesh() if needs else None
         return [record_of(row, one, cloth, self.problem.probes) for one in self.quantities]

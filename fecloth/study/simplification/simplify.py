@@ -16,7 +16,6 @@ from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.study.problems import SceneProblem, open_problem
 from fecloth.study.run_problems import Runs
-from fecloth.study.scene_text import scene_of
 from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.numbers import table as table_of_numbers
 from fecloth.study.simplification.outcome import Trial
@@ -197,7 +196,7 @@ def summarise(
     text = to_toml(data)
     final = None
     if taken:  # read from its text, as the user will
-        final = original.run_one("reduced.toml", data_of(scene_of(text)), fresh=True)
+        final = original.run_one("reduced.toml", data_of(original.read(text)), fresh=True)
     if folder is not None:
         Path(folder).mkdir(parents=True, exist_ok=True)
         replace_file(Path(folder) / "reduced.toml", text.encode())

@@ -100,7 +100,7 @@ def _groups(found: Sequence[Trial], tolerance: float, unresolved: Collection[str
 def describe_resolved(resolutions: Sequence[Resolution], has_h: bool) -> list[str]:
     """Return sentences on the errors of the scene itself that are within the tolerance."""
     good = [str(one) for one in resolutions if one.is_resolved]
-    lines = [f"The scene itself is resolved: {'; '.join(good)}."] if good else []
+    lines = [f"Resolved: {'; '.join(good)}."] if good else []
     if not has_h:
         lines.append("Whether the mesh is resolved is not known: the scene has no cloth.h.")
     return lines
