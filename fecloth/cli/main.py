@@ -100,6 +100,7 @@ def _parser() -> argparse.ArgumentParser:
     import argparse
 
     from fecloth import __version__
+    from fecloth.cli.charting import add_chart_options
     from fecloth.cli.comparing import add_compare_options
     from fecloth.cli.studies import add_options, add_simplify_options, add_sweep_options
     from fecloth.cli.suggesting_parser import SuggestingParser
@@ -146,6 +147,9 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "sweep", _sweep, "run a scene for several values of a key")
     add_sweep_options(sub)
 
+    sub = _command(commands, "chart", _chart, "errors of other settings over CPU seconds")
+    add_chart_options(sub)
+
     words = "find what a scene does not need, and write it without"
     sub = _command(commands, "simplify", _simplify, words)
     add_simplify_options(sub)
@@ -185,7 +189,7 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
     )
     parser.set_defaults(
         command=function,
-        prints=function in (_mesh, _info, _modes, _converge, _compare, _sweep, _simplify),
+        prints=function in (_mesh, _info, _modes, _converge, _compare, _sweep, _chart, _simplify),
     )
     return parser
 
@@ -351,6 +355,13 @@ def _sweep(options) -> int:
     from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
 
     return run_sweep(options)
+
+
+def _chart(options) -> int:
+    from fecloth.cli.charting import run_chart
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_chart(options)
 
 
 def _simplify(options) -> int:

@@ -19,14 +19,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_study_options(parser, "converge")
 
 
-def add_study_options(parser: argparse.ArgumentParser, command: str) -> None:
-    """Add the options that all studies of a scene share."""
+def add_study_options(
+    parser: argparse.ArgumentParser, command: str, longest: float = 600.0
+) -> None:
+    """Add the options that all studies of a scene share; `longest` is that of a case [s]."""
     add = parser.add_argument
     add("-o", "--output", metavar="DIR", help=f"folder of the report (out/{command}/SCENE)")
     add("--jobs", type=int, default=1, metavar="N", help="processes, one thread each (1)")
     add("--scheduler", metavar="ADDRESS", help="Dask scheduler that runs the cases")
     limit = "longest time of a case (%(default)g s)"
-    add("--time-limit", type=float, default=600.0, metavar="S", help=limit)
+    add("--time-limit", type=float, default=longest, metavar="S", help=limit)
     add("--yes", action="store_true", help="run it however long it may take")
     add("--fresh", action="store_true", help="run every case again")
     add("--trust-geo", action="store_true", help="allow all commands in a .geo file")

@@ -1,6 +1,8 @@
 """The public names of `fecloth.study` and the modules that define them."""
 
 from .cases import Case, describe_settings, run_cases
+from .chart_result import Chart
+from .charts import chart
 from .command import Parser, StudyFailed, require_packages, run_main
 from .comparing import compare
 from .comparison import Comparison, Difference
@@ -33,6 +35,7 @@ __all__ = [
     "COLOURS",
     "MARKERS",
     "Case",
+    "Chart",
     "Comparison",
     "Convergence",
     "Difference",
@@ -48,6 +51,7 @@ __all__ = [
     "Table",
     "TimeLimit",
     "Workload",
+    "chart",
     "check_scene",
     "check_time_limit",
     "compare",

@@ -98,12 +98,25 @@ def converge(
     opened.check(refine)
     chosen = parse_quantity(opened.default_quantity if quantity is None else quantity)
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
-    orders = opened.orders(chosen)
-    cases = levels_to_run(opened, chosen, refine, levels, ratio)
-    opened.check_quantity(chosen)
+    return refine_problem(opened, chosen, refine, levels, ratio, runs)[0]
+
+
+def refine_problem(
+    opened: Problem,
+    quantity: Quantity,
+    refine: str,
+    levels: int,
+    ratio: float | None,
+    runs: Runs,
+) -> tuple[Convergence, list[dict]]:
+    """Run the levels; return the result, and the rows of the levels, coarse to fine."""
+    orders = opened.orders(quantity)
+    cases = levels_to_run(opened, quantity, refine, levels, ratio)
+    opened.check_quantity(quantity)
     points = [Point(opened, one, str(one), opened.workload(one)) for one in cases]
-    rows = run_points(points, [chosen], runs)
-    return summarise(opened, chosen, refine, orders, rows[:levels], rows[levels:])
+    rows = run_points(points, [quantity], runs)
+    found = summarise(opened, quantity, refine, orders, rows[:levels], rows[levels:])
+    return found, rows[:levels]
 
 
 def levels_to_run(

@@ -32,6 +32,8 @@ class Runs:
         Predicted time above which the study does not start [s]; None for no limit.
     fresh
         Run every case, even if its result is stored.
+    timed
+        Measure CPU seconds that can be compared, see `measure`.
     """
 
     cache: str | Path | None = None
@@ -40,6 +42,7 @@ class Runs:
     time_limit: float | None = None
     most_seconds: float | None = LONGEST
     fresh: bool = False
+    timed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +73,11 @@ def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Ru
     modes = max((one.mode for one in quantities), default=0)
     check_size([p.size for p in points], runs.jobs, runs.most_seconds, points[0].problem.name)
     if functions or not all(point.problem.is_importable for point in points):
-        rows = [_run_here(point, recorded, modes, *functions) for point in points]
+        function = functions[0] if functions else None
+        rows = [_run_here(point, recorded, modes, function, runs) for point in points]
     else:
-        cases = [point.problem.case(point.level, recorded, modes) for point in points]
+        more = {"timed": True} if runs.timed else {}
+        cases = [point.problem.case(point.level, recorded, modes) | more for point in points]
         rows = run_cases(
             cases,
             points[0].problem.runner,
@@ -88,9 +93,10 @@ def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Ru
 
 
 def _run_here(
-    point: Point, recorded: list[str], modes: int, function: Callable | None = None
+    point: Point, recorded: list[str], modes: int, function: Callable | None, runs: Runs
 ) -> dict:
     def run() -> dict:
-        return measure(point.problem.setup(point.level), recorded, modes, function)
+        setup = point.problem.setup(point.level)
+        return measure(setup, recorded, modes, function, timed=runs.timed)
 
-    return status.attempt(run, {})
+    return status.attempt(run, {}, runs.time_limit)

@@ -365,9 +365,9 @@ def test_a_wrong_command_suggests_the_right_one(wrong, capsys):
         main([wrong, "scene.toml"])
     assert stop.value.code == 2
     told = capsys.readouterr().err
-    assert (
-        f"{wrong!r}: must be one of run, view, render, check, converge, sweep, modes, mesh, info."
-        in told
+    commands = (
+        "run, view, render, check, converge, compare, sweep, chart, simplify, modes, mesh, info"
     )
+    assert f"{wrong!r}: must be one of {commands}." in told
     assert told.strip().endswith(WRONG_COMMANDS[wrong])
     assert "usage: fecloth [-h] [--version] COMMAND ..." in told

@@ -1,0 +1,161 @@
+"""The figure of a chart: error over CPU seconds, a labelled line for each series."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fecloth.study.figures import line_style, new_figure, use_plain_ticks
+from fecloth.study.status import OK
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_LINES = 8
+LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+BETTER = 0.98  # times the best error so far: what a line counts as an improvement
+GAP = 0.062  # between two labels, as a fraction of the axes
+Series = dict[str, list[Mapping]]
+
+
+def series_of(rows: Iterable[Mapping]) -> Series:
+    """Return the rows with an error by "method element model"; the model only if it varies."""
+    good = [row for row in rows if row["status"] == OK and math.isfinite(row["error"])]
+    several = len({row.get("model") for row in good}) > 1
+    found: Series = {}
+    for row in good:
+        parts = [row["method"], row["element"], row["model"] if several else ""]
+        found.setdefault(" ".join(part for part in parts if part), []).append(row)
+    return found
+
+
+def split_series(rows: Iterable[Mapping]) -> tuple[Series, Series]:
+    """Return the series that are drawn as lines, at most eight, and the others.
+
+    First come those with most points on the front, then those with the least error × seconds.
+    """
+    found = series_of(rows)
+
+    def rank(name: str) -> tuple:
+        points = found[name]
+        product = min(row["seconds"] * max(row["error"], row["uncertainty"]) for row in points)
+        return -sum(bool(row.get("on front")) for row in points), product
+
+    names = sorted(found, key=rank)
+    chosen, rest = names[:MOST_LINES], names[MOST_LINES:]
+    return {n: found[n] for n in chosen}, {n: found[n] for n in rest}
+
+
+def grey_letters(rows: Iterable[Mapping]) -> dict[str, str]:
+    """Return the letter of each series that is drawn in grey."""
+    _, rest = split_series(rows)
+    return dict(zip(sorted(rest), LETTERS, strict=False))
+
+
+def draw_chart(chart: Any) -> Figure:
+    """Draw the chart: see `Chart.figure`."""
+    drawing, ax = new_figure(size=(10.0, 6.0))
+    lines, rest = split_series(chart.table)
+    if not lines:
+        ax.text(0.5, 0.5, "no setting has an error", ha="center", transform=ax.transAxes)
+        return drawing
+    unit = " %" if all("error %" in row for row in _rows(lines)) else ""
+    floor = next(iter(_rows(lines)))[f"uncertainty{unit}"]
+    least = 0.3 * floor if floor > 0 else 1e-12  # where errors of zero are drawn
+    ax.set(xscale="log", yscale="log", xlabel="CPU time [s]")
+    ax.set_ylabel(f"error of {chart.quantity} [{unit.strip() or chart.limit.unit}]")
+    ax.set_title(chart.title, loc="left")
+    ax.set_title("wide grey line: Pareto front", loc="right", fontsize=10, color="0.35")
+    for name, letter in grey_letters(chart.table).items():
+        x, y = _points(rest[name], unit, least)
+        ax.plot(x, y, ls="", marker=f"${letter}$", ms=7, color="0.55", mew=0.3)
+    ends = []
+    for i, (name, rows) in enumerate(lines.items()):
+        style = line_style(i)
+        ax.plot(*_points(rows, unit, least), **{**style, "ls": "", "ms": 4}, alpha=0.35)
+        x, y = _points(best_rows(rows), unit, least)
+        ax.plot(x, y, **style)
+        ends.append((name, str(style["color"]), x[-1], y[-1]))
+    x, y = _points(sorted(chart.front, key=lambda row: row["seconds"]), unit, least)
+    ax.plot(x, y, color="0.2", lw=9, alpha=0.2, zorder=1, solid_capstyle="round")
+    _set_limits(ax, [*_rows(lines), *_rows(rest)], unit, least)
+    _draw_band(ax, floor)
+    use_plain_ticks(ax)
+    _label_ends(ax, ends)
+    return drawing
+
+
+def best_rows(rows: Sequence[Mapping]) -> list[Mapping]:
+    """Return the front of one series, the cheapest first."""
+    found, best = [], math.inf
+    for row in sorted(rows, key=lambda row: (row["seconds"], row["error"])):
+        if row["error"] < BETTER * best:
+            found.append(row)
+            best = row["error"]
+    return found
+
+
+def _rows(series: Series) -> Iterable[Mapping]:
+    return (row for rows in series.values() for row in rows)
+
+
+def _points(rows: Iterable[Mapping], unit: str, least: float) -> tuple[list, list]:
+    rows = list(rows)
+    return [row["seconds"] for row in rows], [max(row[f"error{unit}"], least) for row in rows]
+
+
+def _set_limits(ax, rows: Sequence[Mapping], unit: str, least: float) -> None:
+    x, y = _points(rows, unit, least)
+    ax.set_xlim(min(x) / 1.4, max(x) * 1.4)
+    ax.set_ylim(min(*y, rows[0][f"uncertainty{unit}"] or math.inf) / 2, max(y) * 1.6)
+
+
+def _draw_band(ax, floor: float) -> None:
+    """Shade the errors below the uncertainty of the limit."""
+    if floor <= 0:
+        return
+    ax.axhspan(ax.get_ylim()[0], floor, color="0.93", zorder=0)
+    text = "below: within the uncertainty of the limit"
+    ax.text(0.01, 0.012, text, transform=ax.transAxes, fontsize=9, color="0.35")
+
+
+def _label_ends(ax, ends: Sequence[tuple]) -> None:
+    """Label the lines in the right margin, apart from each other, each with a leader."""
+    to_axes = ax.transAxes.inverted().transform
+    heights = [to_axes(ax.transData.transform((x, y)))[1] for _, _, x, y in ends]
+    for (name, colour, x, y), height in zip(ends, spread(heights, GAP), strict=True):
+        arrow = {"arrowstyle": "-", "color": colour, "lw": 0.7, "alpha": 0.6, "relpos": (0, 0.5)}
+        ax.annotate(
+            name,
+            (x, y),
+            (1.02, height),
+            textcoords="axes fraction",
+            va="center",
+            color=colour,
+            fontsize=10,
+            arrowprops=arrow,
+            annotation_clip=False,
+        )
+
+
+def spread(heights: Sequence[float], gap: float) -> list[float]:
+    """Return heights in [0, 1] in the same order that differ by at least `gap`, near the given.
+
+    Examples
+    --------
+    >>> [round(y, 2) for y in spread([0.5, 0.51, 0.9], 0.1)]
+    [0.5, 0.6, 0.9]
+    """
+    order = np.argsort(heights, kind="stable")
+    y = np.clip(np.array(heights, dtype=float)[order], 0.0, 1.0)
+    for i in range(1, len(y)):  # from below
+        y[i] = max(y[i], y[i - 1] + gap)
+    y[-1] = min(y[-1], 1.0)
+    for i in range(len(y) - 1, 0, -1):  # and from above
+        y[i - 1] = min(y[i - 1], y[i] - gap)
+    found = np.empty_like(y)
+    found[order] = y
+    return found.tolist()

@@ -1,0 +1,160 @@
+"""The result of `chart`: the Pareto front of error over CPU seconds, and what it says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from fecloth.study.chart_figure import draw_chart, grey_letters
+from fecloth.study.convergence import Convergence
+from fecloth.study.result import StudyResult, with_uncertainty
+from fecloth.study.status import OK
+from fecloth.study.tables import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LEVELS = (10.0, 1.0, 0.1, 0.01)  # %, of which the verdict speaks
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Chart(StudyResult):
+    """What `chart` found: the table has a row for each setting.
+
+    Attributes
+    ----------
+    quantity
+        Text of the quantity.
+    limit
+        The converged limit of the problem: value, uncertainty, order; None if it was not found.
+    size
+        Size of the quantity, of which errors are a percentage; in its unit.
+    """
+
+    quantity: str = ""
+    limit: Convergence | None = None
+    size: float = math.nan
+
+    @property
+    def front(self) -> Table:
+        """The rows that no other beats in error and seconds, the cheapest first."""
+        rows = [row for row in self.table if row.get("on front")]
+        return Table(tuple(sorted(rows, key=seconds_of)))
+
+    def notes(self) -> list[str]:
+        """Sentences on the limit, the grey points and the settings without an error."""
+        lines = []
+        if self.limit:
+            found = self.limit
+            value = found.limit if math.isfinite(found.limit) else found.value
+            words = with_uncertainty(value, found.uncertainty, found.unit)
+            verdict = found.verdict.splitlines()[0].partition(f": {self.quantity} = ")[0]
+            lines.append(f"Limit: {self.quantity} = {words}; {verdict}.")
+        letters = grey_letters(self.table)
+        if letters:
+            key = ", ".join(f"{letter} {name}" for name, letter in letters.items())
+            lines.append(f"Grey letters in the figure: {key}.")
+        without = [row["status"] for row in self.table if row["status"] != OK]
+        counts = {status: without.count(status) for status in dict.fromkeys(without)}
+        if counts:
+            parts = ", ".join(f"{count} {status}" for status, count in counts.items())
+            lines.append(f"Settings without an error: {parts}, of {len(self.table)}.")
+        return lines
+
+    def figure(self) -> Figure:
+        """Return the errors over CPU seconds: a line for each series of its best settings."""
+        return draw_chart(self)
+
+
+def find_front(rows: Sequence[Mapping]) -> set[int]:
+    """Return the numbers of the rows that no other beats in both seconds and error.
+
+    Errors below their uncertainty count as equal to it: there the cheapest is the best.
+
+    Examples
+    --------
+    >>> values = (1.0, 0.3), (2.0, 0.1), (3.0, 0.2), (4.0, 0.001), (5.0, 0.0001)
+    >>> rows = [{"status": "ok", "seconds": s, "error": e, "uncertainty": 0.01} for s, e in values]
+    >>> sorted(find_front(rows))
+    [0, 1, 3]
+    """
+    known = [(row["seconds"], known_error(row), i) for i, row in enumerate(rows) if is_known(row)]
+    front, best = set(), math.inf
+    for _, error, i in sorted(known):
+        if error < best:
+            front.add(i)
+            best = error
+    return front
+
+
+def seconds_of(row: Mapping) -> float:
+    """Return the CPU seconds of a row."""
+    return row["seconds"]
+
+
+def is_known(row: Mapping) -> bool:
+    """Whether the setting has an error."""
+    return row["status"] == OK and math.isfinite(row["error"])
+
+
+def known_error(row: Mapping, unit: str = "") -> float:
+    """Return the error of a row, at least its uncertainty; `unit` is "" or " %"."""
+    return max(row[f"error{unit}"], row[f"uncertainty{unit}"])
+
+
+def describe_chart(table: Table, limit: Convergence) -> str:
+    """Return the cheapest setting for each level of error, and the level that none reaches.
+
+    A setting reaches a level if its error and the uncertainty together are below it.
+    """
+    rows: list[Any] = [row for row in table if is_known(row)]
+    if not rows:
+        return "no setting has an error"
+    if "error %" not in rows[0]:
+        best = min((row for row in rows if row["on front"]), key=known_error)
+        return f"error {best['error']:.2g} {limit.unit} {_for_seconds(best)}; the limit is zero"
+    several, parts, said = len({row.get("model") for row in rows}) > 1, [], set()
+    for level in LEVELS:
+        reached = [row for row in rows if row["error %"] + row["uncertainty %"] <= level]
+        if not reached:
+            parts.append(_not_reached(level, rows))
+            break
+        best = min(reached, key=seconds_of)
+        if id(best) not in said:
+            said.add(id(best))
+            parts.append(f"{best['error %']:.2g} % {_for_seconds(best, several)}")
+    return "; ".join(parts)
+
+
+def _not_reached(level: float, rows: Iterable[Mapping]) -> str:
+    known_to = next(iter(rows))["uncertainty %"]
+    if known_to >= level:
+        return f"the limit is known to {known_to:.2g} % only"
+    return f"no setting is proved to reach {level:g} %"
+
+
+def _for_seconds(row: Mapping, several: bool = True) -> str:
+    return f"for {row['seconds']:.2g} s by {describe_row(row, several)}"
+
+
+def describe_row(row: Mapping, with_model: bool = True) -> str:
+    """Return a setting in words.
+
+    Examples
+    --------
+    >>> describe_row({"method": "BDF2", "element": "P1", "model": "StVK", "h": 0.01, "dt": 0.005})
+    'BDF2 with P1, StVK, h = 1 cm, dt = 5 ms'
+    """
+    parts = [f"{row['method']} with {row['element']}"]
+    parts += [row["model"]] if with_model and row.get("model") else []
+    if row.get("h"):
+        h = row["h"]
+        parts.append(f"h = {100 * h:.3g} cm" if h >= 0.0099 else f"h = {1e3 * h:.3g} mm")
+    if row.get("rtol"):
+        return ", ".join([*parts, f"rtol = {row['rtol']:g} 1/s"])
+    if row.get("dt"):
+        dt = row["dt"]
+        parts.append(f"dt = {1e3 * dt:.3g} ms" if dt < 0.999 else f"dt = {dt:.3g} s")
+    return ", ".join(parts)

@@ -1,0 +1,216 @@
+"""`chart`: what each accuracy of a problem costs, over mesh, element, model, method and step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from fecloth.errors import InputError
+from fecloth.integrators import EXPLICIT
+from fecloth.scene.scene import Scene
+from fecloth.simulation.probes import Probe
+from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of, value_of
+from fecloth.study.chart_grid import Setting, change, make_settings
+from fecloth.study.chart_result import Chart, describe_chart, find_front
+from fecloth.study.convergence import Convergence
+from fecloth.study.measured_runs import record_of
+from fecloth.study.problems import Problem, SceneProblem, open_problem
+from fecloth.study.refinement import refine_problem
+from fecloth.study.run_problems import Point, Runs, run_points
+from fecloth.study.status import OK
+from fecloth.study.tables import Table
+from fecloth.study.workload import LONGEST, in_words
+
+LONGEST_CASE = 60.0  # s
+RATIO = 2.0  # of the levels of the limit
+STEPS_OF_LIMIT = 200  # of its first level, where the scene has no dt
+
+
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """The converged limit of a quantity, to which all settings are compared."""
+
+    found: Convergence
+    quantity: Quantity
+    finest: RunRecord
+
+    @property
+    def size(self) -> float:
+        """Size of the quantity; 0 if it has none, as at a zero."""
+        return size_of(self.quantity, self.finest)
+
+    def error(self, record: RunRecord) -> float:
+        """Return the distance to the extrapolated value, or to the finest level without one."""
+        if self.found.converges and math.isfinite(self.found.limit):
+            return abs(value_of(self.quantity, record) - self.found.limit)
+        return difference_of(self.quantity, self.finest, record)
+
+
+def chart(
+    problem: Scene | str | Path | Callable,
+    quantity: str | Callable[[Any], float] | Quantity | None = None,
+    methods: Sequence[str] | None = None,
+    elements: Sequence[str] | None = None,
+    models: Sequence[str] | None = None,
+    *,
+    meshes: int = 2,
+    levels: int = 3,
+    h: float | None = None,
+    dt: float | None = None,
+    t_end: float | None = None,
+    probes: Sequence[Probe] = (),
+    cache: str | Path | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    time_limit: float = LONGEST_CASE,
+    most_seconds: float | None = LONGEST,
+    fresh: bool = False,
+    **settings: object,
+) -> Chart:
+    """Run a problem with other methods, elements, models, meshes and steps: errors over seconds.
+
+    The error of a setting is its distance to the limit of this very problem, from `converge` in h
+    and dt; the limit has an uncertainty, below which an error means nothing. The Pareto front
+    holds the settings that no other beats in both error and CPU seconds. These are measured after
+    a warm-up, without compilation; of short runs the fastest of three counts.
+
+    Each combination runs with h, h/2, … and dt, dt/2, dt/4. Explicit methods take 0.9 of their
+    stable step; methods that choose their steps take three tolerances rtol. A combination that the
+    problem refuses, a run that fails and a case above `time_limit` are rows with that status.
+
+    Parameters
+    ----------
+    problem, quantity
+        As for `converge`.
+    methods, elements, models
+        Names as in a scene, such as "bdf2", "P2", "NeoHookean"; by default the scene's own with
+        the usual others, P1 and P2, and its own model. Of a function's problem they are values of
+        its arguments `method`, `element` and `model`.
+    meshes
+        Number of meshes: h, h/2, …
+    levels
+        Levels of the limit, from 3; h and dt are halved at least twice.
+    time_limit
+        Predicted or measured time of a case above which it is left out [s].
+    h, dt, t_end, probes, cache, jobs, scheduler, most_seconds, fresh
+        As for `converge`.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, a quantity that no run in time has, or a problem without h and dt.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> def strip(h, element="P1"):
+    ...     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="cross", element=element)
+    ...     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+    ...     mass = "lumped" if element == "P1" else "consistent"
+    ...     system = fc.System(cloth, fc.Fabric(0.2, 20.0), terms, pins=["left"], mass=mass)
+    ...     return cloth, system, None, system.rest()
+    >>> tip = [fc.Probe("tip", "right")]
+    >>> found = fc.study.chart(strip, "tip.x", elements=["P1", "P2"], h=0.25, probes=tip)
+    >>> print(found.table["element"], all(row["error %"] < 1 for row in found.front))
+    ['P1', 'P1', 'P2', 'P2'] True
+    """
+    opened = open_problem(problem, h, dt, t_end, probes, settings)
+    chosen = parse_quantity(opened.default_quantity if quantity is None else quantity)
+    if chosen.how == "mode":
+        raise InputError(f"{chosen}", "has no method and no step: take converge", "chart")
+    if not (isinstance(meshes, int) and 1 <= meshes <= 4):
+        raise InputError(f"meshes = {meshes!r}", "must be an integer from 1 to 4", "chart")
+    listed = make_settings(opened, methods, elements, models, meshes)
+    runs = Runs(cache, jobs, scheduler, None, most_seconds, fresh)
+    limit = find_limit(opened, chosen, levels, runs)
+    if limit is None:
+        table = Table(tuple(_line(one, None, chosen, None) for one in listed))
+        verdict = "not known: the limit of this problem was not found; see `converge`"
+        return Chart(title=opened.name, verdict=verdict, table=table)
+    rows = _run(listed, chosen, replace(runs, time_limit=time_limit, timed=True))
+    lines = [_line(one, row, chosen, limit) for one, row in zip(listed, rows, strict=True)]
+    on_front = find_front(lines)
+    table = Table(tuple({**line, "on front": i in on_front} for i, line in enumerate(lines)))
+    return Chart(
+        title=opened.name,
+        verdict=describe_chart(table, limit.found),
+        table=table,
+        quantity=chosen.text,
+        limit=limit.found,
+        size=limit.size,
+    )
+
+
+def find_limit(opened: Problem, quantity: Quantity, levels: int, runs: Runs) -> Limit | None:
+    """Refine the problem in h and dt; with a method of second order, which has the same limit."""
+    problem = _for_limit(opened)
+    in_h = problem.can_refine("h")
+    explicit = isinstance(problem, SceneProblem) and not problem.is_static and problem.is_explicit
+    in_dt = not problem.is_static and (problem.can_refine("dt") or explicit)
+    refine = "both" if in_h and in_dt else "h" if in_h else "dt"
+    problem.check(refine)
+    found, rows = refine_problem(problem, quantity, refine, levels, RATIO, runs)
+    if found.estimate is None:
+        return None
+    cloth = problem.cloth_of(rows[-1]["point"].level, quantity)
+    return Limit(found, quantity, record_of(rows[-1], quantity, cloth, problem.probes))
+
+
+def _for_limit(opened: Problem) -> Problem:
+    """Return the problem with fixed steps of second order, or as it is."""
+    if not isinstance(opened, SceneProblem) or opened.is_static:
+        return opened
+    scene = opened.scene
+    kind, time = scene.time.method.type, scene.time
+    if kind in EXPLICIT and time.rtol is None:
+        return opened
+    if time.dt != "auto" and opened.first.steps.traits.order >= 2:
+        return opened
+    dt = (time.t_end - time.t_start) / STEPS_OF_LIMIT if time.dt == "auto" else time.dt
+    names = {"method": "bdf2", "element": scene.cloth.element, "model": "", "dt": dt}
+    return change(opened, names)
+
+
+def _run(listed: Sequence[Setting], quantity: Quantity, runs: Runs) -> list[Mapping]:
+    """Return a row for each setting; refused and too long ones do not run."""
+    rows: list[Mapping] = []
+    points = {}
+    for i, one in enumerate(listed):
+        if one.problem is None:
+            rows.append({"status": "refused", "cause": one.refusal})
+            continue
+        seconds = one.size().seconds
+        too_long = runs.time_limit is not None and seconds > runs.time_limit
+        rows.append({"status": "skipped", "cause": f"predicted: about {in_words(seconds)}"})
+        if not too_long:
+            points[i] = Point(one.problem, one.level, one.words, one.size())
+    if points:
+        for i, row in zip(points, run_points(list(points.values()), [quantity], runs), strict=True):
+            rows[i] = row
+    return rows
+
+
+def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limit | None) -> dict:
+    """Return the row of the table for one setting."""
+    line: dict[str, Any] = dict(setting.names)
+    if row is None or limit is None or setting.problem is None or row["status"] != OK:
+        status = row or {"status": "not run", "cause": ""}
+        return line | {"status": status["status"], "cause": str(status["cause"]).split("\n")[0]}
+    cloth = setting.problem.cloth_of(setting.level, quantity)
+    line["h"] = (setting.problem.h or row["edge"]) / setting.level.h
+    if math.isfinite(row["step"]):
+        line["dt"] = float(f"{row['step']:.9g}")  # without the round-off of times
+    line |= {"triangles": row["triangles"], "steps": row["steps"], "seconds": row["cpu_seconds"]}
+    try:
+        error = limit.error(record_of(row, quantity, cloth, setting.problem.probes))
+    except InputError as refusal:  # as where a signal has no period
+        return line | {"status": "no value", "cause": str(refusal).splitlines()[0]}
+    line |= {"error": error, "uncertainty": limit.found.uncertainty}
+    if limit.size:
+        line["error %"] = 100 * error / limit.size
+        line["uncertainty %"] = 100 * limit.found.uncertainty / limit.size
+    return {"status": OK} | line

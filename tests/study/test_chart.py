@@ -1,0 +1,212 @@
+"""`chart`: the front, errors against a known limit, rows of failures, the figure, the command."""
+
+import csv
+import io
+import itertools
+import math
+
+import numpy as np
+import pytest
+from matplotlib.text import Text
+
+import fecloth as fc
+from fecloth.cli import main as cli
+from fecloth.errors import InputError
+from fecloth.study.chart_figure import MOST_LINES, grey_letters, split_series, spread
+from fecloth.study.chart_result import Chart, describe_chart, find_front
+from fecloth.study.convergence import Convergence
+from fecloth.study.tables import Table
+
+SCENE = """
+title = "a string"
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.25
+h = 0.25
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 100.0
+[[terms]]
+type = "StVK"
+[[pins]]
+where = "left"
+[[pins]]
+where = "right"
+[start]
+position = ["1.1 * X", "Y", "0"]
+velocity = ["0", "0", "1e-3 * sin(pi * X)"]
+[time]
+method = "implicit_midpoint"
+dt = 0.01
+t_end = 0.1
+[[probes]]
+name = "middle"
+point = [0.5, 0.125]
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    file = tmp_path / "string.toml"
+    file.write_text(SCENE)
+    return file
+
+
+def exact_middle(t):
+    """A taut string: ρ z'' = S z_XX with S = Y (1.1² − 1)/2, started with sin(π X) 1e-3 m/s."""
+    rate = math.pi * math.sqrt(100.0 * (1.1**2 - 1) / 2 / 0.2)
+    return 1e-3 * math.sin(rate * t) / rate
+
+
+def made_up_rows(count=60, uncertainty=0.02):
+    random = np.random.default_rng(1)
+    rows = []
+    for i in range(count):
+        seconds, error = np.exp(random.uniform(-4, 1, 2))
+        row = {"status": "ok", "method": f"Method{i % 11}", "element": "P1", "model": "StVK"}
+        row |= {"h": 0.1, "dt": 0.01, "seconds": seconds, "error": error}
+        row |= {"uncertainty": uncertainty, "error %": 100 * error}
+        rows.append(row | {"uncertainty %": 100 * uncertainty})
+    rows[7] = {"status": "failed", "method": "Method7", "element": "P1", "model": "StVK"}
+    front = find_front(rows)
+    return [row | {"on front": i in front} for i, row in enumerate(rows)]
+
+
+def made_up_chart():
+    rows = made_up_rows()
+    limit = Convergence("made up", "converges: x", Table(()), value=1.0, uncertainty=0.02)
+    return Chart("made up", "…", Table(tuple(rows)), quantity="x", limit=limit, size=1.0)
+
+
+def test_no_row_beats_the_front_and_the_front_beats_all_others():
+    rows = made_up_rows()
+    good = [row for row in rows if row["status"] == "ok"]
+    for row in good:
+        beaten = any(
+            other["seconds"] < row["seconds"]
+            and max(other["error"], 0.02) <= max(row["error"], 0.02)
+            for other in good
+        )
+        assert row["on front"] != beaten
+
+
+def test_the_verdict_names_the_cheapest_setting_of_each_level():
+    row = {"status": "ok", "method": "BDF2", "element": "P1", "model": "StVK", "on front": True}
+    row |= {"uncertainty": 1e-4, "uncertainty %": 0.01, "h": 0.01, "dt": 0.005}
+    rows = [
+        row | {"seconds": 0.1, "error": 0.05, "error %": 5.0},
+        row | {"seconds": 0.8, "error": 0.003, "error %": 0.3},
+        row
+        | {"seconds": 0.9, "error": 0.00995, "error %": 0.995},  # with its uncertainty above 1 %
+    ]
+    limit = made_up_chart().limit
+    assert describe_chart(Table(tuple(rows)), limit) == (
+        "5 % for 0.1 s by BDF2 with P1, h = 1 cm, dt = 5 ms; 0.3 % for 0.8 s by BDF2 with P1, "
+        "h = 1 cm, dt = 5 ms; no setting is proved to reach 0.1 %"
+    )
+    vague = [one | {"uncertainty %": 0.2} for one in rows]
+    assert describe_chart(Table(tuple(vague)), limit).endswith("is known to 0.2 % only")
+
+
+def test_errors_of_a_string_with_a_known_solution(scene, tmp_path):
+    found = fc.study.chart(
+        scene,
+        "middle.z",
+        ["implicit_midpoint", "auto"],
+        ["P1"],
+        ["StVK", "TensorCondition"],
+        cache=tmp_path,
+    )
+    truth = exact_middle(0.1)
+    exact = abs(found.limit.limit - truth)
+    assert exact <= found.limit.uncertainty
+    again = fc.study.sweep(scene, "cloth.h=0.25,0.125", "middle.z", cache=tmp_path)
+    own = [row for row in found.table if row["method"] == "ImplicitMidpoint"]
+    same = [row for row in own if row.get("dt") == 0.01]
+    for row, value in zip(same, again.table["middle.z"], strict=True):
+        assert abs(row["error"] - abs(value - truth)) <= row["uncertainty"]
+        assert row["error %"] == pytest.approx(100 * row["error"] / abs(truth), rel=0.02)
+    settings = {(row["h"], row["dt"]) for row in own if row["status"] == "ok"}
+    assert settings == set(itertools.product((0.25, 0.125), (0.01, 0.005, 0.0025)))
+    refused = [row for row in found.table if row["status"] == "refused"]
+    assert {row["model"] for row in refused} == {"TensorCondition"}
+    assert "k" in refused[0]["cause"]
+    tolerances = {row["rtol"] for row in found.table if row["method"] == "Auto"}
+    assert tolerances == {0.1, 0.01, 0.001}
+    assert all(row["seconds"] > 0 for row in found.table if row["status"] == "ok")
+    assert "% for" in found.verdict
+
+
+def test_too_long_cases_are_rows(scene):
+    found = fc.study.chart(scene, "middle.z", ["bdf2"], ["P1"], time_limit=1e-9, meshes=1)
+    assert found.table["status"] == ["skipped"] * 3
+    assert found.verdict == "no setting has an error"
+    assert "3 skipped, of 3" in found.notes()[-1]
+    assert not len(found.front)
+    found.figure()
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"methods": ["bfd2"]}, "Did you mean 'bdf2'"),
+        ({"elements": ["P3"]}, "must be one of P1, P2"),
+        ({"models": ["StKV"]}, "Did you mean 'StVK'"),
+        ({"meshes": 0}, "from 1 to 4"),
+        ({"quantity": "midle.z"}, "unknown quantity"),
+        ({"quantity": "frequency(1)"}, "take converge"),
+        ({"models": ["TensorCondition"], "elements": ["P1"]}, "refuses every setting"),
+    ],
+)
+def test_mistakes(scene, more, message):
+    with pytest.raises(InputError, match=message.replace("(", r"\(")):
+        fc.study.chart(scene, **({"quantity": "middle.z"} | more))
+
+
+def test_at_most_eight_lines_and_a_letter_for_each_other_series():
+    chart = made_up_chart()
+    lines, rest = split_series(chart.table)
+    assert (len(lines), len(rest)) == (MOST_LINES, 3)
+    on_front = {f"{row['method']} P1" for row in chart.front}
+    assert len(on_front) <= MOST_LINES
+    assert on_front <= set(lines)
+    letters = grey_letters(chart.table)
+    assert set(letters) == set(rest)
+    assert all(f"{letter} {name}" in chart.notes()[1] for name, letter in letters.items())
+
+
+def test_no_labels_of_the_figure_collide_or_are_cut_off():
+    drawing = made_up_chart().figure()
+    drawing.savefig(io.BytesIO())
+    ax = drawing.axes[0]
+    texts = [*ax.texts, ax.xaxis.label, ax.yaxis.label]
+    boxes = [Text.get_window_extent(text) for text in texts if text.get_text()]  # no leaders
+    assert len(boxes) == MOST_LINES + 3  # the lines, the band and the axes
+    for box in boxes:
+        assert drawing.bbox.x0 <= box.x0
+        assert box.x1 <= drawing.bbox.x1
+    for a, b in itertools.combinations(boxes, 2):
+        assert not a.overlaps(b)
+
+
+def test_labels_are_spread():
+    heights = [0.02, 0.0, 0.99, 1.0, 0.5]
+    found = spread(heights, 0.1)
+    assert np.argsort(found).tolist() == np.argsort(heights).tolist()
+    assert np.diff(np.sort(found)).min() > 0.1 - 1e-6
+    assert min(found) >= -1e-9
+    assert max(found) <= 1 + 1e-9
+
+
+def test_the_command(scene, tmp_path, capsys):
+    folder = tmp_path / "out"
+    words = ["--quantity", "middle.z", "--methods", "bdf2", "--elements", "P1", "-o", str(folder)]
+    assert cli.main(["chart", str(scene), *words, "--meshes", "1"]) == 0
+    rows = list(csv.DictReader((folder / "results.csv").open()))
+    assert [row["method"] for row in rows] == ["BDF2"] * 3
+    assert (folder / "figure.png").exists()
+    printed = capsys.readouterr()
+    assert "Limit: middle.z" in printed.out
+    assert str(tmp_path) not in printed.err
