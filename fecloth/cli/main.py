@@ -102,6 +102,7 @@ def _parser() -> argparse.ArgumentParser:
     from fecloth import __version__
     from fecloth.cli.charting import add_chart_options
     from fecloth.cli.comparing import add_compare_options
+    from fecloth.cli.stability import add_stability_options
     from fecloth.cli.studies import add_options, add_simplify_options, add_sweep_options
     from fecloth.cli.suggesting_parser import SuggestingParser
 
@@ -150,6 +151,10 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "chart", _chart, "errors of other settings over CPU seconds")
     add_chart_options(sub)
 
+    words = "find the steps at which each method fails, over the values of a key"
+    sub = _command(commands, "stability", _stability, words)
+    add_stability_options(sub)
+
     words = "find what a scene does not need, and write it without"
     sub = _command(commands, "simplify", _simplify, words)
     add_simplify_options(sub)
@@ -189,7 +194,7 @@ def _command(commands, name: str, function: Callable, words: str) -> argparse.Ar
     )
     parser.set_defaults(
         command=function,
-        prints=function in (_mesh, _info, _modes, _converge, _compare, _sweep, _chart, _simplify),
+        prints=function not in (_run, _view, _render, _check),
     )
     return parser
 
@@ -362,6 +367,13 @@ def _chart(options) -> int:
     from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
 
     return run_chart(options)
+
+
+def _stability(options) -> int:
+    from fecloth.cli.stability import run_stability
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_stability(options)
 
 
 def _simplify(options) -> int:

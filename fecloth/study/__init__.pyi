@@ -24,6 +24,7 @@ from .reports import Finding, hardware, require_results, write_csv, write_report
 from .result import StudyResult
 from .simplification.result import Simplification
 from .simplification.simplify import simplify
+from .stability_map import StabilityMap, stability
 from .status import TimeLimit, check_time_limit
 from .sweeps import Sweep, sweep
 from .tables import Table
@@ -45,6 +46,7 @@ __all__ = [
     "Parser",
     "Seconds",
     "Simplification",
+    "StabilityMap",
     "StudyFailed",
     "StudyResult",
     "Sweep",
@@ -74,6 +76,7 @@ __all__ = [
     "run_main",
     "run_options",
     "simplify",
+    "stability",
     "sweep",
     "write_csv",
     "write_report",

@@ -64,10 +64,23 @@ def run_function(
     timed: bool = False,
 ) -> dict:
     """Run what the user's function of that file returns; `probes` are names with places."""
+    setup = setup_of_importable(path, name, settings, dt, t_end, probes, sharper)
+    return measure(setup, recorded, modes, timed=timed)
+
+
+def setup_of_importable(
+    path: str,
+    name: str,
+    settings: dict,
+    dt: float | None,
+    t_end: float | None,
+    probes: list,
+    sharper: float = 1.0,
+) -> Setup:
+    """Return the setup of the user's function of that file."""
     function = known_functions.get((path, name)) or load_function(path, name)
     placed = tuple(Probe(*probe) for probe in probes)
-    setup = setup_of_function(function, settings, dt, t_end, placed, sharper)
-    return measure(setup, recorded, modes, timed=timed)
+    return setup_of_function(function, settings, dt, t_end, placed, sharper)
 
 
 def measure(

@@ -1,0 +1,249 @@
+"""`stability`: where each method fails, over the step and the values of any key."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fecloth.errors import InputError
+from fecloth.scene.scene import Scene
+from fecloth.study.problems import Problem
+from fecloth.study.ranges import read_ranges
+from fecloth.study.result import StudyResult
+from fecloth.study.run_problems import Runs
+from fecloth.study.stability_figure import MOST_PANELS, draw_map
+from fecloth.study.stability_runs import ALL_METHODS, list_runs, run_all
+from fecloth.study.stability_words import (
+    FAILED,
+    JUDGED,
+    OK,
+    WRONG,
+    describe_best,
+    describe_limit,
+    describe_range,
+    describe_ratio,
+    range_of,
+    shorten,
+)
+from fecloth.study.tables import Table
+from fecloth.study.variants import describe_failure, describe_values, make_variants, open_first
+from fecloth.study.workload import LONGEST
+from fecloth.suggest import closest, did_you_mean
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+USUAL = (  # as many methods as the figure has panels
+    "backward_euler",
+    "bdf2",
+    "implicit_midpoint",
+    "generalized_alpha",
+    "energy_momentum",
+    "linearly_implicit_euler",
+    "symplectic_euler",
+    "central_difference",
+)
+LONGEST_CASE = 120.0  # s
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StabilityMap(StudyResult):
+    """What `stability` found: the table has a row for each method and combination of values.
+
+    Attributes
+    ----------
+    keys, methods
+        Names of the keys that were varied, and of the methods.
+    cells
+        One row for each run: method, values, dt, status ("ok", "wrong", "failed", or that of a
+        case that was stopped), cause, energy made over the energy that moved, CPU seconds.
+    """
+
+    keys: tuple[str, ...] = ()
+    methods: tuple[str, ...] = ()
+    cells: Table = field(default_factory=lambda: Table(()))
+
+    @property
+    def has_stopped(self) -> bool:
+        """Whether a run was stopped, or a value refused: the map has a hole there."""
+        stopped = any(row["status"] not in JUDGED for row in self.cells)
+        return stopped or any("status" in row for row in self.table)
+
+    def figure(self) -> Figure:
+        """Return a panel for each of at most eight methods: the runs, and the predicted limit."""
+        return draw_map(self)
+
+    def notes(self) -> list[str]:
+        """Sentences on what "holds" means, and on runs that were stopped."""
+        lines = [
+            "Longest step: up to it the runs reach the end, make at most 5 % of the energy that "
+            "moves, and do not warn. Longer steps may be wrong and yet not fail.",
+            "Predicted limit: critical_dt at the start; none if every step is stable in small "
+            "motions.",
+        ]
+        stopped = [row for row in self.cells if row["status"] not in JUDGED]
+        if stopped:
+            words = f"{stopped[0]['status']}: {stopped[0]['cause']}"
+            lines.append(f"{len(stopped)} runs say nothing about their step; the first: {words}")
+        if len(self.methods) > MOST_PANELS:
+            lines.append(f"The figure shows the first {MOST_PANELS} methods, the table all.")
+        return lines
+
+    def report(self, folder: str | Path) -> Path:
+        """Write report.html, results.csv, the figure, and runs.csv with every run."""
+        page = super().report(folder)
+        self.cells.to_csv(Path(folder) / "runs.csv")
+        return page
+
+
+def stability(
+    problem: Scene | str | Path | Callable,
+    over: str | Iterable[str] | Mapping[str, Sequence] | None = None,
+    methods: Sequence[str] | None = None,
+    *,
+    h: float | None = None,
+    dt: float | None = None,
+    t_end: float | None = None,
+    cache: str | Path | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    time_limit: float | None = LONGEST_CASE,
+    most_seconds: float | None = LONGEST,
+    fresh: bool = False,
+    **settings: object,
+) -> StabilityMap:
+    """Run a problem with each method and with steps from long to short: where does it fail?
+
+    System, start and time are those of the problem; its own method and step are not used. Each
+    method takes its defaults. Implicit ones take 8, 16, … 256 steps; explicit ones four steps
+    within 2.8 and 0.35 times their predicted limit, `critical_dt` at the start. So each measured
+    limit is known within a factor of two, and is written as that range.
+
+    A run is "ok"; "failed" if a step failed, with the cause; or "wrong": it reached the end, but
+    made more than 5 % of the energy that moved, or warned, as of a large error in time.
+
+    Parameters
+    ----------
+    problem
+        As for `converge`; one in time.
+    over
+        Values of one or more keys, as for `sweep`; without, the problem as it is.
+    methods
+        Names as in a scene, such as "bdf2" or "central_difference"; by default eight.
+    h, dt, t_end, cache, jobs, scheduler, time_limit, most_seconds, fresh
+        As for `converge`; the function may take dt, but the steps are those of the map.
+
+    Raises
+    ------
+    InputError
+        For an unknown method or key, and for an equilibrium; a value that the problem refuses
+        gives a row with the status "refused".
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> def sheet(h, stiffness):
+    ...     cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right")
+    ...     fabric = fc.Fabric(0.2, stiffness)
+    ...     system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    ...     return cloth, system, fc.BDF2(), system.state(1.05 * system.rest().x)
+    >>> over = {"stiffness": [100.0, 400.0]}
+    >>> found = fc.study.stability(sheet, over, ["central_difference"], h=0.25, t_end=0.5)
+    >>> found.table["predicted limit"], found.table["measured over predicted"]
+    (['8.11 ms', '4.05 ms'], ['0.7–1.4', '0.7–1.4'])
+    """
+    chosen = known_methods(USUAL if methods is None else methods)
+    ranges = read_ranges(over) if over else {}
+    combinations = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
+    opened = open_first(problem, ranges, {"h": h, "dt": dt}, t_end, (), settings)
+    variants, refused = _variants(opened, combinations)
+    listed = [run for values, one in variants for run in list_runs(values, one, chosen)]
+    cells = run_all(listed, Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh))
+    lines = {
+        (method, describe_values(values)): _line(method, values, cells)
+        for values, _ in variants
+        for method in chosen
+    }
+    table = [
+        lines.get((method, describe_values(values))) for method in chosen for values in combinations
+    ]
+    rows = [row for row in table if row]
+    rows += [{**values, **describe_failure("refused", why)} for values, why in refused]
+    return StabilityMap(
+        title=opened.name,
+        verdict=_verdict([values for values, _ in variants], chosen, cells),
+        table=Table(tuple(rows)),
+        keys=tuple(ranges),
+        methods=tuple(chosen),
+        cells=Table(tuple(cells)),
+    )
+
+
+def known_methods(names: Sequence[str]) -> list[str]:
+    """Return the names as a scene writes them, each once; capitals do not count.
+
+    Raises
+    ------
+    InputError
+        For an unknown one, and without any.
+
+    Examples
+    --------
+    >>> known_methods(["BDF2", "CentralDifference"])
+    ['bdf2', 'central_difference']
+    """
+    allowed = f"must be names of {', '.join(ALL_METHODS)}"
+    if isinstance(names, str) or not names:
+        raise InputError(f"methods = {names!r}", allowed, "stability")
+    found = []
+    for name in names:
+        close = closest(name, ALL_METHODS)
+        if close.replace("_", "") != str(name).lower().replace("_", ""):
+            remedy = did_you_mean(name, ALL_METHODS)
+            raise InputError(f"method {name!r}", allowed, "stability", remedy)
+        found.append(close)
+    return list(dict.fromkeys(found))
+
+
+def _variants(opened: Problem, combinations: Sequence[dict]) -> tuple[list, list]:
+    """Return the problem with each combination of values, and the refused ones."""
+    if combinations == [{}]:
+        return [({}, opened)], []
+    return make_variants(opened, combinations)
+
+
+def _cells_of(method: str, values: Mapping, cells: Iterable[Mapping]) -> list[Mapping]:
+    wanted = {"method": method, **values}
+    return [cell for cell in cells if all(cell[key] == one for key, one in wanted.items())]
+
+
+def _line(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
+    """Return the row of the table for a method and a combination of values."""
+    own = _cells_of(method, values, cells)
+    found, predicted = range_of(own), own[0]["predicted"]
+    first = [cell for cell in own if cell["dt"] == found[1] and cell["status"] in (WRONG, FAILED)]
+    above = f"{first[0]['status']}: {shorten(first[0]['cause'])}" if first else ""
+    return {
+        "method": method,
+        **values,
+        "longest step": describe_range(found),
+        "does not fail up to": describe_range(range_of(own, (OK, WRONG))),
+        "predicted limit": describe_limit(predicted),
+        "measured over predicted": describe_ratio(found, predicted),
+        "next step": above,
+    }
+
+
+def _verdict(combinations: Sequence[Mapping], methods: Sequence[str], cells: Sequence) -> str:
+    """Return which method holds the longest step, for each combination of values."""
+    words = {}
+    for values in combinations:
+        ranges = {method: range_of(_cells_of(method, values, cells)) for method in methods}
+        words[describe_values(values)] = describe_best(ranges)
+    if len(set(words.values())) == 1:
+        best = next(iter(words.values()))
+        return best if len(words) == 1 else f"at every value {best}"
+    return "\n".join(f"{name}: {best}" for name, best in words.items())

@@ -1,0 +1,195 @@
+"""The runs of a stability map: a problem with each method and with steps from long to short."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fecloth.errors import InputError, SolveFailed
+from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.fixed_step import FixedStep
+from fecloth.stability.critical_step import critical_dt
+from fecloth.study import status
+from fecloth.study.cases import run_cases
+from fecloth.study.measured_runs import measure, setup_of_importable
+from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.run_problems import Runs
+from fecloth.study.setups import Setup, setup_of_scene
+from fecloth.study.stability_words import WRONG
+from fecloth.study.status import OK
+from fecloth.study.variants import FIRST, describe_values
+from fecloth.study.workload import Workload, check_size
+
+ALL_METHODS: dict[str, Any] = {**METHODS, **EXPLICIT}
+ENERGY = 0.05  # energy made by the method, relative to the energy that moved
+COUNTS = (8, 16, 32, 64, 128, 256)  # steps of a run with an implicit method
+AROUND = (2**1.5, 2**0.5, 2**-0.5, 2**-1.5)  # times the predicted limit: explicit methods
+SUMS = ("pins", "numerical", "total", "remainder")
+CROSSING = "passes through itself"  # in a warning that says nothing about steps
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run: a problem with these values of its keys, a method and a number of equal steps."""
+
+    values: Mapping[str, object]
+    problem: Problem
+    method: str
+    steps: int
+    predicted: float | None
+
+    @property
+    def dt(self) -> float:
+        """Step [s]."""
+        return span_of(self.problem.first) / self.steps
+
+    @property
+    def words(self) -> str:
+        """The run in words, for the progress lines."""
+        parts = (describe_values(self.values), self.method, f"{self.steps} steps")
+        return ", ".join(part for part in parts if part)
+
+    @property
+    def size(self) -> Workload:
+        """Its predicted size."""
+        triangles = len(self.problem.first.cloth.triangles)
+        return Workload(triangles, self.steps, self.method in EXPLICIT)
+
+
+def span_of(setup: Setup) -> float:
+    """Return the time of a run [s].
+
+    Raises
+    ------
+    InputError
+        For an equilibrium, which has no steps.
+    """
+    if setup.is_static or setup.t_end is None:
+        remedy = "Give [time] in a scene, t_end to a function's problem."
+        raise InputError("an equilibrium", "has no steps in time", "stability", remedy)
+    return setup.t_end - setup.start.t
+
+
+def predict_limit(setup: Setup, method: str) -> float | None:
+    """Return `critical_dt` at the start [s]; None where it is not found."""
+    try:
+        return critical_dt(setup.system, setup.start, make_method(method))
+    except SolveFailed:
+        return None
+
+
+def make_method(name: str):
+    """Return the method with its defaults; explicit methods may exceed their limit."""
+    return ALL_METHODS[name](beyond_limit=True) if name in EXPLICIT else ALL_METHODS[name]()
+
+
+def counts_of(span: float, predicted: float | None) -> list[int]:
+    """Return the numbers of steps: around a predicted limit, or from 8 to 256 without one.
+
+    Examples
+    --------
+    >>> counts_of(1.0, 0.01), counts_of(1.0, math.inf)
+    ([36, 71, 142, 283], [8, 16, 32, 64, 128, 256])
+    """
+    if not predicted or math.isinf(predicted):
+        return list(COUNTS)
+    return list(dict.fromkeys(math.ceil(span / (part * predicted)) for part in AROUND))
+
+
+def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[str]) -> list[Run]:
+    """Return the runs of a problem with all methods."""
+    limits = {name: predict_limit(problem.first, name) for name in methods}
+    span = span_of(problem.first)
+    return [
+        Run(values, problem, name, steps, limits[name])
+        for name in methods
+        for steps in counts_of(span, limits[name])
+    ]
+
+
+def run_all(listed: Sequence[Run], runs: Runs) -> list[dict]:
+    """Return a row for each run; first print the size of all."""
+    check_size([run.size for run in listed], runs.jobs, runs.most_seconds, listed[0].problem.name)
+    if all(run.problem.is_importable for run in listed):
+        cases = [
+            {"method": run.method, "count": run.steps, **run.problem.case(FIRST, [], 0)}
+            for run in listed
+        ]
+        of_scene = isinstance(listed[0].problem, SceneProblem)
+        rows = run_cases(
+            cases,
+            run_scene_with if of_scene else run_function_with,
+            runs.cache,
+            runs.jobs,
+            runs.scheduler,
+            runs.time_limit,
+            runs.fresh,
+            label=lambda settings: listed[cases.index(dict(settings))].words,
+            costs=[run.size.seconds for run in listed],
+        )
+    else:
+        rows = [
+            status.attempt(
+                run_with,
+                {"setup": run.problem.first, "method": run.method, "count": run.steps},
+                runs.time_limit,
+            )
+            for run in listed
+        ]
+    return [_row(run, row) for run, row in zip(listed, rows, strict=True)]
+
+
+def run_scene_with(
+    method: str, count: int, text: str, digest: str, recorded: list, modes: int, trust_geo: bool
+) -> dict:
+    """Run the scene of a text with a method and a number of steps."""
+    return run_with(setup_of_scene(text, trust_geo), method, count)
+
+
+def run_function_with(method: str, count: int, **case: Any) -> dict:
+    """Run what the user's function returns with a method and a number of steps."""
+    names = ("path", "name", "settings", "dt", "t_end", "probes", "sharper")
+    return run_with(setup_of_importable(**{name: case[name] for name in names}), method, count)
+
+
+def run_with(setup: Setup, method: str, count: int) -> dict:
+    """Return the energy that the run made, its first warning, and its size."""
+    steps = FixedStep(make_method(method), span_of(setup) / count)
+    names = sorted(Ledger.open(setup.system, setup.start).row())
+    row = measure(replace(setup, steps=steps, probes=()), names)
+    warned = [words for words in row["warnings"] if CROSSING not in words]
+    energies = {name: np.array(row["columns"][name]) for name in names if name in row["columns"]}
+    return {
+        "made": energy_made(energies),
+        "warning": warned[0] if warned else "",
+        "cpu_seconds": row["cpu_seconds"],
+    }
+
+
+def energy_made(energies: Mapping[str, np.ndarray]) -> float:
+    """Return the largest energy above that of start, loads and pins, over the energy that moved.
+
+    Dissipated energy is not added, because its sum over large steps is too large.
+    """
+    terms = [c for name, c in energies.items() if ":" not in name and name not in (*SUMS, "t")]
+    work = energies["pins"] + sum(c for name, c in energies.items() if name.startswith("work:"))
+    gain = energies["total"] - energies["total"][0] - work
+    moved = abs(work) + sum(abs(c - c[0]) for c in terms)
+    return max(0.0, float(gain.max() / max(moved.max(), 1e-300)))
+
+
+def _row(run: Run, row: Mapping) -> dict:
+    """Return the row of a run: status "ok", "wrong" or "failed", or that of a stopped case."""
+    found = {"method": run.method, **run.values, "dt": run.dt, "steps": run.steps}
+    state, cause = row["status"], str(row["cause"]).partition("\n")[0]
+    if state == OK and row["made"] > ENERGY:
+        state, cause = WRONG, f"the method made {row['made']:.2g} of the energy that moved"
+    elif state == OK and row["warning"]:
+        state, cause = WRONG, row["warning"].partition("\n")[0]
+    numbers = {"energy made": row.get("made"), "cpu_seconds": row.get("cpu_seconds")}
+    return found | {"status": state, "cause": cause} | numbers | {"predicted": run.predicted}

@@ -1,0 +1,159 @@
+"""`stability`: measured limits against known ones, ranges and ties, mistakes, the command."""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.cli import main as cli
+from fecloth.errors import InputError
+from fecloth.study.stability_figure import MOST_PANELS
+from fecloth.study.stability_map import USUAL
+from fecloth.study.stability_runs import energy_made
+from fecloth.study.stability_words import describe_best, describe_range, range_of
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 1.0
+h = 0.25
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 1000.0
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Gravity"
+[[pins]]
+where = "boundary"
+[start]
+position = ["1.05 * X", "1.05 * Y", "0"]
+[time]
+method = "bdf2"
+dt = 0.01
+t_end = 0.2
+"""
+EXPLICIT = ["central_difference", "symplectic_euler"]
+
+
+@pytest.fixture
+def scene(tmp_path):
+    file = tmp_path / "sheet.toml"
+    file.write_text(SCENE)
+    return file
+
+
+def sheet(h, density=0.2):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right")
+    fabric = fc.Fabric(density, 1000.0)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    return cloth, system, fc.BDF2(), system.state(1.05 * system.rest().x)
+
+
+def limit_from_eigenvalues(density):
+    """Return 2/ω of the stiffest mode, from dense eigenvalues."""
+    _, system, _, start = sheet(0.25, density)
+    Z = system.admissible
+    K, M = ((Z.T @ A @ Z).toarray() for A in (system.stiffness(start), system.mass))
+    return 2 / math.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.max())
+
+
+def test_the_measured_range_contains_the_limit(scene, tmp_path):
+    over = "fabric.areal_density=0.2,0.8"
+    found = fc.study.stability(scene, over, EXPLICIT, cache=tmp_path)
+    for method in EXPLICIT:
+        for density in (0.2, 0.8):
+            own = [
+                cell
+                for cell in found.cells
+                if (cell["method"], cell["fabric.areal_density"]) == (method, density)
+            ]
+            limit = limit_from_eigenvalues(density)
+            low, high = range_of(own)
+            assert low < limit < high <= 2.1 * low
+            assert own[0]["predicted"] == pytest.approx(limit, rel=1e-3)
+    assert {cell["status"] for cell in found.cells} == {"ok", "failed"}
+    assert "central_difference and symplectic_euler tie at" in found.verdict
+    assert not found.has_stopped
+
+
+def test_a_function_and_an_implicit_method():
+    found = fc.study.stability(sheet, None, ["bdf2", "CentralDifference"], h=0.25, t_end=0.2)
+    bdf2, explicit = found.table
+    assert bdf2["predicted limit"] == "none"
+    assert bdf2["does not fail up to"] == "≥ 25 ms"
+    assert bdf2["measured over predicted"] == ""
+    assert explicit["next step"].startswith("failed: the cloth deforms")
+    first, second = found.figure().axes
+    (line,) = [line for line in second.lines if line.get_color() == "black"]
+    assert line.get_ydata()[0] == pytest.approx(limit_from_eigenvalues(0.2), rel=1e-3)
+    assert not [line for line in first.lines if line.get_color() == "black"]
+
+
+def test_runs_that_were_stopped_say_nothing(scene):
+    found = fc.study.stability(scene, None, ["bdf2"], time_limit=-1.0)
+    assert found.has_stopped
+    assert found.table["longest step"] == ["not known"]
+    assert "6 runs say nothing about their step" in found.notes()[-1]
+
+
+def test_ranges_on_made_up_rows():
+    cells = [{"dt": dt, "status": "ok"} for dt in (1e-3, 2e-3, 8e-3)]
+    late, wrong = {"dt": 3e-3, "status": "time limit"}, {"dt": 4e-3, "status": "wrong"}
+    assert range_of([*cells, late, wrong]) == (2e-3, 4e-3)  # 8 ms holds by chance
+    assert range_of([*cells, late, wrong], ("ok", "wrong")) == (8e-3, math.inf)
+    assert describe_range(range_of([wrong])) == "< 4 ms"
+    assert describe_range(range_of([late])) == "not known"
+
+
+def test_ties_on_made_up_ranges():
+    open_end = dict.fromkeys(("a", "b", "c"), (0.025, math.inf))
+    assert describe_best(open_end) == "a, b and c tie at ≥ 25 ms, the longest step that was tried"
+    overlap = {"a": (2e-3, 4e-3), "b": (1.5e-3, 3e-3), "c": (1e-3, 2e-3), "d": (0.0, math.inf)}
+    assert describe_best(overlap) == "a and b tie: their ranges overlap between 1.5 ms and 4 ms"
+    apart = {"a": (2e-3, math.inf), "b": (1e-3, 2e-3)}
+    assert describe_best(apart).startswith("a holds the longest step, ≥ 2 ms")
+
+
+def test_energy_made():
+    kinetic, gravity = np.array([0.0, 1.0, 3.0]), np.array([0.0, -1.0, -2.0])
+    energies = {"kinetic": kinetic, "Gravity": gravity, "pins": np.zeros(3)}
+    energies["total"] = kinetic + gravity
+    assert energy_made(energies) == pytest.approx(1 / 5)  # 1 J of the 3 J + 2 J that moved
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"methods": ["bdf3"]}, "method 'bdf3': .*Did you mean 'bdf2'"),
+        ({"methods": []}, r"methods = \[\]"),
+        ({"over": "fabric.tensil=1,2"}, "tensil"),
+        ({"over": "fabric.tensile_stiffness"}, "write it like"),
+    ],
+)
+def test_mistakes(scene, arguments, message):
+    with pytest.raises(InputError, match=message):
+        fc.study.stability(scene, **arguments)
+
+
+def test_an_equilibrium_is_refused(scene):
+    scene.write_text(SCENE.partition("[time]")[0] + "[equilibrium]\n")
+    with pytest.raises(InputError, match="an equilibrium: has no steps in time"):
+        fc.study.stability(scene)
+
+
+def test_the_command(scene, tmp_path, capsys):
+    folder = tmp_path / "out"
+    over = ["--over", "fabric.areal_density=-1,0.2", "--methods", "central_difference"]
+    assert cli.main(["stability", str(scene), *over, "-o", str(folder)]) == 3
+    rows = list(csv.DictReader((folder / "results.csv").open()))
+    assert rows[0]["measured over predicted"] in ("0.7–1.4", "0.71–1.4")
+    assert rows[1]["status"] == "refused"
+    assert len(list(csv.DictReader((folder / "runs.csv").open()))) == 4
+    assert (folder / "figure.png").exists()
+    assert "central_difference holds the longest step" in capsys.readouterr().out
+    assert len(USUAL) == MOST_PANELS
