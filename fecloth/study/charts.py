@@ -196,12 +196,12 @@ def _run(listed: Sequence[Setting], quantity: Quantity, runs: Runs) -> list[Mapp
 
 def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limit | None) -> dict:
     """Return the row of the table for one setting."""
-    line: dict[str, Any] = dict(setting.names)
+    line: dict[str, Any] = setting.names | setting.sizes()
     if row is None or limit is None or setting.problem is None or row["status"] != OK:
         status = row or {"status": "not run", "cause": ""}
         return line | {"status": status["status"], "cause": str(status["cause"]).split("\n")[0]}
     cloth = setting.problem.cloth_of(setting.level, quantity)
-    line["h"] = (setting.problem.h or row["edge"]) / setting.level.h
+    line.setdefault("h", row["edge"])
     if math.isfinite(row["step"]):
         line["dt"] = float(f"{row['step']:.9g}")  # without the round-off of times
     line |= {"triangles": row["triangles"], "steps": row["steps"], "seconds": row["cpu_seconds"]}
