@@ -311,6 +311,13 @@ SYSTEM = [
             ),
         )
     ),
+    *(
+        (
+            lambda angle=angle: fc.Rotation((0, 0, 0), (0, 0, 1), angle),
+            "must depend on t: only chan",
+        )
+        for angle in (1.5, "pi / 2")
+    ),
 ]
 
 

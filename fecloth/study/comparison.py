@@ -116,10 +116,16 @@ def _label_lines(ax, ends: Mapping[str, tuple]) -> None:
     heights = _apart([ends[name][1] for name in names], 0.055 * (high - low))
     for name, height in zip(names, heights, strict=True):
         x, y, colour = ends[name]
+        leader = {"arrowstyle": "-", "color": colour, "lw": 0.6, "relpos": (0, 0.5)}
         ax.annotate(
-            name, (x, y), (right + 0.02 * right, height), color=colour, va="center",
-            annotation_clip=False, arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.6},
-        )  # fmt: skip
+            name,
+            (x, y),
+            (1.02 * right, height),
+            color=colour,
+            va="center",
+            annotation_clip=False,
+            arrowprops=leader,
+        )
 
 
 def _apart(heights: Sequence[float], gap: float) -> list[float]:

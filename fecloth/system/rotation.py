@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,7 +31,7 @@ class Rotation:
     ------
     InputError
         For a point or an axis that are not three finite numbers, an axis of no length, and an angle
-        that is neither a formula nor a function.
+        that is neither a formula of t nor a function.
 
     Examples
     --------
@@ -53,6 +54,10 @@ class Rotation:
                 raise InputError(what, "must be three finite numbers", "Rotation")
         if not np.any(self.axis):
             raise InputError(f"axis = {self.axis!r}", "must not be zero", "Rotation")
+        if not callable(self.angle) and not re.search(r"\bt\b", str(self.angle)):
+            allowed = "must depend on t: only changes of the angle turn a pin"
+            remedy = 'Write "0.5 * t", or start from positions that are turned.'
+            raise InputError(f"angle = {self.angle!r}", allowed, "Rotation", remedy)
         _ = self._angle  # here, so that an error is raised where the rotation is written
 
     @cached_property

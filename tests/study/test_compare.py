@@ -161,7 +161,7 @@ def test_a_value_of_zero_is_compared_in_its_unit(scene):
     assert "difference of limits [m]" in found.table.columns
 
 
-def test_a_variant_that_is_refused_or_fails_has_a_row_with_its_cause(scene):
+def test_a_variant_that_is_refused_has_a_row_with_its_cause(scene):
     found = fc.study.compare(scene, "terms.0.type=StVK,TensorCondition,Springs")
     assert found.table["status"] == ["ok", "refused", "ok"]
     assert "terms.0.k is missing" in found.table["cause"][1]
@@ -171,6 +171,18 @@ def test_a_variant_that_is_refused_or_fails_has_a_row_with_its_cause(scene):
     assert alone.verdict.startswith("nothing to compare")
     texts = {text.get_text() for text in found.figure().axes[0].texts}
     assert texts == {"StVK", "Springs"}
+
+
+def test_a_variant_that_fails_on_a_finer_level_has_the_cause_of_that_level():
+    def fragile(h, breaks):
+        if breaks and h < 0.1:
+            raise fc.FeclothError(f"no result for h = {h:g}")
+        return strip(h)
+
+    found = fc.study.compare(fragile, {"breaks": [0, 1, 0.0]}, "area", h=0.25)
+    assert found.table["status"] == ["ok", "failed", "ok"]
+    assert found.table["cause"][1] == "FeclothError: no result for h = 0.0625"
+    assert found.differences["breaks = 0.0"].limit == 0
 
 
 def test_a_variant_may_be_a_table(scene):

@@ -235,8 +235,8 @@ def test_a_scene_that_is_not_resolved_keeps_its_mesh():
     }
     verdicts, words, taken = judge(changes)
     assert words[0] == (
-        "not resolved to 1 %: the error of the mesh is about 4 % (sag); h = 0.05 m in place of "
-        "0.1 m would do"
+        "not resolved to 1 %: the error of the mesh is about 4 % (sag); h of about 0.05 m in "
+        "place of 0.1 m would do"
     )
     assert verdicts["h × 0.5"] == "not resolved"
     assert verdicts["h × 2"] == verdicts["h × 1.5"] == "by chance"

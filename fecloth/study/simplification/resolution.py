@@ -52,10 +52,8 @@ class Resolution:
         if self.is_resolved:
             return text
         name, unit = {"mesh": ("h", " m"), "dt": ("dt", " s"), "rtol": ("rtol", " 1/s")}[self.kind]
-        return (
-            f"{text}; {name} = {round_down(self.needed):g}{unit} in place of {self.size:g}{unit} "
-            "would do"
-        )
+        needed = f"{name} of about {round_down(self.needed):g}{unit}"
+        return f"{text}; {needed} in place of {self.size:g}{unit} would do"
 
 
 def find_resolutions(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -28,6 +27,7 @@ from fecloth.study.simplification.variants import PATIENCE
 from fecloth.study.status import FAILED, OK, TimeLimit, check_time_limit
 
 ENOUGH = 1.5  # CPU seconds of timing, after which the run is not repeated
+SHORT = 0.5  # CPU seconds that every run may take
 
 
 def run_variant(
@@ -132,7 +132,7 @@ class Original:
         """Run scenes, given by name, tables and largest CPU time over that of the scene."""
         seconds = self.full["cpu_seconds"]
         cases = [
-            self._case(name, data, math.ceil(1 + patience * seconds))
+            self._case(name, data, round(SHORT + patience * seconds, 1))
             for name, data, patience in tried
         ]
         rows = self._rows(cases, fresh or self.runs.fresh)

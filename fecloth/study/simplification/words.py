@@ -90,7 +90,7 @@ def _groups(found: Sequence[Trial], tolerance: float, unresolved: Collection[str
         elif verdict == "not needed" and one.saved > 0:
             cheaper.append(f"{variant.name} ({change}, saves {in_percent(one.saved)})")
     return [
-        ("not needed", gone or ["no term can go"]),
+        ("not needed", gone or ["none of the terms"]),
         ("can be cheaper", cheaper),
         ("needed", needed),
         ("changes too much", larger),
