@@ -167,6 +167,13 @@ def test_mistakes(scene, more, message):
         fc.study.chart(scene, **({"quantity": "middle.z"} | more))
 
 
+def test_a_huge_scene_is_refused_before_it_is_meshed(scene, monkeypatch):
+    scene.write_text(SCENE.replace("\nh = 0.25", "\nh = 0.0005"))
+    monkeypatch.setattr("fecloth.study.charts.make_settings", lambda *_: pytest.fail("meshed"))
+    with pytest.raises(InputError, match="predicted time above"):
+        fc.study.chart(scene, "middle.z")
+
+
 def test_at_most_eight_lines_and_a_letter_for_each_other_series():
     chart = made_up_chart()
     lines, rest = split_series(chart.table)
