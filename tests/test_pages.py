@@ -27,7 +27,8 @@ CI = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 STUDY = re.compile(r"\bpython3? -m studies\.([\w.]+)")
 STUDIES = sorted({STUDY.search(c)[1] for c in COMMANDS if STUDY.search(c)})
 OURS = [c for c in COMMANDS if re.match(r"(\.venv/bin/)?fecloth \w+ \S", c)]
-BARE = re.compile(r"fecloth (run|view|render|check|mesh|info|--version)")  # a command's name
+# a command's name
+BARE = re.compile(r"fecloth (run|view|render|check|mesh|info|chart|stability|simplify|--version)")
 SCENE = ["cloth", "fabric", "terms", "time"]  # what a block needs to be a scene; else a fragment
 # what stands for a name of the reader's own, by command and word; and what makes runs short
 FILLED = {"DIR": "out/SCENE", "my.toml": "SCENE.toml", "mesh FILE": "meshes/square.geo"}

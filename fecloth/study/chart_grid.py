@@ -58,6 +58,15 @@ class Setting:
         first = ", ".join(str(value) for value in self.names.values() if value)
         return f"{first}, {self.level}" if str(self.level) != "the first level" else first
 
+    def sizes(self) -> dict[str, float]:
+        """Return h [m] and dt [s], as far as they are known before the run."""
+        if self.problem is None:
+            return {}
+        h, first = self.problem.h, self.problem.first
+        dt = None if first.is_static else first.steps.dt
+        found = {"h": h and h / self.level.h, "dt": dt and dt / self.level.dt}
+        return {name: value for name, value in found.items() if value}
+
     def size(self) -> Workload:
         """Predict the size of its run."""
         assert self.problem is not None

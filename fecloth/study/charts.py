@@ -23,7 +23,7 @@ from fecloth.study.refinement import refine_problem
 from fecloth.study.run_problems import Point, Runs, run_points
 from fecloth.study.status import OK
 from fecloth.study.tables import Table
-from fecloth.study.workload import LONGEST, in_words
+from fecloth.study.workload import LONGEST, Workload, check_size, in_words
 
 LONGEST_CASE = 60.0  # s
 RATIO = 2.0  # of the levels of the limit
@@ -124,6 +124,10 @@ def chart(
         raise InputError(f"{chosen}", "has no method and no step: take converge", "chart")
     if not (isinstance(meshes, int) and 1 <= meshes <= 4):
         raise InputError(f"meshes = {meshes!r}", "must be an integer from 1 to 4", "chart")
+    if isinstance(opened, SceneProblem) and most_seconds is not None:
+        finest = Workload.of(opened.scene, RATIO ** (levels - 1))  # needs no mesh
+        if finest.seconds > most_seconds:
+            check_size([finest], 1, most_seconds, opened.name)  # says how long, and raises
     listed = make_settings(opened, methods, elements, models, meshes)
     runs = Runs(cache, jobs, scheduler, None, most_seconds, fresh)
     limit = find_limit(opened, chosen, levels, runs)
@@ -196,12 +200,12 @@ def _run(listed: Sequence[Setting], quantity: Quantity, runs: Runs) -> list[Mapp
 
 def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limit | None) -> dict:
     """Return the row of the table for one setting."""
-    line: dict[str, Any] = dict(setting.names)
+    line: dict[str, Any] = setting.names | setting.sizes()
     if row is None or limit is None or setting.problem is None or row["status"] != OK:
         status = row or {"status": "not run", "cause": ""}
         return line | {"status": status["status"], "cause": str(status["cause"]).split("\n")[0]}
     cloth = setting.problem.cloth_of(setting.level, quantity)
-    line["h"] = (setting.problem.h or row["edge"]) / setting.level.h
+    line.setdefault("h", row["edge"])
     if math.isfinite(row["step"]):
         line["dt"] = float(f"{row['step']:.9g}")  # without the round-off of times
     line |= {"triangles": row["triangles"], "steps": row["steps"], "seconds": row["cpu_seconds"]}

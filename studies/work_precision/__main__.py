@@ -1,6 +1,7 @@
 """Work and precision: error against seconds of methods, steps, meshes and models on four scenes.
 
-    python -m studies.work_precision [--quick] [--jobs N] [--out DIR] [--peers] [--scene my.toml]
+    python -m studies.work_precision [--quick] [--jobs N] [--out DIR] [--peers]
+    fecloth chart my.toml          for a scene of yours
 
 The error of a run is the largest distance of a path from that of the continuum at 40 times, over
 the largest value of the path. Paths are the mean over the cloth, and one point. Between the steps
@@ -20,6 +21,7 @@ import math
 import numpy as np
 
 from fecloth import study
+from fecloth.errors import InputError
 from studies.references.continuum import continuum
 from studies.work_precision import figures as charts
 from studies.work_precision.grid import fine_runs, key, timed_cases
@@ -33,7 +35,6 @@ from studies.work_precision.tables import (
     table_of_parts,
     table_of_solvers,
 )
-from studies.work_precision.user_scene import study_scene
 
 FIRST = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler")
 EXPLICIT = ("many_steps", "CentralDifference", "SymplecticEuler", "Adaptive CentralDifference")
@@ -152,7 +153,8 @@ def main() -> int:
     peers = {"action": "store_true", "help": "add MuJoCo"}
     options = study.parse_arguments(__doc__, needs=["matplotlib"], peers=peers)
     if options.scene:
-        return study_scene(options)
+        remedy = f"fecloth chart {options.scene} charts a scene of yours."
+        raise InputError("--scene", "is not an option of this study", "", remedy)
     if options.peers:
         study.require_packages("mujoco")
     running, one = study.run_options(options), study.run_options(options, alone=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from fecloth.scene.scene import Scene
-
 Rows = list[dict]
 IMPLICIT = (
     "BackwardEuler",
@@ -191,21 +189,3 @@ def static_cases() -> Rows:
 def failing_cases() -> Rows:
     """List explicit runs with steps beyond the stability limit."""
     return [case("trampoline", 0.05, "many_steps", 2e-3), case("wave", 0.05, "many_steps", 6e-4)]
-
-
-def scene_cases(scene: Scene, quick: bool) -> Rows:
-    """List runs of a user's scene: first its own method at fine steps, then others."""
-    own_dt = None if scene.time.dt == "auto" else scene.time.dt
-    dt = own_dt or (scene.time.t_end - scene.time.t_start) / 200
-    if own_dt is None:
-        cases = [{"method": "Adaptive GeneralizedAlpha", "step": 1e-4}]
-    else:
-        cases = [{"method": "own", "step": dt / 16}]
-    methods = ("BackwardEuler", "LinearlyImplicitEuler", "BDF2", "ImplicitMidpoint")
-    cases += [
-        {"method": method, "step": dt * factor}
-        for method in (*methods, "GeneralizedAlpha", *(("own",) if own_dt else ()))
-        for factor in ((2, 1) if quick else (4, 2, 1, 0.5))
-    ]
-    cases += [{"method": "CentralDifference", "step": None}]
-    return cases + [{"method": "Auto", "step": rtol} for rtol in (0.1, 0.01)]

@@ -12,7 +12,6 @@ import fecloth as fc
 from fecloth import study
 from fecloth.errors import SolveFailed, StepFailed
 from fecloth.nonlinear.statistics import Counts
-from fecloth.scene.scene import load_scene
 from studies.work_precision.scenes import SAMPLES, SCENES, Scene, clamp_shift
 
 LONG = 1.0  # CPU seconds above which a run is not repeated
@@ -141,34 +140,6 @@ def hermite(t, q, rate, at: np.ndarray) -> np.ndarray:
     s = (at - t[i]) / d
     ends = (1 + 2 * s) * (1 - s) ** 2 * q[i] + s * s * (3 - 2 * s) * q[i + 1]
     return ends + d * s * (1 - s) * ((1 - s) * rate[i] - s * rate[i + 1])
-
-
-def run_scene(path: str, digest: str, method: str, step: float | None) -> dict:
-    """Run a scene file with another method; return its end and seconds.
-
-    `digest` is the hash of the file: it makes an edited scene another case. The method "own" is
-    that of the scene.
-    """
-    built = load_scene(path).build()
-    chosen = built.method if method == "own" else make_method(method, step)
-    dt = None if chosen.traits.chooses_dt else step
-
-    def steps(t_end: float) -> tuple:
-        counts, number, state = Counts(), 0, built.state
-        run_ = built.system, chosen, state, dt, t_end
-        for number, (state, info) in enumerate(  # noqa: B007
-            fc.march(*run_, solver=built.linear, newton=built.newton), 1
-        ):
-            counts = counts.plus(info.counts)
-            study.check_time_limit()
-        return state, number, counts
-
-    steps(built.state.t + 0.02 * (built.t_end - built.state.t))
-    begin = time.process_time()
-    state, number, counts = steps(built.t_end)
-    row = {"seconds": time.process_time() - begin, "x": state.x.ravel().tolist()}
-    row |= {"start": built.state.x.ravel().tolist(), "nodes": len(built.cloth.X)}
-    return row | run_counts(number, counts.newton, counts.linear, counts.factorisations)
 
 
 def make_method(method: str, step: float | None):

@@ -15,7 +15,7 @@ FILES = [
     for file in sorted((ROOT / "studies").rglob("*.py"))
     if '__name__ == "__main__"' in file.read_text(encoding="utf-8") and "examples" not in file.parts
 ]
-WITH_SCENE = ("convergence", "models", "stability", "work_precision")
+WITH_SCENE = ("convergence", "models", "stability")
 SCENE = (ROOT / "studies" / "scenes" / "needs" / "taut.toml").read_text(encoding="utf-8")
 
 

@@ -142,6 +142,8 @@ def test_errors_of_a_string_with_a_known_solution(scene, tmp_path):
 def test_too_long_cases_are_rows(scene):
     found = fc.study.chart(scene, "middle.z", ["bdf2"], ["P1"], time_limit=1e-9, meshes=1)
     assert found.table["status"] == ["skipped"] * 3
+    assert found.table["dt"] == [0.01, 0.005, 0.0025]
+    assert found.table["h"] == [0.25] * 3
     assert found.verdict == "no setting has an error"
     assert "3 skipped, of 3" in found.notes()[-1]
     assert not len(found.front)
@@ -163,6 +165,13 @@ def test_too_long_cases_are_rows(scene):
 def test_mistakes(scene, more, message):
     with pytest.raises(InputError, match=message.replace("(", r"\(")):
         fc.study.chart(scene, **({"quantity": "middle.z"} | more))
+
+
+def test_a_huge_scene_is_refused_before_it_is_meshed(scene, monkeypatch):
+    scene.write_text(SCENE.replace("\nh = 0.25", "\nh = 0.0005"))
+    monkeypatch.setattr("fecloth.study.charts.make_settings", lambda *_: pytest.fail("meshed"))
+    with pytest.raises(InputError, match="predicted time above"):
+        fc.study.chart(scene, "middle.z")
 
 
 def test_at_most_eight_lines_and_a_letter_for_each_other_series():
@@ -198,6 +207,24 @@ def test_labels_are_spread():
     assert np.diff(np.sort(found)).min() > 0.1 - 1e-6
     assert min(found) >= -1e-9
     assert max(found) <= 1 + 1e-9
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_function_with_a_step_that_is_refused():
+    def string(h, dt, method):
+        cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+        system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()], pins=["left", "right"])
+        v = np.column_stack([0 * cloth.X, 1e-3 * np.sin(np.pi * cloth.X[:, 0])])
+        return cloth, system, getattr(fc, method)(), system.state(system.rest().x * [1.1, 1, 1], v)
+
+    run = {"h": 0.25, "dt": 0.01, "t_end": 0.1, "probes": [fc.Probe("m", point=(0.5, 0.1))]}
+    methods = ["BDF2", "CentralDifference"]
+    found = fc.study.chart(string, "m.z", methods, method="BDF2", meshes=1, **run)
+    assert abs(found.limit.limit - exact_middle(0.1)) <= found.limit.uncertainty
+    unstable = found.table[3]
+    assert (unstable["method"], unstable["dt"]) == ("CentralDifference", 0.01)
+    assert unstable["status"] == "refused"
+    assert found.table["status"].count("ok") == 5
 
 
 def test_the_command(scene, tmp_path, capsys):
