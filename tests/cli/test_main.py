@@ -365,7 +365,10 @@ def test_a_wrong_command_suggests_the_right_one(wrong, capsys):
         main([wrong, "scene.toml"])
     assert stop.value.code == 2
     told = capsys.readouterr().err
-    commands = "run, view, render, check, converge, compare, sweep, chart, stability, simplify, modes, mesh, info"
+    commands = (
+        "run, view, render, check, converge, compare, sweep, chart, stability, simplify, "
+        "modes, mesh, info"
+    )
     assert f"{wrong!r}: must be one of {commands}." in told
     assert told.strip().endswith(WRONG_COMMANDS[wrong])
     assert "usage: fecloth [-h] [--version] COMMAND ..." in told
