@@ -132,6 +132,8 @@ def shorten(cause: str) -> str:
     >>> shorten("error in time about 13 % of the motion; dt = 0.5 ms would give 1 %")
     'error in time about 13 % of the motion'
     """
+    if "the method has made the rest" in cause:
+        return "the method makes energy"
     words = cause.partition(" failed: ")[2] or cause
     for end in (", where", "; ", ": ", " (", ". "):
         words = words.partition(end)[0]
