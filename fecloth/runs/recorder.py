@@ -44,6 +44,7 @@ from fecloth.simulation.time_error import TimeError, relative_error
 from fecloth.simulation.time_error_words import describe_time_error, find_doubts
 from fecloth.system.space_error import SpaceError, space_error
 from fecloth.view.html_report import write_report
+from fecloth.view.web_page import keep_shown
 
 FRAMES = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
@@ -280,7 +281,9 @@ class Recorder:
             raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=remedy)
         arrays = fields(self.problem.system, self.state, self.problem.error_density)
         self.frames.add(self.state, arrays)
-        self.shown = Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
+        self.shown = keep_shown(
+            Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
+        )
         row = stretch_row(self.state.t, arrays[1]["principal_stretches"])
         counts = self.watched.is_due(self.counts["steps"] - self.counted, ended)
         self.seen = row | self.watched.row(self.state, arrays[1], counts)

@@ -120,12 +120,14 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     """Estimate the peak memory of a run [MB].
 
     A constant for the program, and bytes in proportion to the n nodes, to the entries of the
-    gradients (triangles × quadrature points × nodes), to the b blocks of the matrix and, for a
-    factor, to b log₂ n; and the arrays of interpolated strains and of plates. Fitted to peaks of
-    2,000 to 250,000 triangles, P1 with and without hinges, and P2 to 40,000.
+    gradients (triangles × quadrature points × nodes), to the triangles (a frame), to the b blocks
+    of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated strains and of
+    plates. Fitted to peaks of 2,000 to 250,000 triangles, P1 with and without hinges, and P2 to
+    40,000.
     """
     n, blocks = len(system.cloth.X), len(system.pattern.indices)
     used: float = 258 * n + 157 * math.prod(system.cloth.gradients.shape[:3]) + 150 * blocks
+    used += 500 * len(system.cloth.triangles)
     for term in system.bound:  # the arrays of interpolated strains and of plates
         used += getattr(getattr(term, "strain", None), "nbytes", 0)
         used += getattr(getattr(term, "plate", None), "nbytes", 0)

@@ -14,7 +14,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -93,6 +93,16 @@ def shown_fields(frame: Frame) -> list[str]:
     """Return the fields of `SHOWN` that a frame has."""
     arrays = frame.point_data.keys() | frame.cell_data.keys()
     return [name for name in SHOWN if FIELDS[name].array in arrays]
+
+
+def keep_shown(frame: Frame) -> Frame:
+    """Return the frame with the arrays of `SHOWN` alone, which take less memory."""
+    names = {FIELDS[name].array for name in SHOWN}
+    points, cells = (
+        {name: values for name, values in arrays.items() if name in names}
+        for arrays in (frame.point_data, frame.cell_data)
+    )
+    return replace(frame, point_data=points, cell_data=cells)
 
 
 def select_frames(series: Series, fields: int) -> list[int]:
