@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from fecloth.cli.studies import add_study_options, folders
+from fecloth.cli.studies import add_study_options, folders, how_to_run, read_names
 
 
 def add_chart_options(parser: argparse.ArgumentParser) -> None:
@@ -15,26 +15,20 @@ def add_chart_options(parser: argparse.ArgumentParser) -> None:
     add("--quantity", metavar="Q", help=text)
     names = "{}, with commas (default: {})"
     own = "the scene's own and the usual others"
-    add("--methods", type=_names, metavar="A,B", help=names.format("as bdf2,newmark", own))
-    add("--elements", type=_names, metavar="A,B", help=names.format("of P1,P2", "both"))
+    add("--methods", type=read_names, metavar="A,B", help=names.format("as bdf2,newmark", own))
+    add("--elements", type=read_names, metavar="A,B", help=names.format("of P1,P2", "both"))
     text = names.format("as StVK,NeoHookean", "the scene's own")
-    add("--models", type=_names, metavar="A,B", help=text)
+    add("--models", type=read_names, metavar="A,B", help=text)
     add("--meshes", type=int, default=2, metavar="N", help="meshes with h, h/2, … (2)")
     add("--levels", type=int, default=3, metavar="N", help="of the limit, from 3 (3)")
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
     add_study_options(parser, "chart", 60.0)
 
 
-def _names(text: str) -> list[str]:
-    """Return the names of a text with commas."""
-    return [name.strip() for name in text.split(",") if name.strip()]
-
-
 def run_chart(options) -> int:
     """Run the scene with other settings, print the verdict and the front, write the report."""
     from fecloth.scene.scene import load_scene
     from fecloth.study.charts import chart
-    from fecloth.study.workload import LONGEST
 
     folder, cache = folders(options, "chart")
     found = chart(
@@ -45,12 +39,7 @@ def run_chart(options) -> int:
         options.models,
         meshes=options.meshes,
         levels=options.levels,
-        cache=cache,
-        jobs=options.jobs,
-        scheduler=options.scheduler,
-        time_limit=options.time_limit,
-        most_seconds=None if options.yes else LONGEST,
-        fresh=options.fresh,
+        **how_to_run(options, cache),
     )
     print("\n".join([found.verdict, *found.notes(), "", str(found.front), ""]))
     print(f"wrote {found.report(folder)}")

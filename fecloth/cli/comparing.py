@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from fecloth.cli.studies import add_study_options, folders
+from fecloth.cli.studies import add_study_options, folders, how_to_run
 
 
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +37,6 @@ def run_compare(options) -> int:
     from fecloth.scene.scene import load_scene
     from fecloth.study.comparing import compare
     from fecloth.study.overlay import compare_runs
-    from fecloth.study.workload import LONGEST
 
     options.scene = "-".join(Path(one).stem for one in options.scenes)  # names the folder
     folder, cache = folders(options, "compare")
@@ -56,12 +55,7 @@ def run_compare(options) -> int:
         options.refine,
         options.levels,
         ratio=options.ratio,
-        cache=cache,
-        jobs=options.jobs,
-        scheduler=options.scheduler,
-        time_limit=options.time_limit,
-        most_seconds=None if options.yes else LONGEST,
-        fresh=options.fresh,
+        **how_to_run(options, cache),
     )
     print("\n".join([found.verdict, *found.notes(), "", str(found.table), ""]))
     page = found.report(folder)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from fecloth.cli.studies import add_study_options, folders
+from fecloth.cli.studies import add_study_options, folders, how_to_run, read_names
 
 
 def add_stability_options(parser: argparse.ArgumentParser) -> None:
@@ -14,33 +14,22 @@ def add_stability_options(parser: argparse.ArgumentParser) -> None:
     values = "values of a key: KEY=a:b:log:n, KEY=a:b:lin:n or KEY=v1,v2; may be repeated"
     add("--over", action="append", metavar="KEY=VALUES", help=values)
     text = "as bdf2,central_difference, with commas (default: eight)"
-    add("--methods", type=_names, metavar="A,B", help=text)
+    add("--methods", type=read_names, metavar="A,B", help=text)
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
     add_study_options(parser, "stability", 120.0)
-
-
-def _names(text: str) -> list[str]:
-    """Return the names of a text with commas."""
-    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def run_stability(options) -> int:
     """Run the scene with each method and step, print the table, write the report."""
     from fecloth.scene.scene import load_scene
     from fecloth.study.stability_map import stability
-    from fecloth.study.workload import LONGEST
 
     folder, cache = folders(options, "stability")
     found = stability(
         load_scene(options.scene, options.set, trust_geo=options.trust_geo),
         options.over,
         options.methods,
-        cache=cache,
-        jobs=options.jobs,
-        scheduler=options.scheduler,
-        time_limit=options.time_limit,
-        most_seconds=None if options.yes else LONGEST,
-        fresh=options.fresh,
+        **how_to_run(options, cache),
     )
     print("\n".join([found.verdict, *found.notes(), "", str(found.table), ""]))
     print(f"wrote {found.report(folder)}")

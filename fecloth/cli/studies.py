@@ -38,7 +38,6 @@ def run_converge(options) -> int:
     """Refine the scene, print the verdict and the table, write the report."""
     from fecloth.scene.scene import load_scene
     from fecloth.study.refinement import converge
-    from fecloth.study.workload import LONGEST
 
     scene = load_scene(options.scene, options.set, trust_geo=options.trust_geo)
     folder, cache = folders(options, "converge")
@@ -48,12 +47,7 @@ def run_converge(options) -> int:
         options.refine,
         options.levels,
         ratio=options.ratio,
-        cache=cache,
-        jobs=options.jobs,
-        scheduler=options.scheduler,
-        time_limit=options.time_limit,
-        most_seconds=None if options.yes else LONGEST,
-        fresh=options.fresh,
+        **how_to_run(options, cache),
     )
     print("\n".join([found.verdict, *found.notes(), "", str(found.table), ""]))
     print(f"wrote {found.report(folder)}")
@@ -77,19 +71,13 @@ def run_sweep(options) -> int:
     """Run the scene for all values, print the table, write the report."""
     from fecloth.scene.scene import load_scene
     from fecloth.study.sweeps import sweep
-    from fecloth.study.workload import LONGEST
 
     folder, cache = folders(options, "sweep")
     found = sweep(
         load_scene(options.scene, options.set, trust_geo=options.trust_geo),
         options.over,
         options.quantity,
-        cache=cache,
-        jobs=options.jobs,
-        scheduler=options.scheduler,
-        time_limit=options.time_limit,
-        most_seconds=None if options.yes else LONGEST,
-        fresh=options.fresh,
+        **how_to_run(options, cache),
     )
     print("\n".join([found.verdict, "", str(found.table), ""]))
     print(f"wrote {found.report(folder)}")
@@ -112,7 +100,6 @@ def run_simplify(options) -> int:
     """Find what the scene does not need, print it, write the report and reduced.toml."""
     from fecloth.scene.scene import load_scene
     from fecloth.study.simplification.simplify import simplify
-    from fecloth.study.workload import LONGEST
 
     folder, cache = folders(options, "simplify")
     found = simplify(
@@ -120,12 +107,7 @@ def run_simplify(options) -> int:
         options.tolerance,
         options.quantity,
         folder=folder,
-        cache=cache,
-        jobs=options.jobs,
-        scheduler=options.scheduler,
-        time_limit=options.time_limit,
-        most_seconds=None if options.yes else LONGEST,
-        fresh=options.fresh,
+        **how_to_run(options, cache),
     )
     print("\n".join([found.verdict, *found.notes(), "", str(found.table), ""]))
     print(f"wrote {found.report(folder)} and {found.scene}")
@@ -140,3 +122,22 @@ def folders(options, command: str) -> tuple[Path, Path]:
     if options.output:
         return Path(options.output), Path(options.output)
     return Path("out") / command / Path(options.scene).stem, Path("out")
+
+
+def how_to_run(options, cache: Path) -> dict:
+    """Return the arguments of a study that say how its cases are run."""
+    from fecloth.study.workload import LONGEST
+
+    return {
+        "cache": cache,
+        "jobs": options.jobs,
+        "scheduler": options.scheduler,
+        "time_limit": options.time_limit,
+        "most_seconds": None if options.yes else LONGEST,
+        "fresh": options.fresh,
+    }
+
+
+def read_names(text: str) -> list[str]:
+    """Return the names of a text with commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
