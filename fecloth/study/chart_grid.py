@@ -71,11 +71,6 @@ class Setting:
         """Predict the size of its run."""
         assert self.problem is not None
         size = self.problem.workload(self.level)
-        if isinstance(self.problem, SceneProblem) and not self.problem.is_static:
-            scene = self.problem.scene
-            if scene.time.dt == "auto" and scene.time.method.type in EXPLICIT:
-                steps = Workload.explicit(scene).steps * self.level.h
-                size = replace(size, steps=steps, is_explicit=True)
         factor = P2_COST if self.names["element"] == "P2" else 1.0
         return replace(size, triangles=factor * size.triangles)
 
