@@ -24,6 +24,7 @@ from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
 from .integrators.protocol import MethodTraits
 from .integrators.with_memory import WithMemory
 from .mesh.cloth import Cloth
+from .mesh.grading import Grading
 from .nonlinear.equilibrium import Equilibrium, EquilibriumFailed, equilibrium
 from .nonlinear.options import Newton
 from .nonlinear.stage import Stage
@@ -98,6 +99,7 @@ __all__ = [
     "Frames",
     "Gas",
     "GeneralizedAlpha",
+    "Grading",
     "Gravity",
     "HingeBending",
     "ImplicitMidpoint",

@@ -52,9 +52,9 @@ class Workload:
 
 
 def count_triangles(scene: Scene) -> float:
-    """Estimate the number of triangles from area and h, without the mesh of this h."""
+    """Estimate the number of triangles from area and h, unless it is graded without its mesh."""
     cloth = scene.cloth
-    if cloth.h is None:
+    if cloth.h is None or cloth.grading:
         return len(scene.mesh().triangles)
     return _area(scene) / cloth.h**2 * TRIANGLES.get(getattr(cloth, "pattern", ""), EQUILATERAL)
 
@@ -91,6 +91,7 @@ def _explicit_steps(scene: Scene) -> float:
     tables = [scene.fabric] if scene.fabric else list((scene.fabrics or {}).values())
     speed = max(wave_speed(table.make()) for table in tables if table)
     h = scene.cloth.h or math.sqrt(EQUILATERAL * scene.mesh().area / count_triangles(scene))
+    h *= min([1.0, *(table.make().smallest(h) for table in scene.cloth.grading)])
     return math.ceil(_span(scene) * speed / (STABLE * h))
 
 
