@@ -50,7 +50,7 @@ METHODS = (
 )
 ELEMENTS = ("P1", "P2")
 PATTERNS = ("right", "cross", "equilateral", "unstructured")
-FIRST_STEPS = 16  # of the coarsest dt over the run
+FIRST_STEPS = 4  # of the coarsest dt over the run
 FIRST_RTOL = 0.1  # 1/s
 FIRST_RUN = 0.01  # s, as the cost of the coarsest of all
 GROWTH = 1.6  # of the cost from one level to the next, less than the usual 2

@@ -54,6 +54,7 @@ def test_quick(study, says, out):
         "models",
         "models.elastica",
         "simplify",
+        "tune",
         "work_precision",
         "work_precision.bending_fronts",
         "stability",
