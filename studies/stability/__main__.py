@@ -3,8 +3,9 @@
 `fc.study.stability` maps every method on every scene of the failure catalogue, except for forward
 Euler, which needs up to millions of steps. The runs of explicit methods must fail above the limits
 that `critical_dt` predicts at the start, and only there; the map of the stiff swing must tell which
-A-stable methods make energy. On linear sheets, also with forward Euler, a bisection measures the
-limits to 1 %. stability.png is the map of the stiff swing.
+A-stable methods make energy. `fc.study.sweep` measures their errors there against short steps. On
+linear sheets, also with forward Euler, a bisection measures the limits to 1 %. stability.png is the
+map of the stiff swing.
 
     python -m studies.stability [--quick] [--jobs N] [--out DIR]
     fecloth stability my.toml --over fabric.tensile_stiffness=1e2:1e4:log:3    a scene of yours
@@ -20,6 +21,7 @@ from fecloth import study
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.scene.scene import Scene, load_scene
 from studies.stability import sheets
+from studies.stability.swing import conclude_errors, measure_errors
 
 FAILURES = Path(__file__).parents[1] / "scenes" / "failures"
 TITLE = "Stability of methods"
@@ -138,11 +140,15 @@ def main() -> int:
         study.require_results(options, TITLE, part)
     maps = run_maps(options)
     cells = cells_of(maps)
+    errors = [] if options.quick else measure_errors(running)
     sheets.draw_limits(options.out, limits)
     findings = sheets.conclude_sheets(limits, free) + conclude_swing(cells) + conclude_maps(cells)
+    findings += conclude_errors(errors)
     tables: dict = {name: found.table for name, found in maps.items()}
+    if errors:
+        tables["Errors on the stiff swing against short steps"] = errors
     tables["Stability limits of linear sheets [s]"] = limits
-    parts = {"linear sheet": limits, "growth": free}
+    parts = {"linear sheet": limits, "growth": free, "errors": errors}
     rows = cells + [{"map": name, **row} for name, part in parts.items() for row in part]
     return study.write_report(
         options,

@@ -5,6 +5,7 @@ import math
 from studies.convergence import __main__ as convergence
 from studies.convergence.swing import ORDERS, QUANTITIES, conclude_swings
 from studies.stability.__main__ import conclude_maps, conclude_swing
+from studies.stability.swing import COUNTS, RIGHT, SPAN, conclude_errors
 
 
 def test_a_failed_run_misses_its_orders():
@@ -63,3 +64,15 @@ def test_a_run_that_was_stopped_for_its_energy_made_some():
     ]
     findings = conclude_swing(rows)
     assert [finding.is_met for finding in findings] == [True, False, True, False, True]
+
+
+def test_errors_on_the_swing_are_judged_at_one_step_of_each_method():
+    rows = [
+        {"method": method, "dt": SPAN / count, "error": 0.09 if count == RIGHT.get(method) else 1.0}
+        for method in (*RIGHT, "newmark")
+        for count in COUNTS
+    ]
+    findings = conclude_errors(rows)
+    assert [finding.is_met for finding in findings] == [True] * len(RIGHT)
+    failed = [{key: row[key] for key in ("method", "dt")} for row in rows]
+    assert [finding.is_met for finding in conclude_errors(failed)] == [False] * len(RIGHT)
