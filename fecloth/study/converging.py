@@ -13,7 +13,7 @@ from fecloth.study.convergence import Convergence
 from fecloth.study.graded_levels import refine_graded
 from fecloth.study.problems import open_problem
 from fecloth.study.refinement import refine_problem
-from fecloth.study.run_problems import Runs
+from fecloth.study.run_problems import Runs, refuse_huge
 from fecloth.study.workload import LONGEST
 
 
@@ -99,6 +99,7 @@ def converge(
     opened.check(refine)
     chosen = parse_quantity(opened.default_quantity if quantity is None else quantity)
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
+    refuse_huge(opened, runs)
     if grade:
         return refine_graded(opened, chosen, refine, levels, ratio, runs)
     return refine_problem(opened, chosen, refine, levels, ratio, runs)[0]

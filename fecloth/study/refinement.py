@@ -203,5 +203,6 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
         )
     warned = [words for row in rows for words in row.get("warnings", ())]
     if warned:
-        lines.append(f"{len(warned)} warnings of the runs; the first: {warned[0]}")
+        words = "1 warning" if len(warned) == 1 else f"{len(warned)} warnings; the first"
+        lines.append(f"The runs gave {words}: {warned[0]}")
     return lines
