@@ -22,6 +22,9 @@ from fecloth.study.tables import Table
 from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
 from fecloth.study.workload import LONGEST
 
+CLOSER = 10.0  # rtol over that of the run that shows the error of chosen steps
+RTOL_ORDER = 2 / 3  # global errors of adaptive steps are about proportional to rtol^(2/3)
+
 
 def converge(
     problem: Scene | str | Path | Callable,
@@ -49,6 +52,7 @@ def converge(
     levels) or least squares (four or more), see `fecloth.study.uncertainty`; to it are added the
     errors that the levels do not show: of the time step, or of the mesh, and of the solver's
     tolerance, each from one more run of the first level, times 3 as for two levels (Roache 1994).
+    Steps that their error chooses are run with rtol/10 for it.
     Fields and paths are judged by the differences between levels, of which the sum towards the
     finest one takes the place of the values.
 
@@ -130,11 +134,16 @@ def levels_to_run(
 
 
 def _cases_for_shares(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
-    """Return further cases on the first level: with half of dt or h, and a sharper tolerance."""
+    """Return further cases on the first level: finer in what is not refined, and a sharper solver.
+
+    Of steps that their error chooses rtol is divided, in place of dt.
+    """
     if opened.is_static or quantity.how == "mode":
         return []
     other = {"h": Level(dt=2.0), "dt": Level(h=opened.ratio("h"))}.get(refine)
     cases = [other] if other and opened.can_refine("dt" if refine == "h" else "h") else []
+    if refine == "h" and opened.rtol:
+        cases = [Level(rtol=CLOSER)]
     return cases + ([] if opened.is_explicit else [Level(sharper=100.0)])
 
 
@@ -250,6 +259,8 @@ def _other_shares(
         apart = difference_of(quantity, base, record_at(row, quantity))
         if row["point"].level.sharper > 1:
             found["solver"] = apart
+        elif row["point"].level.rtol > 1:
+            found["time step"] = apart / (1 - CLOSER**-RTOL_ORDER)
         elif refine == "h":
             found["time step"] = apart / (1 - 2.0 ** -orders[1])
         else:
