@@ -46,6 +46,10 @@ class Runs:
     fresh: bool = False
     timed: bool = False
 
+    def __post_init__(self):
+        if not (isinstance(self.jobs, int) and self.jobs >= 1):
+            raise InputError(f"jobs = {self.jobs!r}", "must be an integer of at least 1")
+
 
 @dataclass(frozen=True, eq=False)
 class Point:

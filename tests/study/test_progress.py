@@ -4,6 +4,7 @@ import pytest
 
 import fecloth as fc
 from fecloth import study
+from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.study import problems
 from fecloth.study.levels import Level
@@ -118,6 +119,18 @@ def test_a_huge_scene_is_refused_before_its_mesh_is_made(command, scene, monkeyp
     monkeypatch.setattr(problems.Scene, "build", lambda self: pytest.fail("it was built"))
     with pytest.raises(InputError, match="predicted time above 60 min"):
         command(scene)
+
+
+def test_the_command_names_its_way_out_and_its_mistakes(scene, capsys):
+    huge = ["--set", "cloth.h=1e-5"]
+    wrong = {
+        "--yes, runs it anyway": huge,
+        "jobs = 0: must be an integer of at least 1": ["--jobs", "0"],
+        "--time-limit 0: must be > 0 [s]": ["--time-limit", "0"],
+    }
+    for said, options in wrong.items():
+        assert cli.main(["converge", str(scene), *options]) == 2
+        assert said in capsys.readouterr().err
 
 
 def test_the_size_of_a_level_needs_no_mesh(scene):
