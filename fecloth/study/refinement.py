@@ -237,9 +237,12 @@ def _refined_share(refine: str, estimate: Estimate) -> dict[str, float]:
 
 
 def _edge(opened: Problem, first: Mapping, row: Mapping) -> float | None:
-    """Return h of a level: that of the first times the ratio of √(area of a triangle)."""
+    """Return h of a level: that of the first times the ratio of √(area of a triangle).
+
+    Of a failed level it is the nominal one.
+    """
     if "edge" not in row or "edge" not in first:
-        return None
+        return opened.h and opened.h / row["point"].level.h
     return (opened.h or first["edge"]) * row["edge"] / first["edge"]
 
 
@@ -272,7 +275,9 @@ def _other_shares(
 def _table_row(row: Mapping) -> dict:
     """Return the columns of a level that a reader wants."""
     names = ("triangles", "steps", "newton", "cpu_seconds")
-    sizes = {"h": row["h"], "dt": row.get("step")}
+    problem, level = row["point"].problem, row["point"].level
+    dt = None if problem.is_static else problem.first.steps.dt
+    sizes = {"h": row["h"], "dt": row.get("step", dt and dt / level.dt)}
     if isinstance(sizes["dt"], float) and not math.isfinite(sizes["dt"]):
         del sizes["dt"]
     state = {"status": row["status"]} if row["status"] != OK else {}

@@ -240,6 +240,7 @@ def test_a_cloth_without_tension_across_is_named_as_an_obstacle():
 def test_levels_that_fail_are_named():
     found = fc.study.converge(failing, "displacement", h=0.25, levels=3)
     assert found.verdict.startswith("not known: 2 of 3 levels failed; the first: h: is too small")
+    assert found.table["h"] == [0.25, 0.125, 0.0625]
     assert not found.converges
 
 
