@@ -79,6 +79,11 @@ class SceneProblem(_Common):
         return self.scene.cloth.h
 
     @property
+    def interest(self) -> tuple[Quantity, ...]:
+        """The quantities of [interest]."""
+        return tuple(self.scene.interest.all) if self.scene.interest else ()
+
+    @property
     def rtol(self) -> float:
         """Tolerance of chosen steps [1/s]; 0 where the error does not choose them."""
         time = self.scene.time
@@ -177,6 +182,7 @@ class FunctionProblem(_Common):
     given: tuple[Probe, ...] = ()
     settings: Mapping[str, object] = field(default_factory=dict)
     rtol: ClassVar[float] = 0.0  # of steps that the function's method chooses: not known
+    interest: ClassVar[tuple[Quantity, ...]] = ()
 
     @property
     def name(self) -> str:

@@ -97,6 +97,15 @@ def test_commands_share_the_cases_that_they_have_in_common(scene, tmp_path, caps
     assert "stored: 3 of 3\n" in capsys.readouterr().err
 
 
+def test_the_quantities_of_interest_share_their_runs(scene, tmp_path, capsys):
+    more = '[interest]\nquantities = ["tip.x", "max tip.z"]\n'
+    scene.write_text(SCENE + more)
+    study.converge(scene, levels=3, cache=tmp_path / "cache")
+    capsys.readouterr()
+    study.converge(scene, "max tip.z", levels=3, cache=tmp_path / "cache")
+    assert "stored: 3 of 3\n" in capsys.readouterr().err
+
+
 def test_a_sweep_builds_each_scene_once(scene, monkeypatch):
     """Its values are checked without their meshes: only the first scene is built to check it."""
     built = []
