@@ -7,6 +7,7 @@ from .command import Parser, StudyFailed, require_packages, run_main
 from .comparing import compare
 from .comparison import Comparison, Difference
 from .convergence import Convergence
+from .converging import converge
 from .figures import (
     COLOURS,
     MARKERS,
@@ -19,7 +20,6 @@ from .figures import (
 )
 from .options import parse_arguments, run_options
 from .overlay import Overlay, compare_runs
-from .refinement import converge
 from .reports import Finding, hardware, require_results, write_csv, write_report
 from .result import StudyResult
 from .simplification.result import Simplification

@@ -56,9 +56,9 @@ class Workload:
 
 
 def count_triangles(scene: Scene) -> float:
-    """Estimate the number of triangles from area and h, unless it is graded without its mesh."""
+    """Estimate the number of triangles from area and h, without the mesh of this h or gradings."""
     cloth = scene.cloth
-    if cloth.h is None or cloth.grading:
+    if cloth.h is None:
         return len(scene.mesh().triangles)
     return _area(scene) / cloth.h**2 * TRIANGLES.get(getattr(cloth, "pattern", ""), EQUILATERAL)
 
