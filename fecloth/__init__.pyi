@@ -42,6 +42,8 @@ from .simulation.resolve import solver_for
 from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
 from .study.modes import Modes, modes
+from .study.tuning.result import Tuned
+from .study.tuning.tune import tune
 from .system.pins import Pin, Slide
 from .system.rotation import Rotation
 from .system.space_error import SpaceError, space_error
@@ -138,6 +140,7 @@ __all__ = [
     "TensionField",
     "TensorCondition",
     "Tether",
+    "Tuned",
     "UserForce",
     "Wind",
     "WithMemory",
@@ -160,6 +163,7 @@ __all__ = [
     "stability",
     "strip_rigidity",
     "study",
+    "tune",
     "verify",
     "write_vtk",
 ]
