@@ -17,7 +17,7 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
-from fecloth.output.atomic_files import append_in_place, replace_file, replacing, writing
+from fecloth.output.atomic_files import append_in_place, replace_file, writing
 from fecloth.output.frame_arrays import fields, kinematics
 from fecloth.output.vtu_writer import LISTS, Arrays, encode_vtu
 from fecloth.system.state import State
@@ -69,8 +69,8 @@ class Frames:
         """
         points, cells = arrays or self._fields(state)
         file = self.path.parent / self._name(len(self.times))
-        with replacing(file) as part, part.open("wb") as stream:
-            stream.writelines(encode_vtu(state.x, self.cloth.cells, state.t, points, cells))
+        frame = encode_vtu(state.x, self.cloth.cells, state.t, points, cells)
+        replace_file(file, frame)
         self.times.append(state.t)
         self._list_last()
         return file

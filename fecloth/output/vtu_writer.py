@@ -26,11 +26,15 @@ VTK_TYPES = {"f8": "Float64", "f4": "Float32", "i4": "Int32", "i8": "Int64", "u1
 Arrays = dict[str, np.ndarray]
 
 
-def encode_vtu(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> Iterator[bytes]:
-    """Yield one frame as a VTK XML unstructured grid; `cells` (m, 3 or 6) are `Cloth.cells`.
+def encode_vtu(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> bytes:
+    """Encode one frame as a VTK XML unstructured grid; `cells` (m, 3 or 6) are `Cloth.cells`.
 
     Not by meshio, which writes no field data (the time) and no component names ("E11").
     """
+    return b"".join(_parts(x, cells, t, point_data, cell_data))
+
+
+def _parts(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> Iterator[bytes]:
     m, k = cells.shape
     topology = {
         "connectivity": cells.ravel(),

@@ -107,7 +107,7 @@ def figures(tree: Path | None, sizes: tuple[int, int]) -> list[Measured]:
     of = f"{sizes[1]:,} triangles"
     return [
         Measured(f"mesh, binding and first explicit step of {of}", totals[1], "s", 30),
-        Measured("its growth with the number n of triangles, n^", growth, "", 1.1),
+        Measured("its growth with the number n of triangles, n^", growth, "", 1.15),
         Measured("peak memory of these", most, "kB/triangle", 0.7),
         Measured("memory of a frame besides", large["explicit frame"][1] / 1e3, "kB/triangle", 0.5),
     ]
