@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fecloth.integrators.fused_steps import Flows
 from fecloth.integrators.numerical_dissipation import has_power_column, load_displacement
 from fecloth.linalg.reductions import dot
 from fecloth.simulation.rigid_motion import rms_without_rigid
@@ -57,7 +58,7 @@ class Ledger:
     places
         Place of each movable piece at the start (`Piece.place`) [m].
     last_inflow
-        `inflow` before the last step.
+        `inflow` before the last step, or before those without a row.
     resisting
         Names of the terms that dissipate also in a rigid motion, such as drag.
     silent
@@ -135,6 +136,17 @@ class Ledger:
             deforming=deforming,
             in_place=_energies_in_place(system, new, energies, self.places),
             first_deforming=deforming if self.first_deforming is None else self.first_deforming,
+        )
+
+    def with_flows(self, flows: Flows) -> Ledger:
+        """Return the ledger with the flows of steps of which it has no rows."""
+        dissipated = {n: e + flows.dissipated.get(n, 0.0) for n, e in self.dissipated.items()}
+        return replace(
+            self,
+            dissipated=dissipated,
+            work={name: done + flows.work.get(name, 0.0) for name, done in self.work.items()},
+            pins=self.pins + flows.pins,
+            numerical=self.numerical + flows.numerical,
         )
 
     @property

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.jit import kernel
@@ -15,6 +16,7 @@ from fecloth.linalg.block_matrix import add_mass
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import RATE
+from fecloth.terms.loops.array_updates import subtract_scaled
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,9 @@ class BoundMassDamping:
     def add_force(self, x, v, t, f) -> None:
         """f −= α m_a v_a [N]."""
         f -= self.coefficient * v
+
+    def force_calls(self, x, v, t, f) -> Calls:
+        return [(subtract_scaled, (self.coefficient, v, f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wv α m_a I."""
