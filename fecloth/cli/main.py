@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 STATUS = """exit status:
   0  done
-  1  check: a value lies outside its tolerance
+  1  check: a value lies outside its tolerance; tune: not proved
   2  bad input: nothing was run
   3  the simulation failed, or the disk is full; what was written up to then is readable
   4  interrupted; --resume goes on
@@ -105,6 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     from fecloth.cli.stability import add_stability_options
     from fecloth.cli.studies import add_options, add_simplify_options, add_sweep_options
     from fecloth.cli.suggesting_parser import SuggestingParser
+    from fecloth.cli.tuning import add_tune_options
 
     parser = SuggestingParser(
         prog="fecloth",
@@ -158,6 +159,10 @@ def _parser() -> argparse.ArgumentParser:
     words = "find what a scene does not need, and write it without"
     sub = _command(commands, "simplify", _simplify, words)
     add_simplify_options(sub)
+
+    words = "find the cheapest setting that meets a tolerance, and prove its error"
+    sub = _command(commands, "tune", _tune, words)
+    add_tune_options(sub)
 
     sub = _command(commands, "modes", _modes, "print the natural frequencies of a scene [Hz]")
     sub.add_argument("scene", help="a .toml file")
@@ -381,6 +386,13 @@ def _simplify(options) -> int:
     from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
 
     return run_simplify(options)
+
+
+def _tune(options) -> int:
+    from fecloth.cli.tuning import run_tune
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_tune(options)
 
 
 # --- modes ----------------------------------------------------------------------------------------

@@ -41,11 +41,6 @@ class _Common:
     def is_explicit(self) -> bool:
         return self.first.is_explicit
 
-    @property
-    def probes(self) -> tuple[str, ...]:
-        """Names of the probes."""
-        return tuple(probe.name for probe in self.first.probes)
-
     def orders(self, quantity: Quantity) -> tuple[float, float]:
         """Return the theoretical orders in h and in dt."""
         time = 1.0 if self.is_static else float(self.first.steps.traits.order or 1)
@@ -57,18 +52,6 @@ class _Common:
         observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
         names = {*observer.row(None, None), *Ledger.open(setup.system, setup.start).row()}
         quantity.require_known(sorted(names - {"t"}))
-
-    def workload(self, level: Level) -> Workload:
-        """Predict the size of a level from the first one."""
-        triangles = len(self.first.cloth.triangles) * level.h**2
-        if self.is_static:
-            return Workload(triangles, STATIC)
-        dt = self.first.steps.dt
-        if dt is None:
-            return Workload(triangles, STEPS * level.h, self.is_explicit)
-        assert self.first.t_end is not None
-        steps = math.ceil((self.first.t_end - self.first.start.t) / dt * level.dt)
-        return Workload(triangles, steps, self.is_explicit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +66,11 @@ class SceneProblem(_Common):
         built = self.scene.build()
         run = built.system, built.state, built.steps, built.t_end, built.newton, built.linear
         return Setup(*run, built.probes)
+
+    @property
+    def probes(self) -> tuple[str, ...]:
+        """Names of the probes."""
+        return tuple(probe.name for probe in self.scene.probes)
 
     @property
     def h(self) -> float | None:
@@ -106,6 +94,21 @@ class SceneProblem(_Common):
         if what == "dt" and self.scene.equilibrium:
             return False
         return is_number(self.scene.cloth.h if what == "h" else self.scene.time.dt)
+
+    @cached_property
+    def size(self) -> Workload:
+        """Predicted size of the first level, without its mesh."""
+        return Workload.of(self.scene)
+
+    def workload(self, level: Level) -> Workload:
+        """Predict the size of a level, without its mesh."""
+        finer = level.dt
+        if self.scene.equilibrium:
+            finer = 1.0
+        elif self.scene.time.dt == "auto":
+            finer = level.h
+        triangles, steps = self.size.triangles * level.h**2, math.ceil(self.size.steps * finer)
+        return Workload(triangles, steps, self.size.is_explicit)
 
     def check(self, refine: str) -> None:
         """Raise `InputError` if it has no h or dt to refine."""
@@ -167,6 +170,11 @@ class FunctionProblem(_Common):
     def name(self) -> str:
         return getattr(self.function, "__name__", "problem")
 
+    @property
+    def probes(self) -> tuple[str, ...]:
+        """Names of the probes."""
+        return tuple(probe.name for probe in self.given)
+
     @cached_property
     def first(self) -> Setup:  # type: ignore[override]  # computed when it is first needed
         return self.setup(Level())
@@ -182,6 +190,18 @@ class FunctionProblem(_Common):
     def can_refine(self, what: str) -> bool:
         """Whether the function has an h, or steps of a given dt."""
         return (self.h if what == "h" else self.dt) is not None
+
+    def workload(self, level: Level) -> Workload:
+        """Predict the size of a level from the first one."""
+        triangles = len(self.first.cloth.triangles) * level.h**2
+        if self.is_static:
+            return Workload(triangles, STATIC)
+        dt = self.first.steps.dt
+        if dt is None:
+            return Workload(triangles, STEPS * level.h, self.is_explicit)
+        assert self.first.t_end is not None
+        steps = math.ceil((self.first.t_end - self.first.start.t) / dt * level.dt)
+        return Workload(triangles, steps, self.is_explicit)
 
     def check(self, refine: str) -> None:
         """Raise `InputError` if it has no h or dt to refine."""

@@ -16,7 +16,7 @@ from fecloth.study.convergence import Convergence, describe_value, judge
 from fecloth.study.levels import Level, make_levels
 from fecloth.study.measured_runs import record_of
 from fecloth.study.problems import Problem, open_problem
-from fecloth.study.run_problems import Point, Runs, run_points
+from fecloth.study.run_problems import Point, Runs, refuse_huge, run_points
 from fecloth.study.status import OK
 from fecloth.study.tables import Table
 from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
@@ -98,6 +98,7 @@ def converge(
     opened.check(refine)
     chosen = parse_quantity(opened.default_quantity if quantity is None else quantity)
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
+    refuse_huge(opened, runs)
     return refine_problem(opened, chosen, refine, levels, ratio, runs)[0]
 
 
@@ -285,5 +286,6 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
         )
     warned = [words for row in rows for words in row.get("warnings", ())]
     if warned:
-        lines.append(f"{len(warned)} warnings of the runs; the first: {warned[0]}")
+        words = "1 warning" if len(warned) == 1 else f"{len(warned)} warnings; the first"
+        lines.append(f"The runs gave {words}: {warned[0]}")
     return lines

@@ -151,5 +151,5 @@ def test_a_study_that_would_take_hours_needs_yes(scene, capsys):
     check_scene(size, parse("--scene", scene, "--yes"))
     check_scene([Workload(1000, 50)], parse("--scene", scene))
     assert (
-        "1 cases, up to 1,000 triangles × 50 steps; predicted: about 1 s" in capsys.readouterr().err
+        "1 case, up to 1,000 triangles × 50 steps; predicted: about 1 s" in capsys.readouterr().err
     )
