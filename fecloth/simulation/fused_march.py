@@ -197,11 +197,13 @@ class Skipping:
             self.bound = FusedMarch.bind(*self.run)
             self.is_open = self.bound is not None
         place = int(np.searchsorted(self.targets, state.t, side="right"))
-        stop = self.kept[np.searchsorted(self.kept, place)] if place < len(self.targets) else place
-        if self.bound is None or (stop == place and isinstance(self.bound.steps, FixedStep)):
+        if self.bound is None or place == len(self.targets):
+            return None
+        stop = self.kept[np.searchsorted(self.kept, place)]
+        targets = self.targets[place : max(stop, place + 1)]
+        if stop == place and isinstance(self.bound.steps, FixedStep):
             return None
         try:
-            targets = self.targets[place : max(stop, place + 1)]
             return self.bound.skip(state, memory, number, targets, wanted)
         except FloatingPointError:
             self.is_open = False  # single steps will tell where they fail
