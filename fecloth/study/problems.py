@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,9 @@ from typing import Any
 from fecloth.errors import InputError, is_number
 from fecloth.integrators import EXPLICIT
 from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.grading import Grading
 from fecloth.scene.scene import Scene, load_scene
+from fecloth.scene.tables import GradingTable
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.quantity import Quantity
@@ -135,6 +137,15 @@ class SceneProblem(_Common):
         finer = None if level.h == 1 or h is None else h / level.h
         return text_of(self.scene, finer, dt, level.sharper)
 
+    def graded(self, gradings: Sequence[Grading]) -> SceneProblem:
+        """Return the problem with [[cloth.grading]]; a scene may not have its own already."""
+        if self.scene.cloth.grading:
+            remedy = "Leave grade or the gradings out."
+            raise InputError("grade = True", "the scene has [[cloth.grading]]", self.name, remedy)
+        entries = tuple(GradingTable(**asdict(one)) for one in gradings)
+        cloth = self.scene.cloth.model_copy(update={"grading": entries})
+        return replace(self, scene=self.scene.model_copy(update={"cloth": cloth}))
+
     runner = staticmethod(measured_runs.run_scene_text)
     is_importable = True
 
@@ -213,6 +224,18 @@ class FunctionProblem(_Common):
                 raise InputError(f"{what} is missing", allowed, self.name, f"Give {what}=….")
         if self.t_end is None and refine != "h":
             raise InputError("t_end is missing", "an equilibrium has no dt", self.name)
+
+    def graded(self, gradings: Sequence[Grading]) -> FunctionProblem:
+        """Return the problem with the argument `grading`, as JSON's types."""
+        if "grading" not in inspect.signature(self.function).parameters:
+            remedy = "Pass it on, as in fc.Cloth.rectangle(1.0, 1.0, h, grading=grading)."
+            needed = "needs a function with the argument grading"
+            raise InputError("grade = True", needed, self.name, remedy)
+        entries = [{k: v for k, v in asdict(one).items() if v is not None} for one in gradings]
+        entries = [
+            one | {"point": list(one["point"])} if "point" in one else one for one in entries
+        ]
+        return replace(self, settings={**self.settings, "grading": entries})
 
     def sizes(self, level: Level) -> tuple[dict[str, object], float | None]:
         """Return the settings of the function, with h and dt, and dt."""
