@@ -21,6 +21,7 @@ def out(tmp_path_factory):
 @pytest.mark.parametrize(
     ("study", "says"),
     [
+        ("benchmarks.binding", "figures met"),
         ("benchmarks.kernels", "figures met"),
         ("benchmarks.moved_pin", "figures met"),
         ("benchmarks.terms", "StVK"),
