@@ -16,8 +16,10 @@ import numpy as np
 from fecloth.compiled_calls import Calls, JoinedCalls, call, join
 from fecloth.integrators.explicit import LastForce
 from fecloth.integrators.fused_columns import Column, Moves, bind_columns
+from fecloth.integrators.step import Step
 from fecloth.jit import Array, rounded_kernel
 from fecloth.linalg.reductions import dot
+from fecloth.nonlinear.statistics import Counts
 from fecloth.system.motion_rows import MotionRows
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -32,6 +34,27 @@ class Flows:
     work: Mapping[str, float]
     pins: float
     numerical: float
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """Steps that were taken.
+
+    Attributes
+    ----------
+    number, state, memory
+        Of the steps before the last one; where they end.
+    step
+        The last one; None if a stretch was beyond its limits before.
+    flows
+        Of all of them.
+    """
+
+    number: int
+    state: State
+    memory: LastForce
+    step: Step | None
+    flows: Flows
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +134,8 @@ class FusedSteps:
         look: tuple[int, int],
         least: float,
         largest: float,
-    ) -> tuple[int, State, LastForce, Flows] | None:
-        """Take steps of the given sizes; return their number, and where they end.
+    ) -> Taken | None:
+        """Take steps of the given sizes, the last one so that its `Step` is known.
 
         Parameters
         ----------
@@ -122,48 +145,31 @@ class FusedSteps:
             (s + 1,) begin and ends of the steps, (s,) their sizes, equal but for round-off [s].
         look
             (phase, period): after step s, from 0 on, the stretches are looked at if
-            (s + phase) % period = period − 1.
+            (s + phase) % period = period − 1; not after the last one.
         least, largest
             Stretches beyond which no further step is taken.
 
         Returns
         -------
-        tuple
-            Number of steps; the state and the memory after them; the flows of the ledger. None if
-            a value is not finite: then nothing is known of these steps.
+        Taken
+            None if a value is not finite: then nothing is known of these steps.
         """
-        constraints, dt = self.system.constraints, float(sizes[0])
-        rows = MotionRows.of(constraints, times, sizes)
+        rows = MotionRows.of(self.system.constraints, times, sizes)
         self.x[:], self.v[:], self.a[:] = state.x, state.v, memory.a
-        self.stretches[:] = 1.0
-        start = self._energy_of_kicks(dt)
+        self.stretches[:], dt = 1.0, float(sizes[0])
+        start, pins, most = self._energy_of_kicks(dt), np.zeros(1), len(sizes) - 1
         if self.columns:
             self._start_columns(memory.at)
-        pins = np.zeros(1)
-        held = constraints.nodes, np.ascontiguousarray(constraints.projectors)
-        work = np.empty((3, len(constraints.nodes), 3))
-        addresses = self.forces.address, self.before.address, self.after.address, self.look.address
-        arrays = self.inverse_mass, self.x, self.v, self.a, self.ahead, self.f
-        number = take_steps(
-            *addresses,
-            sizes,
-            self.moves.clock,
-            *look,
-            self.stretches,
-            least,
-            largest,
-            *held,
-            rows.path,
-            rows.speed,
-            self.system.nodal_mass,
-            pins,
-            work,
-            *arrays,
-        )
+        number = self._go(rows, slice(0, most), look, least, largest, pins)
+        before, left = self._left(rows, number)
+        step = None
+        if number == most and least <= self.stretches[0] and self.stretches[1] <= largest:
+            self._go(rows, slice(most, None), (0, 2), least, largest, pins)
+            new, last = self._left(rows, most + 1)
+            forces = (left.at, left.a), (last.at, last.a)
+            step = Step(new, last.at, last, Counts(), accelerations=forces)
         if not (np.isfinite(self.x).all() and np.isfinite(self.v).all()):
             return None
-        x, t = self.x.copy(), float(times[number])
-        at = State(float(rows.reached[number - 1]), x, self.ahead.copy())
         numerical = start - self._energy_of_kicks(dt) - sum(c.unrecorded for c in self.columns)
         flows = Flows(
             {column.name: column.dissipated for column in self.columns if column.dissipates},
@@ -171,7 +177,43 @@ class FusedSteps:
             float(pins[0]),
             numerical,
         )
-        return number, State(t, x, self.v.copy()), LastForce(self.a.copy(), at), flows
+        return Taken(number, before, left, step, flows)
+
+    def _go(
+        self,
+        rows: MotionRows,
+        part: slice,
+        look: tuple[int, int],
+        least: float,
+        largest: float,
+        pins: np.ndarray,
+    ) -> int:
+        """Take a part of the steps; return their number."""
+        constraints = self.system.constraints
+        moving = slice(None) if len(rows.path) == 1 else part
+        return take_steps(
+            *(calls.address for calls in (self.forces, self.before, self.after, self.look)),
+            rows.sizes[part],
+            self.moves.clock,
+            *look,
+            self.stretches,
+            least,
+            largest,
+            constraints.nodes,
+            np.ascontiguousarray(constraints.projectors),
+            rows.path[moving],
+            rows.speed[moving],
+            self.system.nodal_mass,
+            pins,
+            np.empty((3, len(constraints.nodes), 3)),
+            *(self.inverse_mass, self.x, self.v, self.a, self.ahead, self.f),
+        )
+
+    def _left(self, rows: MotionRows, number: int) -> tuple[State, LastForce]:
+        """The state and the memory after that many steps."""
+        x = self.x.copy()
+        at = State(float(rows.reached[number - 1]), x, self.ahead.copy())
+        return State(float(rows.times[number]), x, self.v.copy()), LastForce(self.a.copy(), at)
 
     def _energy_of_kicks(self, dt: float) -> float:
         """dt²/8 a·M a of the free directions: M Δv · (Δx/dt − v̄) is its decrease in a step."""

@@ -12,6 +12,7 @@ import numpy as np
 from fecloth.integrators.explicit import CentralDifference, LastForce
 from fecloth.integrators.fused_steps import Flows, FusedSteps
 from fecloth.integrators.protocol import StepChoice
+from fecloth.integrators.step import Step
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.stability_limited import (
     BEYOND,
@@ -55,8 +56,10 @@ class Skipped:
         Of the steps.
     state, memory
         After them.
+    step
+        The step after them, if it is known too.
     flows
-        What the energy ledger adds up over them.
+        What the energy ledger adds up over all of these.
     seconds
         Wall time.
     """
@@ -64,6 +67,7 @@ class Skipped:
     number: int
     state: State
     memory: object
+    step: Step | None
     flows: Flows
     seconds: float
 
@@ -104,40 +108,45 @@ class FusedMarch:
         state, memory, number
             After the last step, with its number.
         targets
-            Times at which steps must end, up to the next one that must not be skipped.
+            Times at which steps must end, up to one that must not be skipped.
 
         Raises
         ------
         FloatingPointError
             If they end beyond all bounds; single steps will tell where.
         """
-        begin, most = time.perf_counter(), min(wanted.step - 1 - number, MOST)
-        if most < FEWEST or memory is None:
-            return None
+        begin, most = time.perf_counter(), min(wanted.step - number, len(targets), MOST)
         limited = memory if isinstance(memory, LimitMemory) else None
-        times = _fixed_times(state.t, targets[:most])
+        times = np.concatenate([[state.t], targets[:most]])
         if limited:
+            most = min(wanted.step - number, MOST)
             times = self._chosen_times(state, limited, targets[0], most)
         sizes = np.diff(times) if limited is None else np.full(len(times) - 1, limited.dt)
-        count = _equal(sizes)
-        count = min(count, int(np.searchsorted(times[1:], wanted.t)))
-        if count < FEWEST:
+        count = min(_equal(sizes), 1 + int(np.searchsorted(times[1:], wanted.t)))
+        if count <= FEWEST:
             return None
-        plan = times[: count + 1], sizes[:count]
         look, least, largest = (number % LOOK_EVERY, LOOK_EVERY), 0.0, self.most_stretch
         last = memory
         if limited:
             look, last = (limited.steps % LOOK, LOOK), limited.method_memory
             least, largest = limited.least / BEYOND, min(largest, limited.largest * BEYOND)
         assert isinstance(last, LastForce)
+        plan = times[: count + 1], sizes[:count]
         taken = self.fused.take(state, last, *plan, look, least, largest)
-        if taken is None or not (limited or self.fused.stretches[1] <= largest):
+        if taken is None or not (limited or taken.step):
             raise FloatingPointError("fused steps end beyond all bounds")
-        count, new, after, flows = taken
-        left: object = after
+        left: object = taken.memory
+        step = taken.step
         if limited:
-            left = replace(limited, steps=limited.steps + count, method_memory=after)
-        return Skipped(count, new, left, flows, time.perf_counter() - begin)
+            before = replace(
+                limited, steps=limited.steps + taken.number, method_memory=taken.memory
+            )
+            left = before
+            if step:
+                after = replace(before, steps=before.steps + 1, method_memory=step.memory)
+                step = replace(step, memory=after)
+        seconds = time.perf_counter() - begin
+        return Skipped(taken.number, taken.state, left, step, taken.flows, seconds)
 
     def _chosen_times(
         self, state: State, limited: LimitMemory, target: float, most: int
@@ -155,11 +164,6 @@ class FusedMarch:
         times = np.add.accumulate(np.concatenate([none, np.full(most, dt)]))
         shortened = np.ceil((target - times[:-1]) / dt - 1e-9) <= 2
         return times[: 1 + int(np.argmax(np.append(shortened, True)))]
-
-
-def _fixed_times(t: float, targets: np.ndarray) -> np.ndarray:
-    """Begin and ends of the steps to the targets."""
-    return np.concatenate([[t], targets])
 
 
 def _equal(sizes: np.ndarray) -> int:
@@ -200,9 +204,7 @@ class Skipping:
         if self.bound is None or place == len(self.targets):
             return None
         stop = self.kept[np.searchsorted(self.kept, place)]
-        targets = self.targets[place : max(stop, place + 1)]
-        if stop == place and isinstance(self.bound.steps, FixedStep):
-            return None
+        targets = self.targets[place : stop + 1]
         try:
             return self.bound.skip(state, memory, number, targets, wanted)
         except FloatingPointError:

@@ -160,7 +160,8 @@ def march(
         target = targets[place]
         number, size = number + 1, target - state.t
         try:
-            result = steps.step(system, state, size, solver, last_memory)
+            known = skipped.step if skipped else None
+            result = known or steps.step(system, state, size, solver, last_memory)
         except (NewtonFailed, SolveFailed) as failure:
             raise step_failed(system, state, number, size, failure) from failure
         if number == begin.step + 1:

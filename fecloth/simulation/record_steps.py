@@ -142,8 +142,10 @@ def update_ledger(
     Raise `StepFailed` if two steps in a row exceed the energy available. One step may: a load
     switched on transfers momentum before it has done work.
     """
-    after = ledger.after(system, method, info.old, info.result)
-    after = after.with_flows(info.skipped.flows) if info.skipped else after
+    flows = info.skipped.flows if info.skipped and info.skipped.step else None
+    after = ledger.after(system, method, info.old, info.result, flows)
+    if info.skipped and flows is None:
+        after = after.with_flows(info.skipped.flows)
     noise = _noise(system, info, after.kinetic)
     growths = [each.growth(most) if each.deforming > noise else "" for each in (ledger, after)]
     if all(growths):

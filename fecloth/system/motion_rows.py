@@ -15,15 +15,16 @@ class MotionRows:
 
     Attributes
     ----------
-    times, reached
-        (s + 1,) begin and ends of the steps, and (s,) begin plus size [s]: they may differ by
-        round-off.
+    times, sizes, reached
+        (s + 1,) begin and ends of the steps, (s,) their sizes, and (s,) begin plus size [s], which
+        may differ from the end by round-off.
     path, speed
         (s, c, 3) displacement over each step [m] and velocity at its end [m/s] of the constrained
         nodes; one row for all steps where no pin moves.
     """
 
     times: np.ndarray
+    sizes: np.ndarray
     reached: np.ndarray
     path: np.ndarray
     speed: np.ndarray
@@ -47,4 +48,4 @@ class MotionRows:
                 begin = last if t == known else pin.displacement(t)
                 known, last = end, pin.displacement(end)
                 path[s, at], speed[s, at] = last - begin, pin.speed(end, since=t)
-        return cls(times, reached, path, speed)
+        return cls(times, sizes, reached, path, speed)

@@ -49,9 +49,12 @@ def test_bits_and_sums_are_those_of_single_steps(case):
     times = np.array([info.t for info in infos])
     fused, after = FusedSteps.bind(system), infos[0].result
     given = after.state, after.memory, times, np.diff(times), (0, 8), 0.0, np.inf
-    number, end, memory, flows = fused.take(*given)
-    single = infos[-1].result
-    assert number == steps - 1
+    taken = fused.take(*given)
+    single, flows = infos[-1].result, taken.flows
+    end, memory = taken.step.state, taken.step.memory
+    assert taken.number == steps - 2
+    assert np.array_equal(taken.state.x, infos[-1].old.x)
+    assert np.array_equal(taken.step.mean_force(system), single.mean_force(system))
     assert abs(end.x - after.state.x).max() > 1e-4
     for ours, theirs in (
         (end.x, single.state.x),
