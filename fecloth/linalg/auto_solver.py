@@ -152,8 +152,8 @@ class AutoSolver:
 
     # --- between two steps ------------------------------------------------------------------------
 
-    def begin(self, wx: float, wa: float) -> None:
-        """Begin a step with these weights: evaluate the last step and select the solver.
+    def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
+        """Begin a step near x (n, 3) with these weights: evaluate the last step and select the solver.
 
         If dt has changed by more than a factor of 2 since the counts began, the counts are reset.
         The predicted iterations are then scaled by √(wx/wa): they are proportional to √κ, and κ is
