@@ -1,5 +1,8 @@
 """The linear solver "auto": conjugate gradients or a factorisation, whichever is cheaper.
 
+On large cloths multigrid takes the place of block Jacobi in the conjugate gradients as soon as
+they need many iterations.
+
 The solver starts with conjugate gradients and counts the work of each step. From time to time it
 tries the other solver for a few steps. If conjugate gradients take more work than two
 factorisations, it factorises at once. All decisions use counts and not time, so that a run can be
@@ -21,6 +24,7 @@ import numpy as np
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.direct import Pardiso, SuperLU
+from fecloth.linalg.multigrid import Multigrid
 from fecloth.linalg.pcg import PCG
 from fecloth.linalg.protocol import SolveInfo, check_arguments
 
@@ -32,11 +36,13 @@ WASTED = 1.4  # ratio of Newton iterations with solves to 0.01 to those with exa
 FIRST, LONGEST = 8, 256  # steps between two trials: doubled after each failed trial
 TRIAL = {"pcg": 2, "direct": 8}  # steps of a trial; a factor must be used for a while to pay off
 MARGIN = 0.9  # a trial succeeds if its work is below this share of the other solver's work
+LARGE, MANY = 10_000, 100  # nodes, and iterations of `PCG`, from which on multigrid is cheaper
+CYCLE = 6.0  # an iteration with multigrid
 LOADING = 1e7  # iterations times nodes that take as long as loading the MKL, 0.4 s
 
 
 class AutoSolver:
-    """`PCG` or a direct solver for a symmetric matrix; `name` is the name of the current one.
+    """`PCG`, `Multigrid` or a direct solver for a symmetric matrix; `name` is that of the current one.
 
     Parameters
     ----------
@@ -60,6 +66,7 @@ class AutoSolver:
     _work: float
     _size: float | None
     _A: BlockMatrix | None
+    _begun: tuple[float, float, np.ndarray]
 
     def __init__(
         self,
@@ -127,23 +134,32 @@ class AutoSolver:
         except IndefiniteMatrix:
             raise
         except SolveFailed:
-            self._spent += limit
+            self._spent += int(limit * self._cost)
             self._fall_over(A)
             return self.solve(b, rtol, guess)
-        self._work += OVERHEAD + info.iterations
-        self._spent += info.iterations
-        self._iterations += 0.25 * (info.iterations - self._iterations)
+        work = info.iterations * self._cost
+        self._work += OVERHEAD + work
+        self._spent += int(work)
+        self._iterations += 0.25 * (work - self._iterations)
         return x, info
+
+    @property
+    def _cost(self) -> float:
+        """Work of an iteration."""
+        return CYCLE if isinstance(self._solver, Multigrid) else 1.0
 
     def _limit(self) -> int:
         """Limit of iterations of one solve: two factorisations, or the rest of a trial's work."""
         limit = 2 * self.price
         if self._mode != self._home:
             limit = min(limit, TRIAL["pcg"] * self._home_work - self._work)
-        return max(10, int(limit))
+        return max(10, int(limit / self._cost))
 
     def _fall_over(self, A: BlockMatrix) -> None:
-        """Factorise the same matrix and continue with the direct solver."""
+        """Continue with the same matrix, by multigrid on a large cloth or by a factorisation."""
+        if self._take_multigrid():
+            self.prepare(A)
+            return
         lost = self._mode != self._home
         self._patience = self._longer() if lost else FIRST
         self._home = "direct"
@@ -170,6 +186,19 @@ class AutoSolver:
         else:
             self._after_a_step_of_a_trial()
         self._steps += 1
+        self._begun = wx, wa, x
+        if self._mode == "pcg" and self._spent and self._iterations > MANY:
+            self._take_multigrid()
+        self._solver.begin(wx, wa, x)
+
+    def _take_multigrid(self) -> bool:
+        """Replace block Jacobi by multigrid; False on a small cloth, or if it is in use."""
+        if self.nodes < LARGE or isinstance(self._solvers["pcg"], Multigrid):
+            return False
+        self._solvers["pcg"], self._mode = Multigrid(), ""
+        self._use("pcg")
+        self._solver.begin(*self._begun)
+        return True
 
     def _after_a_step_at_home(self) -> None:
         if self._steps < self._patience:
