@@ -1,4 +1,4 @@
-"""Aggregates of coupled nodes, and the rigid-body motions of each: the coarse unknowns of multigrid.
+"""Aggregates of coupled nodes and their rigid motions: the coarse unknowns of multigrid.
 
 Source: Vaněk, Mandel and Brezina (1996), Algebraic multigrid by smoothed aggregation for second
 and fourth order elliptic problems, sections 4.1 (aggregates) and 3 (tentative prolongator).

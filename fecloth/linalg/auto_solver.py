@@ -42,7 +42,7 @@ LOADING = 1e7  # iterations times nodes that take as long as loading the MKL, 0.
 
 
 class AutoSolver:
-    """`PCG`, `Multigrid` or a direct solver for a symmetric matrix; `name` is that of the current one.
+    """`PCG`, `Multigrid` or a direct solver for a symmetric matrix; `name` is the current one's.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ class AutoSolver:
     # --- between two steps ------------------------------------------------------------------------
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
-        """Begin a step near x (n, 3) with these weights: evaluate the last step and select the solver.
+        """Begin a step near x (n, 3) with these weights: evaluate the last one, select the solver.
 
         If dt has changed by more than a factor of 2 since the counts began, the counts are reset.
         The predicted iterations are then scaled by √(wx/wa): they are proportional to √κ, and κ is

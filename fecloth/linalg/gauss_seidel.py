@@ -16,8 +16,6 @@ import numpy as np
 from fecloth.jit import Array, inner, kernel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 
-MOST = 1 << 16  # colours
-
 
 @dataclass(frozen=True)
 class SweepOrder:
@@ -53,13 +51,15 @@ class SweepOrder:
         _split(pattern.indptr, pattern.indices, colours, nodes, indptr, middle, slots)
         return cls(nodes, indptr, middle, pattern.indices[slots], slots)
 
-    def gather(self, A: BlockMatrix) -> np.ndarray:
-        """(b − n, 3, 3) the blocks of A in this order, in single precision."""
-        values = np.empty((len(self.slots), 3, 3), np.float32)
+    def gather(self, A: BlockMatrix, kind: type) -> np.ndarray:
+        """(b − n, 3, 3) the blocks of A in this order, of type np.float32 or np.float64."""
+        values: np.ndarray = np.empty((len(self.slots), 3, 3), kind)
         _gather(self.slots, A.values, values)
         return values
 
-    def forward(self, values: np.ndarray, inverse: np.ndarray, b: np.ndarray, x: np.ndarray):
+    def forward(
+        self, values: np.ndarray, inverse: np.ndarray, b: np.ndarray, x: np.ndarray
+    ) -> None:
         """x = (D + L)⁻¹ b: a sweep from x = 0; A = L + D + U in the order of colours.
 
         Parameters
@@ -73,11 +73,13 @@ class SweepOrder:
         """
         _forward(self.nodes, self.indptr, self.middle, self.indices, values, inverse, b, x)
 
-    def residual(self, values: np.ndarray, x: np.ndarray, r: np.ndarray):
+    def residual(self, values: np.ndarray, x: np.ndarray, r: np.ndarray) -> None:
         """r = b − A x = −U x for the x of `forward`."""
         _residual(self.nodes, self.indptr, self.middle, self.indices, values, x, r)
 
-    def backward(self, values: np.ndarray, inverse: np.ndarray, b: np.ndarray, x: np.ndarray):
+    def backward(
+        self, values: np.ndarray, inverse: np.ndarray, b: np.ndarray, x: np.ndarray
+    ) -> None:
         """x ← (D + U)⁻¹ (b − L x), in place."""
         _backward(self.nodes, self.indptr, self.indices, values, inverse, b, x)
 
@@ -85,7 +87,7 @@ class SweepOrder:
 @kernel
 def _colour(indptr: Array, indices: Array, colours: Array) -> None:
     """Number the colours in `colours`, −1 at first."""
-    last = np.full(MOST, -1)  # the last node with a neighbour of this colour
+    last = np.full(len(colours), -1)  # the last node with a neighbour of this colour
     for i in range(len(colours)):
         for j in indices[indptr[i] : indptr[i + 1]]:
             if colours[j] >= 0:

@@ -19,10 +19,10 @@ FEW = 5  # iterations that are not worth new coarse matrices
 
 
 class Multigrid(PCG):
-    """Conjugate gradients preconditioned by one V-cycle of multigrid.
+    """Conjugate gradients preconditioned by a cycle of multigrid.
 
     The aggregates are made once for each pattern. The coarse matrices are kept, also for other
-    matrices, until the iterations have doubled; see `hierarchy` why the V-cycle remains definite.
+    matrices, until the iterations have doubled; see `hierarchy` why the cycle remains definite.
 
     Parameters
     ----------
@@ -65,11 +65,12 @@ class Multigrid(PCG):
         if not self._grids or self._grids[0].pattern is not A.pattern:
             self._levels, self._grids = [], make_grids(A.pattern)
         if self._levels and not self._is_worn:
-            values = self._grids[0].order.gather(A)
-            self._levels[0] = replace(self._levels[0], values=values)
+            values = self._grids[0].order.gather(A, np.float32)
+            self._levels[0] = replace(self._levels[0], A=A, values=values)
         else:
             self._levels, self._first, self._is_worn = [], 0, False
-            self._levels = make_levels(self._grids, A, self._inverse, self._motions(len(A.pattern)))
+            motions = self._motions(len(A.pattern))
+            self._levels = make_levels(self._grids, A, self._inverse, motions, np.float32)
         self._A = A
         self._seconds += time.perf_counter() - begin
 

@@ -85,21 +85,25 @@ class PCG:
     def _check(
         self, status: int, iterations: int, before: float, reached: float, rtol: float
     ) -> None:
+        name = self.name
         if status == NOT_FINITE:
-            raise SolveFailed(f"{self.name} found a number that is not finite in {iterations} iterations")
+            raise SolveFailed(
+                f"{name} found a number that is not finite in {iterations} iterations"
+            )
         if status == INDEFINITE:
             raise IndefiniteMatrix(
-                f"{self.name} found pᵀAp <= 0 in iteration {iterations + 1}: A is not positive definite",
+                f"{name} found pᵀAp <= 0 in iteration {iterations + 1}: A is not positive definite",
                 *(reached, rtol),
             )
         if status == OUT_OF_ITERATIONS:
             raise SolveFailed(
-                f"{self.name} spent max_iterations = {self.max_iterations}; use a direct solver",
+                f"{name} spent max_iterations = {self.max_iterations}; use a direct solver",
                 *(reached, rtol),
             )
         if reached > max(rtol, 0.5 * before):
             raise SolveFailed(
-                f"{self.name} stands still at round-off after {iterations} iterations; use a direct solver",
+                f"{name} stands still at round-off after {iterations} iterations; "
+                "use a direct solver",
                 *(reached, rtol),
             )
 
