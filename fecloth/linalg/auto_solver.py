@@ -66,7 +66,7 @@ class AutoSolver:
     _work: float
     _size: float | None
     _A: BlockMatrix | None
-    _begun: tuple[float, float, np.ndarray]
+    _begun: tuple[float, float, np.ndarray] | None
 
     def __init__(
         self,
@@ -82,8 +82,8 @@ class AutoSolver:
 
     def drop(self) -> None:
         """Reset to the initial state: remove all counts and the direct solver."""
-        self._solvers: dict[str, PCG | Pardiso | SuperLU] = {"pcg": PCG()}
-        self._A, self._size, self._spent = None, None, 0
+        self._solvers: dict[str, PCG | Pardiso | SuperLU] = {}
+        self._A, self._size, self._begun, self._spent = None, None, None, 0
         self._iterations = self.predicted
         self._settle()
 
@@ -103,7 +103,7 @@ class AutoSolver:
     # --- the work of a step -----------------------------------------------------------------------
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Factorise A (direct solver) or invert its diagonal blocks (PCG)."""
+        """Let the current solver prepare A."""
         self.prepared, self._A = self.prepared + 1, None
         self._work += ASSEMBLY
         if self._mode == "direct":
@@ -116,7 +116,8 @@ class AutoSolver:
     ) -> tuple[np.ndarray, SolveInfo]:
         """Solve A x = b: x (n, 3) and its `SolveInfo`.
 
-        If PCG exceeds its limit of iterations, A is factorised.
+        If PCG exceeds its limit of iterations, multigrid follows on a large cloth, and then or
+        otherwise a factorisation.
 
         Raises
         ------
@@ -137,7 +138,7 @@ class AutoSolver:
             self._spent += int(limit * self._cost)
             self._fall_over(A)
             return self.solve(b, rtol, guess)
-        work = info.iterations * self._cost
+        self._last, work = info.iterations, info.iterations * self._cost
         self._work += OVERHEAD + work
         self._spent += int(work)
         self._iterations += 0.25 * (work - self._iterations)
@@ -187,7 +188,7 @@ class AutoSolver:
             self._after_a_step_of_a_trial()
         self._steps += 1
         self._begun = wx, wa, x
-        if self._mode == "pcg" and self._spent and self._iterations > MANY:
+        if self._mode == "pcg" and self._last > MANY:
             self._take_multigrid()
         self._solver.begin(wx, wa, x)
 
@@ -197,7 +198,8 @@ class AutoSolver:
             return False
         self._solvers["pcg"], self._mode = Multigrid(), ""
         self._use("pcg")
-        self._solver.begin(*self._begun)
+        if self._begun:
+            self._solver.begin(*self._begun)
         return True
 
     def _after_a_step_at_home(self) -> None:
@@ -230,6 +232,7 @@ class AutoSolver:
 
     def _settle(self) -> None:
         """Start with PCG; this is a trial if a factorisation is predicted to be cheaper."""
+        self._solvers["pcg"], self._last = PCG(), 0
         iterates = WASTED * self._iterations <= self.price
         self._home = "pcg" if iterates else "direct"
         self._home_work, self._patience, self._mode = math.inf, FIRST, ""  # no mode yet

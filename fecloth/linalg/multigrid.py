@@ -15,7 +15,7 @@ from fecloth.linalg.pcg import CONVERGED, INDEFINITE, NOT_FINITE, OUT_OF_ITERATI
 from fecloth.linalg.protocol import SolveInfo, block_rows
 from fecloth.linalg.reductions import dot, squared_norm
 
-FEW = 5  # iterations that are not worth new coarse matrices
+FEW = 10  # iterations that are not worth new coarse matrices
 
 
 class Multigrid(PCG):

@@ -163,3 +163,26 @@ def test_auto_follows_the_steps_of_a_march(monkeypatch):
         fc.run(system, method, system.rest(), 1e-3, 3e-3)
         wx, _, wa = method.weights(1e-3)
         assert sizes == pytest.approx([wx / wa] * 3)
+
+
+def test_auto_takes_multigrid_on_a_large_cloth_if_pcg_takes_many_iterations(monkeypatch):
+    monkeypatch.setattr(auto_solver, "LARGE", 400)
+    assert steps(auto(), EASY, 3) == ["pcg"] * 3
+    monkeypatch.setattr(auto_solver, "MANY", 20)
+    A = sheet(m=20, mass=0.3)  # 40 iterations of PCG
+    solver = auto(condition=1e3)
+    names = steps(solver, A, 8)
+    assert names == ["pcg"] + ["multigrid"] * 7
+    solver.drop()
+    assert steps(solver, EASY, 3) == ["pcg"] * 3
+    monkeypatch.setattr(auto_solver, "LARGE", 401)
+    assert set(steps(auto(condition=1e3), A, 8)) == {"pcg"}
+
+
+@pytest.mark.parametrize(("cycle", "last"), [(4.0, "multigrid"), (100.0, "direct")])
+def test_auto_factorises_where_multigrid_takes_too_long(cycle, last, monkeypatch):
+    """PCG exceeds its limit of 104 iterations, multigrid needs 18; its limit is 104 / `CYCLE`."""
+    monkeypatch.setattr(auto_solver, "LARGE", 400)
+    monkeypatch.setattr(auto_solver, "CYCLE", cycle)
+    expected = select.direct().name if last == "direct" else last
+    assert steps(auto(), HARD, 3) == [expected] * 3
