@@ -58,18 +58,21 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "h": "Edge length of the triangles [m].",
         "pattern": '"unstructured" (by Gmsh), "right", "cross" or "equilateral".',
         "element": "Linear (P1) or quadratic (P2) triangles.",
+        "grading": "Places with smaller triangles, as [[cloth.grading]], see below.",
     },
     "Disk": {
         "shape": "The kind of cloth.",
         "radius": "Radius [m]; the middle is the origin.",
         "h": "Edge length of the triangles [m].",
         "element": "Linear (P1) or quadratic (P2) triangles.",
+        "grading": "Places with smaller triangles, as [[cloth.grading]], see below.",
     },
     "MeshFile": {
         "shape": "The kind of cloth.",
         "path": "A .geo, .msh, .vtu or other mesh file, relative to the scene.",
         "h": "Edge length of a .geo file [m].",
         "element": "Linear (P1) or quadratic (P2) triangles.",
+        "grading": "Places with smaller triangles, as [[cloth.grading]], see below.",
     },
     "FabricTable": {
         "preset": "Name of a published fabric, which gives the constants that are left out.",
@@ -147,6 +150,7 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
 SECTIONS = {
     "At the top": (Scene,),
     "[cloth]": (tables.Rectangle, tables.Disk, tables.MeshFile),
+    "[[cloth.grading]]": (tables.GradingTable,),
     "[fabric]": (FabricTable,),
     "[[pins]]": (pin_table.PinTable, pin_table.PinRotation),
     "[start]": (start_table.Start, start_table.Rotation),

@@ -126,14 +126,16 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     plates. Fitted to peaks of 2,000 to 250,000 triangles, P1 with and without hinges, and P2 to
     40,000.
     """
-    n, blocks = len(system.cloth.X), len(system.pattern.indices)
+    n = len(system.cloth.X)
+    blocks = 0 if solver == "explicit" else len(system.pattern.indices)
     used: float = 258 * n + 157 * math.prod(system.cloth.gradients.shape[:3]) + 150 * blocks
     used += 500 * len(system.cloth.triangles)
     for term in system.bound:  # the arrays of interpolated strains and of plates
         used += getattr(getattr(term, "strain", None), "nbytes", 0)
-        used += getattr(getattr(term, "plate", None), "nbytes", 0)
-    if solver != "explicit":
-        used += 18 * blocks  # less than the matrix: what binding takes is free by then
+        if plate := getattr(term, "plate", None):
+            used += plate.nbytes
+            used += 0 if solver == "explicit" else plate.rows.nbytes
+    used += 18 * blocks  # less than the matrix: what binding takes is free by then
     if solver == "multigrid":
         used += MULTIGRID * blocks
     if solver == "direct":

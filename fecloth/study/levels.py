@@ -26,6 +26,9 @@ class Level:
         return " and ".join(parts) or "the first level"
 
 
+FIRST = Level()
+
+
 def make_levels(
     refine: str, levels: int, ratio: float, space_order: float = 1.0, time_order: float = 1.0
 ) -> list[Level]:

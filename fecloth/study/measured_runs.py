@@ -47,7 +47,9 @@ def run_scene_text(
     timed: bool = False,
 ) -> dict:
     """Run the scene of a text; `recorded` are the columns to return over the whole run."""
-    return measure(setup_of_scene(text, trust_geo), recorded, modes, timed=timed)
+    begin = time.process_time()
+    row = measure(setup_of_scene(text, trust_geo), recorded, modes, timed=timed)
+    return row | {"case_seconds": time.process_time() - begin}
 
 
 def run_function(
@@ -64,8 +66,10 @@ def run_function(
     timed: bool = False,
 ) -> dict:
     """Run what the user's function of that file returns; `probes` are names with places."""
+    begin = time.process_time()
     setup = setup_of_importable(path, name, settings, dt, t_end, probes, sharper)
-    return measure(setup, recorded, modes, timed=timed)
+    row = measure(setup, recorded, modes, timed=timed)
+    return row | {"case_seconds": time.process_time() - begin}
 
 
 def setup_of_importable(

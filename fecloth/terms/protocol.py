@@ -64,7 +64,8 @@ class Term(Protocol):
             per area, ``panel.gradients`` the gradients of the shape functions in warp and weft.
         slots
             ``slots(stencil)`` (m, k, k): the block of the matrix for each pair of nodes of a
-            stencil, an index into ``J.values``. Call it here, not in each step.
+            stencil, an index into ``J.values``. Call it once, here or at the first tangent: runs
+            of explicit methods then make no matrix.
 
         Raises
         ------

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
+from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.fold_measure import fold_measure
 from fecloth.terms.bending.hinge import hinge_angles
@@ -91,7 +92,7 @@ class PlateBending:
         """(p, 2) pairs of nodes whose positions the curvature of one triangle depends on."""
         return cloth.edge_slopes.pairs
 
-    def bind(self, panel: Panel, slots: Callable) -> BoundPlate:
+    def bind(self, panel: Panel, slots: FindSlots) -> BoundPlate:
         plate = bind_angles(panel, slots, "PlateBending")
         rest = fold_measure(rest_angles(self.rest, panel))
         return BoundPlate(plate, np.append(rest, np.zeros(len(plate.held))), panel)

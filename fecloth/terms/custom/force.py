@@ -96,9 +96,8 @@ class UserForce:
             function = self.force
         else:
             function = FormulaForce(_validated_parts(self.force), cloth.X)
-        diagonal = slots(np.arange(len(cloth.X), dtype=np.int32)[:, None]).ravel()
         symmetric = self.tangent == "symmetric"
-        return BoundUserForce(function, self.derivatives, amount, cloth.X, diagonal, symmetric)
+        return BoundUserForce(function, self.derivatives, amount, cloth.X, symmetric)
 
 
 def _validated_parts(parts) -> tuple:
@@ -137,7 +136,6 @@ class BoundUserForce:
     derivatives: Callable | None
     amount: np.ndarray
     X: np.ndarray
-    diagonal: np.ndarray
     symmetric: bool
 
     name = "UserForce"
@@ -177,7 +175,7 @@ class BoundUserForce:
         if definite:
             values, vectors = np.linalg.eigh(blocks)
             blocks = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(values, 0.0), vectors)
-        add_blocks(self.diagonal, blocks, J.values)
+        add_blocks(J.pattern.diagonal, blocks, J.values)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest, of the symmetric parts."""

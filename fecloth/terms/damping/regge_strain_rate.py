@@ -15,6 +15,7 @@ import numpy as np
 
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
+from fecloth.linalg.block_matrix import FindSlots
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.green_strain import clamp, contract, double_contraction
 from fecloth.terms.loops.regge_membrane import BoundRegge
@@ -43,7 +44,7 @@ class BoundReggeRate:
     """
 
     panel: Panel
-    slots: np.ndarray
+    find_slots: FindSlots
     viscosity: np.ndarray
     symmetric: bool
     rate: str | None
@@ -53,6 +54,11 @@ class BoundReggeRate:
     has_energy = False
     dissipative = True
     velocity_dependent = True
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the triangles in the matrix."""
+        return self.find_slots(self.panel.cloth.stencil)
 
     @property
     def needs_difference(self) -> bool:
@@ -119,7 +125,7 @@ class ReggeRateOverStep:
         moduli = damping.viscosity / h
         at = ReggeStrain(E.nodes, E.forms, E.weights, total, E.slopes, E.gradients, E.samples)
         kernels = stvk.KERNELS.regge
-        return BoundRegge(self.name, kernels, damping.panel, damping.slots, moduli, moduli, at)
+        return BoundRegge(self.name, kernels, damping.panel, damping.find_slots, moduli, moduli, at)
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """h/2 Σ w Ė : τℂ₀ : Ė [J], the potential over the step."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, TypeVar
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
+from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import DENSITY, RESISTANCE
 from fecloth.terms.loads.air_velocity import AirVelocity, Uniform, velocity_field
@@ -99,7 +101,7 @@ def bind_drag(drag, wind: AirVelocity, panel: Panel, slots, bound_class: type[Bo
         raise InputError(f"element {cloth.element}", "must be P1", type(drag).__name__)
     law = (float(drag.normal), float(drag.tangential), drag.law == "quadratic")
     symmetric = drag.tangent == "symmetric"
-    return bound_class(panel, slots(cloth.stencil), wind, law, symmetric)
+    return bound_class(panel, slots, wind, law, symmetric)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +119,7 @@ class BoundDrag:
     """
 
     panel: Panel
-    slots: np.ndarray
+    find_slots: FindSlots
     wind: AirVelocity
     law: tuple[float, float, bool]
     symmetric: bool
@@ -126,6 +128,11 @@ class BoundDrag:
     has_energy = False
     dissipative = True
     velocity_dependent = True
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the triangles in the matrix."""
+        return self.find_slots(self.panel.cloth.stencil)
 
     @property
     def nodes(self) -> np.ndarray:

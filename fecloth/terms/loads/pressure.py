@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
+from fecloth.linalg.block_matrix import FindSlots
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
@@ -86,9 +88,9 @@ class Pressure:
     def bind(self, panel: Panel, slots) -> BoundPressure:
         cloth = panel.cloth
         p = scalar(self.p, "p", "Pressure")
-        blocks, symmetric = slots(cloth.stencil), self.tangent == "symmetric"
+        symmetric = self.tangent == "symmetric"
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-        data = p, cloth.stencil, orientation_signs(cloth), blocks, symmetric, rest
+        data = p, cloth.stencil, orientation_signs(cloth), slots, symmetric, rest
         return BoundPressure(*data) if cloth.element == "P1" else BoundCurved(*data, cloth)
 
 
@@ -114,7 +116,7 @@ class BoundPressure:
     p: TimeFunction
     nodes: np.ndarray
     signs: np.ndarray
-    slots: np.ndarray
+    find_slots: FindSlots
     symmetric: bool
     rest: np.ndarray
 
@@ -123,6 +125,11 @@ class BoundPressure:
     has_energy = False
     dissipative = False
     velocity_dependent = False
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the triangles in the matrix."""
+        return self.find_slots(self.nodes)
 
     def supply(self, x, v, t) -> float:
         """Power f · v of the pressure on the cloth [W]."""

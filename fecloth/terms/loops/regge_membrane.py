@@ -21,7 +21,7 @@ import numpy as np
 
 from fecloth.fabric.panel import Panel
 from fecloth.jit import Array, specialise
-from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.recovery import LINEAR, Samples
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.green_strain import Six, Three, clamp
@@ -244,8 +244,8 @@ class BoundRegge:
     ----------
     kernels
         The law's entry points.
-    panel, slots
-        The panel, and the (m, 6, 6) blocks of its triangles in the system matrix.
+    panel, find_slots
+        As `bind` of a term gets them; the matrix is not looked at before the first tangent.
     constants
         (m, p) constants of the law in each triangle.
     moduli
@@ -257,7 +257,7 @@ class BoundRegge:
     name: str
     kernels: ReggeKernels
     panel: Panel
-    slots: np.ndarray
+    find_slots: FindSlots
     constants: np.ndarray
     moduli: np.ndarray
     strain: ReggeStrain
@@ -266,6 +266,11 @@ class BoundRegge:
     has_energy = True
     dissipative = False
     velocity_dependent = False
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the triangles in the matrix."""
+        return self.find_slots(self.panel.cloth.stencil)
 
     @cached_property
     def data(self) -> tuple[Any, ...]:
@@ -302,7 +307,7 @@ class BoundRegge:
 
     def sampled_strain(self, x: Array) -> tuple[Array, Array, Samples]:
         """E (m, q, 3) at the points of samples, ℂ (m, 6) [N/m], and the samples."""
-        moduli = np.zeros((len(self.slots), 6))
+        moduli = np.zeros((len(self.moduli), 6))
         self.kernels.add_moduli(*self.data, x, moduli)
         return self.strain.values(x), moduli, LINEAR
 
