@@ -20,6 +20,7 @@ from fecloth.scene.wrinkles import mean_edge, wrinkle_length
 from fecloth.simulation.pin_warnings import rotation_about_pins
 from fecloth.stability.critical_step import element_bound
 from fecloth.system.system import System
+from fecloth.terms.loops.bound_condition import BoundCondition
 
 # Bytes of a factor for each block and log₂ n. Midpoints of edges are eliminated with little fill.
 FILL = {"P1": 47, "P2": 24}
@@ -28,11 +29,11 @@ MULTIGRID = 235  # bytes of its levels for each block, at the peak
 
 def plan(problem: Problem, why: str) -> list[str]:
     """Return lines on sizes, terms, method, solver, threads, memory, weight and explicit steps."""
-    system = problem.system
+    system, n = problem.system, len(problem.system.cloth.X)
     name = f"{'quadratic ' * (system.cloth.element == 'P2')}triangles"
     lines = [
         f"{len(system.cloth.X)} nodes, {len(system.cloth.triangles)} {name}, "
-        f"area {system.cloth.area:.6g} m², {system.admissible.shape[1]} free dofs",
+        f"area {system.cloth.area:.6g} m², {system.constraints.count_free(n)} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
         f"pins: {_pins(system)}",
         _course(problem),
@@ -123,8 +124,8 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     A constant for the program, and bytes in proportion to the n nodes, to the entries of the
     gradients (triangles × quadrature points × nodes), to the triangles (a frame), to the b blocks
     of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated strains and of
-    plates. Fitted to peaks of 2,000 to 250,000 triangles, P1 with and without hinges, and P2 to
-    40,000.
+    plates. Explicit runs have no matrix; there the hinges and springs count. Fitted to peaks of
+    2,000 to 250,000 triangles, P1 with and without hinges, and P2 to 40,000.
     """
     n = len(system.cloth.X)
     blocks = 0 if solver == "explicit" else len(system.pattern.indices)
@@ -135,6 +136,8 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
         if plate := getattr(term, "plate", None):
             used += plate.nbytes
             used += 0 if solver == "explicit" else plate.rows.nbytes
+        if solver == "explicit" and isinstance(term, BoundCondition):
+            used += 150 * len(term.nodes)
     used += 18 * blocks  # less than the matrix: what binding takes is free by then
     if solver == "multigrid":
         used += MULTIGRID * blocks

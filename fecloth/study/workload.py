@@ -107,7 +107,7 @@ def check_size(
     jobs: int,
     most_seconds: float | None,
     where: str,
-    remedy: str = "most_seconds = None runs it anyway.",
+    remedy: str = "most_seconds = None, as a command --yes, runs it anyway.",
 ) -> None:
     """Print the size of a study before it begins: cases, triangles, steps and predicted time.
 

@@ -21,6 +21,7 @@ def out(tmp_path_factory):
 @pytest.mark.parametrize(
     ("study", "says"),
     [
+        ("benchmarks.binding", "figures met"),
         ("benchmarks.kernels", "figures met"),
         ("benchmarks.moved_pin", "figures met"),
         ("benchmarks.terms", "StVK"),
@@ -55,6 +56,7 @@ def test_quick(study, says, out):
         "models",
         "models.elastica",
         "simplify",
+        "tune",
         "work_precision",
         "work_precision.bending_fronts",
         "stability",
