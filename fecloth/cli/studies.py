@@ -128,8 +128,11 @@ def folders(options, command: str) -> tuple[Path, Path]:
 
 def how_to_run(options, cache: Path) -> dict:
     """Return the arguments of a study that say how its cases are run."""
+    from fecloth.errors import InputError
     from fecloth.study.workload import LONGEST
 
+    if not options.time_limit > 0:
+        raise InputError(f"--time-limit {options.time_limit:g}", "must be > 0 [s]")
     return {
         "cache": cache,
         "jobs": options.jobs,

@@ -1,6 +1,6 @@
 """The public names of `fecloth.study` and the modules that define them."""
 
-from .cases import Case, describe_settings, run_cases
+from .cases import Case, run_cases
 from .chart_result import Chart
 from .charts import chart
 from .command import Parser, StudyFailed, require_packages, run_main
@@ -30,7 +30,6 @@ from .sweeps import Sweep, sweep
 from .tables import Table
 from .timing import Seconds, measure_seconds
 from .uncertainty import Estimate, estimate_uncertainty
-from .workload import Workload, check_scene
 
 __all__ = [
     "COLOURS",
@@ -52,14 +51,11 @@ __all__ = [
     "Sweep",
     "Table",
     "TimeLimit",
-    "Workload",
     "chart",
-    "check_scene",
     "check_time_limit",
     "compare",
     "compare_runs",
     "converge",
-    "describe_settings",
     "draw_lines",
     "draw_slope_triangle",
     "estimate_uncertainty",

@@ -44,6 +44,7 @@ def converge(
     levels) or least squares (four or more), see `fecloth.study.uncertainty`; to it are added the
     errors that the levels do not show: of the time step, or of the mesh, and of the solver's
     tolerance, each from one more run of the first level, times 3 as for two levels (Roache 1994).
+    Steps that their error chooses are run with rtol/10 for it.
     Fields and paths are judged by the differences between levels, of which the sum towards the
     finest one takes the place of the values.
 

@@ -18,6 +18,9 @@ from fecloth.study.status import OK
 from fecloth.study.tables import Table
 from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
 
+CLOSER = 10.0  # rtol over that of the run that shows the error of chosen steps
+RTOL_ORDER = 2 / 3  # global errors of adaptive steps are about proportional to rtol^(2/3)
+
 
 def refine_problem(
     opened: Problem,
@@ -47,11 +50,16 @@ def levels_to_run(
 
 
 def _cases_for_shares(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
-    """Return further cases on the first level: with half of dt or h, and a sharper tolerance."""
+    """Return further cases on the first level: finer in what is not refined, and a sharper solver.
+
+    Of steps that their error chooses rtol is divided, in place of dt.
+    """
     if opened.is_static or quantity.how == "mode":
         return []
     other = {"h": Level(dt=2.0), "dt": Level(h=opened.ratio("h"))}.get(refine)
     cases = [other] if other and opened.can_refine("dt" if refine == "h" else "h") else []
+    if refine == "h" and opened.rtol:
+        cases = [Level(rtol=CLOSER)]
     return cases + ([] if opened.is_explicit else [Level(sharper=100.0)])
 
 
@@ -145,9 +153,12 @@ def _refined_share(refine: str, estimate: Estimate) -> dict[str, float]:
 
 
 def _edge(opened: Problem, first: Mapping, row: Mapping) -> float | None:
-    """Return h of a level: that of the first times the ratio of √(area of a triangle)."""
+    """Return h of a level: that of the first times the ratio of √(area of a triangle).
+
+    Of a failed level it is the nominal one.
+    """
     if "edge" not in row or "edge" not in first:
-        return None
+        return opened.h and opened.h / row["point"].level.h
     return (opened.h or first["edge"]) * row["edge"] / first["edge"]
 
 
@@ -167,6 +178,8 @@ def _other_shares(
         apart = difference_of(quantity, base, record_at(row, quantity))
         if row["point"].level.sharper > 1:
             found["solver"] = apart
+        elif row["point"].level.rtol > 1:
+            found["time step"] = apart / (1 - CLOSER**-RTOL_ORDER)
         elif refine == "h":
             found["time step"] = apart / (1 - 2.0 ** -orders[1])
         else:
@@ -178,7 +191,9 @@ def _other_shares(
 def _table_row(row: Mapping) -> dict:
     """Return the columns of a level that a reader wants."""
     names = ("triangles", "steps", "newton", "cpu_seconds")
-    sizes = {"h": row["h"], "dt": row.get("step")}
+    problem, level = row["point"].problem, row["point"].level
+    dt = None if problem.is_static else problem.first.steps.dt
+    sizes = {"h": row["h"], "dt": row.get("step", dt and dt / level.dt)}
     if isinstance(sizes["dt"], float) and not math.isfinite(sizes["dt"]):
         del sizes["dt"]
     state = {"status": row["status"]} if row["status"] != OK else {}
