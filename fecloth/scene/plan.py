@@ -24,6 +24,7 @@ from fecloth.terms.loops.bound_condition import BoundCondition
 
 # Bytes of a factor for each block and log₂ n. Midpoints of edges are eliminated with little fill.
 FILL = {"P1": 47, "P2": 24}
+MULTIGRID = 235  # bytes of its levels for each block, at the peak
 
 
 def plan(problem: Problem, why: str) -> list[str]:
@@ -87,9 +88,9 @@ def _steps(problem: Problem) -> str:
 def _threads_and_memory(problem: Problem) -> str:
     if problem.method.traits.explicit:
         return f"one thread, about {estimate_memory(problem.system, 'explicit'):.0f} MB"
+    if problem.linear in ("pcg", "multigrid"):
+        return f"one thread, about {estimate_memory(problem.system, problem.linear):.0f} MB"
     iterated = estimate_memory(problem.system, "pcg")
-    if problem.linear == "pcg":
-        return f"one thread, about {iterated:.0f} MB"
     select.direct(problem.system.symmetric)  # loads the MKL, if there is one
     count, factored = threads() or 1, estimate_memory(problem.system)
     words = f"threads: {count} in factorisations, one elsewhere"
@@ -138,6 +139,8 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
         if solver == "explicit" and isinstance(term, BoundCondition):
             used += 150 * len(term.nodes)
     used += 18 * blocks  # less than the matrix: what binding takes is free by then
+    if solver == "multigrid":
+        used += MULTIGRID * blocks
     if solver == "direct":
         used += FILL[system.cloth.element] * blocks * math.log2(n) + 23e6
     return 212 + used / 1e6
