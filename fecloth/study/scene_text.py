@@ -40,7 +40,8 @@ def text_of(
     if dt is not None:
         data["time"]["dt"] = dt
     if sharper != 1:
-        data["solver"]["tolerance"] = data["solver"]["tolerance"] / sharper
+        table = "equilibrium" if "equilibrium" in data else "solver"
+        data[table]["tolerance"] = data[table]["tolerance"] / sharper
     return to_toml(data)
 
 

@@ -75,9 +75,9 @@ def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) 
     `orders` are the theoretical orders in h of the quantities on P1 and on P2, (2, q).
     """
     grouped: dict[tuple[str, str], list[Trial]] = {}
-    for one in sorted(trials, key=lambda one: one.edges):
-        if one.is_ok:
-            grouped.setdefault(one.choice.mesh, []).append(one)
+    good = [one for one in trials if one.is_ok]
+    for one in sorted(good, key=lambda one: one.edges):
+        grouped.setdefault(one.choice.mesh, []).append(one)
     finest = [
         (runs[-1], _own_error(bench, runs, orders[int(mesh[0] == "P2")]))
         for mesh, runs in grouped.items()

@@ -21,6 +21,7 @@ from fecloth.study.tables import Table
 from fecloth.study.tolerance import in_percent, read_tolerance
 from fecloth.study.tuning.choices import Choice, methods_to_try, span_of, text_with
 from fecloth.study.tuning.fewer_terms import drop_terms
+from fecloth.study.tuning.growth import measure_growth
 from fecloth.study.tuning.prediction import Candidate
 from fecloth.study.tuning.proof import Proof, best_run, prove
 from fecloth.study.tuning.result import Tuned
@@ -29,11 +30,11 @@ from fecloth.study.tuning.search import (
     coarse_meshes,
     measure_meshes,
     shared_run,
-    spent,
 )
 from fecloth.study.tuning.space_errors import SpaceErrors
 from fecloth.study.tuning.time_errors import measure_methods
-from fecloth.study.tuning.trials import Bench, Trial
+from fecloth.study.tuning.timing import time_candidates
+from fecloth.study.tuning.trials import Bench, Trial, spent
 from fecloth.study.workload import LONGEST, in_words
 
 SEARCH = 40.0  # s, CPU time for the runs of all methods
@@ -140,9 +141,10 @@ def tune(
         search.append(sharper)
         other["solver"] = bench.distance(sharper, coarse)
     added = sum((float(one.max()) for one in other.values()), 0.0)
-    prediction = replace(prediction, other=added)
+    prediction = measure_growth(bench, replace(prediction, other=added), goal, search)
+    prediction = time_candidates(bench, prediction, goal, search)
     reachable = not space.stalls(bench) and _is_short(goal.candidates(prediction), most_seconds)
-    found = prove(bench, prediction, goal, search, other) if reachable else None
+    found = prove(bench, prediction, goal, search, other, space) if reachable else None
     if found is None:
         found = best_run(bench, space, times, search, other)
     why = found.why and _why(bench, space, goal.candidates(prediction), found.why)
