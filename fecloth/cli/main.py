@@ -167,7 +167,7 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "modes", _modes, "print the natural frequencies of a scene [Hz]")
     sub.add_argument("scene", help="a .toml file")
     sub.add_argument("-n", "--count", type=int, default=6, help="number of frequencies (6)")
-    sub.add_argument("-o", "--output", metavar="DIR", help="folder for the shapes, for ParaView")
+    sub.add_argument("-o", "--output", metavar="DIR", help="folder of report, picture and shapes")
     _scene_options(sub)
 
     sub = _command(commands, "mesh", _mesh, "mesh and describe a cloth; write it with -o")
@@ -298,15 +298,18 @@ def _render(options) -> int:
 
 
 def _describe_frame_time(options) -> str:
-    """Return the time of the frame that a picture shows, in words."""
+    """Return the time of the frame that a picture shows, or its part of the loads, in words."""
     import math
 
     from fecloth.output.frame_reader import Series
+    from fecloth.runs.outcome import place_in_words
+    from fecloth.view.web_page import unit_of
 
     series, time = Series.open(options.folder), options.time
-    t = series.times[series.at(time)]
+    t, unit = series.times[series.at(time)], unit_of(series.folder)
     exact = time is None or math.isclose(t, time, rel_tol=1e-9, abs_tol=1e-12)
-    return f": t = {t:g} s" + ("" if exact else f", of the frame next to {time:g} s")
+    next_to = "" if exact else f", of the frame next to {time:g}{unit}"
+    return f": {place_in_words(t, unit)}{next_to}"
 
 
 # --- check ----------------------------------------------------------------------------------------

@@ -149,7 +149,8 @@ def run(
     record = trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
     check_offers(steps.method, ("numerical",), "run")
-    set_up = find_set_up_warnings(system, opening, steps.dt, end)
+    step = None if isinstance(steps, LoadSteps) else steps.dt  # a part of the loads is no time
+    set_up = find_set_up_warnings(system, opening, step, end)
     foreseen = (*set_up, *find_short_pulses(system, opening, steps, ends))
     for words in foreseen:
         warnings.warn(words, FeclothWarning, stacklevel=2)

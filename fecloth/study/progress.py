@@ -51,7 +51,7 @@ class Progress:
         self.warm = 0.0, 0.0  # cost and time of the cases that imported and compiled
         self.begin = clock()
         if stored:
-            print(f"{stored} of {stored + self.count} cases are stored", file=sys.stderr)
+            print(f"cases already stored: {stored} of {stored + self.count}", file=sys.stderr)
 
     def add(self, cost: float) -> None:
         """Count a finished case."""

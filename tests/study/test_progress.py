@@ -66,7 +66,7 @@ def test_lines_say_what_is_stored_and_the_first_words_of_a_cause(capsys):
     progress.print("h / 2", {"status": "failed", "cause": "step 1 failed " * 20}, 1.0)
     progress.print("h / 4", {"status": "ok", "cause": ""}, 1.0)
     stored, failed, last = capsys.readouterr().err.splitlines()
-    assert stored == "3 of 5 cases are stored"
+    assert stored == "cases already stored: 3 of 5"
     assert failed.startswith("[1/2, 1 s, about 1 s left] h / 2: failed: step 1 failed step")
     assert len(failed) < 150
     assert last == "[2/2, 4 s] h / 4: ok"
@@ -89,11 +89,11 @@ def test_commands_share_the_cases_that_they_have_in_common(scene, tmp_path, caps
     study.converge(scene, "tip.x", levels=3, **run)
     capsys.readouterr()
     study.sweep(scene, "fabric.tensile_stiffness=20,40", "tip.x", **run)
-    assert "1 of 2 cases are stored" in capsys.readouterr().err
+    assert "stored: 1 of 2\n" in capsys.readouterr().err
     study.compare(scene, "fabric.tensile_stiffness=20,40", "tip.x", **run)
-    assert "4 of 6 cases are stored" in capsys.readouterr().err
+    assert "stored: 4 of 6\n" in capsys.readouterr().err
     study.chart(scene, "tip.x", elements=["P1"], meshes=1, **run)
-    assert "3 of 3 cases are stored" in capsys.readouterr().err
+    assert "stored: 3 of 3\n" in capsys.readouterr().err
 
 
 def test_a_sweep_builds_each_scene_once(scene, monkeypatch):
