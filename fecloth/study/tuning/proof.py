@@ -204,7 +204,7 @@ def best_run(bench: Bench, space: SpaceErrors, times: TimeErrors, search, other:
     parts = {"space": error_in_space(trial), **other}
     if shared.choice.method:
         parts["time"] = bench.distance(times.reference, shared) + times.error
-    return Proof(trial, None, None, parts, tuple(search), "the tolerance is out of reach")
+    return Proof(trial, None, None, parts, tuple(search), "it was not verified")
 
 
 def without(prediction: Prediction, candidate: Candidate) -> Prediction:

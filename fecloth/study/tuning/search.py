@@ -12,7 +12,7 @@ from fecloth.errors import FeclothError, InputError
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.tuning.choices import Choice, meshes_to_try, problem_with
 from fecloth.study.tuning.prediction import Candidate, Prediction, cheapest, most_accurate
-from fecloth.study.tuning.space_errors import SpaceErrors, summarise_meshes
+from fecloth.study.tuning.space_errors import Mesh, SpaceErrors, summarise_meshes
 from fecloth.study.tuning.time_errors import TimeErrors
 from fecloth.study.tuning.trials import Bench, Trial, spent
 from fecloth.study.workload import count_triangles
@@ -128,11 +128,10 @@ def measure_meshes(
         space, prediction = _summarise(bench, trials, orders, times, coarse)
         candidates = goal.candidates(prediction)
         allowed = goal.limit(candidates) - spent([*times.trials, *trials])
-        wanted = _next_meshes(space, candidates, goal)
-        affordable = [one for one in wanted if _seconds_of_next(one, coarse) < 0.7 * allowed]
-        if not affordable or space.stalls(bench):
+        mesh = _next_mesh(space, candidates, goal)
+        if mesh is None or _seconds_of_next(mesh, coarse) > 0.7 * allowed or space.stalls(bench):
             return space, prediction
-        found = bench.run([_finer(one.trials[-1].choice, 2.0) for one in affordable[:1]])
+        found = bench.run([_finer(mesh.trials[-1].choice, 2.0)])
         trials += found
         if not found[0].is_ok:
             return space, prediction
@@ -158,19 +157,17 @@ def _finer(choice: Choice, ratio: float) -> Choice:
     return replace(choice, h=float(f"{choice.h / ratio:.6g}"))
 
 
-def _next_meshes(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -> list:
-    """Return the meshes to refine: those whose best candidates lie far beyond what was run."""
-    if not candidates:
-        return sorted(space.meshes, key=lambda one: float(one.errors.y[-1].max()))
+def _next_mesh(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -> Mesh | None:
+    """Return the mesh to refine next: the best known one, or one far from what was run; or None."""
+    best = min(space.meshes, key=lambda one: float(one.errors.y[-1].max()))
+    if not candidates or space.error.max() > KNOWN * goal.scale:
+        return best
     first = candidates[0]
-    unknown = space.error.max() > KNOWN * goal.scale
-    if first.edges <= EXTRAPOLATED * first.mesh.errors.x[-1] and not unknown:
-        return []
-    near = [one.mesh for one in candidates if one.seconds <= 2 * first.seconds]
-    return list(dict.fromkeys(near))
+    is_near = first.edges <= EXTRAPOLATED * first.mesh.errors.x[-1]
+    return None if is_near else first.mesh
 
 
-def _seconds_of_next(mesh, coarse: Trial) -> float:
+def _seconds_of_next(mesh: Mesh, coarse: Trial) -> float:
     """Predict the seconds of the next finer mesh."""
     last = mesh.trials[-1]
     more = 2.0 if coarse.choice.is_explicit else 1.0
