@@ -15,7 +15,8 @@ from fecloth.quantities.unit_fields import reads_units
 from fecloth.quantities.units import LENGTH
 from fecloth.suggest import did_you_mean
 
-SMALLEST = 1e-3  # of h; smaller edges change no result and cost time
+SMALLEST = 1e-3  # of h, at a set: along a curve smaller edges make too many triangles
+SMALLEST_AT_POINT = 1e-5  # of h; smaller edges change no result
 STEEPEST = 0.9  # power
 MOST_SAMPLES = 100_000  # points on a curve from which distances are measured
 
@@ -27,7 +28,8 @@ class Grading:
 
         s(r) = min(1, max(r/d, r₁/d)^power),    r₁ = d (h/d)^(1 / (1 − power))
 
-    r₁ is about the edge length at the place, and at least h/1000. So a smaller h alone refines
+    r₁ is about the edge length at the place; s is at least 10⁻³ at a set and 10⁻⁵ at a point. So a
+    smaller h alone refines
     the whole family of meshes. Where the solution behaves like r^λ, as at a corner, uniform
     meshes of elements with the order p of stress have only the order min(λ, p). With
     power > 1 − λ/p the order is p, and the number of triangles still grows like 1/h².
@@ -79,7 +81,8 @@ class Grading:
 
     def smallest(self, h: float) -> float:
         """Return the edge length at the place, relative to h."""
-        return max(min(1.0, h / self.distance) ** (self.power / (1 - self.power)), SMALLEST)
+        least = SMALLEST if self.point is None else SMALLEST_AT_POINT
+        return max(min(1.0, h / self.distance) ** (self.power / (1 - self.power)), least)
 
     def factors(self, r: np.ndarray, h: float) -> np.ndarray:
         """Return s, the edge length over h, at distances r [m]."""

@@ -36,7 +36,7 @@ def solve(
     equation = StageEquation(system, stage, solver.options.definiteness)
     zero = np.zeros_like(stage.x)
     q = zero if guess is None else system.constraints.project(guess.copy())
-    solver.begin(stage.wx, stage.wa)
+    solver.begin(stage.wx, stage.wa, stage.x)
     try:
         return iterate(equation, solver, q, least=1, instead=zero)
     except FeclothError:

@@ -79,7 +79,7 @@ Shape: Any = one_of("shape", {"rectangle": Rectangle, "disk": Disk, "file": Mesh
 # --- the tables of dataclasses: their fields are the keys -----------------------------------------
 
 
-_LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg"]
+_LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"]
 SolverTable: Any = table_of(Newton, linear=(_LINEAR, "auto"))
 _TERMS: dict[str, Any] = {
     name: cls

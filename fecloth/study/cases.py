@@ -23,6 +23,7 @@ from fecloth.study.progress import Progress
 Number = float | int | str | bool | None
 
 
+INTERRUPTED = "with cases to run; run it again to go on: finished cases are stored"
 HIDDEN = ("path", "digest", "content", "text")  # settings that say nothing to a reader
 
 
@@ -147,10 +148,13 @@ def run_cases(
         finished = _run_here(missing, function, time_limit)
     spent = [cost_of[case.key] for case in missing]
     progress = Progress(spent, len(results), at_once, in_seconds=costs is not None)
-    for case, result in finished:
-        _write_result(case, result, out, time_limit)
-        results[case.key] = result
-        progress.print(label(case.settings), result, cost_of[case.key])
+    try:
+        for case, result in finished:
+            _write_result(case, result, out, time_limit)
+            results[case.key] = result
+            progress.print(label(case.settings), result, cost_of[case.key])
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(*[INTERRUPTED] * (out is not None)) from None
     return [{**case.settings, **results[case.key]} for case in all_cases]
 
 

@@ -137,7 +137,7 @@ def measure(
     cloth = setup.cloth
     sizes = {"triangles": len(cloth.triangles), "nodes": len(cloth.X), "element": cloth.element}
     sizes["edge"] = math.sqrt(cloth.area / len(cloth.triangles))
-    return sizes | row | {"obstacles": find_obstacles(setup, row["ends"])}
+    return sizes | row | {"obstacles": find_obstacles(setup, row["ends"], end.x)}
 
 
 def _run_once(solve: Solve, setup: Setup, report: Callable[..., None]) -> tuple[dict, float]:

@@ -5,16 +5,19 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from fecloth.errors import InputError, is_number
 from fecloth.integrators import EXPLICIT
 from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.grading import Grading
 from fecloth.scene.scene import Scene, load_scene
+from fecloth.scene.tables import GradingTable
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.study import measured_runs
@@ -78,6 +81,20 @@ class SceneProblem(_Common):
         return self.scene.cloth.h
 
     @property
+    def interest(self) -> tuple[Quantity, ...]:
+        """The quantities of [interest]."""
+        return tuple(self.scene.interest.all) if self.scene.interest else ()
+
+    @property
+    def rtol(self) -> float:
+        """Tolerance of chosen steps [1/s]; 0 where the error does not choose them."""
+        time = self.scene.time
+        if self.scene.equilibrium or time.dt != "auto":
+            return 0.0
+        stable = time.method.type in EXPLICIT and time.rtol is None
+        return 0.0 if stable else Adaptive.rtol if time.rtol is None else time.rtol
+
+    @property
     def default_quantity(self) -> str | Quantity:
         if self.scene.interest:
             return self.scene.interest.all[0]
@@ -106,7 +123,7 @@ class SceneProblem(_Common):
         if self.scene.equilibrium:
             finer = 1.0
         elif self.scene.time.dt == "auto":
-            finer = level.h
+            finer = level.h * math.sqrt(level.rtol)
         triangles, steps = self.size.triangles * level.h**2, math.ceil(self.size.steps * finer)
         return Workload(triangles, steps, self.size.is_explicit)
 
@@ -133,7 +150,17 @@ class SceneProblem(_Common):
             span = time.t_end - time.t_start
             dt = span / round(math.ceil(span / time.dt - 1e-9) * level.dt)
         finer = None if level.h == 1 or h is None else h / level.h
-        return text_of(self.scene, finer, dt, level.sharper)
+        rtol = None if level.rtol == 1 else self.rtol / level.rtol
+        return text_of(self.scene, finer, dt, level.sharper, rtol)
+
+    def graded(self, gradings: Sequence[Grading]) -> SceneProblem:
+        """Return the problem with [[cloth.grading]]; a scene may not have its own already."""
+        if self.scene.cloth.grading:
+            remedy = "Leave grade or the gradings out."
+            raise InputError("grade = True", "the scene has [[cloth.grading]]", self.name, remedy)
+        entries = tuple(GradingTable(**asdict(one)) for one in gradings)
+        cloth = self.scene.cloth.model_copy(update={"grading": entries})
+        return replace(self, scene=self.scene.model_copy(update={"cloth": cloth}))
 
     runner = staticmethod(measured_runs.run_scene_text)
     is_importable = True
@@ -165,6 +192,8 @@ class FunctionProblem(_Common):
     t_end: float | None
     given: tuple[Probe, ...] = ()
     settings: Mapping[str, object] = field(default_factory=dict)
+    rtol: ClassVar[float] = 0.0  # of steps that the function's method chooses: not known
+    interest: ClassVar[tuple[Quantity, ...]] = ()
 
     @property
     def name(self) -> str:
@@ -213,6 +242,18 @@ class FunctionProblem(_Common):
                 raise InputError(f"{what} is missing", allowed, self.name, f"Give {what}=….")
         if self.t_end is None and refine != "h":
             raise InputError("t_end is missing", "an equilibrium has no dt", self.name)
+
+    def graded(self, gradings: Sequence[Grading]) -> FunctionProblem:
+        """Return the problem with the argument `grading`, as JSON's types."""
+        if "grading" not in inspect.signature(self.function).parameters:
+            remedy = "Pass it on, as in fc.Cloth.rectangle(1.0, 1.0, h, grading=grading)."
+            needed = "needs a function with the argument grading"
+            raise InputError("grade = True", needed, self.name, remedy)
+        entries = [{k: v for k, v in asdict(one).items() if v is not None} for one in gradings]
+        entries = [
+            one | {"point": list(one["point"])} if "point" in one else one for one in entries
+        ]
+        return replace(self, settings={**self.settings, "grading": entries})
 
     def sizes(self, level: Level) -> tuple[dict[str, object], float | None]:
         """Return the settings of the function, with h and dt, and dt."""

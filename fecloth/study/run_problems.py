@@ -46,6 +46,10 @@ class Runs:
     fresh: bool = False
     timed: bool = False
 
+    def __post_init__(self):
+        if not (isinstance(self.jobs, int) and self.jobs >= 1):
+            raise InputError(f"jobs = {self.jobs!r}", "must be an integer of at least 1")
+
 
 @dataclass(frozen=True, eq=False)
 class Point:
@@ -85,7 +89,8 @@ def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Ru
     functions = [one.function for one in quantities if one.function]
     if len(functions) > 1:
         raise InputError(f"{len(functions)} functions as quantities", "must be at most 1", "study")
-    recorded = sorted({name for one in quantities for name in columns_to_record(one)})
+    needed = (*quantities, *points[0].problem.interest)  # so studies of others of them share cases
+    recorded = sorted({name for one in needed for name in columns_to_record(one)})
     modes = max((one.mode for one in quantities), default=0)
     check_size([p.size for p in points], runs.jobs, runs.most_seconds, points[0].problem.name)
     if functions or not all(point.problem.is_importable for point in points):

@@ -28,17 +28,23 @@ def scene_of(text: str, trust_geo: bool = False) -> Scene:
 
 
 def text_of(
-    scene: Scene, h: float | None = None, dt: float | None = None, sharper: float = 1
+    scene: Scene,
+    h: float | None = None,
+    dt: float | None = None,
+    sharper: float = 1,
+    rtol: float | None = None,
 ) -> str:
     """Return what a run of the scene depends on, with another h [m], dt [s] or tolerance.
 
-    `sharper` divides the tolerance of the nonlinear solver.
+    `sharper` divides the tolerance of the nonlinear solver; `rtol` [1/s] is that of chosen steps.
     """
     data = {key: value for key, value in tomllib.loads(scene.to_toml()).items() if key not in WORDS}
     if h is not None:
         data["cloth"]["h"] = h
     if dt is not None:
         data["time"]["dt"] = dt
+    if rtol is not None:
+        data["time"]["rtol"] = rtol
     if sharper != 1:
         table = "equilibrium" if "equilibrium" in data else "solver"
         data[table]["tolerance"] = data[table]["tolerance"] / sharper

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Sequence
@@ -11,7 +10,7 @@ from dataclasses import dataclass
 from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT
 from fecloth.scene.dimensionless import wave_speed
-from fecloth.scene.scene import Scene, load_scene
+from fecloth.scene.scene import Scene
 
 # CPU seconds per triangle, and the stable step of central differences over h / wave speed,
 # measured with StVK and hinges on 1,000 to 4,000 triangles; and CPU seconds of a step on any mesh,
@@ -56,9 +55,9 @@ class Workload:
 
 
 def count_triangles(scene: Scene) -> float:
-    """Estimate the number of triangles from area and h, unless it is graded without its mesh."""
+    """Estimate the number of triangles from area and h, without the mesh of this h or gradings."""
     cloth = scene.cloth
-    if cloth.h is None or cloth.grading:
+    if cloth.h is None:
         return len(scene.mesh().triangles)
     return _area(scene) / cloth.h**2 * TRIANGLES.get(getattr(cloth, "pattern", ""), EQUILATERAL)
 
@@ -103,27 +102,12 @@ def _span(scene: Scene) -> float:
     return scene.schedule.t_end - scene.schedule.t_start
 
 
-def check_scene(cases: Sequence[Workload], options: argparse.Namespace) -> None:
-    """Print the size of a study of the user's scene, and build the scene once.
-
-    Raises
-    ------
-    InputError
-        If the predicted time is longer than an hour, without --yes, or if the scene has a mistake
-        that only its mesh shows.
-    """
-    limit = None if options.yes else LONGEST
-    jobs = 1 if options.scheduler else options.jobs
-    check_size(cases, jobs, limit, str(options.scene), "--yes runs it anyway.")
-    load_scene(options.scene).build()
-
-
 def check_size(
     cases: Sequence[Workload],
     jobs: int,
     most_seconds: float | None,
     where: str,
-    remedy: str = "most_seconds = None runs it anyway.",
+    remedy: str = "most_seconds = None, as a command --yes, runs it anyway.",
 ) -> None:
     """Print the size of a study before it begins: cases, triangles, steps and predicted time.
 

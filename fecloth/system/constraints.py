@@ -121,6 +121,10 @@ class Constraints:
         held = (3 * self.nodes[:, None] + np.arange(3))[diagonal < 0.5]
         return np.setdiff1d(np.arange(3 * n), held)
 
+    def count_free(self, n: int) -> int:
+        """Number of the directions that the pins leave free: the columns of `admissible`."""
+        return 3 * (n - len(self.nodes)) + int(np.rint(np.einsum("cii->", self.projectors)))
+
     def admissible(self, n: int) -> sparse.csc_matrix:
         """(3n, f) orthonormal basis, in columns, of the f velocities that the pins allow."""
         others = np.setdiff1d(np.arange(n), self.nodes)

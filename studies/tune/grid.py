@@ -33,7 +33,7 @@ from fecloth.output.atomic_files import replace_file
 from fecloth.study.levels import Level
 from fecloth.study.problems import SceneProblem
 from fecloth.study.run_problems import Point, Runs, run_points
-from fecloth.study.status import OK, REFUSED
+from fecloth.study.status import LATE, OK, REFUSED
 from fecloth.study.workload import Workload
 from studies.tune.references import Reference, fingerprint, quantities_of, read
 from studies.tune.scenes import TWELVE, Tried
@@ -50,7 +50,7 @@ METHODS = (
 )
 ELEMENTS = ("P1", "P2")
 PATTERNS = ("right", "cross", "equilateral", "unstructured")
-FIRST_STEPS = 16  # of the coarsest dt over the run
+FIRST_STEPS = 4  # of the coarsest dt over the run
 FIRST_RTOL = 0.1  # 1/s
 FIRST_RUN = 0.01  # s, as the cost of the coarsest of all
 GROWTH = 1.6  # of the cost from one level to the next, less than the usual 2
@@ -146,6 +146,8 @@ def _in_order_of_cost(
 def _finer(tried: Tried, node: Node, done: dict[Node, Found]) -> Iterator[Node]:
     """Yield the next setting in h, and the next in dt, where they can help."""
     found = done[node]
+    if found.status == LATE:  # finer ones take longer
+        return
     fixed = node.combination.method in ("central_difference", "equilibrium")
     for parent, child in (
         (replace(node, i=node.i - 1), replace(node, i=node.i + 1)),

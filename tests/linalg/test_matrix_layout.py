@@ -7,6 +7,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.linalg.matrix_layout import MatrixLayout
+from fecloth.system.pieces import _connect
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
 TERMS = [
@@ -71,8 +72,6 @@ def test_a_copy_of_a_system_has_the_same_pattern():
 
 
 def test_nodes_are_connected_through_any_stencil():
-    from fecloth.system.pieces import _connect
-
     cells, spring = np.array([[0, 1], [2, 3], [4, 5]]), np.array([[5, 0]])
     assert _connect(6, [cells])[1].tolist() == [0, 0, 1, 1, 2, 2]
     count, label = _connect(6, [cells, np.array([[3]]), spring])

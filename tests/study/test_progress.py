@@ -4,6 +4,7 @@ import pytest
 
 import fecloth as fc
 from fecloth import study
+from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.study import problems
 from fecloth.study.levels import Level
@@ -96,6 +97,15 @@ def test_commands_share_the_cases_that_they_have_in_common(scene, tmp_path, caps
     assert "stored: 3 of 3\n" in capsys.readouterr().err
 
 
+def test_the_quantities_of_interest_share_their_runs(scene, tmp_path, capsys):
+    more = '[interest]\nquantities = ["tip.x", "max tip.z"]\n'
+    scene.write_text(SCENE + more)
+    study.converge(scene, levels=3, cache=tmp_path / "cache")
+    capsys.readouterr()
+    study.converge(scene, "max tip.z", levels=3, cache=tmp_path / "cache")
+    assert "stored: 3 of 3\n" in capsys.readouterr().err
+
+
 def test_a_sweep_builds_each_scene_once(scene, monkeypatch):
     """Its values are checked without their meshes: only the first scene is built to check it."""
     built = []
@@ -118,6 +128,18 @@ def test_a_huge_scene_is_refused_before_its_mesh_is_made(command, scene, monkeyp
     monkeypatch.setattr(problems.Scene, "build", lambda self: pytest.fail("it was built"))
     with pytest.raises(InputError, match="predicted time above 60 min"):
         command(scene)
+
+
+def test_the_command_names_its_way_out_and_its_mistakes(scene, capsys):
+    huge = ["--set", "cloth.h=1e-5"]
+    wrong = {
+        "--yes, runs it anyway": huge,
+        "jobs = 0: must be an integer of at least 1": ["--jobs", "0"],
+        "--time-limit 0: must be > 0 [s]": ["--time-limit", "0"],
+    }
+    for said, options in wrong.items():
+        assert cli.main(["converge", str(scene), *options]) == 2
+        assert said in capsys.readouterr().err
 
 
 def test_the_size_of_a_level_needs_no_mesh(scene):

@@ -15,12 +15,13 @@ from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.study.problems import SceneProblem, open_problem
+from fecloth.study.refinement import RTOL_ORDER
 from fecloth.study.run_problems import Runs, refuse_huge
 from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.numbers import table as table_of_numbers
 from fecloth.study.simplification.outcome import Trial
 from fecloth.study.simplification.predictions import find_limits, predict_change
-from fecloth.study.simplification.resolution import RTOL_ORDER, Resolution, find_resolutions
+from fecloth.study.simplification.resolution import Resolution, find_resolutions
 from fecloth.study.simplification.result import Simplification
 from fecloth.study.simplification.runs import Original, data_of
 from fecloth.study.simplification.search import combine_variants, sort_candidates
