@@ -129,7 +129,11 @@ def measure_meshes(
         candidates = goal.candidates(prediction)
         allowed = goal.limit(candidates) - spent([*times.trials, *trials])
         mesh = _next_mesh(space, candidates, goal)
-        if mesh is None or _seconds_of_next(mesh, coarse) > 0.7 * allowed or space.stalls(bench):
+        if (
+            mesh is None
+            or _seconds_of_next(mesh, coarse) > 0.7 * allowed
+            or space.stalls(bench, goal.scale)
+        ):
             return space, prediction
         found = bench.run([_finer(mesh.trials[-1].choice, 2.0)])
         trials += found

@@ -19,7 +19,6 @@ from fecloth.study.tuning.curves import (
 from fecloth.study.tuning.trials import Bench, Trial
 
 POWERS = 1.0, 3.2  # of the seconds of a step over √triangles
-SMALL = 1e-3  # changes below it are no sign of folds
 DISTRUST = 2.0  # times the estimated errors: two elements further apart are not yet converged
 
 
@@ -60,16 +59,19 @@ class SpaceErrors:
     error: np.ndarray
     trials: tuple[Trial, ...]
 
-    def stalls(self, bench: Bench) -> bool:
-        """Whether there is a kind of mesh of which finer ones do not come closer to each other."""
-        return any(_stalls(bench, one.trials) for one in self.meshes if len(one.trials) > 2)
+    def stalls(self, bench: Bench, tolerance: float) -> bool:
+        """Whether there is a kind of mesh of which finer ones do not come closer to each other.
+
+        Changes below half of the tolerance do not count.
+        """
+        long = [one.trials for one in self.meshes if len(one.trials) > 2]
+        return any(_stalls(bench, runs, tolerance / 2) for runs in long)
 
 
-def _stalls(bench: Bench, runs: Sequence[Trial]) -> bool:
+def _stalls(bench: Bench, runs: Sequence[Trial], small: float) -> bool:
     before, change = bench.distance(runs[-2], runs[-3]), bench.distance(runs[-1], runs[-2])
     ratio = runs[-1].edges / runs[-2].edges
-    large = change.max() > SMALL
-    return bool(large and change.max() > before.max() * ratio**-STALLED)
+    return bool(change.max() > small and change.max() > before.max() * ratio**-STALLED)
 
 
 def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) -> SpaceErrors:

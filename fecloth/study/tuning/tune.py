@@ -213,7 +213,7 @@ def _obstacle(
     most_seconds: float | None,
 ) -> str:
     """Return in words why no setting can be proved; "" if one may be."""
-    if space.stalls(bench):
+    if space.stalls(bench, goal.scale):
         obstacles = list(space.reference.row["obstacles"])
         reasons = f": {'; '.join(obstacles)}" if obstacles else ""
         return f"finer meshes do not come closer to each other{reasons}"
