@@ -198,9 +198,9 @@ def best_run(bench: Bench, space: SpaceErrors, times: TimeErrors, search, other:
     least = min(float(error_in_space(one).max()) for one in good)
     near = [one for one in good if error_in_space(one).max() <= NEARLY * least]
     trial = min(near, key=lambda one: one.seconds)
-    shared = next(
-        (one for one in times.trials if one.choice.rule == trial.choice.rule), times.reference
-    )
+    rule = trial.choice.method, trial.choice.steps
+    same = [one for one in times.trials if (one.choice.method, one.choice.steps) == rule]
+    shared = same[0] if same else times.reference
     parts = {"space": error_in_space(trial), **other}
     if shared.choice.method:
         parts["time"] = bench.distance(times.reference, shared) + times.error

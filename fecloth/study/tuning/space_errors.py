@@ -62,10 +62,10 @@ class SpaceErrors:
     def stalls(self, bench: Bench, tolerance: float) -> bool:
         """Whether there is a kind of mesh of which finer ones do not come closer to each other.
 
-        Changes below half of the tolerance do not count.
+        Changes below twice the tolerance do not count.
         """
         long = [one.trials for one in self.meshes if len(one.trials) > 2]
-        return any(_stalls(bench, runs, tolerance / 2) for runs in long)
+        return any(_stalls(bench, runs, 2 * tolerance) for runs in long)
 
 
 def _stalls(bench: Bench, runs: Sequence[Trial], small: float) -> bool:
