@@ -46,7 +46,8 @@ def text_of(
     if rtol is not None:
         data["time"]["rtol"] = rtol
     if sharper != 1:
-        data["solver"]["tolerance"] = data["solver"]["tolerance"] / sharper
+        table = "equilibrium" if "equilibrium" in data else "solver"
+        data[table]["tolerance"] = data[table]["tolerance"] / sharper
     return to_toml(data)
 
 

@@ -24,6 +24,7 @@ def out(tmp_path_factory):
         ("benchmarks.binding", "figures met"),
         ("benchmarks.kernels", "figures met"),
         ("benchmarks.moved_pin", "figures met"),
+        ("benchmarks.fused", "figures met"),
         ("benchmarks.terms", "StVK"),
         ("convergence.space_error", "0 outside"),
         ("convergence.graded_meshes", "0 orders in H1 are not recovered"),
