@@ -156,6 +156,18 @@ def test_coarse_levels_represent_rigid_motions(turned):
     assert coarse.shape[1] == 6 * len(transfer.aggregates) < len(coarse) / 2
 
 
+def test_coarse_levels_do_not_move_what_is_held():
+    """With the boundary held these motions would cost up to half as many iterations again."""
+    system = cloth_system(0.1, pins=["left", fc.Slide("right", normal=(0, 0, 1))])
+    state = folded(system)
+    solver = prepared(tangent(system, state), state.x)
+    P = dense_prolongator(solver._levels[0]).reshape(len(state.x), 3, -1)
+    left, right = system.cloth.nodes("left"), system.cloth.nodes("right")
+    assert not P[left].any()
+    assert not P[right][:, 2].any()
+    assert P[right][:, :2].any(axis=2).all()
+
+
 def dense_prolongator(level):
     transfer = level.grid.transfer
     P = np.zeros((len(transfer.indptr) - 1, 3, len(transfer.aggregates), 6))
