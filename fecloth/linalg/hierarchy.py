@@ -9,9 +9,9 @@ with A = L + D + U. The correction C consists of two cycles of the next level (a
 these cost a tenth of the sweeps and save a third of the iterations. M⁻¹ is symmetric for every
 symmetric A, and positive definite where C and D are. This needs no bound of eigenvalues, and it
 remains true if the coarse levels are those of another matrix. (Chebyshev smoothing needs a bound:
-with an estimate that was a tenth too small the cycle of a sheet of 8,000 triangles was indefinite,
-and with Gershgorin's bound it took half as many iterations again.) C is definite because the eigenvalues
-of M⁻¹ Pᵀ A P are between 0 and 1 on all levels that belong together.
+with 1.1 times the estimate of 15 power iterations the cycle of a sheet of 8,000 triangles was
+indefinite, and with Gershgorin's bound it took half as many iterations again.) C is definite
+because the eigenvalues of M⁻¹ Pᵀ A P are between 0 and 1 on all levels that belong together.
 
 Source: Vaněk, Mandel and Brezina (1996), Algebraic multigrid by smoothed aggregation for second
 and fourth order elliptic problems; Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd
