@@ -53,11 +53,11 @@ class Level:
         The matrix.
     values
         (b − n, 3, 3) its blocks beside the diagonal, by colours. Those of the finest level are in
-        single precision, as is P, because reading them from memory takes most of the time.
+        single precision, as are P and `columns`: reading them from memory takes most of the time.
     inverse
         (n, 6) inverses of the diagonal blocks.
-    P
-        (p, 3, 6) the prolongator.
+    P, columns
+        (p, 3, 6) the blocks of the prolongator by rows and, once more, by columns.
     work
         (4, n, 3) work arrays.
     """
@@ -67,6 +67,7 @@ class Level:
     values: np.ndarray
     inverse: np.ndarray
     P: np.ndarray
+    columns: np.ndarray
     work: np.ndarray
 
 
@@ -102,7 +103,8 @@ def make_levels(
     grid, *coarser = grids
     values, work = grid.order.gather(A, kind), np.zeros((4, len(A.pattern), 3))
     if grid.transfer is None:
-        return [Level(grid, A, values, inverse, np.zeros((0, 3, 6)), work)]
+        none = np.zeros((0, 3, 6))
+        return [Level(grid, A, values, inverse, none, none, work)]
     aggregates, rows = grid.transfer.aggregates, block_rows(A)
     T, coarse_motions = motions.copy(), np.zeros((len(aggregates), 6, 6))
     clear_uncoupled(*rows, T)
@@ -113,7 +115,8 @@ def make_levels(
     invert_diagonal(coarse, coarse_inverse, "multigrid, coarse matrix")
     below = coarse_motions.reshape(-1, 3, 6)
     levels = make_levels(coarser, coarse, coarse_inverse, below, np.float64)
-    return [Level(grid, A, values, inverse, P.astype(kind), work), *levels]
+    P = P.astype(kind)
+    return [Level(grid, A, values, inverse, P, P[grid.transfer.entries], work), *levels]
 
 
 def cycle(levels: list[Level], b: np.ndarray) -> np.ndarray:
@@ -126,7 +129,7 @@ def cycle(levels: list[Level], b: np.ndarray) -> np.ndarray:
     if level.grid.transfer is not None:
         transfer, coarse = level.grid.transfer, coarser[0].work[2]
         order.residual(values, x, r)
-        restrict(*transfer.columns, level.P, r, coarse.reshape(-1, 6))
+        restrict(transfer.starts, transfer.rows, level.columns, r, coarse.reshape(-1, 6))
         correction = _two_cycles(coarser, coarse).reshape(-1, 6)
         add_prolonged(transfer.indptr, transfer.indices, level.P, correction, x)
     order.backward(values, inverse, b, x)
