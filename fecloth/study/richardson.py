@@ -135,7 +135,7 @@ def describe_errors(table: Rows) -> str:
             )
     lines.append(
         "\nTrust an estimate only if its order is the one that the method claims. "
-        "A low order in dt often comes from solver.tolerance (default 1e-6): try 1e-10."
+        "A low order in dt often comes from solver.tolerance: try 1e-10."
     )
     return "\n".join(lines)
 

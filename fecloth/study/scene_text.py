@@ -32,15 +32,16 @@ def text_of(
 ) -> str:
     """Return what a run of the scene depends on, with another h [m], dt [s] or tolerance.
 
-    `sharper` divides the tolerance of the nonlinear solver.
+    The tolerance of the nonlinear solver is one on the residual, divided by `sharper`: what "auto"
+    leaves may be more than levels differ by.
     """
     data = {key: value for key, value in tomllib.loads(scene.to_toml()).items() if key not in WORDS}
     if h is not None:
         data["cloth"]["h"] = h
     if dt is not None:
         data["time"]["dt"] = dt
-    if sharper != 1:
-        data["solver"]["tolerance"] = data["solver"]["tolerance"] / sharper
+    if scene.time:
+        data["solver"]["tolerance"] = scene.solver.make().residual / sharper
     return to_toml(data)
 
 
