@@ -15,20 +15,22 @@ DEFINITENESS = ("none", "clamp", "on_failure")
 class Newton:
     """How the stage equation is solved.
 
+    `fecloth.nonlinear.error_left.ErrorLeft` says how the error that is left is estimated, and
+    `fecloth.simulation.step_history.StepHistory` the error in time of a step.
+
     Parameters
     ----------
     tolerance
-        "auto": the iteration ends as soon as the error that it leaves in x and dt v is estimated
-        at a tenth of the step's own error in time, or less (`ErrorLeft`). The error in time is
-        estimated from the accelerations of the steps before (`StepHistory`). The iteration ends
-        also at a residual of 1e-6, as with that number; so it does where there is no estimate: in
-        the first steps, and with `EnergyMomentum`, whose balance of energy needs it.
-        A number: on the residual ‖M a − f‖ of the free directions, relative to the forces of the
-        step: ‖M a‖ plus the sum over the terms of ‖f_term‖ at the first iterate, with the
-        reactions of the pins. Give one where the equations themselves must be solved closely: for
-        an exact balance of momentum, or for differences between runs that are smaller than their
-        error in time. The same residual is harmless on one fabric and as large as the error in
-        time on another.
+        A number, or "auto".
+        A number is the residual ‖M a − f‖ of the free directions at which a step is solved,
+        relative to the forces of the step: ‖M a‖ plus the sum over the terms of ‖f_term‖ at the
+        first iterate, with the reactions of the pins. The same residual is harmless on one fabric
+        and as large as the error in time on another.
+        "auto" ends the iteration as soon as the error that it leaves in x and dt v is estimated at
+        less than a tenth of the step's own error in time; at the latest it ends at a residual of
+        1e-6. The first steps, and all steps of energy–momentum, end at that residual. Give a
+        number where runs are compared that differ by less than their error in time, or for an
+        exact balance of momentum.
         A step whose residual is round-off is solved, also above the tolerance; if its forces are
         more than round-off, it counts as `limited`, and the run warns.
     max_iterations
@@ -39,7 +41,8 @@ class Newton:
         "none": the exact tangent; "clamp": every term's tangent made positive semi-definite,
         and symmetric, so that conjugate gradients serve where exact tangents are not symmetric;
         "on_failure": exact, and where that is not positive definite or its direction leads
-        nowhere, clamped, in at most four iterations of a step; then with a multiple of the mass
+        nowhere, clamped, in at most four iterations of a step, if every force has a potential (as
+        damping has in `BackwardEuler` and `BDF2` only); then with a multiple of the mass
         added: 1/4, 1, 4, … times, and less again in the next iterations (after Nocedal and Wright
         2006, algorithm 3.3); where no multiple will do, as in steps so long that the mass hardly
         counts, clamped tangents. Clamping relieves in one iteration the compression that a first

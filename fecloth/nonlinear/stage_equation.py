@@ -48,8 +48,11 @@ class StageEquation:
 
     @property
     def clamped(self) -> int | None:
-        """The number of the remedy that clamps tangents and adds no mass, after the exact one."""
-        return len(MULTIPLES) if self.definiteness == "on_failure" else None
+        """The number of the remedy that clamps tangents and adds no mass, with a potential.
+
+        Without one nothing keeps the iteration from a valley in which it then creeps.
+        """
+        return len(MULTIPLES) if self.definiteness == "on_failure" and self.potential else None
 
     @property
     def wx(self) -> float:
