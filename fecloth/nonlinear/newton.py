@@ -53,7 +53,7 @@ def solve(
         q = zero
     left = None
     if solver.options.tolerance == "auto" and solver.step_error and dt:
-        left = ErrorLeft(dt * stage.wv, solver.step_error.over(dt))
+        left = ErrorLeft(float(dt * stage.wv), float(solver.step_error.over(dt)))
     solver.begin(stage.wx, stage.wa)
     try:
         return iterate(equation, solver, q, least=1, instead=zero, left=left)
