@@ -24,6 +24,7 @@ from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
 from .integrators.protocol import MethodTraits
 from .integrators.with_memory import WithMemory
 from .mesh.cloth import Cloth
+from .mesh.grading import Grading
 from .nonlinear.equilibrium import Equilibrium, EquilibriumFailed, equilibrium
 from .nonlinear.options import Newton
 from .nonlinear.stage import Stage
@@ -41,6 +42,8 @@ from .simulation.resolve import solver_for
 from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
 from .study.modes import Modes, modes
+from .study.tuning.result import Tuned
+from .study.tuning.tune import tune
 from .system.pins import Pin, Slide
 from .system.rotation import Rotation
 from .system.space_error import SpaceError, space_error
@@ -96,6 +99,7 @@ __all__ = [
     "Frames",
     "Gas",
     "GeneralizedAlpha",
+    "Grading",
     "Gravity",
     "HingeBending",
     "ImplicitMidpoint",
@@ -136,6 +140,7 @@ __all__ = [
     "TensionField",
     "TensorCondition",
     "Tether",
+    "Tuned",
     "UserForce",
     "Wind",
     "WithMemory",
@@ -158,6 +163,7 @@ __all__ = [
     "stability",
     "strip_rigidity",
     "study",
+    "tune",
     "verify",
     "write_vtk",
 ]

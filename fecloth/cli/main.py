@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 STATUS = """exit status:
   0  done
-  1  check: a value lies outside its tolerance
+  1  check: a value lies outside its tolerance; tune: not proved
   2  bad input: nothing was run
   3  the simulation failed, or the disk is full; what was written up to then is readable
   4  interrupted; --resume goes on
@@ -105,6 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     from fecloth.cli.stability import add_stability_options
     from fecloth.cli.studies import add_options, add_simplify_options, add_sweep_options
     from fecloth.cli.suggesting_parser import SuggestingParser
+    from fecloth.cli.tuning import add_tune_options
 
     parser = SuggestingParser(
         prog="fecloth",
@@ -159,10 +160,14 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "simplify", _simplify, words)
     add_simplify_options(sub)
 
+    words = "find the cheapest setting that meets a tolerance, and prove its error"
+    sub = _command(commands, "tune", _tune, words)
+    add_tune_options(sub)
+
     sub = _command(commands, "modes", _modes, "print the natural frequencies of a scene [Hz]")
     sub.add_argument("scene", help="a .toml file")
     sub.add_argument("-n", "--count", type=int, default=6, help="number of frequencies (6)")
-    sub.add_argument("-o", "--output", metavar="DIR", help="folder for the shapes, for ParaView")
+    sub.add_argument("-o", "--output", metavar="DIR", help="folder of report, picture and shapes")
     _scene_options(sub)
 
     sub = _command(commands, "mesh", _mesh, "mesh and describe a cloth; write it with -o")
@@ -293,15 +298,18 @@ def _render(options) -> int:
 
 
 def _describe_frame_time(options) -> str:
-    """Return the time of the frame that a picture shows, in words."""
+    """Return the time of the frame that a picture shows, or its part of the loads, in words."""
     import math
 
     from fecloth.output.frame_reader import Series
+    from fecloth.runs.outcome import place_in_words
+    from fecloth.view.web_page import unit_of
 
     series, time = Series.open(options.folder), options.time
-    t = series.times[series.at(time)]
+    t, unit = series.times[series.at(time)], unit_of(series.folder)
     exact = time is None or math.isclose(t, time, rel_tol=1e-9, abs_tol=1e-12)
-    return f": t = {t:g} s" + ("" if exact else f", of the frame next to {time:g} s")
+    next_to = "" if exact else f", of the frame next to {time:g}{unit}"
+    return f": {place_in_words(t, unit)}{next_to}"
 
 
 # --- check ----------------------------------------------------------------------------------------
@@ -381,6 +389,13 @@ def _simplify(options) -> int:
     from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
 
     return run_simplify(options)
+
+
+def _tune(options) -> int:
+    from fecloth.cli.tuning import run_tune
+    from fecloth.study import threads  # noqa: F401  before NumPy: one thread a case
+
+    return run_tune(options)
 
 
 # --- modes ----------------------------------------------------------------------------------------

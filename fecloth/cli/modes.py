@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 import warnings
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fecloth.cli.progress import terminal
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def print_modes(scene: Scene, count: int, folder: str | None, quiet: bool) -> int:
-    """Print the frequencies [Hz], one a line; write the shapes where a folder is given.
+    """Print the frequencies [Hz], one a line; with a folder write report, picture and shapes.
 
     They are those of small vibrations about the start, or about the equilibrium of a scene with
     [equilibrium]. Whether the state is stable, and the file to open, are printed on standard error.
@@ -36,5 +38,8 @@ def print_modes(scene: Scene, count: int, folder: str | None, quiet: bool) -> in
     console = terminal(quiet)
     console.print(found.verdict, soft_wrap=True)
     if folder:
+        title = f"Modes of {scene.title or Path(scene.source.partition(' with ')[0]).stem}"
+        page = replace(found, title=title).report(folder)
+        console.print(f"wrote {page}", soft_wrap=True)
         console.print(f"open {found.write(folder)} in ParaView", soft_wrap=True)
     return 0

@@ -15,6 +15,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--refine", choices=("h", "dt", "both"), default="h", help="what is refined (h)")
     add("--levels", type=int, default=4, metavar="N", help="from 3 to 10 (4)")
     add("--ratio", type=float, metavar="R", help="h or dt of a level over the next (2 or √2)")
+    add("--grade", action="store_true", help="grade meshes at corners and pins by the space error")
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
     add_study_options(parser, "converge")
 
@@ -37,7 +38,7 @@ def add_study_options(
 def run_converge(options) -> int:
     """Refine the scene, print the verdict and the table, write the report."""
     from fecloth.scene.scene import load_scene
-    from fecloth.study.refinement import converge
+    from fecloth.study.converging import converge
 
     scene = load_scene(options.scene, options.set, trust_geo=options.trust_geo)
     folder, cache = folders(options, "converge")
@@ -47,6 +48,7 @@ def run_converge(options) -> int:
         options.refine,
         options.levels,
         ratio=options.ratio,
+        grade=options.grade,
         **how_to_run(options, cache),
     )
     print("\n".join([found.verdict, *found.notes(), "", str(found.table), ""]))
@@ -126,8 +128,11 @@ def folders(options, command: str) -> tuple[Path, Path]:
 
 def how_to_run(options, cache: Path) -> dict:
     """Return the arguments of a study that say how its cases are run."""
+    from fecloth.errors import InputError
     from fecloth.study.workload import LONGEST
 
+    if not options.time_limit > 0:
+        raise InputError(f"--time-limit {options.time_limit:g}", "must be > 0 [s]")
     return {
         "cache": cache,
         "jobs": options.jobs,

@@ -120,8 +120,9 @@ class Panel:
     @cached_property
     def material(self) -> np.ndarray:
         """(m,) equal where two triangles have one fabric and one warp direction."""
-        cut = np.column_stack([self.region, self.grain])
-        number: np.ndarray = np.unique(cut, axis=0, return_inverse=True)[1].ravel()
+        angle = np.unique(self.grain, return_inverse=True)[1]
+        cut = self.region * (int(angle.max()) + 1) + angle
+        number: np.ndarray = np.unique(cut, return_inverse=True)[1]
         return number
 
     @cached_property

@@ -87,7 +87,7 @@ def _velocity_change(
     system.add_tangents(J, state, wa=1.0 / dt)
     system.project(J)
     seconds = {"assemble": time.perf_counter() - begin}
-    solver.begin(dt, 1.0 / dt)
+    solver.begin(dt, 1.0 / dt, state.x)
     linear.prepare(J)
     project, rtol = system.constraints.project, solver.options.residual
     start = None if guess is None else project(guess.copy())

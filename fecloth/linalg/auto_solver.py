@@ -1,5 +1,8 @@
 """The linear solver "auto": conjugate gradients or a factorisation, whichever is cheaper.
 
+On large cloths multigrid takes the place of block Jacobi in the conjugate gradients as soon as
+they need many iterations.
+
 The solver starts with conjugate gradients and counts the work of each step. From time to time it
 tries the other solver for a few steps. If conjugate gradients take more work than two
 factorisations, it factorises at once. All decisions use counts and not time, so that a run can be
@@ -21,6 +24,7 @@ import numpy as np
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.direct import Pardiso, SuperLU
+from fecloth.linalg.multigrid import Multigrid
 from fecloth.linalg.pcg import PCG
 from fecloth.linalg.protocol import SolveInfo, check_arguments
 
@@ -32,11 +36,13 @@ WASTED = 1.4  # ratio of Newton iterations with solves to 0.01 to those with exa
 FIRST, LONGEST = 8, 256  # steps between two trials: doubled after each failed trial
 TRIAL = {"pcg": 2, "direct": 8}  # steps of a trial; a factor must be used for a while to pay off
 MARGIN = 0.9  # a trial succeeds if its work is below this share of the other solver's work
+LARGE, MANY = 10_000, 100  # nodes, and iterations of `PCG`, from which on multigrid is cheaper
+CYCLE = 6.0  # an iteration with multigrid
 LOADING = 1e7  # iterations times nodes that take as long as loading the MKL, 0.4 s
 
 
 class AutoSolver:
-    """`PCG` or a direct solver for a symmetric matrix; `name` is the name of the current one.
+    """`PCG`, `Multigrid` or a direct solver for a symmetric matrix; `name` is the current one's.
 
     Parameters
     ----------
@@ -60,6 +66,7 @@ class AutoSolver:
     _work: float
     _size: float | None
     _A: BlockMatrix | None
+    _begun: tuple[float, float, np.ndarray] | None
 
     def __init__(
         self,
@@ -75,8 +82,8 @@ class AutoSolver:
 
     def drop(self) -> None:
         """Reset to the initial state: remove all counts and the direct solver."""
-        self._solvers: dict[str, PCG | Pardiso | SuperLU] = {"pcg": PCG()}
-        self._A, self._size, self._spent = None, None, 0
+        self._solvers: dict[str, PCG | Pardiso | SuperLU] = {}
+        self._A, self._size, self._begun, self._spent = None, None, None, 0
         self._iterations = self.predicted
         self._settle()
 
@@ -96,7 +103,7 @@ class AutoSolver:
     # --- the work of a step -----------------------------------------------------------------------
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Factorise A (direct solver) or invert its diagonal blocks (PCG)."""
+        """Let the current solver prepare A."""
         self.prepared, self._A = self.prepared + 1, None
         self._work += ASSEMBLY
         if self._mode == "direct":
@@ -109,7 +116,8 @@ class AutoSolver:
     ) -> tuple[np.ndarray, SolveInfo]:
         """Solve A x = b: x (n, 3) and its `SolveInfo`.
 
-        If PCG exceeds its limit of iterations, A is factorised.
+        If PCG exceeds its limit of iterations, multigrid follows on a large cloth, and then or
+        otherwise a factorisation.
 
         Raises
         ------
@@ -127,23 +135,32 @@ class AutoSolver:
         except IndefiniteMatrix:
             raise
         except SolveFailed:
-            self._spent += limit
+            self._spent += int(limit * self._cost)
             self._fall_over(A)
             return self.solve(b, rtol, guess)
-        self._work += OVERHEAD + info.iterations
-        self._spent += info.iterations
-        self._iterations += 0.25 * (info.iterations - self._iterations)
+        self._last, work = info.iterations, info.iterations * self._cost
+        self._work += OVERHEAD + work
+        self._spent += int(work)
+        self._iterations += 0.25 * (work - self._iterations)
         return x, info
+
+    @property
+    def _cost(self) -> float:
+        """Work of an iteration."""
+        return CYCLE if isinstance(self._solver, Multigrid) else 1.0
 
     def _limit(self) -> int:
         """Limit of iterations of one solve: two factorisations, or the rest of a trial's work."""
         limit = 2 * self.price
         if self._mode != self._home:
             limit = min(limit, TRIAL["pcg"] * self._home_work - self._work)
-        return max(10, int(limit))
+        return max(10, int(limit / self._cost))
 
     def _fall_over(self, A: BlockMatrix) -> None:
-        """Factorise the same matrix and continue with the direct solver."""
+        """Continue with the same matrix, by multigrid on a large cloth or by a factorisation."""
+        if self._take_multigrid():
+            self.prepare(A)
+            return
         lost = self._mode != self._home
         self._patience = self._longer() if lost else FIRST
         self._home = "direct"
@@ -152,8 +169,8 @@ class AutoSolver:
 
     # --- between two steps ------------------------------------------------------------------------
 
-    def begin(self, wx: float, wa: float) -> None:
-        """Begin a step with these weights: evaluate the last step and select the solver.
+    def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
+        """Begin a step near x (n, 3) with these weights: evaluate the last one, select the solver.
 
         If dt has changed by more than a factor of 2 since the counts began, the counts are reset.
         The predicted iterations are then scaled by √(wx/wa): they are proportional to √κ, and κ is
@@ -170,6 +187,20 @@ class AutoSolver:
         else:
             self._after_a_step_of_a_trial()
         self._steps += 1
+        self._begun = wx, wa, x
+        if self._mode == "pcg" and self._last > MANY:
+            self._take_multigrid()
+        self._solver.begin(wx, wa, x)
+
+    def _take_multigrid(self) -> bool:
+        """Replace block Jacobi by multigrid; False on a small cloth, or if it is in use."""
+        if self.nodes < LARGE or isinstance(self._solvers["pcg"], Multigrid):
+            return False
+        self._solvers["pcg"], self._mode = Multigrid(), ""
+        self._use("pcg")
+        if self._begun:
+            self._solver.begin(*self._begun)
+        return True
 
     def _after_a_step_at_home(self) -> None:
         if self._steps < self._patience:
@@ -201,6 +232,7 @@ class AutoSolver:
 
     def _settle(self) -> None:
         """Start with PCG; this is a trial if a factorisation is predicted to be cheaper."""
+        self._solvers["pcg"], self._last = PCG(), 0
         iterates = WASTED * self._iterations <= self.price
         self._home = "pcg" if iterates else "direct"
         self._home_work, self._patience, self._mode = math.inf, FIRST, ""  # no mode yet

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +11,8 @@ import scipy.sparse as sparse
 
 from fecloth.errors import InputError
 from fecloth.jit import Array, kernel
+
+FindSlots = Callable[[np.ndarray], np.ndarray]  # as `BlockPattern.slots`
 
 
 @dataclass(frozen=True)
@@ -30,14 +32,20 @@ class BlockPattern:
     indices: np.ndarray
 
     @classmethod
-    def union(cls, n: int, stencils: list[np.ndarray]) -> BlockPattern:
-        """Pattern over `n` nodes that couples all nodes of each row of each stencil (m, k)."""
-        keys = np.arange(n, dtype=np.int64) * (n + 1)
-        for stencil in _unique_objects(stencils):
-            pairs = (stencil[:, :, None].astype(np.int64) * n + stencil[:, None, :]).ravel()
-            keys = _sorted_unique(np.concatenate([keys, _sorted_unique(pairs)]))
-        indptr = np.searchsorted(keys, np.arange(n + 1, dtype=np.int64) * n)
-        return cls(indptr.astype(np.int32), (keys % n).astype(np.int32))
+    def union(cls, n: int, stencils: Sequence[np.ndarray]) -> BlockPattern:
+        """Pattern over `n` nodes that couples all nodes of each row of each stencil (m, k).
+
+        It is that of EᵀE, where row e of E is 1 at the nodes of row e of the stencils.
+        """
+        rows = [np.arange(n, dtype=np.int32)[:, None], *_unique_objects(stencils)]
+        nodes = np.concatenate([stencil.ravel() for stencil in rows]).astype(np.int32, copy=False)
+        widths = [np.full(len(stencil), stencil.shape[1]) for stencil in rows]
+        start = np.concatenate([[0], np.cumsum(np.concatenate(widths))])
+        E = sparse.csr_array((np.ones(len(nodes), bool), nodes, start), (len(start) - 1, n))
+        product = (E.T @ E).tocsr()
+        product.sort_indices()
+        indptr, indices = product.indptr, product.indices
+        return cls(indptr.astype(np.int32, copy=False), indices.astype(np.int32, copy=False))
 
     def __len__(self) -> int:
         return len(self.indptr) - 1
@@ -70,11 +78,11 @@ class BlockPattern:
         return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.indptr))
 
 
-def _sorted_unique(keys: np.ndarray) -> np.ndarray:
-    """Like `np.unique`, which from NumPy 2.3 on is ten times slower for millions of integers."""
-    keys = np.sort(keys)
-    unique: np.ndarray = keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]]
-    return unique
+def find_entries(matrix: sparse.csr_matrix, find_slots: FindSlots) -> np.ndarray:
+    """(entries,) blocks of the entries of an (n, n) matrix that acts on each component alike."""
+    rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+    pairs = np.column_stack([rows, matrix.indices]).astype(np.int32)
+    return np.ascontiguousarray(find_slots(pairs)[:, 0, 1])
 
 
 def _unique_objects(stencils: Iterable[np.ndarray]) -> Iterable[np.ndarray]:

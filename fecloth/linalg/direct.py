@@ -56,7 +56,7 @@ class Pardiso:
         """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
         return _solve_and_refine(self, b, rtol)
 
-    def begin(self, wx: float, wa: float) -> None:
+    def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
         """Nothing to do: every step is solved alike."""
 
     def drop(self) -> None:
@@ -132,7 +132,7 @@ class SuperLU:
         """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
         return _solve_and_refine(self, b, rtol)
 
-    def begin(self, wx: float, wa: float) -> None:
+    def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
         """Nothing to do: every step is solved alike."""
 
     def drop(self) -> None:

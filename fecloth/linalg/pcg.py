@@ -7,7 +7,6 @@ and section 4.1.1 (block Jacobi). Matrices are given as the block rows of a `Blo
 from __future__ import annotations
 
 import time
-from typing import NoReturn
 
 import numpy as np
 
@@ -43,9 +42,7 @@ class PCG:
         n = len(A.pattern)
         if len(self._inverse) != n:
             self._inverse, self._work = np.empty((n, 6)), np.zeros((4, n, 3))
-        node = invert_blocks(A.pattern.diagonal, A.values, self._inverse)
-        if node >= 0:
-            _refuse_block(node, A.values[A.pattern.diagonal[node]])
+        invert_diagonal(A, self._inverse, self.name)
         self._A, self._seconds = A, time.perf_counter() - begin
 
     def solve(
@@ -72,7 +69,7 @@ class PCG:
         seconds = time.perf_counter() - begin
         return x, SolveInfo(self.name, iterations, reached, self._seconds, seconds)
 
-    def begin(self, wx: float, wa: float) -> None:
+    def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
         """Nothing to do: every step is solved alike."""
 
     def drop(self) -> None:
@@ -88,32 +85,46 @@ class PCG:
     def _check(
         self, status: int, iterations: int, before: float, reached: float, rtol: float
     ) -> None:
+        name = self.name
         if status == NOT_FINITE:
-            raise SolveFailed(f"pcg found a number that is not finite in {iterations} iterations")
+            raise SolveFailed(
+                f"{name} found a number that is not finite in {iterations} iterations"
+            )
         if status == INDEFINITE:
             raise IndefiniteMatrix(
-                f"pcg found pᵀAp <= 0 in iteration {iterations + 1}: A is not positive definite",
+                f"{name} found pᵀAp <= 0 in iteration {iterations + 1}: A is not positive definite",
                 *(reached, rtol),
             )
         if status == OUT_OF_ITERATIONS:
             raise SolveFailed(
-                f"pcg spent max_iterations = {self.max_iterations}; use a direct solver",
+                f"{name} spent max_iterations = {self.max_iterations}; use a direct solver",
                 *(reached, rtol),
             )
         if reached > max(rtol, 0.5 * before):
             raise SolveFailed(
-                f"pcg stands still at round-off after {iterations} iterations; use a direct solver",
+                f"{name} stands still at round-off after {iterations} iterations; "
+                "use a direct solver",
                 *(reached, rtol),
             )
 
 
-def _refuse_block(node: int, block: np.ndarray) -> NoReturn:
-    where = f"the diagonal block of node {node}"
+def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
+    """Write the inverses of the diagonal blocks (n, 6); see `invert_blocks`.
+
+    Raises
+    ------
+    IndefiniteMatrix, SolveFailed
+        If a block is not positive definite, or not finite; `name` begins the message.
+    """
+    node = invert_blocks(A.pattern.diagonal, A.values, inverse)
+    if node < 0:
+        return
+    block, where = A.values[A.pattern.diagonal[node]], f"the diagonal block of node {node}"
     if not np.isfinite(block).all():
-        raise SolveFailed(f"pcg: A is not finite: {where} is {block.tolist()}")
+        raise SolveFailed(f"{name}: A is not finite: {where} is {block.tolist()}")
     eigenvalues = np.linalg.eigvalsh(block)
     raise IndefiniteMatrix(
-        f"pcg: {where} is not positive definite, its eigenvalues are {eigenvalues}"
+        f"{name}: {where} is not positive definite, its eigenvalues are {eigenvalues}"
     )
 
 

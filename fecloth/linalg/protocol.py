@@ -89,8 +89,8 @@ class LinearSolver(Protocol):
         """
         ...
 
-    def begin(self, wx: float, wa: float) -> None:
-        """Note that a step begins with J = wa M + wv D + wx K, before its first `prepare`."""
+    def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
+        """Note that a step begins near x (n, 3) with J = wa M + wv D + wx K, before `prepare`."""
         ...
 
     def drop(self) -> None:

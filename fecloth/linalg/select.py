@@ -11,15 +11,17 @@ import math
 from fecloth.errors import InputError
 from fecloth.linalg.auto_solver import AutoSolver
 from fecloth.linalg.direct import Pardiso, SuperLU
+from fecloth.linalg.multigrid import Multigrid
 from fecloth.linalg.pcg import PCG
 from fecloth.linalg.protocol import SolveInfo
 
-NAMES = ("direct", "pardiso", "superlu", "pcg")
+NAMES = ("direct", "pardiso", "superlu", "pcg", "multigrid")
 
 __all__ = [
     "NAMES",
     "PCG",
     "AutoSolver",
+    "Multigrid",
     "Pardiso",
     "SolveInfo",
     "SuperLU",
@@ -85,23 +87,23 @@ def _price(name: str, nodes: int) -> float:
     return 45 + 0.37 * root if name == "pardiso" else 100 + 10 * root
 
 
-def create(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG:
+def create(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG | Multigrid:
     """Create the solver with one of the `NAMES`; "direct" is PARDISO if available, else SuperLU.
 
     Raises
     ------
     InputError
-        For an unknown name, for "pcg" with a matrix that is not symmetric, and for "pardiso"
-        without the MKL.
+        For an unknown name, for "pcg" and "multigrid" with a matrix that is not symmetric, and for
+        "pardiso" without the MKL.
     """
     what, where = f"solver {name!r}", "linalg.select.create"
     if name not in NAMES:
         raise InputError(what, f"must be one of {', '.join(NAMES)}", where)
-    if name == "pcg":
+    if name in ("pcg", "multigrid"):
         if not symmetric:
             remedy = 'Use "auto" or "direct"; or EnergyMomentum with tangent = "symmetric".'
             raise InputError(what, "supports symmetric matrices only", where, remedy)
-        return PCG()
+        return PCG() if name == "pcg" else Multigrid()
     if name == "pardiso":
         try:
             return Pardiso(symmetric)

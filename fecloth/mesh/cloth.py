@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +16,7 @@ from fecloth.mesh import elements, generate, interpolation, mass, norms, selecti
 from fecloth.mesh.edge_slopes import EdgeSlopes
 from fecloth.mesh.flat_mesh import FlatMesh, quality
 from fecloth.mesh.gmsh_child import TIME_LIMIT
+from fecloth.mesh.grading import Grading
 from fecloth.mesh.half_edges import HalfEdges
 from fecloth.mesh.hinges import Hinges
 from fecloth.mesh.read import read
@@ -83,20 +84,33 @@ class Cloth:
         h: float,
         pattern: str = "unstructured",
         element: str = "P1",
+        grading: Sequence[Grading] = (),
     ) -> Cloth:
         """Mesh the rectangle [0, width] × [0, height] with edge length `h` [m].
 
         `pattern` is "unstructured" (Gmsh), "right" (each cell cut along the same diagonal),
         "cross" (each cell cut along both diagonals) or "equilateral". The node sets are left,
-        right, bottom, top, corners and boundary. `element` is "P1" or "P2".
+        right, bottom, top, corners and boundary. `element` is "P1" or "P2". Towards the places of
+        a `grading` the triangles of an unstructured mesh become smaller, see `Grading`.
+
+        Examples
+        --------
+        >>> from fecloth import Grading
+        >>> corners = Grading("corners", distance=0.2, power=0.6)
+        >>> cloth = Cloth.rectangle(1.0, 1.0, 0.1, grading=[corners])
+        >>> edges = np.diff(cloth.X[cloth.edge_sets["boundary"]], axis=1)
+        >>> round(float(np.linalg.norm(edges, axis=2).min()), 3)  # 0.2 (0.1/0.2)^(1 / (1 − 0.6))
+        0.034
         """
-        mesh = generate.rectangle(width, height, h, pattern)
+        mesh = generate.rectangle(width, height, h, pattern, grading)
         return cls._from_mesh(mesh, element, corner_sets=["corners"])
 
     @classmethod
-    def disk(cls, radius: float, h: float, element: str = "P1") -> Cloth:
+    def disk(
+        cls, radius: float, h: float, element: str = "P1", grading: Sequence[Grading] = ()
+    ) -> Cloth:
         """Mesh a disk around the origin by Gmsh with edge length `h` [m]; node set: boundary."""
-        return cls._from_mesh(generate.disk(radius, h), element)
+        return cls._from_mesh(generate.disk(radius, h, grading), element)
 
     @classmethod
     def read(
@@ -106,14 +120,16 @@ class Cloth:
         element: str = "P1",
         trust: bool = False,
         time_limit: float = TIME_LIMIT,
+        grading: Sequence[Grading] = (),
     ) -> Cloth:
         """Read a triangle mesh by meshio, or mesh a .geo file by Gmsh with edge length `h` [m].
 
         Physical groups become node and edge sets. A mesh with three coordinates is accepted if
         all nodes lie in one plane. A .geo file is a program: with `trust` it may hold any command,
         otherwise only those of geometry and mesh sizes. Gmsh is stopped after `time_limit` seconds.
+        A `grading`, see `Grading`, is for a .geo file with h.
         """
-        return cls._from_mesh(read(path, h, trust, time_limit), element)
+        return cls._from_mesh(read(path, h, trust, time_limit, grading), element)
 
     @classmethod
     def from_arrays(

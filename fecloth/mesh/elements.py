@@ -16,7 +16,7 @@ efficient symmetrical Gaussian quadrature rules for the triangle, Int. J. Numer.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -90,13 +90,30 @@ class Element:
 
     def arrays(self, mesh: skfem.MeshTri) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Arrays for kernels: nodes (m, k), ∂N_a/∂X (m, q, k, 2) [1/m], weights (m, q) [m²]."""
-        basis = skfem.Basis(mesh, self.shapes, quadrature=self.rule)
-        gradients = np.stack([phi[0].grad for phi in basis.basis])  # (k, 2, m, q)
-        return (
-            np.ascontiguousarray(basis.element_dofs.T, dtype=np.int32),
-            np.ascontiguousarray(gradients.transpose(2, 3, 0, 1)),
-            np.ascontiguousarray(basis.dx),
-        )
+        dofs = skfem.Dofs(mesh, self.shapes)
+        nodes = np.ascontiguousarray(dofs.element_dofs.T, dtype=np.int32)
+        (m, k), q = nodes.shape, len(self.rule[1])
+        gradients, weights = np.empty((m, q, k, 2)), np.empty((m, q))
+        for part in blocks(m):
+            of = {"elements": np.arange(part.start, part.stop), "quadrature": self.rule}
+            mapping = skfem.MappingAffine(mesh, of["elements"])  # the mesh would keep its own
+            basis = skfem.Basis(mesh, self.shapes, mapping, dofs=dofs, disable_doflocs=True, **of)
+            for a, phi in enumerate(basis.basis):
+                gradients[part, :, a] = np.moveaxis(phi[0].grad, 0, -1)
+            weights[part] = basis.dx
+        return nodes, gradients, weights
+
+
+def blocks(m: int, size: int = 1 << 16) -> Iterator[slice]:
+    """Yield slices of m triangles, `size` at once, for work whose arrays would be large.
+
+    Examples
+    --------
+    >>> list(blocks(5, size=3))
+    [slice(0, 3, None), slice(3, 5, None)]
+    """
+    for start in range(0, m, size):
+        yield slice(start, min(start + size, m))
 
 
 def _degree_4():

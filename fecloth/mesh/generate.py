@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from functools import partial
 
 import numpy as np
 
@@ -12,13 +13,20 @@ from fecloth.errors import InputError
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.mesh.gmsh_child import in_child
 from fecloth.mesh.gmsh_import import gmsh_plane, refuse_coarse
+from fecloth.mesh.grading import Grading, check_gradings
 from fecloth.suggest import did_you_mean
 
 AT_ONCE = 10_000  # area/h²; below, Gmsh takes less time than the start of a process for it
 MOST_SHORTENED = 1.5  # factor by which edges of "equilateral" may be shorter than h
 
 
-def rectangle(width: float, height: float, h: float, pattern: str = "unstructured") -> FlatMesh:
+def rectangle(
+    width: float,
+    height: float,
+    h: float,
+    pattern: str = "unstructured",
+    grading: Sequence[Grading] = (),
+) -> FlatMesh:
     """Mesh the rectangle [0, width] × [0, height].
 
     The structured patterns have ``max(1, round(width / h))`` by ``max(1, round(height / h))``
@@ -37,6 +45,8 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
         ``"unstructured"``: Gmsh. ``"right"``: each cell is cut along the diagonal from lower left
         to upper right. ``"cross"``: each cell is cut into four triangles at its centre.
         ``"equilateral"``: rows of nearly equilateral triangles.
+    grading : sequence of Grading
+        Places towards which the triangles become smaller, in the pattern "unstructured" only.
 
     Returns
     -------
@@ -47,8 +57,9 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
     Raises
     ------
     InputError
-        For sides or h that are not positive and finite, h out of range, an unknown pattern, or a
-        rectangle lower than one row of equilateral triangles of that h.
+        For sides or h that are not positive and finite, h out of range, an unknown pattern, a
+        rectangle lower than one row of equilateral triangles of that h, or a grading of another
+        pattern than "unstructured".
 
     Examples
     --------
@@ -63,13 +74,18 @@ def rectangle(width: float, height: float, h: float, pattern: str = "unstructure
         allowed = f"must be one of {', '.join(_PATTERNS)}"
         remedy = did_you_mean(pattern, _PATTERNS, cutoff=0.0)
         raise InputError(f"pattern = {pattern!r}", allowed, "rectangle", remedy)
+    check_gradings(grading, "rectangle")
+    if grading and pattern != "unstructured":
+        remedy = 'Take the pattern "unstructured", or leave the grading out.'
+        raise InputError(f"pattern = {pattern!r}", "has one edge length", "rectangle", remedy)
     if pattern == "equilateral":
         _refuse_another_size(float(height), float(h))
-    X, triangles = _PATTERNS[pattern](float(width), float(height), float(h))
+    mesh = _PATTERNS[pattern] if not grading else partial(_mesh_unstructured, grading=grading)
+    X, triangles = mesh(float(width), float(height), float(h))
     return _with_side_sets(FlatMesh.from_arrays(X, triangles, where="rectangle"), width, height)
 
 
-def disk(radius: float, h: float) -> FlatMesh:
+def disk(radius: float, h: float, grading: Sequence[Grading] = ()) -> FlatMesh:
     """Mesh a disk around the origin by Gmsh; the nodes of the rim lie on the circle.
 
     Parameters
@@ -78,6 +94,8 @@ def disk(radius: float, h: float) -> FlatMesh:
         Radius [m].
     h : float
         Edge length [m], at most the radius.
+    grading : sequence of Grading
+        Places towards which the triangles become smaller.
 
     Returns
     -------
@@ -97,17 +115,21 @@ def disk(radius: float, h: float) -> FlatMesh:
     """
     validation.length("radius", radius, "disk")
     validation.mesh_size(h, radius, np.pi * radius**2, "disk")
+    check_gradings(grading, "disk")
+    X, triangles = _mesh_drawing("disk", np.pi * radius**2, h, (radius,), grading)
+    return FlatMesh.from_arrays(X, triangles, where="disk")
 
-    return FlatMesh.from_arrays(*_mesh_drawing("disk", np.pi * radius**2, h, radius), where="disk")
 
-
-def _mesh_drawing(name: str, area: float, h: float, *sizes: float) -> tuple[np.ndarray, np.ndarray]:
+def _mesh_drawing(
+    name: str, area: float, h: float, sizes: tuple[float, ...], grading: Sequence[Grading]
+) -> tuple[np.ndarray, np.ndarray]:
     """Mesh a drawing by Gmsh: X (n, 2) and triangles (m, 3); many in a process of their own."""
     draw, sizes = DRAWINGS[name], (*map(float, sizes), float(h))
     if area / h**2 < AT_ONCE:
-        raw = gmsh_plane(lambda geo: draw(geo, *sizes), name)
+        raw = gmsh_plane(lambda geo: draw(geo, *sizes), float(h), name, grading)
     else:
-        raw = in_child({"draw": name, "sizes": sizes}, name)
+        task = {"draw": name, "sizes": sizes, "grading": [asdict(one) for one in grading]}
+        raw = in_child(task, name)
     refuse_coarse(raw, h, name)
     return raw.xyz[:, :2], raw.triangles
 
@@ -125,13 +147,16 @@ def _draw_rectangle(geo, width: float, height: float, h: float) -> None:
     points = [geo.addPoint(x, y, 0, h) for x, y in corners]
     lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
     geo.addPlaneSurface([geo.addCurveLoop(lines)])
+    for name, line in zip(("bottom", "right", "top", "left"), lines, strict=True):
+        geo.addPhysicalGroup(1, [line], name=name)
+    geo.addPhysicalGroup(0, points, name="corners")
 
 
 DRAWINGS: dict[str, Callable[..., None]] = {"disk": _draw_disk, "rectangle": _draw_rectangle}
 
 
-def _mesh_unstructured(width, height, h):
-    X, triangles = _mesh_drawing("rectangle", width * height, h, width, height)
+def _mesh_unstructured(width, height, h, grading=()):
+    X, triangles = _mesh_drawing("rectangle", width * height, h, (width, height), grading)
     for x, side in zip(X.T, (width, height), strict=True):  # put side nodes exactly on the sides
         x[np.abs(x) < 1e-9 * side] = 0.0
         x[np.abs(x - side) < 1e-9 * side] = side

@@ -20,6 +20,7 @@ import numpy as np
 
 from fecloth.errors import InputError, MeshError, is_number
 from fecloth.mesh.gmsh_import import RawMesh, from_geo, from_msh, gmsh_plane
+from fecloth.mesh.grading import Grading
 
 TIME_LIMIT = 300.0  # s, of wall time
 MEMORY_SHARE = 0.5  # of the machine's memory
@@ -34,8 +35,8 @@ def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
     ----------
     task
         ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, or ``{"draw": a name of
-        `generate.DRAWINGS`, "sizes": its arguments}``. Unless `confined` is false, the process
-        writes no file.
+        `generate.DRAWINGS`, "sizes": its arguments}``; the first and the last may have a `grading`,
+        a list of the fields of `Grading`. Unless `confined` is false, the process writes no file.
     where
         The file, for messages.
     time_limit
@@ -142,12 +143,13 @@ def _mesh(task: dict) -> RawMesh:
     from fecloth.mesh.generate import DRAWINGS
 
     where = task["where"]
+    grading = [Grading(**one) for one in task.get("grading", ())]
     match task:
         case {"draw": name, "sizes": sizes}:
-            return gmsh_plane(lambda geo: DRAWINGS[name](geo, *sizes), where)
+            return gmsh_plane(lambda geo: DRAWINGS[name](geo, *sizes), sizes[-1], where, grading)
         case {"msh": path}:
             return from_msh(Path(path), where)
-    return from_geo(Path(task["geo"]), task["h"], where)
+    return from_geo(Path(task["geo"]), task["h"], where, grading)
 
 
 def _limit(seconds: float, confined: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import MeshError
 from fecloth.mesh.gmsh_session import gmsh_model, set_options
+from fecloth.mesh.grading import Grading, set_sizes
 
 _DIMENSIONS = ("point", "curve", "surface")
 
@@ -31,11 +32,13 @@ class RawMesh:
     triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def gmsh_plane(draw: Callable, where: str) -> RawMesh:
-    """Mesh the surface that ``draw(gmsh.model.geo)`` builds; it has no sets."""
+def gmsh_plane(draw: Callable, h: float, where: str, grading: Sequence[Grading] = ()) -> RawMesh:
+    """Mesh the surface that ``draw(gmsh.model.geo)`` builds; its sets serve the grading only."""
     with gmsh_model() as gmsh:
         draw(gmsh.model.geo)
         gmsh.model.geo.synchronize()
+        if grading:
+            set_sizes(gmsh, grading, h, where)
         with _as_mesh_error("Gmsh cannot mesh the surface", where):
             gmsh.model.mesh.generate(2)
         _, xyz, triangles, _ = _gmsh_arrays(gmsh, where)
@@ -48,7 +51,7 @@ def gmsh_plane(draw: Callable, where: str) -> RawMesh:
 COARSE = 4.0  # edges longer than so many h are a failure of Gmsh; its longest are about 1.6 h
 
 
-def from_geo(path: Path, h: float | None, where: str) -> RawMesh:
+def from_geo(path: Path, h: float | None, where: str, grading: Sequence[Grading] = ()) -> RawMesh:
     """Mesh a geometry file, with edge length h [m] unless h is None; `where` names it in errors."""
     text = path.read_text(encoding="utf-8", errors="replace")
     if text.splitlines()[-1:] and not text.endswith("\n") and text.splitlines()[-1].count(";") > 1:
@@ -64,7 +67,9 @@ def from_geo(path: Path, h: float | None, where: str) -> RawMesh:
         with _as_mesh_error("Gmsh cannot read the file", where):
             gmsh.merge(str(path))
         if h is not None:
-            _limit_size(gmsh, h, where, uniform=not constant)
+            _limit_size(gmsh, h, where, uniform=not constant and not grading)
+            if grading:
+                set_sizes(gmsh, grading, h, where)
         with _as_mesh_error("Gmsh cannot mesh the file", where):
             gmsh.model.mesh.generate(2)
         mesh = _from_gmsh(gmsh, where)

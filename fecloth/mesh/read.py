@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import io
 import shutil
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,10 +18,15 @@ from fecloth.mesh.flat_mesh import FlatMesh, validated_indices
 from fecloth.mesh.geo_commands import check_geo
 from fecloth.mesh.gmsh_child import TIME_LIMIT, in_child
 from fecloth.mesh.gmsh_import import RawMesh, check_cells
+from fecloth.mesh.grading import Grading, check_gradings
 
 
 def read(
-    path, h: float | None = None, trust: bool = False, time_limit: float = TIME_LIMIT
+    path,
+    h: float | None = None,
+    trust: bool = False,
+    time_limit: float = TIME_LIMIT,
+    grading: Sequence[Grading] = (),
 ) -> FlatMesh:
     """Read a triangle mesh, or mesh a Gmsh geometry.
 
@@ -37,6 +44,9 @@ def read(
         files. Default: only those of `geo_commands.check_geo`.
     time_limit : float
         Seconds after which Gmsh, which works in a process of its own, is stopped.
+    grading : sequence of Grading
+        Places towards which the triangles become smaller, for ``.geo`` with h only. It replaces
+        the sizes at points of the file; a file with size fields is refused.
 
     Returns
     -------
@@ -82,8 +92,11 @@ def read(
     if h is not None and suffix != ".geo":
         what = f"h = {h!r} for a file {f'of type {suffix}' if suffix else 'without suffix'}"
         raise InputError(what, "is allowed for a .geo file only", str(path), "Omit h.")
+    check_gradings(grading, str(path))
+    if grading and h is None:
+        raise InputError("grading", "is allowed for a .geo file with h only", str(path))
     if suffix == ".geo":
-        raw = _from_geo(path, h, trust, time_limit)
+        raw = _from_geo(path, h, trust, time_limit, grading)
     elif suffix == ".msh":
         raw = _from_msh(path, time_limit)
     else:
@@ -91,13 +104,16 @@ def read(
     return _to_flat_mesh(raw, str(path))
 
 
-def _from_geo(path: Path, h: float | None, trust: bool, time_limit: float) -> RawMesh:
+def _from_geo(
+    path: Path, h: float | None, trust: bool, time_limit: float, grading: Sequence[Grading]
+) -> RawMesh:
     """Mesh a geometry file as it is if `trust` is set, or else a checked copy."""
     where = str(path)
     if h is not None:
         validation.length("h", h, where)
         h = float(h)
-    task = {"geo": str(path.resolve()), "h": h, "confined": not trust}
+    plain = [asdict(one) for one in grading]
+    task = {"geo": str(path.resolve()), "h": h, "confined": not trust, "grading": plain}
     if trust:
         return in_child(task, where, time_limit)
     text = check_geo(path.read_text(encoding="utf-8-sig", errors="replace"), where)

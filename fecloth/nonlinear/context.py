@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import LinearSolver
@@ -34,9 +36,9 @@ class SolverContext:
     factor_reuse: FactorReuse = field(default_factory=FactorReuse)
     step_error: StepError | None = None
 
-    def begin(self, wx: float, wa: float) -> None:
-        """Begin a step with these weights of K and M; "auto" may change its linear solver here."""
-        self.matrix_solver()[0].begin(wx, wa)
+    def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
+        """Begin a step near x with these weights of K and M; "auto" may change its solver here."""
+        self.matrix_solver()[0].begin(wx, wa, x)
 
     def matrix_solver(self) -> tuple[LinearSolver, BlockMatrix]:
         """The linear solver and its matrix; raise `InputError` if there is none."""

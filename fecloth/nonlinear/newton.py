@@ -54,7 +54,7 @@ def solve(
     left = None
     if solver.options.tolerance == "auto" and solver.step_error and dt:
         left = ErrorLeft(float(dt * stage.wv), float(solver.step_error.over(dt)))
-    solver.begin(stage.wx, stage.wa)
+    solver.begin(stage.wx, stage.wa, stage.x)
     try:
         return iterate(equation, solver, q, least=1, instead=zero, left=left)
     except FeclothError:

@@ -24,9 +24,12 @@ magnitude in ParaView is its Frobenius norm. Triangles of the element P2 are VTK
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.elements import blocks
 from fecloth.output.vtu_writer import Arrays
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
@@ -42,18 +45,14 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
     Stress resultants and energy density are summed over the membrane terms; a system without one
     has neither. With `error_density` the cells have that of `space_error`.
     """
-    F = deformation_gradient(system.cloth, state.x, system.panel.gradients)
-    mean = _mean(system.cloth, F)
-    R, U = _polar(mean)
-    points, cells = _kinematics(system.cloth, state, F, mean, R)
-    points["held"] = _held_directions(system)
-    cells["region"] = system.panel.region.astype(np.int32)
+    cloth, G = system.cloth, system.panel.gradients
     membranes = [term for term in system.bound if hasattr(term, "add_stress")]
-    if membranes:
-        stress = np.zeros((len(system.cloth.triangles), 4))
-        for term in membranes:
-            term.add_stress(state.x, stress)
-        cells |= _stresses(R, U, stress)
+    stress = np.zeros((len(cloth.triangles), 4)) if membranes else None
+    for term in membranes:
+        term.add_stress(state.x, stress)
+    points = _points(cloth, state) | {"held": _held_directions(system)}
+    cells = _in_blocks(cloth, lambda part: _cells(cloth, G, state.x, stress, part))
+    cells |= {"quality": cloth.quality, "region": system.panel.region.astype(np.int32)}
     if error_density:
         cells["error_density"] = space_error(system, state).density
     return points, cells
@@ -61,32 +60,50 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
 
 def kinematics(cloth: Cloth, state: State) -> tuple[Arrays, Arrays]:
     """Return the point data and cell data that need no material, along X and Y."""
-    F = deformation_gradient(cloth, state.x)
-    mean = _mean(cloth, F)
-    return _kinematics(cloth, state, F, mean, _polar(mean)[0])
+    G = cloth.gradients
+    cells = _in_blocks(cloth, lambda part: _cells(cloth, G, state.x, None, part))
+    return _points(cloth, state), cells | {"quality": cloth.quality}
 
 
-def _kinematics(
-    cloth: Cloth, state: State, F: np.ndarray, mean: np.ndarray, R: np.ndarray
-) -> tuple[Arrays, Arrays]:
+def _points(cloth: Cloth, state: State) -> Arrays:
     reference = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-    points = {
+    return {
         "displacement": state.x - reference,
         "velocity": state.v,
         "reference": reference,
     }
-    E = _green_strain(cloth, F)
+
+
+def _in_blocks(cloth: Cloth, arrays_of: Callable[[slice], Arrays]) -> Arrays:
+    """Join what `arrays_of(part)` returns for parts of the triangles, to save memory."""
+    m, joined = len(cloth.triangles), {}
+    for part in blocks(m):
+        for name, values in arrays_of(part).items():
+            if name not in joined:
+                joined[name] = np.empty((m, *values.shape[1:]), values.dtype)
+            joined[name][part] = values
+    return joined
+
+
+def _cells(
+    cloth: Cloth, gradients: np.ndarray, x: np.ndarray, stress: np.ndarray | None, part: slice
+) -> Arrays:
+    """Return the cell data of some triangles; `stress` (m, 4) are S11, S22, S12 and W of all."""
+    share = cloth.weights[part] / cloth.weights[part].sum(axis=1, keepdims=True)
+    F = deformation_gradient(cloth, x, gradients, part)
+    mean = np.einsum("eq,eqij->eij", share, F)
+    R, U = _polar(mean)
+    E = (np.einsum("eq,eqij,eqik->ejk", share, F, F) - np.eye(2)) / 2
     cells = {
         "E11": E[:, 0, 0],
         "E22": E[:, 1, 1],
         "E12": E[:, 0, 1],
-        "principal_stretches": principal_stretches(cloth, state.x),
+        "principal_stretches": principal_stretches(cloth, x, part),
         "warp": _single(mean[..., 0]),
         "weft": _single(mean[..., 1]),
         "strain_tensor": _turned(R, E),
-        "quality": cloth.quality,
     }
-    return points, cells
+    return cells if stress is None else cells | _stresses(R, U, stress[part])
 
 
 def _stresses(R: np.ndarray, U: np.ndarray, stress: np.ndarray) -> Arrays:
@@ -102,12 +119,12 @@ def _stresses(R: np.ndarray, U: np.ndarray, stress: np.ndarray) -> Arrays:
     mean, half = (T[:, 0, 0] + T[:, 1, 1]) / 2, (T[:, 0, 0] - T[:, 1, 1]) / 2
     radius = np.hypot(half, T[:, 0, 1])
     return {
-        "S11": S11.copy(),
-        "S22": S22.copy(),
-        "S12": S12.copy(),
+        "S11": S11,
+        "S22": S22,
+        "S12": S12,
         "stress_tensor": _turned(R, T),
         "principal_stresses": np.column_stack([mean - radius, mean + radius]),
-        "energy_density": W.copy(),
+        "energy_density": W,
     }
 
 
@@ -117,21 +134,6 @@ def _held_directions(system: System) -> np.ndarray:
     free = np.trace(system.constraints.projectors, axis1=1, axis2=2)
     held[system.constraints.nodes] = np.round(3 - free)
     return held
-
-
-def _green_strain(cloth: Cloth, F: np.ndarray) -> np.ndarray:
-    """(m, 2, 2) mean of E = (FᵀF − I)/2 over each triangle."""
-    C = np.einsum("eq,eqij,eqik->ejk", _share(cloth), F, F)
-    return (C - np.eye(2)) / 2
-
-
-def _mean(cloth: Cloth, F: np.ndarray) -> np.ndarray:
-    """(m, 3, 2) mean of F over each triangle."""
-    return np.einsum("eq,eqij->eij", _share(cloth), F)
-
-
-def _share(cloth: Cloth) -> np.ndarray:
-    return cloth.weights / cloth.weights.sum(axis=1, keepdims=True)
 
 
 def _polar(F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ import base64
 import json
 import sys
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -31,36 +31,41 @@ def encode_vtu(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> byt
 
     Not by meshio, which writes no field data (the time) and no component names ("E11").
     """
+    return b"".join(_parts(x, cells, t, point_data, cell_data))
+
+
+def _parts(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> Iterator[bytes]:
     m, k = cells.shape
     topology = {
         "connectivity": cells.ravel(),
         "offsets": np.arange(k, k * m + 1, k, dtype=np.int32),
         "types": np.full(m, CELLS[k], np.uint8),
     }
-    time = _data_array("TimeValue", np.array([t], float), ' NumberOfTuples="1"')
     order = f"{sys.byteorder.capitalize()}Endian"
-    parts = [
+    yield (
         '<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0"'
         f' byte_order="{order}" header_type="UInt64" compressor="vtkZLibDataCompressor">\n'
-        f"<UnstructuredGrid>\n<FieldData>\n{time}</FieldData>\n"
-        f'<Piece NumberOfPoints="{len(x)}" NumberOfCells="{m}">\n'
-    ]
+        "<UnstructuredGrid>\n<FieldData>\n"
+    ).encode()
+    yield from _data_array("TimeValue", np.array([t], float), ' NumberOfTuples="1"')
+    sizes = f'NumberOfPoints="{len(x)}" NumberOfCells="{m}"'
+    yield f"</FieldData>\n<Piece {sizes}>\n".encode()
     for tag, arrays in (
         ("Points", {"Points": x}),
         ("Cells", topology),
         ("PointData", point_data),
         ("CellData", cell_data),
     ):
-        parts.append(f"<{tag}>\n")
-        parts += [_data_array(name, data) for name, data in arrays.items()]
-        parts.append(f"</{tag}>\n")
-    parts.append("</Piece>\n</UnstructuredGrid>\n</VTKFile>\n")
-    return "".join(parts).encode()
+        yield f"<{tag}>\n".encode()
+        for name, data in arrays.items():
+            yield from _data_array(name, data)
+        yield f"</{tag}>\n".encode()
+    yield b"</Piece>\n</UnstructuredGrid>\n</VTKFile>\n"
 
 
-def _data_array(name, data, attributes=""):
-    """Encode a compressed DataArray; header: block count, block size, size of the last part, …"""
-    raw = memoryview(np.ascontiguousarray(data)).cast("B")
+def _data_array(name: str, data: np.ndarray, attributes: str = "") -> Iterator[bytes]:
+    """Yield a compressed DataArray; header: block count, block size, size of the last part, …"""
+    raw = np.ascontiguousarray(data).data.cast("B")
     blocks = [zlib.compress(raw[i : i + BLOCK], COMPRESSION) for i in range(0, len(raw), BLOCK)]
     header = np.array([len(blocks), BLOCK, len(raw) % BLOCK, *map(len, blocks)], np.uint64)
     if data.ndim == 2:
@@ -68,9 +73,10 @@ def _data_array(name, data, attributes=""):
         for i, component in enumerate(COMPONENTS.get(name, ())):
             attributes += f' ComponentName{i}="{component}"'
     kind = VTK_TYPES[data.dtype.str[1:]]
-    text = base64.b64encode(header.tobytes()) + base64.b64encode(b"".join(blocks))
-    start = f'<DataArray type="{kind}" Name="{name}"{attributes} format="binary">'
-    return f"{start}\n{text.decode('ascii')}\n</DataArray>\n"
+    yield f'<DataArray type="{kind}" Name="{name}"{attributes} format="binary">\n'.encode()
+    yield base64.b64encode(header.tobytes())
+    yield base64.b64encode(b"".join(blocks))
+    yield b"\n</DataArray>\n"
 
 
 def encode_pvd(files: Iterable[tuple[str, float]]) -> bytes:

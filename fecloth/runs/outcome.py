@@ -63,7 +63,7 @@ def count_sizes(system: System) -> dict:
     return {
         "nodes": len(system.cloth.X),
         "triangles": len(system.cloth.triangles),
-        "free_dofs": system.admissible.shape[1],
+        "free_dofs": system.constraints.count_free(len(system.cloth.X)),
     }
 
 

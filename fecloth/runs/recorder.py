@@ -165,7 +165,9 @@ class Recorder:
         start = problem.system, problem.method, self.ledger, problem.observer
         growth = math.inf if problem.is_static else MOST_GROWTH
         so_far = self.balance, self.time_error
-        records = record_steps(steps, *start, *so_far, most_growth=growth)
+        records = record_steps(
+            steps, *start, *so_far, most_growth=growth, next_row=problem.next_row
+        )
         for record in records:
             info = record.info
             if info.step > MOST_STEPS:
@@ -437,6 +439,7 @@ class Recorder:
             time_error=math.nan if summary["time_error"] is None else summary["time_error"],
             space_error=space.relative,
             space_error_reason=space.reason,
+            steps=self.counts["steps"],
             status=status,
             folder=self.folder.path,
             summary=summary,

@@ -47,7 +47,7 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "equilibrium": "In place of `time`: the scene is static.",
         "solver": "Newton's iteration and the linear solver.",
         "output": "When frames and restart files are written.",
-        "probes": "Points whose path is recorded at every step, as [[probes]].",
+        "probes": "Points whose path is recorded, as [[probes]].",
         "expect": "What `fecloth check` verifies: names of columns, each with an expectation.",
         "interest": "The quantities of interest: what studies compare.",
     },
@@ -58,18 +58,21 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "h": "Edge length of the triangles [m].",
         "pattern": '"unstructured" (by Gmsh), "right", "cross" or "equilateral".',
         "element": "Linear (P1) or quadratic (P2) triangles.",
+        "grading": "Places with smaller triangles, as [[cloth.grading]], see below.",
     },
     "Disk": {
         "shape": "The kind of cloth.",
         "radius": "Radius [m]; the middle is the origin.",
         "h": "Edge length of the triangles [m].",
         "element": "Linear (P1) or quadratic (P2) triangles.",
+        "grading": "Places with smaller triangles, as [[cloth.grading]], see below.",
     },
     "MeshFile": {
         "shape": "The kind of cloth.",
         "path": "A .geo, .msh, .vtu or other mesh file, relative to the scene.",
         "h": "Edge length of a .geo file [m].",
         "element": "Linear (P1) or quadratic (P2) triangles.",
+        "grading": "Places with smaller triangles, as [[cloth.grading]], see below.",
     },
     "FabricTable": {
         "preset": "Name of a published fabric, which gives the constants that are left out.",
@@ -122,6 +125,8 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "format": "A file for each frame (vtu), or one for all (vtkhdf).",
         "restart_steps": "Steps between two restart files.",
         "restart_every": "In place of `restart_steps`: seconds of the motion between two.",
+        "rows": "Rows of the tables of a long explicit run, evenly spread; more where the error in "
+        "time needs them.",
         "intersections": "Whether the pairs of triangles that intersect are counted at frames.",
         "error_density": "Whether frames have the error in space of each triangle.",
     },
@@ -147,6 +152,7 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
 SECTIONS = {
     "At the top": (Scene,),
     "[cloth]": (tables.Rectangle, tables.Disk, tables.MeshFile),
+    "[[cloth.grading]]": (tables.GradingTable,),
     "[fabric]": (FabricTable,),
     "[[pins]]": (pin_table.PinTable, pin_table.PinRotation),
     "[start]": (start_table.Start, start_table.Rotation),

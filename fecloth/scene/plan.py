@@ -20,18 +20,20 @@ from fecloth.scene.wrinkles import mean_edge, wrinkle_length
 from fecloth.simulation.pin_warnings import rotation_about_pins
 from fecloth.stability.critical_step import element_bound
 from fecloth.system.system import System
+from fecloth.terms.loops.bound_condition import BoundCondition
 
 # Bytes of a factor for each block and log₂ n. Midpoints of edges are eliminated with little fill.
 FILL = {"P1": 47, "P2": 24}
+MULTIGRID = 235  # bytes of its levels for each block, at the peak
 
 
 def plan(problem: Problem, why: str) -> list[str]:
     """Return lines on sizes, terms, method, solver, threads, memory, weight and explicit steps."""
-    system = problem.system
+    system, n = problem.system, len(problem.system.cloth.X)
     name = f"{'quadratic ' * (system.cloth.element == 'P2')}triangles"
     lines = [
         f"{len(system.cloth.X)} nodes, {len(system.cloth.triangles)} {name}, "
-        f"area {system.cloth.area:.6g} m², {system.admissible.shape[1]} free dofs",
+        f"area {system.cloth.area:.6g} m², {system.constraints.count_free(n)} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
         f"pins: {_pins(system)}",
         _course(problem),
@@ -86,9 +88,9 @@ def _steps(problem: Problem) -> str:
 def _threads_and_memory(problem: Problem) -> str:
     if problem.method.traits.explicit:
         return f"one thread, about {estimate_memory(problem.system, 'explicit'):.0f} MB"
+    if problem.linear in ("pcg", "multigrid"):
+        return f"one thread, about {estimate_memory(problem.system, problem.linear):.0f} MB"
     iterated = estimate_memory(problem.system, "pcg")
-    if problem.linear == "pcg":
-        return f"one thread, about {iterated:.0f} MB"
     select.direct(problem.system.symmetric)  # loads the MKL, if there is one
     count, factored = threads() or 1, estimate_memory(problem.system)
     words = f"threads: {count} in factorisations, one elsewhere"
@@ -122,17 +124,23 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     A constant for the program, and bytes in proportion to the n nodes, to the entries of the
     gradients (triangles × quadrature points × nodes), to the triangles (a frame), to the b blocks
     of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated strains and of
-    plates. Fitted to peaks of 2,000 to 250,000 triangles, P1 with and without hinges, and P2 to
-    40,000.
+    plates. Explicit runs have no matrix; there the hinges and springs count. Fitted to peaks of
+    2,000 to 250,000 triangles, P1 with and without hinges, and P2 to 40,000.
     """
-    n, blocks = len(system.cloth.X), len(system.pattern.indices)
+    n = len(system.cloth.X)
+    blocks = 0 if solver == "explicit" else len(system.pattern.indices)
     used: float = 258 * n + 157 * math.prod(system.cloth.gradients.shape[:3]) + 150 * blocks
     used += 500 * len(system.cloth.triangles)
     for term in system.bound:  # the arrays of interpolated strains and of plates
         used += getattr(getattr(term, "strain", None), "nbytes", 0)
-        used += getattr(getattr(term, "plate", None), "nbytes", 0)
-    if solver != "explicit":
-        used += 18 * blocks  # less than the matrix: what binding takes is free by then
+        if plate := getattr(term, "plate", None):
+            used += plate.nbytes
+            used += 0 if solver == "explicit" else plate.rows.nbytes
+        if solver == "explicit" and isinstance(term, BoundCondition):
+            used += 150 * len(term.nodes)
+    used += 18 * blocks  # less than the matrix: what binding takes is free by then
+    if solver == "multigrid":
+        used += MULTIGRID * blocks
     if solver == "direct":
         used += FILL[system.cloth.element] * blocks * math.log2(n) + 23e6
     return 212 + used / 1e6

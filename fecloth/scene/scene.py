@@ -111,9 +111,9 @@ class Scene(Table):
         ):
             if getattr(self.output, key):
                 raise InputError(f"output.{key} is given", static, "", f"Use {instead}.")
-        if self.solver.linear == "pcg":
+        if self.solver.linear in ("pcg", "multigrid"):
             remedy = "Leave it out, or take direct, pardiso or superlu."
-            raise InputError('solver.linear = "pcg"', static, "", remedy)
+            raise InputError(f'solver.linear = "{self.solver.linear}"', static, "", remedy)
         if self.solver.make() != Newton():
             remedy = "Its tolerance and max_iterations are keys of [equilibrium]; leave others out."
             raise InputError("[solver] has more than linear", static, "", remedy)

@@ -10,6 +10,7 @@ from fecloth import terms
 from fecloth.errors import InputError, brief
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.gmsh_child import TIME_LIMIT
+from fecloth.mesh.grading import Grading
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.units import LENGTH
 from fecloth.scene.error_words import MESH_FILE
@@ -17,6 +18,7 @@ from fecloth.scene.field_types import File, Length
 from fecloth.scene.table_model import Table, one_of, table_of
 
 Element = Literal["P1", "P2"]
+GradingTable: Any = table_of(Grading)
 
 
 class Rectangle(Table):
@@ -28,9 +30,11 @@ class Rectangle(Table):
     h: Length
     pattern: str = "unstructured"
     element: Element = "P1"
+    grading: tuple[GradingTable, ...] = ()
 
     def cloth(self) -> Cloth:
-        return Cloth.rectangle(self.width, self.height, self.h, self.pattern, self.element)
+        sizes = self.width, self.height, self.h
+        return Cloth.rectangle(*sizes, self.pattern, self.element, _made(self.grading))
 
 
 class Disk(Table):
@@ -40,9 +44,10 @@ class Disk(Table):
     radius: Length
     h: Length
     element: Element = "P1"
+    grading: tuple[GradingTable, ...] = ()
 
     def cloth(self) -> Cloth:
-        return Cloth.disk(self.radius, self.h, self.element)
+        return Cloth.disk(self.radius, self.h, self.element, _made(self.grading))
 
 
 class MeshFile(Table):
@@ -52,6 +57,7 @@ class MeshFile(Table):
     path: File
     h: Annotated[float | None, LENGTH] = None
     element: Element = "P1"
+    grading: tuple[GradingTable, ...] = ()
 
     @classmethod
     def meanings(cls) -> dict[str, str]:
@@ -59,7 +65,12 @@ class MeshFile(Table):
         return {"path": MESH_FILE, "file": MESH_FILE}
 
     def cloth(self, trust: bool = False, time_limit: float = TIME_LIMIT) -> Cloth:
-        return Cloth.read(self.path, self.h, self.element, trust, time_limit)
+        reading = self.element, trust, time_limit, _made(self.grading)
+        return Cloth.read(self.path, self.h, *reading)
+
+
+def _made(grading: tuple) -> tuple[Grading, ...]:
+    return tuple(table.make() for table in grading)
 
 
 Shape: Any = one_of("shape", {"rectangle": Rectangle, "disk": Disk, "file": MeshFile})
@@ -68,7 +79,7 @@ Shape: Any = one_of("shape", {"rectangle": Rectangle, "disk": Disk, "file": Mesh
 # --- the tables of dataclasses: their fields are the keys -----------------------------------------
 
 
-_LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg"]
+_LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"]
 SolverTable: Any = table_of(Newton, linear=(_LINEAR, "auto"))
 _TERMS: dict[str, Any] = {
     name: cls

@@ -31,8 +31,9 @@ def solver_for(
 ) -> tuple[SolverContext, str]:
     """Return the solver of a run, and in words why it was chosen.
 
-    `choice` is "auto", "direct", "pardiso", "superlu" or "pcg". "auto" starts with conjugate
-    gradients and changes to a factorisation, and back, by the work it counts; see `auto_solver`.
+    `choice` is "auto", "direct", "pardiso", "superlu", "pcg" or "multigrid". "auto" starts with
+    conjugate gradients and changes to a factorisation, and back, by the work it counts; on large
+    cloths it takes multigrid where they need many iterations; see `auto_solver`.
     """
     check_method(method)
     validation.number("dt", dt, 0.0, "solver_for")

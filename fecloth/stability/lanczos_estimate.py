@@ -138,20 +138,22 @@ def _not_finite(system: System, state: State) -> str:
 
 def _lanczos(apply, start, tol):
     """Largest Ritz value, its residual and its vector, once the residual is small to `tol`."""
-    basis, diagonal, beside = [start / np.linalg.norm(start)], [], []
+    basis = np.empty((LONGEST, len(start)))  # takes memory only as its rows are filled
+    basis[0] = start / np.linalg.norm(start)
+    diagonal, beside = [], []
     while True:
-        r = apply(basis[-1])
+        Q = basis[: len(diagonal) + 1]  # (j, 3n)
+        r = apply(Q[-1])
         if not np.isfinite(r).all():
             raise SolveFailed("the forces close to this state are not finite: it has no stiffness")
-        diagonal.append(float(np.vdot(basis[-1], r)))
-        Q = np.array(basis)  # (j, 3n)
+        diagonal.append(float(np.vdot(Q[-1], r)))
         for _ in range(2):
             r -= (Q @ r) @ Q
         values, vectors = eigh_tridiagonal(diagonal, beside)
         value, s, left = values[-1], vectors[:, -1], float(np.linalg.norm(r))
         residual = left * abs(s[-1])
-        if residual <= tol * value or len(basis) == LONGEST or left <= 1e-12 * abs(values).max():
+        if residual <= tol * value or len(Q) == LONGEST or left <= 1e-12 * abs(values).max():
             z = s @ Q
             return float(value), residual, z / np.linalg.norm(z)
         beside.append(left)
-        basis.append(r / left)
+        np.divide(r, left, out=basis[len(Q)])

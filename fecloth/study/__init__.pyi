@@ -1,12 +1,13 @@
 """The public names of `fecloth.study` and the modules that define them."""
 
-from .cases import Case, describe_settings, run_cases
+from .cases import Case, run_cases
 from .chart_result import Chart
 from .charts import chart
 from .command import Parser, StudyFailed, require_packages, run_main
 from .comparing import compare
 from .comparison import Comparison, Difference
 from .convergence import Convergence
+from .converging import converge
 from .figures import (
     COLOURS,
     MARKERS,
@@ -19,7 +20,6 @@ from .figures import (
 )
 from .options import parse_arguments, run_options
 from .overlay import Overlay, compare_runs
-from .refinement import converge
 from .reports import Finding, hardware, require_results, write_csv, write_report
 from .result import StudyResult
 from .simplification.result import Simplification
@@ -30,7 +30,6 @@ from .sweeps import Sweep, sweep
 from .tables import Table
 from .timing import Seconds, measure_seconds
 from .uncertainty import Estimate, estimate_uncertainty
-from .workload import Workload, check_scene
 
 __all__ = [
     "COLOURS",
@@ -52,14 +51,11 @@ __all__ = [
     "Sweep",
     "Table",
     "TimeLimit",
-    "Workload",
     "chart",
-    "check_scene",
     "check_time_limit",
     "compare",
     "compare_runs",
     "converge",
-    "describe_settings",
     "draw_lines",
     "draw_slope_triangle",
     "estimate_uncertainty",

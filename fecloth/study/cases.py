@@ -6,8 +6,6 @@ import hashlib
 import inspect
 import json
 import math
-import sys
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -20,11 +18,12 @@ from fecloth.study import status
 from fecloth.study.cluster import run_on_cluster
 from fecloth.study.fingerprint import source_hash
 from fecloth.study.processes import run_in_processes
-from fecloth.study.workload import in_words
+from fecloth.study.progress import Progress
 
 Number = float | int | str | bool | None
 
 
+INTERRUPTED = "with cases to run; run it again to go on: finished cases are stored"
 HIDDEN = ("path", "digest", "content", "text")  # settings that say nothing to a reader
 
 
@@ -127,7 +126,7 @@ def run_cases(
     label
         Function that describes the settings of a case in the progress lines.
     costs
-        Predicted cost of each case in any unit, for the predicted time left; equal by default.
+        Predicted CPU seconds of each case, for the predicted time left; equal by default.
 
     Raises
     ------
@@ -140,17 +139,22 @@ def run_cases(
     )
     results = {} if fresh or out is None else _read_results(all_cases, Path(out), time_limit)
     missing = list({case.key: case for case in all_cases if case.key not in results}.values())
+    at_once = min(jobs, len(missing)) or 1
     if scheduler and missing:
         finished = run_on_cluster(missing, scheduler, time_limit)
     elif jobs > 1 and missing:
-        finished = run_in_processes(missing, min(jobs, len(missing)), time_limit)
+        finished = run_in_processes(missing, at_once, time_limit)
     else:
         finished = _run_here(missing, function, time_limit)
-    progress = _Progress(len(missing), sum(cost_of[case.key] for case in missing))
-    for case, result in finished:
-        _write_result(case, result, out, time_limit)
-        results[case.key] = result
-        progress.print(f"{label(case.settings)}: {_result_line(result)}", cost_of[case.key])
+    spent = [cost_of[case.key] for case in missing]
+    progress = Progress(spent, len(results), at_once, in_seconds=costs is not None)
+    try:
+        for case, result in finished:
+            _write_result(case, result, out, time_limit)
+            results[case.key] = result
+            progress.print(label(case.settings), result, cost_of[case.key])
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(*[INTERRUPTED] * (out is not None)) from None
     return [{**case.settings, **results[case.key]} for case in all_cases]
 
 
@@ -194,25 +198,6 @@ def _read_results(cases: list[Case], out: Path, time_limit: float | None) -> dic
 def _to_plain(value):
     """Convert NumPy's numbers and arrays to JSON's types."""
     return value.tolist()
-
-
-def _result_line(result: dict) -> str:
-    return f"{result['status']} {result['cause'].splitlines()[0] if result['cause'] else ''}"
-
-
-class _Progress:
-    """Prints a line for each finished case, with the predicted time left."""
-
-    def __init__(self, count: int, cost: float):
-        self.count, self.cost, self.done, self.spent = count, cost, 0, 0.0
-        self.begin = time.perf_counter()
-
-    def print(self, words: str, cost: float) -> None:
-        self.done, self.spent = self.done + 1, self.spent + cost
-        seconds = time.perf_counter() - self.begin
-        left = seconds * (self.cost / self.spent - 1) if self.spent else 0.0
-        times = f"{seconds:.0f} s" + (f", about {in_words(left)} left" if left >= 1 else "")
-        print(f"[{self.done}/{self.count}, {times}] {words}".rstrip(), file=sys.stderr, flush=True)
 
 
 @cache

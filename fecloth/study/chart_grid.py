@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -71,11 +71,6 @@ class Setting:
         """Predict the size of its run."""
         assert self.problem is not None
         size = self.problem.workload(self.level)
-        if isinstance(self.problem, SceneProblem) and not self.problem.is_static:
-            scene = self.problem.scene
-            if scene.time.dt == "auto" and scene.time.method.type in EXPLICIT:
-                steps = Workload.explicit(scene).steps * self.level.h
-                size = replace(size, steps=steps, is_explicit=True)
         factor = P2_COST if self.names["element"] == "P2" else 1.0
         return replace(size, triangles=factor * size.triangles)
 
@@ -111,8 +106,8 @@ def _of_scene(scene: Scene, methods, elements, models) -> list[dict]:
     if models and not model:
         raise InputError("the terms", f"have none of {', '.join(MODELS)} to replace", "chart")
     chosen = {
-        "element": _known("element", elements or (element, *ELEMENTS), ELEMENTS),
-        "model": _known("model", models or (model,), MODELS) if model else [""],
+        "element": known_names("element", elements or (element, *ELEMENTS), ELEMENTS),
+        "model": known_names("model", models or (model,), MODELS) if model else [""],
     }
     if scene.equilibrium:
         if methods:
@@ -120,7 +115,7 @@ def _of_scene(scene: Scene, methods, elements, models) -> list[dict]:
         rules: list[dict] = [{"method": "equilibrium"}]
     else:
         own = scene.time.method.type
-        names = _known("method", methods or (own, *USUAL), ALL_METHODS)
+        names = known_names("method", methods or (own, *USUAL), ALL_METHODS)
         rules = [rule for name in names for rule in _rules(scene, name)]
     return [
         {**rule, "element": e, "model": m}
@@ -146,7 +141,7 @@ def _of_function(opened: FunctionProblem, methods, elements, models) -> list[dic
     return [dict(zip(known, one, strict=True)) for one in product(*known.values())]
 
 
-def _known(what: str, names: Sequence[str], known) -> list[str]:
+def known_names(what: str, names: Sequence[str], known: Iterable[str]) -> list[str]:
     """Return the names as the scene writes them, each once; capitals do not count."""
     found = []
     for name in names:
@@ -193,6 +188,13 @@ def change(opened: Problem, names: dict) -> Problem:
         given = {key: value for key, value in names.items() if value}
         return replace(opened, settings={**opened.settings, **given})
     scene = opened.scene
+    return SceneProblem(
+        scene_of(to_toml(change_tables(scene, names)), scene.trusts_geo), opened.name
+    )
+
+
+def change_tables(scene: Scene, names: dict) -> dict[str, Any]:
+    """Return the tables of a scene with another method, element, model, tolerance or dt."""
     data = tomllib.loads(scene.to_toml())
     if names["element"] != scene.cloth.element:
         data["cloth"]["element"] = names["element"]
@@ -202,7 +204,7 @@ def change(opened: Problem, names: dict) -> Problem:
             data["terms"][i] = {"type": names["model"]}
     if names["method"] != "equilibrium":
         _change_time(data, names)
-    return SceneProblem(scene_of(to_toml(data), scene.trusts_geo), opened.name)
+    return data
 
 
 def _change_time(data: dict, names: dict) -> None:

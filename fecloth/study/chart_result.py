@@ -51,7 +51,7 @@ class Chart(StudyResult):
             value = found.limit if math.isfinite(found.limit) else found.value
             words = with_uncertainty(value, found.uncertainty, found.unit)
             verdict = found.verdict.splitlines()[0].partition(f": {self.quantity} = ")[0]
-            lines.append(f"Limit: {self.quantity} = {words}; {verdict}.")
+            lines.append(f"Limit: {self.quantity} = {words}; {verdict.rstrip('.')}.")
         letters = grey_letters(self.table)
         if letters:
             key = ", ".join(f"{letter} {name}" for name, letter in letters.items())

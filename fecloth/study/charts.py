@@ -17,13 +17,14 @@ from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of
 from fecloth.study.chart_grid import Setting, change, make_settings
 from fecloth.study.chart_result import Chart, describe_chart, find_front
 from fecloth.study.convergence import Convergence
+from fecloth.study.levels import Level
 from fecloth.study.measured_runs import record_of
 from fecloth.study.problems import Problem, SceneProblem, open_problem
 from fecloth.study.refinement import refine_problem
-from fecloth.study.run_problems import Point, Runs, run_points
+from fecloth.study.run_problems import Point, Runs, refuse_huge, run_points
 from fecloth.study.status import OK
 from fecloth.study.tables import Table
-from fecloth.study.workload import LONGEST, Workload, check_size, in_words
+from fecloth.study.workload import LONGEST, in_words
 
 LONGEST_CASE = 60.0  # s
 RATIO = 2.0  # of the levels of the limit
@@ -124,12 +125,9 @@ def chart(
         raise InputError(f"{chosen}", "has no method and no step: take converge", "chart")
     if not (isinstance(meshes, int) and 1 <= meshes <= 4):
         raise InputError(f"meshes = {meshes!r}", "must be an integer from 1 to 4", "chart")
-    if isinstance(opened, SceneProblem) and most_seconds is not None:
-        finest = Workload.of(opened.scene, RATIO ** (levels - 1))  # needs no mesh
-        if finest.seconds > most_seconds:
-            check_size([finest], 1, most_seconds, opened.name)  # says how long, and raises
-    listed = make_settings(opened, methods, elements, models, meshes)
     runs = Runs(cache, jobs, scheduler, None, most_seconds, fresh)
+    refuse_huge(opened, runs, Level(h=RATIO ** (levels - 1)))
+    listed = make_settings(opened, methods, elements, models, meshes)
     limit = find_limit(opened, chosen, levels, runs)
     if limit is None:
         table = Table(tuple(_line(one, None, chosen, None) for one in listed))

@@ -30,7 +30,7 @@ from fecloth.study.overlay import Overlay
 from fecloth.study.problems import Problem, open_problem
 from fecloth.study.ranges import read_ranges
 from fecloth.study.refinement import is_number, levels_to_run, record_at, summarise
-from fecloth.study.run_problems import Point, Runs, run_points
+from fecloth.study.run_problems import Point, Runs, refuse_huge, run_points
 from fecloth.study.status import OK, REFUSED
 from fecloth.study.tables import Table
 from fecloth.study.variants import describe_failure, make_variants, name_variant, open_first
@@ -112,10 +112,13 @@ def compare(
     """
     sizes = {"h": h, "dt": dt}
     opened = _open(problem, variants, sizes, t_end, probes, settings)
+    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
+    for one in opened.values():
+        if not isinstance(one, InputError):
+            refuse_huge(one, runs)
     first = next(one for one in opened.values() if not isinstance(one, InputError))
     chosen = parse_quantity(first.default_quantity if quantity is None else quantity)
     plans = _plan(opened, lambda one: _levels(one, chosen, refine, levels, ratio))
-    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
     rows = _run(opened, plans, chosen, runs)
     studied = {name: _judge(rows[name], chosen, refine, levels) for name in plans}
     return _conclude(opened, studied, chosen, refine)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fecloth.mesh.grading import Grading
 from fecloth.study.figures import new_figure, use_plain_ticks
 from fecloth.study.result import StudyResult, with_uncertainty
 from fecloth.study.uncertainty import Estimate, observed_order
@@ -42,6 +43,8 @@ class Convergence(StudyResult):
         and "time step" or "mesh" and "solver" as far as they were estimated.
     estimate
         The `Estimate` from the published procedure.
+    gradings
+        With ``grade=True``, those of the meshes; the table then also has rows of uniform meshes.
     """
 
     quantity: str = ""
@@ -56,6 +59,7 @@ class Convergence(StudyResult):
     shares: Mapping[str, float] = field(default_factory=dict)
     estimate: Estimate | None = None
     remarks: tuple[str, ...] = ()
+    gradings: tuple[Grading, ...] = ()
 
     def notes(self) -> list[str]:
         """Sentences on the extrapolated value, the parts of the error and what was noticed."""
@@ -73,10 +77,15 @@ class Convergence(StudyResult):
         """Return the errors of the levels with the theoretical slope, and the values."""
         size = "dt" if self.refine == "dt" else "h"
         rows = [row for row in self.table if row.get("value") is not None]
+        uniform = [row for row in rows if row.get("mesh") == "uniform"]
+        rows = [row for row in rows if row not in uniform]
         h = np.array([row[size] for row in rows], dtype=float)
         values = np.array([row["value"] for row in rows], dtype=float)
         drawing, (left, right) = new_figure(1, 2, size=(10.0, 4.4))
         drawing.suptitle(f"{self.title}: {self.quantity}")
+        if uniform:
+            errors = [[row[key] for row in uniform] for key in (size, "error")]
+            left.loglog(*errors, "s-", color="0.5", label="uniform meshes")
         self._draw_errors(left, h, np.array([row["error"] for row in rows], dtype=float))
         right.errorbar(
             h[-1:], values[-1:], yerr=[self.uncertainty], fmt="none", ecolor="0.3", capsize=5
@@ -96,7 +105,8 @@ class Convergence(StudyResult):
         if not shown.any():
             ax.text(0.5, 0.5, "no error to show", ha="center", transform=ax.transAxes)
             return
-        ax.loglog(h[shown], errors[shown], "o-", color="#0072B2", label="estimated error")
+        label = "graded meshes" if self.gradings else "estimated error"
+        ax.loglog(h[shown], errors[shown], "o-", color="#0072B2", label=label)
         if math.isfinite(self.theory) and shown.sum() > 1:
             line = errors[shown][0] * (h[shown] / h[shown][0]) ** self.theory
             ax.loglog(h[shown], line, "--", color="0.5", label=f"order {self.theory:g}")

@@ -13,17 +13,24 @@ REFINED = ("h", "dt", "both")
 
 @dataclass(frozen=True)
 class Level:
-    """One level: h, dt and the solver's tolerance are divided by these; the first has 1, 1, 1."""
+    """One level: h, dt and two tolerances are divided by these; the first has 1, 1, 1, 1.
+
+    `sharper` is for the tolerance of the solver, `rtol` for that of chosen steps.
+    """
 
     h: float = 1.0
     dt: float = 1.0
     sharper: float = 1.0
+    rtol: float = 1.0
 
     def __str__(self) -> str:
-        sizes = (("h", self.h), ("dt", self.dt))
+        sizes = (("h", self.h), ("dt", self.dt), ("rtol", self.rtol))
         parts = [f"{name} / {by:.3g}" for name, by in sizes if by != 1]
         parts += ["a sharper tolerance"] if self.sharper != 1 else []
         return " and ".join(parts) or "the first level"
+
+
+FIRST = Level()
 
 
 def make_levels(
@@ -42,7 +49,7 @@ def make_levels(
     Examples
     --------
     >>> make_levels("both", 3, 2.0, space_order=2, time_order=1)[1:]
-    [Level(h=2.0, dt=4.0, sharper=1.0), Level(h=4.0, dt=16.0, sharper=1.0)]
+    [Level(h=2.0, dt=4.0, sharper=1.0, rtol=1.0), Level(h=4.0, dt=16.0, sharper=1.0, rtol=1.0)]
     """
     if refine not in REFINED:
         remedy = did_you_mean(refine, REFINED)

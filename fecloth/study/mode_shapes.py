@@ -30,7 +30,9 @@ def draw_modes(cloth: Cloth, frequencies: np.ndarray, shapes: np.ndarray) -> Fig
     """
     count = min(len(shapes), MOST)
     columns, rows = min(count, COLUMNS), math.ceil(count / COLUMNS)
-    figure, axes = new_figure(rows, columns, (PANEL * columns + 0.6, PANEL * rows))
+    width, height = np.ptp(cloth.X, axis=0)
+    tall = PANEL * min(max(height / width, 0.3), 2.0) + 0.4  # with the title
+    figure, axes = new_figure(rows, columns, (PANEL * columns + 0.6, max(tall * rows, PANEL)))
     axes = np.atleast_1d(axes).ravel()
     for axis, frequency, shape in zip(axes, frequencies, shapes, strict=False):
         along = np.linalg.svd(shape, full_matrices=False)[2][0]

@@ -17,7 +17,7 @@ from fecloth.nonlinear.iteration import ROUND_OFF
 from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.output.atomic_files import writing
 from fecloth.output.frames import Frames
-from fecloth.study.mode_shapes import draw_modes
+from fecloth.study.mode_shapes import MOST, draw_modes
 from fecloth.study.result import StudyResult
 from fecloth.study.tables import Table
 from fecloth.system.arguments import check_system
@@ -72,11 +72,16 @@ class Modes(StudyResult):
         return draw_modes(self.system.cloth, self.frequencies, self.shapes)
 
     def notes(self) -> list[str]:
-        """The warnings."""
-        return list(self.warnings)
+        """What the figure shows, and the warnings."""
+        words = (
+            "The colour is the displacement of a mode along the direction in which it moves most, "
+            "over its largest one, on the flat cloth."
+        )
+        shown = f" The figure shows the first {MOST} modes, the table all."
+        return [words + shown * (len(self.frequencies) > MOST), *self.warnings]
 
     def write(self, folder: str | Path) -> Path:
-        """Write modes.csv, and for ParaView a frame for each mode; return the .pvd file.
+        """Write a frame for each mode, for ParaView; return the .pvd file.
 
         The frame of time i shows mode i with a largest displacement of a tenth of the extent of
         the cloth. Its point array `shape` has the displacement, 1 at most; `Warp By Vector` with
@@ -85,7 +90,6 @@ class Modes(StudyResult):
         folder, cloth = Path(folder), self.system.cloth
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
-            self.table.to_csv(folder / "modes.csv")
         frames = Frames(folder / "modes", cloth, stem="frames/mode")
         for number, shape in enumerate(self.shapes, start=1):
             shape = shape / np.linalg.norm(shape, axis=1).max()

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from fecloth.study.setups import Setup
+import numpy as np
 
+from fecloth.mesh.cloth import Cloth
+from fecloth.study.setups import Setup
+from fecloth.terms.kinematics import principal_stretches
+
+SLACK = 0.05  # strain across, relative to that along, below which a cloth is slack across
+ROUND_OFF = 1e-9  # strain
 FOLDED = 0.9  # least stretch below which a cloth has folds or wrinkles
 PATTERN = ("HingeBending", "QuadraticBending")
 
 
-def find_obstacles(setup: Setup, ends: Mapping[str, list[float]]) -> list[str]:
-    """Return a sentence for each feature of a system that limits or prevents convergence in h."""
+def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray) -> list[str]:
+    """Return a sentence for each feature of a system that limits or prevents convergence in h.
+
+    `ends` are the columns of the run at its start and end, `x` (n, 3) the positions at the end.
+    """
     system, found = setup.system, []
     for name, (_, nodes) in system.constraints.groups.items():
         if len(nodes) == 1:
@@ -41,7 +50,18 @@ def find_obstacles(setup: Setup, ends: Mapping[str, list[float]]) -> list[str]:
             "without bending the cloth may have kinks, which limit the order in h to 1.5 in L2 "
             "and to 0.5 in H1"
         )
+    if setup.cloth.element == "P2" and not bends and is_slack_across(setup.cloth, x):
+        found.append(
+            "most of the cloth has tension in one direction only, so that nothing holds it between "
+            "the lines of tension: there point values of quadratic triangles have order 2"
+        )
     return found
+
+
+def is_slack_across(cloth: Cloth, x: np.ndarray) -> bool:
+    """Whether most of the cloth is stretched in one direction, and not across."""
+    smaller, larger = np.median(principal_stretches(cloth, x) - 1, axis=0)
+    return bool(larger > ROUND_OFF and smaller < SLACK * larger)
 
 
 def has_bending(setup: Setup) -> bool:

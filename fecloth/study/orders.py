@@ -18,6 +18,11 @@ def space_order(quantity: Quantity, setup: Setup) -> float:
     That of linear triangles is 2, of gradients 1; of quadratic triangles 3, of gradients 2, and 4
     of energies, frequencies, areas, volumes and reactions. With bending or a round border of
     straight edges it is at most 2.
+
+    Where a cloth without bending has tension in one direction only, point values of quadratic
+    triangles reach 2: on a strip that pressure blows up between two held edges, h = 1/8 to 1/32,
+    they were measured as 1.9, its energy as 3.9, with interpolated and pointwise strain; held all
+    around, 3.4 to 3.6. `obstacles` names this.
     """
     is_gradient = quantity.norm == "h1" or quantity.name.endswith("stretch")
     if setup.cloth.element == "P1":

@@ -5,16 +5,19 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from fecloth.errors import InputError, is_number
 from fecloth.integrators import EXPLICIT
 from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.grading import Grading
 from fecloth.scene.scene import Scene, load_scene
+from fecloth.scene.tables import GradingTable
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.study import measured_runs
@@ -41,11 +44,6 @@ class _Common:
     def is_explicit(self) -> bool:
         return self.first.is_explicit
 
-    @property
-    def probes(self) -> tuple[str, ...]:
-        """Names of the probes."""
-        return tuple(probe.name for probe in self.first.probes)
-
     def orders(self, quantity: Quantity) -> tuple[float, float]:
         """Return the theoretical orders in h and in dt."""
         time = 1.0 if self.is_static else float(self.first.steps.traits.order or 1)
@@ -57,18 +55,6 @@ class _Common:
         observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
         names = {*observer.row(None, None), *Ledger.open(setup.system, setup.start).row()}
         quantity.require_known(sorted(names - {"t"}))
-
-    def workload(self, level: Level) -> Workload:
-        """Predict the size of a level from the first one."""
-        triangles = len(self.first.cloth.triangles) * level.h**2
-        if self.is_static:
-            return Workload(triangles, STATIC)
-        dt = self.first.steps.dt
-        if dt is None:
-            return Workload(triangles, STEPS * level.h, self.is_explicit)
-        assert self.first.t_end is not None
-        steps = math.ceil((self.first.t_end - self.first.start.t) / dt * level.dt)
-        return Workload(triangles, steps, self.is_explicit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +71,28 @@ class SceneProblem(_Common):
         return Setup(*run, built.probes)
 
     @property
+    def probes(self) -> tuple[str, ...]:
+        """Names of the probes."""
+        return tuple(probe.name for probe in self.scene.probes)
+
+    @property
     def h(self) -> float | None:
         """Edge length of the first level [m]."""
         return self.scene.cloth.h
+
+    @property
+    def interest(self) -> tuple[Quantity, ...]:
+        """The quantities of [interest]."""
+        return tuple(self.scene.interest.all) if self.scene.interest else ()
+
+    @property
+    def rtol(self) -> float:
+        """Tolerance of chosen steps [1/s]; 0 where the error does not choose them."""
+        time = self.scene.time
+        if self.scene.equilibrium or time.dt != "auto":
+            return 0.0
+        stable = time.method.type in EXPLICIT and time.rtol is None
+        return 0.0 if stable else Adaptive.rtol if time.rtol is None else time.rtol
 
     @property
     def default_quantity(self) -> str | Quantity:
@@ -106,6 +111,21 @@ class SceneProblem(_Common):
         if what == "dt" and self.scene.equilibrium:
             return False
         return is_number(self.scene.cloth.h if what == "h" else self.scene.time.dt)
+
+    @cached_property
+    def size(self) -> Workload:
+        """Predicted size of the first level, without its mesh."""
+        return Workload.of(self.scene)
+
+    def workload(self, level: Level) -> Workload:
+        """Predict the size of a level, without its mesh."""
+        finer = level.dt
+        if self.scene.equilibrium:
+            finer = 1.0
+        elif self.scene.time.dt == "auto":
+            finer = level.h * math.sqrt(level.rtol)
+        triangles, steps = self.size.triangles * level.h**2, math.ceil(self.size.steps * finer)
+        return Workload(triangles, steps, self.size.is_explicit)
 
     def check(self, refine: str) -> None:
         """Raise `InputError` if it has no h or dt to refine."""
@@ -130,7 +150,17 @@ class SceneProblem(_Common):
             span = time.t_end - time.t_start
             dt = span / round(math.ceil(span / time.dt - 1e-9) * level.dt)
         finer = None if level.h == 1 or h is None else h / level.h
-        return text_of(self.scene, finer, dt, level.sharper)
+        rtol = None if level.rtol == 1 else self.rtol / level.rtol
+        return text_of(self.scene, finer, dt, level.sharper, rtol)
+
+    def graded(self, gradings: Sequence[Grading]) -> SceneProblem:
+        """Return the problem with [[cloth.grading]]; a scene may not have its own already."""
+        if self.scene.cloth.grading:
+            remedy = "Leave grade or the gradings out."
+            raise InputError("grade = True", "the scene has [[cloth.grading]]", self.name, remedy)
+        entries = tuple(GradingTable(**asdict(one)) for one in gradings)
+        cloth = self.scene.cloth.model_copy(update={"grading": entries})
+        return replace(self, scene=self.scene.model_copy(update={"cloth": cloth}))
 
     runner = staticmethod(measured_runs.run_scene_text)
     is_importable = True
@@ -162,10 +192,17 @@ class FunctionProblem(_Common):
     t_end: float | None
     given: tuple[Probe, ...] = ()
     settings: Mapping[str, object] = field(default_factory=dict)
+    rtol: ClassVar[float] = 0.0  # of steps that the function's method chooses: not known
+    interest: ClassVar[tuple[Quantity, ...]] = ()
 
     @property
     def name(self) -> str:
         return getattr(self.function, "__name__", "problem")
+
+    @property
+    def probes(self) -> tuple[str, ...]:
+        """Names of the probes."""
+        return tuple(probe.name for probe in self.given)
 
     @cached_property
     def first(self) -> Setup:  # type: ignore[override]  # computed when it is first needed
@@ -183,6 +220,18 @@ class FunctionProblem(_Common):
         """Whether the function has an h, or steps of a given dt."""
         return (self.h if what == "h" else self.dt) is not None
 
+    def workload(self, level: Level) -> Workload:
+        """Predict the size of a level from the first one."""
+        triangles = len(self.first.cloth.triangles) * level.h**2
+        if self.is_static:
+            return Workload(triangles, STATIC)
+        dt = self.first.steps.dt
+        if dt is None:
+            return Workload(triangles, STEPS * level.h, self.is_explicit)
+        assert self.first.t_end is not None
+        steps = math.ceil((self.first.t_end - self.first.start.t) / dt * level.dt)
+        return Workload(triangles, steps, self.is_explicit)
+
     def check(self, refine: str) -> None:
         """Raise `InputError` if it has no h or dt to refine."""
         if refine not in REFINED:
@@ -193,6 +242,18 @@ class FunctionProblem(_Common):
                 raise InputError(f"{what} is missing", allowed, self.name, f"Give {what}=….")
         if self.t_end is None and refine != "h":
             raise InputError("t_end is missing", "an equilibrium has no dt", self.name)
+
+    def graded(self, gradings: Sequence[Grading]) -> FunctionProblem:
+        """Return the problem with the argument `grading`, as JSON's types."""
+        if "grading" not in inspect.signature(self.function).parameters:
+            remedy = "Pass it on, as in fc.Cloth.rectangle(1.0, 1.0, h, grading=grading)."
+            needed = "needs a function with the argument grading"
+            raise InputError("grade = True", needed, self.name, remedy)
+        entries = [{k: v for k, v in asdict(one).items() if v is not None} for one in gradings]
+        entries = [
+            one | {"point": list(one["point"])} if "point" in one else one for one in entries
+        ]
+        return replace(self, settings={**self.settings, "grading": entries})
 
     def sizes(self, level: Level) -> tuple[dict[str, object], float | None]:
         """Return the settings of the function, with h and dt, and dt."""

@@ -1,104 +1,25 @@
-"""`converge`: refine a problem in h, in dt or in both, and say what the result is worth."""
+"""Refine a problem in h, in dt or in both, and say what the result is worth."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
-from fecloth.scene.scene import Scene
-from fecloth.simulation.probes import Probe
-from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, value_of
 from fecloth.study.convergence import Convergence, describe_value, judge
 from fecloth.study.levels import Level, make_levels
 from fecloth.study.measured_runs import record_of
-from fecloth.study.problems import Problem, open_problem
+from fecloth.study.problems import Problem
 from fecloth.study.run_problems import Point, Runs, run_points
 from fecloth.study.status import OK
 from fecloth.study.tables import Table
 from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
-from fecloth.study.workload import LONGEST
 
-
-def converge(
-    problem: Scene | str | Path | Callable,
-    quantity: str | Callable[[Any], float] | Quantity | None = None,
-    refine: str = "h",
-    levels: int = 4,
-    *,
-    ratio: float | None = None,
-    h: float | None = None,
-    dt: float | None = None,
-    t_end: float | None = None,
-    probes: Sequence[Probe] = (),
-    cache: str | Path | None = None,
-    jobs: int = 1,
-    scheduler: str | None = None,
-    time_limit: float | None = None,
-    most_seconds: float | None = LONGEST,
-    fresh: bool = False,
-    **settings: object,
-) -> Convergence:
-    """Refine a problem level by level; return the quantity with its uncertainty and a verdict.
-
-    The first level has the problem's own h and dt; each further one divides what is refined by
-    `ratio`. The uncertainty is that of the finest level by the grid convergence index (three
-    levels) or least squares (four or more), see `fecloth.study.uncertainty`; to it are added the
-    errors that the levels do not show: of the time step, or of the mesh, and of the solver's
-    tolerance, each from one more run of the first level, times 3 as for two levels (Roache 1994).
-    Fields and paths are judged by the differences between levels, of which the sum towards the
-    finest one takes the place of the values.
-
-    Parameters
-    ----------
-    problem
-        A scene, its path, or a function of h and dt (either may be missing) and of `settings` that
-        returns cloth, system, method and start.
-    quantity
-        A text as in [interest] (see the page of scenes) or a function of the result of `fc.run`,
-        by default the first of [interest], the path of the first probe, or the displacement.
-    refine
-        "h", "dt", or "both" in the ratio that balances their errors, dt ∝ h^(p/q) for the orders p
-        and q.
-    levels, ratio
-        Their number, and h or dt of a level over that of the next one: by default 2, for h of
-        unstructured meshes √2.
-    h, dt, t_end, probes
-        Of a function's problem: first edge length [m], step [s], end [s] (without it the
-        equilibrium is the result) and probes.
-    cache
-        Folder where finished cases are stored, from where the next call reads them.
-    jobs, scheduler, time_limit, fresh
-        As for `run_cases`.
-    most_seconds
-        Predicted time above which nothing is run [s]; None for any time.
-
-    Raises
-    ------
-    InputError
-        For a problem that cannot be refined so, an unknown quantity, or too long a time.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> def strip(h):
-    ...     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-    ...     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-    ...     system = fc.System(cloth, fc.Fabric(0.2, 20.0), terms, pins=["left"])
-    ...     return cloth, system, None, system.rest()
-    >>> tip = [fc.Probe("tip", "right")]
-    >>> found = fc.study.converge(strip, "tip.x", h=0.25, levels=4, probes=tip)
-    >>> print(f"{found.value:.4f}", found.verdict.splitlines()[0][:22])
-    1.0450 converges as it should
-    """
-    opened = open_problem(problem, h, dt, t_end, probes, settings)
-    opened.check(refine)
-    chosen = parse_quantity(opened.default_quantity if quantity is None else quantity)
-    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
-    return refine_problem(opened, chosen, refine, levels, ratio, runs)[0]
+CLOSER = 10.0  # rtol over that of the run that shows the error of chosen steps
+RTOL_ORDER = 2 / 3  # global errors of adaptive steps are about proportional to rtol^(2/3)
 
 
 def refine_problem(
@@ -129,11 +50,16 @@ def levels_to_run(
 
 
 def _cases_for_shares(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
-    """Return further cases on the first level: with half of dt or h, and a sharper tolerance."""
+    """Return further cases on the first level: finer in what is not refined, and a sharper solver.
+
+    Of steps that their error chooses rtol is divided, in place of dt.
+    """
     if opened.is_static or quantity.how == "mode":
         return []
     other = {"h": Level(dt=2.0), "dt": Level(h=opened.ratio("h"))}.get(refine)
     cases = [other] if other and opened.can_refine("dt" if refine == "h" else "h") else []
+    if refine == "h" and opened.rtol:
+        cases = [Level(rtol=CLOSER)]
     return cases + ([] if opened.is_explicit else [Level(sharper=100.0)])
 
 
@@ -227,9 +153,12 @@ def _refined_share(refine: str, estimate: Estimate) -> dict[str, float]:
 
 
 def _edge(opened: Problem, first: Mapping, row: Mapping) -> float | None:
-    """Return h of a level: that of the first times the ratio of √(area of a triangle)."""
+    """Return h of a level: that of the first times the ratio of √(area of a triangle).
+
+    Of a failed level it is the nominal one.
+    """
     if "edge" not in row or "edge" not in first:
-        return None
+        return opened.h and opened.h / row["point"].level.h
     return (opened.h or first["edge"]) * row["edge"] / first["edge"]
 
 
@@ -249,6 +178,8 @@ def _other_shares(
         apart = difference_of(quantity, base, record_at(row, quantity))
         if row["point"].level.sharper > 1:
             found["solver"] = apart
+        elif row["point"].level.rtol > 1:
+            found["time step"] = apart / (1 - CLOSER**-RTOL_ORDER)
         elif refine == "h":
             found["time step"] = apart / (1 - 2.0 ** -orders[1])
         else:
@@ -260,7 +191,9 @@ def _other_shares(
 def _table_row(row: Mapping) -> dict:
     """Return the columns of a level that a reader wants."""
     names = ("triangles", "steps", "newton", "cpu_seconds")
-    sizes = {"h": row["h"], "dt": row.get("step")}
+    problem, level = row["point"].problem, row["point"].level
+    dt = None if problem.is_static else problem.first.steps.dt
+    sizes = {"h": row["h"], "dt": row.get("step", dt and dt / level.dt)}
     if isinstance(sizes["dt"], float) and not math.isfinite(sizes["dt"]):
         del sizes["dt"]
     state = {"status": row["status"]} if row["status"] != OK else {}
@@ -285,5 +218,6 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
         )
     warned = [words for row in rows for words in row.get("warnings", ())]
     if warned:
-        lines.append(f"{len(warned)} warnings of the runs; the first: {warned[0]}")
+        words = "1 warning" if len(warned) == 1 else f"{len(warned)} warnings; the first"
+        lines.append(f"The runs gave {words}: {warned[0]}")
     return lines

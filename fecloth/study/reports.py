@@ -149,12 +149,6 @@ def list_failures(failed: Sequence[Row], count: int) -> str:
     return f"{len(failed)} of {count} cases failed:\n\n{_bullet_list(lines)}"
 
 
-def scene_of_report(report: Path) -> str:
-    """Return the path of the user's scene that a report is about; "None" without one."""
-    lines = report.read_text(encoding="utf-8").splitlines()
-    return next((line[9:] for line in reversed(lines) if line.startswith("- scene: ")), "None")
-
-
 def _bullet_list(items: Sequence[object]) -> str:
     return "\n".join(f"- {item}" for item in items)
 

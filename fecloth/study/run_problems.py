@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from fecloth.errors import InputError
 from fecloth.simulation.quantity import Quantity
 from fecloth.study import status
 from fecloth.study.cases import run_cases
-from fecloth.study.levels import Level
+from fecloth.study.levels import FIRST, Level
 from fecloth.study.measured_runs import columns_to_record, measure
-from fecloth.study.problems import Problem
+from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.progress import Progress
 from fecloth.study.workload import LONGEST, Workload, check_size
 
 
@@ -44,6 +46,10 @@ class Runs:
     fresh: bool = False
     timed: bool = False
 
+    def __post_init__(self):
+        if not (isinstance(self.jobs, int) and self.jobs >= 1):
+            raise InputError(f"jobs = {self.jobs!r}", "must be an integer of at least 1")
+
 
 @dataclass(frozen=True, eq=False)
 class Point:
@@ -53,6 +59,20 @@ class Point:
     level: Level
     words: str
     size: Workload
+
+
+def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST) -> None:
+    """Refuse a scene that would take too long, before its mesh is made.
+
+    Raises
+    ------
+    InputError
+        If the predicted time of one run on this level is above that of all.
+    """
+    if isinstance(opened, SceneProblem) and runs.most_seconds is not None:
+        size = opened.workload(level)
+        if size.seconds > runs.most_seconds:
+            check_size([size], 1, runs.most_seconds, opened.name)  # says how long, and raises
 
 
 def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Runs) -> list[dict]:
@@ -69,12 +89,13 @@ def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Ru
     functions = [one.function for one in quantities if one.function]
     if len(functions) > 1:
         raise InputError(f"{len(functions)} functions as quantities", "must be at most 1", "study")
-    recorded = sorted({name for one in quantities for name in columns_to_record(one)})
+    needed = (*quantities, *points[0].problem.interest)  # so studies of others of them share cases
+    recorded = sorted({name for one in needed for name in columns_to_record(one)})
     modes = max((one.mode for one in quantities), default=0)
     check_size([p.size for p in points], runs.jobs, runs.most_seconds, points[0].problem.name)
     if functions or not all(point.problem.is_importable for point in points):
         function = functions[0] if functions else None
-        rows = [_run_here(point, recorded, modes, function, runs) for point in points]
+        rows = run_here(points, lambda one: _measure(one, recorded, modes, function, runs))
     else:
         more = {"timed": True} if runs.timed else {}
         cases = [point.problem.case(point.level, recorded, modes) | more for point in points]
@@ -92,7 +113,17 @@ def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Ru
     return [{**row, "point": point} for row, point in zip(rows, points, strict=True)]
 
 
-def _run_here(
+def run_here(listed: Sequence[Any], run: Callable[[Any], dict]) -> list[dict]:
+    """Run what has `words` and a `size`, in this process, with progress lines."""
+    costs, rows = [one.size.seconds for one in listed], list[dict]()
+    progress = Progress(costs, in_seconds=True)
+    for one, cost in zip(listed, costs, strict=True):
+        rows.append(run(one))
+        progress.print(one.words, rows[-1], cost)
+    return rows
+
+
+def _measure(
     point: Point, recorded: list[str], modes: int, function: Callable | None, runs: Runs
 ) -> dict:
     def run() -> dict:

@@ -28,19 +28,25 @@ def scene_of(text: str, trust_geo: bool = False) -> Scene:
 
 
 def text_of(
-    scene: Scene, h: float | None = None, dt: float | None = None, sharper: float = 1
+    scene: Scene,
+    h: float | None = None,
+    dt: float | None = None,
+    sharper: float | None = None,
+    rtol: float | None = None,
 ) -> str:
     """Return what a run of the scene depends on, with another h [m], dt [s] or tolerance.
 
-    The tolerance of the nonlinear solver is one on the residual, divided by `sharper`: what "auto"
-    leaves may be more than levels differ by.
+    With `sharper` the tolerance of the nonlinear solver is one on the residual, divided by it: what
+    "auto" leaves may be more than levels differ by. `rtol` [1/s] is that of chosen steps.
     """
     data = {key: value for key, value in tomllib.loads(scene.to_toml()).items() if key not in WORDS}
     if h is not None:
         data["cloth"]["h"] = h
     if dt is not None:
         data["time"]["dt"] = dt
-    if scene.time:
+    if rtol is not None:
+        data["time"]["rtol"] = rtol
+    if scene.time and sharper is not None:
         data["solver"]["tolerance"] = scene.solver.make().residual / sharper
     return to_toml(data)
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.grading import Grading
 from fecloth.nonlinear.options import Newton
 from fecloth.runs.warm_up import compile_kernels
 from fecloth.simulation.load_steps import LoadSteps
@@ -72,6 +73,9 @@ def setup_of_function(
         If it does not return cloth, system, method and start, or takes no such setting.
     """
     name = getattr(function, "__name__", "problem")
+    if "grading" in settings:  # from JSON
+        entries: Any = settings["grading"]
+        settings = {**settings, "grading": [Grading(**one) for one in entries]}
     returned = function(**accepted(function, settings))
     if not (isinstance(returned, tuple | list) and len(returned) == 4):
         raise InputError(f"the function {name}", RETURNS, "problem")

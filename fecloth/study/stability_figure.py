@@ -48,7 +48,7 @@ def draw_map(found: Any) -> Figure:
     drawing.supylabel("time step [s]")
     if found.keys:
         drawing.supxlabel(", ".join(found.keys))
-    _draw_legend(drawing, found.cells)
+    _draw_legend(drawing, [cell for cell in found.cells if cell["method"] in methods])
     return drawing
 
 

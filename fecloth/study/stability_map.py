@@ -13,7 +13,7 @@ from fecloth.scene.scene import Scene
 from fecloth.study.problems import Problem
 from fecloth.study.ranges import read_ranges
 from fecloth.study.result import StudyResult
-from fecloth.study.run_problems import Runs
+from fecloth.study.run_problems import Runs, refuse_huge
 from fecloth.study.stability_figure import MOST_PANELS, draw_map
 from fecloth.study.stability_runs import ALL_METHODS, list_runs, run_all
 from fecloth.study.stability_words import (
@@ -87,7 +87,8 @@ class StabilityMap(StudyResult):
         stopped = [row for row in self.cells if row["status"] not in JUDGED]
         if stopped:
             words = f"{stopped[0]['status']}: {stopped[0]['cause']}"
-            lines.append(f"{len(stopped)} runs say nothing about their step; the first: {words}")
+            count = "1 run says" if len(stopped) == 1 else f"{len(stopped)} runs say"
+            lines.append(f"{count} nothing about the step; the first: {words}")
         if len(self.methods) > MOST_PANELS:
             lines.append(f"The figure shows the first {MOST_PANELS} methods, the table all.")
         return lines
@@ -159,9 +160,11 @@ def stability(
     ranges = read_ranges(over) if over else {}
     combinations = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
     opened = open_first(problem, ranges, {"h": h, "dt": dt}, t_end, (), settings)
+    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
+    refuse_huge(opened, runs)
     variants, refused = _variants(opened, combinations)
     listed = [run for values, one in variants for run in list_runs(values, one, chosen)]
-    cells = run_all(listed, Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh))
+    cells = run_all(listed, runs)
     lines = {
         (method, describe_values(values)): _line(method, values, cells)
         for values, _ in variants
@@ -212,7 +215,7 @@ def _variants(opened: Problem, combinations: Sequence[dict]) -> tuple[list, list
     """Return the problem with each combination of values, and the refused ones."""
     if combinations == [{}]:
         return [({}, opened)], []
-    return make_variants(opened, combinations)
+    return make_variants(opened, combinations, build=True)
 
 
 def _cells_of(method: str, values: Mapping, cells: Iterable[Mapping]) -> list[Mapping]:

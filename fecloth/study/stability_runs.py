@@ -16,13 +16,14 @@ from fecloth.simulation.fixed_step import FixedStep
 from fecloth.stability.critical_step import critical_dt
 from fecloth.study import status
 from fecloth.study.cases import run_cases
+from fecloth.study.levels import FIRST
 from fecloth.study.measured_runs import measure, setup_of_importable
 from fecloth.study.problems import Problem, SceneProblem
-from fecloth.study.run_problems import Runs
+from fecloth.study.run_problems import Runs, run_here
 from fecloth.study.setups import Setup, setup_of_scene
 from fecloth.study.stability_words import WRONG
 from fecloth.study.status import OK
-from fecloth.study.variants import FIRST, describe_values
+from fecloth.study.variants import describe_values
 from fecloth.study.workload import Workload, check_size
 
 ALL_METHODS: dict[str, Any] = {**METHODS, **EXPLICIT}
@@ -133,15 +134,13 @@ def run_all(listed: Sequence[Run], runs: Runs) -> list[dict]:
             costs=[run.size.seconds for run in listed],
         )
     else:
-        rows = [
-            status.attempt(
-                run_with,
-                {"setup": run.problem.first, "method": run.method, "count": run.steps},
-                runs.time_limit,
-            )
-            for run in listed
-        ]
+        rows = run_here(listed, lambda run: _run_here(run, runs.time_limit))
     return [_row(run, row) for run, row in zip(listed, rows, strict=True)]
+
+
+def _run_here(run: Run, time_limit: float | None) -> dict:
+    given = {"setup": run.problem.first, "method": run.method, "count": run.steps}
+    return status.attempt(run_with, given, time_limit)
 
 
 def run_scene_with(

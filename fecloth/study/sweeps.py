@@ -14,19 +14,20 @@ from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import value_of
 from fecloth.study.figures import line_style, mark_failures, new_figure
+from fecloth.study.levels import FIRST
 from fecloth.study.measured_runs import record_of
 from fecloth.study.problems import Problem
 from fecloth.study.ranges import read_ranges
 from fecloth.study.result import StudyResult
-from fecloth.study.run_problems import Point, Runs, run_points
-from fecloth.study.status import OK
+from fecloth.study.run_problems import Point, Runs, refuse_huge, run_points
+from fecloth.study.status import OK, REFUSED
 from fecloth.study.tables import Table
 from fecloth.study.variants import (
-    FIRST,
     describe_failure,
     describe_values,
     make_variants,
     open_first,
+    size_of,
 )
 from fecloth.study.workload import LONGEST
 
@@ -130,16 +131,19 @@ def sweep(
     ranges = read_ranges(over)
     combinations = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
     opened = open_first(problem, ranges, {"h": h, "dt": dt}, t_end, probes, settings)
+    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
+    refuse_huge(opened, runs)
     chosen = _quantities(opened, quantity)
     for one in chosen:
         opened.check_quantity(one)
     variants, refused = make_variants(opened, combinations)
     points = [
-        Point(variant, FIRST, describe_values(values), variant.workload(FIRST))
+        Point(variant, FIRST, describe_values(values), size_of(opened, variant))
         for values, variant in variants
     ]
-    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
     rows = run_points(points, chosen, runs)
+    if all(row["status"] == REFUSED for row in rows):
+        raise InputError(f"every value: {rows[0]['cause']}")
     lines = {
         describe_values(values): _line(values, row, chosen)
         for (values, _), row in zip(variants, rows, strict=True)

@@ -15,11 +15,11 @@ from fecloth.scene.overrides import override
 from fecloth.scene.scene import Scene
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.probes import Probe
-from fecloth.study.levels import Level
+from fecloth.study.levels import FIRST, Level
 from fecloth.study.problems import FunctionProblem, Problem, SceneProblem, open_problem
 from fecloth.study.scene_text import scene_of
-
-FIRST = Level()
+from fecloth.study.setups import accepted
+from fecloth.study.workload import Workload
 
 
 def open_first(
@@ -41,16 +41,20 @@ def open_first(
     return open_problem(problem, sizes["h"], sizes["dt"], t_end, probes, given)
 
 
-def make_variants(opened: Problem, combinations: Sequence[dict]) -> tuple[list, list]:
+def make_variants(
+    opened: Problem, combinations: Sequence[dict], build: bool = False
+) -> tuple[list, list]:
     """Return the problem with each combination of values, and the refused ones with the reason.
 
-    The first refusal is raised if nothing is left, as for a key that does not exist.
+    With `build` their meshes and systems are made, too, which may refuse more. The first refusal is
+    raised if nothing is left, as for a key that does not exist.
     """
     made, refused = [], []
     for values in combinations:
         try:
             variant = change_problem(opened, values)
-            variant.workload(FIRST)
+            if build:
+                _ = variant.first
             made.append((values, variant))
         except InputError as error:
             refused.append((values, error))
@@ -64,6 +68,7 @@ def change_problem(opened: Problem, values: Mapping[str, object]) -> Problem:
     if isinstance(opened, FunctionProblem):
         sizes: dict[str, Any] = {key: values[key] for key in ("h", "dt") if key in values}
         rest = {key: value for key, value in values.items() if key not in sizes}
+        accepted(opened.function, rest)
         return replace(opened, settings={**opened.settings, **rest}, **sizes)
     texts = [f"{key}={_toml(value)}" for key, value in values.items()]
     data = tomllib.loads(opened.scene.to_toml())
@@ -75,6 +80,15 @@ def change_problem(opened: Problem, values: Mapping[str, object]) -> Problem:
     except InputError as error:
         where = f"{opened.name} with {', '.join(texts)}"
         raise InputError(error.what, error.allowed, where, error.remedy) from None
+
+
+def size_of(opened: Problem, variant: Problem) -> Workload:
+    """Predict the size of a variant without its mesh; of a function's, from that of `opened`."""
+    if isinstance(variant, SceneProblem) or isinstance(opened, SceneProblem):
+        return variant.workload(FIRST)
+    pairs = (opened.h, variant.h), (opened.dt, variant.dt)
+    h, dt = (before / now if before and now else 1.0 for before, now in pairs)
+    return opened.workload(Level(h, dt))
 
 
 def _toml(value: object) -> object:

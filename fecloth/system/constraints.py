@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.errors import InputError
-from fecloth.jit import kernel
+from fecloth.jit import kernel, rounded_kernel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.motion import Motion
@@ -121,6 +121,10 @@ class Constraints:
         held = (3 * self.nodes[:, None] + np.arange(3))[diagonal < 0.5]
         return np.setdiff1d(np.arange(3 * n), held)
 
+    def count_free(self, n: int) -> int:
+        """Number of the directions that the pins leave free: the columns of `admissible`."""
+        return 3 * (n - len(self.nodes)) + int(np.rint(np.einsum("cii->", self.projectors)))
+
     def admissible(self, n: int) -> sparse.csc_matrix:
         """(3n, f) orthonormal basis, in columns, of the f velocities that the pins allow."""
         others = np.setdiff1d(np.arange(n), self.nodes)
@@ -204,7 +208,7 @@ def _prescribe(nodes, change, speed, x, v):
             v[i, k] = speed[b, k]
 
 
-@kernel
+@rounded_kernel
 def _set_held(nodes, projectors, target, y):
     """y ← target + P (y − target) at the nodes."""
     for n in range(len(nodes)):

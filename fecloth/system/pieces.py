@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +10,6 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 
-from fecloth.linalg.block_matrix import BlockPattern
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.constraints import Constraints
 
@@ -81,19 +81,15 @@ class Piece:
 
 
 def movable_pieces(
-    cloth: Cloth, pattern: BlockPattern, constraints: Constraints
+    cloth: Cloth, stencils: Sequence[np.ndarray], constraints: Constraints
 ) -> tuple[Piece, ...]:
     """Return the pieces that are free, held by pins that move, or free to slide as a whole.
 
-    Triangles connect their nodes, and so do terms, such as springs between two triangles.
+    Triangles connect their nodes, and so do the stencils (m, k) of terms, such as springs between
+    two triangles.
     """
-    n, cells = len(pattern), cloth.stencil
-    first = np.repeat(cells[:, 0], cells.shape[1] - 1)
-    rows = np.concatenate([pattern.rows, first])
-    columns = np.concatenate([pattern.indices, cells[:, 1:].ravel()])
-    graph = sparse.coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(n, n))
-    count, label = connected_components(graph, directed=False)
-    moved = np.zeros(n, bool)
+    count, label = _connect(len(cloth.X), [cloth.stencil, *stencils])
+    moved = np.zeros(len(label), bool)
     for pin, nodes in constraints.groups.values():
         moved[nodes] = pin.moves
     held_label = label[constraints.nodes]
@@ -107,6 +103,20 @@ def movable_pieces(
         if moved[held].any() or piece.free_directions.any():
             movable.append(piece)
     return tuple(movable)
+
+
+def _connect(n: int, stencils: Iterable[np.ndarray]) -> tuple[int, np.ndarray]:
+    """Number of the pieces of n nodes, and the piece of each node, by their lowest nodes."""
+    count, label = n, np.arange(n)
+    for stencil in stencils:
+        if count == 1:
+            break
+        pieces = label[stencil]
+        ends = np.repeat(pieces[:, 0], stencil.shape[1] - 1), pieces[:, 1:].ravel()
+        graph = sparse.coo_array((np.ones(len(ends[0]), np.int8), ends), shape=(count, count))
+        count, merged = connected_components(graph, directed=False)
+        label = merged[label]
+    return count, label
 
 
 def _follow(x, v, outside, r) -> np.ndarray:

@@ -14,7 +14,8 @@ import scipy.sparse as sparse
 from fecloth.errors import InputError, brief
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass
+from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass, find_entries
+from fecloth.linalg.matrix_layout import MatrixLayout
 from fecloth.linalg.reductions import NodeSums
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.clamps import find_clamps
@@ -96,7 +97,7 @@ class System:
         ):
             object.__setattr__(self, name, value)
         # here, so that an error is raised where the system is made
-        _ = self.scalar_mass, self._stencils, self.bound, self.constraints
+        _ = self.scalar_mass, self.layout, self.bound, self.constraints
 
     sums: ClassVar[NodeSums] = NodeSums()  # all sums over nodes go through it
 
@@ -136,28 +137,23 @@ class System:
         return self.cloth.diagonal_mass(self.panel.density)
 
     @cached_property
-    def _stencils(self) -> list:
+    def layout(self) -> MatrixLayout:
+        """The terms' stencils, and where their blocks lie in the matrix."""
         stencils = [protocol.stencil(term, self.cloth) for term in self.terms]
         if self.mass_kind == "consistent":
             stencils.append(self.cloth.stencil)
-        return [stencil for stencil in stencils if stencil is not None]
+        coupled = tuple(stencil for stencil in stencils if stencil is not None)
+        return MatrixLayout(len(self.cloth.X), coupled)
 
-    @cached_property
+    @property
     def pattern(self) -> BlockPattern:
         """Union of the terms' stencils."""
-        return BlockPattern.union(len(self.cloth.X), self._stencils)
+        return self.layout.pattern
 
     @cached_property
     def bound(self) -> tuple:
-        """The terms, bound to the cloth; terms with one stencil share one array of slots."""
-        shared: dict[int, tuple] = {}  # with the stencil, so that no other one gets its id
-
-        def slots(stencil):
-            if id(stencil) not in shared:
-                shared[id(stencil)] = stencil, self.pattern.slots(stencil)
-            return shared[id(stencil)][1]
-
-        return tuple(protocol.bound(term, self.panel, slots) for term in self.terms)
+        """The terms, bound to the cloth."""
+        return tuple(protocol.bound(term, self.panel, self.layout.slots) for term in self.terms)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -177,7 +173,7 @@ class System:
     @cached_property
     def movable_pieces(self) -> tuple[Piece, ...]:
         """The connected pieces that can move as a whole: free, on moving pins, or sliding."""
-        return movable_pieces(self.cloth, self.pattern, self.constraints)
+        return movable_pieces(self.cloth, self.layout.stencils, self.constraints)
 
     @cached_property
     def reaction_limits(self) -> ReactionLimits:
@@ -190,10 +186,7 @@ class System:
 
     @cached_property
     def _mass_slots(self) -> np.ndarray:
-        mass = self.scalar_mass
-        rows = np.repeat(np.arange(len(self.pattern)), np.diff(mass.indptr))
-        pairs = np.column_stack([rows, mass.indices]).astype(np.int32)
-        return np.ascontiguousarray(self.pattern.slots(pairs)[:, 0, 1])
+        return find_entries(self.scalar_mass, self.pattern.slots)
 
     def with_bound(self, bound: Iterable) -> System:
         """A copy with other bound terms, such as those over a step; all else is shared."""

@@ -12,20 +12,24 @@ from fecloth.terms.loops.green_strain import gradient, green_strain
 
 
 def deformation_gradient(
-    cloth: Cloth, x: np.ndarray, gradients: np.ndarray | None = None
+    cloth: Cloth,
+    x: np.ndarray,
+    gradients: np.ndarray | None = None,
+    triangles: slice = slice(None),
 ) -> np.ndarray:
     """Deformation gradient F = Σ x_a ⊗ G_a (m, q, 3, 2) at every quadrature point.
 
-    `gradients` (m, q, k, 2) are the G_a; without them they are those along X and Y.
+    `gradients` (m, q, k, 2) are the G_a of all triangles; without them they are those along X and
+    Y. With `triangles`, the F of some of the triangles.
     """
     G = cloth.gradients if gradients is None else gradients
-    return np.einsum("eai,eqaj->eqij", x[cloth.stencil], G)
+    return np.einsum("eai,eqaj->eqij", x[cloth.stencil[triangles]], G[triangles])
 
 
-def principal_stretches(cloth: Cloth, x: np.ndarray) -> np.ndarray:
+def principal_stretches(cloth: Cloth, x: np.ndarray, triangles: slice = slice(None)) -> np.ndarray:
     """Smaller and larger principal stretch (m, 2), from the mean FᵀF of each triangle."""
-    F = deformation_gradient(cloth, x)
-    share = cloth.weights / cloth.weights.sum(axis=1, keepdims=True)
+    F, weights = deformation_gradient(cloth, x, triangles=triangles), cloth.weights[triangles]
+    share = weights / weights.sum(axis=1, keepdims=True)
     right = np.einsum("eq,eqij,eqik->ejk", share, F, F)
     return np.sqrt(np.maximum(np.linalg.eigvalsh(right), 0.0))
 
@@ -54,3 +58,9 @@ def _extreme_stretches(K, Q, nodes, G, x):
             least = min(least, mean - radius)
             largest = max(largest, mean + radius)
     return math.sqrt(max(least, 0.0)), math.sqrt(largest)
+
+
+@kernel
+def fill_extreme_stretches(K, Q, nodes, G, x, out):
+    """out (2,) = the smallest and the largest principal stretch."""
+    out[0], out[1] = _extreme_stretches(K, Q, nodes, G, x)

@@ -230,6 +230,7 @@ def _draw_frames(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
     plotter.add_mesh(border, color="#1b2027", line_width=1.5, lighting=False)
     text = max(6, round(shot.size[1] / 75))
     unit = unit_of(series.folder)
+    name = "t = " if unit == " s" else ""
     try:
         for i in frames:
             frame = series.read(i)
@@ -239,7 +240,7 @@ def _draw_frames(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
             shadow.points = cloth.points - drop * LIGHT + [0, 0, 1e-3 * np.ptp(shot.view.box)]
             style = {"font_size": text, "color": "#1b2027", "name": "time"}
             place = {"position": (0.02, 0.93), "viewport": True}
-            plotter.add_text(f"t = {frame.t:.3f}{unit}", **place, **style)
+            plotter.add_text(f"{name}{frame.t:.3f}{unit}", **place, **style)
             yield plotter.screenshot(return_img=True)
     finally:
         plotter.close()

@@ -4,20 +4,20 @@ In space: manufactured solutions (static and dynamic) and closed forms (a strip 
 weight, the lowest frequencies of a taut square and a taut disk), on structured and Gmsh's meshes,
 with linear and quadratic triangles. In time: every method on three motions with known solutions.
 An order is the slope of a line fitted to the three finest meshes or the two finest steps. For a
-swinging sheet with bending, which has no exact solution, it is Richardson's. The exit code is 1 if
-an order is missed. `--scene` halves h and dt of your scene and estimates its error.
+swinging sheet, which has no exact solution, it is that of `fc.study.converge`. The exit code is 1
+if an order is missed.
 
-    python -m studies.convergence [--quick] [--jobs N] [--out DIR] [--scene my.toml]
+    python -m studies.convergence [--quick] [--jobs N] [--out DIR]
+    fecloth converge my.toml          for a scene of yours
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-import fecloth as fc
 from fecloth import study
-from fecloth.study import richardson
-from studies.convergence.cases import in_time, space, swing
+from studies.convergence.cases import in_time, space
+from studies.convergence.swing import conclude_swings, refine_swings
 from studies.references import manufactured
 from studies.references.time_problems import CASES
 
@@ -37,11 +37,6 @@ DISK = (2, 0.1)  # also for P2, because its edges are straight
 IN_MOTION = (3, 0.3)  # of P2's energy: dt ∝ h^1.5, and its error ∝ dt²
 TIME = 0.15
 TITLE = "Order of convergence"
-# Of the swing; without bending the solution has a moving kink, which limits P1 to h^3/2 and h^1/2.
-SWING = {"HingeBending": {"L2": (2, 0.15), "H1": (1, 0.1), "depth": (2, 0.15)}}
-NO_ORDER = ("order of L2", "order of H1", "order of depth")  # if a mesh failed
-SWING["QuadraticBending"] = SWING["HingeBending"]
-SWING["none"] = {"L2": (1.5, 0.2), "H1": (0.5, 0.15)}
 PROBLEMS = dict.fromkeys(("static", "dynamic", "strip"), ("L2", "H1", "energy"))
 PROBLEMS |= dict.fromkeys(("frequency", "disk"), ("frequency",))
 Rows = list[dict]
@@ -73,16 +68,6 @@ def time_cases(quick: bool) -> Rows:
         for problem in ("pendulum", "wave", "swing")
         for method in CASES
         for k in ((0, 1) if quick else (-2, -1, 0, 1))
-    ]
-
-
-def swing_cases(quick: bool) -> Rows:
-    """List the meshes of the swing: nested, so that hinges have the same bending rigidity."""
-    return [
-        {"bending": bending, "pattern": pattern, "n": n}
-        for bending in (("HingeBending", "none") if quick else SWING)
-        for pattern in (("right",) if quick else ("right", "cross"))
-        for n in (16, 32, 64)
     ]
 
 
@@ -148,42 +133,6 @@ def conclude_time(rows: Rows) -> list[study.Finding]:
         what = f"{family['problem']}, {family['method']}: order in dt"
         value = order(select_rows(rows, **family)[-2:], "dt", "end_error")
         findings.append(study.Finding(what, value, claimed - TIME, claimed + TIME))
-    return findings
-
-
-def compare_swings(rows: Rows) -> Rows:
-    """Return for each family of the swing its orders, and the limit of its depth."""
-    lines = []
-    for family in families(rows, "bending", "pattern"):
-        group = select_rows(rows, **family)
-        if len(group) < 3:
-            lines.append({**family, **dict.fromkeys(NO_ORDER, float("nan"))})
-            continue
-        cloths = [fc.Cloth.rectangle(1.0, 0.5, row["h"], family["pattern"]) for row in group]
-        ends, depths = (
-            [np.array(row["x"]) for row in group],
-            np.array([row["depth"] for row in group]),
-        )
-        apart = {norm: richardson.distances(cloths, ends, norm.lower()) for norm in ("L2", "H1")}
-        apart["depth"] = np.diff(depths)
-        line = {f"order of {k}": float(richardson.orders(d)[-1]) for k, d in apart.items()}
-        line |= {
-            "depth [m]": depths[-1],
-            "limit [m]": depths[-1] + richardson.remaining_error(np.diff(depths)),
-        }
-        error = richardson.remaining_error(apart["L2"])
-        lines.append({**family, "finest h": group[-1]["h"], **line, "L2 error [m²]": error})
-    return lines
-
-
-def conclude_swing(lines: Rows) -> list[study.Finding]:
-    """Return the findings for the orders by Richardson."""
-    findings = []
-    for line in lines:
-        for norm, (theory, tolerance) in SWING[line["bending"]].items():
-            what = f"swing, {line['bending']}, {line['pattern']}: order of {norm}"
-            value = line[f"order of {norm}"]
-            findings.append(study.Finding(what, value, theory - tolerance, theory + tolerance))
     return findings
 
 
@@ -253,18 +202,15 @@ def draw_time(out, rows: Rows) -> None:
 
 def main() -> int:
     options = study.parse_arguments(__doc__)
-    if options.scene:
-        return richardson.refine_scene(options)
     study.require_packages("matplotlib")
     running = study.run_options(options)
     rows = study.run_cases(space_cases(options.quick), space, **running, time_limit=300)
     steps = study.run_cases(time_cases(options.quick), in_time, **running, time_limit=300)
-    swings = study.run_cases(swing_cases(options.quick), swing, **running, time_limit=300)
-    study.require_results(options, TITLE, rows + steps + swings)
-    compared = compare_swings(swings)
+    study.require_results(options, TITLE, rows + steps)
+    swings = refine_swings(options)
     least = manufactured.least_stress()
     findings = [study.Finding("manufactured: least principal stress [N/m]", least, 1.0)]
-    findings += conclude_space(rows) + conclude_time(steps) + conclude_swing(compared)
+    findings += conclude_space(rows) + conclude_time(steps) + conclude_swings(swings)
     static = [("static", norm) for norm in ("L2", "H1", "energy")]
     draw_space(options.out, rows, "convergence", [*static, ("frequency", "frequency")])
     draw_space(options.out, rows, "dynamic", [("dynamic", "L2"), ("dynamic", "H1")])
@@ -274,7 +220,7 @@ def main() -> int:
         problem: table([r for r in rows if r["problem"] == problem], "h", tuple(NORMS))
         for problem in PROBLEMS
     }
-    tables["swing, by Richardson"] = compared
+    tables["swing, by fc.study.converge"] = swings
     for problem in dict.fromkeys(row["problem"] for row in steps):
         group = [row for row in steps if row["problem"] == problem]
         tables[f"{problem}, in time"] = table(group, "dt", ("end_error",))

@@ -151,22 +151,3 @@ def in_time(problem: str, method: str, refined: int) -> dict:
     steps = round(task.steps[0] * 2.0**refined)
     error = task.error(time_problems.CASES[method], steps)
     return {"steps": steps, "dt": task.t_end / steps, "end_error": error}
-
-
-# --- no exact solution ----------------------------------------------------------------------------
-
-
-def swing(bending: str, pattern: str, n: int) -> dict:
-    """Run a sheet of 1 m × 0.5 m, pinned on one side, for 0.3 s, and return its end.
-
-    All meshes take the same steps, so that their differences are errors in space.
-    """
-    cloth = fc.Cloth.rectangle(1.0, 0.5, 1 / n, pattern)
-    fabric = fc.Fabric(0.2, 200.0, 0.3, bending_rigidity=1e-2)
-    bent = {"HingeBending": [fc.HingeBending()], "QuadraticBending": [fc.QuadraticBending()]}
-    terms = [fc.StVK(), *bent.get(bending, []), fc.StrainRateDamping(2e-3), fc.Gravity()]
-    system = fc.System(cloth, fabric, terms, ["left"])
-    method, newton = fc.ImplicitMidpoint(), fc.Newton(tolerance=1e-9)
-    *_, (end, _) = fc.march(system, method, system.rest(), 0.003, 0.3, newton=newton)
-    depth = -float(cloth.load() @ end.x[:, 2]) / cloth.area
-    return {"h": 1 / n, "nodes": len(cloth.X), "depth": depth, "x": end.x.tolist()}

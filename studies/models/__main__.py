@@ -3,9 +3,10 @@
 Every model computes the same cloth: a pull between clamps, a picture frame, a square that hangs by
 its corners, and a swing. The study also measures the stiffness against the direction of a pull,
 the bending rigidity of hinges, and the seconds of a step. A model of a material has the same limit
-on all meshes. The reference is StVK's limit. `--scene` compares the models in your own scene.
+on all meshes. The reference is StVK's limit.
 
-    python -m studies.models [--quick] [--jobs N] [--out DIR] [--scene my.toml]
+    python -m studies.models [--quick] [--jobs N] [--out DIR]
+    fecloth compare my.toml --variants terms.0.type=StVK,Springs          for a scene of yours
 """
 
 from __future__ import annotations
@@ -13,8 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth import study
-from fecloth.scene.scene import load_scene
-from studies.models.cases import ANGLES, FABRIC, PATTERNS, hinge, run, run_scene
+from studies.models.cases import ANGLES, FABRIC, PATTERNS, hinge, run
 from studies.models.findings import (
     NAMES,
     SCENES,
@@ -26,61 +26,6 @@ from studies.models.findings import (
 )
 
 TITLE = "Finite elements against springs"
-
-
-def compare_in_scene(options) -> int:
-    """Run a user's scene with each model; report the distances of the ends from StVK's."""
-    names = [name for name in NAMES if name != "BaraffWitkin p = 1"]  # matched to a single h
-    study.check_scene([study.Workload.of(load_scene(options.scene))] * len(names), options)
-    shared = {
-        "path": str(options.scene.resolve()),
-        "text": options.scene.read_text(encoding="utf-8"),
-    }
-    running = study.run_options(options) | {"time_limit": options.time_limit}
-    rows = study.run_cases([{**shared, "model": m} for m in names], run_scene, **running)
-    rows = [{key: row[key] for key in row if key not in shared} for row in rows]
-    title = f"The models in {options.scene.stem}"
-    study.require_results(options, title, rows)
-    tables = {"Distance of the end of the scene from StVK's": distance_table(rows)}
-    said = describe_distances(rows)
-    return study.write_report(options, title, rows, tables=tables, conclusion=said)
-
-
-def distance_table(rows: Rows) -> Rows:
-    """Return the rms and the largest distance of each model's end from that of StVK.
-
-    Both are in percent of the rms displacement of StVK's end, and in metres.
-    """
-    exact = next((row for row in rows if (row["model"], row["status"]) == ("StVK", "ok")), None)
-    table = []
-    for row in rows:
-        line = {key: row[key] for key in ("model", "status")}
-        if row["status"] == "ok" and exact:
-            end, start, x = (
-                np.reshape(one, (-1, 3)) for one in (exact["x"], row["start"], row["x"])
-            )
-            moved, apart = (np.linalg.norm(a - end, axis=1) for a in (start, x))
-            size, off = np.sqrt(np.mean(moved**2)), np.sqrt(np.mean(apart**2))
-            line |= {"rms distance [%]": 100 * off / size, "largest [%]": 100 * apart.max() / size}
-            line |= {"rms distance [m]": off, "CPU seconds, with loading": row["cpu_seconds"]}
-        table.append(line)
-    return table
-
-
-def describe_distances(rows: Rows) -> str:
-    """Return a sentence that names the models next to and farthest from StVK."""
-    table = [line for line in distance_table(rows) if "rms distance [%]" in line]
-    others = sorted(
-        (line for line in table if line["model"] != "StVK"),
-        key=lambda line: line["rms distance [%]"],
-    )
-    if not others:
-        return "StVK failed, or every other model did: there is nothing to compare."
-    near, far = (
-        f"{line['model']} ends {line['rms distance [%]']:.2g} % of the displacement away from StVK"
-        for line in (others[0], others[-1])
-    )
-    return f"{near}; {far}. Distances are rms over the nodes, relative to StVK's rms displacement."
 
 
 def list_cases(quick: bool) -> Rows:
@@ -215,8 +160,6 @@ def draw_hinges(out, hinges: Rows) -> None:
 
 def main() -> int:
     options = study.parse_arguments(__doc__)
-    if options.scene:
-        return compare_in_scene(options)
     study.require_packages("matplotlib")
     running = study.run_options(options)
     cases = list_cases(options.quick)

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from scipy.sparse.linalg import spsolve
 
 import fecloth as fc
 from fecloth import study
-from fecloth.scene.scene import load_scene
 from studies.models.hinge_bias import CELLS, cantilever
 from studies.models.homogenised_moduli import NU, Y
 from studies.models.homogenised_moduli import models as membranes
 
 FABRIC = fc.Fabric(0.2, Y, NU, bending_rigidity=1e-4)
-MEMBRANES = (fc.StVK, fc.TensorCondition, fc.BaraffWitkin, fc.NeoHookean, fc.Springs)
 PATTERNS = ("right", "cross", "equilateral", "unstructured")
 STRETCH, SHEAR = 0.1, np.radians(10.0)  # of the length; the angle of the picture frame
 ANGLES = [float(angle) for angle in range(0, 181, 5)]  # of the pull [degrees]
@@ -114,25 +110,6 @@ def hinge(pattern: str, along: int) -> dict:
         return measured
     D = fc.bending_tensor(pattern)
     return measured | {"narrow": 1 / np.linalg.inv(D)[0, 0], "wide": D[0, 0]}
-
-
-def run_scene(path: str, text: str, model: str) -> dict:
-    """Run a scene file with its membrane replaced; return its end and the CPU seconds.
-
-    `text` is the contents of the file: it makes an edited scene another case.
-    """
-    built = load_scene(path).build()
-    others = [term for term in built.system.terms if not isinstance(term, MEMBRANES)]
-    whole, Y = built.system, built.system.panel.fabrics[0].tensile[0]
-    choice = {**models("right"), "TensorCondition": fc.TensorCondition(Y / 4)}
-    arguments = whole.pins, whole.mass_kind, whole.grain
-    system = fc.System(built.cloth, whole.fabric, [choice[model], *others], *arguments)
-    run_ = built.method, built.state, built.dt, built.t_end
-    begin = time.process_time()
-    options = {"solver": built.linear, "newton": built.newton, "report": study.check_time_limit}
-    end = fc.run(system, *run_, **options)
-    seconds = time.process_time() - begin
-    return {"x": end.state.x.ravel(), "start": built.state.x.ravel(), "cpu_seconds": seconds}
 
 
 def compliance(cloth: fc.Cloth, membrane) -> np.ndarray:

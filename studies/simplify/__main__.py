@@ -9,7 +9,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from fecloth import study
-from fecloth.errors import InputError
 
 SCENES = Path(__file__).parents[1] / "scenes" / "needs"
 KNOWN = {  # scene: a part that it needs, and one that it does not need
@@ -32,7 +31,6 @@ def simplify_scene(name: str, options) -> study.Simplification:
         cache=options.out,
         jobs=options.jobs,
         scheduler=options.scheduler,
-        time_limit=options.time_limit,
         fresh=options.fresh,
     )
     found.report(folder)
@@ -56,9 +54,6 @@ def collect_findings(name: str, found: study.Simplification) -> list[study.Findi
 
 def main() -> int:
     options = study.parse_arguments(__doc__, needs=["matplotlib"])
-    if options.scene:
-        remedy = f"fecloth simplify {options.scene} simplifies a scene of yours."
-        raise InputError("--scene", "is not an option of this study", "", remedy)
     done = {name: simplify_scene(name, options) for name in KNOWN}
     return study.write_report(
         options,

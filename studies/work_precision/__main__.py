@@ -21,9 +21,8 @@ import math
 import numpy as np
 
 from fecloth import study
-from fecloth.errors import InputError
 from studies.references.continuum import continuum
-from studies.work_precision import figures as charts
+from studies.work_precision.figures import draw_all
 from studies.work_precision.grid import fine_runs, key, timed_cases
 from studies.work_precision.runs import run
 from studies.work_precision.scenes import SCENES
@@ -152,9 +151,6 @@ def describe_result(rows: Rows) -> str:
 def main() -> int:
     peers = {"action": "store_true", "help": "add MuJoCo"}
     options = study.parse_arguments(__doc__, needs=["matplotlib"], peers=peers)
-    if options.scene:
-        remedy = f"fecloth chart {options.scene} charts a scene of yours."
-        raise InputError("--scene", "is not an option of this study", "", remedy)
     if options.peers:
         study.require_packages("mujoco")
     running, one = study.run_options(options), study.run_options(options, alone=True)
@@ -168,9 +164,7 @@ def main() -> int:
     rows = mark_failed(rows)
     study.require_results(options, TITLE, rows)
     add_errors(rows, fine, options.quick)
-    charts.draw_all(options.out, rows)
-    charts.draw_time(options.out, rows)
-    charts.draw_space(options.out, fine)
+    draw_all(options.out, rows)
     scenes = dict.fromkeys(row["scene"] for row in rows)
     tables = {f"Cheapest: {scene}": table_of_cheapest(rows, scene) for scene in scenes}
     tables["Errors in space and of the model, with fine steps"] = table_of_parts(fine)
@@ -181,7 +175,7 @@ def main() -> int:
         TITLE,
         rows,
         tables=tables,
-        figures=("speed_accuracy", "time_error", "space_error"),
+        figures=("speed_accuracy",),
         findings=conclude(rows, fine, options.quick),
         conclusion=describe_result(rows),
         results=("failed", "refused", "time limit"),  # steps that are too large, P2 with hinges

@@ -26,6 +26,7 @@ from studies.work_precision.__main__ import distance, mark_failed
 from studies.work_precision.bending_figure import draw
 from studies.work_precision.bending_scenes import MODELS, REST, swing
 from studies.work_precision.runs import LONG, make_runner, measure_run
+from studies.work_precision.tables import cheapest
 
 Rows = list[dict]
 TITLE = "Bending: seconds and accuracy"
@@ -131,21 +132,15 @@ def add_errors_at_rest(rows: Rows, fine: Rows, quick: bool) -> list[study.Findin
     return findings
 
 
-def cheapest(rows: Rows, level: float, **of) -> dict | None:
-    """Return the row with the fewest seconds whose error is within the level, or None."""
-    good = [row for row in rows if row["status"] == "ok" and of.items() <= row.items()]
-    good = [row for row in good if row["total_error"] <= level]
-    return min(good, key=lambda row: row["seconds"]) if good else None
-
-
 def table_of_costs(rows: Rows) -> Rows:
     """Return the CPU seconds of each model to each level of error, and its least error."""
     lines = []
     for scene, model, method in dict.fromkeys((r["scene"], r["model"], r["method"]) for r in rows):
         line = of = {"scene": scene, "model": model, "method": method}
-        errors = [r["total_error"] for r in rows if of.items() <= r.items() and r["status"] == "ok"]
+        own = [r for r in rows if of.items() <= r.items()]
+        errors = [r["total_error"] for r in own if r["status"] == "ok"]
         for level in LEVELS if errors else ():
-            row = cheapest(rows, level, **of)
+            row = cheapest(own, scene, level)
             line = line | {f"{100 * level:g} % [s]": f"{row['seconds']:.2g}" if row else "-"}
         lines.append(line | ({"least error [%]": 100 * min(errors)} if errors else {}))
     return lines
@@ -161,7 +156,7 @@ def conclude(rows: Rows, quick: bool) -> list[study.Finding]:
             high = 2.0 if quick else {"table": 0.5}.get(scene, 0.05)
             bounds = {"high": high} if model.startswith("plate") else {"low": 0.3}
             findings.append(study.Finding(f"{scene}, {model}: least error [%]", least, **bounds))
-    best = None if quick else cheapest(rows, 0.001, scene="swing")
+    best = None if quick else cheapest(rows, "swing", 0.001)
     if best:
         what = f"swing, 0.1 %: {best['model']}, {best['method']}, CPU seconds"
         findings.append(study.Finding(what, best["seconds"], high=2.0))

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from support.matrices import HAS_PARDISO, indefinite, load, missing, relative, sheet
 
@@ -9,6 +10,7 @@ import fecloth as fc
 from fecloth.errors import IndefiniteMatrix, InputError
 from fecloth.linalg import auto_solver, mkl_pardiso, select
 
+NOWHERE = np.zeros((400, 3))  # the positions do not matter to PCG and direct solvers
 EASY, HARD = sheet(m=20, mass=500.0), sheet(m=20, mass=1e-5)  # 5 and 270 iterations to 1e-6
 
 
@@ -20,7 +22,7 @@ def steps(solver, A, count, wx=1.0):
     """Solve with A once in each of `count` steps; return the names of the solvers."""
     names, b = [], load(A)
     for _ in range(count):
-        solver.begin(wx, 1.0)
+        solver.begin(wx, 1.0, NOWHERE)
         solver.prepare(A)
         x, info = solver.solve(b, rtol=1e-6)
         assert relative(A, x, b) <= 1e-6
@@ -48,7 +50,7 @@ def test_auto_uses_a_factorisation_that_serves_many_steps(monkeypatch):
         monkeypatch.setattr(auto_solver, "LOADING", loading)
         solver, A, names = auto(), sheet(m=20, mass=0.3), []
         for _ in range(20):
-            solver.begin(1.0, 1.0)
+            solver.begin(1.0, 1.0, NOWHERE)
             if solver.name == "pcg" or solver._A is None:
                 solver.prepare(A)
             names.append(solver.solve(load(A), rtol=1e-6)[1].name)
@@ -93,7 +95,7 @@ def test_auto_resets_its_counts_if_the_step_changes_by_two(ratio, is_reset):
     for wx in (ratio, 1 / ratio):
         solver, other = auto(), select.direct().name
         assert steps(solver, HARD, 3) == [other] * 3
-        solver.begin(wx, 1.0)
+        solver.begin(wx, 1.0, NOWHERE)
         assert solver.name == ("pcg" if is_reset else other)
 
 
@@ -126,7 +128,7 @@ def test_auto_change_of_solver_needs_a_new_prepare():
     solver = auto()
     steps(solver, HARD, 9)
     before = solver.prepared
-    solver.begin(1.0, 1.0)  # a trial begins
+    solver.begin(1.0, 1.0, NOWHERE)  # a trial begins
     assert (solver.name, solver.prepared) == ("pcg", before + 1)
     with pytest.raises(InputError, match="prepare"):
         solver.solve(load(HARD))
@@ -134,7 +136,7 @@ def test_auto_change_of_solver_needs_a_new_prepare():
 
 def test_auto_indefinite_matrix_is_rejected():
     solver, A = auto(), indefinite("smooth")
-    solver.begin(1.0, 1.0)
+    solver.begin(1.0, 1.0, NOWHERE)
     solver.prepare(A)
     with pytest.raises(IndefiniteMatrix, match="pcg"):
         solver.solve(load(A))
@@ -156,8 +158,31 @@ def test_auto_follows_the_steps_of_a_march(monkeypatch):
     for method in (fc.BackwardEuler(), fc.LinearlyImplicitEuler(), fc.GeneralizedAlpha(0.8)):
         sizes = []
         monkeypatch.setattr(
-            auto_solver.AutoSolver, "begin", lambda _, wx, wa, s=sizes: s.append(wx / wa)
+            auto_solver.AutoSolver, "begin", lambda _, wx, wa, x, s=sizes: s.append(wx / wa)
         )
         fc.run(system, method, system.rest(), 1e-3, 3e-3)
         wx, _, wa = method.weights(1e-3)
         assert sizes == pytest.approx([wx / wa] * 3)
+
+
+def test_auto_takes_multigrid_on_a_large_cloth_if_pcg_takes_many_iterations(monkeypatch):
+    monkeypatch.setattr(auto_solver, "LARGE", 400)
+    assert steps(auto(), EASY, 3) == ["pcg"] * 3
+    monkeypatch.setattr(auto_solver, "MANY", 20)
+    A = sheet(m=20, mass=0.3)  # 40 iterations of PCG
+    solver = auto(condition=1e3)
+    names = steps(solver, A, 8)
+    assert names == ["pcg"] + ["multigrid"] * 7
+    solver.drop()
+    assert steps(solver, EASY, 3) == ["pcg"] * 3
+    monkeypatch.setattr(auto_solver, "LARGE", 401)
+    assert set(steps(auto(condition=1e3), A, 8)) == {"pcg"}
+
+
+@pytest.mark.parametrize(("cycle", "last"), [(4.0, "multigrid"), (100.0, "direct")])
+def test_auto_factorises_where_multigrid_takes_too_long(cycle, last, monkeypatch):
+    """PCG exceeds its limit of 104 iterations, multigrid needs 18; its limit is 104 / `CYCLE`."""
+    monkeypatch.setattr(auto_solver, "LARGE", 400)
+    monkeypatch.setattr(auto_solver, "CYCLE", cycle)
+    expected = select.direct().name if last == "direct" else last
+    assert steps(auto(), HARD, 3) == [expected] * 3

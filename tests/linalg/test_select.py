@@ -22,7 +22,7 @@ from fecloth.linalg import mkl_pardiso, select
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 
 pardiso = pytest.param("pardiso", marks=needs_pardiso)
-SYMMETRIC = [pardiso, "superlu", "pcg"]
+SYMMETRIC = [pardiso, "superlu", "pcg", "multigrid"]
 GENERAL = [pardiso, "superlu"]
 BOTH = [
     pytest.param("pardiso", True, marks=needs_pardiso),
@@ -30,6 +30,7 @@ BOTH = [
     ("superlu", True),
     ("superlu", False),
     ("pcg", True),
+    ("multigrid", True),
 ]
 
 
@@ -208,7 +209,7 @@ def test_solve_after_a_failed_prepare_is_rejected(name):
 
 
 def test_named_unknown_or_unsuitable_solver_is_rejected(monkeypatch):
-    with pytest.raises(InputError, match="direct, pardiso, superlu, pcg"):
+    with pytest.raises(InputError, match="direct, pardiso, superlu, pcg, multigrid"):
         select.create("mumps", True)
     with pytest.raises(InputError, match="symmetric matrices only"):
         select.create("pcg", symmetric=False)

@@ -162,6 +162,28 @@ def test_a_complete_run_cannot_go_on(scene, capsys):
     assert "the run in out is complete: nothing is left to do" in capsys.readouterr().err
 
 
+def test_a_picture_is_of_a_part_of_the_loads(scene, capsys, tmp_path):
+    pytest.importorskip("pyvista")
+    assert main(["run", str(scene), "-o", "out", "--quiet"]) == 0
+    picture = ["render", "out", "-o", "end.png", "--size", "160x120"]
+    assert main(picture) == 0
+    assert capsys.readouterr().out.endswith("wrote end.png: 1 of the loads\n")
+    assert main([*picture, "--time", "0.45"]) == 0
+    words = "wrote end.png: 0.5 of the loads, of the frame next to 0.45 of the loads\n"
+    assert capsys.readouterr().out.endswith(words)
+
+
+def test_the_loads_of_one_step_are_no_long_step_in_time(recwarn):
+    """A step of a second is warned of; one from no loads to all is not."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.25, pattern="cross")
+    terms = [fc.StVK(), fc.Gravity(), fc.HingeBending()]
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, bending_rigidity=1e-4), terms, ["boundary"])
+    fc.run(system, LoadSteps(), system.rest(), t_end=1.0)
+    assert not [one for one in recwarn if "is large" in str(one.message)]
+    with pytest.warns(fc.FeclothWarning, match="dt = 1 s is large"):
+        fc.run(system, fc.BackwardEuler(), system.rest(), dt=1.0, t_end=1.0)
+
+
 def test_check_compares_the_equilibrium(scene, capsys):
     assert main(["check", str(scene)]) == 0
     assert "sag at 1 of the loads: 0.0" in capsys.readouterr().out

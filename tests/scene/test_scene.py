@@ -703,6 +703,27 @@ def test_any_valid_scene_loads_again_to_an_equal_one(tmp_path_factory, data):
 # --- after the run --------------------------------------------------------------------------------
 
 
+def test_a_grading_survives_the_round_trip_and_follows_the_h_of_the_scene(file, tmp_path):
+    table = '[[cloth.grading]]\nwhere = "corners"\ndistance = "10 cm"\npower = 0.6\n'
+    table += "[[cloth.grading]]\npoint = [0.5, 0.25]\ndistance = 0.2\n[fabric]"
+    unstructured = TEXT.replace('pattern = "right"', "").replace("0.25", "0.05", 1)
+    file.write_text(unstructured.replace("[fabric]", table))
+    scene = load_scene(file)
+    places = (
+        fc.Grading("corners", distance=0.1, power=0.6),
+        fc.Grading(None, (0.5, 0.25), distance=0.2),
+    )
+    assert np.array_equal(scene.mesh().X, fc.Cloth.rectangle(1, 0.5, 0.05, grading=places).X)
+    copy = tmp_path / "copy.toml"
+    copy.write_text(scene.to_toml())
+    assert load_scene(copy) == scene
+    finer = load_scene(file, ["cloth.h=0.025"]).mesh()
+    assert len(finer.triangles) == pytest.approx(4 * len(scene.mesh().triangles), rel=0.1)
+    with pytest.raises(fc.SceneError, match="pattern = 'right'.*unstructured"):
+        load_scene(file, ["cloth.pattern=right"]).mesh()
+    assert "at most 0.9" in refusal(file, "cloth.grading.0.power=2")
+
+
 def test_interest_names_columns_probes_and_the_field(file):
     scene = load_scene(
         file,

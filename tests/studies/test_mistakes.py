@@ -15,8 +15,7 @@ FILES = [
     for file in sorted((ROOT / "studies").rglob("*.py"))
     if '__name__ == "__main__"' in file.read_text(encoding="utf-8") and "examples" not in file.parts
 ]
-WITH_SCENE = ("convergence", "models", "stability")
-SCENE = (ROOT / "studies" / "scenes" / "needs" / "taut.toml").read_text(encoding="utf-8")
+WITH_REPORT = ("convergence", "models", "stability")
 
 
 def module_of(file: Path) -> str:
@@ -42,7 +41,6 @@ def refuse_cases(*_, **__):
 def _nothing_is_run(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(study, "run_cases", refuse_cases)
-    monkeypatch.setattr("fecloth.study.richardson.run_cases", refuse_cases)
 
 
 @pytest.mark.parametrize("file", FILES, ids=module_of)
@@ -53,43 +51,7 @@ def test_an_unknown_option_is_one_line(file, capsys, monkeypatch):
     assert "unrecognized arguments: --nonsense" in line
 
 
-@pytest.mark.parametrize("name", WITH_SCENE)
-@pytest.mark.parametrize(
-    ("scene", "more", "words"),
-    [
-        ("typo", [], "Did you mean 'width'?"),
-        ("none", [], "none.toml"),
-        ("good", ["--scheduler", "tcp://localhost:1"], "distributed: is not installed"),
-        ("good", ["--jobs", "0"], "--jobs 0: must be at least 1"),
-        ("set", [], "'somewhere'"),
-        ("huge", [], "--yes"),
-    ],
-)
-def test_a_mistake_is_one_line(name, scene, more, words, capsys, monkeypatch, tmp_path):
-    (tmp_path / "good.toml").write_text(SCENE)
-    (tmp_path / "typo.toml").write_text(SCENE.replace("\nwidth =", "\nwidht ="))
-    (tmp_path / "huge.toml").write_text(SCENE.replace("\nh = ", "\nh = 0.0005 # "))
-    (tmp_path / "set.toml").write_text(SCENE.replace('"boundary"', '"somewhere"'))
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    main = importlib.import_module(f"studies.{name}.__main__").main
-    arguments = ["--scene", tmp_path / f"{scene}.toml", *more]
-    if scene in ("set", "huge"):
-        line = exit_and_last_line(main, arguments, capsys, monkeypatch)
-    else:
-        line = fails_with(main, arguments, capsys, monkeypatch)
-    assert words in line
-
-
-def exit_and_last_line(main, arguments, capsys, monkeypatch) -> str:
-    """Return the last line of a study that prints its size before it is refused."""
-    monkeypatch.setattr(sys, "argv", ["studies/mine/__main__.py", *map(str, arguments)])
-    assert exit_status(main) == 2
-    size, error = capsys.readouterr().err.splitlines()
-    assert "triangles ×" in size
-    return error
-
-
-@pytest.mark.parametrize("name", [*WITH_SCENE, "laws", "models.sag_figure"])
+@pytest.mark.parametrize("name", [*WITH_REPORT, "laws", "models.sag_figure"])
 def test_a_missing_package_is_noticed_first(name, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     path = f"studies.{name}" if "." in name else f"studies.{name}.__main__"
@@ -103,21 +65,19 @@ def test_mujoco_is_missed_before_the_first_case(capsys, monkeypatch):
     assert "'.[peers]'" in fails_with(main, ["--peers"], capsys, monkeypatch)
 
 
-@pytest.mark.parametrize("name", WITH_SCENE)
-@pytest.mark.parametrize("arguments", [["--scene", "good.toml"], ["--quick"]], ids=" ".join)
-def test_a_study_whose_cases_all_fail_has_no_verdict(name, arguments, monkeypatch, tmp_path):
+@pytest.mark.parametrize("name", WITH_REPORT)
+def test_a_study_whose_cases_all_fail_has_no_verdict(name, monkeypatch, tmp_path):
     """As with workers that cannot import a module: exit status 3, and the failures are named."""
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
     failure = {"status": "error", "cause": "ModuleNotFoundError: No module named 'harness'"}
     monkeypatch.setattr("fecloth.study.status.attempt", lambda *_: failure)
-    (tmp_path / "good.toml").write_text(SCENE)
     main = importlib.import_module(f"studies.{name}.__main__").main
-    monkeypatch.setattr(sys, "argv", ["studies/mine/__main__.py", *arguments])
+    monkeypatch.setattr(sys, "argv", ["studies/mine/__main__.py", "--quick"])
     assert exit_status(main) == 3
     (report,) = (tmp_path / "out" / "mine").rglob("report.md")
     text = report.read_text(encoding="utf-8")
     assert "cases failed:\n\n- " in text
     assert "No module named 'harness'" in text
-    for verdict in ("Largest dt", "Cheapest", "halved", "of the displacement", ": met", ".png"):
+    for verdict in ("holds the longest step", "has the same limit", ": met", ".png"):
         assert verdict not in text

@@ -172,7 +172,6 @@ def test_a_low_row_behind_an_edge_clamps_hinges_at_that_edge():
 
 
 def test_the_limit_is_that_of_a_straight_line_in_h2():
-    from studies.work_precision.bending_fronts import cheapest as cheapest_of
     from studies.work_precision.bending_fronts import limit
 
     rows = [
@@ -181,9 +180,3 @@ def test_the_limit_is_that_of_a_straight_line_in_h2():
     ]
     rows += [rows[0] | {"model": "hinges", "mean": 9.0}, rows[0] | {"status": "failed", "mean": 9}]
     assert limit(rows, "a", "plate", "mean") == pytest.approx(3.0, rel=1e-12)
-    runs = [
-        {"scene": "a", "status": "ok", "seconds": s, "total_error": e}
-        for s, e in ((1.0, 0.02), (3.0, 0.001), (2.0, 0.009))
-    ]
-    assert cheapest_of(runs, 0.01, scene="a") == runs[2]
-    assert cheapest_of(runs, 1e-4, scene="a") is None

@@ -21,6 +21,7 @@ def out(tmp_path_factory):
 @pytest.mark.parametrize(
     ("study", "says"),
     [
+        ("benchmarks.binding", "figures met"),
         ("benchmarks.kernels", "figures met"),
         ("benchmarks.moved_pin", "figures met"),
         ("benchmarks.terms", "StVK"),
@@ -30,6 +31,7 @@ def out(tmp_path_factory):
         ("models.hinge_bias", "derived"),
         ("models.homogenised_moduli", "exponent of h"),
         ("benchmarks.linear_solvers", "auto over the best"),
+        ("benchmarks.multigrid", "figures met"),
         ("benchmarks.method_choice", "auto over the best"),
         ("models.sag_figure", "wrote out/models/sag.png"),
         ("laws", "9 pictures"),
@@ -54,6 +56,7 @@ def test_quick(study, says, out):
         "models",
         "models.elastica",
         "simplify",
+        "tune",
         "work_precision",
         "work_precision.bending_fronts",
         "stability",

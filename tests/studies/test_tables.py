@@ -1,60 +1,78 @@
-"""Tables and sentences of the studies of a user's scene, from rows with known numbers."""
+"""Findings of the studies of convergence and stability, from rows with known numbers."""
 
-import numpy as np
-import pytest
+import math
 
-from studies.models.__main__ import describe_distances, distance_table
-from studies.stability.cases import ALL, BLOWN, STABLE
-from studies.stability.tables import describe_result, largest_steps
-
-STEPS = {4: 0.025, 8: 0.0125, 512: 4.9e-5}  # steps: dt [s]
+from studies.convergence import __main__ as convergence
+from studies.convergence.swing import ORDERS, QUANTITIES, conclude_swings
+from studies.stability.__main__ import conclude_maps, conclude_swing
+from studies.stability.swing import COUNTS, RIGHT, SPAN, conclude_errors
 
 
-def cells(method, outcomes, **more):
-    """Return the cells of a method: the outcome of each number of steps; None for an error."""
-    rows = []
-    for steps, outcome in outcomes.items():
-        row = {"scene": "mine", "over": "stiffness", "stiffness": 1.0, "limit": None, **more}
-        row |= {"method": method, "steps": steps, "status": "ok" if outcome else "error"}
-        rows.append(row | ({"dt": STEPS[steps], "outcome": outcome} if outcome else {}))
-    return rows
-
-
-def test_steps_beyond_what_was_tried_are_ranges():
-    rows = cells("bdf2", {4: STABLE, 8: STABLE}) + cells("newmark", {4: STABLE, 8: STABLE})
-    rows += cells("central_difference", {4: BLOWN, 512: BLOWN}, limit=3e-5)
-    rows += cells("backward_euler", {4: BLOWN, 8: STABLE}) + cells("implicit_midpoint", {8: None})
-    (line,) = largest_steps(rows, (STABLE,))
-    assert line["bdf2"] == line["newmark"] == "≥ 25 ms"
-    assert line["central_difference"] == "< 49 µs (predicted 30 µs)"
-    assert line["backward_euler"] == "12.5 ms"
-    assert line["implicit_midpoint"] == line["energy_momentum"] == "-"
-    words = describe_result(rows)
-    assert words == (
-        "- mine: newmark, bdf2 are right up to 25 ms, the largest step that was tried."
+def test_a_failed_run_misses_its_orders():
+    """Also where every run of a family failed."""
+    failed = {"status": "failed", "cause": "x"}
+    rows, steps = (
+        [case | failed for case in cases(True)]
+        for cases in (convergence.space_cases, convergence.time_cases)
     )
-    assert list(ALL).index("newmark") < list(ALL).index("bdf2")
-
-
-def test_methods_that_are_never_right_have_no_best_step():
-    rows = cells("bdf2", {4: BLOWN}) + cells("newmark", {4: None})
-    assert (
-        describe_result(rows) == "- mine: no method is right at any of the steps that were tried."
-    )
-
-
-def test_distances_of_models_are_relative_to_the_displacement():
-    start = np.zeros((4, 3))
-    ends = {"StVK": start + [0, 0, 0.2], "Springs": start + [0, 0, 0.21], "NeoHookean": start + 0.2}
-    rows = [
-        {"model": model, "status": "ok", "x": x.ravel(), "start": start.ravel(), "cpu_seconds": 1.0}
-        for model, x in ends.items()
+    findings = convergence.conclude_space(rows) + convergence.conclude_time(steps)
+    assert len(findings) == 75
+    swings = [
+        {"bending": bending, "pattern": "right", "quantity": name, "order": math.nan}
+        for bending in ORDERS
+        for name in QUANTITIES
     ]
-    table = {line["model"]: line for line in distance_table(rows)}
-    assert table["Springs"]["rms distance [%]"] == pytest.approx(5.0)
-    assert table["Springs"]["rms distance [m]"] == pytest.approx(0.01)
-    assert table["NeoHookean"]["largest [%]"] == pytest.approx(100 * np.sqrt(2))
-    words = describe_distances(rows)
-    assert words.startswith("Springs ends 5 % of the displacement away from StVK; NeoHookean ends")
-    failed = [rows[0] | {"status": "failed"}, *rows[1:]]
-    assert "nothing to compare" in describe_distances(failed)
+    findings += conclude_swings(swings)
+    assert len(findings) == 75 + 8
+    assert not any(finding.is_met for finding in findings)
+
+
+def cell(dt, outcome, **more):
+    row = {"map": "courant, h", "method": "central_difference", "predicted": 1e-3, "status": "ok"}
+    return row | {"dt": dt, "outcome": outcome} | more
+
+
+def test_runs_that_contradict_the_predicted_limit_are_counted():
+    good = [cell(0.7e-3, "ok"), cell(0.7e-3, "wrong"), cell(1.4e-3, "failed")]
+    close = [cell(1.05e-3, "ok"), cell(0.95e-3, "failed")]
+    (found,) = conclude_maps([*good, *close])
+    assert (found.value, found.is_met) == (0, True)
+    assert found.what.startswith("of 3 explicit runs on courant")
+    others = [cell(2e-3, "ok", map="fold, h"), cell(2e-3, "ok", method="bdf2")]
+    late = cell(2e-3, "time limit", status="time limit")
+    bad = [cell(2e-3, "ok"), cell(2e-3, "wrong"), cell(0.5e-3, "failed")]
+    (found,) = conclude_maps([*good, *others, late, *bad])
+    assert (found.value, found.is_met) == (3, False)
+
+
+def swing_cell(method, made, cause="", Y=1e4, steps=64):
+    more = {"fabric.tensile_stiffness": Y, "steps": steps, "energy made": made, "cause": cause}
+    return cell(0.0109, "", map="stiff_swing, stiffness", method=method) | more
+
+
+def test_a_run_that_was_stopped_for_its_energy_made_some():
+    stopped = "StepFailed: it moves: the method has made the rest"
+    rows = [
+        swing_cell("newmark", None, stopped),
+        swing_cell("newmark", 0.01),
+        swing_cell("bdf2", 0.01),
+        swing_cell("bdf2", None, "Newton did not converge"),
+        swing_cell("linearly_implicit_euler", 9.0),
+        swing_cell("bdf2", 9.0, Y=1e5),
+        swing_cell("bdf2", 9.0, steps=32),
+        swing_cell("central_difference", 0.0),
+    ]
+    findings = conclude_swing(rows)
+    assert [finding.is_met for finding in findings] == [True, False, True, False, True]
+
+
+def test_errors_on_the_swing_are_judged_at_one_step_of_each_method():
+    rows = [
+        {"method": method, "dt": SPAN / count, "error": 0.09 if count == RIGHT.get(method) else 1.0}
+        for method in (*RIGHT, "newmark")
+        for count in COUNTS
+    ]
+    findings = conclude_errors(rows)
+    assert [finding.is_met for finding in findings] == [True] * len(RIGHT)
+    failed = [{key: row[key] for key in ("method", "dt")} for row in rows]
+    assert [finding.is_met for finding in conclude_errors(failed)] == [False] * len(RIGHT)

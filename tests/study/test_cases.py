@@ -30,7 +30,7 @@ def test_cases_are_run_once(tmp_path):
 def test_an_interrupted_study_continues(tmp_path):
     log = tmp_path / "log"
     log.with_suffix(".stop").touch()
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt, match="finished cases are stored"):
         study.run_cases(four_cases(log), square, tmp_path)
     log.with_suffix(".stop").unlink()
     rows = study.run_cases(four_cases(log), square, tmp_path)

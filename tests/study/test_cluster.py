@@ -58,21 +58,20 @@ def cluster(tmp_path):
 
 @pytest.mark.slow
 def test_workers_that_cannot_import_the_studies_run_their_cases(cluster, tmp_path):
-    """A study of the repository, and failures as the rows that they are on one machine."""
+    """A refinement of the repository, and failures as the rows that they are on one machine."""
     hows = [{"how": how} for how in ("step", "no", "ticking", "input")]
     run = {"out": tmp_path, "scheduler": cluster, "time_limit": 0.5}
     rows = study.run_cases(hows, fail_or_return, **run)
     assert [row["status"] for row in rows] == ["failed", "ok", "time limit", "refused"]
     assert rows[1]["value"] == 1.0
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "studies.convergence", "--out", str(out)]
-    command += ["--scene", str(ROOT / "studies" / "scenes" / "needs" / "taut.toml")]
+    command = [sys.executable, "-m", "studies.convergence.catalogue", "--quick", "--out", str(out)]
     done = subprocess.run(
         [*command, "--scheduler", cluster], capture_output=True, text=True, cwd=ROOT, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stderr.count(": ok") == 5
-    assert "of the displacement" in (out / "report.md").read_text(encoding="utf-8")
+    assert ": ok" in done.stderr
+    assert "problems that are covered" in (out / "report.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

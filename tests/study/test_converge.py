@@ -13,9 +13,11 @@ from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.study import refinement
 from fecloth.study.convergence import Convergence, judge
+from fecloth.study.obstacles import find_obstacles
 from fecloth.study.orders import is_round, space_order
 from fecloth.study.problems import open_problem
 from fecloth.study.result import with_uncertainty
+from fecloth.study.setups import Setup, setup_of_function
 from fecloth.study.uncertainty import estimate_uncertainty
 from studies.references.closed_forms import hanging_strip_tip
 
@@ -198,18 +200,47 @@ def test_processes_give_the_same(tmp_path):
     assert (one.value, one.uncertainty) == (two.value, two.uncertainty)
 
 
-def test_chosen_steps_leave_a_remark_on_the_error_in_time(scene):
-    for rtol, said in (("0.01", "at 0."), ("1", "not at all")):
-        chosen = fc.load_scene(scene, ["time.dt=auto", f"time.rtol={rtol}"])
-        found = fc.study.converge(chosen, "max middle.z", levels=3)
-        assert any(f"estimates its error in time {said}" in words for words in found.notes())
+def test_the_error_of_chosen_steps_is_a_share(scene):
+    """The estimate from rtol/10 is that against rtol/1000 within a factor of two."""
+    chosen = fc.load_scene(scene, ["time.dt=auto", "time.rtol=0.05"])
+    found = fc.study.converge(chosen, "max middle.z", levels=3)
+    over = "time.rtol=0.05,5e-5"
+    coarse, fine = fc.study.sweep(chosen, over, "max middle.z").table["max middle.z"]
+    assert found.shares["time step"] == pytest.approx(abs(coarse - fine), rel=0.5)
+    assert not any("estimates its error in time" in words for words in found.notes())
+
+
+def test_stable_steps_leave_a_remark_on_the_error_in_time(scene):
+    stable = fc.load_scene(scene, ["time.dt=auto", "time.method=central_difference"])
+    found = fc.study.converge(stable, "max middle.z", levels=3)
+    assert any("estimates its error in time" in words for words in found.notes())
     fixed = fc.study.converge(scene, "max middle.z", levels=3)
     assert not any("estimates its error in time" in words for words in fixed.notes())
+
+
+def test_a_cloth_without_tension_across_is_named_as_an_obstacle():
+    """A strip that hangs between two edges; the same cloth held and stretched all around."""
+    cloth = fc.Cloth.rectangle(1.0, 0.5, 0.25, pattern="right", element="P2")
+
+    def words(pins, stretched, cloth=cloth):
+        terms = [fc.StVK(), fc.Pressure(20.0)]
+        mass = "consistent" if cloth.element == "P2" else "lumped"
+        system = fc.System(cloth, fc.Fabric(0.2, 1000.0), terms, pins=pins, mass=mass)
+        x = system.rest().x * [stretched[0], stretched[1], 1.0]
+        setup = Setup(system, system.state(x))
+        return " ".join(find_obstacles(setup, {"least_stretch": [1.0, 1.0]}, x))
+
+    said = "tension in one direction only"
+    assert said in words(["left", "right"], (1.02, 1.0))
+    assert said not in words(["boundary"], (1.02, 1.01))
+    linear = fc.Cloth.rectangle(1.0, 0.5, 0.25, pattern="right")
+    assert said not in words(["left", "right"], (1.02, 1.0), linear)
 
 
 def test_levels_that_fail_are_named():
     found = fc.study.converge(failing, "displacement", h=0.25, levels=3)
     assert found.verdict.startswith("not known: 2 of 3 levels failed; the first: h: is too small")
+    assert found.table["h"] == [0.25, 0.125, 0.0625]
     assert not found.converges
 
 
@@ -250,13 +281,11 @@ def test_a_point_pin_is_named_as_an_obstacle():
         system = fc.System(cloth, fc.Fabric(0.2, 20.0), [fc.StVK(), fc.Gravity()], ["right", pin])
         return cloth, system, None, system.rest()
 
-    from fecloth.study.obstacles import find_obstacles
-    from fecloth.study.setups import setup_of_function
-
     setup = setup_of_function(corner, {"h": 0.5}, None, None)
-    (words,) = find_obstacles(setup, {"least_stretch": [1.0, 0.95]})
+    x = setup.start.x
+    (words,) = find_obstacles(setup, {"least_stretch": [1.0, 0.95]}, x)
     assert "pin corner holds a single point" in words
-    assert "folds" in find_obstacles(setup, {"least_stretch": [1.0, 0.5]})[-1]
+    assert "folds" in find_obstacles(setup, {"least_stretch": [1.0, 0.5]}, x)[-1]
 
 
 @pytest.mark.parametrize(

@@ -363,7 +363,8 @@ def test_files_show_the_shapes(tmp_path, element):
         assert np.linalg.norm(shown, axis=1).max() == pytest.approx(1.0)
         np.testing.assert_allclose(np.cross(shown, shape), 0, atol=1e-12 * abs(shape).max())
         np.testing.assert_allclose(frame.points - tight.x, 0.1 * cloth.extent * shown, atol=1e-12)
-    head, *rows = (pvd.parent / "modes.csv").read_text().splitlines()
+    found.report(pvd.parent)
+    head, *rows = (pvd.parent / "results.csv").read_text().splitlines()
     assert head == "mode,frequency [Hz],eigenvalue [1/s²]"
     assert [float(row.split(",")[1]) for row in rows] == found.frequencies.tolist()
 

@@ -1,10 +1,9 @@
-"""Options of a study: each scene has its own folder, and each mistake is one line."""
+"""Options of a study, each mistake in them as one line, and the predicted size of scenes."""
 
 import sys
 from pathlib import Path
 
 import pytest
-from support.study_rows import rows_of_two
 
 import fecloth as fc
 from fecloth import study
@@ -12,7 +11,7 @@ from fecloth.errors import FeclothError, InputError
 from fecloth.output.atomic_files import DiskFull
 from fecloth.scene.scene import load_scene
 from fecloth.study.command import exit_status
-from fecloth.study.workload import Workload, check_scene, count_steps
+from fecloth.study.workload import LONGEST, Workload, check_size, count_steps
 
 ROOT = Path(__file__).parents[2]
 SCENE = """
@@ -36,11 +35,8 @@ t_end = 0.5
 
 
 @pytest.fixture
-def scene(tmp_path, monkeypatch):
-    """Return the path of a scene; the current folder is empty, the study is called `mine`."""
-    (tmp_path / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-    monkeypatch.setattr(sys, "argv", ["studies/mine/__main__.py"])
+def scene(tmp_path):
+    """Return the path of a scene."""
     path = tmp_path / "flag.toml"
     path.write_text(SCENE)
     return path
@@ -50,34 +46,16 @@ def parse(*arguments):
     return study.parse_arguments("A study.", [str(argument) for argument in arguments])
 
 
-def test_no_report_overwrites_that_of_another_scene(scene):
-    other = scene.parent / "other" / "flag.toml"
-    other.parent.mkdir()
-    other.write_text(SCENE)
-    folders = [parse(*arguments).out.as_posix() for arguments in ((), ("--scene", scene))]
-    assert folders == ["out/mine", "out/mine/flag"]
-    for arguments in ((), ("--scene", scene)):
-        study.write_report(parse(*arguments), "Mine", rows_of_two()[:1])
-        parse(*arguments)  # the same scene again
-    for arguments in (("--scene", other), ("--scene", scene, "--out", "out/mine")):
-        with pytest.raises(InputError, match=r"report\.md is the report of .*--out"):
-            parse(*arguments)
-    with pytest.raises(InputError, match="is the report of .*flag.toml"):
-        parse("--out", "out/mine/flag")
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--jobs", "0"], "--jobs 0: must be at least 1"),
         (["--jobs", "two"], "invalid int value"),
         (["--nonsense"], "unrecognized arguments: --nonsense"),
-        (["--time-limit", "-1"], "--time-limit -1: must be > 0"),
-        (["--scene", "none.toml"], "none.toml"),
         (["--scheduler", "tcp://localhost:1"], r"distributed: is not installed.*\.\[dask\]"),
     ],
 )
-def test_a_mistake_is_one_line_and_exit_status_2(scene, capsys, monkeypatch, arguments, words):
+def test_a_mistake_is_one_line_and_exit_status_2(capsys, monkeypatch, arguments, words):
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert exit_status(lambda: parse(*arguments)) == 2
     captured = capsys.readouterr()
@@ -88,7 +66,7 @@ def test_a_mistake_is_one_line_and_exit_status_2(scene, capsys, monkeypatch, arg
         parse(*arguments)
 
 
-def test_a_missing_package_is_noticed_with_the_options(scene, monkeypatch):
+def test_a_missing_package_is_noticed_with_the_options(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(InputError, match=r"matplotlib: is not installed.*\.\[studies\]"):
         study.parse_arguments("A study.", [], needs=["matplotlib"])
@@ -140,16 +118,23 @@ def test_the_size_of_a_shape_from_a_file_needs_no_fine_mesh(tmp_path):
     assert Workload.of(tiny).triangles == pytest.approx(1e4 * triangles, rel=0.15)
 
 
+def test_the_results_go_to_the_folder_of_the_study(monkeypatch):
+    for script in ("studies/mine/__main__.py", "mine.py"):
+        monkeypatch.setattr(sys, "argv", [script])
+        assert parse().out.as_posix() == "out/mine"
+    assert parse("--out", "here").out.as_posix() == "here"
+
+
 @pytest.mark.slow
 def test_a_study_that_would_take_hours_needs_yes(scene, capsys):
     """A width of 40 m, meant in cm, as in a file of a user."""
     scene.write_text(SCENE.replace("width = 1.0", "width = 40").replace("h = 0.05", "h = 0.01"))
     size = [Workload.of(load_scene(scene), refined) for refined in (1, 2, 4)]
     assert size[2].triangles > 7e6
-    with pytest.raises(InputError, match=r"triangles × 50 steps: .*above 60 min.*--yes"):
-        check_scene(size, parse("--scene", scene))
-    check_scene(size, parse("--scene", scene, "--yes"))
-    check_scene([Workload(1000, 50)], parse("--scene", scene))
+    with pytest.raises(InputError, match=r"triangles × 50 steps: .*above 60 min.*runs it anyway"):
+        check_size(size, 1, LONGEST, "a scene")
+    check_size(size, 1, None, "a scene")
+    check_size([Workload(1000, 50)], 1, LONGEST, "a scene")
     assert (
-        "1 cases, up to 1,000 triangles × 50 steps; predicted: about 1 s" in capsys.readouterr().err
+        "1 case, up to 1,000 triangles × 50 steps; predicted: about 1 s" in capsys.readouterr().err
     )

@@ -98,7 +98,7 @@ def test_runs_that_were_stopped_say_nothing(scene):
     found = fc.study.stability(scene, None, ["bdf2"], time_limit=-1.0)
     assert found.has_stopped
     assert found.table["longest step"] == ["not known"]
-    assert "6 runs say nothing about their step" in found.notes()[-1]
+    assert "6 runs say nothing about the step" in found.notes()[-1]
 
 
 def test_ranges_on_made_up_rows():

@@ -96,7 +96,10 @@ MISTAKES = [
         lambda: fc.Adaptive(fc.ForwardEuler()),
         "method ForwardEuler.*: has no stable step",
     ),
-    (lambda: marched(solver=3), "solver = 3: must be one of auto, direct, pardiso, superlu, pcg"),
+    (
+        lambda: marched(solver=3),
+        "solver = 3: must be one of auto, direct, pardiso, superlu, pcg, mult",
+    ),
     (lambda: marched(method=fc.EnergyMomentum("exact"), solver="pcg"), 'tangent = "symmetric"'),
     (lambda: marched(method=fc.CentralDifference(), dt="auto"), "'auto'.*Leave it out for the lar"),
     (lambda: SYSTEM.state("a"), "System.state: x = 'a': must be numbers"),

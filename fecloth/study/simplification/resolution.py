@@ -11,7 +11,6 @@ from fecloth.study.simplification.variants import Variant
 from fecloth.study.tolerance import in_percent
 
 WORDS = {"mesh": "mesh", "dt": "time step", "rtol": "tolerance of the steps"}
-RTOL_ORDER = 2 / 3  # global errors of adaptive steps are about proportional to rtol^(2/3)
 
 
 @dataclass(frozen=True)

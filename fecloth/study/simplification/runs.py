@@ -58,6 +58,10 @@ def run_variant(
         As for `load_scene`.
     """
     setup, rows = setup_of_scene(text, trust_geo), list[dict]()
+    try:
+        rows.append(measure(setup, recorded, modes, report=_limit(most)))
+    except TimeLimit:  # what was compiled in that run is ready in the next
+        rows.append(measure(setup, recorded, modes, report=_limit(most)))
     while len(rows) < repeats and sum(row["cpu_seconds"] for row in rows) < ENOUGH:
         rows.append(measure(setup, recorded, modes, report=_limit(most)))
     return min(rows, key=lambda row: row["cpu_seconds"])

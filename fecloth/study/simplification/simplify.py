@@ -15,12 +15,13 @@ from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.study.problems import SceneProblem, open_problem
-from fecloth.study.run_problems import Runs
+from fecloth.study.refinement import RTOL_ORDER
+from fecloth.study.run_problems import Runs, refuse_huge
 from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.numbers import table as table_of_numbers
 from fecloth.study.simplification.outcome import Trial
 from fecloth.study.simplification.predictions import find_limits, predict_change
-from fecloth.study.simplification.resolution import RTOL_ORDER, Resolution, find_resolutions
+from fecloth.study.simplification.resolution import Resolution, find_resolutions
 from fecloth.study.simplification.result import Simplification
 from fecloth.study.simplification.runs import Original, data_of
 from fecloth.study.simplification.search import combine_variants, sort_candidates
@@ -89,8 +90,8 @@ def simplify(
     >>> print(found.verdict)  # doctest: +SKIP
     """
     chosen = read_tolerance(tolerance)
-    opened, interest = open_scene(problem, quantity)
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
+    opened, interest = open_scene(problem, quantity, runs)
     original = Original(opened, interest.all, chosen, runs, repeats)
     tried = list_variants(original.data, interest)
     check_size(_sizes(opened.scene, tried), 1 if scheduler else jobs, most_seconds, opened.name)
@@ -103,7 +104,7 @@ def simplify(
     return summarise(original, found, resolutions, numbers, folder)
 
 
-def open_scene(problem: object, quantity) -> tuple[SceneProblem, Interest]:
+def open_scene(problem: object, quantity, runs: Runs) -> tuple[SceneProblem, Interest]:
     """Return the problem of a scene, and its [interest]: the quantities that count.
 
     Raises
@@ -116,6 +117,7 @@ def open_scene(problem: object, quantity) -> tuple[SceneProblem, Interest]:
         raise InputError(f"problem = {problem!r}", "must be a scene or its path", "", remedy)
     opened = open_problem(problem)
     assert isinstance(opened, SceneProblem)
+    refuse_huge(opened, runs)
     interest = _interest(opened.scene, quantity)
     for one in interest.all:
         opened.check_quantity(one)

@@ -66,7 +66,7 @@ def make_verdict(
         return "\n".join([*lines, "no simpler scene was found: reduced.toml is the scene itself"])
     last = (
         f"reduced.toml: {reduced}; it changes {final.of} by {in_percent(final.change)} and "
-        f"saves {in_percent(final.saved)} of the seconds"
+        f"{'saves' if final.saved >= 0 else 'adds'} {in_percent(abs(final.saved))} of the seconds"
         if final.is_ok
         else f"reduced.toml fails: {final.cause}"
     )

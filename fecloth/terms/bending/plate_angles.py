@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled_calls import Call
 from fecloth.fabric.panel import Panel
+from fecloth.linalg.block_matrix import FindSlots
 from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.plate_rows import CoupledRows
 from fecloth.terms.bending.plate_stiffness import panel_stiffness
 
 
-def bind_angles(panel: Panel, slots: Callable, where: str) -> PlateAngles:
+def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
     """The hinge angles of a panel, coupled by the stiffness of its plate."""
     slopes, Q = panel.cloth.edge_slopes, panel_stiffness(panel, where)
     nodes, gradient = slopes.edges.hinges.nodes, slopes.edges.hinges.flat_gradient
@@ -27,8 +30,7 @@ def bind_angles(panel: Panel, slots: Callable, where: str) -> PlateAngles:
         nodes, moved = np.concatenate([nodes, clamped]), panel.clamps.moved
         gradient = np.concatenate([gradient, clamped_gradient(panel.cloth.X[corners])])
         held = mirror(panel.clamps.start[corners])
-    rows = CoupledRows.make(nodes, Q, slots, slopes.pairs, len(panel.cloth.X))
-    return PlateAngles(nodes, held, moved, Q, rows, gradient)
+    return PlateAngles(nodes, held, moved, Q, gradient, slots, slopes.pairs, len(panel.cloth.X))
 
 
 def mirror(corners: np.ndarray) -> np.ndarray:
@@ -66,25 +68,30 @@ class PlateAngles:
         ``moved(held, t)``: their positions at the time t, or None where they stay.
     stiffness
         (h, h) Q [N m].
-    rows
-        Where products with Q lie in the system matrix.
     flat_gradient
         (h, 4) ∂θ/∂z about flat [1/m].
+    find_slots, pairs, n
+        For `rows`: as `bind` of a term gets it, the stencil of the term, and the number of nodes.
     """
 
     nodes: np.ndarray
     held: np.ndarray
     moved: Callable[[np.ndarray, float], np.ndarray] | None
     stiffness: sparse.csr_matrix
-    rows: CoupledRows
     flat_gradient: np.ndarray
+    find_slots: FindSlots
+    pairs: np.ndarray
+    n: int
+
+    @cached_property
+    def rows(self) -> CoupledRows:
+        """Where products with Q lie in the system matrix."""
+        return CoupledRows.make(self.nodes, self.stiffness, self.find_slots, self.pairs, self.n)
 
     @property
     def nbytes(self) -> int:
-        """Memory of the arrays [bytes]."""
-        Q, rows = self.stiffness, self.rows
-        arrays = Q.data, Q.indices, rows.place, rows.slots, rows.start, rows.width, rows.own
-        return sum(array.nbytes for array in arrays)
+        """Memory of Q [bytes]."""
+        return int(self.stiffness.data.nbytes + self.stiffness.indices.nbytes)
 
     def at(self, t: float) -> tuple:
         """What the loops over the hinges take first, at the time t."""
@@ -120,8 +127,14 @@ class PlateAngles:
 
     def add_force(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> None:
         """f −= Σ m g with the moments m = Q change [N m], and g (h, 4, 3) [1/m]."""
+        function, arguments = self.force_call(change, g, f)
+        function(*arguments)
+
+    def force_call(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> Call:
+        """The compiled call that `add_force` makes."""
         Q = self.stiffness
-        plate_loops.add_force(self.nodes, Q.indptr, Q.indices, Q.data, change, g, f)
+        data = self.nodes, Q.indptr, Q.indices, Q.data
+        return plate_loops.add_force, (*data, change, g, f)
 
     def add_products(self, left: np.ndarray, right: np.ndarray, scale: float, J) -> None:
         """J += scale leftᵀ Q right, both (h, 4, 3)."""

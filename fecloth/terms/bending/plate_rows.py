@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.errors import InputError
+from fecloth.linalg.block_matrix import FindSlots
 from fecloth.terms.bending import plate_loops
 
 
@@ -34,9 +34,15 @@ class CoupledRows:
     slots: np.ndarray
     own: np.ndarray
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of the arrays [bytes]."""
+        arrays = self.place, self.start, self.width, self.slots, self.own
+        return sum(array.nbytes for array in arrays)
+
     @classmethod
     def make(
-        cls, nodes: np.ndarray, Q: sparse.csr_matrix, slots: Callable, pairs: np.ndarray, n: int
+        cls, nodes: np.ndarray, Q: sparse.csr_matrix, slots: FindSlots, pairs: np.ndarray, n: int
     ) -> CoupledRows:
         """Find the blocks of hinges with `nodes` (h, 4) among those of the `pairs` (p, 2)."""
         both, alone = slots(pairs), slots(np.arange(n, dtype=np.int32)[:, None])

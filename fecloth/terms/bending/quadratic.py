@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled_calls import Calls
 from fecloth.fabric.panel import Panel
-from fecloth.linalg.block_matrix import add_mass
+from fecloth.linalg.block_matrix import FindSlots, add_mass, find_entries
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.hinge import hinge_stiffness
+from fecloth.terms.loops.array_updates import subtract_product
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -59,16 +62,12 @@ class QuadraticBending:
     def bind(self, panel: Panel, slots) -> BoundQuadratic:
         hinges, n = panel.cloth.hinges, len(panel.cloth.X)
         g = hinges.flat_gradient
-        Q = (
-            hinge_stiffness(panel, "QuadraticBending")[:, None, None]
-            * g[:, :, None]
-            * g[:, None, :]
-        )
+        k = hinge_stiffness(panel, "QuadraticBending")[:, None, None]
+        Q = k * g[:, :, None] * g[:, None, :]
         i = np.broadcast_to(hinges.nodes[:, :, None], Q.shape)
         j = np.broadcast_to(hinges.nodes[:, None, :], Q.shape)
         matrix = sparse.csr_matrix((Q.ravel(), (i.ravel(), j.ravel())), shape=(n, n))
-        blocks, place = np.unique(slots(hinges.nodes), return_inverse=True)
-        return BoundQuadratic(matrix, blocks, np.bincount(place.ravel(), Q.ravel(), len(blocks)))
+        return BoundQuadratic(matrix, slots)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,19 +78,23 @@ class BoundQuadratic:
     ----------
     matrix
         (n, n) Q of one component [N/m].
-    blocks, values
-        The blocks of the system matrix in which its entries lie, and the entries.
+    find_slots
+        Finds the blocks of its entries in the system matrix, at the first tangent.
     """
 
     matrix: sparse.csr_matrix
-    blocks: np.ndarray
-    values: np.ndarray
+    find_slots: FindSlots
 
     name = "QuadraticBending"
     symmetric = True
     has_energy = True
     dissipative = False
     velocity_dependent = False
+
+    @cached_property
+    def blocks(self) -> np.ndarray:
+        """Blocks of the entries of `matrix` in the system's matrix."""
+        return find_entries(self.matrix, self.find_slots)
 
     def energy(self, x, t) -> float:
         """½ x·Q x [J]."""
@@ -101,9 +104,13 @@ class BoundQuadratic:
         """f −= Q x [N]."""
         f -= self.matrix @ x
 
+    def force_calls(self, x, v, t, f) -> Calls:
+        Q = self.matrix
+        return [(subtract_product, (Q.indptr, Q.indices, Q.data, x, f))]
+
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx Q ⊗ I₃."""
-        add_mass(self.blocks, self.values, wx, J.values)
+        add_mass(self.blocks, self.matrix.data, wx, J.values)
 
     def over_step(self, step: StepDifference) -> BoundQuadratic:
         """Itself: over a step its force at the mean does the work of its energy."""

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.jit import kernel
@@ -15,6 +16,7 @@ from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.units import ACCELERATION, FORCE, PRESSURE
+from fecloth.terms.loops.array_updates import add
 
 STEP = 1e-5  # m and m/s: the relative error of a central difference is about 1e-10 f'''/f'
 VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
@@ -96,9 +98,8 @@ class UserForce:
             function = self.force
         else:
             function = FormulaForce(_validated_parts(self.force), cloth.X)
-        diagonal = slots(np.arange(len(cloth.X), dtype=np.int32)[:, None]).ravel()
         symmetric = self.tangent == "symmetric"
-        return BoundUserForce(function, self.derivatives, amount, cloth.X, diagonal, symmetric)
+        return BoundUserForce(function, self.derivatives, amount, cloth.X, symmetric)
 
 
 def _validated_parts(parts) -> tuple:
@@ -137,7 +138,6 @@ class BoundUserForce:
     derivatives: Callable | None
     amount: np.ndarray
     X: np.ndarray
-    diagonal: np.ndarray
     symmetric: bool
 
     name = "UserForce"
@@ -168,6 +168,12 @@ class BoundUserForce:
         """f_a += A_a g_a [N]."""
         f += self.amount[:, None] * self._value(x, v, t)
 
+    def force_calls(self, x, v, t, f) -> Calls | None:
+        parts = self.function.parts if isinstance(self.function, FormulaForce) else ("unknown",)
+        if not all(isinstance(part, float) for part in parts):
+            return None
+        return [(add, (self.amount[:, None] * self._value(x, v, t), f))]
+
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J_aa −= A_a (wx ∂g/∂x + wv ∂g/∂v), or the symmetric or positive part of this."""
         dg_dx, dg_dv = self._blocks(x, v, t)
@@ -177,7 +183,7 @@ class BoundUserForce:
         if definite:
             values, vectors = np.linalg.eigh(blocks)
             blocks = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(values, 0.0), vectors)
-        add_blocks(self.diagonal, blocks, J.values)
+        add_blocks(J.pattern.diagonal, blocks, J.values)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest, of the symmetric parts."""

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.jit import kernel
-from fecloth.linalg.block_matrix import add_mass
+from fecloth.linalg.block_matrix import FindSlots, add_mass, find_entries
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import RATE
+from fecloth.terms.loops.array_updates import subtract_scaled
 
 
 @dataclass(frozen=True)
@@ -56,12 +59,8 @@ class MassDamping:
     def bind(self, panel: Panel, slots) -> BoundMassDamping | BoundConsistentMassDamping:
         if panel.cloth.element != "P1" and panel.mass == "consistent":
             matrix = self.rate * panel.cloth.mass("consistent", panel.density)
-            rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-            pairs = np.column_stack([rows, matrix.indices]).astype(np.int32)
-            return BoundConsistentMassDamping(self.rate, matrix, slots(pairs)[:, 0, 1].copy())
-        mass = panel.nodal_mass
-        diagonal = slots(np.arange(len(mass), dtype=np.int32)[:, None]).ravel()
-        return BoundMassDamping(self.rate * mass[:, None], diagonal)
+            return BoundConsistentMassDamping(self.rate, matrix, slots)
+        return BoundMassDamping(self.rate * panel.nodal_mass[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +68,6 @@ class BoundMassDamping:
     """`MassDamping` on a cloth: `coefficient` (n, 1) is α m_a [N s/m]."""
 
     coefficient: np.ndarray
-    diagonal: np.ndarray
 
     name = "MassDamping"
     symmetric = True
@@ -85,9 +83,12 @@ class BoundMassDamping:
         """f −= α m_a v_a [N]."""
         f -= self.coefficient * v
 
+    def force_calls(self, x, v, t, f) -> Calls:
+        return [(subtract_scaled, (self.coefficient, v, f))]
+
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wv α m_a I."""
-        add_diagonal(self.diagonal, wv, self.coefficient, J.values)
+        add_diagonal(J.pattern.diagonal, wv, self.coefficient, J.values)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s]."""
@@ -104,19 +105,24 @@ class BoundConsistentMassDamping:
         α [1/s].
     matrix
         (n, n) α M [N s/m].
-    blocks
-        Blocks of the entries of `matrix` in the system's matrix.
+    find_slots
+        Finds the blocks of its entries in the system's matrix, at the first tangent.
     """
 
     rate: float
     matrix: sparse.csr_matrix
-    blocks: np.ndarray
+    find_slots: FindSlots
 
     name = "MassDamping"
     symmetric = True
     has_energy = False
     dissipative = True
     velocity_dependent = True
+
+    @cached_property
+    def blocks(self) -> np.ndarray:
+        """Blocks of the entries of `matrix` in the system's matrix."""
+        return find_entries(self.matrix, self.find_slots)
 
     def power(self, x, v, t) -> float:
         """α v · M v [W]."""

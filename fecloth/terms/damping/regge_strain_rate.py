@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
+from fecloth.linalg.block_matrix import FindSlots
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.green_strain import clamp, contract, double_contraction
 from fecloth.terms.loops.regge_membrane import BoundRegge
@@ -43,7 +45,7 @@ class BoundReggeRate:
     """
 
     panel: Panel
-    slots: np.ndarray
+    find_slots: FindSlots
     viscosity: np.ndarray
     symmetric: bool
     rate: str | None
@@ -53,6 +55,11 @@ class BoundReggeRate:
     has_energy = False
     dissipative = True
     velocity_dependent = True
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the triangles in the matrix."""
+        return self.find_slots(self.panel.cloth.stencil)
 
     @property
     def needs_difference(self) -> bool:
@@ -77,6 +84,9 @@ class BoundReggeRate:
     def add_force(self, x, v, t, f) -> None:
         """f −= Σ w S̃_v · B [N]."""
         add_force(*self.data, x, v, f)
+
+    def force_calls(self, x, v, t, f) -> Calls:
+        return [(add_force, (*self.data, x, v, f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""
@@ -119,7 +129,7 @@ class ReggeRateOverStep:
         moduli = damping.viscosity / h
         at = ReggeStrain(E.nodes, E.forms, E.weights, total, E.slopes, E.gradients, E.samples)
         kernels = stvk.KERNELS.regge
-        return BoundRegge(self.name, kernels, damping.panel, damping.slots, moduli, moduli, at)
+        return BoundRegge(self.name, kernels, damping.panel, damping.find_slots, moduli, moduli, at)
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """h/2 Σ w Ė : τℂ₀ : Ė [J], the potential over the step."""

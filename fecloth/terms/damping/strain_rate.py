@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
+from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import TIME
 from fecloth.terms.damping.regge_strain_rate import BoundReggeRate
@@ -115,12 +118,11 @@ class StrainRateDamping:
     def bind(self, panel: Panel, slots) -> BoundStrainRate | BoundReggeRate:
         law: Any = self.law or StVK()  # `__post_init__` requires its `moduli`
         viscosity = panel.each(lambda fabric: self.time * law.moduli(fabric))
-        blocks = slots(panel.cloth.stencil)
         symmetric = self.tangent == "symmetric"
         if is_interpolated(self.strain, panel):
             strain = ReggeStrain.of_panel(panel)
-            return BoundReggeRate(panel, blocks, viscosity, symmetric, self.rate, strain)
-        return BoundStrainRate(panel, blocks, viscosity, symmetric, self.rate)
+            return BoundReggeRate(panel, slots, viscosity, symmetric, self.rate, strain)
+        return BoundStrainRate(panel, slots, viscosity, symmetric, self.rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +133,7 @@ class BoundStrainRate:
     """
 
     panel: Panel
-    slots: np.ndarray
+    find_slots: FindSlots
     viscosity: np.ndarray
     symmetric: bool
     rate: str | None = None
@@ -140,6 +142,11 @@ class BoundStrainRate:
     has_energy = False
     dissipative = True
     velocity_dependent = True
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the triangles in the matrix."""
+        return self.find_slots(self.panel.cloth.stencil)
 
     @property
     def needs_difference(self) -> bool:
@@ -165,6 +172,9 @@ class BoundStrainRate:
     def add_force(self, x, v, t, f) -> None:
         """f −= Σ w F S_v G_a [N]."""
         add_force(*self.data, x, v, f)
+
+    def force_calls(self, x, v, t, f) -> Calls:
+        return [(add_force, (*self.data, x, v, f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""

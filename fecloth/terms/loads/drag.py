@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, TypeVar
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
+from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import DENSITY, RESISTANCE
 from fecloth.terms.loads.air_velocity import AirVelocity, Uniform, velocity_field
@@ -99,7 +102,7 @@ def bind_drag(drag, wind: AirVelocity, panel: Panel, slots, bound_class: type[Bo
         raise InputError(f"element {cloth.element}", "must be P1", type(drag).__name__)
     law = (float(drag.normal), float(drag.tangential), drag.law == "quadratic")
     symmetric = drag.tangent == "symmetric"
-    return bound_class(panel, slots(cloth.stencil), wind, law, symmetric)
+    return bound_class(panel, slots, wind, law, symmetric)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +120,7 @@ class BoundDrag:
     """
 
     panel: Panel
-    slots: np.ndarray
+    find_slots: FindSlots
     wind: AirVelocity
     law: tuple[float, float, bool]
     symmetric: bool
@@ -126,6 +129,11 @@ class BoundDrag:
     has_energy = False
     dissipative = True
     velocity_dependent = True
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the triangles in the matrix."""
+        return self.find_slots(self.panel.cloth.stencil)
 
     @property
     def nodes(self) -> np.ndarray:
@@ -146,6 +154,11 @@ class BoundDrag:
     def add_force(self, x, v, t, f) -> None:
         """f += F/3 at each corner [N]."""
         add_force(self.nodes, self.law, self._air(x, t), x, v, f)
+
+    def force_calls(self, x, v, t, f) -> Calls | None:
+        if not (isinstance(self.wind, Uniform) and self.wind.value.is_constant):
+            return None
+        return [(add_force, (self.nodes, self.law, self._air(x, t), x, v, f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wv D + wx K, without K if J must be symmetric or `definite`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
+from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, PRESSURE, VOLUME
 from fecloth.terms.loads.pressure import add_skew, cross, orientation_signs
@@ -77,7 +79,7 @@ class Gas:
         if cloth.stencil.shape[1] != 3:
             raise InputError(f"element {cloth.element}", "must be P1", "Gas")
         origin = np.array(self.origin, dtype=float)
-        return BoundGas(self, origin, cloth.stencil, orientation_signs(cloth), slots(cloth.stencil))
+        return BoundGas(self, origin, cloth.stencil, orientation_signs(cloth), slots)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,7 @@ class BoundGas:
     origin: np.ndarray
     nodes: np.ndarray
     signs: np.ndarray
-    slots: np.ndarray
+    find_slots: FindSlots
 
     name = "Gas"
     load = True
@@ -96,6 +98,11 @@ class BoundGas:
     has_energy = True
     dissipative = False
     velocity_dependent = False
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the triangles in the matrix."""
+        return self.find_slots(self.nodes)
 
     def volume(self, x) -> float:
         """Volume V [m³]."""

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 
+from fecloth.compiled_calls import Call, Calls
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
+from fecloth.linalg.block_matrix import FindSlots
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
@@ -86,9 +89,9 @@ class Pressure:
     def bind(self, panel: Panel, slots) -> BoundPressure:
         cloth = panel.cloth
         p = scalar(self.p, "p", "Pressure")
-        blocks, symmetric = slots(cloth.stencil), self.tangent == "symmetric"
+        symmetric = self.tangent == "symmetric"
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-        data = p, cloth.stencil, orientation_signs(cloth), blocks, symmetric, rest
+        data = p, cloth.stencil, orientation_signs(cloth), slots, symmetric, rest
         return BoundPressure(*data) if cloth.element == "P1" else BoundCurved(*data, cloth)
 
 
@@ -114,7 +117,7 @@ class BoundPressure:
     p: TimeFunction
     nodes: np.ndarray
     signs: np.ndarray
-    slots: np.ndarray
+    find_slots: FindSlots
     symmetric: bool
     rest: np.ndarray
 
@@ -124,6 +127,11 @@ class BoundPressure:
     dissipative = False
     velocity_dependent = False
 
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the triangles in the matrix."""
+        return self.find_slots(self.nodes)
+
     def supply(self, x, v, t) -> float:
         """Power f · v of the pressure on the cloth [W]."""
         f = np.zeros_like(x)
@@ -132,7 +140,11 @@ class BoundPressure:
 
     def add_force(self, x, v, t, f) -> None:
         """f += (p/6) n at each corner [N]."""
-        self._add_force(float(self.p(t)), x, f)
+        function, arguments = self._force_call(float(self.p(t)), x, f)
+        function(*arguments)
+
+    def force_calls(self, x, v, t, f) -> Calls | None:
+        return [self._force_call(float(self.p(t)), x, f)] if self.p.is_constant else None
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; do nothing if J must be `definite`, because the trace of K is zero."""
@@ -148,8 +160,8 @@ class BoundPressure:
         self._add_tangent(slots, p, self.rest, K)
         return stencil_bound(self.nodes, K.reshape(m, k, k, 3, 3), mass), 0.0
 
-    def _add_force(self, p, x, f):
-        add_force(self.nodes, self.signs, p, x, f)
+    def _force_call(self, p, x, f) -> Call:
+        return add_force, (self.nodes, self.signs, p, x, f)
 
     def _add_tangent(self, slots, p, x, J):
         add_tangent(self.nodes, self.signs, slots, p, self.symmetric, x, J)
@@ -161,10 +173,10 @@ class BoundCurved(BoundPressure):
 
     cloth: Cloth
 
-    def _add_force(self, p, x, f):
+    def _force_call(self, p, x, f) -> Call:
         cloth = self.cloth
         arrays = self.nodes, cloth.gradients, cloth.weights, cloth.values
-        add_curved_force(*cloth.shape, *arrays, p, x, f)
+        return add_curved_force, (*cloth.shape, *arrays, p, x, f)
 
     def _add_tangent(self, slots, p, x, J):
         cloth = self.cloth

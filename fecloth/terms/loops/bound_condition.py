@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.jit import Zeros, specialise
-from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.terms.loops import condition, condition_discrete_gradient
 from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
 from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels, OverStep
@@ -54,8 +56,8 @@ class BoundCondition:
         The family's entry points.
     shape
         (per_node, convex), as the kernels take them.
-    nodes, slots
-        (m, k) int32 nodes of each stencil and (m, k, k) its blocks in the system matrix.
+    nodes, find_slots
+        (m, k) int32 nodes of each stencil, and what finds their blocks at the first tangent.
     constants
         (m, p) constants of each stencil.
     stiffness, damping
@@ -72,13 +74,18 @@ class BoundCondition:
     kernels: ConditionKernels
     shape: tuple[Zeros, Zeros]
     nodes: np.ndarray
-    slots: np.ndarray
+    find_slots: FindSlots
     constants: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
     rest: np.ndarray
     hessian: str = "exact"
     tangent: str = "symmetric"
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the stencils in the matrix."""
+        return self.find_slots(self.nodes)
 
     @property
     def has_energy(self) -> bool:
@@ -112,6 +119,12 @@ class BoundCondition:
         """f_a −= ∂C_a (k_s C + k_d Ċ) [N]."""
         data = self.table(x, t, 1), self.stiffness, self.damping
         self.kernels.add_force(*self.shape, self.nodes, *data, x, v, f)
+
+    def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
+        if type(self).table is not BoundCondition.table:
+            return None  # it makes the constants in Python
+        data = self.constants, self.stiffness, self.damping
+        return [(self.kernels.add_force, (*self.shape, self.nodes, *data, x, v, f))]
 
     def add_tangent(
         self,
@@ -178,7 +191,7 @@ def bind(
     kernels: ConditionKernels,
     convex: tuple[int, ...],
     panel: Panel,
-    slots: Callable[[np.ndarray], np.ndarray],
+    slots: FindSlots,
     nodes: np.ndarray,
     constants: np.ndarray,
     stiffness: np.ndarray | float,
@@ -216,7 +229,7 @@ def bind(
         kernels,
         ((0,) * k, tuple(int(flag) for flag in convex)),
         nodes,
-        slots(nodes),
+        slots,
         np.ascontiguousarray(np.broadcast_to(constants, (m, np.shape(constants)[-1])), dtype=float),
         _matrices(stiffness, m, len(convex)),
         _matrices(damping, m, len(convex)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth.fabric.panel import Panel
+from fecloth.mesh.elements import blocks
 
 
 def membrane_bound(panel: Panel, moduli: np.ndarray, mass: np.ndarray) -> float:
@@ -25,15 +26,24 @@ def membrane_bound(panel: Panel, moduli: np.ndarray, mass: np.ndarray) -> float:
     cloth = panel.cloth
     area = cloth.weights.sum(axis=1) * panel.density
     around = np.bincount(cloth.stencil.ravel(), np.repeat(area, cloth.stencil.shape[1]), len(mass))
-    share = area[:, None] * (mass / around)[cloth.stencil]  # (m, k)
+    most = -np.inf
+    for part in blocks(len(area)):
+        share = area[part, None] * (mass / around)[cloth.stencil[part]]  # (m, k)
+        scale = np.sqrt(cloth.weights[part, :, None] / share[:, None, :])  # (m, q, k)
+        rows = _scaled_strains(panel.gradients[part], scale, moduli[part])
+        most = max(most, np.linalg.eigvalsh(rows @ rows.transpose(0, 2, 1))[:, -1].max())
+    return float(most)
+
+
+def _scaled_strains(gradients: np.ndarray, scale: np.ndarray, moduli: np.ndarray) -> np.ndarray:
+    """(m, 3q, 2k) Lᵀ B times a `scale` (m, q, k) of each node and point."""
     L = np.linalg.cholesky(moduli[:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]])  # (m, 3, 3)
-    G1, G2 = np.moveaxis(panel.gradients, -1, 0)  # (m, q, k)
+    G1, G2 = np.moveaxis(gradients, -1, 0)  # (m, q, k)
     zero = np.zeros_like(G1)
     B = np.stack([np.stack([G1, zero], -1), np.stack([zero, G2], -1), np.stack([G2, G1], -1)], -2)
     m, q, k = G1.shape
-    scale = np.sqrt(cloth.weights[:, :, None] / share[:, None, :])  # (m, q, k)
-    rows = np.einsum("eli,eqalj,eqa->eqiaj", L, B, scale, optimize=True).reshape(m, 3 * q, 2 * k)
-    return float(np.linalg.eigvalsh(rows @ rows.transpose(0, 2, 1))[:, -1].max())
+    rows: np.ndarray = np.einsum("eli,eqalj,eqa->eqiaj", L, B, scale, optimize=True)
+    return rows.reshape(m, 3 * q, 2 * k)
 
 
 def stencil_bound(nodes: np.ndarray, blocks: np.ndarray, mass: np.ndarray) -> float:

@@ -40,13 +40,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.fabric.panel import Panel
 from fecloth.jit import Array, Zeros, specialise
-from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.recovery import CONSTANT, QUADRATIC, Samples
 from fecloth.terms.kinematics import deformation_gradient
 from fecloth.terms.loops import membrane_discrete_gradient, regge_membrane
@@ -219,8 +221,8 @@ class BoundMembrane:
     ----------
     kernels
         The law's entry points.
-    panel, slots
-        The panel, and the (m, k, k) blocks of its triangles in the system matrix.
+    panel, find_slots
+        As `bind` of a term gets them; the matrix is not looked at before the first tangent.
     constants
         (m, p) constants of the law in each triangle.
     moduli
@@ -230,7 +232,7 @@ class BoundMembrane:
     name: str
     kernels: MembraneKernels
     panel: Panel
-    slots: np.ndarray
+    find_slots: FindSlots
     constants: np.ndarray
     moduli: np.ndarray
 
@@ -238,6 +240,11 @@ class BoundMembrane:
     has_energy = True
     dissipative = False
     velocity_dependent = False
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the triangles in the matrix."""
+        return self.find_slots(self.panel.cloth.stencil)
 
     @property
     def data(self) -> tuple[Any, ...]:
@@ -252,6 +259,9 @@ class BoundMembrane:
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f −= Σ w P G_a [N]."""
         self.kernels.add_force(*self.data, x, f)
+
+    def force_calls(self, x: Array, v: Array, t: float, f: Array) -> Calls:
+        return [(self.kernels.add_force, (*self.data, x, f))]
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
@@ -273,7 +283,7 @@ class BoundMembrane:
 
     def sampled_strain(self, x: Array) -> tuple[Array, Array, Samples]:
         """E (m, q, 3) at the points of samples, ℂ (m, 6) [N/m], and the samples."""
-        cloth, moduli = self.panel.cloth, np.zeros((len(self.slots), 6))
+        cloth, moduli = self.panel.cloth, np.zeros((len(self.moduli), 6))
         self.kernels.add_moduli(*self.data, x, moduli)
         F = deformation_gradient(cloth, x, self.panel.gradients)
         samples = CONSTANT if cloth.element == "P1" else QUADRATIC
@@ -294,15 +304,14 @@ def bind(
     constants: np.ndarray,
     moduli: np.ndarray,
     panel: Panel,
-    slots: Callable[[np.ndarray], np.ndarray],
+    slots: FindSlots,
     strain: object = "interpolated",
 ) -> BoundMembrane | BoundRegge:
     """Bind a law with its constants (m, p) and moduli (m, 6) to a panel.
 
     On P2 the law takes the Regge-interpolated strain, unless `strain` is "pointwise".
     """
-    blocks = slots(panel.cloth.stencil)
     if is_interpolated(strain, panel):
         interpolated = ReggeStrain.of_panel(panel)
-        return BoundRegge(name, kernels.regge, panel, blocks, constants, moduli, interpolated)
-    return BoundMembrane(name, kernels, panel, blocks, constants, moduli)
+        return BoundRegge(name, kernels.regge, panel, slots, constants, moduli, interpolated)
+    return BoundMembrane(name, kernels, panel, slots, constants, moduli)

@@ -1,0 +1,257 @@
+"""The smoothed prolongator P of an aggregation, and the coarse matrix Pᵀ A P, on fixed patterns.
+
+Source: Vaněk, Mandel and Brezina (1996), Algebraic multigrid by smoothed aggregation for second
+and fourth order elliptic problems, section 3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+
+from fecloth.jit import Array, inner, kernel
+from fecloth.linalg.aggregation import Aggregates
+from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
+from fecloth.linalg.protocol import block_rows
+
+Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """The patterns of P, of Pᵀ, of A P and of Pᵀ A P, for one pattern of A.
+
+    P has a block of 3×6 for a node and an aggregate, A P too. Pᵀ A P has four blocks of 3×3 for
+    two aggregates: its "nodes" 2a and 2a + 1 are the first and the last three motions of a.
+
+    Attributes
+    ----------
+    aggregates
+        The aggregates of the pattern of A.
+    indptr, indices
+        P by rows.
+    starts, rows, entries
+        P by columns: row and number of the blocks of each aggregate.
+    product_indptr, product_indices
+        A P by rows.
+    coarse
+        Pattern of Pᵀ A P.
+    """
+
+    aggregates: Aggregates
+    indptr: np.ndarray
+    indices: np.ndarray
+    starts: np.ndarray
+    rows: np.ndarray
+    entries: np.ndarray
+    product_indptr: np.ndarray
+    product_indices: np.ndarray
+    coarse: BlockPattern
+
+    @classmethod
+    def of(cls, pattern: BlockPattern, aggregates: Aggregates) -> Transfer:
+        n, m = len(pattern), len(aggregates)
+        A = _ones(pattern.indptr, pattern.indices, (n, n))
+        T = _ones(np.arange(n + 1, dtype=np.int32), aggregates.of_node, (n, m))
+        P = _sorted(A @ T)
+        product = _sorted(A @ P)
+        pairs = _sorted(P.T.tocsr() @ product)
+        entries = np.argsort(P.indices, kind="stable").astype(np.int32)
+        starts = np.searchsorted(P.indices[entries], np.arange(m + 1)).astype(np.int32)
+        rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(P.indptr))[entries]
+        coarse = _sorted(sparse.kron(pairs, np.ones((2, 2)), format="csr"))
+        return cls(
+            aggregates,
+            *(P.indptr, P.indices),
+            *(starts, rows, entries),
+            *(product.indptr, product.indices),
+            BlockPattern(coarse.indptr, coarse.indices),
+        )
+
+    @property
+    def columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """P by columns, as `restrict` takes it."""
+        return self.starts, self.rows, self.entries
+
+    def prolongator(self, A_rows: Rows, inverse: Array, damping: float, T: Array) -> Array:
+        """P (p, 3, 6) = (I − damping D⁻¹ A) T, with T (n, 3, 6) and D⁻¹ as `inverse` (n, 6)."""
+        P = np.zeros((len(self.indices), 3, 6))
+        places = np.zeros(len(self.aggregates), np.int32)
+        of_node = self.aggregates.of_node
+        _smooth(*A_rows, inverse, damping, of_node, T, self.indptr, self.indices, places, P)
+        return P
+
+    def coarse_matrix(self, A_rows: Rows, P: Array) -> BlockMatrix:
+        """Pᵀ A P, with 1 on the diagonal where P has an empty column."""
+        places = np.zeros(len(self.aggregates), np.int32)
+        product = np.zeros((len(self.product_indices), 3, 6))
+        own = self.product_indptr, self.product_indices
+        _multiply(*A_rows, self.indptr, self.indices, P, *own, places, product)
+        coarse = BlockMatrix.zeros(self.coarse)
+        _project(*self.columns, P, *own, product, *block_rows(coarse), places)
+        return coarse
+
+
+def _ones(indptr: np.ndarray, indices: np.ndarray, shape: tuple[int, int]) -> sparse.csr_matrix:
+    return sparse.csr_matrix((np.ones(len(indices), np.float32), indices, indptr), shape)
+
+
+def _sorted(matrix: sparse.csr_matrix) -> sparse.csr_matrix:
+    matrix.sort_indices()
+    return matrix
+
+
+@kernel
+def _smooth(
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    inverse: Array,
+    damping: float,
+    of_node: Array,
+    T: Array,
+    p_indptr: Array,
+    p_indices: Array,
+    places: Array,
+    P: Array,
+) -> None:
+    """P = T − damping D⁻¹ A T, by rows; `places` (m,) is work space."""
+    for i in range(len(indptr) - 1):
+        for s in range(p_indptr[i], p_indptr[i + 1]):
+            places[p_indices[s]] = s
+        for s in range(indptr[i], indptr[i + 1]):
+            j = indices[s]
+            _add_product(values[s], T[j], P[places[of_node[j]]])
+        q = inverse[i]
+        for s in range(p_indptr[i], p_indptr[i + 1]):
+            for k in range(6):
+                r1, r2, r3 = P[s, 0, k], P[s, 1, k], P[s, 2, k]
+                P[s, 0, k] = -damping * (q[0] * r1 + q[5] * r2 + q[4] * r3)
+                P[s, 1, k] = -damping * (q[5] * r1 + q[1] * r2 + q[3] * r3)
+                P[s, 2, k] = -damping * (q[4] * r1 + q[3] * r2 + q[2] * r3)
+        own = places[of_node[i]]
+        for c in range(3):
+            for k in range(6):
+                P[own, c, k] += T[i, c, k]
+
+
+@kernel
+def _multiply(
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    p_indptr: Array,
+    p_indices: Array,
+    P: Array,
+    q_indptr: Array,
+    q_indices: Array,
+    places: Array,
+    product: Array,
+) -> None:
+    """A P by rows, added to `product`; `places` (m,) is work space."""
+    for i in range(len(indptr) - 1):
+        for s in range(q_indptr[i], q_indptr[i + 1]):
+            places[q_indices[s]] = s
+        for s in range(indptr[i], indptr[i + 1]):
+            j = indices[s]
+            for e in range(p_indptr[j], p_indptr[j + 1]):
+                _add_product(values[s], P[e], product[places[p_indices[e]]])
+
+
+@inner
+def _add_product(A: Array, B: Array, C: Array) -> None:
+    """C += A B, of shapes (3, 3), (3, 6) and (3, 6)."""
+    for c in range(3):
+        a1, a2, a3 = A[c, 0], A[c, 1], A[c, 2]
+        for k in range(6):
+            C[c, k] += a1 * B[0, k] + a2 * B[1, k] + a3 * B[2, k]
+
+
+@kernel
+def _project(
+    starts: Array,
+    rows: Array,
+    entries: Array,
+    P: Array,
+    q_indptr: Array,
+    q_indices: Array,
+    product: Array,
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    places: Array,
+) -> None:
+    """Pᵀ (A P) by rows of aggregates; `places` (m,) is work space."""
+    for a in range(len(starts) - 1):
+        for s in range(indptr[2 * a], indptr[2 * a + 1], 2):
+            places[indices[s] // 2] = s
+        width = indptr[2 * a + 1] - indptr[2 * a]
+        for t in range(starts[a], starts[a + 1]):
+            B, i = P[entries[t]], rows[t]
+            for e in range(q_indptr[i], q_indptr[i + 1]):
+                Q, s = product[e], places[q_indices[e]]
+                for h in range(2):
+                    for c in range(3):
+                        b1, b2, b3 = B[0, 3 * h + c], B[1, 3 * h + c], B[2, 3 * h + c]
+                        for k in range(3):
+                            left = b1 * Q[0, k] + b2 * Q[1, k] + b3 * Q[2, k]
+                            right = b1 * Q[0, k + 3] + b2 * Q[1, k + 3] + b3 * Q[2, k + 3]
+                            values[s + h * width, c, k] += left
+                            values[s + h * width + 1, c, k] += right
+        for h in range(2):
+            _fill_empty(values[places[a] + h * width + h])
+
+
+@inner
+def _fill_empty(block: Array) -> None:
+    """Set the diagonal to 1 where a motion of an aggregate is missing, and its row is zero."""
+    for c in range(3):
+        if block[c, c] == 0.0:
+            block[c, c] = 1.0
+
+
+@kernel
+def restrict(starts: Array, rows: Array, entries: Array, P: Array, r: Array, coarse: Array) -> None:
+    """coarse (m, 6) = Pᵀ r, by aggregates."""
+    for a in range(len(starts) - 1):
+        s1 = s2 = s3 = s4 = s5 = s6 = 0.0
+        for t in range(starts[a], starts[a + 1]):
+            B, i = P[entries[t]], rows[t]
+            r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
+            s1 += B[0, 0] * r1 + B[1, 0] * r2 + B[2, 0] * r3
+            s2 += B[0, 1] * r1 + B[1, 1] * r2 + B[2, 1] * r3
+            s3 += B[0, 2] * r1 + B[1, 2] * r2 + B[2, 2] * r3
+            s4 += B[0, 3] * r1 + B[1, 3] * r2 + B[2, 3] * r3
+            s5 += B[0, 4] * r1 + B[1, 4] * r2 + B[2, 4] * r3
+            s6 += B[0, 5] * r1 + B[1, 5] * r2 + B[2, 5] * r3
+        coarse[a, 0], coarse[a, 1], coarse[a, 2] = s1, s2, s3
+        coarse[a, 3], coarse[a, 4], coarse[a, 5] = s4, s5, s6
+
+
+@kernel
+def add_prolonged(indptr: Array, indices: Array, P: Array, coarse: Array, x: Array) -> None:
+    """x += P coarse, with coarse (m, 6)."""
+    for i in range(len(indptr) - 1):
+        x1, x2, x3 = x[i, 0], x[i, 1], x[i, 2]
+        for s in range(indptr[i], indptr[i + 1]):
+            y = coarse[indices[s]]
+            for k in range(6):
+                x1 += P[s, 0, k] * y[k]
+                x2 += P[s, 1, k] * y[k]
+                x3 += P[s, 2, k] * y[k]
+        x[i, 0], x[i, 1], x[i, 2] = x1, x2, x3
+
+
+@kernel
+def clear_uncoupled(indptr: Array, indices: Array, values: Array, T: Array) -> None:
+    """Clear the components of T (n, 3, 6) in which a node is coupled to no other, as by a pin."""
+    for i in range(len(T)):
+        for c in range(3):
+            total = 0.0
+            for s in range(indptr[i], indptr[i + 1]):
+                if indices[s] != i:
+                    total += abs(values[s, c, 0]) + abs(values[s, c, 1]) + abs(values[s, c, 2])
+            if total == 0.0:
+                T[i, c] = 0.0

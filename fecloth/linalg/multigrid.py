@@ -1,0 +1,131 @@
+"""Conjugate gradients preconditioned by smoothed-aggregation multigrid."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from fecloth.jit import Array, kernel
+from fecloth.linalg.aggregation import rigid_motions
+from fecloth.linalg.block_matrix import BlockMatrix, multiply
+from fecloth.linalg.hierarchy import Grid, Level, cycle, make_grids, make_levels
+from fecloth.linalg.pcg import CONVERGED, INDEFINITE, NOT_FINITE, OUT_OF_ITERATIONS, PCG
+from fecloth.linalg.protocol import SolveInfo, block_rows
+from fecloth.linalg.reductions import dot, squared_norm
+
+FEW = 10  # iterations that are not worth new coarse matrices
+
+
+class Multigrid(PCG):
+    """Conjugate gradients preconditioned by a cycle of multigrid.
+
+    The aggregates are made once for each pattern. The coarse matrices are kept, also for other
+    matrices, until the iterations have doubled; see `hierarchy` why the cycle remains definite.
+
+    Parameters
+    ----------
+    max_iterations
+        A solve fails after this number of iterations.
+    """
+
+    name, symmetric, keeps_state = "multigrid", True, True
+
+    def __init__(self, max_iterations: int = 10_000):
+        super().__init__(max_iterations)
+        self._grids: list[Grid] = []
+        self.drop()
+
+    def drop(self) -> None:
+        """Forget the coarse matrices and the positions."""
+        self._levels: list[Level] = []
+        self._first = 0  # iterations of the first solve with these coarse matrices; 0 before
+        self._is_worn = False  # whether the first solve of a later step took twice as many
+        self._counts = True  # whether the next solve is the first one of a step
+        self._x: np.ndarray | None = None
+
+    def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
+        """Note the positions x (n, 3), about which the next coarse matrices represent rotations.
+
+        Without a call they represent translations only.
+        """
+        self._x, self._counts = x, True
+
+    def prepare(self, A: BlockMatrix) -> None:
+        """Invert the diagonal blocks of A, and make coarse matrices if there are none.
+
+        Raises
+        ------
+        IndefiniteMatrix
+            If a diagonal block of A or of a coarse matrix is not positive definite.
+        """
+        super().prepare(A)
+        begin, self._A = time.perf_counter(), None
+        if not self._grids or self._grids[0].pattern is not A.pattern:
+            self._levels, self._grids = [], make_grids(A.pattern)
+        if self._levels and not self._is_worn:
+            values = self._grids[0].order.gather(A, np.float32)
+            self._levels[0] = replace(self._levels[0], A=A, values=values)
+        else:
+            self._levels, self._first, self._is_worn = [], 0, False
+            motions = self._motions(len(A.pattern))
+            self._levels = make_levels(self._grids, A, self._inverse, motions, np.float32)
+        self._A = A
+        self._seconds += time.perf_counter() - begin
+
+    def _motions(self, n: int) -> np.ndarray:
+        """(n, 3, 6) the rigid motions about the positions of the step."""
+        at_one_point = np.zeros((n, 3))
+        return rigid_motions(at_one_point if self._x is None else self._x)
+
+    def solve(
+        self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
+    ) -> tuple[np.ndarray, SolveInfo]:
+        """Solve A x = b (n, 3), starting from `guess` (n, 3) or 0: x (n, 3) and `SolveInfo`."""
+        x, info = super().solve(b, rtol, guess)
+        if self._counts:  # later solves of a step take more iterations, as their b is less smooth
+            self._first = self._first or info.iterations
+            self._is_worn |= info.iterations > 2 * max(self._first, FEW)
+        self._counts = self._x is None
+        return x, info
+
+    def _iterate(
+        self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int
+    ) -> tuple[int, int]:
+        r, z, p, q = self._work
+        rr, rz = squared_norm(r), 0.0
+        for j in range(limit):
+            if rr <= threshold:
+                return j, CONVERGED
+            z, old = cycle(self._levels, r), rz
+            rz = dot(r, z)
+            turn(z, rz / old if j else 0.0, p)
+            multiply(*block_rows(A), p, q)
+            pq = dot(p, q)
+            if not np.isfinite(pq) or not np.isfinite(rz):
+                return j, NOT_FINITE
+            if pq <= 0.0 or rz <= 0.0:
+                return j, INDEFINITE
+            rr = advance(rz / pq, p, q, x, r)
+        return limit, CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
+
+
+@kernel
+def turn(z: Array, beta: float, p: Array) -> None:
+    """p = z + β p; with β = 0 the old p is not used, because it may be not finite."""
+    for i in range(len(p)):
+        for c in range(3):
+            p[i, c] = z[i, c] + beta * p[i, c] if beta != 0.0 else z[i, c]
+
+
+@kernel
+def advance(alpha: float, p: Array, q: Array, x: Array, r: Array) -> float:
+    """x += α p, r −= α q; returns rᵀ r."""
+    rr = 0.0
+    for i in range(len(x)):
+        for c in range(3):
+            x[i, c] += alpha * p[i, c]
+            r[i, c] -= alpha * q[i, c]
+        rr += r[i, 0] * r[i, 0] + r[i, 1] * r[i, 1] + r[i, 2] * r[i, 2]
+    return rr

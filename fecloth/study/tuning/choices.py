@@ -1,0 +1,175 @@
+"""The settings among which `tune` chooses: mesh, element, method and steps of a problem."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from fecloth.errors import InputError
+from fecloth.integrators import EXPLICIT
+from fecloth.scene.toml_text import to_toml
+from fecloth.study.chart_grid import ALL_METHODS, ELEMENTS, change_tables, known_names
+from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
+from fecloth.study.scene_text import scene_of
+from fecloth.study.workload import EQUILATERAL, TRIANGLES
+
+METHODS = (  # that are tried, the scene's own besides; the first one that serves comes first
+    "central_difference",
+    "bdf2",
+    "generalized_alpha",
+    "implicit_midpoint",
+    "backward_euler",
+)
+CONTROLLED = "bdf2"  # the method whose steps are also chosen by rtol
+PATTERNS = ("right", "cross", "equilateral", "unstructured")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One setting.
+
+    Attributes
+    ----------
+    element, pattern
+        "P1" or "P2"; the pattern of the mesh, "" where it has none.
+    h
+        Edge length [m]; None for the mesh of the problem.
+    method, steps, rtol
+        The method, and its number of equal steps or its tolerance [1/s]. Without both, explicit
+        methods go near their stability limit. "" is the method of the problem.
+    linear
+        The linear solver; "" for that of the problem.
+    sharper
+        Divides the tolerance of the nonlinear solver.
+    """
+
+    element: str = ""
+    pattern: str = ""
+    h: float | None = None
+    method: str = ""
+    steps: int | None = None
+    rtol: float | None = None
+    linear: str = ""
+    sharper: float = 1.0
+
+    @property
+    def is_explicit(self) -> bool:
+        """Whether the steps are those of the stability limit."""
+        return self.method in EXPLICIT
+
+    @property
+    def mesh(self) -> tuple[str, str]:
+        """Element and pattern."""
+        return self.element, self.pattern
+
+    @property
+    def rule(self) -> tuple[str, bool]:
+        """Method, and whether rtol chooses the steps."""
+        return self.method, self.rtol is not None
+
+    def __str__(self) -> str:
+        mesh = " ".join(part for part in (self.element, self.pattern) if part)
+        size = f"h = {1e3 * self.h:.3g} mm" if self.h else ""
+        how = f"rtol = {self.rtol:g} 1/s" if self.rtol else ""
+        how = f"{self.steps} steps" if self.steps else how
+        parts = (mesh, size, self.method, how, self.linear)
+        exact = "sharper tolerance" if self.sharper != 1 else ""
+        return ", ".join(part for part in (*parts, exact) if part)
+
+
+def span_of(opened: Problem) -> float | None:
+    """Return the length of the run [s]; None of an equilibrium."""
+    if isinstance(opened, FunctionProblem):
+        return opened.t_end
+    time = opened.scene.time
+    return None if opened.scene.equilibrium else time.t_end - time.t_start
+
+
+def own_choice(opened: Problem) -> Choice:
+    """Return the element, the pattern and h of the problem itself."""
+    if isinstance(opened, FunctionProblem):
+        return Choice(h=opened.h)
+    cloth = opened.scene.cloth
+    pattern = cloth.pattern if cloth.shape == "rectangle" else ""
+    return Choice(cloth.element, pattern, cloth.h)
+
+
+def meshes_to_try(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
+    """Return the elements and patterns of a problem, its own pattern first.
+
+    Other patterns are tried with the first element only: on P2 they differ less.
+    """
+    own = own_choice(opened)
+    if isinstance(opened, FunctionProblem):
+        return [replace(own, element=one) for one in elements or ("",)]
+    chosen = known_names("element", elements or ELEMENTS, ELEMENTS)
+    patterns = dict.fromkeys([own.pattern, *PATTERNS]) if own.pattern else {"": None}
+    return [
+        replace(own, element=element, pattern=pattern, h=_same_triangles(own, pattern))
+        for pattern in patterns
+        for element in (chosen if pattern == own.pattern else chosen[:1])
+    ]
+
+
+def _same_triangles(own: Choice, pattern: str) -> float | None:
+    """Return the edge length with which a pattern has as many triangles as the scene's own."""
+    if own.h is None or pattern == own.pattern:
+        return own.h
+    count = [TRIANGLES.get(one, EQUILATERAL) for one in (pattern, own.pattern)]
+    return own.h * math.sqrt(count[0] / count[1])
+
+
+def methods_to_try(opened: Problem, methods: Sequence[str] | None) -> list[str]:
+    """Return the methods of a problem; [""] where there is none to choose.
+
+    Raises
+    ------
+    InputError
+        For an unknown method, and for methods of an equilibrium.
+    """
+    if span_of(opened) is None:
+        if methods:
+            raise InputError(f"methods = {methods!r}", "an equilibrium has no method", "tune")
+        return [""]
+    if isinstance(opened, FunctionProblem):
+        return list(methods) if methods else [""]
+    if methods:
+        return known_names("method", methods, ALL_METHODS)
+    own = opened.scene.time.method.type
+    return list(dict.fromkeys([*METHODS, *([own] if own != "auto" else [])]))
+
+
+def problem_with(opened: Problem, choice: Choice) -> Problem:
+    """Return the problem with a choice."""
+    if isinstance(opened, FunctionProblem):
+        named = {"method": choice.method, "element": choice.element}
+        given = {key: value for key, value in named.items() if value}
+        dt = opened.t_end / choice.steps if choice.steps and opened.t_end else opened.dt
+        return replace(opened, h=choice.h, dt=dt, settings={**opened.settings, **given})
+    scene = scene_of(text_with(opened, choice), opened.scene.trusts_geo)
+    return SceneProblem(scene, opened.name)
+
+
+def text_with(opened: SceneProblem, choice: Choice) -> str:
+    """Return the scene with a choice as TOML."""
+    scene, span = opened.scene, span_of(opened)
+    names: dict = {"element": choice.element or scene.cloth.element, "model": ""}
+    names["method"] = choice.method or "equilibrium"  # keeps its time as it is
+    if choice.rtol:
+        names["rtol"] = choice.rtol
+    elif choice.steps and span:
+        names["dt"] = span / choice.steps
+    data = change_tables(scene, names)
+    if choice.pattern:
+        data["cloth"]["pattern"] = choice.pattern
+    if choice.h is not None:
+        data["cloth"]["h"] = choice.h
+    if choice.linear:
+        data.setdefault("solver", {})["linear"] = choice.linear
+    if choice.is_explicit:
+        data.pop("solver", None)
+    dt, every = data.get("time", {}).get("dt", "auto"), data["output"].get("every")
+    if dt != "auto" and every and every < dt:
+        data["output"] = {**data["output"], "every": dt}  # frames come no more often than steps
+    return to_toml(data)

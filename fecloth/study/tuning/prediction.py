@@ -1,0 +1,128 @@
+"""The cheapest setting that should meet a tolerance, from measured errors and seconds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.study.tuning.choices import Choice
+from fecloth.study.tuning.space_errors import Mesh
+from fecloth.study.tuning.time_errors import Rule, TimeErrors
+from fecloth.study.tuning.trials import Trial
+
+FINE = 2 ** (1 / 6)  # ratio of the sizes that are compared
+COARSER, FINER = 0.5, 16.0  # times the measured √triangles
+LONGER, SHORTER = 0.25, 64.0  # times the measured numbers of steps
+P2_STEPS = 2.0  # explicit steps on P2 over those on P1 with the same triangles
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A setting with its predicted errors in space and time, (q,) each, and seconds."""
+
+    mesh: Mesh
+    rule: Rule
+    edges: float
+    x: float
+    space: np.ndarray
+    time: np.ndarray
+    seconds: float
+
+    @property
+    def choice(self) -> Choice:
+        """The setting."""
+        return self.rule.choose(self.mesh.choose(self.edges), self.x)
+
+    @property
+    def error(self) -> float:
+        """The largest predicted error of a quantity."""
+        return float((self.space + self.time).max())
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Errors and seconds of all meshes and methods.
+
+    Attributes
+    ----------
+    meshes, times
+        What was measured.
+    coarse
+        The run that the measurements of methods and meshes share.
+    other
+        Error that no mesh and no step changes: of the solver and of left-out terms.
+    factors
+        Measured over predicted seconds of (mesh, rule), by their names.
+    """
+
+    meshes: Sequence[Mesh]
+    times: TimeErrors
+    coarse: Trial
+    other: float = 0.0
+    factors: dict | None = None
+
+    def best(self, is_allowed: Callable, rank: Callable) -> list[Candidate]:
+        """Return the best candidate of each mesh and rule, the best of all first.
+
+        `is_allowed` and `rank` take arrays of errors and seconds.
+        """
+        found = [self._best_of(mesh, rule, is_allowed, rank) for mesh, rule in self.pairs()]
+        listed = [one for one in found if one is not None]
+        return sorted(listed, key=lambda one: float(rank(one.error + self.other, one.seconds)))
+
+    def pairs(self) -> list[tuple[Mesh, Rule]]:
+        """Return all meshes with all rules."""
+        return [(mesh, rule) for mesh in self.meshes for rule in self.times.rules]
+
+    def _best_of(
+        self, mesh: Mesh, rule: Rule, is_allowed: Callable, rank: Callable
+    ) -> Candidate | None:
+        edges = _sizes(mesh.errors.x, COARSER, FINER) if mesh.choice.h else mesh.errors.x[-1:]
+        fixed = rule.kind in ("limit", "static")
+        x = np.array([1.0]) if fixed else _sizes(rule.errors.x, LONGER, SHORTER)
+        i, j = (index.ravel() for index in np.meshgrid(range(len(edges)), range(len(x))))
+        at_edges, at_x = edges[i], x[j]
+        if rule.kind == "limit":
+            at_x = self._explicit(mesh, at_edges)
+        elif rule.kind == "steps":
+            at_x = np.ceil(at_x)
+        space, in_time = mesh.errors(at_edges), rule.errors(at_x)
+        per_step = mesh.seconds(at_edges)[:, 0] / (self.coarse.seconds / self.coarse.steps)
+        seconds = rule.seconds(at_x)[:, 0] * per_step * self.factor(mesh, rule)
+        error = (space + in_time).max(axis=1) + self.other
+        allowed = np.flatnonzero(is_allowed(error, seconds))
+        if not len(allowed):
+            return None
+        k = allowed[np.argmin(rank(error[allowed], seconds[allowed]))]
+        sizes = float(at_edges[k]), float(at_x[k])
+        return Candidate(mesh, rule, *sizes, space[k], in_time[k], float(seconds[k]))
+
+    def _explicit(self, mesh: Mesh, edges: np.ndarray) -> np.ndarray:
+        """Return the steps at the stability limit over those on the coarse mesh."""
+        more = P2_STEPS if mesh.choice.element == "P2" else 1.0
+        if self.coarse.choice.element == "P2":
+            more = 1.0
+        return more * edges / self.coarse.edges
+
+    def factor(self, mesh: Mesh, rule: Rule) -> float:
+        """Return measured over predicted seconds of a mesh with a rule."""
+        return (self.factors or {}).get((mesh.choice.mesh, rule.method, rule.kind), 1.0)
+
+
+def _sizes(measured: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Return sizes from below to above the measured ones, in equal ratios."""
+    first, last = low * measured[0], high * measured[-1]
+    return np.geomspace(first, last, math.ceil(math.log(last / first) / math.log(FINE)) + 1)
+
+
+def cheapest(prediction: Prediction, tolerance: float) -> list[Candidate]:
+    """Return the candidates that should meet a tolerance, the cheapest first."""
+    return prediction.best(lambda error, _: error <= tolerance, lambda _, seconds: seconds)
+
+
+def most_accurate(prediction: Prediction, budget: float) -> list[Candidate]:
+    """Return the candidates that should take at most `budget` [s], the most accurate first."""
+    return prediction.best(lambda _, seconds: seconds <= budget, lambda error, _: error)

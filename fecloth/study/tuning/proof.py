@@ -1,0 +1,214 @@
+"""The tuned run beside a finer one: its error, and cheaper or finer settings if it is far off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fecloth.study.problems import Problem
+from fecloth.study.tuning.choices import Choice
+from fecloth.study.tuning.curves import LOWEST, Curve
+from fecloth.study.tuning.prediction import Candidate, Prediction
+from fecloth.study.tuning.search import Goal, spent
+from fecloth.study.tuning.space_errors import SpaceErrors
+from fecloth.study.tuning.time_errors import TimeErrors
+from fecloth.study.tuning.trials import Bench, Trial
+
+COUNTS = 0.25  # part of the error from which a cause is refined in the verifying run
+ROUNDS = 3  # verifying runs at most
+LOOSE = 0.5  # times the tolerance: below this error a cheaper setting is tried
+NEARLY = 1.5  # times the least error: runs that are as good
+CHEAPER = 0.7  # times the seconds: what a cheaper setting should at most cost
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """A tuned run, its predicted candidate, its error by causes, and the verifying run.
+
+    Attributes
+    ----------
+    trial, candidate
+        The run, and what was predicted of it.
+    finer
+        The verifying run; None if it failed.
+    parts
+        The error by its cause, (q,) each.
+    search
+        All runs but the last verifying one.
+    why
+        Why the error is not known; "" if it is.
+    """
+
+    trial: Trial
+    candidate: Candidate | None
+    finer: Trial | None
+    parts: dict[str, np.ndarray]
+    search: tuple[Trial, ...]
+    why: str = ""
+
+    @property
+    def error(self) -> float:
+        """The largest error of a quantity, of all causes together."""
+        return float(sum(self.parts.values(), np.zeros(1)).max())
+
+
+def prove(
+    bench: Bench, prediction: Prediction, goal: Goal, search: Sequence[Trial], other: dict
+) -> Proof | None:
+    """Run the best candidate beside a finer one; try again where it is far off.
+
+    Return None if no candidate can meet the goal.
+    """
+    found: Proof | None = None
+    search = list(search)
+    for _ in range(ROUNDS):
+        candidates = goal.candidates(prediction)
+        if not candidates:
+            return found
+        first = candidates[0]
+        trial = bench.run([first.choice], timed=True)[0]
+        if not trial.is_ok:
+            search.append(trial)
+            prediction = without(prediction, first)
+            continue
+        if found and found.finer:
+            search.append(found.finer)
+        found = verify(bench, first, trial, search, other)
+        search.append(trial)
+        if found.why or found.error <= goal.tolerance:
+            break
+        prediction = scaled(prediction, found)
+    if found and not found.why and found.error < LOOSE * goal.tolerance < math.inf:
+        found = _cheaper(bench, scaled(prediction, found), goal, found)
+    return found
+
+
+def verify(
+    bench: Bench, candidate: Candidate, trial: Trial, search: Sequence[Trial], other: dict
+) -> Proof:
+    """Run a finer setting and return the error of the run by its causes."""
+    fractions = {
+        "space": candidate.space.max() / (candidate.error + 1e-300),
+        "time": candidate.time.max() / (candidate.error + 1e-300),
+    }
+    refined = [name for name, size in fractions.items() if size >= COUNTS]
+    choice, left = finer_choice(bench.opened, candidate, refined or ["space"])
+    finer = bench.run([choice])[0]
+    parts = {"space": candidate.space, "time": candidate.time} | other
+    known = (*search, trial)
+    if not finer.is_ok:
+        cause = str(finer.row["cause"]).splitlines()[0]
+        why = f"the verifying run ({choice}) failed: {cause}"
+        return Proof(trial, candidate, None, parts, known, why)
+    total = bench.distance(finer, trial) / (1 - max(left.values()))
+    share = sum((parts[name] for name in left), np.zeros(len(total)))
+    for name in left:
+        parts[name] = total * parts[name] / share
+    return Proof(trial, candidate, finer, parts, known)
+
+
+def finer_choice(
+    opened: Problem, candidate: Candidate, refined: Sequence[str]
+) -> tuple[Choice, dict[str, float]]:
+    """Return the finer choice, and the part of each refined error that should be left in it."""
+    choice, left = candidate.choice, {}
+    if "space" in refined and choice.h:
+        ratio = 2.0 if choice.pattern not in ("", "unstructured") else math.sqrt(2)
+        choice = replace(choice, h=choice.h / ratio)
+        left["space"] = _left(candidate.mesh.errors, candidate.edges, ratio)
+    if "time" in refined and choice.rtol:
+        choice = replace(choice, rtol=choice.rtol / 4)
+        left["time"] = _left(candidate.rule.errors, candidate.x, 4.0)
+    elif "time" in refined and candidate.rule.kind in ("steps", "limit"):
+        steps = choice.steps or 0
+        if steps:
+            choice = replace(choice, steps=2 * steps)
+            left["time"] = _left(candidate.rule.errors, candidate.x, 2.0)
+    if not left and choice.h:
+        return finer_choice(opened, candidate, ["space"])
+    if not left:
+        return replace(choice, steps=2 * (choice.steps or 1)), {"time": 0.5}
+    return choice, left
+
+
+def _left(errors: Curve, x: float, ratio: float) -> float:
+    """Return the largest predicted error at ratio · x over that at x, at most 2^-1/2."""
+    before, after = errors(np.array([x]))[0], errors(np.array([ratio * x]))[0]
+    return float(min((after / before).max(), ratio**-LOWEST))
+
+
+def scaled(prediction: Prediction, proof: Proof) -> Prediction:
+    """Return the prediction with the measured error and the measured seconds of a tuned run."""
+    candidate = proof.candidate
+    assert candidate is not None
+    space = float((proof.parts["space"] / candidate.space).max())
+    in_time = float((proof.parts["time"] / candidate.time).max())
+    ratio = float(np.clip(proof.trial.seconds / candidate.seconds, 0.2, 5.0))
+    meshes = tuple(
+        replace(one, errors=one.errors.scaled(space)) if one is candidate.mesh else one
+        for one in prediction.meshes
+    )
+    rules = tuple(
+        replace(one, errors=one.errors.scaled(in_time)) if one is candidate.rule else one
+        for one in prediction.times.rules
+    )
+    key = candidate.mesh.choice.mesh, candidate.rule.method, candidate.rule.kind
+    factor = prediction.factor(candidate.mesh, candidate.rule) * ratio
+    times = replace(prediction.times, rules=rules)
+    factors = {**(prediction.factors or {}), key: factor}
+    return replace(prediction, meshes=meshes, times=times, factors=factors)
+
+
+def best_run(bench: Bench, space: SpaceErrors, times: TimeErrors, search, other: dict) -> Proof:
+    """Return the cheapest of the most accurate runs so far, where the goal cannot be met."""
+
+    def error_in_space(one: Trial) -> np.ndarray:
+        apart = bench.distance(space.reference, one) if one is not space.reference else 0.0
+        return apart + space.error
+
+    good = [one for one in space.trials if one.is_ok]
+    least = min(float(error_in_space(one).max()) for one in good)
+    near = [one for one in good if error_in_space(one).max() <= NEARLY * least]
+    trial = min(near, key=lambda one: one.seconds)
+    shared = next(
+        (one for one in times.trials if one.choice.rule == trial.choice.rule), times.reference
+    )
+    in_time = bench.distance(times.reference, shared) + times.error
+    parts = {"space": error_in_space(trial), "time": in_time, **other}
+    return Proof(trial, None, None, parts, tuple(search), "the tolerance is out of reach")
+
+
+def without(prediction: Prediction, candidate: Candidate) -> Prediction:
+    """Return the prediction without a rule whose run failed, if others are left."""
+    rules = tuple(one for one in prediction.times.rules if one is not candidate.rule)
+    return replace(prediction, times=replace(prediction.times, rules=rules))
+
+
+def _cheaper(bench: Bench, prediction: Prediction, goal: Goal, found: Proof) -> Proof:
+    """Try the cheapest setting by the corrected prediction; the verifying run is its reference."""
+    candidates = goal.candidates(prediction)
+    if not candidates or candidates[0].seconds > CHEAPER * found.trial.seconds:
+        return found
+    if spent(found.search) + candidates[0].seconds > goal.limit(candidates):
+        return found
+    assert found.finer is not None
+    trial = bench.run([candidates[0].choice], timed=True)[0]
+    search = (*found.search, trial)
+    if not trial.is_ok or trial.seconds > found.trial.seconds:
+        return replace(found, search=search)
+    both = found.parts["space"] + found.parts["time"]
+    error_of_finer = both - bench.distance(found.finer, found.trial)
+    total = bench.distance(found.finer, trial) + np.maximum(error_of_finer, 0.0)
+    others = found.error - float(both.max())
+    if total.max() + others > goal.tolerance:
+        return replace(found, search=search)
+    predicted = candidates[0].space + candidates[0].time
+    parts = {
+        **found.parts,
+        "space": total * candidates[0].space / predicted,
+        "time": total * candidates[0].time / predicted,
+    }
+    return Proof(trial, candidates[0], found.finer, parts, search)

@@ -1,0 +1,170 @@
+"""The short runs that show what the error of a problem is made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fecloth.errors import FeclothError, InputError
+from fecloth.study.problems import FunctionProblem, Problem
+from fecloth.study.tuning.choices import Choice, meshes_to_try, problem_with
+from fecloth.study.tuning.prediction import Candidate, Prediction, cheapest, most_accurate
+from fecloth.study.tuning.space_errors import SpaceErrors, summarise_meshes
+from fecloth.study.tuning.time_errors import NEAR, TimeErrors
+from fecloth.study.tuning.trials import Bench, Trial
+from fecloth.study.workload import count_triangles
+
+COARSE = 128  # triangles of the first runs
+TRIES = 5  # finer meshes, until a shape with small parts can be meshed
+MARGIN = 0.75  # part of the tolerance that predicted errors may take
+KNOWN = 0.3  # part of the tolerance up to which the best mesh's own error need be known
+EXTRAPOLATED = 2.0  # times the measured √triangles, up to which predictions are trusted
+SHORTEST, TIMES = 60.0, 3.0  # CPU time of the search: s, and times that of the tuned run
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What is asked for: the largest error, or the longest CPU time [s]; the other is infinite."""
+
+    tolerance: float = math.inf
+    budget: float = math.inf
+
+    @property
+    def scale(self) -> float:
+        """The tolerance; with a budget an error of which the steps are short enough."""
+        return min(self.tolerance, 0.01)
+
+    def candidates(self, prediction: Prediction) -> list[Candidate]:
+        """Return the predicted candidates, the best first."""
+        if math.isfinite(self.budget):
+            return most_accurate(prediction, 0.9 * self.budget)
+        return cheapest(prediction, MARGIN * self.tolerance)
+
+    def limit(self, candidates: Sequence[Candidate]) -> float:
+        """Return the CPU time that the search may take [s]."""
+        if math.isfinite(self.budget):
+            return max(SHORTEST, TIMES * self.budget)
+        return max(SHORTEST, TIMES * candidates[0].seconds if candidates else 0.0)
+
+
+def spent(trials: Sequence[Trial]) -> float:
+    """Return the CPU time of trials [s], each counted once."""
+    return sum(one.spent for one in dict.fromkeys(trials))
+
+
+def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
+    """Return the elements and patterns with about `COARSE` triangles; finer where it must be.
+
+    Raises
+    ------
+    InputError
+        If even the problem's own mesh is refused.
+    """
+    listed = meshes_to_try(opened, elements)
+    if listed[0].h is None:
+        return listed
+    if isinstance(opened, FunctionProblem):
+        triangles = float(len(opened.first.cloth.triangles))
+    else:
+        triangles = count_triangles(opened.scene)
+    by = math.sqrt(triangles / COARSE)
+    for attempt in range(TRIES):
+        scaled = [replace(one, h=float(f"{one.h * by:.3g}")) for one in listed if one.h]
+        try:
+            problem_with(opened, scaled[0]).first  # noqa: B018  # raises if it is too coarse
+            return scaled
+        except FeclothError:
+            if attempt == TRIES - 1:
+                raise
+            by /= 1.6
+    raise InputError("h", "must be such that the shape can be meshed", opened.name)
+
+
+def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
+    """Return the run whose steps all meshes take: the cheapest that is accurate enough in time."""
+
+    def error(one: Trial) -> float:
+        return float((bench.distance(times.reference, one) + times.error).max())
+
+    def cost(one: Trial) -> float:
+        return one.seconds * (2.0 if one.choice.is_explicit else 1.0)
+
+    fixed = [one for one in times.trials if one.is_ok and not one.choice.rtol]
+    fixed = [one for one in fixed if not (one.choice.is_explicit and one.choice.steps)]
+    good = [one for one in fixed if error(one) <= NEAR * tolerance]
+    return min(good, key=cost) if good else min(fixed, key=error)
+
+
+def measure_meshes(
+    bench: Bench,
+    meshes: Sequence[Choice],
+    times: TimeErrors,
+    coarse: Trial,
+    goal: Goal,
+) -> tuple[SpaceErrors, Prediction]:
+    """Refine all meshes once, then those that matter, until the choice among them is known."""
+    orders = np.array([orders_of(bench, meshes, element) for element in ("P1", "P2")])
+    steps = {key: getattr(coarse.choice, key) for key in ("method", "steps", "rtol")}
+    started = [replace(one, **steps) for one in meshes]
+    trials = [coarse]
+    listed = [one for one in started if one.mesh != coarse.choice.mesh]
+    trials += bench.run(listed)
+    if coarse.choice.h is None:
+        return _summarise(bench, trials, orders, times, coarse)
+    served = {one.choice.mesh for one in trials if one.is_ok}
+    trials += bench.run([_finer(one, 2.0) for one in started if one.mesh in served])
+    while True:
+        space, prediction = _summarise(bench, trials, orders, times, coarse)
+        candidates = goal.candidates(prediction)
+        allowed = goal.limit(candidates) - spent([*times.trials, *trials])
+        wanted = _next_meshes(space, candidates, goal)
+        affordable = [one for one in wanted if _seconds_of_next(one, coarse) < 0.7 * allowed]
+        if not affordable or space.stalls(bench):
+            return space, prediction
+        found = bench.run([_finer(one.trials[-1].choice, 2.0) for one in affordable[:1]])
+        trials += found
+        if not found[0].is_ok:
+            return space, prediction
+
+
+def orders_of(bench: Bench, meshes: Sequence[Choice], element: str) -> list[float]:
+    """Return the theoretical orders of the quantities in h; of P1 where P2 is not tried."""
+    chosen = next((one for one in meshes if one.element == element), meshes[0])
+    try:
+        problem = problem_with(bench.opened, chosen)
+        return [problem.orders(one)[0] for one in bench.quantities]
+    except InputError:  # the terms refuse the element
+        return [2.0] * len(bench.quantities)
+
+
+def _summarise(bench: Bench, trials, orders, times, coarse) -> tuple[SpaceErrors, Prediction]:
+    space = summarise_meshes(bench, trials, orders)
+    return space, Prediction(space.meshes, times, coarse)
+
+
+def _finer(choice: Choice, ratio: float) -> Choice:
+    assert choice.h is not None
+    return replace(choice, h=float(f"{choice.h / ratio:.6g}"))
+
+
+def _next_meshes(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -> list:
+    """Return the meshes to refine: those whose best candidates lie far beyond what was run."""
+    if not candidates:
+        return sorted(space.meshes, key=lambda one: float(one.errors.y[-1].max()))
+    first = candidates[0]
+    unknown = space.error.max() > KNOWN * goal.scale
+    if first.edges <= EXTRAPOLATED * first.mesh.errors.x[-1] and not unknown:
+        return []
+    near = [one.mesh for one in candidates if one.seconds <= 2 * first.seconds]
+    return list(dict.fromkeys(near))
+
+
+def _seconds_of_next(mesh, coarse: Trial) -> float:
+    """Predict the seconds of the next finer mesh."""
+    last = mesh.trials[-1]
+    more = 2.0 if coarse.choice.is_explicit else 1.0
+    per_step = float(mesh.seconds(np.array([2 * last.edges]))[0, 0])
+    return more * last.steps * per_step

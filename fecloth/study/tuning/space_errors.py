@@ -1,0 +1,121 @@
+"""The error in space of each element and pattern, with the same steps on all meshes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fecloth.study.tuning.choices import Choice
+from fecloth.study.tuning.curves import (
+    LOWEST,
+    STALLED,
+    Curve,
+    cost_curve,
+    error_curve,
+)
+from fecloth.study.tuning.trials import Bench, Trial
+
+POWERS = 1.0, 3.2  # of the seconds of a step over √triangles
+DISTRUST = 2.0  # times the estimated errors: two elements further apart are not yet converged
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """An element with a pattern: errors in space and seconds of a step over √triangles.
+
+    Attributes
+    ----------
+    choice
+        The element, the pattern and h of its coarsest run, with the steps of all its runs.
+    errors, seconds
+        Curves over √triangles.
+    trials
+        The runs, coarse to fine.
+    """
+
+    choice: Choice
+    errors: Curve
+    seconds: Curve
+    trials: tuple[Trial, ...]
+
+    def choose(self, edges: float) -> Choice:
+        """Return the choice whose mesh has about `edges`² triangles."""
+        if self.choice.h is None:
+            return self.choice
+        last = self.trials[-1]
+        assert last.choice.h is not None
+        return replace(self.choice, h=float(f"{last.choice.h * last.edges / edges:.4g}"))
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceErrors:
+    """The meshes that serve, the best known run, its own error, and all runs."""
+
+    meshes: tuple[Mesh, ...]
+    reference: Trial
+    error: np.ndarray
+    trials: tuple[Trial, ...]
+
+    def stalls(self, bench: Bench) -> bool:
+        """Whether finer meshes of the most refined kind do not come closer to each other."""
+        runs = max(self.meshes, key=lambda one: len(one.trials)).trials
+        if len(runs) < 3:
+            return False
+        before, change = bench.distance(runs[-2], runs[-3]), bench.distance(runs[-1], runs[-2])
+        ratio = runs[-1].edges / runs[-2].edges
+        return bool(change.max() > before.max() * ratio**-STALLED)
+
+
+def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) -> SpaceErrors:
+    """Return the curves of all meshes: distances to the best run, plus the error of that.
+
+    `orders` are the theoretical orders in h of the quantities on P1 and on P2, (2, q).
+    """
+    grouped: dict[tuple[str, str], list[Trial]] = {}
+    for one in sorted(trials, key=lambda one: one.edges):
+        if one.is_ok:
+            grouped.setdefault(one.choice.mesh, []).append(one)
+    finest = [
+        (runs[-1], _own_error(bench, runs, orders[int(mesh[0] == "P2")]))
+        for mesh, runs in grouped.items()
+    ]
+    reference, error = min(finest, key=lambda pair: pair[1].max())
+    error = np.maximum(error, _disagreement(bench, reference, error, finest))
+    meshes = []
+    for mesh, runs in grouped.items():
+        theory = orders[int(mesh[0] == "P2")]
+        apart = [bench.distance(reference, one) if one is not reference else 0.0 for one in runs]
+        x = [one.edges for one in runs]
+        errors = error_curve(x, [one + error for one in apart], theory)
+        seconds = cost_curve(x, [one.seconds / one.steps for one in runs], *POWERS)
+        meshes.append(Mesh(runs[0].choice, errors, seconds, tuple(runs)))
+    return SpaceErrors(tuple(meshes), reference, error, tuple(trials))
+
+
+def _own_error(bench: Bench, runs: Sequence[Trial], theory: np.ndarray) -> np.ndarray:
+    """Return the error of the finest run from the changes by refinement (Richardson)."""
+    if len(runs) < 2:
+        return np.ones(len(theory))
+    ratio = runs[-1].edges / runs[-2].edges
+    change = bench.distance(runs[-1], runs[-2])
+    order = 0.75 * theory
+    if len(runs) > 2:
+        before = bench.distance(runs[-2], runs[-3])
+        order = np.log(before / change) / math.log(ratio)
+    return change / (ratio ** np.clip(order, LOWEST, theory) - 1)
+
+
+def _disagreement(
+    bench: Bench, reference: Trial, error: np.ndarray, finest: Sequence
+) -> np.ndarray:
+    """Return what the best two finest runs differ by beyond their estimated errors."""
+    others = [pair for pair in finest if pair[0] is not reference]
+    if not others:
+        return np.zeros(len(error))
+    other, its_error = min(others, key=lambda pair: pair[1].max())
+    apart = bench.distance(reference, other)
+    expected = DISTRUST * (error + its_error)
+    return np.where(apart > expected, apart - expected, 0.0)

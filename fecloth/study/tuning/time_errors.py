@@ -1,0 +1,249 @@
+"""The error in time of each method, on a coarse mesh."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fecloth.errors import FeclothError
+from fecloth.integrators import EXPLICIT
+from fecloth.stability.critical_step import critical_dt
+from fecloth.study.chart_grid import ALL_METHODS
+from fecloth.study.command import StudyFailed
+from fecloth.study.problems import FunctionProblem, Problem
+from fecloth.study.tuning.choices import CONTROLLED, Choice, problem_with, span_of
+from fecloth.study.tuning.curves import Curve, cost_curve, error_curve
+from fecloth.study.tuning.trials import Bench, Trial
+
+FEWEST, MOST = 32, 8192  # steps of the first runs
+NEAR = 3.0  # times the tolerance: where the steps of a method are short enough to know its error
+REGULAR = 2.5, 7.0  # ratios of successive changes of a method of second order
+TOLERANCES = 0.1, 0.01, 0.001  # 1/s, of chosen steps
+LONG = 20_000  # explicit steps on the coarse mesh, above which explicit methods are left out
+SHORT = 3.0  # s, of an explicit run that is repeated with half its step
+LEAST = 1e-4  # error in time of a run that is compared with no other
+POWERS = {"steps": (0.5, 1.0), "rtol": (0.3, 1.0), "limit": (1.0, 1.0)}  # of seconds over x
+
+
+@dataclass(frozen=True, eq=False)
+class Rule:
+    """A method with its steps: errors in time and seconds on the coarse mesh.
+
+    Attributes
+    ----------
+    method, kind
+        The method, and what `x` is: "steps", "rtol" (x = 1/rtol), "limit" (x = 1: the steps
+        follow the mesh), or "static".
+    errors, seconds
+        Curves over x.
+    trials
+        The runs.
+    """
+
+    method: str
+    kind: str
+    errors: Curve
+    seconds: Curve
+    trials: tuple[Trial, ...]
+
+    def choose(self, choice: Choice, x: float) -> Choice:
+        """Return a choice with this rule."""
+        if self.kind == "rtol":
+            return replace(choice, method=self.method, rtol=float(f"{1 / x:.3g}"), steps=None)
+        steps = math.ceil(x - 1e-9) if self.kind == "steps" else None
+        return replace(choice, method=self.method, steps=steps, rtol=None)
+
+
+@dataclass(frozen=True, eq=False)
+class TimeErrors:
+    """The rules of all methods that serve, the best known run, and its own error."""
+
+    rules: tuple[Rule, ...]
+    reference: Trial
+    error: np.ndarray
+    trials: tuple[Trial, ...]
+
+
+def order_of(method: str) -> float:
+    """Return the theoretical order of a method in time; 2 where it is not known."""
+    cls = ALL_METHODS.get(method)
+    return float(cls().traits.order) if cls else 2.0
+
+
+def measure_methods(
+    bench: Bench, mesh: Choice, methods: Sequence[str], tolerance: float, limit: float
+) -> TimeErrors:
+    """Run the methods on a coarse mesh with steps of several lengths.
+
+    The best run is the reference of all others: explicit with half of its stable step, or the
+    finest of the first implicit method. `limit` is the CPU time for all of it [s].
+
+    Raises
+    ------
+    StudyFailed
+        If no run reaches its end.
+    """
+    if methods == [""] and not can_choose_steps(bench.opened):
+        trials = bench.run([mesh])
+        _require(trials)
+        return _single(trials[0])
+    explicit = [one for one in methods if one in EXPLICIT]
+    implicit = [one for one in methods if one not in EXPLICIT and one != "auto"]
+    trials = _explicit_runs(bench, mesh, explicit)
+    if implicit:
+        trials += _ladder(bench, mesh, implicit[0], trials, tolerance, limit / 2)
+    _require(trials)
+    reference, error = _best(bench, trials)
+    trials += _other_methods(bench, mesh, implicit, trials, limit)
+    good = [one for one in trials if one.is_ok]
+    return TimeErrors(tuple(_rules(bench, good, reference, error)), reference, error, tuple(trials))
+
+
+def can_choose_steps(opened: Problem) -> bool:
+    """Whether the problem is a run whose number of steps may be chosen."""
+    if isinstance(opened, FunctionProblem):
+        return opened.t_end is not None and opened.dt is not None
+    return span_of(opened) is not None
+
+
+def _require(trials: Sequence[Trial]) -> None:
+    if not any(one.is_ok for one in trials):
+        cause = str(trials[0].row["cause"]).splitlines()[0] if trials else "nothing was run"
+        raise StudyFailed(f"no run on a coarse mesh reached its end; the first: {cause}")
+
+
+def _single(trial: Trial) -> TimeErrors:
+    """Return the one rule of an equilibrium, or of a function that chooses its steps."""
+    nothing = np.full(len(trial.records), 1e-12)
+    one = np.array([1.0])
+    errors = Curve(one, nothing[None], 0.0, 0.0)
+    rule = Rule("", "static", errors, Curve(one, np.array([[trial.seconds]]), 0.0, 0.0), (trial,))
+    return TimeErrors((rule,), trial, nothing, (trial,))
+
+
+def _explicit_runs(bench: Bench, mesh: Choice, methods: Sequence[str]) -> list[Trial]:
+    """Run the first explicit method at its stability limit and, if short, with half that step."""
+    found: list[Trial] = []
+    for method in methods[:1]:
+        choice = replace(mesh, method=method)
+        try:
+            first = problem_with(bench.opened, choice).first
+            steps = (span_of(bench.opened) or 0.0) / critical_dt(first.system, first.start)
+        except FeclothError:  # the terms or the pins refuse it
+            continue
+        if steps > LONG:
+            continue
+        found += bench.run([choice])
+        if found[-1].is_ok and found[-1].seconds < SHORT:
+            found += bench.run([replace(choice, steps=2 * found[-1].steps)])
+    return found
+
+
+def _ladder(
+    bench: Bench, mesh: Choice, method: str, known: Sequence[Trial], tolerance: float, limit: float
+) -> list[Trial]:
+    """Double the steps of a method until its error in time is about the tolerance."""
+    found: list[Trial] = []
+    explicit = [one for one in known if one.is_ok]
+    steps = first_steps(bench.opened)
+    while steps <= MOST and sum(one.spent for one in (*known, *found)) < limit:
+        found += bench.run([replace(mesh, method=method, steps=steps)])
+        good = [one for one in found if one.is_ok]
+        if len(good) > 1 and explicit:
+            error = bench.distance(explicit[-1], good[-1]).max()
+            if error < NEAR * tolerance:
+                break
+        elif len(good) > 2:
+            changes = [bench.distance(good[-1], one) for one in good[-3:-1]]
+            error, ratio = changes[1].max() / 3, changes[0].max() / changes[1].max()
+            if error < tolerance or (1 + REGULAR[0] < ratio < 1 + REGULAR[1] and error < 0.1):
+                break
+        steps *= 2
+    return found
+
+
+def first_steps(opened: Problem) -> int:
+    """Return the number of steps of the first run: few, and not more than the problem has."""
+    span = span_of(opened)
+    dt = opened.dt if isinstance(opened, FunctionProblem) else opened.scene.time.dt
+    own = span / dt if span and isinstance(dt, float) else FEWEST
+    return int(min(max(own, 2), FEWEST))
+
+
+def _best(bench: Bench, trials: Sequence[Trial]) -> tuple[Trial, np.ndarray]:
+    """Return the run with the least error of the finest of each method, and this error.
+
+    The error follows from the change by the last halving of the step (Richardson).
+    """
+    found = []
+    for method in {one.choice.method for one in trials}:
+        own = [one for one in trials if one.choice.method == method and one.is_ok]
+        for finest in own[-1:]:
+            error = np.ones(len(finest.records))
+            if finest.choice.is_explicit and len(own) == 1:
+                error *= max(np.nan_to_num(finest.row["time_error"], nan=1.0), LEAST)
+            if len(own) > 1:
+                order = order_of(method)
+                change = bench.distance(finest, own[-2])
+                if len(own) > 2:
+                    before = bench.distance(own[-2], own[-3])
+                    order = np.clip(np.log2(before / change), 1.0, order)
+                error = change / (2.0**order - 1)
+            found.append((finest, error))
+    return min(found, key=lambda pair: pair[1].max())
+
+
+def _other_methods(
+    bench: Bench, mesh: Choice, implicit: Sequence[str], known: Sequence[Trial], limit: float
+) -> list[Trial]:
+    """Run the other implicit methods with the steps that the first one needed, and by rtol."""
+    ladder = [one for one in known if one.choice.method in implicit and one.is_ok]
+    if not ladder:
+        return []
+    most = ladder[-1].choice.steps or 1
+    choices = []
+    for method in implicit[1:]:
+        pair = (most, 2 * most) if order_of(method) == 1 else (max(most // 2, 2), most)
+        choices += [replace(mesh, method=method, steps=steps) for steps in pair]
+    if CONTROLLED in implicit:
+        choices += [replace(mesh, method=CONTROLLED, rtol=rtol) for rtol in TOLERANCES]
+    found: list[Trial] = []
+    for choice in choices:
+        if sum(one.spent for one in (*known, *found)) > limit:
+            break
+        found += bench.run([choice])
+    return found
+
+
+def _rules(
+    bench: Bench, trials: Sequence[Trial], reference: Trial, error: np.ndarray
+) -> list[Rule]:
+    """Return the curves of all methods: distances to the best run, plus the error of that."""
+    grouped: dict[tuple[str, str], list[Trial]] = {}
+    for one in trials:
+        grouped.setdefault((one.choice.method, _kind(one.choice)), []).append(one)
+    rules = []
+    for (method, kind), runs in grouped.items():
+        x = [_size(one.choice) for one in runs]
+        apart = [bench.distance(reference, one) if one is not reference else 0.0 for one in runs]
+        theory = np.full(len(error), 1.0 if kind == "rtol" else order_of(method))
+        errors = error_curve(x, [one + error for one in apart], theory)
+        seconds = cost_curve(x, [one.seconds for one in runs], *POWERS[kind])
+        rules.append(Rule(method, kind, errors, seconds, tuple(runs)))
+    return rules
+
+
+def _kind(choice: Choice) -> str:
+    if choice.rtol:
+        return "rtol"
+    return "limit" if choice.is_explicit else "steps"
+
+
+def _size(choice: Choice) -> float:
+    """Return x of a rule: 1/rtol, the number of steps, or 1 for a step at the stability limit."""
+    if choice.rtol:
+        return 1 / choice.rtol
+    return float(choice.steps or 1) if not choice.is_explicit else 1.0 + (choice.steps is not None)

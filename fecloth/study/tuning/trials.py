@@ -1,0 +1,121 @@
+"""Runs of choices, and the distances between their quantities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.integrators import EXPLICIT
+from fecloth.simulation.quantity import Quantity
+from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of
+from fecloth.study.levels import Level
+from fecloth.study.measured_runs import record_of
+from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.run_problems import Point, Runs, run_points
+from fecloth.study.status import OK
+from fecloth.study.tuning.choices import Choice, problem_with
+from fecloth.study.workload import Workload
+
+LEAST = 1e-13  # relative: distances below it are round-off
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """The run of a choice: its row of `measure`, and what each quantity is computed from."""
+
+    choice: Choice
+    row: Mapping
+    records: tuple[RunRecord, ...] = ()
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether it ran to its end and has all quantities."""
+        return self.row["status"] == OK
+
+    @property
+    def seconds(self) -> float:
+        """CPU seconds of the run."""
+        return float(self.row["cpu_seconds"])
+
+    @property
+    def steps(self) -> int:
+        """Number of steps, at least 1."""
+        return max(int(self.row["steps"]), 1)
+
+    @property
+    def spent(self) -> float:
+        """CPU seconds of the case, with its mesh, its compilation and repeated runs."""
+        return float(self.row.get("case_seconds", 0.0))
+
+    @property
+    def edges(self) -> float:
+        """√(number of triangles): a size of the mesh that is comparable between patterns."""
+        return float(np.sqrt(self.row["triangles"]))
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """A problem whose choices are run for quantities."""
+
+    opened: Problem
+    quantities: tuple[Quantity, ...]
+    runs: Runs
+
+    def run(self, choices: Sequence[Choice], timed: bool = False) -> list[Trial]:
+        """Run choices; a choice that is refused or fails gives a trial that is not ok."""
+        rows: dict[int, Mapping] = {}
+        points = {}
+        for i, choice in enumerate(choices):
+            try:
+                problem = problem_with(self.opened, choice)
+                level = Level(sharper=choice.sharper)
+                points[i] = Point(problem, level, str(choice), size_of_run(problem))
+            except InputError as error:
+                rows[i] = {"status": "refused", "cause": str(error).splitlines()[0]}
+        if points:
+            runs = replace(self.runs, timed=timed)
+            found = run_points(list(points.values()), self.quantities, runs)
+            rows |= dict(zip(points, found, strict=True))
+        return [self._trial(choice, rows[i]) for i, choice in enumerate(choices)]
+
+    def _trial(self, choice: Choice, row: Mapping) -> Trial:
+        if row["status"] != OK:
+            return Trial(choice, row)
+        problem = row["point"].problem
+        try:
+            records = tuple(
+                record_of(row, one, problem.cloth_of(row["point"].level, one), problem.probes)
+                for one in self.quantities
+            )
+            for one, record in zip(self.quantities, records, strict=True):
+                size_of(one, record)  # raises where the run has none, as of a period
+        except InputError as error:
+            return Trial(choice, {**row, "status": "no value", "cause": str(error)})
+        return Trial(choice, row, records)
+
+    def distance(self, a: Trial, b: Trial) -> np.ndarray:
+        """Return (q,) distances of the quantities of `b` from those of `a`, relative to `a`."""
+        pairs = zip(self.quantities, a.records, b.records, strict=True)
+        apart = [difference_of(one, x, y) / size_of(one, x) for one, x, y in pairs]
+        return np.nan_to_num(np.maximum(apart, LEAST), nan=np.inf)
+
+    def check_sizes(self, trial: Trial) -> None:
+        """Raise `InputError` for a quantity of size zero: it has no relative error."""
+        for one, record in zip(self.quantities, trial.records, strict=True):
+            if not size_of(one, record) > 0:
+                remedy = "Choose another quantity, or its path or maximum over the run."
+                raise InputError(f"{one} = 0", "has no relative error", "tune", remedy)
+
+
+def size_of_run(problem: Problem) -> Workload:
+    """Predict the size of a run without its mesh, where that is possible."""
+    if not isinstance(problem, SceneProblem):
+        return problem.workload(Level())
+    scene = problem.scene
+    in_time = scene.time and not scene.equilibrium
+    if in_time and scene.time.dt == "auto" and scene.time.method.type in EXPLICIT:
+        return Workload.explicit(scene)
+    return Workload.of(scene)

@@ -1,0 +1,295 @@
+"""`tune`: an accepted error in, the cheapest proven setting out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from fecloth.errors import InputError
+from fecloth.output.atomic_files import replace_file
+from fecloth.quantities.units import TIME
+from fecloth.quantities.units import quantity as read_quantity
+from fecloth.scene.scene import Scene
+from fecloth.simulation.probes import Probe
+from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.study.problems import Problem, SceneProblem, open_problem
+from fecloth.study.run_problems import Runs
+from fecloth.study.tables import Table
+from fecloth.study.tolerance import in_percent, read_tolerance
+from fecloth.study.tuning.choices import Choice, methods_to_try, span_of, text_with
+from fecloth.study.tuning.fewer_terms import drop_terms
+from fecloth.study.tuning.prediction import Candidate
+from fecloth.study.tuning.proof import Proof, best_run, prove
+from fecloth.study.tuning.result import Tuned
+from fecloth.study.tuning.search import (
+    Goal,
+    coarse_meshes,
+    measure_meshes,
+    shared_run,
+    spent,
+)
+from fecloth.study.tuning.space_errors import SpaceErrors
+from fecloth.study.tuning.time_errors import measure_methods
+from fecloth.study.tuning.trials import Bench, Trial
+from fecloth.study.workload import LONGEST, in_words
+
+SEARCH = 40.0  # s, CPU time for the runs of all methods
+COLUMNS = "element", "pattern", "h", "method", "rtol", "linear"  # of a setting, in the table
+STEPS = 128  # of the runs that compare terms
+SHARPER = 100.0  # divides the solver's tolerance in the run that shows its error
+
+
+def tune(
+    problem: Scene | str | Path | Callable,
+    tolerance: float | str = 0.01,
+    quantity: str | Quantity | Sequence[str | Quantity] | None = None,
+    *,
+    budget: float | str | None = None,
+    model: bool = False,
+    methods: Sequence[str] | None = None,
+    elements: Sequence[str] | None = None,
+    folder: str | Path | None = None,
+    h: float | None = None,
+    dt: float | None = None,
+    t_end: float | None = None,
+    probes: Sequence[Probe] = (),
+    cache: str | Path | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    time_limit: float | None = None,
+    most_seconds: float | None = LONGEST,
+    fresh: bool = False,
+    **settings: object,
+) -> Tuned:
+    """Find the cheapest setting of a problem that meets a tolerance, and prove its error.
+
+    Runs on a coarse mesh show the error in time of each method and the seconds that it takes; runs
+    on a few meshes with the same steps show the error in space of each element and pattern. From
+    these the errors and the seconds of all settings are predicted: element, pattern, h, method and
+    dt or rtol. The cheapest setting that should meet the tolerance is run beside one that is finer
+    in what contributes most to the error. The difference of both, extrapolated with the observed
+    order, is the error of the tuned setting.
+
+    Parameters
+    ----------
+    problem
+        A scene, its path, or a function as for `converge`. What the function takes as `method` and
+        `element` varies as `methods` and `elements` say; h and dt vary always.
+    tolerance
+        Largest relative error of each quantity, as 0.01 or "1%".
+    quantity
+        One or more; by default all of [interest], the paths of the probes (in a static scene their
+        ends), or the displacement.
+    budget
+        Longest CPU time of the tuned run, as 60.0 [s] or "60 s". The most accurate setting within
+        it is sought in place of the cheapest one; the tolerance is not used.
+    model
+        Whether terms may be left out or replaced by cheaper ones, if that changes the quantities
+        by less than a quarter of the tolerance.
+    methods, elements
+        Names as in a scene, by default the usual methods with the scene's own, and P1 and P2.
+    folder
+        Where tuned.toml is written; None for nowhere.
+    h, dt, t_end, probes, cache, jobs, scheduler, time_limit, most_seconds, fresh
+        As for `converge`.
+
+    Raises
+    ------
+    InputError
+        For a tolerance outside 0 to 100 %, an unknown quantity or one of size zero, an unknown
+        name, or too long a time.
+    StudyFailed
+        If no run on a coarse mesh reaches its end.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> def strip(h, element="P1"):
+    ...     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="cross", element=element)
+    ...     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+    ...     mass = "lumped" if element == "P1" else "consistent"
+    ...     system = fc.System(cloth, fc.Fabric(0.2, 20.0), terms, pins=["left"], mass=mass)
+    ...     return cloth, system, None, system.rest()
+    >>> tip = [fc.Probe("tip", "right")]
+    >>> tuned = fc.tune(strip, "1%", "tip.x", h=0.1, probes=tip, elements=["P1", "P2"])
+    >>> print(tuned.proved, tuned.error < 0.01)
+    True True
+    """
+    opened = open_problem(problem, h, dt, t_end, probes, settings)
+    goal = _goal(tolerance, budget)
+    quantities = _quantities(opened, quantity)
+    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
+    bench = Bench(opened, quantities, runs)
+    names = methods_to_try(opened, methods)
+    meshes = coarse_meshes(opened, elements)
+    other: dict = {}
+    dropped: list[str] = []
+    before: list[Trial] = []
+    if model:
+        bench, other["model"], dropped, before = _reduce(bench, meshes[0], goal)
+    times = measure_methods(bench, meshes[0], names, goal.scale, SEARCH)
+    coarse = shared_run(bench, times, goal.scale)
+    bench.check_sizes(coarse)
+    space, prediction = measure_meshes(bench, meshes, times, coarse, goal)
+    search = [*before, *times.trials, *space.trials]
+    sharper = _sharper_run(bench, coarse)
+    if sharper is not None:
+        search.append(sharper)
+        other["solver"] = bench.distance(sharper, coarse)
+    added = sum((float(one.max()) for one in other.values()), 0.0)
+    prediction = replace(prediction, other=added)
+    reachable = not space.stalls(bench) and _is_short(goal.candidates(prediction), most_seconds)
+    found = prove(bench, prediction, goal, search, other) if reachable else None
+    if found is None:
+        found = best_run(bench, space, times, search, other)
+    why = found.why and _why(bench, space, goal.candidates(prediction), found.why)
+    return _summarise(bench, goal, replace(found, why=why), dropped, folder)
+
+
+def _goal(tolerance: float | str, budget: float | str | None) -> Goal:
+    if budget is None:
+        return Goal(tolerance=read_tolerance(tolerance))
+    seconds = read_quantity("budget", str(budget), TIME) if isinstance(budget, str) else budget
+    if not 0 < seconds < math.inf:
+        raise InputError(
+            f"budget = {budget!r}", 'must be a time > 0, as 60.0 [s] or "60 s"', "tune"
+        )
+    return Goal(budget=float(seconds))
+
+
+def _quantities(opened: Problem, quantity) -> tuple[Quantity, ...]:
+    """Return the quantities that count.
+
+    Raises
+    ------
+    InputError
+        For one that the run does not have.
+    """
+    if quantity is None and isinstance(opened, SceneProblem):
+        scene = opened.scene
+        path = "" if scene.equilibrium else "path of "
+        names = [f"{path}{probe.name}" for probe in scene.probes] or ["displacement"]
+        quantity = list(scene.interest.all) if scene.interest else names
+    if quantity is None:
+        quantity = opened.default_quantity
+    listed = quantity if isinstance(quantity, list | tuple) else [quantity]
+    parsed = tuple(parse_quantity(one) for one in listed)
+    for one in parsed:
+        opened.check_quantity(one)
+    return parsed
+
+
+def _reduce(bench: Bench, mesh: Choice, goal: Goal) -> tuple:
+    """Return the problem with fewer terms, its change, the changes in words and all runs."""
+    if not isinstance(bench.opened, SceneProblem):
+        remedy = "Write a scene file, or compare the models with compare."
+        raise InputError("model = True", "needs a scene: it changes its terms", "tune", remedy)
+    span = span_of(bench.opened)
+    choice = mesh if span is None else replace(mesh, method="bdf2", steps=STEPS)
+    return drop_terms(bench, choice, goal.scale)
+
+
+def _sharper_run(bench: Bench, coarse: Trial) -> Trial | None:
+    """Return the coarse run with a sharper tolerance of the solver; None if it has no solver."""
+    if coarse.choice.is_explicit:
+        return None
+    (trial,) = bench.run([replace(coarse.choice, sharper=SHARPER)])
+    return trial if trial.is_ok else None
+
+
+def _is_short(candidates: Sequence[Candidate], most_seconds: float | None) -> bool:
+    return bool(candidates) and candidates[0].seconds <= (most_seconds or math.inf)
+
+
+def _why(bench: Bench, space: SpaceErrors, candidates: Sequence[Candidate], why: str) -> str:
+    """Return why the goal was not met, in words."""
+    if space.stalls(bench):
+        obstacles = list(space.reference.row["obstacles"])
+        reasons = f": {'; '.join(obstacles)}" if obstacles else ""
+        return f"finer meshes do not come closer to each other{reasons}"
+    if not candidates:
+        return "no setting within reach is predicted to meet it"
+    if candidates[0].seconds > 0 and why == "the tolerance is out of reach":
+        words = f"{candidates[0].choice} should meet it, in about {in_words(candidates[0].seconds)}"
+        return f"{words}, above the limit"
+    return why
+
+
+def _summarise(
+    bench: Bench, goal: Goal, found: Proof, dropped: Sequence[str], folder: str | Path | None
+) -> Tuned:
+    """Return the result; write tuned.toml."""
+    trial, opened = found.trial, bench.opened
+    met = found.error <= goal.tolerance and trial.seconds <= goal.budget
+    proved = met and not found.why
+    text = text_with(opened, trial.choice) if isinstance(opened, SceneProblem) else ""
+    scene = None
+    if folder is not None and text:
+        scene = Path(folder) / "tuned.toml"
+        scene.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(scene, text.encode())
+    verifying = [found.finer] if found.finer else []
+    return Tuned(
+        title=opened.name,
+        verdict=_verdict(found, goal, proved),
+        table=_table(bench, found),
+        error=found.error,
+        seconds=trial.seconds,
+        predicted=found.candidate.seconds if found.candidate else math.nan,
+        proved=proved,
+        tolerance=goal.tolerance if math.isfinite(goal.tolerance) else math.nan,
+        budget=goal.budget if math.isfinite(goal.budget) else math.nan,
+        quantities=tuple(one.text for one in bench.quantities),
+        parts={name: float(part.max()) for name, part in found.parts.items()},
+        settings=_settings(trial),
+        text=text,
+        scene=scene,
+        search_seconds=spent([one for one in found.search if one not in verifying]),
+        remarks=(f"Changed terms: {', '.join(dropped)}.",) if dropped else (),
+    )
+
+
+def _verdict(found: Proof, goal: Goal, proved: bool) -> str:
+    """Return the answer in words: proved, or not proved and why, and what can be had."""
+    has = f"{found.trial.choice}: error {in_percent(found.error)}, {found.trial.seconds:.2g} s"
+    if proved:
+        return f"proved: {has}"
+    if found.why:
+        return f"not proved: {found.why}. What can be had: {has}"
+    if math.isfinite(goal.budget):
+        return f"not proved: it takes longer than {goal.budget:g} s. {has}"
+    allowed = in_percent(goal.tolerance)
+    return f"not proved: the error is not below {allowed}. What can be had: {has}"
+
+
+def _settings(trial: Trial) -> dict[str, Any]:
+    choice, row = trial.choice, trial.row
+    values: dict[str, Any] = {"element": row["element"], "pattern": choice.pattern, "h": choice.h}
+    values |= {"method": choice.method, "rtol": choice.rtol}
+    if math.isfinite(row["step"]):
+        values["dt"] = row["step"]
+    return {name: value for name, value in values.items() if value}
+
+
+def _table(bench: Bench, found: Proof) -> Table:
+    """Return a row for each run, with its distance to the most accurate one."""
+    rows = []
+    best = found.finer
+    runs = dict.fromkeys([*found.search, found.trial, *([best] if best else [])])
+    left = found.error - float(bench.distance(best, found.trial).max()) if best else math.nan
+    for one in runs:
+        kind = "tuned" if one is found.trial else "verifying" if one is best else "search"
+        line: dict[str, Any] = {"run": kind}
+        line |= {name: getattr(one.choice, name) for name in COLUMNS if getattr(one.choice, name)}
+        line["status"] = one.row["status"]
+        if one.is_ok:
+            line |= {name: one.row[name] for name in ("triangles", "steps")}
+            line["seconds"] = one.seconds
+            if best:
+                apart = 0.0 if one is best else float(bench.distance(best, one).max())
+                line["error %"] = 100 * (apart + max(left, 0.0))
+        rows.append(line)
+    return Table(tuple(rows))

@@ -1,0 +1,195 @@
+"""Does `fc.tune` find a setting that meets the tolerance, is cheap, and is found quickly?
+
+    python -m studies.tune [--quick] [--names NAME …]
+    python -m studies.tune --unseen SEED            on scenes that the seed draws
+
+On each of twelve scenes `tune` chooses a setting. The study runs it, compares it with a reference
+whose error is below a tenth of the tolerance, and with the cheapest setting of an exhaustive grid.
+Expected: the true error is at most 1.2 times the tolerance in 11 of 12 scenes; the run costs at
+most twice the best of the grid; the search, without its one verifying run, at most 3 times the
+tuned run or 60 s. Where finer meshes give other folds, `tune` must say that nothing is proved.
+
+The references and the best settings of the grids are stored; `studies.tune.references` and
+`studies.tune.grid` make them. Seconds are CPU seconds, measured in this study. The table is written
+to out/tune/tune.md and tune.csv; those in studies/tune are a copy of the full one.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import fecloth as fc
+from fecloth import study
+from fecloth.output.atomic_files import replace_file
+from fecloth.scene.scene import Scene
+from fecloth.study.problems import SceneProblem
+from fecloth.study.reports import markdown_table, write_csv
+from fecloth.study.run_problems import Runs
+from fecloth.study.scene_text import scene_of
+from fecloth.study.status import OK
+from studies.tune import grid, references, unseen
+from studies.tune.scenes import TWELVE, Tried
+
+QUICK = ("strip", "taut")
+ALLOWED, SHARE = 1.2, 11 / 12  # of the tolerance, and the part of the scenes that must meet it
+COST, SEARCH, LEAST_SEARCH = 2.0, 3.0, 60.0  # times the best, times the tuned run, s
+TITLE = "Tuning of twelve scenes to a tolerance"
+
+
+def judge(name: str, seed: int | None, out: str, fresh: bool) -> dict:
+    """Tune a scene and return its row."""
+    tried = next(one for one in tried_scenes(seed) if one.name == name)
+    runs = Runs(out, most_seconds=None, fresh=fresh)
+    folder = Path(out) / "tuned" / name
+    tuned = fc.tune(tried.scene(), tried.tolerance, folder=folder, most_seconds=None)
+    tuned.table.to_csv(folder / "runs.csv")
+    row = {
+        "quantities": ", ".join(q.text for q in references.quantities_of(tried)),
+        "tolerance %": 100 * tried.tolerance,
+        "setting": describe(scene_of(tuned.text)),
+        "tune's error %": 100 * tuned.error,
+        "proved": tuned.proved,
+        "search s": tuned.search_seconds,
+        "verdict": tuned.verdict.splitlines()[0],
+    }
+    return row | (
+        compare(tried, tuned, runs, seed) if tried.has_limit else {"tuned s": tuned.seconds}
+    )
+
+
+def tried_scenes(seed: int | None) -> list[Tried]:
+    return list(TWELVE) if seed is None else unseen.draw(seed)
+
+
+def compare(tried: Tried, tuned, runs: Runs, seed: int | None) -> dict:
+    """Return the true error and the seconds of the tuned run, and the best of the grid."""
+    if seed is None:
+        reference, nodes = references.read(tried), grid.read_best(tried)
+    else:
+        reference = references.reference_of(tried, references.make(tried, runs))
+        nodes = grid.best_of(tried, grid.search(tried, reference, runs))
+    problem = SceneProblem(scene_of(tuned.text), tried.name)
+    own = grid.Node(grid.Combination("", "tuned"))
+    again = Runs(runs.cache, most_seconds=None, timed=True, fresh=True)
+    own_run = grid.run_setting(tried, reference, problem, own, again)
+    best = grid.measure_best(tried, reference, again, nodes)
+    return {
+        "true error %": 100 * own_run.error,
+        "uncertainty %": 100 * max(reference.uncertainties.values()),
+        "tuned s": own_run.seconds,
+        "best s": best.seconds if best else math.nan,
+        "best": describe(best.problem.scene) if best and best.problem else "none",
+        "cost ratio": own_run.seconds / best.seconds if best else math.nan,
+    }
+
+
+def describe(scene: Scene) -> str:
+    """Return the setting of a scene in a few words.
+
+    Examples
+    --------
+    >>> describe(TWELVE[0].scene())
+    'P1 unstructured, h = 0.02 m'
+    """
+    cloth = scene.cloth
+    words = " ".join(w for w in (cloth.element, getattr(cloth, "pattern", "")) if w)
+    parts = [words, f"h = {cloth.h:.3g} m" if cloth.h else "a mesh of one size"]
+    if getattr(cloth, "grading", None):
+        parts.append("graded")
+    if not scene.equilibrium:
+        time = scene.time
+        size = f"dt = {time.dt:.3g} s" if time.dt != "auto" else "stable steps"
+        parts += [time.method.type, f"rtol = {time.rtol:.3g}/s" if time.rtol else size]
+    return ", ".join(parts)
+
+
+# --- the verdict ----------------------------------------------------------------------------------
+
+
+def collect_findings(rows: list[Mapping]) -> list[study.Finding]:
+    """Return the four numbers of the acceptance, and how many tolerances were proved."""
+    met = [is_right(row) for row in rows]
+    ratios = [row["cost ratio"] for row in rows if "cost ratio" in row]
+    searches = [row["search s"] / search_limit(row) for row in rows]
+    endless = [row for row in rows if not limit_of(row)]
+    findings = [
+        study.Finding(f"share of {len(rows)} scenes with an error as asked", _mean(met), SHARE),
+        study.Finding("largest cost over the best of the grid", max(ratios), high=COST),
+        study.Finding("largest time of the search over its limit", max(searches), high=1.0),
+        study.Finding("tolerances proved", sum(bool(row["proved"]) for row in rows)),
+    ]
+    if endless:
+        said = _mean([not row["proved"] for row in endless])
+        findings.append(study.Finding("scenes without a limit that are not proved", said, 1.0))
+    return findings
+
+
+def limit_of(row: Mapping) -> bool:
+    """Whether the scene of a row converges."""
+    return "true error %" in row
+
+
+def is_right(row: Mapping) -> bool:
+    """Whether the true error is as asked; without a limit, whether `tune` says so."""
+    if not limit_of(row):
+        return not row["proved"]
+    return row["true error %"] <= ALLOWED * row["tolerance %"]
+
+
+def search_limit(row: Mapping) -> float:
+    """Return the longest search allowed [s]."""
+    return max(SEARCH * row["tuned s"], LEAST_SEARCH)
+
+
+def _mean(values: list[bool]) -> float:
+    return sum(values) / len(values)
+
+
+def verdict_of(findings: list[study.Finding]) -> str:
+    missed = [one.what for one in findings if not one.is_met]
+    return f"The acceptance fails: {'; '.join(missed)}." if missed else "The acceptance is met."
+
+
+def main() -> int:
+    names = {"nargs": "*", "default": [], "metavar": "NAME", "help": "scenes; all by default"}
+    seed = {"type": int, "default": None, "metavar": "SEED", "help": "scenes that it draws"}
+    options = study.parse_arguments(__doc__, names=names, unseen=seed)
+    listed = [one.name for one in tried_scenes(options.unseen)]
+    chosen = options.names or (QUICK if options.quick and options.unseen is None else listed)
+    settings = {"seed": options.unseen, "out": str(options.out), "fresh": options.fresh}
+    cases = [{"name": name, **settings} for name in listed if name in chosen]
+    rows = study.run_cases(cases, judge, **study.run_options(options, alone=True))
+    study.require_results(options, TITLE, rows)
+    good = [row for row in rows if row["status"] == OK]
+    table = [{"scene": row["name"], **_shown(row)} for row in good]
+    findings = collect_findings(good)
+    verdict = verdict_of(findings)
+    write_table(options, table, findings, verdict)
+    return study.write_report(
+        options, TITLE, rows, tables={"Scenes": table}, findings=findings, conclusion=verdict
+    )
+
+
+def _shown(row: Mapping) -> dict:
+    order = ("quantities", "tolerance %", "setting", "true error %", "uncertainty %")
+    order += ("tune's error %", "proved", "tuned s", "best", "best s", "cost ratio", "search s")
+    return {key: row.get(key) for key in (*order, "verdict")}
+
+
+def write_table(options, table: list[dict], findings: list[study.Finding], verdict: str) -> None:
+    """Write tune.md and tune.csv into the folder of the results."""
+    more = "" if options.unseen is None else f" --unseen {options.unseen}"
+    words = "\n".join(f"- {finding}" for finding in findings)
+    short = [{key: value for key, value in row.items() if key != "verdict"} for row in table]
+    said = "\n".join(f"- {row['scene']}: {row['verdict']}" for row in table)
+    parts = [f"# {TITLE}", f"`python -m studies.tune{more}`", verdict, words]
+    parts += [markdown_table(short), "What `tune` says:", said]
+    replace_file(options.out / "tune.md", ("\n\n".join(parts) + "\n").encode())
+    write_csv(table, options.out / "tune.csv")
+
+
+if __name__ == "__main__":
+    sys.exit(study.run_main(main))

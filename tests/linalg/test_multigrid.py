@@ -1,0 +1,241 @@
+"""Multigrid: a definite preconditioner on every mesh, the true solution, and few iterations."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+from support.matrices import difference, load, reference, relative, sheet
+
+import fecloth as fc
+from fecloth.linalg.aggregation import Aggregates, rigid_motions
+from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
+from fecloth.linalg.coarse_matrix import Transfer
+from fecloth.linalg.gauss_seidel import SweepOrder
+from fecloth.linalg.hierarchy import cycle
+from fecloth.linalg.multigrid import Multigrid
+from fecloth.linalg.pcg import PCG
+
+FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
+PINS = [
+    ["left"],
+    ["left", fc.Slide("right", normal=(1.0, 2.0, 3.0))],
+    [fc.Slide("boundary", normal=(0, 0, 1))],
+]
+
+
+def cloth_system(h=0.17, pattern="unstructured", element="P1", bending=None, pins=("left",)):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=h, pattern=pattern, element=element)
+    terms = [fc.StVK(), fc.Gravity(), *([bending] if bending else [])]
+    return fc.System(cloth, FABRIC, terms, list(pins))
+
+
+def folded(system):
+    """A state that is bent, stretched by 2 % in one direction and compressed in the other."""
+    X, Y = system.cloth.X.T
+    x = np.column_stack([1.02 * X, 0.97 * Y + 0.05 * np.sin(5 * X), 0.1 * np.sin(4 * X) * Y])
+    return system.state(x)
+
+
+def stretched(system):
+    """A bent state whose exact tangent is definite."""
+    X, Y = system.cloth.X.T
+    return system.state(np.column_stack([1.1 * X, 1.1 * Y, 0.1 * np.sin(4 * X) * Y]))
+
+
+STATES = [pytest.param(folded, True, id="clamped"), pytest.param(stretched, False, id="exact")]
+
+
+def tangent(system, state, dt=5e-3, definite=True):
+    """M/dt + dt K, projected: the matrix of backward Euler."""
+    A = BlockMatrix.zeros(system.pattern)
+    system.assemble(A, state, wx=dt, wa=1 / dt, definite=definite)
+    return system.project(A)
+
+
+def prepared(A, x=None):
+    solver = Multigrid()
+    if x is not None:
+        solver.begin(1.0, 1.0, x)
+    solver.prepare(A)
+    return solver
+
+
+def preconditioner(solver):
+    """The dense matrix of one cycle."""
+    n = len(solver._inverse)
+    columns = [cycle(solver._levels, e.reshape(n, 3)).ravel().copy() for e in np.eye(3 * n)]
+    return np.array(columns).T
+
+
+def check_definite(M):
+    assert abs(M - M.T).max() < 1e-12 * abs(M).max()
+    assert np.linalg.eigvalsh(0.5 * (M + M.T))[0] > 0
+
+
+MESHES = [
+    *((pattern, "P1", None) for pattern in ("unstructured", "right", "cross", "equilateral")),
+    *((pattern, "P1", fc.HingeBending()) for pattern in ("unstructured", "right", "cross")),
+    ("unstructured", "P1", fc.PlateBending()),
+    ("unstructured", "P2", None),
+    ("right", "P2", fc.PlateBending()),
+]
+
+
+@pytest.mark.parametrize(("shape", "definite"), STATES)
+@pytest.mark.parametrize(("pattern", "element", "bending"), MESHES)
+def test_a_cycle_is_symmetric_and_positive_definite(pattern, element, bending, shape, definite):
+    system = cloth_system(0.3 if element == "P2" else 0.17, pattern, element, bending)
+    state = shape(system)
+    solver = prepared(tangent(system, state, definite=definite), state.x)
+    assert len(solver._levels) >= 2
+    check_definite(preconditioner(solver))
+
+
+def test_a_cycle_remains_definite_with_coarse_matrices_of_another_matrix():
+    system = cloth_system(bending=fc.HingeBending())
+    state = folded(system)
+    solver = prepared(tangent(system, state, dt=1e-4), state.x)
+    kept = solver._levels[1]
+    solver.prepare(tangent(system, system.rest(), dt=0.1))
+    assert solver._levels[1] is kept
+    check_definite(preconditioner(solver))
+
+
+@pytest.mark.parametrize(("shape", "definite"), STATES)
+@pytest.mark.parametrize("pins", PINS)
+def test_solution_is_that_of_a_direct_solver(pins, shape, definite):
+    system = cloth_system(0.1, bending=fc.HingeBending(), pins=pins)
+    state = shape(system)
+    A, b = tangent(system, state, definite=definite), system.force(state)
+    b = system.constraints.project(b)
+    x, info = prepared(A, state.x).solve(b, rtol=1e-11)
+    assert info.residual <= 1e-11
+    assert difference(x, reference(A, b)) < 1e-8
+    held = system.constraints.held_part(x)
+    assert abs(held).max() < 1e-12 * abs(x).max()
+
+
+def iterations(solver, A, b):
+    solver.prepare(A)
+    x, info = solver.solve(b, rtol=1e-6)
+    assert relative(A, x, b) <= 1e-6
+    return info.iterations
+
+
+def test_iterations_hardly_grow_with_the_mesh():
+    """PCG's iterations double with the nodes in each direction; multigrid's grow as its root."""
+    counts = []
+    for h in (0.04, 0.02):
+        system = cloth_system(h, bending=fc.HingeBending())
+        state = folded(system)
+        A, b = tangent(system, state), system.constraints.project(system.force(state))
+        solver = Multigrid()
+        solver.begin(1.0, 1.0, state.x)
+        counts.append((iterations(PCG(), A, b), iterations(solver, A, b)))
+    (plain, few), (plain_finer, few_finer) = counts
+    assert plain_finer > 1.7 * plain
+    assert few_finer / few < np.sqrt(plain_finer / plain)
+    assert few_finer < 0.15 * plain_finer
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_coarse_levels_represent_rigid_motions(turned):
+    """P R = B for the rigid motions B where they take no energy: an unstretched free cloth."""
+    system = cloth_system(0.1, bending=fc.HingeBending(), pins=())
+    x = system.rest().x
+    if turned:
+        x = x @ np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    A = BlockMatrix.zeros(system.pattern)
+    system.assemble(A, system.state(x), wx=1.0)
+    A.values[A.pattern.diagonal] += 1e-9 * np.eye(3)  # flat cloth without stress: singular blocks
+    solver = prepared(A, x)
+    level, motions = solver._levels[0], rigid_motions(x)
+    transfer = level.grid.transfer
+    coarse = dense_prolongator(level)
+    fitted, *_ = np.linalg.lstsq(coarse, motions.reshape(-1, 6))
+    assert abs(coarse @ fitted - motions.reshape(-1, 6)).max() < 1e-6
+    assert coarse.shape[1] == 6 * len(transfer.aggregates) < len(coarse) / 2
+
+
+def dense_prolongator(level):
+    transfer = level.grid.transfer
+    P = np.zeros((len(transfer.indptr) - 1, 3, len(transfer.aggregates), 6))
+    for i in range(len(P)):
+        for s in range(transfer.indptr[i], transfer.indptr[i + 1]):
+            P[i, :, transfer.indices[s]] = level.P[s]
+    return P.reshape(3 * len(P), -1)
+
+
+def test_coarse_matrix_is_the_product():
+    A = sheet(m=9, pinned=[0, 1, 2])
+    pattern = A.pattern
+    transfer, rng = Transfer.of(pattern, Aggregates.of(pattern)), np.random.default_rng(2)
+    P = rng.normal(size=(len(transfer.indices), 3, 6))
+    coarse = transfer.coarse_matrix((pattern.indptr, pattern.indices, A.values), P)
+
+    class Given:
+        grid = type("Grid", (), {"transfer": transfer})
+
+    Given.P = P
+    dense = dense_prolongator(Given)
+    expected = dense.T @ A.to_scipy().toarray() @ dense
+    np.testing.assert_allclose(coarse.to_scipy().toarray(), expected, atol=1e-11 * expected.max())
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_aggregates_and_colours_cover_every_node_once(element):
+    pattern = cloth_system(0.1, element=element, bending=fc.PlateBending()).pattern
+    aggregates, order = Aggregates.of(pattern), SweepOrder.of(pattern)
+    assert sorted(aggregates.members) == sorted(order.nodes) == list(range(len(pattern)))
+    assert len(aggregates) < len(pattern) / 4
+    place = np.empty(len(pattern), int)
+    place[order.nodes] = np.arange(len(pattern))
+    for q, i in enumerate(order.nodes):
+        before = order.indices[order.indptr[q] : order.middle[q]]
+        after = order.indices[order.middle[q] : order.indptr[q + 1]]
+        assert (place[before] < q).all()
+        assert (place[after] > q).all()
+        row = pattern.indices[pattern.indptr[i] : pattern.indptr[i + 1]]
+        assert sorted([*before, i, *after]) == list(row)
+
+
+def test_coarse_matrices_are_kept_until_the_iterations_double():
+    system = cloth_system(0.05, bending=fc.HingeBending())
+    state = folded(system)
+    b = system.constraints.project(system.force(state))
+    near, far = (tangent(system, state, dt) for dt in (1e-3, 0.05))
+    solver, kept, counts = Multigrid(), [], []
+    for A in (near, near, far, far, far):
+        solver.begin(1.0, 1.0, state.x)
+        counts.append(iterations(solver, A, b))
+        kept.append(solver._levels[1])
+    assert kept[0] is kept[1] is kept[2]
+    assert counts[2] > 2 * counts[0]
+    assert kept[3] is not kept[2]
+    assert kept[4] is kept[3]
+    assert counts[3] < counts[2]
+
+
+def test_dropped_solver_repeats_its_solution_bit_for_bit():
+    system = cloth_system(0.05, bending=fc.HingeBending())
+    state = folded(system)
+    b = system.constraints.project(system.force(state))
+    solver, A = prepared(tangent(system, state, 0.05), state.x), tangent(system, state)
+    solver.solve(b)
+    solver.drop()
+    solver.begin(1.0, 1.0, state.x)
+    solver.prepare(A)
+    again, _ = solver.solve(b, rtol=1e-6)
+    new, _ = prepared(A, state.x).solve(b, rtol=1e-6)
+    np.testing.assert_array_equal(again, new)
+
+
+def test_parts_that_are_not_coupled():
+    """Two sheets: the coarsest level has an aggregate of each."""
+    one = sheet(m=5).to_scipy()
+    A = scipy.sparse.block_diag([one, 3.0 * one]).tobsr((3, 3))
+    A.sort_indices()
+    A = BlockMatrix(BlockPattern(A.indptr, A.indices), A.data)
+    solver, b = prepared(A), load(A)
+    x, _ = solver.solve(b, rtol=1e-11)
+    assert difference(x, reference(A, b)) < 1e-8
+    assert len(solver._levels[-1].inverse) == 4

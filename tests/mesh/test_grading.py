@@ -1,0 +1,97 @@
+"""Gradings: edge lengths follow their formula in every shape, and what cannot be graded."""
+
+import numpy as np
+import pytest
+from support.meshed import MESHES, areas, rejects
+
+from fecloth.errors import InputError, MeshError
+from fecloth.mesh.generate import disk, rectangle
+from fecloth.mesh.grading import Grading
+from fecloth.mesh.read import read
+
+
+def to_points(*points):
+    return lambda X: np.linalg.norm(X[:, None] - np.array(points), axis=2).min(axis=1)
+
+
+CORNERS = to_points((0, 0), (1, 0), (1, 0.5), (0, 0.5))
+SHAPES = {
+    "corners": (lambda g, h: rectangle(1.0, 0.5, h, grading=[g]), CORNERS),
+    "left": (lambda g, h: rectangle(1.0, 0.5, h, grading=[g]), lambda X: X[:, 0]),
+    "boundary": (lambda g, h: disk(0.5, h, grading=[g]), lambda X: 0.5 - np.hypot(*X.T)),
+    "hoist": (lambda g, h: read(MESHES / "flag.geo", h, grading=[g]), lambda X: X[:, 0]),
+    "hoist_top": (lambda g, h: read(MESHES / "flag.geo", h, grading=[g]), to_points((0, 1))),
+}
+
+
+def measured_factors(mesh, h):
+    """Edge length of the equilateral triangle of the same area, over h."""
+    return np.sqrt(areas(mesh) * 4 / np.sqrt(3)) / h
+
+
+@pytest.mark.parametrize("where", SHAPES)
+def test_sizes_follow_the_formula(where):
+    h, d, power = 0.04, 0.2, 0.5
+    make, distance = SHAPES[where]
+    mesh = make(Grading(where, distance=d, power=power), h)
+    r = distance(mesh.X[mesh.triangles].mean(axis=1))
+    expected = np.clip((r / d) ** power, (h / d) ** (power / (1 - power)), 1)
+    ratio = measured_factors(mesh, h) / expected
+    for near, far in ((0, 0.02), (0.02, 0.1), (0.1, 0.3)):
+        ring = ratio[(near <= r) & (r < far)]
+        assert np.median(ring) == pytest.approx(0.9, abs=0.12), (near, far)
+    assert np.percentile(ratio, 2) > 0.6
+    assert np.percentile(ratio, 98) < 1.5
+
+
+def test_a_finer_h_alone_refines_the_family():
+    """Four times the triangles with half of h, and a corner that is finer by 2^(1/(1-power))."""
+    corner = Grading(point=(0.0, 0.5), distance=0.4, power=0.6)
+    coarse, fine = (rectangle(1.0, 0.5, h, grading=[corner]) for h in (0.05, 0.025))
+    assert len(fine.triangles) / len(coarse.triangles) == pytest.approx(4, rel=0.1)
+    least = [measured_factors(mesh, h).min() * h for mesh, h in ((coarse, 0.05), (fine, 0.025))]
+    assert least[0] / least[1] == pytest.approx(2**2.5, rel=0.15)
+
+
+def test_the_smallest_of_two_gradings_counts():
+    both = [Grading("left", distance=0.2), Grading(point=(1, 0), distance=0.2)]
+    mesh = rectangle(1.0, 0.5, 0.05, grading=both)
+    middle, size = mesh.X[mesh.triangles].mean(axis=1), measured_factors(mesh, 0.05)
+    assert size[middle[:, 0] < 0.02].max() < 0.5
+    assert size[to_points((1, 0))(middle) < 0.02].max() < 0.5
+    assert np.median(size[np.abs(middle[:, 0] - 0.5) < 0.1]) == pytest.approx(1, abs=0.1)
+
+
+def test_what_cannot_be_graded_is_refused(tmp_path):
+    left = Grading("left", distance=0.1)
+    rejects(
+        ["pattern = 'cross'", "unstructured"],
+        1,
+        1,
+        0.1,
+        "cross",
+        [left],
+        by=rectangle,
+        error=InputError,
+    )
+    rejects(
+        ["'lef'", "corners", "Did you mean 'left'"],
+        1,
+        1,
+        0.1,
+        grading=[Grading("lef", distance=1)],
+        by=rectangle,
+        error=InputError,
+    )
+    rejects(
+        ["a .geo file with h"], MESHES / "square_22.msh", grading=[left], by=read, error=InputError
+    )
+    rejects(["a .geo file with h"], MESHES / "flag.geo", grading=[left], by=read, error=InputError)
+    rejects(["grading = 0.1"], 1, 0.1, [0.1], by=disk, error=InputError)
+    rejects(["power = 1"], "left", distance=1, power=1, by=Grading, error=InputError)
+    rejects(["`where` or `point`"], distance=1, by=Grading, error=InputError)
+    rejects(["point = (1,)"], point=(1,), distance=1, by=Grading, error=InputError)
+    file = tmp_path / "own.geo"
+    field = 'Field[1] = MathEval;\nField[1].F = "0.1";\nBackground Field = 1;\n'
+    file.write_text((MESHES / "square.geo").read_text() + field)
+    rejects(["size fields of their own"], file, 0.1, grading=[left], by=read, error=MeshError)

@@ -1,0 +1,164 @@
+"""Progress lines of studies: time left, stored cases, short causes; sizes before the first run."""
+
+import pytest
+
+import fecloth as fc
+from fecloth import study
+from fecloth.cli import main as cli
+from fecloth.errors import InputError
+from fecloth.study import problems
+from fecloth.study.levels import Level
+from fecloth.study.progress import Progress
+from fecloth.study.simplification import runs as simplify_runs
+from fecloth.study.status import TimeLimit
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.25
+h = 0.125
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 20.0
+[[terms]]
+type = "StVK"
+[[pins]]
+where = "left"
+[equilibrium]
+[[probes]]
+name = "tip"
+where = "right"
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    file = tmp_path / "strip.toml"
+    file.write_text(SCENE + '[interest]\nend = ["tip.x"]\n')
+    return file
+
+
+def progress_at(finished, costs, **more):
+    """Return the progress after cases with these costs that finish at these times."""
+    clock = iter([0.0, *(t for t, _ in finished)]).__next__
+    progress = Progress(costs, clock=clock, **more)
+    for _, cost in finished:
+        progress.add(cost)
+    return progress
+
+
+def test_the_first_case_of_each_process_does_not_count_for_the_time_left():
+    """Two processes start for 10 s; then each case takes 2 s, two at a time."""
+    finished = [(10, 1), (10, 1), (12, 1), (12, 1)]
+    progress = progress_at(finished, [1] * 8, at_once=2, in_seconds=True)
+    assert progress.seconds_left == pytest.approx(4.0)
+    early = progress_at(finished[:1], [1] * 8, at_once=2, in_seconds=True)
+    assert early.seconds_left == pytest.approx(3.5)  # as predicted: 7 s in two processes
+
+
+def test_costs_without_a_unit_give_the_time_left_from_the_first_case():
+    assert progress_at([(10, 2)], [2, 6]).seconds_left == pytest.approx(30.0)
+
+
+def test_lines_say_what_is_stored_and_the_first_words_of_a_cause(capsys):
+    progress = Progress([1.0, 1.0], stored=3, clock=iter([0.0, 1.0, 4.0]).__next__)
+    progress.print("h / 2", {"status": "failed", "cause": "step 1 failed " * 20}, 1.0)
+    progress.print("h / 4", {"status": "ok", "cause": ""}, 1.0)
+    stored, failed, last = capsys.readouterr().err.splitlines()
+    assert stored == "cases already stored: 3 of 5"
+    assert failed.startswith("[1/2, 1 s, about 1 s left] h / 2: failed: step 1 failed step")
+    assert len(failed) < 150
+    assert last == "[2/2, 4 s] h / 4: ok"
+
+
+def test_a_function_that_runs_in_this_process_shows_progress(capsys):
+    def strip(h):
+        cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+        system = fc.System(cloth, fc.Fabric(0.2, 20.0), [fc.StVK()], pins=["left"])
+        return cloth, system, None, system.rest()
+
+    study.sweep(strip, "h=0.25,0.125", "area")
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.rpartition("] ")[2] for line in lines[1:]] == ["h = 0.25: ok", "h = 0.125: ok"]
+
+
+def test_commands_share_the_cases_that_they_have_in_common(scene, tmp_path, capsys):
+    """`sweep` runs what `converge` has run at the same values, and `compare` the same levels."""
+    run = {"cache": tmp_path / "cache"}
+    study.converge(scene, "tip.x", levels=3, **run)
+    capsys.readouterr()
+    study.sweep(scene, "fabric.tensile_stiffness=20,40", "tip.x", **run)
+    assert "stored: 1 of 2\n" in capsys.readouterr().err
+    study.compare(scene, "fabric.tensile_stiffness=20,40", "tip.x", **run)
+    assert "stored: 4 of 6\n" in capsys.readouterr().err
+    study.chart(scene, "tip.x", elements=["P1"], meshes=1, **run)
+    assert "stored: 3 of 3\n" in capsys.readouterr().err
+
+
+def test_the_quantities_of_interest_share_their_runs(scene, tmp_path, capsys):
+    more = '[interest]\nquantities = ["tip.x", "max tip.z"]\n'
+    scene.write_text(SCENE + more)
+    study.converge(scene, levels=3, cache=tmp_path / "cache")
+    capsys.readouterr()
+    study.converge(scene, "max tip.z", levels=3, cache=tmp_path / "cache")
+    assert "stored: 3 of 3\n" in capsys.readouterr().err
+
+
+def test_a_sweep_builds_each_scene_once(scene, monkeypatch):
+    """Its values are checked without their meshes: only the first scene is built to check it."""
+    built = []
+    build = problems.Scene.build
+    monkeypatch.setattr(problems.Scene, "build", lambda self: built.append(1) or build(self))
+    study.sweep(scene, "fabric.tensile_stiffness=10,20,40")
+    assert len(built) == 4
+
+
+def test_values_that_only_the_mesh_refuses_are_rows_or_an_error(scene):
+    found = study.sweep(scene, {"pins.0.where": ["left", "nowhere"]}, "tip.x")
+    assert found.table["status"] == ["ok", "refused"]
+    with pytest.raises(InputError, match="nowhere"):
+        study.sweep(scene, {"pins.0.where": ["nowhere"]}, "tip.x")
+
+
+@pytest.mark.parametrize("command", [study.converge, study.chart, study.simplify])
+def test_a_huge_scene_is_refused_before_its_mesh_is_made(command, scene, monkeypatch):
+    scene.write_text(scene.read_text().replace("h = 0.125", "h = 1e-5"))
+    monkeypatch.setattr(problems.Scene, "build", lambda self: pytest.fail("it was built"))
+    with pytest.raises(InputError, match="predicted time above 60 min"):
+        command(scene)
+
+
+def test_the_command_names_its_way_out_and_its_mistakes(scene, capsys):
+    huge = ["--set", "cloth.h=1e-5"]
+    wrong = {
+        "--yes, runs it anyway": huge,
+        "jobs = 0: must be an integer of at least 1": ["--jobs", "0"],
+        "--time-limit 0: must be > 0 [s]": ["--time-limit", "0"],
+    }
+    for said, options in wrong.items():
+        assert cli.main(["converge", str(scene), *options]) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_the_size_of_a_level_needs_no_mesh(scene):
+    opened = problems.open_problem(scene)
+    opened.size  # noqa: B018
+    finer = opened.workload(Level(h=2.0))
+    assert finer.triangles == pytest.approx(4 * len(opened.first.cloth.triangles), rel=1e-12)
+
+
+def test_compilation_does_not_count_against_the_limit_of_a_variant(scene, monkeypatch):
+    """The first run is over its limit, as where it compiles; the second is not."""
+    rows = iter([TimeLimit("more than 1 CPU second"), {"cpu_seconds": 0.1}])
+
+    def measure(*_, **__):
+        answer = next(rows)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    monkeypatch.setattr(simplify_runs, "measure", measure)
+    row = simplify_runs.run_variant("h × 2", scene.read_text(), "", [], 0, 1, most=1.0)
+    assert row == {"cpu_seconds": 0.1}
