@@ -11,8 +11,7 @@ turns. Of each tree the cheapest linear solver of `SOLVERS` counts.
 The reference is by central differences at a quarter of their largest step, on the same mesh: errors
 are those in time, as a root mean square over the nodes at ten times. "Apart" is the distance of the
 two trees, relative to the error. It says how much of the error is Newton's, as long as both
-crumple alike; the other tree's linear solvers are up to 0.16 apart. The table of a full run is in
-studies/benchmarks/newton_sheets.md.
+crumple alike; the other tree's linear solvers are up to 0.16 apart.
 """
 
 from __future__ import annotations
