@@ -26,7 +26,7 @@ from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
 
 MOST = 2**14  # steps of a call: their times and the motion of pins are kept as arrays
-FEWEST = 3  # steps that are worth the copies of a call
+FEWEST = 1  # more steps are worth the copies of a call
 ALIKE = 1e-9  # relative difference of step sizes that count as equal: the clock's round-off
 CHECK_EVERY = 8  # explicit steps between two looks at the stretches
 LOOK_EVERY = 64  # the same of fused steps of one size, whose values are all finite at the end

@@ -190,8 +190,9 @@ def march(
         wanted = yield state, info
         skipped = fused.skip(state, last_memory, number, wanted)
         if skipped:
-            good = state = skipped.state
-            number, last_memory = number + skipped.number, skipped.memory
+            state, last_memory = skipped.state, skipped.memory
+            number += skipped.number
+            good = good if _problem(system, state, most_stretch, True) else state
         place += int(np.searchsorted(targets[place:], state.t, side="right"))
 
 

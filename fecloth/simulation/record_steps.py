@@ -20,7 +20,8 @@ from fecloth.simulation.time_error import NEVER, TimeError
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-ROWS = 2000  # of a run whose steps can be fused
+LATE = 1.5  # times the distance of rows: the most by which two are apart
+ROWS = 1000  # of a run whose steps can be fused
 MOST_GROWTH = 4.0  # times the energy available: every usable step so far had less
 
 
@@ -93,13 +94,20 @@ def record_steps(
         time_error = time_error.after(system, method, info, ledger)
         so_far = balance, time_error
         yield Record(state, info, ledger, observed, *so_far, time.perf_counter() - begin)
-        taken = _advance(steps, next_row(info) if next_row else None, time_error.due)
+        taken = _advance(steps, info, next_row, time_error.due)
 
 
-def _advance(steps, wanted: Wanted | None, due: int):
-    """Return the next recorded step, or None: a step that the error in time needs always is one."""
-    if wanted is None or not hasattr(steps, "send"):
+def _advance(steps, info: StepInfo, next_row: Callable[[StepInfo], Wanted] | None, due: int):
+    """Return the next recorded step, or None.
+
+    The step `due` for the error in time is always one, and takes the place of a row that is wanted
+    shortly before.
+    """
+    if next_row is None or not hasattr(steps, "send"):
         return next(steps, None)
+    wanted = next_row(info)
+    if info.step + LATE * (wanted.t - info.t) / info.dt >= due:
+        wanted = replace(wanted, t=math.inf)
     with suppress(StopIteration):
         return steps.send(replace(wanted, step=min(wanted.step, due)))
     return None
@@ -113,11 +121,10 @@ def check_rows(rows: object) -> None:
 
 def rows_at_least(rows: int, start: float, t_end: float) -> Callable[[StepInfo], Wanted]:
     """Return the rule by which a run has about that many `rows`, or one for each step if fewer."""
-    spacing = (t_end - start) / rows
+    spacing = (1 - 1e-6) * (t_end - start) / rows
 
     def next_row(info: StepInfo) -> Wanted:
-        number = math.floor((info.t - start) / spacing + 1e-6) + 1
-        return Wanted(NEVER, start + number * spacing - 1e-6 * spacing)
+        return Wanted(NEVER, info.t + spacing)
 
     return next_row
 

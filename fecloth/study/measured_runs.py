@@ -48,9 +48,7 @@ def run_scene_text(
     timed: bool = False,
 ) -> dict:
     """Run the scene of a text; `recorded` are the columns to return over the whole run."""
-    begin = time.process_time()
-    row = measure(setup_of_scene(text, trust_geo), recorded, modes, timed=timed)
-    return row | {"case_seconds": time.process_time() - begin}
+    return _measure_all(setup_of_scene(text, trust_geo), recorded, modes, timed)
 
 
 def run_function(
@@ -67,8 +65,13 @@ def run_function(
     timed: bool = False,
 ) -> dict:
     """Run what the user's function of that file returns; `probes` are names with places."""
-    begin = time.process_time()
     setup = setup_of_importable(path, name, settings, dt, t_end, probes, sharper)
+    return _measure_all(setup, recorded, modes, timed)
+
+
+def _measure_all(setup: Setup, recorded: list, modes: int, timed: bool) -> dict:
+    """Return the row of a case, with the CPU seconds of all its runs."""
+    begin = time.process_time()
     row = measure(setup, recorded, modes, timed=timed)
     return row | {"case_seconds": time.process_time() - begin}
 

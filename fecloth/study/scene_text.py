@@ -46,7 +46,9 @@ def text_of(
         data["time"]["dt"] = dt
     if rtol is not None:
         data["time"]["rtol"] = rtol
-    if scene.time and sharper is not None:
+    if sharper is not None and scene.equilibrium:
+        data["equilibrium"]["tolerance"] = data["equilibrium"]["tolerance"] / sharper
+    elif sharper is not None:
         data["solver"]["tolerance"] = scene.solver.make().residual / sharper
     return to_toml(data)
 
