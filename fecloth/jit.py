@@ -76,6 +76,14 @@ def kernel(function: Callable[..., Result]) -> Callable[..., Result]:
     return _compile(function) if _is_of_package(function) else _compile_by_content(function)
 
 
+def rounded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
+    """Compile an entry point that rounds each product and sum by itself.
+
+    The same formula then gives the same bits in every loop in which it stands.
+    """
+    return _compile(function, fastmath=False)
+
+
 def threaded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
     """Compile an entry point whose loops over `numba.prange` are shared among threads.
 
@@ -128,7 +136,7 @@ def _compile_by_content(function: Any, **options: Any) -> Any:
     """Compile; Numba finds the machine code on disk by a name that holds the fingerprint."""
     content = fingerprint(function)
     if content is None:
-        return numba.njit(**OPTIONS, **options)(function)
+        return numba.njit(**(OPTIONS | options))(function)
     name = f"{function.__qualname__}-{content}"
     return _compile(_copy(function, name, function.__globals__), **options)
 
@@ -139,7 +147,7 @@ def _compile(function: Any, **options: Any) -> Any:
     user_choice = config.CACHE_DIR
     config.CACHE_DIR = cache_folder()  # read by Numba while it decorates, not later
     try:
-        return numba.njit(cache=True, **OPTIONS, **options)(function)
+        return numba.njit(cache=True, **(OPTIONS | options))(function)
     finally:
         config.CACHE_DIR = user_choice
 

@@ -11,10 +11,11 @@ import pytest
 import fecloth
 
 PACKAGE = Path(fecloth.__file__).parent
-PACKAGES = """errors validation suggest jit quantities linalg mesh fabric terms system nonlinear
-integrators stability output view simulation homogenisation verify scene runs study cli"""
+PACKAGES = """errors validation suggest jit compiled_calls quantities linalg mesh fabric terms
+system nonlinear integrators stability output view simulation homogenisation verify scene runs study
+cli"""
 ORDER = PACKAGES.split()
-ROOT_FILES = {"__init__", "__main__", "errors", "validation", "suggest", "jit"}
+ROOT_FILES = {"__init__", "__main__", "errors", "validation", "suggest", "jit", "compiled_calls"}
 ROOT_FILES |= {"homogenisation", "verify"}
 
 

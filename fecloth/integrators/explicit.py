@@ -16,7 +16,7 @@ from fecloth.errors import InputError, flag
 from fecloth.integrators.numerical_dissipation import explicit_dissipation
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, prescribed_end
-from fecloth.jit import Array, kernel
+from fecloth.jit import Array, kernel, rounded_kernel
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.records import remembered
 from fecloth.system.state import State
@@ -212,7 +212,7 @@ def set_held(system: System, state: State, end: State) -> State:
     return state
 
 
-@kernel
+@rounded_kernel
 def move(x: Array, v: Array, a: Array, dt: float, share: float, x_new: Array, v_new: Array) -> None:
     """v_new = v + dt a, x_new = x + dt (v + share dt a)."""
     for i in range(len(x)):
@@ -222,7 +222,7 @@ def move(x: Array, v: Array, a: Array, dt: float, share: float, x_new: Array, v_
             v_new[i, k] = v[i, k] + dv
 
 
-@kernel
+@rounded_kernel
 def kick(v: Array, a: Array, b: Array, dt: float, v_new: Array) -> None:
     """v_new = v + dt (a + b)/2."""
     for i in range(len(v)):

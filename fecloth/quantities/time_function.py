@@ -49,6 +49,11 @@ class TimeFunction:
             raise InputError(f"{self.name}({t:g}) = {value!r}", allowed, self.where)
         return value
 
+    @property
+    def is_constant(self) -> bool:
+        """Whether it is made of numbers alone."""
+        return not callable(self.parts) and all(isinstance(part, float) for part in self.parts)
+
     def rate(self, t: float) -> np.ndarray:
         """The derivative by t: exact for formulas, a central difference of a function."""
         if not callable(self.parts):

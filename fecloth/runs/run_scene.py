@@ -2,9 +2,10 @@
 
 scene.resolved.toml   the scene with all defaults and overrides
 run.pvd, run.vtu.series, frames/*.vtu   for ParaView; or all in one, run.vtkhdf
-steps.csv      number, time, size, iterations, residual and energy drift of every step
-energies.csv   the ledger at every step
-observed.csv   probes, mean displacement, sag, area and reactions at every step
+steps.csv      number, time, size, iterations, residual and energy drift of every step, or of as
+               many as `rows` asks for
+energies.csv   the ledger at these steps
+observed.csv   probes, mean displacement, sag, area and reactions at these steps
 restart/*.npz  to continue the run, see `restart`
 strains.csv    extremes of the principal stretches at every frame
 report.html    a page for the browser

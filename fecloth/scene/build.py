@@ -78,6 +78,7 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
         ledger=ledger,
         observer=observer,
         frame_steps=scene.output.steps(scene.schedule),
+        rows=scene.output.rows,
         stops=scene.output.stops(scene.schedule),
         frame_format=scene.output.format,
         note=_note(scene),

@@ -47,7 +47,7 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "equilibrium": "In place of `time`: the scene is static.",
         "solver": "Newton's iteration and the linear solver.",
         "output": "When frames and restart files are written.",
-        "probes": "Points whose path is recorded at every step, as [[probes]].",
+        "probes": "Points whose path is recorded, as [[probes]].",
         "expect": "What `fecloth check` verifies: names of columns, each with an expectation.",
         "interest": "The quantities of interest: what studies compare.",
     },
@@ -125,6 +125,8 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "format": "A file for each frame (vtu), or one for all (vtkhdf).",
         "restart_steps": "Steps between two restart files.",
         "restart_every": "In place of `restart_steps`: seconds of the motion between two.",
+        "rows": "Rows of the tables of a long explicit run, evenly spread; more where the error in "
+        "time needs them.",
         "intersections": "Whether the pairs of triangles that intersect are counted at frames.",
         "error_density": "Whether frames have the error in space of each triangle.",
     },

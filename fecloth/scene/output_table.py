@@ -12,13 +12,16 @@ from fecloth.quantities.units import TIME
 from fecloth.scene.equilibrium_table import EquilibriumTable
 from fecloth.scene.table_model import Table, require_exactly_one
 from fecloth.scene.time_table import Time
+from fecloth.simulation.record_steps import ROWS
 
 
 class Output(Table):
     """Frames: their approximate number, or the seconds or steps between two of them.
 
     `restart_steps` or `restart_every` ask for restart files: at the start, every that many steps
-    or seconds of the motion, and at the end.
+    or seconds of the motion, and at the end. An explicit run of more steps than `rows` has about
+    that many rows in its tables, evenly spread, and those that the error in time needs, where no
+    term and no pin needs Python.
     """
 
     frames: int | None = Field(default=None, ge=1)
@@ -29,6 +32,7 @@ class Output(Table):
     )
     restart_steps: int | None = Field(default=None, ge=1)
     restart_every: Annotated[float | None, TIME] = Field(default=None, gt=0)
+    rows: int = Field(default=ROWS, ge=1)
     intersections: bool = True
     error_density: bool = False
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +12,12 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import Memory, StepInfo, march
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.probes import Observer, Probe
+from fecloth.simulation.record_steps import ROWS, rows_at_least
 from fecloth.simulation.resolve import method_to_report
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -50,6 +53,8 @@ class Problem:
         What follows a value of t in words: " s" or " of the loads".
     error_density
         Whether frames have the energy of the error in space per area.
+    rows
+        As `run` takes it.
     """
 
     cloth: Cloth
@@ -70,6 +75,7 @@ class Problem:
     intersections: bool = True
     unit: str = " s"
     error_density: bool = False
+    rows: int = ROWS
 
     @property
     def is_static(self) -> bool:
@@ -91,9 +97,22 @@ class Problem:
         """What `march` needs before the first step."""
         return Memory(0, self.state.t, None)
 
+    def next_row(self, info: StepInfo) -> Wanted:
+        """Return the step after `info` of which there must be a row, a frame or a restart file."""
+        row = rows_at_least(self.rows, self.state.t, self.t_end)(info)
+        step, t = row.step, row.t
+        if self.frame_steps:
+            step = min(step, info.step + self.frame_steps - info.step % self.frame_steps)
+        if isinstance(self.restarts, int):
+            step = min(step, info.step + self.restarts - info.step % self.restarts)
+        elif self.restarts:
+            start, every = self.state.t, self.restarts
+            t = min(t, start + every * (math.floor((info.t - start) / every + 1e-9) + 1))
+        return Wanted(step, t)
+
     def march(
         self, solver: SolverContext, state: State | None = None, memory: Memory | None = None
-    ) -> Iterator[tuple[State, StepInfo]]:
+    ) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
         """March to the end from the start, or from a later state with the `Memory` of its step.
 
         With a memory `march` does not search the stable step again: `build` has refused a longer

@@ -50,11 +50,11 @@ class Balance:
         """Return the balance before the first step."""
         return cls(ledger.t, last=ledger.deformation, before=ledger.deformation)
 
-    def after(self, system: System, ledger: Ledger) -> Balance:
-        """Return the balance after a step with its ledger."""
+    def after(self, system: System, ledger: Ledger, number: int = 1) -> Balance:
+        """Return the balance after a `number` of steps, with the ledger after the last of them."""
         now, remainder = ledger.deformation, abs(ledger.remainder)
         largest = max(self.largest, min(now, self.last, self.before))
-        steps = self.steps + 1
+        steps = self.steps + number
         new = replace(self, steps=steps, largest=largest, last=now, before=self.last)
         trusted = new.trusted(system, ledger)
         if remainder <= trusted:

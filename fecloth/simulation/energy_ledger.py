@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fecloth.integrators.fused_steps import Flows
 from fecloth.integrators.numerical_dissipation import has_power_column, load_displacement
 from fecloth.linalg.reductions import dot
 from fecloth.simulation.rigid_motion import rms_without_rigid
@@ -57,7 +58,7 @@ class Ledger:
     places
         Place of each movable piece at the start (`Piece.place`) [m].
     last_inflow
-        `inflow` before the last step.
+        `inflow` before the last step, or before those without a row.
     resisting
         Names of the terms that dissipate also in a rigid motion, such as drag.
     silent
@@ -101,40 +102,56 @@ class Ledger:
         resisting = _resisting(system, state, dissipated)
         return replace(ledger, places=places, resisting=resisting, silent=silent)
 
-    def after(self, system: System, method, old: State, step) -> Ledger:
-        """Return the ledger after `step`, taken by `method` from the state `old`."""
+    def after(self, system: System, method, old: State, step, flows: Flows | None = None) -> Ledger:
+        """Return the ledger after `step`, taken by `method` from the state `old`.
+
+        `flows` are those since this ledger, where they are known; otherwise those of the step.
+        """
         new = step.state
-        dt, acting = new.t - old.t, (step.over or system).bound
+        dt = new.t - old.t
         energies = system.energies(new)
         kinetic = energies.pop("kinetic")
         pin_v = (new.x - old.x) / dt if system.movable_pieces else new.v
         deforming = _deforming_kinetic(system, new, kinetic, pin_v)
-        inertia = system.scalar_mass @ (new.v - old.v)
-        dissipated = {
-            name: self.dissipated[name] + _dissipation(term, over, step, dt)
-            for name, term, over in zip(system.names, system.bound, acting, strict=True)
-            if term.dissipative
-        }
-        work = {
-            name: self.work[name] + _work(term, old, step, method.traits.explicit)
-            for name, term in zip(system.names, system.bound, strict=True)
-            if name in self.work
-        }
+        flows = flows or self._flows(system, method, old, step)
         return replace(
-            self,
+            self.with_flows(flows),
             t=new.t,
             kinetic=kinetic,
             potential=energies,
-            dissipated=dissipated,
-            work=work,
-            pins=self.pins
-            + _pin_work(system, method.traits.theta, old, step, inertia)
-            + _clamp_work(system, method.traits.theta, old, step),
-            numerical=self.numerical + method.numerical(system, old, step),
             last_inflow=self.inflow,
             deforming=deforming,
             in_place=_energies_in_place(system, new, energies, self.places),
             first_deforming=deforming if self.first_deforming is None else self.first_deforming,
+        )
+
+    def _flows(self, system: System, method, old: State, step) -> Flows:
+        """Return dissipation and work of a step."""
+        dt, acting = step.state.t - old.t, (step.over or system).bound
+        inertia = system.scalar_mass @ (step.state.v - old.v)
+        dissipated = {
+            name: _dissipation(term, over, step, dt)
+            for name, term, over in zip(system.names, system.bound, acting, strict=True)
+            if term.dissipative
+        }
+        work = {
+            name: _work(term, old, step, method.traits.explicit)
+            for name, term in zip(system.names, system.bound, strict=True)
+            if name in self.work
+        }
+        pins = _pin_work(system, method.traits.theta, old, step, inertia)
+        pins += _clamp_work(system, method.traits.theta, old, step)
+        return Flows(dissipated, work, pins, method.numerical(system, old, step))
+
+    def with_flows(self, flows: Flows) -> Ledger:
+        """Return the ledger with the flows of steps of which it has no rows."""
+        dissipated = {n: e + flows.dissipated.get(n, 0.0) for n, e in self.dissipated.items()}
+        return replace(
+            self,
+            dissipated=dissipated,
+            work={name: done + flows.work.get(name, 0.0) for name, done in self.work.items()},
+            pins=self.pins + flows.pins,
+            numerical=self.numerical + flows.numerical,
         )
 
     @property

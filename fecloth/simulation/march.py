@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,9 +17,11 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
+from fecloth.simulation.fused_march import CHECK_EVERY, Skipped, Skipping, Wanted
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.motion_jumps import find_jumping_pin, find_motion_jumps
 from fecloth.simulation.resolve import choose_steps, resolve
+from fecloth.simulation.step_history import StepHistory, needs_history
 from fecloth.simulation.step_times import EARLIER, coarse_clock, targets_after
 from fecloth.system.arguments import check_system
 from fecloth.system.records import remembered
@@ -39,11 +41,14 @@ class Memory:
         Steps so far, and the time at which the first of them began [s].
     method_memory
         `Step.memory` of the last step.
+    history
+        What Newton's iteration knows of the last steps.
     """
 
     step: int
     start: float
     method_memory: object
+    history: StepHistory = field(default_factory=StepHistory)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +65,8 @@ class StepInfo:
         The state before it.
     memory
         Continues `march` from here.
+    skipped
+        The steps between the one yielded before and this one; see `Wanted`.
     """
 
     step: int
@@ -68,11 +75,19 @@ class StepInfo:
     old: State
     result: Step
     memory: Memory
+    skipped: Skipped | None = None
 
     @property
     def counts(self) -> Counts:
         """Newton and linear iterations, relative residual, seconds of assembly and solve."""
-        return self.result.counts
+        if self.skipped is None:
+            return self.result.counts
+        return Counts(seconds={"force": self.skipped.seconds}).plus(self.result.counts)
+
+    @property
+    def number(self) -> int:
+        """Of the steps since the one yielded before."""
+        return 1 + (self.skipped.number if self.skipped else 0)
 
 
 def march(
@@ -87,8 +102,12 @@ def march(
     newton: Newton | None = None,
     most_stretch: float = 20.0,
     memory: Memory | None = None,
-) -> Iterator[tuple[State, StepInfo]]:
+) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
     """Step from `state` to `t_end` and yield each new state with its `StepInfo`.
+
+    A consumer that does not need each state says by ``send(Wanted(step, t))`` which it needs next;
+    the steps before it are then taken in one compiled call where terms and pins allow it, with the
+    same bits. Steps that end at a stop or at `t_end` are always yielded.
 
     Parameters
     ----------
@@ -107,7 +126,8 @@ def march(
         Options of the nonlinear solve.
     most_stretch
         A step that leaves a triangle stretched by more has failed, so that a blow-up ends before
-        its numbers overflow. Looked at after each implicit step and each eighth explicit one.
+        its numbers overflow. Looked at after each implicit step, each eighth explicit one and, of
+        those taken in one call, each 64th.
     memory
         `StepInfo.memory` of an earlier march with the same arguments, which goes on from its
         state: bit for bit, if that called `SolverContext.drop` at this step.
@@ -138,31 +158,42 @@ def march(
         steps.check_start(system, state)
         for words in find_motion_jumps(system, state, end):
             warnings.warn(words, FeclothWarning, stacklevel=2)
-    check_every = 8 if steps.traits.explicit else 1
+    check_every = CHECK_EVERY if steps.traits.explicit else 1
     number, last_memory, good = begin.step, begin.method_memory, state
-    for target in targets:
-        while state.t < target:
-            number, size = number + 1, target - state.t
-            try:
-                result = steps.step(system, state, size, solver, last_memory)
-            except (NewtonFailed, SolveFailed) as failure:
-                raise step_failed(system, state, number, size, failure) from failure
-            if number == begin.step + 1:
-                check_step(result, getattr(steps, "method", steps))
-            new = _snap_to_target(result.state, target, size)
-            last = new.t == targets[-1]
-            if new.t < target and (words := coarse_clock(new.t, new.t - state.t)):
-                raise step_failed(
-                    system, good, number, new.t - state.t, Problem(words, remedy=EARLIER)
-                )
-            if problem := _problem(system, new, most_stretch, number % check_every == 0 or last):
-                raise step_failed(system, good, number, new.t - state.t, problem)
-            good = new if number % check_every == 0 else good
-            after = Memory(number, begin.start, result.memory)
-            result = replace(result, state=new)
-            info = StepInfo(number, new.t, new.t - state.t, state, result, after)
-            state, last_memory = new, result.memory
-            yield state, info
+    history, is_informed = begin.history, needs_history(solver)
+    place, fused, skipped = 0, Skipping(system, steps, most_stretch, targets, stops), None
+    while place < len(targets):
+        target = targets[place]
+        number, size = number + 1, target - state.t
+        if is_informed:
+            solver = history.inform(solver, system, steps.traits, state)
+        try:
+            known = skipped.step if skipped else None
+            result = known or steps.step(system, state, size, solver, last_memory)
+        except (NewtonFailed, SolveFailed) as failure:
+            raise step_failed(system, state, number, size, failure) from failure
+        if number == begin.step + 1:
+            check_step(result, getattr(steps, "method", steps))
+        new = _snap_to_target(result.state, target, size)
+        last = new.t == targets[-1]
+        if new.t < target and (words := coarse_clock(new.t, new.t - state.t)):
+            raise step_failed(system, good, number, new.t - state.t, Problem(words, remedy=EARLIER))
+        if problem := _problem(system, new, most_stretch, number % check_every == 0 or last):
+            raise step_failed(system, good, number, new.t - state.t, problem)
+        good = new if number % check_every == 0 else good
+        if is_informed:
+            history = history.after(system, steps.traits, state, new)
+        after = Memory(number, begin.start, result.memory, history)
+        result = replace(result, state=new)
+        info = StepInfo(number, new.t, new.t - state.t, state, result, after, skipped)
+        state, last_memory = new, result.memory
+        wanted = yield state, info
+        skipped = fused.skip(state, last_memory, number, wanted)
+        if skipped:
+            state, last_memory = skipped.state, skipped.memory
+            number += skipped.number
+            good = good if _problem(system, state, most_stretch, True) else state
+        place += int(np.searchsorted(targets[place:], state.t, side="right"))
 
 
 def refuse_arguments(system, method, state, newton, most_stretch):

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fecloth.errors import InputError
 from fecloth.simulation.energy_balance import ROUND_OFF, Balance
 from fecloth.simulation.energy_ledger import Ledger, negligible_energy
+from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.march import Problem, StepInfo, step_failed
 from fecloth.simulation.probes import Observer
-from fecloth.simulation.time_error import TimeError
+from fecloth.simulation.time_error import NEVER, TimeError
 from fecloth.system.state import State
 from fecloth.system.system import System
 
+LATE = 1.5  # times the distance of rows: the most by which two are apart
+ROWS = 1000  # of a run whose steps can be fused
 MOST_GROWTH = 4.0  # times the energy available: every usable step so far had less
 
 
@@ -56,6 +62,7 @@ def record_steps(
     time_error: TimeError | None = None,
     *,
     most_growth: float = MOST_GROWTH,
+    next_row: Callable[[StepInfo], Wanted] | None = None,
 ) -> Iterator[Record]:
     """Yield a `Record` for each step of `march`.
 
@@ -65,6 +72,8 @@ def record_steps(
         Before the first of these steps; None stands for an unstarted run.
     most_growth
         See `run`.
+    next_row
+        Says which step must be recorded next; those between may be left out. None: each.
 
     Raises
     ------
@@ -73,15 +82,51 @@ def record_steps(
         available.
     """
     balance = balance or Balance.open(ledger)
-    for state, info in steps:
+    steps = iter(steps)
+    taken = next(steps, None)
+    while taken is not None:
+        state, info = taken
         begin = time.perf_counter()
         time_error = time_error or TimeError.open(info.old, info.step - 1, ledger)
         ledger = update_ledger(system, method, ledger, info, most_growth)
-        balance = balance.after(system, ledger)
+        balance = balance.after(system, ledger, info.number)
         observed = observer.row(info.old, info.result)
         time_error = time_error.after(system, method, info, ledger)
         so_far = balance, time_error
         yield Record(state, info, ledger, observed, *so_far, time.perf_counter() - begin)
+        taken = _advance(steps, info, next_row, time_error.due)
+
+
+def _advance(steps, info: StepInfo, next_row: Callable[[StepInfo], Wanted] | None, due: int):
+    """Return the next recorded step, or None.
+
+    The step `due` for the error in time is always one, and takes the place of a row that is wanted
+    shortly before.
+    """
+    if next_row is None or not hasattr(steps, "send"):
+        return next(steps, None)
+    wanted = next_row(info)
+    if info.step + LATE * (wanted.t - info.t) / info.dt >= due:
+        wanted = replace(wanted, t=math.inf)
+    with suppress(StopIteration):
+        return steps.send(replace(wanted, step=min(wanted.step, due)))
+    return None
+
+
+def check_rows(rows: object) -> None:
+    """Raise `InputError` for what is no number of rows."""
+    if not isinstance(rows, int) or isinstance(rows, bool) or rows < 1:
+        raise InputError(f"rows = {rows!r}", "must be a whole number >= 1", "run")
+
+
+def rows_at_least(rows: int, start: float, t_end: float) -> Callable[[StepInfo], Wanted]:
+    """Return the rule by which a run has about that many `rows`, or one for each step if fewer."""
+    spacing = (1 - 1e-6) * (t_end - start) / rows
+
+    def next_row(info: StepInfo) -> Wanted:
+        return Wanted(NEVER, info.t + spacing)
+
+    return next_row
 
 
 def trial_recorder(system: System, ledger: Ledger, observer: Observer) -> Callable:
@@ -104,7 +149,10 @@ def update_ledger(
     Raise `StepFailed` if two steps in a row exceed the energy available. One step may: a load
     switched on transfers momentum before it has done work.
     """
-    after = ledger.after(system, method, info.old, info.result)
+    flows = info.skipped.flows if info.skipped and info.skipped.step else None
+    after = ledger.after(system, method, info.old, info.result, flows)
+    if info.skipped and flows is None:
+        after = after.with_flows(info.skipped.flows)
     noise = _noise(system, info, after.kinetic)
     growths = [each.growth(most) if each.deforming > noise else "" for each in (ledger, after)]
     if all(growths):

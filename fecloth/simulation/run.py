@@ -14,13 +14,21 @@ from fecloth import validation
 from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
-from fecloth.nonlinear.statistics import Counts, warn_of_round_off
+from fecloth.nonlinear.statistics import Counts, describe_newton_error, warn_of_round_off
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
-from fecloth.simulation.record_steps import MOST_GROWTH, record_steps, trial_recorder
+from fecloth.simulation.record_steps import (
+    MOST_GROWTH,
+    ROWS,
+    check_rows,
+    record_steps,
+    rows_at_least,
+    trial_recorder,
+)
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.rest_stability import RestStability
 from fecloth.simulation.set_up_warnings import find_set_up_warnings
@@ -42,7 +50,7 @@ class Result:
     state
         The last state.
     times
-        (s + 1,) start and the end of every step [s].
+        (s + 1,) the start, and the ends of the steps that have rows [s].
     energies
         Column of the ledger → (s + 1,) [J]; see `Ledger`.
     observed
@@ -69,6 +77,11 @@ class Result:
     space_error, space_error_reason
         Error of stress and moment in space at the end, relative, or NaN and why there is no
         estimate: see `space_error`.
+    newton_error_in_words
+        How large the error of Newton's iteration is against that in time, for the tolerance
+        "auto"; "" where no step ended by this.
+    steps
+        Number of steps; there may be fewer rows, see `run`.
     """
 
     state: State
@@ -85,6 +98,8 @@ class Result:
     time_error: float = math.nan
     space_error: float = math.nan
     space_error_reason: str = ""
+    newton_error_in_words: str = ""
+    steps: int = 0
 
     @property
     def doubt(self) -> str:
@@ -92,7 +107,7 @@ class Result:
         return self.warnings[0] if self.warnings else ""
 
     def __repr__(self) -> str:
-        steps, t = len(self.times) - 1, self.times[-1]
+        steps, t = self.steps, self.times[-1]
         remarks = [name_time_error(self.time_error)]
         remarks += [count_warnings(self.warnings)] if self.warnings else []
         return f"<Result of {steps} steps of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
@@ -119,14 +134,19 @@ def run(
     most_growth: float = MOST_GROWTH,
     memory: Memory | None = None,
     report: Callable[[StepInfo], None] = lambda info: None,
+    rows: int = ROWS,
 ) -> Result:
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
 
-    Arguments as for `march`; `report` is called after every step. The run also fails after two
-    steps in a row that deform with more kinetic energy than `most_growth` times what the start,
-    the loads and the pins can have supplied (`Ledger.available`). Reasons to doubt the result, such
-    as an error in time above 10 % or an energy balance that does not close, are in its `warnings`
-    and come as a `FeclothWarning` each.
+    Arguments as for `march`; `report` is called after every step of which there is a row. A run of
+    more steps than `rows` has about that many rows, evenly spread, and those that the error in time
+    needs, where its steps can be fused: `CentralDifference` at a fixed or stable dt, with terms and
+    pins that need no Python. The steps, and the sums in the ledger, are those of single steps.
+
+    The run also fails after two rows in a row that deform with more kinetic energy than
+    `most_growth` times what the start, the loads and the pins can have supplied
+    (`Ledger.available`). Reasons to doubt the result, such as an error in time above 10 % or an
+    energy balance that does not close, are in its `warnings` and come as a `FeclothWarning` each.
 
     Examples
     --------
@@ -140,6 +160,7 @@ def run(
     """
     refuse_arguments(system, method, state, newton, most_stretch)
     validation.number("most_growth", most_growth, 0.0, "run", infinite=True)
+    check_rows(rows)
     validation.function("report", report, "lambda info: print(info.t)", "run")
     opening = replace(state, t=memory.start) if memory else state
     steps = choose_steps(method, dt)
@@ -177,6 +198,7 @@ def run(
         most_growth,
         report,
         foreseen,
+        rows_at_least(rows, opening.t, end),
     )
     for words in result.warnings[len(foreseen) :]:
         warnings.warn(words, FeclothWarning, stacklevel=2)
@@ -193,6 +215,7 @@ def collect(
     most_growth: float = MOST_GROWTH,
     report: Callable[[StepInfo], None] = lambda info: None,
     foreseen: tuple[str, ...] = (),
+    next_row: Callable[[StepInfo], Wanted] | None = None,
 ) -> Result:
     """Take all steps of `march` and return what was recorded of them.
 
@@ -206,20 +229,24 @@ def collect(
         As for `run`.
     foreseen
         Warnings from before the first step; those of the steps follow them in the result.
+    next_row
+        As for `record_steps`.
     """
     state, balance, warned = observer.start, Balance.open(ledger), ""
-    record = None
+    record, taken = None, 0
     energies, observed = [ledger.row()], [observer.row(None, None)]
     counts, begin = Counts(), time.perf_counter()
     static = isinstance(method, LoadSteps)
     growth = math.inf if static else most_growth
-    records = record_steps(steps, system, method, ledger, observer, most_growth=growth)
+    records = record_steps(
+        steps, system, method, ledger, observer, most_growth=growth, next_row=next_row
+    )
     for record in records:
         state, ledger, balance = record.state, record.ledger, record.balance
         warned = warned or balance.warning(ledger)
         energies.append(ledger.row())
         observed.append(record.observed)
-        counts = counts.plus(record.info.counts)
+        counts, taken = counts.plus(record.info.counts), taken + record.info.number
         report(record.info)
     shape, error = Shape.of(system, state), math.nan
     inaccurate: tuple[str, ...] = ()
@@ -227,9 +254,10 @@ def collect(
         inaccurate = (RestStability.of(system, state).warning,)
     elif record:
         error = relative_error(record.time_error, system, method, state, record.info.step, ledger)
-        dt = (state.t - record.time_error.start.t) / (len(energies) - 1)
+        dt = (state.t - record.time_error.start.t) / taken
         inaccurate = find_doubts(error, system, method, dt, balance, ledger)
     space = space_error(system, state)
+    shares = counts.estimated, counts.newton_error, counts.step_error
     doubts = (
         warned or balance.warning(ledger, ended=True),
         warn_of_round_off(counts.limited),
@@ -251,6 +279,8 @@ def collect(
         time_error=error,
         space_error=space.relative,
         space_error_reason=space.reason,
+        newton_error_in_words=describe_newton_error(taken, *shares),
+        steps=taken,
     )
 
 

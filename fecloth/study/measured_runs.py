@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numba
@@ -23,7 +24,7 @@ from fecloth.simulation.march import march
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
-from fecloth.simulation.record_steps import trial_recorder
+from fecloth.simulation.record_steps import ROWS, rows_at_least, trial_recorder
 from fecloth.simulation.resolve import method_to_report, resolve
 from fecloth.simulation.run import collect, columns
 from fecloth.study.modes import modes as natural_modes
@@ -47,9 +48,7 @@ def run_scene_text(
     timed: bool = False,
 ) -> dict:
     """Run the scene of a text; `recorded` are the columns to return over the whole run."""
-    begin = time.process_time()
-    row = measure(setup_of_scene(text, trust_geo), recorded, modes, timed=timed)
-    return row | {"case_seconds": time.process_time() - begin}
+    return _measure_all(setup_of_scene(text, trust_geo), recorded, modes, timed)
 
 
 def run_function(
@@ -66,8 +65,13 @@ def run_function(
     timed: bool = False,
 ) -> dict:
     """Run what the user's function of that file returns; `probes` are names with places."""
-    begin = time.process_time()
     setup = setup_of_importable(path, name, settings, dt, t_end, probes, sharper)
+    return _measure_all(setup, recorded, modes, timed)
+
+
+def _measure_all(setup: Setup, recorded: list, modes: int, timed: bool) -> dict:
+    """Return the row of a case, with the CPU seconds of all its runs."""
+    begin = time.process_time()
     row = measure(setup, recorded, modes, timed=timed)
     return row | {"case_seconds": time.process_time() - begin}
 
@@ -113,7 +117,8 @@ def measure(
         repeated, of which the fastest counts.
     """
     with one_thread(), warnings.catch_warnings(action="ignore", category=FeclothWarning):
-        solve: Solve = _solve if setup.t_end is None else _march
+        whole = bool(recorded or function)  # over the run: each step has a row
+        solve: Solve = _solve if setup.t_end is None else partial(_march, whole=whole)
         if modes and not setup.is_static:
             solve = _nothing_run
         row, seconds = (_run_timed if timed else _run_once)(solve, setup, report)
@@ -160,7 +165,7 @@ def _run_timed(solve: Solve, setup: Setup, report: Callable[..., None]) -> tuple
     return row, min(spent)
 
 
-def _march(setup: Setup, report: Callable[..., None]) -> dict:
+def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
     system, start = setup.system, setup.start
     assert setup.t_end is not None
     ledger = Ledger.open(system, start)
@@ -170,14 +175,22 @@ def _march(setup: Setup, report: Callable[..., None]) -> dict:
     steps, solver, why = resolve(*run, setup.linear, setup.newton, record)
     states = march(system, steps, start, None, setup.t_end, solver=solver)
     method = method_to_report(steps)
-    result = collect(states, system, method, ledger, observer, why, report=report)
+    sizes = [0.0]
+
+    def follow(info):
+        sizes.append(info.dt)
+        report(info)
+
+    rows = None if whole else rows_at_least(ROWS, start.t, setup.t_end)
+    given = system, method, ledger, observer, why
+    result = collect(states, *given, report=follow, next_row=rows)
     return {
         "times": result.times,
         "columns": {**result.energies, **result.observed},
         "end": result.state,
         "result": result,
-        "steps": len(result.times) - 1,
-        "step": math.nan if setup.is_static else float(np.diff(result.times).max()),
+        "steps": result.steps,
+        "step": math.nan if setup.is_static else max(sizes),
         "newton": result.newton,
         "time_error": result.time_error,
         "time_order": 0 if setup.is_static else steps.traits.order,

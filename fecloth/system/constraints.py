@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.errors import InputError
-from fecloth.jit import kernel
+from fecloth.jit import kernel, rounded_kernel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.motion import Motion
@@ -208,7 +208,7 @@ def _prescribe(nodes, change, speed, x, v):
             v[i, k] = speed[b, k]
 
 
-@kernel
+@rounded_kernel
 def _set_held(nodes, projectors, target, y):
     """y ← target + P (y − target) at the nodes."""
     for n in range(len(nodes)):

@@ -58,3 +58,9 @@ def _extreme_stretches(K, Q, nodes, G, x):
             least = min(least, mean - radius)
             largest = max(largest, mean + radius)
     return math.sqrt(max(least, 0.0)), math.sqrt(largest)
+
+
+@kernel
+def fill_extreme_stretches(K, Q, nodes, G, x, out):
+    """out (2,) = the smallest and the largest principal stretch."""
+    out[0], out[1] = _extreme_stretches(K, Q, nodes, G, x)

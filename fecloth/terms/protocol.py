@@ -21,6 +21,7 @@ from typing import Protocol
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError, brief, with_article
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix
@@ -252,17 +253,18 @@ class ElementEnergies(Protocol):
         ...
 
 
-class FusedStep(Protocol):
-    """Reserved: the ability to take part in compiled explicit steps.
+class CompiledForce(Protocol):
+    """The ability to take part in explicit steps without Python between them.
 
-    Nothing calls it yet; `many_steps` knows its terms by their types.
+    A class that overrides `add_force` must override `force_calls` too; else it is not asked.
     """
 
-    def fused(self) -> tuple[Callable, tuple]:
-        """A compiled function and its constant arguments.
+    def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
+        """The kernels that make up `add_force`, in order, each with its arguments.
 
-        ``function(constants, begin, end, x, v, t, f)`` adds to f the forces of the elements from
-        `begin` to `end`, and calls no Python.
+        They are called again and again while x, v and f change in place, and may have work arrays
+        of their own. None where the force depends on t or needs Python. The bits must be those of
+        `add_force`.
         """
         ...
 

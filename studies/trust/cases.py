@@ -35,7 +35,7 @@ def judge(motion: str, method: str, dt: float | None, frame: str, most: int) -> 
     told = result.warnings if result else ("the run failed",)
     reported = getattr(result, "time_error", math.nan) if result else math.nan
     row = {"warnings": "; ".join(told), "warned": bool(told), "reported": reported}
-    steps = len(result.times) - 1 if result else len(times)
+    steps = result.steps if result else len(times)
     reference, apart, refinement = refined(setup, times, steps, most)
     row |= {"steps": steps, "refinement": refinement, "apart": apart, "counts": apart < AGREE}
     error = error_in_time(run, x, reference) if result and apart < AGREE else math.nan

@@ -24,8 +24,10 @@ def out(tmp_path_factory):
         ("benchmarks.binding", "figures met"),
         ("benchmarks.kernels", "figures met"),
         ("benchmarks.moved_pin", "figures met"),
+        ("benchmarks.fused", "figures met"),
         ("benchmarks.terms", "StVK"),
         ("convergence.space_error", "0 outside"),
+        ("convergence.graded_meshes", "0 orders in H1 are not recovered"),
         ("convergence.catalogue", "share of problems that are covered: 1 >= 0.95: met"),
         ("benchmarks.bending", "figures met"),
         ("models.hinge_bias", "derived"),
@@ -83,6 +85,15 @@ def test_a_tree_is_compared_with_itself():
     done = subprocess.run(command, capture_output=True, text=True, timeout=200, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count(" force ") == done.stdout.count(" tangent ") == 6
+
+
+@pytest.mark.study
+def test_sheets_of_a_tree_are_compared_with_themselves():
+    command = [*MODULE, "studies.benchmarks.newton_sheets", str(ROOT), "--quick"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=200, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    rows = [line.split("|") for line in done.stdout.splitlines() if "interlock" in line]
+    assert [float(row[-2]) for row in rows] == [0.0, 0.0, 0.0]  # equal to the last bit
 
 
 @pytest.mark.study

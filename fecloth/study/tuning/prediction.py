@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from fecloth.study.tuning.trials import Trial
 FINE = 2 ** (1 / 6)  # ratio of the sizes that are compared
 COARSER, FINER = 0.5, 16.0  # times the measured √triangles
 LONGER, SHORTER = 0.25, 64.0  # times the measured numbers of steps
+NODES_OF_P2 = 2.0  # per edge, over those of P1
 P2_STEPS = 2.0  # explicit steps on P2 over those on P1 with the same triangles
 
 
@@ -30,11 +31,18 @@ class Candidate:
     space: np.ndarray
     time: np.ndarray
     seconds: float
+    linear: str = ""
 
     @property
     def choice(self) -> Choice:
         """The setting."""
-        return self.rule.choose(self.mesh.choose(self.edges), self.x)
+        chosen = self.rule.choose(self.mesh.choose(self.edges), self.x)
+        return replace(chosen, linear=self.linear)
+
+    @property
+    def key(self) -> tuple:
+        """What its measured seconds hold for: element, pattern and rule."""
+        return self.mesh.choice.mesh, self.rule.method, self.rule.kind
 
     @property
     def error(self) -> float:
@@ -55,14 +63,21 @@ class Prediction:
     other
         Error that no mesh and no step changes: of the solver and of left-out terms.
     factors
-        Measured over predicted seconds of (mesh, rule), by their names.
+        Measured over predicted seconds, by `Candidate.key`.
+    linear
+        The fastest linear solver, by `Candidate.key`.
+    growth
+        Power of √triangles with which errors in time grow, by method and kind of rule: finer meshes
+        have shorter waves.
     """
 
     meshes: Sequence[Mesh]
     times: TimeErrors
     coarse: Trial
     other: float = 0.0
-    factors: dict | None = None
+    factors: Mapping[tuple, float] = field(default_factory=dict)
+    linear: Mapping[tuple, str] = field(default_factory=dict)
+    growth: Mapping[tuple, float] = field(default_factory=dict)
 
     def best(self, is_allowed: Callable, rank: Callable) -> list[Candidate]:
         """Return the best candidate of each mesh and rule, the best of all first.
@@ -89,16 +104,21 @@ class Prediction:
             at_x = self._explicit(mesh, at_edges)
         elif rule.kind == "steps":
             at_x = np.ceil(at_x)
-        space, in_time = mesh.errors(at_edges), rule.errors(at_x)
+        space = mesh.errors(at_edges)
+        nodes = at_edges * (NODES_OF_P2 if mesh.choice.element == "P2" else 1.0)
+        finer = np.maximum(nodes / self.coarse.edges, 1.0)
+        power = self.growth.get((rule.method, rule.kind), 0.0)
+        in_time = rule.errors(at_x) * finer[:, None] ** power
         per_step = mesh.seconds(at_edges)[:, 0] / (self.coarse.seconds / self.coarse.steps)
-        seconds = rule.seconds(at_x)[:, 0] * per_step * self.factor(mesh, rule)
+        key = mesh.choice.mesh, rule.method, rule.kind
+        seconds = rule.seconds(at_x)[:, 0] * per_step * self.factors.get(key, 1.0)
         error = (space + in_time).max(axis=1) + self.other
         allowed = np.flatnonzero(is_allowed(error, seconds))
         if not len(allowed):
             return None
         k = allowed[np.argmin(rank(error[allowed], seconds[allowed]))]
-        sizes = float(at_edges[k]), float(at_x[k])
-        return Candidate(mesh, rule, *sizes, space[k], in_time[k], float(seconds[k]))
+        sizes, linear = (float(at_edges[k]), float(at_x[k])), self.linear.get(key, "")
+        return Candidate(mesh, rule, *sizes, space[k], in_time[k], float(seconds[k]), linear)
 
     def _explicit(self, mesh: Mesh, edges: np.ndarray) -> np.ndarray:
         """Return the steps at the stability limit over those on the coarse mesh."""
@@ -106,10 +126,6 @@ class Prediction:
         if self.coarse.choice.element == "P2":
             more = 1.0
         return more * edges / self.coarse.edges
-
-    def factor(self, mesh: Mesh, rule: Rule) -> float:
-        """Return measured over predicted seconds of a mesh with a rule."""
-        return (self.factors or {}).get((mesh.choice.mesh, rule.method, rule.kind), 1.0)
 
 
 def _sizes(measured: np.ndarray, low: float, high: float) -> np.ndarray:

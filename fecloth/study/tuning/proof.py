@@ -12,11 +12,12 @@ from fecloth.study.problems import Problem
 from fecloth.study.tuning.choices import Choice
 from fecloth.study.tuning.curves import LOWEST, Curve
 from fecloth.study.tuning.prediction import Candidate, Prediction
-from fecloth.study.tuning.search import Goal, spent
+from fecloth.study.tuning.search import Goal
 from fecloth.study.tuning.space_errors import SpaceErrors
 from fecloth.study.tuning.time_errors import TimeErrors
-from fecloth.study.tuning.trials import Bench, Trial
+from fecloth.study.tuning.trials import Bench, Trial, spent
 
+FINER = 1.4  # times the √triangles of a tuned run: at least those of the verifying one
 COUNTS = 0.25  # part of the error from which a cause is refined in the verifying run
 ROUNDS = 3  # verifying runs at most
 LOOSE = 0.5  # times the tolerance: below this error a cheaper setting is tried
@@ -56,7 +57,12 @@ class Proof:
 
 
 def prove(
-    bench: Bench, prediction: Prediction, goal: Goal, search: Sequence[Trial], other: dict
+    bench: Bench,
+    prediction: Prediction,
+    goal: Goal,
+    search: Sequence[Trial],
+    other: dict,
+    space: SpaceErrors,
 ) -> Proof | None:
     """Run the best candidate beside a finer one; try again where it is far off.
 
@@ -76,7 +82,8 @@ def prove(
             continue
         if found and found.finer:
             search.append(found.finer)
-        found = verify(bench, first, trial, search, other)
+        found = _known(bench, first, trial, search, other, space)
+        found = found or verify(bench, first, trial, search, other)
         search.append(trial)
         if found.why or found.error <= goal.tolerance:
             break
@@ -84,6 +91,22 @@ def prove(
     if found and not found.why and found.error < LOOSE * goal.tolerance < math.inf:
         found = _cheaper(bench, scaled(prediction, found), goal, found)
     return found
+
+
+def _known(
+    bench: Bench,
+    candidate: Candidate,
+    trial: Trial,
+    search: Sequence[Trial],
+    other: dict,
+    space: SpaceErrors,
+) -> Proof | None:
+    """Return the error of a static solution beside a finer one that was run already."""
+    if candidate.rule.kind != "static" or space.reference.edges < FINER * trial.edges:
+        return None
+    parts = {"space": bench.distance(space.reference, trial) + space.error, **other}
+    before = [one for one in search if one is not space.reference]
+    return Proof(trial, candidate, space.reference, parts, (*before, trial))
 
 
 def verify(
@@ -98,6 +121,8 @@ def verify(
     choice, left = finer_choice(bench.opened, candidate, refined or ["space"])
     finer = bench.run([choice])[0]
     parts = {"space": candidate.space, "time": candidate.time} | other
+    if candidate.rule.kind == "static":
+        del parts["time"]
     known = (*search, trial)
     if not finer.is_ok:
         cause = str(finer.row["cause"]).splitlines()[0]
@@ -145,7 +170,7 @@ def scaled(prediction: Prediction, proof: Proof) -> Prediction:
     candidate = proof.candidate
     assert candidate is not None
     space = float((proof.parts["space"] / candidate.space).max())
-    in_time = float((proof.parts["time"] / candidate.time).max())
+    in_time = float((proof.parts.get("time", candidate.time) / candidate.time).max())
     ratio = float(np.clip(proof.trial.seconds / candidate.seconds, 0.2, 5.0))
     meshes = tuple(
         replace(one, errors=one.errors.scaled(space)) if one is candidate.mesh else one
@@ -155,10 +180,10 @@ def scaled(prediction: Prediction, proof: Proof) -> Prediction:
         replace(one, errors=one.errors.scaled(in_time)) if one is candidate.rule else one
         for one in prediction.times.rules
     )
-    key = candidate.mesh.choice.mesh, candidate.rule.method, candidate.rule.kind
-    factor = prediction.factor(candidate.mesh, candidate.rule) * ratio
+    key = candidate.key
+    factor = prediction.factors.get(key, 1.0) * ratio
     times = replace(prediction.times, rules=rules)
-    factors = {**(prediction.factors or {}), key: factor}
+    factors = {**prediction.factors, key: factor}
     return replace(prediction, meshes=meshes, times=times, factors=factors)
 
 
@@ -173,12 +198,13 @@ def best_run(bench: Bench, space: SpaceErrors, times: TimeErrors, search, other:
     least = min(float(error_in_space(one).max()) for one in good)
     near = [one for one in good if error_in_space(one).max() <= NEARLY * least]
     trial = min(near, key=lambda one: one.seconds)
-    shared = next(
-        (one for one in times.trials if one.choice.rule == trial.choice.rule), times.reference
-    )
-    in_time = bench.distance(times.reference, shared) + times.error
-    parts = {"space": error_in_space(trial), "time": in_time, **other}
-    return Proof(trial, None, None, parts, tuple(search), "the tolerance is out of reach")
+    rule = trial.choice.method, trial.choice.steps
+    same = [one for one in times.trials if (one.choice.method, one.choice.steps) == rule]
+    shared = same[0] if same else times.reference
+    parts = {"space": error_in_space(trial), **other}
+    if shared.choice.method:
+        parts["time"] = bench.distance(times.reference, shared) + times.error
+    return Proof(trial, None, None, parts, tuple(search), "it was not verified")
 
 
 def without(prediction: Prediction, candidate: Candidate) -> Prediction:
@@ -199,16 +225,15 @@ def _cheaper(bench: Bench, prediction: Prediction, goal: Goal, found: Proof) -> 
     search = (*found.search, trial)
     if not trial.is_ok or trial.seconds > found.trial.seconds:
         return replace(found, search=search)
-    both = found.parts["space"] + found.parts["time"]
+    both = found.parts["space"] + found.parts.get("time", 0.0)
     error_of_finer = both - bench.distance(found.finer, found.trial)
     total = bench.distance(found.finer, trial) + np.maximum(error_of_finer, 0.0)
     others = found.error - float(both.max())
     if total.max() + others > goal.tolerance:
         return replace(found, search=search)
     predicted = candidates[0].space + candidates[0].time
-    parts = {
-        **found.parts,
-        "space": total * candidates[0].space / predicted,
-        "time": total * candidates[0].time / predicted,
-    }
+    parts = dict(found.parts)
+    for name in ("space", "time"):
+        if name in parts:
+            parts[name] = total * getattr(candidates[0], name) / predicted
     return Proof(trial, candidates[0], found.finer, parts, search)

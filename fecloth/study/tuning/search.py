@@ -12,15 +12,17 @@ from fecloth.errors import FeclothError, InputError
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.tuning.choices import Choice, meshes_to_try, problem_with
 from fecloth.study.tuning.prediction import Candidate, Prediction, cheapest, most_accurate
-from fecloth.study.tuning.space_errors import SpaceErrors, summarise_meshes
-from fecloth.study.tuning.time_errors import NEAR, TimeErrors
-from fecloth.study.tuning.trials import Bench, Trial
+from fecloth.study.tuning.space_errors import Mesh, SpaceErrors, summarise_meshes
+from fecloth.study.tuning.time_errors import TimeErrors
+from fecloth.study.tuning.trials import Bench, Trial, spent
 from fecloth.study.workload import count_triangles
 
 COARSE = 128  # triangles of the first runs
+P2_COARSER = 2.0  # h of P2 over that of P1 in the first runs: these have as many nodes
 TRIES = 5  # finer meshes, until a shape with small parts can be meshed
 MARGIN = 0.75  # part of the tolerance that predicted errors may take
 KNOWN = 0.3  # part of the tolerance up to which the best mesh's own error need be known
+UNDAMPED = "implicit_midpoint", "newmark"  # keep the waves that only finer meshes have
 EXTRAPOLATED = 2.0  # times the measured √triangles, up to which predictions are trusted
 SHORTEST, TIMES = 60.0, 3.0  # CPU time of the search: s, and times that of the tuned run
 
@@ -50,11 +52,6 @@ class Goal:
         return max(SHORTEST, TIMES * candidates[0].seconds if candidates else 0.0)
 
 
-def spent(trials: Sequence[Trial]) -> float:
-    """Return the CPU time of trials [s], each counted once."""
-    return sum(one.spent for one in dict.fromkeys(trials))
-
-
 def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
     """Return the elements and patterns with about `COARSE` triangles; finer where it must be.
 
@@ -72,7 +69,7 @@ def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choic
         triangles = count_triangles(opened.scene)
     by = math.sqrt(triangles / COARSE)
     for attempt in range(TRIES):
-        scaled = [replace(one, h=float(f"{one.h * by:.3g}")) for one in listed if one.h]
+        scaled = [_scaled(one, by) for one in listed]
         try:
             problem_with(opened, scaled[0]).first  # noqa: B018  # raises if it is too coarse
             return scaled
@@ -83,8 +80,18 @@ def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choic
     raise InputError("h", "must be such that the shape can be meshed", opened.name)
 
 
+def _scaled(choice: Choice, by: float) -> Choice:
+    assert choice.h is not None
+    factor = P2_COARSER if choice.element == "P2" else 1.0
+    return replace(choice, h=float(f"{factor * by * choice.h:.3g}"))
+
+
 def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
-    """Return the run whose steps all meshes take: the cheapest that is accurate enough in time."""
+    """Return the run whose steps all meshes take: the cheapest that is accurate enough in time.
+
+    Methods that damp the shortest waves are preferred: the others keep those that each finer mesh
+    adds and that their steps do not resolve.
+    """
 
     def error(one: Trial) -> float:
         return float((bench.distance(times.reference, one) + times.error).max())
@@ -94,7 +101,8 @@ def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
 
     fixed = [one for one in times.trials if one.is_ok and not one.choice.rtol]
     fixed = [one for one in fixed if not (one.choice.is_explicit and one.choice.steps)]
-    good = [one for one in fixed if error(one) <= NEAR * tolerance]
+    fixed = [one for one in fixed if one.choice.method not in UNDAMPED] or fixed
+    good = [one for one in fixed if error(one) <= tolerance]
     return min(good, key=cost) if good else min(fixed, key=error)
 
 
@@ -120,11 +128,14 @@ def measure_meshes(
         space, prediction = _summarise(bench, trials, orders, times, coarse)
         candidates = goal.candidates(prediction)
         allowed = goal.limit(candidates) - spent([*times.trials, *trials])
-        wanted = _next_meshes(space, candidates, goal)
-        affordable = [one for one in wanted if _seconds_of_next(one, coarse) < 0.7 * allowed]
-        if not affordable or space.stalls(bench):
+        mesh = _next_mesh(space, candidates, goal)
+        if (
+            mesh is None
+            or _seconds_of_next(mesh, coarse) > 0.7 * allowed
+            or space.stalls(bench, goal.scale)
+        ):
             return space, prediction
-        found = bench.run([_finer(one.trials[-1].choice, 2.0) for one in affordable[:1]])
+        found = bench.run([_finer(mesh.trials[-1].choice, 2.0)])
         trials += found
         if not found[0].is_ok:
             return space, prediction
@@ -150,19 +161,17 @@ def _finer(choice: Choice, ratio: float) -> Choice:
     return replace(choice, h=float(f"{choice.h / ratio:.6g}"))
 
 
-def _next_meshes(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -> list:
-    """Return the meshes to refine: those whose best candidates lie far beyond what was run."""
-    if not candidates:
-        return sorted(space.meshes, key=lambda one: float(one.errors.y[-1].max()))
+def _next_mesh(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -> Mesh | None:
+    """Return the mesh to refine next: the best known one, or one far from what was run; or None."""
+    best = min(space.meshes, key=lambda one: float(one.errors.y[-1].max()))
+    if not candidates or space.error.max() > KNOWN * goal.scale:
+        return best
     first = candidates[0]
-    unknown = space.error.max() > KNOWN * goal.scale
-    if first.edges <= EXTRAPOLATED * first.mesh.errors.x[-1] and not unknown:
-        return []
-    near = [one.mesh for one in candidates if one.seconds <= 2 * first.seconds]
-    return list(dict.fromkeys(near))
+    is_near = first.edges <= EXTRAPOLATED * first.mesh.errors.x[-1]
+    return None if is_near else first.mesh
 
 
-def _seconds_of_next(mesh, coarse: Trial) -> float:
+def _seconds_of_next(mesh: Mesh, coarse: Trial) -> float:
     """Predict the seconds of the next finer mesh."""
     last = mesh.trials[-1]
     more = 2.0 if coarse.choice.is_explicit else 1.0

@@ -59,14 +59,19 @@ class SpaceErrors:
     error: np.ndarray
     trials: tuple[Trial, ...]
 
-    def stalls(self, bench: Bench) -> bool:
-        """Whether finer meshes of the most refined kind do not come closer to each other."""
-        runs = max(self.meshes, key=lambda one: len(one.trials)).trials
-        if len(runs) < 3:
-            return False
-        before, change = bench.distance(runs[-2], runs[-3]), bench.distance(runs[-1], runs[-2])
-        ratio = runs[-1].edges / runs[-2].edges
-        return bool(change.max() > before.max() * ratio**-STALLED)
+    def stalls(self, bench: Bench, tolerance: float) -> bool:
+        """Whether there is a kind of mesh of which finer ones do not come closer to each other.
+
+        Changes below twice the tolerance do not count.
+        """
+        long = [one.trials for one in self.meshes if len(one.trials) > 2]
+        return any(_stalls(bench, runs, 2 * tolerance) for runs in long)
+
+
+def _stalls(bench: Bench, runs: Sequence[Trial], small: float) -> bool:
+    before, change = bench.distance(runs[-2], runs[-3]), bench.distance(runs[-1], runs[-2])
+    ratio = runs[-1].edges / runs[-2].edges
+    return bool(change.max() > small and change.max() > before.max() * ratio**-STALLED)
 
 
 def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) -> SpaceErrors:
@@ -75,9 +80,9 @@ def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) 
     `orders` are the theoretical orders in h of the quantities on P1 and on P2, (2, q).
     """
     grouped: dict[tuple[str, str], list[Trial]] = {}
-    for one in sorted(trials, key=lambda one: one.edges):
-        if one.is_ok:
-            grouped.setdefault(one.choice.mesh, []).append(one)
+    good = [one for one in trials if one.is_ok]
+    for one in sorted(good, key=lambda one: one.edges):
+        grouped.setdefault(one.choice.mesh, []).append(one)
     finest = [
         (runs[-1], _own_error(bench, runs, orders[int(mesh[0] == "P2")]))
         for mesh, runs in grouped.items()

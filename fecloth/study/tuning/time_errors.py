@@ -16,14 +16,16 @@ from fecloth.study.command import StudyFailed
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.tuning.choices import CONTROLLED, Choice, problem_with, span_of
 from fecloth.study.tuning.curves import Curve, cost_curve, error_curve
-from fecloth.study.tuning.trials import Bench, Trial
+from fecloth.study.tuning.trials import Bench, Trial, spent
 
+FEW = 5  # steps of a run that is a static solution
 FEWEST, MOST = 32, 8192  # steps of the first runs
-NEAR = 3.0  # times the tolerance: where the steps of a method are short enough to know its error
+NEAR = 4.0  # times the tolerance: errors in time of second order that need no shorter steps
 REGULAR = 2.5, 7.0  # ratios of successive changes of a method of second order
 TOLERANCES = 0.1, 0.01, 0.001  # 1/s, of chosen steps
-LONG = 20_000  # explicit steps on the coarse mesh, above which explicit methods are left out
+LONG, MORE = 20_000, 60  # explicit steps that are tried at most; times those of implicit methods
 SHORT = 3.0  # s, of an explicit run that is repeated with half its step
+NONE = 1e-12  # error of a rule that makes none
 LEAST = 1e-4  # error in time of a run that is compared with no other
 POWERS = {"steps": (0.5, 1.0), "rtol": (0.3, 1.0), "limit": (1.0, 1.0)}  # of seconds over x
 
@@ -86,15 +88,15 @@ def measure_methods(
     StudyFailed
         If no run reaches its end.
     """
-    if methods == [""] and not can_choose_steps(bench.opened):
-        trials = bench.run([mesh])
+    if not can_choose_steps(bench.opened):
+        trials = bench.run([replace(mesh, method="", steps=None)])
         _require(trials)
         return _single(trials[0])
     explicit = [one for one in methods if one in EXPLICIT]
     implicit = [one for one in methods if one not in EXPLICIT and one != "auto"]
-    trials = _explicit_runs(bench, mesh, explicit)
-    if implicit:
-        trials += _ladder(bench, mesh, implicit[0], trials, tolerance, limit / 2)
+    trials = _ladder(bench, mesh, implicit[0], tolerance, limit / 2) if implicit else []
+    steps = [one.steps for one in trials if one.is_ok]
+    trials += _explicit_runs(bench, mesh, explicit, MORE * steps[-1] if steps else LONG)
     _require(trials)
     reference, error = _best(bench, trials)
     trials += _other_methods(bench, mesh, implicit, trials, limit)
@@ -103,10 +105,15 @@ def measure_methods(
 
 
 def can_choose_steps(opened: Problem) -> bool:
-    """Whether the problem is a run whose number of steps may be chosen."""
+    """Whether the problem is a motion whose number of steps may be chosen.
+
+    A run of a few long steps is a static solution: with shorter steps it would become a motion.
+    """
     if isinstance(opened, FunctionProblem):
         return opened.t_end is not None and opened.dt is not None
-    return span_of(opened) is not None
+    span = span_of(opened)
+    dt = opened.scene.time.dt if span else None
+    return span is not None and not (isinstance(dt, float) and span <= FEW * dt)
 
 
 def _require(trials: Sequence[Trial]) -> None:
@@ -117,15 +124,18 @@ def _require(trials: Sequence[Trial]) -> None:
 
 def _single(trial: Trial) -> TimeErrors:
     """Return the one rule of an equilibrium, or of a function that chooses its steps."""
-    nothing = np.full(len(trial.records), 1e-12)
+    nothing = np.full(len(trial.records), NONE)
     one = np.array([1.0])
     errors = Curve(one, nothing[None], 0.0, 0.0)
     rule = Rule("", "static", errors, Curve(one, np.array([[trial.seconds]]), 0.0, 0.0), (trial,))
     return TimeErrors((rule,), trial, nothing, (trial,))
 
 
-def _explicit_runs(bench: Bench, mesh: Choice, methods: Sequence[str]) -> list[Trial]:
-    """Run the first explicit method at its stability limit and, if short, with half that step."""
+def _explicit_runs(bench: Bench, mesh: Choice, methods: Sequence[str], most: float) -> list[Trial]:
+    """Run the first explicit method at its stability limit and, if short, with half that step.
+
+    It is left out if it takes more than `most` steps.
+    """
     found: list[Trial] = []
     for method in methods[:1]:
         choice = replace(mesh, method=method)
@@ -134,7 +144,7 @@ def _explicit_runs(bench: Bench, mesh: Choice, methods: Sequence[str]) -> list[T
             steps = (span_of(bench.opened) or 0.0) / critical_dt(first.system, first.start)
         except FeclothError:  # the terms or the pins refuse it
             continue
-        if steps > LONG:
+        if steps > min(most, LONG):
             continue
         found += bench.run([choice])
         if found[-1].is_ok and found[-1].seconds < SHORT:
@@ -142,24 +152,18 @@ def _explicit_runs(bench: Bench, mesh: Choice, methods: Sequence[str]) -> list[T
     return found
 
 
-def _ladder(
-    bench: Bench, mesh: Choice, method: str, known: Sequence[Trial], tolerance: float, limit: float
-) -> list[Trial]:
-    """Double the steps of a method until its error in time is about the tolerance."""
+def _ladder(bench: Bench, mesh: Choice, method: str, tolerance: float, limit: float) -> list[Trial]:
+    """Double the steps of a method until its error in time is known and about the tolerance."""
     found: list[Trial] = []
-    explicit = [one for one in known if one.is_ok]
     steps = first_steps(bench.opened)
-    while steps <= MOST and sum(one.spent for one in (*known, *found)) < limit:
+    while steps <= MOST and spent(found) < limit:
         found += bench.run([replace(mesh, method=method, steps=steps)])
         good = [one for one in found if one.is_ok]
-        if len(good) > 1 and explicit:
-            error = bench.distance(explicit[-1], good[-1]).max()
-            if error < NEAR * tolerance:
-                break
-        elif len(good) > 2:
+        if len(good) > 2:
             changes = [bench.distance(good[-1], one) for one in good[-3:-1]]
             error, ratio = changes[1].max() / 3, changes[0].max() / changes[1].max()
-            if error < tolerance or (1 + REGULAR[0] < ratio < 1 + REGULAR[1] and error < 0.1):
+            is_regular = 1 + REGULAR[0] < ratio < 1 + REGULAR[1]
+            if error < tolerance or (is_regular and error < NEAR * tolerance):
                 break
         steps *= 2
     return found
@@ -212,7 +216,7 @@ def _other_methods(
         choices += [replace(mesh, method=CONTROLLED, rtol=rtol) for rtol in TOLERANCES]
     found: list[Trial] = []
     for choice in choices:
-        if sum(one.spent for one in (*known, *found)) > limit:
+        if spent([*known, *found]) > limit:
             break
         found += bench.run([choice])
     return found
@@ -227,6 +231,7 @@ def _rules(
         grouped.setdefault((one.choice.method, _kind(one.choice)), []).append(one)
     rules = []
     for (method, kind), runs in grouped.items():
+        runs = sorted(runs, key=lambda one: _size(one.choice))
         x = [_size(one.choice) for one in runs]
         apart = [bench.distance(reference, one) if one is not reference else 0.0 for one in runs]
         theory = np.full(len(error), 1.0 if kind == "rtol" else order_of(method))

@@ -47,7 +47,7 @@ class Trial:
 
     @property
     def spent(self) -> float:
-        """CPU seconds of the case, with its mesh, its compilation and repeated runs."""
+        """CPU seconds of the case, with its warm-up and repeated runs."""
         return float(self.row.get("case_seconds", 0.0))
 
     @property
@@ -108,6 +108,11 @@ class Bench:
             if not size_of(one, record) > 0:
                 remedy = "Choose another quantity, or its path or maximum over the run."
                 raise InputError(f"{one} = 0", "has no relative error", "tune", remedy)
+
+
+def spent(trials: Sequence[Trial]) -> float:
+    """Return the CPU time of trials [s], each counted once."""
+    return sum(one.spent for one in dict.fromkeys(trials))
 
 
 def size_of_run(problem: Problem) -> Workload:

@@ -21,6 +21,7 @@ from fecloth.study.tables import Table
 from fecloth.study.tolerance import in_percent, read_tolerance
 from fecloth.study.tuning.choices import Choice, methods_to_try, span_of, text_with
 from fecloth.study.tuning.fewer_terms import drop_terms
+from fecloth.study.tuning.growth import measure_growth
 from fecloth.study.tuning.prediction import Candidate
 from fecloth.study.tuning.proof import Proof, best_run, prove
 from fecloth.study.tuning.result import Tuned
@@ -29,15 +30,16 @@ from fecloth.study.tuning.search import (
     coarse_meshes,
     measure_meshes,
     shared_run,
-    spent,
 )
 from fecloth.study.tuning.space_errors import SpaceErrors
 from fecloth.study.tuning.time_errors import measure_methods
-from fecloth.study.tuning.trials import Bench, Trial
+from fecloth.study.tuning.timing import time_candidates
+from fecloth.study.tuning.trials import Bench, Trial, spent
 from fecloth.study.workload import LONGEST, in_words
 
 SEARCH = 40.0  # s, CPU time for the runs of all methods
 COLUMNS = "element", "pattern", "h", "method", "rtol", "linear"  # of a setting, in the table
+FAR = 4.0  # times the measured √triangles: predictions beyond are guesses
 STEPS = 128  # of the runs that compare terms
 SHARPER = 100.0  # divides the solver's tolerance in the run that shows its error
 
@@ -140,12 +142,15 @@ def tune(
         search.append(sharper)
         other["solver"] = bench.distance(sharper, coarse)
     added = sum((float(one.max()) for one in other.values()), 0.0)
-    prediction = replace(prediction, other=added)
-    reachable = not space.stalls(bench) and _is_short(goal.candidates(prediction), most_seconds)
-    found = prove(bench, prediction, goal, search, other) if reachable else None
+    prediction = measure_growth(bench, replace(prediction, other=added), goal, search)
+    prediction = time_candidates(bench, prediction, goal, search)
+    candidates = goal.candidates(prediction)
+    why = _obstacle(bench, space, candidates, goal, most_seconds)
+    found = None if why else prove(bench, prediction, goal, search, other, space)
     if found is None:
         found = best_run(bench, space, times, search, other)
-    why = found.why and _why(bench, space, goal.candidates(prediction), found.why)
+        why = why or "no setting within reach is predicted to meet it"
+    why = why or found.why
     return _summarise(bench, goal, replace(found, why=why), dropped, folder)
 
 
@@ -200,22 +205,29 @@ def _sharper_run(bench: Bench, coarse: Trial) -> Trial | None:
     return trial if trial.is_ok else None
 
 
-def _is_short(candidates: Sequence[Candidate], most_seconds: float | None) -> bool:
-    return bool(candidates) and candidates[0].seconds <= (most_seconds or math.inf)
-
-
-def _why(bench: Bench, space: SpaceErrors, candidates: Sequence[Candidate], why: str) -> str:
-    """Return why the goal was not met, in words."""
-    if space.stalls(bench):
+def _obstacle(
+    bench: Bench,
+    space: SpaceErrors,
+    candidates: Sequence[Candidate],
+    goal: Goal,
+    most_seconds: float | None,
+) -> str:
+    """Return in words why no setting can be proved; "" if one may be."""
+    if space.stalls(bench, goal.scale):
         obstacles = list(space.reference.row["obstacles"])
         reasons = f": {'; '.join(obstacles)}" if obstacles else ""
         return f"finer meshes do not come closer to each other{reasons}"
     if not candidates:
         return "no setting within reach is predicted to meet it"
-    if candidates[0].seconds > 0 and why == "the tolerance is out of reach":
-        words = f"{candidates[0].choice} should meet it, in about {in_words(candidates[0].seconds)}"
-        return f"{words}, above the limit"
-    return why
+    first, known = candidates[0], float(space.error.max())
+    if first.seconds > (most_seconds or math.inf):
+        return f"{first.choice} should meet it, in about {in_words(first.seconds)}: too long"
+    if known > goal.tolerance and first.edges > FAR * first.mesh.errors.x[-1]:
+        return (
+            f"the best meshes that were run still differ by {in_percent(known)}; {first.choice} "
+            f"may meet it, in about {in_words(first.seconds)}"
+        )
+    return ""
 
 
 def _summarise(

@@ -7,15 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
+from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.fold_measure import fold_measure
 from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.bending.plate_discrete_gradient import PlateOverStep
 from fecloth.terms.bending.plate_stiffness import panel_curvatures
+from fecloth.terms.loops.array_updates import subtract
 from fecloth.terms.recovered_error import plate_error
 from fecloth.terms.step_difference import StepDifference
 
@@ -157,6 +160,17 @@ class BoundPlate:
         """f_a −= Σ m ∂μ/∂x_a with the moments m = Q (μ − μ⁰) [N]."""
         mu, g = self.plate.gradients(x, t)
         self.plate.add_force(mu - self.rest, g, f)
+
+    def force_calls(self, x, v, t, f) -> Calls | None:
+        plate = self.plate
+        if plate.moved is not None:
+            return None
+        mu, g = plate.gradients(x, t)
+        return [
+            (plate_loops.fill_gradients, (*plate.at(t), x, mu, g)),
+            (subtract, (self.rest, mu)),
+            plate.force_call(mu, g, f),
+        ]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx (GᵀQG + Σ m ∂²μ/∂x∂x) with G = ∂μ/∂x; `definite` drops the second part."""

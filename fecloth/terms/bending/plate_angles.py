@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled_calls import Call
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.terms.bending import plate_loops
@@ -126,8 +127,14 @@ class PlateAngles:
 
     def add_force(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> None:
         """f −= Σ m g with the moments m = Q change [N m], and g (h, 4, 3) [1/m]."""
+        function, arguments = self.force_call(change, g, f)
+        function(*arguments)
+
+    def force_call(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> Call:
+        """The compiled call that `add_force` makes."""
         Q = self.stiffness
-        plate_loops.add_force(self.nodes, Q.indptr, Q.indices, Q.data, change, g, f)
+        data = self.nodes, Q.indptr, Q.indices, Q.data
+        return plate_loops.add_force, (*data, change, g, f)
 
     def add_products(self, left: np.ndarray, right: np.ndarray, scale: float, J) -> None:
         """J += scale leftᵀ Q right, both (h, 4, 3)."""

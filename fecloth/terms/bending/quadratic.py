@@ -8,11 +8,13 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled_calls import Calls
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots, add_mass, find_entries
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.hinge import hinge_stiffness
+from fecloth.terms.loops.array_updates import subtract_product
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -101,6 +103,10 @@ class BoundQuadratic:
     def add_force(self, x, v, t, f) -> None:
         """f −= Q x [N]."""
         f -= self.matrix @ x
+
+    def force_calls(self, x, v, t, f) -> Calls:
+        Q = self.matrix
+        return [(subtract_product, (Q.indptr, Q.indices, Q.data, x, f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx Q ⊗ I₃."""

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.jit import kernel
@@ -15,6 +16,7 @@ from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.units import ACCELERATION, FORCE, PRESSURE
+from fecloth.terms.loops.array_updates import add
 
 STEP = 1e-5  # m and m/s: the relative error of a central difference is about 1e-10 f'''/f'
 VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
@@ -165,6 +167,12 @@ class BoundUserForce:
     def add_force(self, x, v, t, f) -> None:
         """f_a += A_a g_a [N]."""
         f += self.amount[:, None] * self._value(x, v, t)
+
+    def force_calls(self, x, v, t, f) -> Calls | None:
+        parts = self.function.parts if isinstance(self.function, FormulaForce) else ("unknown",)
+        if not all(isinstance(part, float) for part in parts):
+            return None
+        return [(add, (self.amount[:, None] * self._value(x, v, t), f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J_aa −= A_a (wx ∂g/∂x + wv ∂g/∂v), or the symmetric or positive part of this."""

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
@@ -16,6 +17,7 @@ from fecloth.terms.bending.hinge import HingeBending, bind, hinge_stiffness
 from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.loops import bound_condition
+from fecloth.terms.loops.array_updates import clear, scale
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,20 @@ class BoundPlateDamping:
         """f_a −= Σ m ∂μ/∂x_a with the moments m = τ Q μ̇ [N]."""
         _, g = self.plate.gradients(x, t)
         self.plate.add_force(self.time * self.plate.rates(g, v), g, f)
+
+    def force_calls(self, x, v, t, f) -> Calls | None:
+        plate = self.plate
+        if plate.moved is not None:
+            return None
+        mu, g = plate.gradients(x, t)
+        rate = plate.rates(g, v)
+        return [
+            (plate_loops.fill_gradients, (*plate.at(t), x, mu, g)),
+            (clear, (rate,)),
+            (plate_loops.add_rates, (plate.nodes, g, v, rate)),
+            (scale, (self.time, rate)),
+            plate.force_call(rate, g, f),
+        ]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D.

@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.jit import kernel
@@ -16,6 +17,7 @@ from fecloth.linalg.block_matrix import FindSlots, add_mass, find_entries
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import RATE
+from fecloth.terms.loops.array_updates import subtract_scaled
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,9 @@ class BoundMassDamping:
     def add_force(self, x, v, t, f) -> None:
         """f −= α m_a v_a [N]."""
         f -= self.coefficient * v
+
+    def force_calls(self, x, v, t, f) -> Calls:
+        return [(subtract_scaled, (self.coefficient, v, f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wv α m_a I."""

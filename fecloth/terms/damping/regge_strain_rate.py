@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
 from fecloth.linalg.block_matrix import FindSlots
@@ -83,6 +84,9 @@ class BoundReggeRate:
     def add_force(self, x, v, t, f) -> None:
         """f −= Σ w S̃_v · B [N]."""
         add_force(*self.data, x, v, f)
+
+    def force_calls(self, x, v, t, f) -> Calls:
+        return [(add_force, (*self.data, x, v, f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""

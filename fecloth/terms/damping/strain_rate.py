@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
@@ -171,6 +172,9 @@ class BoundStrainRate:
     def add_force(self, x, v, t, f) -> None:
         """f −= Σ w F S_v G_a [N]."""
         add_force(*self.data, x, v, f)
+
+    def force_calls(self, x, v, t, f) -> Calls:
+        return [(add_force, (*self.data, x, v, f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""

@@ -8,6 +8,7 @@ from typing import Annotated, TypeVar
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
@@ -153,6 +154,11 @@ class BoundDrag:
     def add_force(self, x, v, t, f) -> None:
         """f += F/3 at each corner [N]."""
         add_force(self.nodes, self.law, self._air(x, t), x, v, f)
+
+    def force_calls(self, x, v, t, f) -> Calls | None:
+        if not (isinstance(self.wind, Uniform) and self.wind.value.is_constant):
+            return None
+        return [(add_force, (self.nodes, self.law, self._air(x, t), x, v, f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wv D + wx K, without K if J must be symmetric or `definite`."""

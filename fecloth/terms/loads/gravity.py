@@ -7,11 +7,13 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import ACCELERATION
+from fecloth.terms.loops.array_updates import add
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -70,6 +72,9 @@ class BoundGravity:
 
     def add_force(self, x, v, t, f) -> None:
         f += self.weight
+
+    def force_calls(self, x, v, t, f) -> Calls:
+        return [(add, (self.weight, f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """Do nothing: the force is constant."""

@@ -8,11 +8,13 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import FORCE, LENGTH
+from fecloth.terms.loops.array_updates import add_rows
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,11 @@ class BoundPointForce:
     def add_force(self, x, v, t, f) -> None:
         """f_a += N_a F [N]."""
         f[self.nodes] += self.share * self.force(t)
+
+    def force_calls(self, x, v, t, f) -> Calls | None:
+        if not self.force.is_constant:
+            return None
+        return [(add_rows, (self.nodes, self.share * self.force(t), f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """Do nothing: the force does not depend on x and v."""

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth.compiled_calls import Call, Calls
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
@@ -139,7 +140,11 @@ class BoundPressure:
 
     def add_force(self, x, v, t, f) -> None:
         """f += (p/6) n at each corner [N]."""
-        self._add_force(float(self.p(t)), x, f)
+        function, arguments = self._force_call(float(self.p(t)), x, f)
+        function(*arguments)
+
+    def force_calls(self, x, v, t, f) -> Calls | None:
+        return [self._force_call(float(self.p(t)), x, f)] if self.p.is_constant else None
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; do nothing if J must be `definite`, because the trace of K is zero."""
@@ -155,8 +160,8 @@ class BoundPressure:
         self._add_tangent(slots, p, self.rest, K)
         return stencil_bound(self.nodes, K.reshape(m, k, k, 3, 3), mass), 0.0
 
-    def _add_force(self, p, x, f):
-        add_force(self.nodes, self.signs, p, x, f)
+    def _force_call(self, p, x, f) -> Call:
+        return add_force, (self.nodes, self.signs, p, x, f)
 
     def _add_tangent(self, slots, p, x, J):
         add_tangent(self.nodes, self.signs, slots, p, self.symmetric, x, J)
@@ -168,10 +173,10 @@ class BoundCurved(BoundPressure):
 
     cloth: Cloth
 
-    def _add_force(self, p, x, f):
+    def _force_call(self, p, x, f) -> Call:
         cloth = self.cloth
         arrays = self.nodes, cloth.gradients, cloth.weights, cloth.values
-        add_curved_force(*cloth.shape, *arrays, p, x, f)
+        return add_curved_force, (*cloth.shape, *arrays, p, x, f)
 
     def _add_tangent(self, slots, p, x, J):
         cloth = self.cloth

@@ -13,6 +13,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, SPEED
 from fecloth.terms.loads import air_velocity
+from fecloth.terms.loads.air_velocity import Uniform
 from fecloth.terms.loads.drag import BoundDrag, Coefficient, bind_drag, check_drag, powers
 
 
@@ -105,6 +106,13 @@ class BoundWind(BoundDrag):
 
     name = "Wind"
     load = True
+
+    @property
+    def steady_air(self) -> np.ndarray | None:
+        """(3,) the velocity of the air where it is constant [m/s], else None."""
+        if isinstance(self.wind, Uniform) and self.wind.value.is_constant:
+            return self.wind.value(0.0)
+        return None
 
     def supply(self, x, v, t) -> float:
         """Power Σ F · u of the wind [W]."""

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fecloth.compiled_calls import Calls
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.jit import Zeros, specialise
@@ -118,6 +119,12 @@ class BoundCondition:
         """f_a −= ∂C_a (k_s C + k_d Ċ) [N]."""
         data = self.table(x, t, 1), self.stiffness, self.damping
         self.kernels.add_force(*self.shape, self.nodes, *data, x, v, f)
+
+    def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
+        if type(self).table is not BoundCondition.table:
+            return None  # it makes the constants in Python
+        data = self.constants, self.stiffness, self.damping
+        return [(self.kernels.add_force, (*self.shape, self.nodes, *data, x, v, f))]
 
     def add_tangent(
         self,

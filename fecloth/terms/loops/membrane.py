@@ -45,6 +45,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.fabric.panel import Panel
 from fecloth.jit import Array, Zeros, specialise
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
@@ -258,6 +259,9 @@ class BoundMembrane:
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f −= Σ w P G_a [N]."""
         self.kernels.add_force(*self.data, x, f)
+
+    def force_calls(self, x: Array, v: Array, t: float, f: Array) -> Calls:
+        return [(self.kernels.add_force, (*self.data, x, f))]
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fecloth.compiled_calls import Calls
 from fecloth.fabric.panel import Panel
 from fecloth.jit import Array, specialise
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
@@ -285,6 +286,9 @@ class BoundRegge:
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f −= Σ w S̃ · B [N]."""
         self.kernels.add_force(*self.data, x, f)
+
+    def force_calls(self, x: Array, v: Array, t: float, f: Array) -> Calls:
+        return [(self.kernels.add_force, (*self.data, x, f))]
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool

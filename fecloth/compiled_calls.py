@@ -1,0 +1,135 @@
+"""Calls of compiled kernels one after another, without Python between them.
+
+Python needs 2 to 10 µs to call a kernel, as much as the forces of 200 triangles take. `join` makes
+one function without arguments of several calls: the addresses of the kernels and of their arrays
+are constants in its code. It is the machine code of the kernels themselves that runs, so the bits
+of the results are those of calls from Python, and no kernel is compiled again.
+
+Numba's convention for a compiled function is used: ``status f(result*, error**, arguments...)``,
+in which an array is seven or more words: two pointers for the memory's owner (null: nobody),
+number of entries, bytes of an entry, address, shape, strides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import count
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import cpu_target
+from numba.extending import intrinsic
+
+from fecloth.jit import kernel
+
+Call = tuple[Callable[..., object], tuple[Any, ...]]
+"""A kernel and its arguments: arrays, numbers and tuples of numbers."""
+Calls = list[Call]
+
+WORD = ir.IntType(64)
+PROCEDURE = ir.FunctionType(ir.VoidType(), ())
+_numbers = count()
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedCalls:
+    """A compiled function that makes several calls.
+
+    Attributes
+    ----------
+    address
+        Of the function, for `call` in a kernel.
+    kept
+        What must live as long as the function: its code, the kernels and the arrays.
+    """
+
+    address: int
+    kept: tuple[Any, ...]
+
+    def __call__(self) -> None:
+        """Make the calls."""
+        _call_once(self.address)
+
+
+@global_compiler_lock
+def join(calls: Calls) -> JoinedCalls:
+    """Return one function that makes all the calls in order, on the same arrays each time.
+
+    What the kernels return is dropped. Numbers are those of now; arrays may change in place.
+
+    Examples
+    --------
+    >>> @numba.njit
+    ... def add(a, f):
+    ...     for i in range(len(f)):
+    ...         f[i] += a[i]
+    >>> a, f = np.ones(2), np.zeros(2)
+    >>> both = join([(add, (a, f)), (add, (f, f))])
+    >>> both(), both(), f
+    (None, None, array([6., 6.]))
+    """
+    name = f"fecloth_calls_{next(_numbers)}"
+    library = cpu_target.target_context.codegen().create_library(name)
+    module = library.create_ir_module(name)
+    body = ir.IRBuilder(ir.Function(module, PROCEDURE, name).append_basic_block())
+    for function, arguments in calls:
+        _add_call(body, function, arguments)
+    body.ret_void()
+    library.add_ir_module(module)
+    library.finalize()
+    return JoinedCalls(library.get_pointer_to_function(name), (library, tuple(calls)))
+
+
+def _add_call(body: ir.IRBuilder, function: Any, arguments: tuple[Any, ...]) -> None:
+    """Add the call of a kernel, which is compiled or read from disk if need be."""
+    signature = tuple(numba.typeof(argument) for argument in arguments)
+    function.compile(signature)
+    compiled = function.overloads[signature]
+    address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+    convention = cpu_target.target_context.call_conv
+    kind = convention.get_function_type(compiled.signature.return_type, signature)
+    result, error, *leaves = kind.args
+    pointer = body.inttoptr(ir.Constant(WORD, address), kind.as_pointer())
+    values = [_constant(leaf, word) for leaf, word in zip(leaves, _words(arguments), strict=True)]
+    body.call(pointer, [body.alloca(result.pointee), body.alloca(error.pointee), *values])
+
+
+def _words(value: Any) -> Iterator[float]:
+    """Yield the numbers that stand for a value in Numba's convention."""
+    if isinstance(value, np.ndarray):
+        yield from (0, 0, value.size, value.itemsize, value.ctypes.data)
+        yield from (*value.shape, *value.strides)
+    elif isinstance(value, tuple):
+        for part in value:
+            yield from _words(part)
+    else:
+        yield value
+
+
+def _constant(leaf: Any, word: float) -> Any:
+    if isinstance(leaf, ir.PointerType):
+        return ir.Constant(WORD, int(word)).inttoptr(leaf)
+    return ir.Constant(leaf, float(word) if isinstance(leaf, ir.DoubleType) else int(word))
+
+
+def _call(typing: Any, address: Any) -> Any:
+    """Call the function at the address of a `JoinedCalls`; for kernels only."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.call(builder.inttoptr(arguments[0], PROCEDURE.as_pointer()), ())
+        return context.get_dummy_value()
+
+    return types.void(types.int64), generate
+
+
+call: Any = intrinsic(_call)
+
+
+@kernel
+def _call_once(address: int) -> None:
+    call(address)

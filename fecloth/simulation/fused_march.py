@@ -1,0 +1,212 @@
+"""Which steps of a march go without Python between them, up to the next one that is asked for."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fecloth.integrators.explicit import CentralDifference, LastForce
+from fecloth.integrators.fused_steps import Flows, FusedSteps
+from fecloth.integrators.protocol import StepChoice
+from fecloth.integrators.step import Step
+from fecloth.simulation.fixed_step import FixedStep
+from fecloth.simulation.stability_limited import (
+    BEYOND,
+    LOOK,
+    UPDATE_STEPS,
+    LimitMemory,
+    StabilityLimited,
+)
+from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms.kinematics import extreme_stretches
+
+MOST = 2**14  # steps of a call: their times and the motion of pins are kept as arrays
+FEWEST = 1  # more steps are worth the copies of a call
+ALIKE = 1e-9  # relative difference of step sizes that count as equal: the clock's round-off
+CHECK_EVERY = 8  # explicit steps between two looks at the stretches
+LOOK_EVERY = 64  # the same of fused steps of one size, whose values are all finite at the end
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The next step that the consumer of a march needs: what `march` takes by ``send``.
+
+    Attributes
+    ----------
+    step, t
+        Its number and its time [s]: the step that reaches the first of the two.
+    """
+
+    step: int
+    t: float = math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Skipped:
+    """Steps that were taken without a stop.
+
+    Attributes
+    ----------
+    number
+        Of the steps.
+    state, memory
+        After them.
+    step
+        The step after them, if it is known too.
+    flows
+        What the energy ledger adds up over all of these.
+    seconds
+        Wall time.
+    """
+
+    number: int
+    state: State
+    memory: object
+    step: Step | None
+    flows: Flows
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class FusedMarch:
+    """A choice of steps whose steps may be fused.
+
+    Attributes
+    ----------
+    steps, fused
+        The choice of steps, and the system's fused steps.
+    most_stretch
+        As for `march`.
+    """
+
+    steps: FixedStep | StabilityLimited
+    fused: FusedSteps
+    most_stretch: float
+
+    @classmethod
+    def bind(cls, system: System, steps: StepChoice, most_stretch: float) -> FusedMarch | None:
+        """Return the fused march, or None where steps need Python: see `FusedSteps.bind`."""
+        if not isinstance(steps, FixedStep | StabilityLimited):
+            return None
+        if type(steps.method) is not CentralDifference:
+            return None
+        fused = FusedSteps.bind(system)
+        return None if fused is None else cls(steps, fused, most_stretch)
+
+    def skip(
+        self, state: State, memory: object, number: int, targets: np.ndarray, wanted: Wanted
+    ) -> Skipped | None:
+        """Take the steps before the `wanted` one; None if there are too few.
+
+        Parameters
+        ----------
+        state, memory, number
+            After the last step, with its number.
+        targets
+            Times at which steps must end, up to one that must not be skipped.
+
+        Raises
+        ------
+        FloatingPointError
+            If they end beyond all bounds; single steps will tell where.
+        """
+        begin, most = time.perf_counter(), min(wanted.step - number, len(targets), MOST)
+        limited = memory if isinstance(memory, LimitMemory) else None
+        times = np.concatenate([[state.t], targets[:most]])
+        if limited:
+            most = min(wanted.step - number, MOST)
+            times = self._chosen_times(state, limited, targets[0], most)
+        sizes = np.diff(times) if limited is None else np.full(len(times) - 1, limited.dt)
+        count = min(_equal(sizes), 1 + int(np.searchsorted(times[1:], wanted.t)))
+        if count <= FEWEST:
+            return None
+        look, least, largest = (number % LOOK_EVERY, LOOK_EVERY), 0.0, self.most_stretch
+        last = memory
+        if limited:
+            look, last = (limited.steps % LOOK, LOOK), limited.method_memory
+            least, largest = limited.least / BEYOND, min(largest, limited.largest * BEYOND)
+        assert isinstance(last, LastForce)
+        plan = times[: count + 1], sizes[:count]
+        taken = self.fused.take(state, last, *plan, look, least, largest)
+        if taken is None or not (limited or taken.step):
+            raise FloatingPointError("fused steps end beyond all bounds")
+        left: object = taken.memory
+        step = taken.step
+        if limited:
+            before = replace(
+                limited, steps=limited.steps + taken.number, method_memory=taken.memory
+            )
+            left = before
+            if step:
+                after = replace(before, steps=before.steps + 1, method_memory=step.memory)
+                step = replace(step, memory=after)
+        seconds = time.perf_counter() - begin
+        return Skipped(taken.number, taken.state, left, step, taken.flows, seconds)
+
+    def _chosen_times(
+        self, state: State, limited: LimitMemory, target: float, most: int
+    ) -> np.ndarray:
+        """Begin and ends of the steps of one size before the limit is computed again."""
+        most = min(most, UPDATE_STEPS - limited.steps)
+        none = np.array([state.t])
+        if most < FEWEST:
+            return none
+        if limited.steps % LOOK == 0:
+            least, largest = extreme_stretches(self.fused.system.cloth, state.x)
+            if largest > BEYOND * limited.largest or least * BEYOND < limited.least:
+                return none
+        dt = limited.dt
+        times = np.add.accumulate(np.concatenate([none, np.full(most, dt)]))
+        shortened = np.ceil((target - times[:-1]) / dt - 1e-9) <= 2
+        return times[: 1 + int(np.argmax(np.append(shortened, True)))]
+
+
+def _equal(sizes: np.ndarray) -> int:
+    """Number of the first sizes that differ by round-off only."""
+    if not len(sizes):
+        return 0
+    unlike = np.abs(sizes - sizes[0]) > ALIKE * sizes[0]
+    return int(np.argmax(np.append(unlike, True)))
+
+
+class Skipping:
+    """The fused steps of one march: bound when a step is first skipped, given up when they fail."""
+
+    def __init__(
+        self,
+        system: System,
+        steps: StepChoice,
+        most_stretch: float,
+        targets: np.ndarray,
+        stops: Sequence[float],
+    ):
+        self.run = system, steps, most_stretch
+        self.targets = targets
+        self.kept = np.flatnonzero(np.isin(targets, [*stops, targets[-1]]))  # never skipped
+        self.bound: FusedMarch | None = None
+        self.is_open = True
+
+    def skip(
+        self, state: State, memory: object, number: int, wanted: Wanted | None
+    ) -> Skipped | None:
+        """Take the steps before the `wanted` one, see `FusedMarch.skip`."""
+        if wanted is None or wanted.step <= number + FEWEST or not self.is_open:
+            return None
+        if self.bound is None:
+            self.bound = FusedMarch.bind(*self.run)
+            self.is_open = self.bound is not None
+        place = int(np.searchsorted(self.targets, state.t, side="right"))
+        if self.bound is None or place == len(self.targets):
+            return None
+        stop = self.kept[np.searchsorted(self.kept, place)]
+        targets = self.targets[place : stop + 1]
+        try:
+            return self.bound.skip(state, memory, number, targets, wanted)
+        except FloatingPointError:
+            self.is_open = False  # single steps will tell where they fail
+            return None
