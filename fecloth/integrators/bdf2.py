@@ -87,7 +87,7 @@ class BDF2(WithMemory):
             return replace(first, memory=_change(state, first.state))
         end, stage = prescribed_end(system, state, dt), self.stage(state, dt, memory)
         stage = hold_stage(system, stage, end, stage.a + stage.wa * (end.v - state.v))
-        q, counts = newton.solve(over, stage, solver, memory.dv)
+        q, counts = newton.solve(over, stage, solver, memory.dv, dt)
         _, v, a = stage.at(q)
         new = set_prescribed(system, State(end.t, stage.x_end + stage.w_end * q, v), end)
         change = _change(state, new)

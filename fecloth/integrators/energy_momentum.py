@@ -39,7 +39,8 @@ class EnergyMomentum(StageMethod):
 
     Where a step does not resolve how the cloth crumples it is the wrong choice. CPU time over that
     of `BackwardEuler` (in brackets: iterations a step of both), for a sheet of 1 m × 1 m and 1,000
-    triangles that hangs down from two corners for 1 s, `hanging` in studies/newton_catalogue:
+    triangles that hangs down from two corners for 1 s, `hanging` in studies/newton_catalogue, both
+    solved to a residual of 1e-6:
 
         dt         knit (interlock)    denim (denim-wang)    cotton, Y = 3000 N/m
         1/240 s    2 (3.5, 2.3)        2 (4.8, 3.1)          2 (6.6, 3.9)
@@ -99,6 +100,7 @@ class EnergyMomentum(StageMethod):
         memory: np.ndarray | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s]; with "auto" by the exact tangent where it must."""
+        solver = replace(solver, step_error=None)  # its balance of energy needs a small residual
         options = solver.options
         if self.tangent != "auto" or options.definiteness == "clamp":  # all clamped are symmetric
             return super().step(system, state, dt, solver, memory)

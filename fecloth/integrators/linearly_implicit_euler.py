@@ -89,7 +89,7 @@ def _velocity_change(
     seconds = {"assemble": time.perf_counter() - begin}
     solver.begin(dt, 1.0 / dt, state.x)
     linear.prepare(J)
-    project, rtol = system.constraints.project, solver.options.tolerance
+    project, rtol = system.constraints.project, solver.options.residual
     start = None if guess is None else project(guess.copy())
     updates = [(dt * c, project(u)) for c, u in dense]
     free, infos = solve_updated(linear, updates, project(b), rtol, start)

@@ -76,7 +76,7 @@ class AccelerationMethod(WithMemory):
         stage = self.stage(state, dt, a)
         at, a_m = blend(state, end, 1 - alpha_f), alpha_m * a + (1 - alpha_m) * moved
         stage = hold_stage(system, stage, at, a_m)
-        q, counts = newton.solve(over or system, stage, solver, a)
+        q, counts = newton.solve(over or system, stage, solver, a, dt)
         new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * ((1 - gamma) * a))
         new = set_prescribed(system, replace(new, v=new.v + dt * gamma * q), end)
         a_new = system.constraints.hold(q, moved)
@@ -165,6 +165,6 @@ def starting_acceleration(
     b = project(system.force(state) - system.scalar_mass @ a)
     linear_solver, matrix = solver.matrix_solver()
     linear_solver.prepare(system.project(system.assemble(matrix, state, wa=1.0)))
-    free, _ = linear_solver.solve(b, rtol=solver.options.tolerance)
+    free, _ = linear_solver.solve(b, rtol=solver.options.residual)
     total: np.ndarray = a + free
     return total

@@ -53,7 +53,7 @@ class StageMethod:
         end = prescribed_end(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
         over = self.over_step(system, state, dt)
-        q, counts = newton.solve(over, stage, solver, memory)
+        q, counts = newton.solve(over, stage, solver, memory, dt)
         x, v, a = stage.at(q)
         new = State(state.t + dt, stage.x_end + stage.w_end * q, state.v + dt * a)
         return Step(set_prescribed(system, new, end), State(stage.t, x, v), q, counts, over=over)

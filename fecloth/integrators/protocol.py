@@ -102,6 +102,13 @@ class MethodTraits:
             raise InputError(f"stability = {self.stability}", allowed, "MethodTraits")
 
 
+def drift_of(traits: MethodTraits) -> tuple[int, float] | None:
+    """Return (q, κ) of a method; without a `drift` that of the error of its steps, if known."""
+    if traits.drift is not None:
+        return traits.drift
+    return None if traits.error_constant is None else (traits.order, traits.error_constant)
+
+
 class Stepping(Protocol):
     """What every method offers: traits, a step, and an account of its energy."""
 

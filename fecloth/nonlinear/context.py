@@ -9,6 +9,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import LinearSolver
+from fecloth.nonlinear.error_left import StepError
 from fecloth.nonlinear.factor_reuse import PRICES, FactorReuse
 from fecloth.nonlinear.options import Newton
 
@@ -25,12 +26,15 @@ class SolverContext:
         Newton's.
     factor_reuse
         The record of the factor that the linear solver holds from an earlier iteration.
+    step_error
+        The error in time of the next step, for the tolerance "auto"; None where it is not known.
     """
 
     linear: LinearSolver | None
     matrix: BlockMatrix | None
     options: Newton
     factor_reuse: FactorReuse = field(default_factory=FactorReuse)
+    step_error: StepError | None = None
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
         """Begin a step near x with these weights of K and M; "auto" may change its solver here."""

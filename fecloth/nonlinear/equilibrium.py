@@ -260,7 +260,7 @@ def solve_static(
         _check_travel(equation, point, relative)
 
     x, counts = iterate(equation, context, x, report=tell)
-    if counts.residual > context.options.tolerance:  # it is round-off
+    if counts.residual > context.options.residual:  # it is round-off
         reason = "the round-off of the forces is above the tolerance"
         remedy = (
             f"A tolerance of {2 * counts.residual:.1g} can be met; for less, take away what is "

@@ -5,94 +5,24 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from fecloth.errors import SolveFailed
-from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.equation import Equation, Remedy
+from fecloth.nonlinear.error_left import ErrorLeft
 from fecloth.nonlinear.line_search import Point, find_step
 from fecloth.nonlinear.statistics import Counts
-from fecloth.system.system import System
 
 STALLED = 0.25  # of the residual left after an iteration: it may have met round-off, if
 STANDING = 1e-7  # extents of the cloth is the longest way that a node moved in it
 TINY = 1e-6  # extents: on shorter steps round-off hides the change of the potential
 NO_FORCE = 1e-6  # of the forces: where more of them is round-off, it moves no node of its own
+CLAMPED = 4  # iterations of a step that try clamped tangents before they add mass
 ROUND_OFF = 8.0  # times the change of the residual when the last digits of all numbers change
-
-
-class Remedy(NamedTuple):
-    """σ [of the matrix's mass M] to add to the matrix as σ M, and whether to clamp tangents."""
-
-    shift: float
-    definite: bool
-
-
-class Equation(Protocol):
-    """R(y) = 0 for an unknown y (n, 3), as `iterate` solves it."""
-
-    @property
-    def system(self) -> System:
-        """Supplies the constraints and the sums over nodes."""
-        ...
-
-    @property
-    def wx(self) -> float:
-        """∂x/∂y."""
-        ...
-
-    @property
-    def longest(self) -> float:
-        """The longest way [m] that an iteration may move a node."""
-        ...
-
-    @property
-    def potential(self) -> Callable[[np.ndarray], float] | None:
-        """The function of y whose gradient R is, or None."""
-        ...
-
-    @property
-    def remedies(self) -> tuple[Remedy, ...]:
-        """What to try in this order; the first is the exact matrix, if the options allow that."""
-        ...
-
-    @property
-    def resume(self) -> int:
-        """Where to go on after the first remedy has failed in the first iteration.
-
-        The remedies from number max(resume − 1, 1) on are then tried.
-        """
-        ...
-
-    def residual(self, y: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
-        """R (n, 3) of the free directions and the sum of the norms of all forces, reactions too.
-
-        `scale` is the sum at the iterate before; 0.0 at the first one.
-        """
-        ...
-
-    def round_off(self, y: np.ndarray) -> float:
-        """How much R changes if the last digits of positions and velocities change."""
-        ...
-
-    def assemble(self, y: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
-        """J = ∂R/∂y with a remedy, projected onto the free directions."""
-        ...
-
-    def updates(self, y: np.ndarray) -> list[tuple[float, np.ndarray]]:
-        """(c, u) of each part c u uᵀ of ∂R/∂y that J leaves out."""
-        ...
-
-    def key(self, remedy: Remedy) -> tuple:
-        """The quantities that identify J, for the reuse of its factor."""
-        ...
-
-    def failure(self, reason: str, point: Point, residual: float) -> Exception:
-        """The error to raise where the iteration ended; `residual` is relative."""
-        ...
 
 
 class Progress(NamedTuple):
@@ -111,8 +41,11 @@ def iterate(
     least: int = 0,
     report: Callable[[Progress], None] = lambda progress: None,
     instead: np.ndarray | None = None,
+    left: ErrorLeft | None = None,
 ) -> tuple[np.ndarray, Counts]:
     """Iterate from y until ‖R‖ ≤ tolerance × scale, and at least `least` times.
+
+    With `left` the iteration ends also where the error left is small against that in time.
 
     If the forces at y are not finite, the iteration starts from `instead`.
 
@@ -133,7 +66,7 @@ def iterate(
     NewtonFailed, EquilibriumFailed
         `Equation.failure`, if the iteration cannot go on or takes too long.
     """
-    work, most = _Work(equation, context), context.options.max_iterations
+    work, most = _Work(equation, context, left), context.options.max_iterations
     point = work.at(y, 0.0)
     if instead is not None and not np.isfinite(point.norm):
         point = work.at(instead, 0.0)
@@ -142,12 +75,16 @@ def iterate(
     for number in range(most + 1):
         if (number >= least or point.norm == 0) and point.norm <= work.goal(point):
             return point.y, work.counts(number, point)
+        if work.left.is_small:
+            return point.y, work.counts(number, point)
         if ask and point.norm <= (floor := ROUND_OFF * equation.round_off(point.y)):
             return point.y, work.counts(number, point, floor)
         if number == most or length == 0.0:
             break
         before, (point, length, last) = point, work.advance(point, least_norm, last, resume)
-        least_norm, resume = min(least_norm, point.norm), last or resume
+        work.correct(before, point, length, last)
+        least_norm = min(least_norm, point.norm)
+        resume = resume if last in (0, equation.clamped) else last
         ask = work.stands(before, point) or length == 0.0 or number + 1 == most
         if length > 0.0:
             report(Progress(number + 1, point, equation.remedies[last], length))
@@ -158,13 +95,15 @@ def iterate(
 class _Work:
     """The matrix, the solver and the counters of one call of `iterate`."""
 
-    def __init__(self, equation: Equation, context: SolverContext):
+    def __init__(self, equation: Equation, context: SolverContext, left: ErrorLeft | None = None):
         self.equation, self.context, self.system = equation, context, equation.system
         self.linear_solver, self.J = context.matrix_solver()
         self.extent = float(np.ptp(self.system.cloth.X, axis=0).max())
         self.linear = self.modified = self.factorisations = self.reused_solves = 0
         self.seconds = {"assemble": 0.0, "factor": 0.0, "solve": 0.0}
         self.reason = ""  # why the last attempt failed
+        self.left = left or ErrorLeft()
+        self.clamped = 0  # iterations with the remedy `Equation.clamped`
         self.moves = False  # whether the last iteration moved the cloth
 
     def at(self, y: np.ndarray, scale: float) -> Point:
@@ -175,7 +114,13 @@ class _Work:
         return float(point.norm / point.scale) if point.scale else 0.0
 
     def goal(self, point: Point) -> float:
-        return self.context.options.tolerance * point.scale
+        return self.context.options.residual * point.scale
+
+    def correct(self, before: Point, point: Point, length: float, last: int) -> None:
+        """Record an iteration for the estimate of the error left."""
+        whole = length == 1.0 and not self.equation.remedies[last].shift
+        self.left.correct(self.system, point.y - before.y, whole)
+        self.clamped += last == self.equation.clamped
 
     def stands(self, before: Point, point: Point) -> bool:
         """Whether an iteration hardly moved the cloth, and hardly changed the residual."""
@@ -187,14 +132,19 @@ class _Work:
     def counts(self, iterations: int, point: Point, floor: float = 0.0) -> Counts:
         """The counts at the end; `floor` is the round-off of the residual where it governs."""
         self.context.factor_reuse.end_step(self.reused_solves, self.linear_solver)
+        left, met = self.left, self.goal(point) >= point.norm
+        by_estimate = left.is_small and not met
         return Counts(
+            estimated=int(by_estimate),
+            newton_error=left.error if by_estimate else 0.0,
+            step_error=left.in_time if by_estimate else 0.0,
             newton=iterations,
             linear=self.linear,
             modified=self.modified,
             residual=self.relative(point) if point.scale > floor else 0.0,
             seconds=self.seconds,
             factorisations=self.factorisations,
-            limited=int(self.goal(point) < point.norm and not self.is_harmless(floor, point)),
+            limited=int(not (met or by_estimate or self.is_harmless(floor, point))),
         )
 
     def is_harmless(self, floor: float, point: Point) -> bool:
@@ -223,13 +173,15 @@ class _Work:
     def to_try(self, last: int, resume: int) -> list[int]:
         """Return the numbers of the remedies to try, in order; `last` is the one used before.
 
-        After the first remedy, and after one that clamps, the first is tried again, and then those
-        from max(resume − 1, 1) on. After any other, those from last − 1 on are tried.
+        After the first remedy, and after one that clamps, the first is tried again, then in the
+        first CLAMPED such iterations `Equation.clamped`, and then those from max(resume − 1, 1)
+        on. After any other, those from last − 1 on are tried.
         """
-        numbers = list(range(len(self.equation.remedies)))
-        if last == 0 or self.equation.remedies[last].definite:
-            return [0, *numbers[max(resume - 1, 1) :]]
-        return numbers[last - 1 :]
+        numbers, clamped = list(range(len(self.equation.remedies))), self.equation.clamped
+        if last and not self.equation.remedies[last].definite:
+            return numbers[last - 1 :]
+        second = [clamped] if clamped and self.clamped < CLAMPED else []
+        return [0, *second, *numbers[max(resume - 1, 1) :]]
 
     def search(self, point: Point, step: np.ndarray, least_norm: float):
         """Return the `Point` of an improvement along the step, and α; None without one."""
@@ -259,9 +211,18 @@ class _Work:
             return None
         self.reused_solves += 1
         there = self.at(point.y + step, point.scale)
-        to_go = self.goal(there) / there.norm if there.norm else 1.0
+        to_go = self.to_go(point, there)
         reuse.record_iteration(there.norm / point.norm, to_go, self.linear_solver)
         return there if there.norm < point.norm else None
+
+    def to_go(self, before: Point, point: Point) -> float:
+        """The goal over the residual, or the allowed error over that left if it is nearer."""
+        if not point.norm:
+            return 1.0
+        length = self.left.measure(self.system, point.y - before.y)
+        return max(
+            self.goal(point) / point.norm, self.left.to_go(length * point.norm / before.norm)
+        )
 
     def direction(self, point: Point, remedy: Remedy) -> np.ndarray:
         """s = −J⁻¹ R with a remedy."""

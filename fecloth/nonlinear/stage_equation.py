@@ -9,7 +9,7 @@ import numpy as np
 
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.nonlinear.iteration import Remedy
+from fecloth.nonlinear.equation import Remedy
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.round_off import measure_round_off
 from fecloth.nonlinear.stage import Stage
@@ -45,6 +45,14 @@ class StageEquation:
 
     longest = float("inf")
     resume = 1
+
+    @property
+    def clamped(self) -> int | None:
+        """The number of the remedy that clamps tangents and adds no mass, with a potential.
+
+        Without one nothing keeps the iteration from a valley in which it then creeps.
+        """
+        return len(MULTIPLES) if self.definiteness == "on_failure" and self.potential else None
 
     @property
     def wx(self) -> float:

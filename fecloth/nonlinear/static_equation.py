@@ -10,7 +10,7 @@ import numpy as np
 
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.nonlinear.iteration import Remedy
+from fecloth.nonlinear.equation import Remedy
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.round_off import measure_round_off
 from fecloth.system.state import State
@@ -52,6 +52,7 @@ class StaticEquation:
 
     wx = 1.0
     resume = LESS + 2
+    clamped = None
 
     @cached_property
     def longest(self) -> float:

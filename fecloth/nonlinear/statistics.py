@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+SUMMED = (
+    *("newton", "linear", "modified", "factorisations", "rejected", "limited"),
+    *("estimated", "newton_error", "step_error"),
+)
+
 
 @dataclass(frozen=True)
 class Counts:
@@ -25,6 +30,10 @@ class Counts:
         Steps rejected before because they were too long.
     limited
         Steps whose residual stayed above Newton's tolerance as it is round-off.
+    estimated
+        Steps that ended because Newton's error was small against their error in time.
+    newton_error, step_error
+        The estimated errors of these steps: what Newton's iteration left, and in time [m].
     """
 
     newton: int = 0
@@ -35,11 +44,13 @@ class Counts:
     factorisations: int = 0
     rejected: int = 0
     limited: int = 0
+    estimated: int = 0
+    newton_error: float = 0.0
+    step_error: float = 0.0
 
     def plus(self, other: Counts) -> Counts:
         """Return the sums, with the residual of `other`."""
-        names = ("newton", "linear", "modified", "factorisations", "rejected", "limited")
-        sums = {name: getattr(self, name) + getattr(other, name) for name in names}
+        sums = {name: getattr(self, name) + getattr(other, name) for name in SUMMED}
         keys = {**self.seconds, **other.seconds}
         seconds = {k: self.seconds.get(k, 0.0) + other.seconds.get(k, 0.0) for k in keys}
         return Counts(**sums, residual=other.residual, seconds=seconds)
@@ -54,3 +65,22 @@ def warn_of_round_off(steps: int) -> str:
         f"{many} solved to round-off only, which is above Newton's tolerance: ask for a greater "
         "tolerance, or take away what is stiff and small, such as slivers"
     )
+
+
+def describe_newton_error(
+    steps: int, estimated: int, newton_error: float, step_error: float
+) -> str:
+    """Return a sentence about the steps that ended by `ErrorLeft`; "" for none.
+
+    `newton_error` and `step_error` are the sums over these.
+
+    Examples
+    --------
+    >>> describe_newton_error(30, 28, 0.4, 10.0)
+    "error of Newton's iteration about 4 % of the error in time in 28 of 30 steps"
+    """
+    if not estimated:
+        return ""
+    percent = f"{100 * newton_error / step_error:.2g} %"
+    where = f"in {estimated} of {steps} steps"
+    return f"error of Newton's iteration about {percent} of the error in time {where}"

@@ -75,10 +75,11 @@ def place_in_words(t: float, unit: str) -> str:
 def finished_message(outcome: SceneResult) -> str:
     """Return how wrong a run is in time and space, its cost, the file to open, and its warnings."""
     counts, seconds = outcome.summary, outcome.summary["seconds"]
+    names = ("time_error_in_words", "space_error_in_words", "newton_error_in_words")
+    errors = "".join(f"{counts[name]}\n" for name in names if counts[name])
     return (
         f"{shape_message(counts)}\n"
-        f"{counts['time_error_in_words']}\n"
-        f"{counts['space_error_in_words']}\n"
+        f"{errors}"
         f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
         f"{seconds['total']:.1f} s; open {outcome.folder / counts['open']} in ParaView"
         f"{warning_count(outcome)}"

@@ -7,12 +7,13 @@ import re
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from typing import Any
 
 import numpy as np
 
 from fecloth.errors import FeclothError, InputError, StepFailed
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.statistics import warn_of_round_off
+from fecloth.nonlinear.statistics import SUMMED, describe_newton_error, warn_of_round_off
 from fecloth.output.atomic_files import WriteError, flush_to_disk
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
@@ -51,7 +52,6 @@ _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 _TABLES = ("steps", "energies", "observed", "strains")
 _OBSERVED = ("energies", "observed")
 _SO_FAR = ("state", "memory", "ledger", "balance", "time_error", "counted")
-_COUNTED = ("newton", "linear", "modified", "factorisations", "rejected", "limited")
 
 
 class Recorder:
@@ -83,7 +83,7 @@ class Recorder:
         self.time_error = TimeError.open(problem.state, 0, problem.ledger)
         self.foreseen = foreseen  # warnings before the first step
         self.raised: tuple[str, ...] = ()  # since
-        self.counts = dict.fromkeys(("steps", *_COUNTED), 0)
+        self.counts: dict[str, Any] = dict.fromkeys(("steps", *SUMMED), 0)
         self.frames_on_disk = 0  # frames that would survive a power cut
         with watch.phase("output"):
             if found:
@@ -257,7 +257,7 @@ class Recorder:
         self.watch.seconds.setdefault("to_first_step", self.watch.total)
         self.watch.add(counts.seconds)
         self.counts["steps"] = info.step
-        for key in _COUNTED:
+        for key in SUMMED:
             self.counts[key] += getattr(counts, key)
 
     def _rows(self, observed: dict, info: StepInfo | None = None) -> None:
@@ -266,7 +266,7 @@ class Recorder:
         if info:
             counts = info.counts
             row = {"step": info.step, "t": info.t, "dt": info.dt, "newton": counts.newton}
-            row |= {key: getattr(counts, key) for key in _COUNTED[1:]}
+            row |= {key: getattr(counts, key) for key in SUMMED[1:]}
             row |= {"residual": counts.residual, "drift": self.drift}
             self.tables["steps"].add(row)
 
@@ -357,6 +357,7 @@ class Recorder:
             **count_sizes(self.problem.system),
             "method": str(self.problem.method),
             **self.counts,
+            "newton_error_in_words": self._newton_error,
             **self._shape_summary(),
             "frames": len(self.frames.times),
             "open": self.frames.opens.name,
@@ -366,6 +367,11 @@ class Recorder:
             "peak_memory_MB": peak_memory(),
             "versions": versions(),
         }
+
+    @property
+    def _newton_error(self) -> str:
+        names = ("steps", "estimated", "newton_error", "step_error")
+        return describe_newton_error(*(self.counts[name] for name in names))
 
     def _shape_summary(self) -> dict:
         """Return what strains.csv says; nothing if its folder has moved."""
@@ -405,6 +411,8 @@ class Recorder:
         try:
             self.folder.log(summary["time_error_in_words"])
             self.folder.log(summary["space_error_in_words"])
+            if summary["newton_error_in_words"]:
+                self.folder.log(summary["newton_error_in_words"])
             self.folder.log(f"{words}: {error}" if error else words)
             self._report(summary)
             self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing

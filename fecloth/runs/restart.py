@@ -32,7 +32,7 @@ from fecloth.simulation.time_error import TimeError
 from fecloth.system.records import RECORDS, remembered
 from fecloth.system.state import State
 
-FORMAT = 4
+FORMAT = 5
 FOLDER, PATTERN = "restart", "restart_*.npz"
 KEPT = 2  # files
 FREE = ("title", "expect", "interest")  # keys that do not change a run
@@ -74,7 +74,7 @@ class Restart:
     balance: Balance
     time_error: TimeError
     warnings: tuple[str, ...]
-    counts: Mapping[str, int]
+    counts: Mapping[str, float]
     frames: int
     tables: Mapping[str, int]
     exact: bool

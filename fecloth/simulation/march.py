@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from fecloth.simulation.fused_march import CHECK_EVERY, Skipped, Skipping, Wante
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.motion_jumps import find_jumping_pin, find_motion_jumps
 from fecloth.simulation.resolve import choose_steps, resolve
+from fecloth.simulation.step_history import StepHistory, needs_history
 from fecloth.simulation.step_times import EARLIER, coarse_clock, targets_after
 from fecloth.system.arguments import check_system
 from fecloth.system.records import remembered
@@ -40,11 +41,14 @@ class Memory:
         Steps so far, and the time at which the first of them began [s].
     method_memory
         `Step.memory` of the last step.
+    history
+        What Newton's iteration knows of the last steps.
     """
 
     step: int
     start: float
     method_memory: object
+    history: StepHistory = field(default_factory=StepHistory)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,10 +160,13 @@ def march(
             warnings.warn(words, FeclothWarning, stacklevel=2)
     check_every = CHECK_EVERY if steps.traits.explicit else 1
     number, last_memory, good = begin.step, begin.method_memory, state
+    history, is_informed = begin.history, needs_history(solver)
     place, fused, skipped = 0, Skipping(system, steps, most_stretch, targets, stops), None
     while place < len(targets):
         target = targets[place]
         number, size = number + 1, target - state.t
+        if is_informed:
+            solver = history.inform(solver, system, steps.traits, state)
         try:
             known = skipped.step if skipped else None
             result = known or steps.step(system, state, size, solver, last_memory)
@@ -174,7 +181,9 @@ def march(
         if problem := _problem(system, new, most_stretch, number % check_every == 0 or last):
             raise step_failed(system, good, number, new.t - state.t, problem)
         good = new if number % check_every == 0 else good
-        after = Memory(number, begin.start, result.memory)
+        if is_informed:
+            history = history.after(system, steps.traits, state, new)
+        after = Memory(number, begin.start, result.memory, history)
         result = replace(result, state=new)
         info = StepInfo(number, new.t, new.t - state.t, state, result, after, skipped)
         state, last_memory = new, result.memory

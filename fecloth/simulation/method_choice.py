@@ -14,6 +14,7 @@ from fecloth.integrators.generalized_alpha import GeneralizedAlpha
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.error_control import Adaptive
+from fecloth.simulation.step_history import StepHistory, needs_history
 from fecloth.simulation.step_times import ChosenSteps
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -119,17 +120,22 @@ def _trial(
     system, state, t_end, method, solver, most: int, rival: float, record=lambda *step: None
 ) -> Trial:
     """Time the first `most` steps; stop early once the comparison with `rival` [s] is decided."""
-    start, memory = state.t, None
+    start, memory, history = state.t, None, StepHistory()
+    is_informed = needs_history(solver)
     seconds: list[float] = []
     sizes: list[float] = []
     trial = Trial(method, 0.0, math.inf)
     while len(sizes) < most and state.t < t_end and not _is_decided(trial, rival, seconds):
         begin = time.perf_counter()
+        if is_informed:
+            solver = history.inform(solver, system, method.traits, state)
         try:
             step = method.step(system, state, t_end - state.t, solver, memory)
         except (NewtonFailed, SolveFailed):
             return Trial(method, 0.0, math.inf)
         record(method, state, step)
+        if is_informed:
+            history = history.after(system, method.traits, state, step.state)
         seconds.append(time.perf_counter() - begin)
         sizes.append(step.state.t - state.t)
         state, memory = step.state, step.memory

@@ -14,7 +14,7 @@ from fecloth import validation
 from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
-from fecloth.nonlinear.statistics import Counts, warn_of_round_off
+from fecloth.nonlinear.statistics import Counts, describe_newton_error, warn_of_round_off
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fused_march import Wanted
@@ -77,6 +77,9 @@ class Result:
     space_error, space_error_reason
         Error of stress and moment in space at the end, relative, or NaN and why there is no
         estimate: see `space_error`.
+    newton_error_in_words
+        How large the error of Newton's iteration is against that in time, for the tolerance
+        "auto"; "" where no step ended by this.
     steps
         Number of steps; there may be fewer rows, see `run`.
     """
@@ -95,6 +98,7 @@ class Result:
     time_error: float = math.nan
     space_error: float = math.nan
     space_error_reason: str = ""
+    newton_error_in_words: str = ""
     steps: int = 0
 
     @property
@@ -253,6 +257,7 @@ def collect(
         dt = (state.t - record.time_error.start.t) / taken
         inaccurate = find_doubts(error, system, method, dt, balance, ledger)
     space = space_error(system, state)
+    shares = counts.estimated, counts.newton_error, counts.step_error
     doubts = (
         warned or balance.warning(ledger, ended=True),
         warn_of_round_off(counts.limited),
@@ -274,6 +279,7 @@ def collect(
         time_error=error,
         space_error=space.relative,
         space_error_reason=space.reason,
+        newton_error_in_words=describe_newton_error(taken, *shares),
         steps=taken,
     )
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.integrators.protocol import MethodTraits
+from fecloth.integrators.protocol import MethodTraits, drift_of
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.rigid_motion import deformation, rms_without_rigid, weighted_sum
@@ -172,13 +172,6 @@ def relative_error(
         dt = _mean_step(error.start, error.recent[-1])
         length += traits.error_constant * dt * error.speed
     return length / error.moved
-
-
-def drift_of(traits: MethodTraits) -> tuple[int, float] | None:
-    """Return (q, κ) of a method; without a `drift` that of the error of its steps, if known."""
-    if traits.drift is not None:
-        return traits.drift
-    return None if traits.error_constant is None else (traits.order, traits.error_constant)
 
 
 def derivative(samples: Sequence[Sample]) -> np.ndarray:

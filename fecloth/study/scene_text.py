@@ -31,12 +31,13 @@ def text_of(
     scene: Scene,
     h: float | None = None,
     dt: float | None = None,
-    sharper: float = 1,
+    sharper: float | None = None,
     rtol: float | None = None,
 ) -> str:
     """Return what a run of the scene depends on, with another h [m], dt [s] or tolerance.
 
-    `sharper` divides the tolerance of the nonlinear solver; `rtol` [1/s] is that of chosen steps.
+    With `sharper` the tolerance of the nonlinear solver is one on the residual, divided by it: what
+    "auto" leaves may be more than levels differ by. `rtol` [1/s] is that of chosen steps.
     """
     data = {key: value for key, value in tomllib.loads(scene.to_toml()).items() if key not in WORDS}
     if h is not None:
@@ -45,9 +46,10 @@ def text_of(
         data["time"]["dt"] = dt
     if rtol is not None:
         data["time"]["rtol"] = rtol
-    if sharper != 1:
-        table = "equilibrium" if "equilibrium" in data else "solver"
-        data[table]["tolerance"] = data[table]["tolerance"] / sharper
+    if sharper is not None and scene.equilibrium:
+        data["equilibrium"]["tolerance"] = data["equilibrium"]["tolerance"] / sharper
+    elif sharper is not None:
+        data["solver"]["tolerance"] = scene.solver.make().residual / sharper
     return to_toml(data)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from fecloth.errors import InputError
@@ -82,9 +82,9 @@ def setup_of_function(
     _, system, method, start = returned
     if not (isinstance(system, System) and isinstance(start, State)):
         raise InputError(f"the function {name}", RETURNS, "problem")
-    newton = Newton()
-    if isinstance(newton.tolerance, float):
-        newton = replace(newton, tolerance=newton.tolerance / sharper)
+    newton = Newton(
+        tolerance=Newton().residual / sharper
+    )  # "auto" may leave more than levels differ
     steps = None
     if t_end is not None:
         steps = choose_steps(method, dt if not method.traits.chooses_dt else None, {})

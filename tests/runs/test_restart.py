@@ -377,6 +377,7 @@ def test_energy_warning_is_not_repeated_after_resume(scene, tmp_path):
         "time.t_end=2",
         "fabric.tensile_stiffness=2e4",
         "output.restart_steps=1",
+        "solver.tolerance=1e-6",  # closely solved, so that the balance is off by the method alone
     ]
     told = []
 

@@ -88,6 +88,15 @@ def test_a_tree_is_compared_with_itself():
 
 
 @pytest.mark.study
+def test_sheets_of_a_tree_are_compared_with_themselves():
+    command = [*MODULE, "studies.benchmarks.newton_sheets", str(ROOT), "--quick"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=200, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    rows = [line.split("|") for line in done.stdout.splitlines() if "interlock" in line]
+    assert [float(row[-2]) for row in rows] == [0.0, 0.0, 0.0]  # equal to the last bit
+
+
+@pytest.mark.study
 def test_the_picture(tmp_path):
     pytest.importorskip("pyvista")
     picture = tmp_path / "drape.png"

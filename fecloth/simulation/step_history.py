@@ -1,0 +1,76 @@
+"""The error in time of the next step, estimated from the steps before it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fecloth.integrators.protocol import MethodTraits, drift_of
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.error_left import StepError
+from fecloth.simulation.rigid_motion import rms_without_rigid, weighted_sum
+from fecloth.system.records import remembered
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+
+@remembered
+@dataclass(frozen=True, eq=False)
+class StepHistory:
+    """The mean accelerations of the last steps, for the tolerance "auto" of Newton's iteration.
+
+    A method with the drift (q, κ) moves a mode of frequency ω and amplitude A away from the
+    solution by κ (ω dt)^(q + 1) A in each step (`TimeError`). An error of x and dt v by δ moves it
+    away by up to δ/(ω dt), as a wrong velocity goes on. The errors are equal where δ is
+
+        κ (ω dt)^(q + 2) A,   over all modes   κ dt^(q + 2) |d^(q + 2) x / dt^(q + 2)|
+
+    as a mass-weighted root mean square over the nodes without its rigid part. The derivative is a
+    divided difference of the last q + 1 accelerations of the free directions.
+
+    Attributes
+    ----------
+    times
+        Of the middle of these steps [s].
+    accelerations
+        (n, 3) each [m/s²].
+    """
+
+    times: tuple[float, ...] = ()
+    accelerations: tuple[np.ndarray, ...] = ()
+
+    def after(self, system: System, traits: MethodTraits, old: State, new: State) -> StepHistory:
+        """Return the history after a step between these states."""
+        if (drift := drift_of(traits)) is None:
+            return self
+        keep = drift[0] + 1
+        a = system.constraints.project((new.v - old.v) / (new.t - old.t))
+        times = (*self.times, 0.5 * (old.t + new.t))[-keep:]
+        return StepHistory(times, (*self.accelerations, a)[-keep:])
+
+    def error(self, system: System, traits: MethodTraits, state: State) -> StepError | None:
+        """Return the error in time of the next step; None in the first steps, or without κ."""
+        drift = drift_of(traits)
+        if drift is None or len(self.times) < drift[0] + 1:
+            return None
+        q, constant = drift
+        weights = [
+            math.factorial(q) / math.prod(t - other for other in self.times if other is not t)
+            for t in self.times
+        ]
+        change = weighted_sum(self.accelerations, np.array(weights))
+        rate = rms_without_rigid(system.diagonal_mass, state.x, change)
+        return StepError(constant * rate, q + 2)
+
+    def inform(
+        self, solver: SolverContext, system: System, traits: MethodTraits, state: State
+    ) -> SolverContext:
+        """Return the solver with the error in time of the next step."""
+        return replace(solver, step_error=self.error(system, traits, state))
+
+
+def needs_history(solver: SolverContext | None) -> bool:
+    """Return whether the steps with this solver end Newton's iteration by their error in time."""
+    return solver is not None and solver.linear is not None and solver.options.tolerance == "auto"
