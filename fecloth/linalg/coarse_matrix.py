@@ -70,11 +70,6 @@ class Transfer:
             BlockPattern(coarse.indptr, coarse.indices),
         )
 
-    @property
-    def columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """P by columns, as `restrict` takes it."""
-        return self.starts, self.rows, self.entries
-
     def prolongator(self, A_rows: Rows, inverse: Array, damping: float, T: Array) -> Array:
         """P (p, 3, 6) = (I − damping D⁻¹ A) T, with T (n, 3, 6) and D⁻¹ as `inverse` (n, 6)."""
         P = np.zeros((len(self.indices), 3, 6))
@@ -90,7 +85,8 @@ class Transfer:
         own = self.product_indptr, self.product_indices
         _multiply(*A_rows, self.indptr, self.indices, P, *own, places, product)
         coarse = BlockMatrix.zeros(self.coarse)
-        _project(*self.columns, P, *own, product, *block_rows(coarse), places)
+        by_columns = self.starts, self.rows, self.entries
+        _project(*by_columns, P, *own, product, *block_rows(coarse), places)
         return coarse
 
 
@@ -213,12 +209,12 @@ def _fill_empty(block: Array) -> None:
 
 
 @kernel
-def restrict(starts: Array, rows: Array, entries: Array, P: Array, r: Array, coarse: Array) -> None:
-    """coarse (m, 6) = Pᵀ r, by aggregates."""
+def restrict(starts: Array, rows: Array, columns: Array, r: Array, coarse: Array) -> None:
+    """coarse (m, 6) = Pᵀ r, by aggregates; `columns` (p, 3, 6) are the blocks of P by columns."""
     for a in range(len(starts) - 1):
         s1 = s2 = s3 = s4 = s5 = s6 = 0.0
         for t in range(starts[a], starts[a + 1]):
-            B, i = P[entries[t]], rows[t]
+            B, i = columns[t], rows[t]
             r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
             s1 += B[0, 0] * r1 + B[1, 0] * r2 + B[2, 0] * r3
             s2 += B[0, 1] * r1 + B[1, 1] * r2 + B[2, 1] * r3

@@ -4,9 +4,9 @@
 
 A square sheet, held at two corners, has fallen for 0.4 s on 8,000 triangles. Its motion is
 interpolated to finer meshes and goes on there, with backward Euler at 5 ms. Two steps settle what
-the interpolation has disturbed. Then each solver takes the same steps, on one thread, after it has
-taken the first of them once to compile and to analyse the pattern. Compared are the mean CPU
-seconds of a step, its growth between the meshes, and the memory that the solver allocates.
+the interpolation has disturbed. Then the solvers take the same steps in turns, on one thread, after
+each has taken the first of them once to compile and to analyse the pattern. Compared are the mean
+CPU seconds of a step, its growth between the meshes, and the memory that the solver allocates.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from studies.benchmarks.measure import Measured, print_verdicts, square
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
 DT = 5e-3
 STEPS = 4
+LARGEST = {"multigrid": math.inf, "pardiso": 200_000, "pcg": 50_000}  # triangles
 
 
 @dataclass(frozen=True)
@@ -68,15 +69,23 @@ def transfer(coarse: fc.System, state: fc.State, fine: fc.System) -> fc.State:
     return fine.state(settled.x, settled.v)
 
 
-def steps(system: fc.System, state: fc.State, solver: str, count: int) -> Cost:
-    """Take the steps, after the first one has been taken once to warm up."""
-    context, _ = fc.solver_for(system, fc.BackwardEuler(), DT, solver)
-    next(fc.march(system, fc.BackwardEuler(), state, DT, DT, solver=context))
-    context.drop()
-    counts, begin = Counts(), time.process_time()
-    for _, info in fc.march(system, fc.BackwardEuler(), state, DT, count * DT, solver=context):
-        counts = counts.plus(info.counts)
-    return Cost((time.process_time() - begin) / count, counts)
+def steps(system: fc.System, state: fc.State, solvers: list[str], count: int) -> dict[str, Cost]:
+    """Take steps with each solver in turns, after the first one has been taken once to warm up."""
+    marches = {}
+    for solver in solvers:
+        context, _ = fc.solver_for(system, fc.BackwardEuler(), DT, solver)
+        run = system, fc.BackwardEuler(), state, DT
+        next(fc.march(*run, DT, solver=context))
+        context.drop()
+        marches[solver] = fc.march(*run, (count + 0.5) * DT, solver=context)
+    seconds, counts = dict.fromkeys(solvers, 0.0), dict.fromkeys(solvers, Counts())
+    for _ in range(count):
+        for solver, march in marches.items():
+            begin = time.process_time()
+            _, info = next(march)
+            seconds[solver] += (time.process_time() - begin) / count
+            counts[solver] = counts[solver].plus(info.counts)
+    return {solver: Cost(seconds[solver], counts[solver]) for solver in solvers}
 
 
 def memory(system: fc.System, state: fc.State) -> float:
@@ -100,19 +109,18 @@ def compare(sizes: list[int], count: int, start: tuple[fc.System, fc.State]) -> 
     for triangles in sizes:
         system = sheet(triangles)
         state = transfer(*start, system)
-        names = ["multigrid", "pardiso", "pcg"] if triangles < 400_000 else ["multigrid"]
-        costs.append({name: steps(system, state, name, count) for name in names})
+        costs.append(steps(system, state, [s for s in LARGEST if triangles <= LARGEST[s]], count))
         for name, cost in costs[-1].items():
             newton, linear = cost.counts.newton / count, cost.counts.linear / count
             row = f"{cost.seconds:>10.3f} {newton:>7.1f} {linear:>7.1f}"
             print(f"{len(system.cloth.triangles):>9} {name:<10} {row}", flush=True)
-    both = next(each for each in reversed(costs) if "pardiso" in each)
-    ratio = both["multigrid"].seconds / both["pardiso"].seconds
+    both = [(n, each) for n, each in zip(sizes, costs, strict=True) if "pardiso" in each]
+    size, last = both[-1]
+    ratio = last["multigrid"].seconds / last["pardiso"].seconds
     growth = costs[-1]["multigrid"].seconds / costs[0]["multigrid"].seconds
     exponent = math.log(growth) / math.log(sizes[-1] / sizes[0])
-    largest = next(n for n, each in zip(sizes[::-1], costs[::-1], strict=True) if "pardiso" in each)
     return [
-        Measured(f"a step, multigrid / PARDISO, {largest} triangles", ratio, "ratio", 0.6),
+        Measured(f"a step, multigrid / PARDISO, {size} triangles", ratio, "ratio", 0.6),
         Measured(f"growth of a step, {sizes[0]} to {sizes[-1]}", exponent, "exponent", 1.15),
         Measured(f"memory of multigrid, {sizes[-1]}", memory(system, state), "kB/triangle", 2.5),
     ]
