@@ -89,8 +89,18 @@ class Prediction:
         return sorted(listed, key=lambda one: float(rank(one.error + self.other, one.seconds)))
 
     def pairs(self) -> list[tuple[Mesh, Rule]]:
-        """Return all meshes with all rules."""
-        return [(mesh, rule) for mesh in self.meshes for rule in self.times.rules]
+        """Return all meshes with all rules.
+
+        Explicit methods lump the mass, which changes the error of P2: there both kinds of rules
+        need meshes that were run with their own kind.
+        """
+        lumped = self.coarse.choice.is_explicit
+        return [
+            (mesh, rule)
+            for mesh in self.meshes
+            for rule in self.times.rules
+            if mesh.choice.element != "P2" or (rule.kind == "limit") == lumped
+        ]
 
     def _best_of(
         self, mesh: Mesh, rule: Rule, is_allowed: Callable, rank: Callable

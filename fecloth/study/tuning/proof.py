@@ -20,7 +20,7 @@ from fecloth.study.tuning.trials import Bench, Trial, spent
 FINER = 1.4  # times the √triangles of a tuned run: at least those of the verifying one
 COUNTS = 0.25  # part of the error from which a cause is refined in the verifying run
 ROUNDS = 3  # verifying runs at most
-LOOSE = 0.5  # times the tolerance: below this error a cheaper setting is tried
+LOOSE = 0.75  # times the tolerance: below this error a cheaper setting is tried
 NEARLY = 1.5  # times the least error: runs that are as good
 CHEAPER = 0.7  # times the seconds: what a cheaper setting should at most cost
 
@@ -72,7 +72,7 @@ def prove(
     search = list(search)
     for _ in range(ROUNDS):
         candidates = goal.candidates(prediction)
-        if not candidates:
+        if not candidates or (found and spent(search) > goal.limit(candidates)):
             return found
         first = candidates[0]
         trial = bench.run([first.choice], timed=True)[0]

@@ -19,7 +19,7 @@ from fecloth.study.tuning.curves import Curve, cost_curve, error_curve
 from fecloth.study.tuning.trials import Bench, Trial, spent
 
 FEW = 5  # steps of a run that is a static solution
-FEWEST, MOST = 32, 8192  # steps of the first runs
+FEWEST, MOST = 16, 8192  # steps of the first runs
 NEAR = 4.0  # times the tolerance: errors in time of second order that need no shorter steps
 REGULAR = 2.5, 7.0  # ratios of successive changes of a method of second order
 TOLERANCES = 0.1, 0.01, 0.001  # 1/s, of chosen steps

@@ -19,6 +19,7 @@ from fecloth.study.status import OK
 from fecloth.study.tuning.choices import Choice, problem_with
 from fecloth.study.workload import Workload
 
+ZERO = 1e-12  # size of a quantity that is round-off, in its SI unit
 LEAST = 1e-13  # relative: distances below it are round-off
 
 
@@ -99,13 +100,13 @@ class Bench:
     def distance(self, a: Trial, b: Trial) -> np.ndarray:
         """Return (q,) distances of the quantities of `b` from those of `a`, relative to `a`."""
         pairs = zip(self.quantities, a.records, b.records, strict=True)
-        apart = [difference_of(one, x, y) / size_of(one, x) for one, x, y in pairs]
+        apart = [difference_of(one, x, y) / max(size_of(one, x), ZERO) for one, x, y in pairs]
         return np.nan_to_num(np.maximum(apart, LEAST), nan=np.inf)
 
     def check_sizes(self, trial: Trial) -> None:
         """Raise `InputError` for a quantity of size zero: it has no relative error."""
         for one, record in zip(self.quantities, trial.records, strict=True):
-            if not size_of(one, record) > 0:
+            if not size_of(one, record) > ZERO:
                 remedy = "Choose another quantity, or its path or maximum over the run."
                 raise InputError(f"{one} = 0", "has no relative error", "tune", remedy)
 

@@ -1,0 +1,259 @@
+"""`tune`: curves, the choice among settings, and tuned settings beside much finer runs."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.cli import main as cli
+from fecloth.errors import InputError
+from fecloth.scene.scene import load_scene
+from fecloth.simulation.quantity import parse_quantity
+from fecloth.study.command import StudyFailed
+from fecloth.study.problems import open_problem
+from fecloth.study.run_problems import Runs
+from fecloth.study.tuning.choices import Choice, problem_with
+from fecloth.study.tuning.curves import cost_curve, error_curve
+from fecloth.study.tuning.prediction import Prediction, cheapest, most_accurate
+from fecloth.study.tuning.space_errors import Mesh
+from fecloth.study.tuning.time_errors import Rule, TimeErrors
+from fecloth.study.tuning.trials import Bench, Trial
+
+STRIP = """
+[cloth]
+shape = "rectangle"
+width = 0.3
+height = 1.0
+h = 0.1
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 40.0
+poisson_ratio = 0.3
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Gravity"
+[[pins]]
+where = "top"
+[start]
+plane = "xz"
+[equilibrium]
+[[probes]]
+name = "tip"
+where = "bottom"
+[interest]
+quantities = ["tip.z", "area"]
+"""
+BOB = """
+[cloth]
+shape = "rectangle"
+width = 0.2
+height = 0.2
+h = 0.1
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 200.0
+poisson_ratio = 0.3
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "MassDamping"
+rate = 2.0
+[[terms]]
+type = "Gravity"
+[[pins]]
+where = "left"
+[time]
+method = "bdf2"
+dt = "20 ms"
+t_end = 0.3
+[[probes]]
+name = "tip"
+where = "right"
+[interest]
+path = ["tip"]
+"""
+
+
+@pytest.fixture
+def strip(tmp_path):
+    path = tmp_path / "strip.toml"
+    path.write_text(STRIP)
+    return path
+
+
+def bench_of(path):
+    opened = open_problem(path)
+    interest = opened.scene.interest.all
+    return Bench(opened, tuple(parse_quantity(one) for one in interest), Runs())
+
+
+def test_errors_follow_their_order_between_and_beyond_the_runs():
+    x = [4.0, 8.0, 16.0]
+    curve = error_curve(x, [np.array([3.0 / s**2]) for s in x], np.array([2.0]))
+    at = np.array([2.0, 5.0, 8.0, 64.0])
+    expected = 3.0 / at**2
+    expected[0] = 2 * 3.0 / 16  # below the first run order 1 is assumed
+    assert curve(at)[:, 0] == pytest.approx(expected, rel=1e-12)
+
+
+def test_an_error_that_is_small_by_chance_counts_as_that_of_the_finer_run():
+    errors = [np.array([0.5]), np.array([1e-6]), np.array([0.1])]
+    curve = error_curve([1.0, 2.0, 4.0], errors, np.array([2.0]))
+    assert curve(np.array([2.0]))[0, 0] == pytest.approx(0.1)
+
+
+def test_an_order_above_the_theory_is_not_extrapolated():
+    curve = error_curve([1.0, 2.0], [np.array([1.0]), np.array([1e-3])], np.array([2.0]))
+    assert curve(np.array([4.0]))[0, 0] == pytest.approx(1e-3 / 4, rel=1e-12)
+
+
+def test_seconds_grow_with_a_power_within_its_bounds():
+    curve = cost_curve([1.0, 2.0], [1.0, 100.0], 1.0, 3.2)
+    assert curve(np.array([4.0]))[0, 0] == pytest.approx(100 * 2**3.2)
+
+
+def predict(space: float, in_time: float) -> Prediction:
+    """Return errors space/x² + in_time/n² and seconds 1e-6 x² n, as measured at three sizes."""
+    x, n = [10.0, 20.0, 40.0], [32.0, 64.0, 128.0]
+    theory = np.array([2.0])
+    row = {"status": "ok", "triangles": 100, "steps": 64, "cpu_seconds": 64e-4}
+    trials = tuple(
+        Trial(Choice("P1", "", 1.0 / s, "bdf2", 64), row | {"triangles": s**2}) for s in x
+    )
+    errors = error_curve(x, [np.array([space / s**2]) for s in x], theory)
+    mesh = Mesh(trials[0].choice, errors, cost_curve(x, [1e-6 * s**2 for s in x], 1, 3.2), trials)
+    steps = error_curve(n, [np.array([in_time / s**2]) for s in n], theory)
+    seconds = cost_curve(n, [1e-4 * s for s in n], 0.5, 1.0)
+    rule = Rule("bdf2", "steps", steps, seconds, trials)
+    times = TimeErrors((rule,), trials[0], np.zeros(1), trials)
+    return Prediction((mesh,), times, trials[0])
+
+
+@pytest.mark.parametrize(("space", "in_time"), [(1.0, 10.0), (5.0, 1.0), (0.5, 100.0)])
+def test_the_cheapest_setting_is_the_closed_form_of_power_laws(space, in_time):
+    """Of a/x² + b/n² = T the least x² n has a/x² = 2 b/n²."""
+    tolerance = 1e-3
+    x, n = math.sqrt(1.5 * space / tolerance), math.sqrt(3 * in_time / tolerance)
+    found = cheapest(predict(space, in_time), tolerance)[0]
+    assert found.seconds == pytest.approx(1e-6 * x**2 * n, rel=0.3)
+    assert found.seconds >= 0.999 * 1e-6 * x**2 * n
+    assert 0.7 * tolerance < found.error <= tolerance
+
+
+def test_with_a_budget_the_error_is_the_least_within_it():
+    prediction = predict(1.0, 10.0)
+    best = most_accurate(prediction, 0.1)[0]
+    assert best.seconds <= 0.1
+    assert cheapest(prediction, 0.9 * best.error)[0].seconds > 0.1
+
+
+def test_a_choice_changes_the_scene_and_nothing_else(strip):
+    opened = open_problem(strip)
+    changed = problem_with(opened, Choice("P2", "cross", 0.05))
+    cloth = changed.scene.cloth
+    assert (cloth.element, cloth.pattern, cloth.h) == ("P2", "cross", 0.05)
+    assert changed.scene.fabric == opened.scene.fabric
+    assert changed.scene.interest == opened.scene.interest
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, pytest.param(1e-3, marks=pytest.mark.slow)])
+def test_the_error_of_a_tuned_equilibrium_is_the_true_one(strip, tmp_path, tolerance):
+    tuned = fc.tune(strip, tolerance, folder=tmp_path)
+    bench = bench_of(strip)
+    own, fine = bench.run([Choice(), Choice("P2", "right", 0.02)])
+    tuned_run = replace(bench, opened=open_problem(tuned.scene)).run([Choice()])[0]
+    true = bench.distance(fine, tuned_run).max()
+    assert tuned.proved, tuned.verdict
+    assert true <= 1.2 * tolerance
+    assert true <= 1.5 * tuned.error
+    assert tuned.text == tuned.scene.read_text()
+    assert bench.distance(fine, own).max() > 1e-5  # the reference differs from the scene itself
+
+
+@pytest.mark.slow
+def test_the_error_of_a_tuned_run_is_the_true_one(tmp_path):
+    path = tmp_path / "bob.toml"
+    path.write_text(BOB)
+    tuned = fc.tune(path, "2%", folder=tmp_path)
+    bench = bench_of(path)
+    (fine,) = bench.run([Choice("P2", "unstructured", 0.02, "bdf2", 1200)])
+    (again,) = replace(bench, opened=open_problem(tuned.scene)).run([Choice()])
+    true = bench.distance(fine, again).max()
+    assert tuned.proved, tuned.verdict
+    assert true <= 1.2 * 0.02
+    assert tuned.search_seconds < 60
+    assert {"space", "time", "solver"} <= set(tuned.parts) | {"solver"}
+
+
+def test_a_function_is_tuned_in_h(tmp_path):
+    def hang(h, element="P1"):
+        cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="cross", element=element)
+        mass = "lumped" if element == "P1" else "consistent"
+        terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+        system = fc.System(cloth, fc.Fabric(0.2, 20.0), terms, pins=["left"], mass=mass)
+        return cloth, system, None, system.rest()
+
+    tip = [fc.Probe("tip", "right")]
+    tuned = fc.tune(
+        hang, "0.1%", "tip.x", h=0.1, probes=tip, elements=["P1", "P2"], folder=tmp_path
+    )
+    assert tuned.proved
+    assert tuned.scene is None
+    assert tuned.settings["element"] in ("P1", "P2")
+    page = tuned.report(tmp_path).read_text()
+    assert "proved" in page
+    assert (tmp_path / "figure.png").exists()
+
+
+def pulled_strip(h, dt):
+    """A strip, held at its left edge, that its weight begins to stretch."""
+    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="cross")
+    terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+    system = fc.System(cloth, fc.Fabric(0.2, 200.0), terms, pins=["left"])
+    return cloth, system, fc.ImplicitMidpoint(), system.rest()
+
+
+def test_runs_of_a_motion_that_only_measure_seconds_have_no_error():
+    tip = [fc.Probe("tip", "right")]
+    tuned = fc.tune(pulled_strip, "3%", "tip.x", h=0.1, dt=0.005, t_end=0.05, probes=tip)
+    rows = [row for row in tuned.table.rows if row["status"] == "ok"]
+    assert tuned.proved
+    assert any("error %" not in row for row in rows)
+    assert all(math.isfinite(row["error %"]) for row in rows if row["run"] != "search")
+
+
+def test_the_command_writes_a_scene_that_runs(strip, tmp_path, capsys):
+    options = ["--elements", "P1", "-o", str(tmp_path / "out")]
+    assert cli.main(["tune", str(strip), "--tolerance", "1%", *options]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("proved: ")
+    assert load_scene(tmp_path / "out" / "tuned.toml").interest is not None
+    assert "out/report.html" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"tolerance": "0%"}, "between 0 and 100 %"),
+        ({"budget": "soon"}, "budget"),
+        ({"budget": -1.0}, "must be a time > 0"),
+        ({"methods": ["bdf2"]}, "an equilibrium has no method"),
+        ({"elements": ["P3"]}, "must be one of P1, P2"),
+        ({"quantity": "tipp.z"}, "tip"),
+        ({"quantity": "tip.y"}, "has no relative error"),
+    ],
+)
+def test_mistakes_are_named(strip, arguments, words):
+    with pytest.raises(InputError, match=words):
+        fc.tune(strip, **arguments)
+
+
+def test_a_scene_that_fails_on_every_mesh_says_the_cause(tmp_path):
+    path = tmp_path / "torn.toml"
+    text = STRIP.replace("tensile_stiffness = 40.0", "tensile_stiffness = 1e-6")
+    path.write_text(text)
+    with pytest.raises(StudyFailed, match="no run on a coarse mesh reached its end"):
+        fc.tune(path)
