@@ -24,13 +24,13 @@ import numpy as np
 from fecloth import study
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
+from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, relative_difference, value_of
 from fecloth.study.levels import Level
 from fecloth.study.measured_runs import record_of
 from fecloth.study.problems import SceneProblem
 from fecloth.study.run_problems import Point, Runs, run_points
-from fecloth.study.scene_text import text_of
 from fecloth.study.status import OK
 from studies.tune.scenes import TWELVE, Tried
 
@@ -84,10 +84,12 @@ def quantities_of(tried: Tried) -> list[Quantity]:
 
 
 def fingerprint(tried: Tried) -> str:
-    """Return a hash of the scene and its reference: another one makes the stored one stale."""
-    texts = [text_of(fine_problem(tried).scene), *(q.text for q in quantities_of(tried))]
-    root = str(FILE.parents[2])
-    return hashlib.sha256("\n".join(texts).replace(root, "").encode()).hexdigest()[:12]
+    """Return a hash of the scene and its reference: another one makes the stored one stale.
+
+    Defaults do not count: a solver's tolerance and the like change no limit.
+    """
+    text = to_toml(tried.tables(tried.fine)).replace(str(FILE.parents[2]), "")
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 # --- making ---------------------------------------------------------------------------------------

@@ -53,6 +53,10 @@ class Tried:
 
     def scene(self, *more: Changes) -> Scene:
         """Return the scene, with further changes."""
+        return scene_of(to_toml(self.tables(*more)))
+
+    def tables(self, *more: Changes) -> dict:
+        """Return the tables of the scene as they are written, without defaults."""
         path = STUDIES / self.file
         data = tomllib.loads(path.read_text(encoding="utf-8"))
         if "path" in data["cloth"]:
@@ -62,7 +66,7 @@ class Tried:
         for changes in ({**own, **self.changes, **interest}, *more):
             for key, value in changes.items():
                 _change(data, key.split("."), value)
-        return scene_of(to_toml(data))
+        return data
 
 
 def _change(data, keys: list[str], value: object) -> None:

@@ -300,7 +300,7 @@ def _table(bench: Bench, found: Proof) -> Table:
         if one.is_ok:
             line |= {name: one.row[name] for name in ("triangles", "steps")}
             line["seconds"] = one.seconds
-            if best:
+            if best and one.records:  # not of runs that only measure seconds
                 apart = 0.0 if one is best else float(bench.distance(best, one).max())
                 line["error %"] = 100 * (apart + max(left, 0.0))
         rows.append(line)
