@@ -37,7 +37,7 @@ FIRST, LONGEST = 8, 256  # steps between two trials: doubled after each failed t
 TRIAL = {"pcg": 2, "direct": 8}  # steps of a trial; a factor must be used for a while to pay off
 MARGIN = 0.9  # a trial succeeds if its work is below this share of the other solver's work
 LARGE, MANY = 10_000, 100  # nodes, and iterations of `PCG`, from which on multigrid is cheaper
-CYCLE = 6.0  # an iteration with multigrid
+CYCLE = 10.0  # an iteration with multigrid, 50,000 triangles
 LOADING = 1e7  # iterations times nodes that take as long as loading the MKL, 0.4 s
 
 

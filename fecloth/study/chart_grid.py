@@ -171,7 +171,7 @@ def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
         shown["method"] = type(getattr(first.steps, "method", first.steps)).__name__
     parts = [2.0**k for k in range(meshes)] if variant.can_refine("h") else [1.0]
     steps = STEPS if variant.can_refine("dt") and not first.is_static else (1.0,)
-    return [Setting(shown, variant, Level(h, dt)) for h, dt in product(parts, steps)]
+    return [Setting(shown, variant, Level(h, dt, None)) for h, dt in product(parts, steps)]
 
 
 def _shown(names: dict) -> dict:

@@ -15,18 +15,19 @@ REFINED = ("h", "dt", "both")
 class Level:
     """One level: h, dt and two tolerances are divided by these; the first has 1, 1, 1, 1.
 
-    `sharper` is for the tolerance of the solver, `rtol` for that of chosen steps.
+    `sharper` is for the tolerance of the solver, a fixed one; None leaves the solver as the problem
+    has it. `rtol` is for the tolerance of chosen steps.
     """
 
     h: float = 1.0
     dt: float = 1.0
-    sharper: float = 1.0
+    sharper: float | None = 1.0
     rtol: float = 1.0
 
     def __str__(self) -> str:
         sizes = (("h", self.h), ("dt", self.dt), ("rtol", self.rtol))
         parts = [f"{name} / {by:.3g}" for name, by in sizes if by != 1]
-        parts += ["a sharper tolerance"] if self.sharper != 1 else []
+        parts += ["a sharper tolerance"] if self.sharper not in (None, 1.0) else []
         return " and ".join(parts) or "the first level"
 
 

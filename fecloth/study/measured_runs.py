@@ -61,7 +61,7 @@ def run_function(
     probes: list,
     recorded: list,
     modes: int = 0,
-    sharper: float = 1.0,
+    sharper: float | None = 1.0,
     timed: bool = False,
 ) -> dict:
     """Run what the user's function of that file returns; `probes` are names with places."""
@@ -83,7 +83,7 @@ def setup_of_importable(
     dt: float | None,
     t_end: float | None,
     probes: list,
-    sharper: float = 1.0,
+    sharper: float | None = 1.0,
 ) -> Setup:
     """Return the setup of the user's function of that file."""
     function = known_functions.get((path, name)) or load_function(path, name)

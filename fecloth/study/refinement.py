@@ -176,7 +176,7 @@ def _other_shares(
         if row["status"] != OK:
             continue
         apart = difference_of(quantity, base, record_at(row, quantity))
-        if row["point"].level.sharper > 1:
+        if (row["point"].level.sharper or 1.0) > 1:
             found["solver"] = apart
         elif row["point"].level.rtol > 1:
             found["time step"] = apart / (1 - CLOSER**-RTOL_ORDER)

@@ -63,7 +63,7 @@ def setup_of_function(
     dt: float | None,
     t_end: float | None,
     probes: tuple[Probe, ...] = (),
-    sharper: float = 1.0,
+    sharper: float | None = 1.0,
 ) -> Setup:
     """Call the user's function with the settings that it takes and return its setup.
 
@@ -82,9 +82,9 @@ def setup_of_function(
     _, system, method, start = returned
     if not (isinstance(system, System) and isinstance(start, State)):
         raise InputError(f"the function {name}", RETURNS, "problem")
-    newton = Newton(
-        tolerance=Newton().residual / sharper
-    )  # "auto" may leave more than levels differ
+    newton = Newton()
+    if sharper is not None:  # "auto" may leave more than levels differ by
+        newton = Newton(tolerance=newton.residual / sharper)
     steps = None
     if t_end is not None:
         steps = choose_steps(method, dt if not method.traits.chooses_dt else None, {})

@@ -11,7 +11,7 @@ import pytest
 import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
-from fecloth.study import refinement
+from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.convergence import Convergence, judge
 from fecloth.study.obstacles import find_obstacles
 from fecloth.study.orders import is_round, space_order
@@ -322,7 +322,7 @@ def test_theoretical_orders_know_round_borders_and_elements():
     for element, expected in (("P1", (2, 1, 2)), ("P2", (3, 2, 4))):
         opened = open_problem(strip, h=0.25, settings={"element": element})
         texts = ("displacement", "displacement in H1", "energy.StVK")
-        found = [space_order(refinement.parse_quantity(t), opened.first) for t in texts]
+        found = [space_order(parse_quantity(t), opened.first) for t in texts]
         assert tuple(found) == expected
 
 

@@ -41,7 +41,7 @@ class Choice:
     linear
         The linear solver; "" for that of the problem.
     sharper
-        Divides the tolerance of the nonlinear solver.
+        Divides a fixed tolerance of the nonlinear solver; None for the solver of the problem.
     """
 
     element: str = ""
@@ -51,7 +51,7 @@ class Choice:
     steps: int | None = None
     rtol: float | None = None
     linear: str = ""
-    sharper: float = 1.0
+    sharper: float | None = None
 
     @property
     def is_explicit(self) -> bool:
@@ -74,7 +74,7 @@ class Choice:
         how = f"rtol = {self.rtol:g} 1/s" if self.rtol else ""
         how = f"{self.steps} steps" if self.steps else how
         parts = (mesh, size, self.method, how, self.linear)
-        exact = "sharper tolerance" if self.sharper != 1 else ""
+        exact = "sharper tolerance" if self.sharper else ""
         return ", ".join(part for part in (*parts, exact) if part)
 
 
