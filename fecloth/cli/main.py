@@ -25,7 +25,7 @@ STATUS = """exit status:
   1  check: a value lies outside its tolerance; tune: not proved
   2  bad input: nothing was run
   3  the simulation failed, or the disk is full; what was written up to then is readable
-  4  interrupted; --resume goes on
+  4  interrupted; run goes on with --resume, a study with the same command
 """
 MISSED, BAD_INPUT, SIMULATION_FAILED, STOPPED = 1, 2, 3, 4
 FIELD_NAMES = (  # the keys of `frame_reader.FIELDS`, and the checker pattern

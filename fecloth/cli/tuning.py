@@ -37,7 +37,7 @@ def run_tune(options) -> int:
         load_scene(options.scene, options.set, trust_geo=options.trust_geo),
         options.tolerance,
         options.quantity,
-        budget=options.budget,
+        budget=_seconds(options.budget),
         model=options.model,
         methods=options.methods,
         elements=options.elements,
@@ -47,3 +47,11 @@ def run_tune(options) -> int:
     print("\n".join([found.verdict, *found.notes(), "", str(found.table), ""]))
     print(f"wrote {found.report(folder)} and {found.scene}")
     return 0 if found.proved else 1
+
+
+def _seconds(text: str | None) -> str | float | None:
+    """Return a bare number as seconds, and a text with a unit as it is."""
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return text

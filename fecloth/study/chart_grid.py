@@ -148,7 +148,7 @@ def known_names(what: str, names: Sequence[str], known: Iterable[str]) -> list[s
         close = closest(name, known)
         if not close or _plain(close) != _plain(name):
             allowed = f"must be one of {', '.join(known)}"
-            raise InputError(f"{what} {name!r}", allowed, "chart", did_you_mean(name, known))
+            raise InputError(f"{what} {name!r}", allowed, remedy=did_you_mean(name, known))
         found.append(close)
     return list(dict.fromkeys(found))
 

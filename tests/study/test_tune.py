@@ -14,9 +14,11 @@ from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.command import StudyFailed
 from fecloth.study.problems import open_problem
 from fecloth.study.run_problems import Runs
+from fecloth.study.tables import Table
 from fecloth.study.tuning.choices import Choice, problem_with
 from fecloth.study.tuning.curves import cost_curve, error_curve
 from fecloth.study.tuning.prediction import Prediction, cheapest, most_accurate
+from fecloth.study.tuning.result import Tuned
 from fecloth.study.tuning.space_errors import Mesh
 from fecloth.study.tuning.time_errors import Rule, TimeErrors
 from fecloth.study.tuning.trials import Bench, Trial
@@ -221,8 +223,10 @@ def test_runs_of_a_motion_that_only_measure_seconds_have_no_error():
     tuned = fc.tune(pulled_strip, "3%", "tip.x", h=0.1, dt=0.005, t_end=0.05, probes=tip)
     rows = [row for row in tuned.table.rows if row["status"] == "ok"]
     assert tuned.proved
-    assert any("error %" not in row for row in rows)
-    assert all(math.isfinite(row["error %"]) for row in rows if row["run"] != "search")
+    assert all(("error %" in row) == (row["run"] != "timing") for row in rows)
+    assert {"search", "timing", "tuned", "verifying"} <= set(tuned.table["run"])
+    assert tuned.table["run"].count("sharper solver") == 1
+    assert all(math.isfinite(row["error %"]) for row in rows if row["run"] != "timing")
 
 
 def test_the_command_writes_a_scene_that_runs(strip, tmp_path, capsys):
@@ -232,6 +236,36 @@ def test_the_command_writes_a_scene_that_runs(strip, tmp_path, capsys):
     assert told.startswith("proved: ")
     assert load_scene(tmp_path / "out" / "tuned.toml").interest is not None
     assert "out/report.html" in told
+    columns = next(line for line in told.splitlines() if line.startswith("| run"))
+    assert (
+        columns
+        == "| run | element | pattern | h [m] | status | triangles | steps | CPU s | error % |"
+    )
+
+
+def test_a_bare_budget_on_the_command_line_is_in_seconds(strip, tmp_path, capsys):
+    words = ["--elements", "P1", "-o", str(tmp_path / "out")]
+    assert cli.main(["tune", str(strip), "--budget", "0", *words]) == 2
+    assert "budget = 0.0: must be a time > 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("error", [1.4, math.nan])
+def test_a_setting_that_is_not_proved_is_reported_without_nan(tmp_path, error):
+    row = {"run": "tuned", "element": "P1", "status": "ok", "CPU s": 0.1, "error %": error}
+    table = Table((row, {"run": "search", "status": "failed"}))
+    tuned = Tuned("strip", "not proved: it is too long", table, seconds=0.1, tolerance=1e-6)
+    assert not any("nan" in note for note in tuned.notes())
+    page = tuned.report(tmp_path).read_text()
+    assert "CPU time: 0.1 s." in page
+
+
+@pytest.mark.slow
+def test_the_table_has_each_run_once_and_names_runs_of_other_terms(strip):
+    tuned = fc.tune(strip, "2%", elements=["P1"], model=True)
+    rows = [tuple(sorted(row.items())) for row in tuned.table if row["status"] == "ok"]
+    assert len(rows) == len(set(rows))
+    assert "other terms" in tuned.table["run"]
+    assert tuned.table["run"].count("tuned") == 1
 
 
 @pytest.mark.parametrize(

@@ -130,7 +130,10 @@ def methods_to_try(opened: Problem, methods: Sequence[str] | None) -> list[str]:
     """
     if span_of(opened) is None:
         if methods:
-            raise InputError(f"methods = {methods!r}", "an equilibrium has no method", "tune")
+            remedy = "Leave the methods out."
+            raise InputError(
+                f"methods = {methods!r}", "an equilibrium has no method", "tune", remedy
+            )
         return [""]
     if isinstance(opened, FunctionProblem):
         return list(methods) if methods else [""]

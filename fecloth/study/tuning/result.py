@@ -16,6 +16,8 @@ from fecloth.study.tolerance import in_percent
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+OTHER_TERMS = "other terms"  # runs of another model, which the figure leaves out
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuned(StudyResult):
@@ -64,10 +66,11 @@ class Tuned(StudyResult):
         """Sentences on the parts of the error, the cost and what was noticed."""
         parts = ", ".join(f"{name} {in_percent(size)}" for name, size in self.parts.items())
         lines = [f"Estimated parts of the error: {parts}."] if parts else []
-        lines.append(
-            f"CPU time: {self.seconds:.2g} s, predicted {self.predicted:.2g} s; "
-            f"the search took {self.search_seconds:.2g} s."
-        )
+        known = math.isfinite(self.predicted)
+        predicted = f", predicted {self.predicted:.2g} s" if known else ""
+        took = f"; the search took {self.search_seconds:.2g} s"
+        took = took if math.isfinite(self.search_seconds) else ""
+        lines.append(f"CPU time: {self.seconds:.2g} s{predicted}{took}.")
         return [*lines, *self.remarks]
 
     def report(self, folder: str | Path) -> Path:
@@ -80,30 +83,37 @@ class Tuned(StudyResult):
     def figure(self) -> Figure:
         """Return the estimated errors of all runs over their CPU seconds."""
         drawing, ax = new_figure(size=(10.0, 6.0))
-        rows = [row for row in self.table if row.get("error %") and row.get("seconds")]
+        rows = [row for row in self.table if _is_shown(row)]
         if not rows:
-            ax.text(0.5, 0.5, "no run has an error", ha="center", transform=ax.transAxes)
+            ax.text(0.5, 0.5, "The error of no run is known.", ha="center", transform=ax.transAxes)
+            ax.set_axis_off()
             return drawing
         names = list(dict.fromkeys(map(_series, rows)))
         for i, name in enumerate(names):
             own = [row for row in rows if _series(row) == name]
-            x, y = [row["seconds"] for row in own], [row["error %"] for row in own]
+            x, y = [row["CPU s"] for row in own], [row["error %"] for row in own]
             look = {"marker": MARKERS[i % len(MARKERS)], "color": COLOURS[i % len(COLOURS)]}
             ax.plot(x, y, ls="", label=name, alpha=0.8, **look)
         for row in rows:
             if row["run"] == "tuned":
                 ring = {"marker": "o", "ms": 18, "mfc": "none", "mec": "k", "mew": 1.6, "ls": ""}
-                ax.plot(row["seconds"], row["error %"], label="tuned", **ring)
+                ax.plot(row["CPU s"], row["error %"], label="tuned", **ring)
         if math.isfinite(self.tolerance):
             ax.axhline(100 * self.tolerance, color="k", ls="--", label="tolerance")
         if math.isfinite(self.budget):
             ax.axvline(self.budget, color="k", ls="--", label="budget")
         ax.set(xscale="log", yscale="log", xlabel="CPU time [s]")
-        ax.set_ylabel(f"estimated error of {', '.join(self.quantities)} [%]")
+        ax.set_ylabel(f"error, at most, of {', '.join(self.quantities)} [%]")
         ax.set_title(self.title, loc="left")
         use_plain_ticks(ax)
         ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
         return drawing
+
+
+def _is_shown(row: Mapping[str, Any]) -> bool:
+    """Whether a run has the tuned terms, and an error and seconds above 0 for logarithmic axes."""
+    values = [row.get(name) or 0.0 for name in ("error %", "CPU s")]
+    return row["run"] != OTHER_TERMS and all(0 < value < math.inf for value in values)
 
 
 def _series(row: Mapping[str, Any]) -> str:

@@ -17,7 +17,6 @@ from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.study.problems import Problem, SceneProblem, open_problem
 from fecloth.study.run_problems import Runs
-from fecloth.study.tables import Table
 from fecloth.study.tolerance import in_percent, read_tolerance
 from fecloth.study.tuning.choices import Choice, methods_to_try, span_of, text_with
 from fecloth.study.tuning.fewer_terms import drop_terms
@@ -25,6 +24,7 @@ from fecloth.study.tuning.growth import measure_growth
 from fecloth.study.tuning.prediction import Candidate
 from fecloth.study.tuning.proof import Proof, best_run, prove
 from fecloth.study.tuning.result import Tuned
+from fecloth.study.tuning.run_table import table_of_runs
 from fecloth.study.tuning.search import (
     Goal,
     coarse_meshes,
@@ -38,7 +38,6 @@ from fecloth.study.tuning.trials import Bench, Trial, spent
 from fecloth.study.workload import LONGEST, in_words
 
 SEARCH = 40.0  # s, CPU time for the runs of all methods
-COLUMNS = "element", "pattern", "h", "method", "rtol", "linear"  # of a setting, in the table
 FAR = 2.0  # times the measured √triangles: predictions beyond are guesses
 STEPS = 128  # of the runs that compare terms
 SHARPER = 100.0  # divides the solver's tolerance in the run that shows its error
@@ -247,7 +246,7 @@ def _summarise(
     return Tuned(
         title=opened.name,
         verdict=_verdict(found, goal, proved),
-        table=_table(bench, found),
+        table=table_of_runs(bench, found),
         error=found.error,
         seconds=trial.seconds,
         predicted=found.candidate.seconds if found.candidate else math.nan,
@@ -266,15 +265,16 @@ def _summarise(
 
 def _verdict(found: Proof, goal: Goal, proved: bool) -> str:
     """Return the answer in words: proved, or not proved and why, and what can be had."""
-    has = f"{found.trial.choice}: error {in_percent(found.error)}, {found.trial.seconds:.2g} s"
+    size = "unknown" if math.isnan(found.error) else in_percent(found.error)
+    has = f"{found.trial.choice}: estimated error {size}, CPU time {found.trial.seconds:.2g} s"
+    timed = math.isfinite(goal.budget)
+    allowed = f"{goal.budget:g} s" if timed else in_percent(goal.tolerance)
     if proved:
-        return f"proved: {has}"
-    if found.why:
-        return f"not proved: {found.why}. What can be had: {has}"
-    if math.isfinite(goal.budget):
-        return f"not proved: it takes longer than {goal.budget:g} s. {has}"
-    allowed = in_percent(goal.tolerance)
-    return f"not proved: the error is not below {allowed}. What can be had: {has}"
+        return f"proved: {has} (allowed: {allowed})"
+    why = found.why or (
+        f"it takes longer than {allowed}" if timed else f"the error is not below {allowed}"
+    )
+    return f"not proved: {why}. What can be had: {has}"
 
 
 def _settings(trial: Trial) -> dict[str, Any]:
@@ -284,24 +284,3 @@ def _settings(trial: Trial) -> dict[str, Any]:
     if math.isfinite(row["step"]):
         values["dt"] = row["step"]
     return {name: value for name, value in values.items() if value}
-
-
-def _table(bench: Bench, found: Proof) -> Table:
-    """Return a row for each run, with its distance to the most accurate one."""
-    rows = []
-    best = found.finer
-    runs = dict.fromkeys([*found.search, found.trial, *([best] if best else [])])
-    left = found.error - float(bench.distance(best, found.trial).max()) if best else math.nan
-    for one in runs:
-        kind = "tuned" if one is found.trial else "verifying" if one is best else "search"
-        line: dict[str, Any] = {"run": kind}
-        line |= {name: getattr(one.choice, name) for name in COLUMNS if getattr(one.choice, name)}
-        line["status"] = one.row["status"]
-        if one.is_ok:
-            line |= {name: one.row[name] for name in ("triangles", "steps")}
-            line["seconds"] = one.seconds
-            if best and one.records:  # not of runs that only measure seconds
-                apart = 0.0 if one is best else float(bench.distance(best, one).max())
-                line["error %"] = 100 * (apart + max(left, 0.0))
-        rows.append(line)
-    return Table(tuple(rows))
