@@ -65,4 +65,4 @@ def _purpose(bench: Bench, one: Trial, found: Proof) -> str:
         terms = one.row["point"].problem.scene.terms
         if terms != bench.opened.scene.terms:
             return OTHER_TERMS
-    return "sharper solver" if one.choice.sharper != 1 else "search"
+    return "sharper solver" if one.choice.sharper else "search"
