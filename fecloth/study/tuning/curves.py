@@ -40,6 +40,13 @@ class Curve:
         before = np.minimum(s - t[0], 0.0)[:, None] * self.below
         return np.exp(inside + beyond + before)
 
+    def order(self) -> np.ndarray:
+        """Return (q,) orders of errors over all measured runs, at least `LOWEST`."""
+        if len(self.x) == 1:
+            return np.maximum(-self.slope * np.ones(self.y.shape[1]), LOWEST)
+        whole = np.log(self.y[0] / self.y[-1]) / np.log(self.x[-1] / self.x[0])
+        return np.maximum(whole, LOWEST)
+
     def scaled(self, factor: float) -> Curve:
         """Return the curve of `factor` times the values."""
         return replace(self, y=factor * self.y)

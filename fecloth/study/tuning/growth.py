@@ -23,7 +23,7 @@ def measure_growth(
     """Return the prediction with the growth of the errors in time of the best candidates.
 
     Each rule runs on a mesh with half of h beside the most accurate implicit one, as on the coarse
-    mesh. The runs are added to `search`.
+    mesh. Rules that are not measured get the largest power. The runs are added to `search`.
     """
     times = prediction.times
     candidates = goal.candidates(prediction)[:BEST]
@@ -53,7 +53,9 @@ def measure_growth(
             after = float(bench.distance(finest, finer).max())
             power = math.log(after / before) / math.log(finer.edges / trial.edges)
             growth[one.rule.method, one.rule.kind] = float(np.clip(power, 0.0, MOST))
-    return replace(prediction, growth=growth)
+    most = max(growth.values(), default=0.0)
+    others = {(one.method, one.kind): most for one in times.rules if one.kind in ("steps", "rtol")}
+    return replace(prediction, growth=others | growth)
 
 
 def _on_finer_mesh(bench: Bench, trials: list[Trial]) -> list[Trial]:

@@ -10,7 +10,6 @@ import numpy as np
 
 from fecloth.study.problems import Problem
 from fecloth.study.tuning.choices import Choice
-from fecloth.study.tuning.curves import LOWEST, Curve
 from fecloth.study.tuning.prediction import Candidate, Prediction
 from fecloth.study.tuning.search import Goal
 from fecloth.study.tuning.space_errors import SpaceErrors
@@ -133,7 +132,7 @@ def verify(
         cause = str(finer.row["cause"]).splitlines()[0]
         why = f"the verifying run ({choice}) failed: {cause}"
         return Proof(trial, candidate, None, parts, known, why)
-    total = bench.distance(finer, trial) / (1 - max(left.values()))
+    total = bench.distance(finer, trial) / (1 - np.max(list(left.values()), axis=0))
     share = sum((parts[name] for name in left), np.zeros(len(total)))
     for name in left:
         parts[name] = total * parts[name] / share
@@ -142,32 +141,29 @@ def verify(
 
 def finer_choice(
     opened: Problem, candidate: Candidate, refined: Sequence[str]
-) -> tuple[Choice, dict[str, float]]:
+) -> tuple[Choice, dict[str, np.ndarray]]:
     """Return the finer choice, and the part of each refined error that should be left in it."""
-    choice, left = candidate.choice, {}
+    choice = candidate.choice
+    left: dict[str, np.ndarray] = {}
     if "space" in refined and choice.h:
         ratio = 2.0 if choice.pattern not in ("", "unstructured") else math.sqrt(2)
         choice = replace(choice, h=choice.h / ratio)
-        left["space"] = _left(candidate.mesh.errors, candidate.edges, ratio)
+        left["space"] = ratio ** -candidate.mesh.errors.order()
     if "time" in refined and choice.rtol:
         choice = replace(choice, rtol=choice.rtol / 4)
-        left["time"] = _left(candidate.rule.errors, candidate.x, 4.0)
+        left["time"] = 4.0 ** -candidate.rule.errors.order()
     elif "time" in refined and candidate.rule.kind in ("steps", "limit"):
         steps = choice.steps or 0
         if steps:
             choice = replace(choice, steps=2 * steps)
-            left["time"] = _left(candidate.rule.errors, candidate.x, 2.0)
+            left["time"] = 2.0 ** -candidate.rule.errors.order()
     if not left and choice.h:
         return finer_choice(opened, candidate, ["space"])
     if not left:
-        return replace(choice, steps=2 * (choice.steps or 1)), {"time": 0.5}
+        return replace(choice, steps=2 * (choice.steps or 1)), {
+            "time": 0.5 * np.ones(len(candidate.time))
+        }
     return choice, left
-
-
-def _left(errors: Curve, x: float, ratio: float) -> float:
-    """Return the largest predicted error at ratio · x over that at x, at most 2^-1/2."""
-    before, after = errors(np.array([x]))[0], errors(np.array([ratio * x]))[0]
-    return float(min((after / before).max(), ratio**-LOWEST))
 
 
 def scaled(prediction: Prediction, proof: Proof) -> Prediction:

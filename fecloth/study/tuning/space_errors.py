@@ -19,7 +19,7 @@ from fecloth.study.tuning.curves import (
 from fecloth.study.tuning.trials import Bench, Trial
 
 POWERS = 1.0, 3.2  # of the seconds of a step over √triangles
-DISTRUST = 2.0  # times the estimated errors: two elements further apart are not yet converged
+DISTRUST = 1.0  # times the estimated errors: two elements further apart are not yet converged
 
 
 @dataclass(frozen=True, eq=False)
