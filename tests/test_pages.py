@@ -29,12 +29,14 @@ STUDIES = sorted({STUDY.search(c)[1] for c in COMMANDS if STUDY.search(c)})
 OURS = [c for c in COMMANDS if re.match(r"(\.venv/bin/)?fecloth \w+ \S", c)]
 # a command's name
 BARE = re.compile(
-    r"fecloth (run|view|render|check|mesh|info|converge|compare|chart|stability|simplify|--version)"
+    r"fecloth (run|view|render|check|mesh|info|converge|compare|chart|stability|simplify|tune"
+    r"|--version)"
 )
 SCENE = ["cloth", "fabric", "terms", "time"]  # what a block needs to be a scene; else a fragment
 # what stands for a name of the reader's own, by command and word; and what makes runs short
 FILLED = {"DIR": "out/SCENE", "my.toml": "SCENE.toml", "mesh FILE": "meshes/square.geo"}
 FILLED |= {
+    "tune 1%": "20%",  # fewer runs
     "render FILE": "swing.gif",
     "NAME": "Wind",
     "A.toml": "SCENE.toml",

@@ -1,6 +1,6 @@
 """The cheapest setting of a scene that meets a tolerance, by an exhaustive search in order of cost.
 
-    python -m studies.tune.grid [--names NAME …]
+    python -m studies.tune.grid [--names NAME …] [--longest SECONDS]
 
 makes all twelve, in some 20 CPU minutes, and writes the best few of each into grid.json.
 
@@ -10,6 +10,7 @@ begins so coarse that it costs nothing. The search always runs the cheapest of t
 left, and ends where all of these cost more than the cheapest one that meets the tolerance. On a
 rectangle the best combinations run on the other patterns, too.
 
+Runs above `--longest` are not tried: with the seconds of a tuned run, all cheaper settings are.
 Two rules save runs and change no result. Where half of dt changed the error by less than a
 twentieth, and it is above twice the tolerance, shorter steps cannot help; the same for h.
 """
@@ -93,19 +94,19 @@ class Found:
     error: float
 
 
-def search(tried: Tried, reference: Reference, runs: Runs) -> list[Found]:
-    """Return all settings that ran."""
+def search(tried: Tried, reference: Reference, runs: Runs, longest: float = LONGEST) -> list[Found]:
+    """Return all settings that ran; none is expected to take more than `longest` [s]."""
     first = tried.scene()
     own = getattr(first.cloth, "pattern", "")
     methods = ("equilibrium",) if first.equilibrium else METHODS
     combinations = [Combination(e, m, own) for e, m in product(ELEMENTS, methods)]
     measure = _measure(tried, reference, replace(runs, time_limit=LONGEST))
-    done = list(_in_order_of_cost(tried, combinations, measure, LONGEST))
+    done = list(_in_order_of_cost(tried, combinations, measure, longest))
     if own:
         ranked = sorted(_good(tried, done), key=lambda one: one.seconds)
         best = list(dict.fromkeys(one.node.combination for one in ranked))[:BEST]
         others = [replace(c, pattern=p) for c, p in product(best, PATTERNS) if p != own]
-        limit = min([LONGEST, *(one.seconds for one in ranked[:1])])
+        limit = min([longest, *(one.seconds for one in ranked[:1])])
         done += _in_order_of_cost(tried, others, measure, limit)
     return done
 
@@ -262,12 +263,13 @@ def _stored(tried: Tried, done: list[Found]) -> Mapping:
 
 def main() -> int:
     names = {"nargs": "*", "default": [], "metavar": "NAME", "help": "scenes; all by default"}
-    options = study.parse_arguments(__doc__, names=names)
+    longest = {"type": float, "default": LONGEST, "metavar": "SECONDS", "help": "of a run"}
+    options = study.parse_arguments(__doc__, names=names, longest=longest)
     runs = Runs(options.out, fresh=options.fresh, most_seconds=None)
     for tried in TWELVE:
         if not tried.has_limit or (options.names and tried.name not in options.names):
             continue
-        done = search(tried, read(tried), runs)
+        done = search(tried, read(tried), runs, options.longest)
         known = _file() | {tried.name: _stored(tried, done)}
         lines = ",\n".join(f'"{name}": {json.dumps(one)}' for name, one in known.items())
         replace_file(FILE, ("{\n" + lines + "\n}\n").encode())

@@ -174,7 +174,7 @@ def test_a_formula_is_no_quantity(formula):
 
 PLAIN = {  # numbers without a unit
     *("FabricTable.poisson_ratio", "FabricTable.bending_poisson_ratio"),
-    *("WindTable.gusts", "GasTable.exponent"),
+    *("WindTable.gusts", "GasTable.exponent", "GradingTable.power"),
     *("BaraffWitkinTable.rest", "BaraffWitkinTable.area_exponent"),
     *("NewtonTable.tolerance", "NewtonTable.forcing", "EquilibriumTable.tolerance"),
     "GeneralizedAlphaTable.rho_inf",

@@ -562,7 +562,7 @@ def test_resolved_scene_is_equal_and_has_the_defaults_written_out(file, tmp_path
     assert data["solver"]["linear"] == "auto"
     assert data["start"] == {"plane": "xy"}
     switches = {"intersections": True, "error_density": False}
-    assert data["output"] == {"frames": 50, "format": "vtu"} | switches
+    assert data["output"] == {"frames": 50, "format": "vtu", "rows": 1000} | switches
     assert data["mass"] == "lumped"
     assert data["fabric"]["poisson_ratio"] == 0.0
     assert data["terms"][1]["tangent"] == "symmetric"

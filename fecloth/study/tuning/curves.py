@@ -49,7 +49,8 @@ def error_curve(x: Sequence[float], errors: Sequence[np.ndarray], theory: np.nda
     """Return errors that do not grow with x, with their order beyond the measured ones.
 
     An error that is smaller than that of a finer run is so by chance: it is replaced by it. The
-    order beyond is that between the last two runs, but at least 1/2 and at most the theory.
+    order beyond is that between the last two runs, but at least 1/2 and at most the theory; below
+    the first run it is that between the first two, but at least 1.
     """
     order = np.argsort(x)
     sizes, values = np.asarray(x, dtype=float)[order], np.asarray(errors, dtype=float)[order]
@@ -57,8 +58,12 @@ def error_curve(x: Sequence[float], errors: Sequence[np.ndarray], theory: np.nda
     slope = -0.75 * theory
     if len(sizes) > 1:
         slope = -np.log(values[-2] / values[-1]) / np.log(sizes[-1] / sizes[-2])
+    first = -theory
+    if len(sizes) > 1:
+        first = -np.log(values[0] / values[1]) / np.log(sizes[1] / sizes[0])
     beyond = np.clip(slope, -theory, -np.minimum(LOWEST, theory))
-    return Curve(sizes, values, beyond, -np.minimum(1.0, theory))
+    below = np.clip(first, -theory, -np.minimum(1.0, theory))
+    return Curve(sizes, values, beyond, below)
 
 
 def cost_curve(x: Sequence[float], seconds: Sequence[float], low: float, high: float) -> Curve:

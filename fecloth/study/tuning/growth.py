@@ -22,8 +22,8 @@ def measure_growth(
 ) -> Prediction:
     """Return the prediction with the growth of the errors in time of the best candidates.
 
-    Each rule runs on a mesh with half of h beside the most accurate rule, as on the coarse mesh.
-    The runs are added to `search`.
+    Each rule runs on a mesh with half of h beside the most accurate implicit one, as on the coarse
+    mesh. The runs are added to `search`.
     """
     times = prediction.times
     candidates = goal.candidates(prediction)[:BEST]
@@ -34,17 +34,22 @@ def measure_growth(
     ]
     if not looked_at or prediction.coarse.choice.h is None:
         return prediction
-    (finest,) = _on_finer_mesh(bench, [times.reference])
+    implicit = [one for one in times.trials if one.is_ok and one.choice.steps]
+    implicit = [one for one in implicit if not one.choice.is_explicit]
+    if not implicit:
+        return prediction
+    reference = min(implicit, key=lambda one: float(bench.distance(times.reference, one).max()))
+    (finest,) = _on_finer_mesh(bench, [reference])
     search.append(finest)
     growth = dict(prediction.growth)
     for one in looked_at:
         trial = _nearest(one.rule, one.x)
-        if trial is times.reference or not finest.is_ok:
+        if trial is reference or not finest.is_ok:
             continue
         (finer,) = _on_finer_mesh(bench, [trial])
         search.append(finer)
         if finer.is_ok:
-            before = float(bench.distance(times.reference, trial).max())
+            before = float(bench.distance(reference, trial).max())
             after = float(bench.distance(finest, finer).max())
             power = math.log(after / before) / math.log(finer.edges / trial.edges)
             growth[one.rule.method, one.rule.kind] = float(np.clip(power, 0.0, MOST))
@@ -53,8 +58,7 @@ def measure_growth(
 
 def _on_finer_mesh(bench: Bench, trials: list[Trial]) -> list[Trial]:
     choices = [replace(one.choice, h=float(f"{(one.choice.h or 1) / 2:.6g}")) for one in trials]
-    at_limit = [replace(one, steps=None) if one.is_explicit else one for one in choices]
-    return bench.run(at_limit)
+    return bench.run(choices)
 
 
 def _nearest(rule: Rule, x: float) -> Trial:

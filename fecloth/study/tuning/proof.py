@@ -69,11 +69,12 @@ def prove(
     Return None if no candidate can meet the goal.
     """
     found: Proof | None = None
+    best: Proof | None = None
     search = list(search)
     for _ in range(ROUNDS):
         candidates = goal.candidates(prediction)
         if not candidates or (found and spent(search) > goal.limit(candidates)):
-            return found
+            break
         first = candidates[0]
         trial = bench.run([first.choice], timed=True)[0]
         if not trial.is_ok:
@@ -88,6 +89,10 @@ def prove(
         if found.why or found.error <= goal.tolerance:
             break
         prediction = scaled(prediction, found)
+        best = found if best is None or found.error < best.error else best
+    if best and found and found.error > max(best.error, goal.tolerance):
+        last = [found.finer] if found.finer else []
+        found = replace(best, search=(*found.search, *last))
     if found and not found.why and found.error < LOOSE * goal.tolerance < math.inf:
         found = _cheaper(bench, scaled(prediction, found), goal, found)
     return found
@@ -166,15 +171,22 @@ def _left(errors: Curve, x: float, ratio: float) -> float:
 
 
 def scaled(prediction: Prediction, proof: Proof) -> Prediction:
-    """Return the prediction with the measured error and the measured seconds of a tuned run."""
+    """Return the prediction with the measured error and the measured seconds of a tuned run.
+
+    An error in space that is larger than predicted holds for all meshes of that element.
+    """
     candidate = proof.candidate
     assert candidate is not None
     space = float((proof.parts["space"] / candidate.space).max())
     in_time = float((proof.parts.get("time", candidate.time) / candidate.time).max())
     ratio = float(np.clip(proof.trial.seconds / candidate.seconds, 0.2, 5.0))
-    meshes = tuple(
-        replace(one, errors=one.errors.scaled(space)) if one is candidate.mesh else one
+    alike = [
+        one is candidate.mesh or (space > 1 and one.choice.element == candidate.choice.element)
         for one in prediction.meshes
+    ]
+    meshes = tuple(
+        replace(one, errors=one.errors.scaled(space)) if same else one
+        for one, same in zip(prediction.meshes, alike, strict=True)
     )
     rules = tuple(
         replace(one, errors=one.errors.scaled(in_time)) if one is candidate.rule else one

@@ -15,7 +15,7 @@ from fecloth.study.chart_grid import ALL_METHODS
 from fecloth.study.command import StudyFailed
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.tuning.choices import CONTROLLED, Choice, problem_with, span_of
-from fecloth.study.tuning.curves import Curve, cost_curve, error_curve
+from fecloth.study.tuning.curves import LOWEST, Curve, cost_curve, error_curve
 from fecloth.study.tuning.trials import Bench, Trial, spent
 
 FEW = 5  # steps of a run that is a static solution
@@ -25,6 +25,7 @@ REGULAR = 2.5, 7.0  # ratios of successive changes of a method of second order
 TOLERANCES = 0.1, 0.01, 0.001  # 1/s, of chosen steps
 LONG, MORE = 20_000, 60  # explicit steps that are tried at most; times those of implicit methods
 SHORT = 3.0  # s, of an explicit run that is repeated with half its step
+CAREFUL = 0.75  # times the theoretical order, where two runs only are compared
 NONE = 1e-12  # error of a rule that makes none
 LEAST = 1e-4  # error in time of a run that is compared with no other
 POWERS = {"steps": (0.5, 1.0), "rtol": (0.3, 1.0), "limit": (1.0, 1.0)}  # of seconds over x
@@ -98,8 +99,8 @@ def measure_methods(
     steps = [one.steps for one in trials if one.is_ok]
     trials += _explicit_runs(bench, mesh, explicit, MORE * steps[-1] if steps else LONG)
     _require(trials)
-    reference, error = _best(bench, trials)
     trials += _other_methods(bench, mesh, implicit, trials, limit)
+    reference, error = _best(bench, trials)
     good = [one for one in trials if one.is_ok]
     return TimeErrors(tuple(_rules(bench, good, reference, error)), reference, error, tuple(trials))
 
@@ -178,26 +179,34 @@ def first_steps(opened: Problem) -> int:
 
 
 def _best(bench: Bench, trials: Sequence[Trial]) -> tuple[Trial, np.ndarray]:
-    """Return the run with the least error of the finest of each method, and this error.
+    """Return the run with the least error of the finest of each rule, and this error.
 
-    The error follows from the change by the last halving of the step (Richardson).
+    The error follows from the change by the last refinement of the steps (Richardson).
     """
+    grouped: dict[tuple[str, str], list[Trial]] = {}
+    for one in trials:
+        if one.is_ok:
+            grouped.setdefault((one.choice.method, _kind(one.choice)), []).append(one)
     found = []
-    for method in {one.choice.method for one in trials}:
-        own = [one for one in trials if one.choice.method == method and one.is_ok]
-        for finest in own[-1:]:
-            error = np.ones(len(finest.records))
-            if finest.choice.is_explicit and len(own) == 1:
-                error *= max(np.nan_to_num(finest.row["time_error"], nan=1.0), LEAST)
-            if len(own) > 1:
-                order = order_of(method)
-                change = bench.distance(finest, own[-2])
-                if len(own) > 2:
-                    before = bench.distance(own[-2], own[-3])
-                    order = np.clip(np.log2(before / change), 1.0, order)
-                error = change / (2.0**order - 1)
-            found.append((finest, error))
+    for (method, kind), runs in grouped.items():
+        runs.sort(key=lambda one: _size(one.choice))
+        order = 1.0 if kind == "rtol" else order_of(method)
+        found.append((runs[-1], _own_error(bench, runs, order)))
     return min(found, key=lambda pair: pair[1].max())
+
+
+def _own_error(bench: Bench, runs: Sequence[Trial], theory: float) -> np.ndarray:
+    """Return the error of the finest run of a rule."""
+    finest = runs[-1]
+    if len(runs) == 1:
+        known = finest.row["time_error"] if finest.choice.is_explicit else 1.0
+        return np.full(len(finest.records), max(np.nan_to_num(known, nan=1.0), LEAST))
+    change, order = bench.distance(finest, runs[-2]), CAREFUL * theory
+    ratio = _size(finest.choice) / _size(runs[-2].choice)
+    if len(runs) > 2:
+        before = bench.distance(runs[-2], runs[-3])
+        order = np.clip(np.log(before / change) / math.log(ratio), LOWEST, theory)
+    return change / (ratio**order - 1)
 
 
 def _other_methods(

@@ -141,11 +141,15 @@ def tune(
         search.append(sharper)
         other["solver"] = bench.distance(sharper, coarse)
     added = sum((float(one.max()) for one in other.values()), 0.0)
-    prediction = measure_growth(bench, replace(prediction, other=added), goal, search)
-    prediction = time_candidates(bench, prediction, goal, search)
-    candidates = goal.candidates(prediction)
-    why = _obstacle(bench, space, candidates, goal, most_seconds)
-    found = None if why else prove(bench, prediction, goal, search, other, space)
+    prediction = replace(prediction, other=added)
+    why = _obstacle(bench, space, goal.candidates(prediction), goal, most_seconds)
+    found = None
+    if not why:
+        prediction = measure_growth(bench, prediction, goal, search)
+        prediction = time_candidates(bench, prediction, goal, search)
+        why = _obstacle(bench, space, goal.candidates(prediction), goal, most_seconds)
+    if not why:
+        found = prove(bench, prediction, goal, search, other, space)
     if found is None:
         found = best_run(bench, space, times, search, other)
         why = why or "no setting within reach is predicted to meet it"
