@@ -257,6 +257,21 @@ def test_a_setting_that_is_not_proved_is_reported_without_nan(tmp_path, error):
     assert "CPU time: 0.1 s." in page
 
 
+def test_a_mesh_that_cannot_be_refined_is_named(strip, tmp_path):
+    (tmp_path / "sheet.geo").write_text(
+        "Point(1) = {0, 0, 0, 0.2}; Point(2) = {1, 0, 0, 0.2}; Point(3) = {0, 1, 0, 0.2};"
+        "Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 1}; Curve Loop(1) = {1, 2, 3};"
+        'Plane Surface(1) = {1}; Physical Curve("top") = {1}; Physical Curve("bottom") = {2};'
+        'Physical Surface("cloth") = {1};'
+    )
+    scene = tmp_path / "sheet.toml"
+    sheet = strip.read_text().split("[fabric]")[1].replace('plane = "xz"', 'plane = "xy"')
+    scene.write_text('[cloth]\nshape = "file"\npath = "sheet.geo"\n[fabric]' + sheet)
+    tuned = fc.tune(scene, "2%", "tip.z", elements=["P1"])
+    assert not tuned.proved
+    assert "the mesh has no h" in tuned.verdict
+
+
 @pytest.mark.slow
 def test_the_table_has_each_run_once_and_names_runs_of_other_terms(strip):
     tuned = fc.tune(strip, "2%", elements=["P1"], model=True)

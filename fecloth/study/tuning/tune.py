@@ -216,6 +216,11 @@ def _obstacle(
     most_seconds: float | None,
 ) -> str:
     """Return in words why no setting can be proved; "" if one may be."""
+    if space.reference.choice.h is None:
+        return (
+            "the mesh has no h, so it is not refined, and its error in space counts as 100 %; "
+            "a .geo file with h in [cloth] can be refined"
+        )
     if space.stalls(bench, goal.scale):
         obstacles = list(space.reference.row["obstacles"])
         reasons = f": {'; '.join(obstacles)}" if obstacles else ""
@@ -276,7 +281,9 @@ def _verdict(found: Proof, goal: Goal, proved: bool) -> str:
     if proved:
         return f"proved: {has} (allowed: {allowed})"
     why = found.why or (
-        f"it takes longer than {allowed}" if timed else f"the error is not below {allowed}"
+        f"it takes longer than {allowed}"
+        if timed
+        else f"no verified setting has an error below {allowed}"
     )
     return f"not proved: {why}. What can be had: {has}"
 
