@@ -38,7 +38,6 @@ FILLED = {"DIR": "out/SCENE", "my.toml": "SCENE.toml", "mesh FILE": "meshes/squa
 FILLED |= {
     "tune 1%": "20%",  # fewer runs
     "tune 2%": "20%",
-    "tune 5 s": "1 s",
     "render FILE": "swing.gif",
     "NAME": "Wind",
     "A.toml": "SCENE.toml",

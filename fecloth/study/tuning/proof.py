@@ -85,7 +85,8 @@ def prove(
         found = _known(bench, first, trial, search, other, space)
         found = found or verify(bench, first, trial, search, other)
         search.append(trial)
-        if found.why or found.error <= goal.tolerance:
+        met = found.error <= goal.tolerance and trial.seconds <= goal.budget
+        if found.why or met:
             break
         prediction = scaled(prediction, found)
         best = found if best is None or found.error < best.error else best
