@@ -48,6 +48,7 @@ def drop_terms(
         if variant.slot in {one.slot for one in taken}:
             continue
         trial = _run(bench, variant.apply(data), choice)
+        trials += [trial] if trial else []
         change = bench.distance(full, trial) if trial and trial.is_ok else nothing + np.inf
         if change.max() <= SHARE * tolerance:
             data, total = variant.apply(data), change

@@ -26,14 +26,14 @@ class Tuned(StudyResult):
     Attributes
     ----------
     error
-        Estimated relative error of the tuned setting, the largest of all quantities.
+        Estimated relative error of the tuned setting, the largest of all quantities; 0.01 is 1 %.
     seconds, predicted
         Its measured and its predicted CPU time [s].
     proved
         Whether a run with a finer mesh or shorter steps shows that the error, or with a budget
         the time, is as asked for.
     tolerance, budget
-        What was asked for; NaN for the other one.
+        The tolerance or the budget [s] that was asked for. The one that was not given is NaN.
     quantities
         Texts of the quantities.
     parts

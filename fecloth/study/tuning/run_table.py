@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 from fecloth.study.problems import SceneProblem
 from fecloth.study.tables import Table
 from fecloth.study.tuning.proof import Proof
 from fecloth.study.tuning.result import OTHER_TERMS
-from fecloth.study.tuning.trials import Bench, Trial
+from fecloth.study.tuning.trials import Bench, Trial, each_once
 
 COLUMNS = {  # of a setting: names in `Choice` and in the table
     "element": "element",
@@ -31,7 +30,7 @@ def table_of_runs(bench: Bench, found: Proof) -> Table:
     best = found.finer
     left = found.error - float(bench.distance(best, found.trial).max()) if best else math.nan
     rows = []
-    for one in _each_once([*found.search, found.trial, *([best] if best else [])]):
+    for one in each_once([*found.search, found.trial, *([best] if best else [])]):
         line: dict[str, Any] = {"run": _purpose(bench, one, found)}
         line |= {title: getattr(one.choice, name) or None for name, title in COLUMNS.items()}
         line["status"] = one.row["status"]
@@ -46,11 +45,6 @@ def table_of_runs(bench: Bench, found: Proof) -> Table:
         rows.append(line)
     used = {name for row in rows for name, value in row.items() if value is not None}
     return Table(tuple({name: row[name] for name in row if name in used} for row in rows))
-
-
-def _each_once(trials: Sequence[Trial]) -> list[Trial]:
-    """Return the trials without copies: a run that comes again from the store has its seconds."""
-    return list({(one.choice, one.row.get("cpu_seconds")): one for one in trials}.values())
 
 
 def _purpose(bench: Bench, one: Trial, found: Proof) -> str:

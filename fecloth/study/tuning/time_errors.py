@@ -39,7 +39,7 @@ class Rule:
     ----------
     method, kind
         The method, and what `x` is: "steps", "rtol" (x = 1/rtol), "limit" (x = 1: the steps
-        follow the mesh), or "static".
+        follow the mesh; 2 for half of that step), or "static".
     errors, seconds
         Curves over x.
     trials
@@ -81,8 +81,8 @@ def measure_methods(
 ) -> TimeErrors:
     """Run the methods on a coarse mesh with steps of several lengths.
 
-    The best run is the reference of all others: explicit with half of its stable step, or the
-    finest of the first implicit method. `limit` is the CPU time for all of it [s].
+    The run with the least error, which follows from the change by its last refinement, is the
+    reference of all others. `limit` is the CPU time for all of it [s].
 
     Raises
     ------

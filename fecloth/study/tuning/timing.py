@@ -43,7 +43,7 @@ def time_candidates(
     name = min(tried, key=lambda name: tried[name])
     if tried[name] < FASTER * best[0].seconds:
         key = best[0].key
-        factors[key] *= tried[name] / best[0].seconds
+        factors[key] = factors.get(key, 1.0) * tried[name] / best[0].seconds
         return replace(prediction, factors=factors, linear={key: name})
     return prediction
 

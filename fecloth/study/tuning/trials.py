@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.integrators import EXPLICIT
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of
 from fecloth.study.levels import Level
@@ -113,15 +112,16 @@ class Bench:
 
 def spent(trials: Sequence[Trial]) -> float:
     """Return the CPU time of trials [s], each counted once."""
-    return sum(one.spent for one in dict.fromkeys(trials))
+    return sum(one.spent for one in each_once(trials))
+
+
+def each_once(trials: Sequence[Trial]) -> list[Trial]:
+    """Return the trials without copies: a run that comes again from the store has its seconds."""
+    return list({(one.choice, one.row.get("cpu_seconds")): one for one in trials}.values())
 
 
 def size_of_run(problem: Problem) -> Workload:
     """Predict the size of a run without its mesh, where that is possible."""
     if not isinstance(problem, SceneProblem):
         return problem.workload(Level())
-    scene = problem.scene
-    in_time = scene.time and not scene.equilibrium
-    if in_time and scene.time.dt == "auto" and scene.time.method.type in EXPLICIT:
-        return Workload.explicit(scene)
-    return Workload.of(scene)
+    return Workload.of(problem.scene)

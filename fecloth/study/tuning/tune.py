@@ -26,6 +26,7 @@ from fecloth.study.tuning.proof import Proof, best_run, prove
 from fecloth.study.tuning.result import Tuned
 from fecloth.study.tuning.run_table import table_of_runs
 from fecloth.study.tuning.search import (
+    EXTRAPOLATED,
     Goal,
     coarse_meshes,
     measure_meshes,
@@ -38,7 +39,6 @@ from fecloth.study.tuning.trials import Bench, Trial, spent
 from fecloth.study.workload import LONGEST, in_words
 
 SEARCH = 40.0  # s, CPU time for the runs of all methods
-FAR = 2.0  # times the measured √triangles: predictions beyond are guesses
 STEPS = 128  # of the runs that compare terms
 SHARPER = 100.0  # divides the solver's tolerance in the run that shows its error
 
@@ -230,7 +230,7 @@ def _obstacle(
     first, known = candidates[0], float(space.error.max())
     if first.seconds > (most_seconds or math.inf):
         return f"{first.choice} should meet it, in about {in_words(first.seconds)}: too long"
-    if known > goal.tolerance and first.edges > FAR * first.mesh.errors.x[-1]:
+    if known > goal.tolerance and first.edges > EXTRAPOLATED * first.mesh.errors.x[-1]:
         return (
             f"the best meshes that were run still differ by {in_percent(known)}; {first.choice} "
             f"may meet it, in about {in_words(first.seconds)}"
