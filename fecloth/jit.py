@@ -32,7 +32,8 @@ Zeros = tuple[int, ...]
 Function = TypeVar("Function", bound=Callable)
 Result = TypeVar("Result")
 
-OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy"}
+# nogil: other Python threads, such as those of a `Team`, run on while a kernel does
+OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 
 
 @cache

@@ -14,7 +14,10 @@ from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.jit import Array, inner, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments, relative_residual
+from fecloth.team import ALONE, Team, meet
 
+BLOCK = 256  # nodes whose sums are added up first, for the same bits on any number of threads
+PORTION = 32  # iterations that are timed at once, for the choice of the threads
 CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
 
 
@@ -42,6 +45,7 @@ class PCG:
         n = len(A.pattern)
         if len(self._inverse) != n:
             self._inverse, self._work = np.empty((n, 6)), np.zeros((4, n, 3))
+            self._sums, self._carry = np.empty((3, -(-n // BLOCK))), np.empty(3)
         invert_diagonal(A, self._inverse, self.name)
         self._A, self._seconds = A, time.perf_counter() - begin
 
@@ -78,9 +82,28 @@ class PCG:
     def _iterate(
         self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int
     ) -> tuple[int, int]:
-        r, z, p, q = self._work
-        rows = block_rows(A)
-        return conjugate_gradients(*rows, self._inverse, x, r, z, p, q, threshold, limit)
+        """Iterate in portions, of which the team times each; also returns the status."""
+        team = A.team if A.team.shares(len(x)) else ALONE
+        portion = limit if team.count == 1 else PORTION
+        self._carry[0] = -1.0
+        done, status = 0, OUT_OF_ITERATIONS
+        while status == OUT_OF_ITERATIONS and done < limit:
+            most = min(portion, limit - done)
+            count, status = self._share(team, A, x, threshold, most)
+            done += count
+        return done, status
+
+    def _share(
+        self, team: Team, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int
+    ) -> tuple[int, int]:
+        data = *block_rows(A), self._inverse, x, *self._work, self._sums, self._carry
+        meeting = np.zeros(1, np.int64)
+
+        def part(thread: int, threads: int = team.count) -> tuple[int, int]:
+            return conjugate_gradients(*data, threshold, limit, meeting, thread, threads)
+
+        both = lambda: part(0, 1), lambda: team.run(part, meeting)
+        return team.do("pcg", *both, limit, lambda result: result[0])
 
     def _check(
         self, status: int, iterations: int, before: float, reached: float, rtol: float
@@ -139,10 +162,17 @@ def conjugate_gradients(
     z: Array,
     p: Array,
     q: Array,
+    sums: Array,
+    carry: Array,
     threshold: float,
     limit: int,
+    meeting: Array,
+    thread: int,
+    threads: int,
 ) -> tuple[int, int]:
     """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations.
+
+    Each thread calls it with its number, and does the rows of its blocks of nodes.
 
     Parameters
     ----------
@@ -152,74 +182,129 @@ def conjugate_gradients(
         (n, 3) initial x and its residual b − A x; both are overwritten.
     z, p, q
         (n, 3) work arrays for M⁻¹ r, the search direction p, and A p.
+    sums
+        (3, blocks) work array for the sums pᵀ q, rᵀ z and rᵀ r of each block.
+    carry
+        (3,) rᵀ z, rᵀ r and β where an earlier call ended at its limit; rᵀ z < 0 for a new start.
 
     Returns
     -------
-    The number of iterations and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
+    The number of iterations and one of BLOCK = 256  # nodes whose sums are added up first, for the same bits on any number of threads
+PORTION = 32  # iterations that are timed at once, for the choice of the threads
+CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
     """
-    rz, rr = _advance(0.0, p, q, inverse, x, r, z)
-    beta = 0.0
-    for j in range(limit):
-        if rr <= threshold:
-            return j, CONVERGED
-        _turn(z, beta, p)
-        pq = _multiply(indptr, indices, values, p, q)
+    blocks = sums.shape[1]
+    begin, end, turn = blocks * thread // threads, blocks * (thread + 1) // threads, 1
+    rz, rr, beta = carry[0], carry[1], carry[2]
+    if rz < 0.0:
+        beta = 0.0
+        _advance(begin, end, 0.0, p, q, inverse, x, r, z, sums)
+        turn = meet(meeting, threads, turn)
+        rz, rr = _total(sums[1]), _total(sums[2])
+    status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
+    j = 0
+    while j < limit and status == OUT_OF_ITERATIONS:
+        _turn(begin, end, z, beta, p)
+        turn = meet(meeting, threads, turn)
+        _multiply(begin, end, indptr, indices, values, p, q, sums)
+        turn = meet(meeting, threads, turn)
+        pq = _total(sums[0])
         if not np.isfinite(pq) or not np.isfinite(rz):
-            return j, NOT_FINITE
-        if pq <= 0.0 or rz <= 0.0:
-            return j, INDEFINITE
-        old = rz
-        rz, rr = _advance(old / pq, p, q, inverse, x, r, z)
-        beta = rz / old
-    return limit, CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
+            status = NOT_FINITE
+        elif pq <= 0.0 or rz <= 0.0:
+            status = INDEFINITE
+        else:
+            old = rz
+            _advance(begin, end, old / pq, p, q, inverse, x, r, z, sums)
+            turn = meet(meeting, threads, turn)
+            rz, rr = _total(sums[1]), _total(sums[2])
+            beta = rz / old
+            j += 1
+            status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
+    meet(meeting, threads, turn)  # all have read `carry`
+    if thread == 0:
+        carry[0], carry[1], carry[2] = rz, rr, beta
+    return j, status
 
 
 @inner
-def _turn(z: Array, beta: float, p: Array) -> None:
-    """p = z + β p."""
-    for i in range(len(p)):
+def _total(sums: Array) -> float:
+    """Sum in order."""
+    total = 0.0
+    for block in range(len(sums)):
+        total += sums[block]
+    return total
+
+
+@inner
+def _turn(begin: int, end: int, z: Array, beta: float, p: Array) -> None:
+    """p = z + β p in blocks begin … end − 1."""
+    for node in range(begin * BLOCK, min(end * BLOCK, len(p))):
+        i = np.uintp(node)
         for c in range(3):
             # With β = 0 the old p is not used, because it may be not finite.
             p[i, c] = z[i, c] + beta * p[i, c] if beta != 0.0 else z[i, c]
 
 
 @inner
-def _multiply(indptr: Array, indices: Array, values: Array, p: Array, q: Array) -> float:
-    """q = A p; returns pᵀ q."""
-    pq = 0.0
-    for i in range(len(p)):
-        q1 = q2 = q3 = 0.0
-        for s in range(indptr[i], indptr[i + 1]):
-            j = indices[s]
-            p1, p2, p3 = p[j, 0], p[j, 1], p[j, 2]
-            q1 += values[s, 0, 0] * p1 + values[s, 0, 1] * p2 + values[s, 0, 2] * p3
-            q2 += values[s, 1, 0] * p1 + values[s, 1, 1] * p2 + values[s, 1, 2] * p3
-            q3 += values[s, 2, 0] * p1 + values[s, 2, 1] * p2 + values[s, 2, 2] * p3
-        q[i, 0], q[i, 1], q[i, 2] = q1, q2, q3
-        pq += p[i, 0] * q1 + p[i, 1] * q2 + p[i, 2] * q3
-    return pq
+def _multiply(
+    begin: int,
+    end: int,
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    p: Array,
+    q: Array,
+    sums: Array,
+) -> None:
+    """q = A p in blocks begin … end − 1, and pᵀ q of each."""
+    for block in range(begin, end):
+        pq = 0.0
+        for node in range(block * BLOCK, min(block * BLOCK + BLOCK, len(p))):
+            i = np.uintp(node)  # not negative: the compiler need not look
+            q1 = q2 = q3 = 0.0
+            for s in range(indptr[i], indptr[i + 1]):
+                j = indices[s]
+                p1, p2, p3 = p[j, 0], p[j, 1], p[j, 2]
+                q1 += values[s, 0, 0] * p1 + values[s, 0, 1] * p2 + values[s, 0, 2] * p3
+                q2 += values[s, 1, 0] * p1 + values[s, 1, 1] * p2 + values[s, 1, 2] * p3
+                q3 += values[s, 2, 0] * p1 + values[s, 2, 1] * p2 + values[s, 2, 2] * p3
+            q[i, 0], q[i, 1], q[i, 2] = q1, q2, q3
+            pq += p[i, 0] * q1 + p[i, 1] * q2 + p[i, 2] * q3
+        sums[0, block] = pq
 
 
 @inner
 def _advance(
-    alpha: float, p: Array, q: Array, inverse: Array, x: Array, r: Array, z: Array
-) -> tuple[float, float]:
-    """x += α p, r −= α q (unless α = 0), z = M⁻¹ r; returns rᵀ z and rᵀ r."""
-    rz = rr = 0.0
-    for i in range(len(x)):
-        if alpha != 0.0:
-            for c in range(3):
-                x[i, c] += alpha * p[i, c]
-                r[i, c] -= alpha * q[i, c]
-        r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
-        m = inverse[i]
-        z1 = m[0] * r1 + m[5] * r2 + m[4] * r3
-        z2 = m[5] * r1 + m[1] * r2 + m[3] * r3
-        z3 = m[4] * r1 + m[3] * r2 + m[2] * r3
-        z[i, 0], z[i, 1], z[i, 2] = z1, z2, z3
-        rz += r1 * z1 + r2 * z2 + r3 * z3
-        rr += r1 * r1 + r2 * r2 + r3 * r3
-    return rz, rr
+    begin: int,
+    end: int,
+    alpha: float,
+    p: Array,
+    q: Array,
+    inverse: Array,
+    x: Array,
+    r: Array,
+    z: Array,
+    sums: Array,
+) -> None:
+    """x += α p, r −= α q (unless α = 0), z = M⁻¹ r in blocks begin … end − 1; rᵀ z, rᵀ r of each."""
+    for block in range(begin, end):
+        rz = rr = 0.0
+        for node in range(block * BLOCK, min(block * BLOCK + BLOCK, len(x))):
+            i = np.uintp(node)
+            if alpha != 0.0:
+                for c in range(3):
+                    x[i, c] += alpha * p[i, c]
+                    r[i, c] -= alpha * q[i, c]
+            r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
+            m = inverse[i]
+            z1 = m[0] * r1 + m[5] * r2 + m[4] * r3
+            z2 = m[5] * r1 + m[1] * r2 + m[3] * r3
+            z3 = m[4] * r1 + m[3] * r2 + m[2] * r3
+            z[i, 0], z[i, 1], z[i, 2] = z1, z2, z3
+            rz += r1 * z1 + r2 * z2 + r3 * z3
+            rr += r1 * r1 + r2 * r2 + r3 * r3
+        sums[1, block], sums[2, block] = rz, rr
 
 
 @kernel

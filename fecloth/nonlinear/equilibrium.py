@@ -196,7 +196,7 @@ def static_context(
     """Return the direct solver with its matrix, and Newton's options, for `solve_static`."""
     options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)
     linear = select.create(solver, system.symmetric)
-    return SolverContext(linear, BlockMatrix.zeros(system.pattern), options)
+    return SolverContext(linear, BlockMatrix.zeros(system.pattern, system.team), options)
 
 
 def increase_loads(

@@ -167,7 +167,7 @@ class BoundPlate:
             return None
         mu, g = plate.gradients(x, t)
         return [
-            (plate_loops.fill_gradients, (*plate.at(t), x, mu, g)),
+            plate.gradient_call(x, t, mu, g),
             (subtract, (self.rest, mu)),
             plate.force_call(mu, g, f),
         ]
