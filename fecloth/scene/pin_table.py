@@ -9,12 +9,12 @@ from pydantic import PrivateAttr, model_validator
 
 from fecloth.errors import InputError
 from fecloth.quantities.formula import Formula
+from fecloth.quantities.rotation import Rotation
 from fecloth.quantities.units import LENGTH
 from fecloth.scene.field_types import Name, OfTime, OfTimeAndPlace, Vector, Where
 from fecloth.scene.region import Region
 from fecloth.scene.table_model import Table, require_exactly_one
 from fecloth.system.pins import Pin, Slide
-from fecloth.system.rotation import Rotation
 
 
 class PinRotation(Table):
