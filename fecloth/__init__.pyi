@@ -58,6 +58,7 @@ from .terms import (
     HingeBending,
     MassDamping,
     NeoHookean,
+    Obstacle,
     PlateBending,
     PointForce,
     Pressure,
@@ -72,6 +73,7 @@ from .terms import (
     Wind,
 )
 from .terms.bending.hinge import hinge_angles
+from .terms.contact import shapes
 from .terms.custom.condition import Condition
 from .terms.custom.membrane_law import MembraneLaw
 from .terms.loops.green_strain import contract
@@ -115,6 +117,7 @@ __all__ = [
     "NeoHookean",
     "Newmark",
     "Newton",
+    "Obstacle",
     "Pin",
     "PlateBending",
     "PointForce",
@@ -158,6 +161,7 @@ __all__ = [
     "read_frame",
     "run",
     "run_scene",
+    "shapes",
     "solver_for",
     "space_error",
     "stability",
