@@ -16,7 +16,7 @@ from fecloth.mesh.grading import Grading
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.study import measured_runs
-from fecloth.study.common_problem import CommonProblem
+from fecloth.study.common_problem import CommonProblem, quantities_of
 from fecloth.study.fingerprint import source_hash
 from fecloth.study.levels import REFINED, Level
 from fecloth.study.setups import Setup, setup_of_function
@@ -39,7 +39,7 @@ class FunctionProblem(CommonProblem):
     interest: ClassVar[tuple[Quantity, ...]] = ()
 
     @property
-    def name(self) -> str:
+    def name(self) -> str:  # type: ignore[override]  # read only
         return getattr(self.function, "__name__", "problem")
 
     @property
@@ -52,8 +52,9 @@ class FunctionProblem(CommonProblem):
         return self.setup(Level())
 
     @property
-    def default_quantity(self) -> str | Quantity:
-        return f"path of {self.given[0].name}" if self.given and self.t_end else "displacement"
+    def quantities(self) -> tuple[Quantity, ...]:  # type: ignore[override]  # read only
+        """The paths of the probes, their ends in an equilibrium, or displacement."""
+        return quantities_of(self.probes, static=self.t_end is None)
 
     def ratio(self, refine: str) -> float:
         """Return the usual ratio of two levels: a function's meshes are taken as nested."""

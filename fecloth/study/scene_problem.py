@@ -16,7 +16,7 @@ from fecloth.scene.tables import GradingTable
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.quantity import Quantity
 from fecloth.study import measured_runs
-from fecloth.study.common_problem import CommonProblem
+from fecloth.study.common_problem import CommonProblem, quantities_of
 from fecloth.study.levels import Level
 from fecloth.study.scene_text import digest_of_files, scene_of, text_of
 from fecloth.study.setups import Setup, setup_of_scene
@@ -61,11 +61,9 @@ class SceneProblem(CommonProblem):
         return 0.0 if stable else Adaptive.rtol if time.rtol is None else time.rtol
 
     @property
-    def default_quantity(self) -> str | Quantity:
-        if self.scene.interest:
-            return self.scene.interest.all[0]
-        probes = self.scene.probes
-        return f"path of {probes[0].name}" if probes else "displacement"
+    def quantities(self) -> tuple[Quantity, ...]:  # type: ignore[override]  # read only
+        """The quantities of [interest]; else the paths or ends of the probes, or displacement."""
+        return self.interest or quantities_of(self.probes, static=bool(self.scene.equilibrium))
 
     def ratio(self, refine: str) -> float:
         """Return the usual ratio of two levels; that of nested meshes is 2."""
