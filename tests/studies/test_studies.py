@@ -34,6 +34,7 @@ def out(tmp_path_factory):
         ("models.homogenised_moduli", "exponent of h"),
         ("benchmarks.linear_solvers", "auto over the best"),
         ("benchmarks.multigrid", "figures met"),
+        ("benchmarks.step_costs", "GB/s"),
         ("benchmarks.method_choice", "auto over the best"),
         ("models.sag_figure", "wrote out/models/sag.png"),
         ("laws", "9 pictures"),
