@@ -76,9 +76,7 @@ def costs_of(triangles: int, start: tuple[fc.System, fc.State], moved: float, co
     """Return a row of the table: CPU seconds of a step by each solver."""
     system = sheet(triangles)
     state = transfer(*start, system)
-    chosen = [
-        name for name, most in LARGEST.items() if SMALLEST.get(name, 0) <= triangles <= most
-    ]
+    chosen = [name for name, most in LARGEST.items() if SMALLEST.get(name, 0) <= triangles <= most]
     row: dict[str, float | None] = {"triangles": len(system.cloth.triangles)}
     row |= {name: cost.seconds for name, cost in steps(system, state, chosen, count).items()}
     seconds, dt = explicit_step(system, state)
