@@ -10,6 +10,7 @@ import numpy as np
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.equation import Remedy
+from fecloth.nonlinear.limits import largest_step
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.round_off import measure_round_off
 from fecloth.nonlinear.stage import Stage
@@ -80,6 +81,10 @@ class StageEquation:
         """Time, position and velocity at q."""
         x, v, _ = self.stage.at(q)
         return State(self.stage.t, x, v)
+
+    def largest_step(self, q: np.ndarray, step: np.ndarray) -> float:
+        """The largest α for which the terms allow q + α step."""
+        return largest_step(self.system, self.stage.at(q)[0], self.wx * step, self.stage.t)
 
     def residual(self, q: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
         """M a − f of the free directions, and ‖M a‖ + Σ ‖f_term‖ at the first iterate."""

@@ -11,6 +11,7 @@ import numpy as np
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.equation import Remedy
+from fecloth.nonlinear.limits import largest_step
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.round_off import measure_round_off
 from fecloth.system.state import State
@@ -99,6 +100,10 @@ class StaticEquation:
             total += factor * f
             scale += factor * self.system.force_size(f)
         return self.system.constraints.project(total), scale
+
+    def largest_step(self, x: np.ndarray, step: np.ndarray) -> float:
+        """The largest α for which the terms allow x + α step."""
+        return largest_step(self.system, x, step, self.start.t)
 
     def residual(self, x: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
         """−f, and the scale of the forces at x."""

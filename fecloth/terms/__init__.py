@@ -13,6 +13,7 @@ from fecloth.quantities.unit_fields import reads_units
 from fecloth.terms.bending.hinge import HingeBending
 from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.bending.quadratic import QuadraticBending
+from fecloth.terms.contact.obstacle import Obstacle
 from fecloth.terms.custom.force import UserForce
 from fecloth.terms.damping.bending import BendingDamping
 from fecloth.terms.damping.mass import MassDamping
@@ -40,6 +41,7 @@ __all__ = [
     "HingeBending",
     "MassDamping",
     "NeoHookean",
+    "Obstacle",
     "PlateBending",
     "PointForce",
     "Pressure",

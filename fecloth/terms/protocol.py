@@ -222,13 +222,37 @@ class DissipatesOverStep(Protocol):
 
 
 class LimitsDirection(Protocol):
-    """Reserved: the ability to limit a Newton direction, such as up to a contact.
+    """The ability to limit a Newton direction, such as up to a contact.
 
-    Nothing calls it yet.
+    The line searches of steps and of `equilibrium` ask for it. The energy of such a term is +∞, and
+    its force is NaN, where the cloth may not be.
+
+    Attributes
+    ----------
+    needs_end
+        Why only methods that solve for the forces at the end of a step may be used: `BackwardEuler`
+        and `BDF2`. The others refuse the term with these words.
     """
 
-    def limit(self, x: np.ndarray, direction: np.ndarray) -> float:
-        """The largest α in (0, 1] for which the term allows x + α `direction`, both (n, 3) [m]."""
+    needs_end: str
+
+    def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
+        """The largest α in [0, 1] for which the term allows the way from x to x + α s.
+
+        Both are (n, 3) [m]; the term allows x.
+        """
+        ...
+
+    def check_start(self, x: np.ndarray, t: float, where: str) -> None:
+        """Raise `InputError` for positions (n, 3) that the term does not allow."""
+        ...
+
+
+class AdmitsGuess(Protocol):
+    """The ability of what `over_step` returns, of a term that limits directions."""
+
+    def admit(self, x: np.ndarray, t: float) -> np.ndarray:
+        """Positions (n, 3) near x that are allowed at the end t of the step; x itself if it is."""
         ...
 
 

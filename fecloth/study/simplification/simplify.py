@@ -13,7 +13,7 @@ from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import Scene
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.error_control import Adaptive
-from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.simulation.quantity import Quantity
 from fecloth.study.problems import SceneProblem, open_problem
 from fecloth.study.refinement import RTOL_ORDER
 from fecloth.study.run_problems import Runs, refuse_huge
@@ -118,28 +118,12 @@ def open_scene(problem: object, quantity, runs: Runs) -> tuple[SceneProblem, Int
     opened = open_problem(problem)
     assert isinstance(opened, SceneProblem)
     refuse_huge(opened, runs)
-    interest = _interest(opened.scene, quantity)
-    for one in interest.all:
-        opened.check_quantity(one)
-    if len({one.how == "mode" for one in interest.all}) > 1 and not opened.is_static:
-        allowed = "needs a study of its own: a scene in time is not run for its modes"
-        raise InputError("frequency(k) beside other quantities", allowed, opened.name)
+    chosen = opened.choose_quantities(quantity)
+    if any(one.function for one in chosen):
+        raise InputError("a function as quantity", "must be a text, as 'max tip.z'")
+    interest = Interest(quantities=tuple(one.text for one in chosen))
     scene = opened.scene.model_copy(update={"interest": interest})
     return replace(opened, scene=scene), interest
-
-
-def _interest(scene: Scene, quantity) -> Interest:
-    if quantity is not None:
-        listed = quantity if isinstance(quantity, list | tuple) else [quantity]
-        parsed = [parse_quantity(one) for one in listed]
-        if any(one.function for one in parsed):
-            raise InputError("a function as quantity", "must be a text, as 'max tip.z'")
-        return Interest(quantities=tuple(one.text for one in parsed))
-    if scene.interest:
-        return scene.interest
-    path = "" if scene.equilibrium else "path of "
-    names = tuple(f"{path}{probe.name}" for probe in scene.probes)
-    return Interest(quantities=names or ("displacement",))
 
 
 def _sizes(scene: Scene, tried: Sequence[Variant]) -> list[Workload]:
