@@ -27,7 +27,7 @@ from numba.extending import intrinsic
 
 from fecloth.jit import kernel
 
-Call = tuple[Callable[..., object], tuple[Any, ...]]
+Call = tuple[Callable[..., Any], tuple[Any, ...]]
 """A kernel and its arguments: arrays, numbers and tuples of numbers."""
 
 
@@ -39,7 +39,8 @@ class SharedCall(NamedTuple):
     of_thread: Callable[[int], list[Call]]
 
 
-Calls = Sequence[Call | SharedCall]
+AnyCall = Call | SharedCall
+Calls = Sequence[AnyCall]
 
 WORD = ir.IntType(64)
 PROCEDURE = ir.FunctionType(ir.VoidType(), ())

@@ -85,16 +85,6 @@ def rounded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
     return _compile(function, fastmath=False)
 
 
-def threaded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Compile an entry point whose loops over `numba.prange` are shared among threads.
-
-    The passes of such a loop must write nothing that another one reads or writes; then it keeps
-    what `kernel` promises.
-    """
-    compile_function = _compile if _is_of_package(function) else _compile_by_content
-    return compile_function(function, parallel=True)
-
-
 def inner(function: Function) -> Function:
     """Compile a function that only kernels call: it is cached as a part of them."""
     return numba.njit(**OPTIONS)(function)

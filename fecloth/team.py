@@ -18,7 +18,8 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, partial
 from queue import SimpleQueue
 from threading import Lock, Thread
@@ -26,6 +27,7 @@ from typing import Any, TypeVar
 
 import numba
 import numpy as np
+from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
@@ -42,7 +44,7 @@ ATTENTIVE = 300  # times that, before a thread without work sleeps
 GIVE_UP = 2**62  # the counter when a thread has failed: nobody waits any longer
 
 
-def number_of_threads(threads: object, where: str = "System") -> int:
+def number_of_threads(threads: Any, where: str = "System") -> int:
     """Number of threads for "auto", which means all that Numba may start, or a number.
 
     Numba may start one on each core that the process may use, or ``NUMBA_NUM_THREADS``.
@@ -56,10 +58,10 @@ def number_of_threads(threads: object, where: str = "System") -> int:
         config: Any = numba.config  # its types lack the settings
         return int(config.NUMBA_NUM_THREADS)
     whole = isinstance(threads, int | np.integer) and not isinstance(threads, bool)
-    if not (whole and 1 <= threads <= MOST):  # type: ignore[operator]
+    if not (whole and 1 <= threads <= MOST):
         allowed = f'must be "auto" or a whole number from 1 to {MOST}'
         raise InputError(f"threads = {brief(threads)}", allowed, where)
-    return int(threads)  # type: ignore[call-overload]
+    return int(threads)
 
 
 class Team:
@@ -82,6 +84,15 @@ class Team:
 
     def __reduce__(self) -> tuple:
         return Team, (self.threads,)
+
+    @contextmanager
+    def pinned(self) -> Iterator[None]:
+        """Let one thread do all loops inside."""
+        before, self.count = self.count, 1
+        try:
+            yield
+        finally:
+            self.count = before
 
     def shares(self, size: int) -> bool:
         """Whether a loop over that many elements or nodes may be shared."""
@@ -153,6 +164,14 @@ class Team:
             array = self._work[p, shape] = np.zeros(shape)
         return array
 
+    def words(self, size: int) -> str:
+        """How many threads share a loop of that size, in words."""
+        if not self.shares(size):
+            return "one thread"
+        if self.threads == "auto":
+            return f"one or {self.count} threads, whichever is faster"
+        return f"{self.count} threads"
+
     @property
     def used(self) -> int:
         """Threads that were used: all, or one if most of the time was spent with one."""
@@ -167,19 +186,17 @@ ALONE = Team(1)
 # --- threads that wait for each other, for kernels only -------------------------------------------
 
 
-@intrinsic
-def _add(typing: Any, counter: Any, number: Any) -> Any:
-    """Add to counter[0] at once."""
+def _add_one(typing: Any, counter: Any) -> Any:
+    """Add 1 to counter[0] in one operation."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        return builder.atomic_rmw("add", array.data, arguments[1], "seq_cst")
+        return builder.atomic_rmw("add", array.data, ir.Constant(ir.IntType(64), 1), "seq_cst")
 
-    return types.int64(counter, types.int64), generate
+    return types.int64(counter), generate
 
 
-@intrinsic
-def _look(typing: Any, counter: Any) -> Any:
+def _look_at(typing: Any, counter: Any) -> Any:
     """Read counter[0] as other threads have written it."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -189,6 +206,8 @@ def _look(typing: Any, counter: Any) -> Any:
     return types.int64(counter), generate
 
 
+_arrive: Any = intrinsic(_add_one)
+_look: Any = intrinsic(_look_at)
 _yield_name = "SwitchToThread" if sys.platform == "win32" else "sched_yield"
 _give_core: Any = types.ExternalFunction(_yield_name, types.int32())
 
@@ -201,7 +220,7 @@ def meet(meeting: Array, threads: int, round_: int) -> int:
     seen by the others afterwards.
     """
     if threads > 1:
-        _add(meeting, 1)
+        _arrive(meeting)
         looks = 0
         while _look(meeting) < threads * round_:
             looks += 1

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.compiled_calls import Call, Calls, JoinedCalls, SharedCall, call, join
+from fecloth.compiled_calls import AnyCall, Call, Calls, JoinedCalls, SharedCall, call, join
 from fecloth.integrators.explicit import LastForce
 from fecloth.integrators.fused_columns import Column, Moves, bind_columns, subtract_from
 from fecloth.integrators.step import Step
@@ -112,8 +112,8 @@ class FusedSteps:
         forces = None if columns is None else _force_calls(system, columns, moves, f)
         if columns is None or forces is None:
             return None
-        copies: list[Call] = [(copy, (x, old_x))] if columns else []
-        ends: list[Call] = [call for column in columns for call in column.at_end(moves)]
+        copies: list[AnyCall] = [(copy, (x, old_x))] if columns else []
+        ends: list[AnyCall] = [call for column in columns for call in column.at_end(moves)]
         copies += [(copy, (v, old_v))] if ends else []
         cloth = system.cloth
         data = *cloth.shape, cloth.stencil, cloth.gradients, x, stretches
@@ -256,9 +256,7 @@ class FusedSteps:
             shared.meeting[:], shared.rounds[:], shared.rounds[:, 0] = 0, 0, 1
 
             def steps(p: int) -> int:
-                return take_steps(
-                    shared.calls[p].address, *data, shared.meeting, shared.rounds, p
-                )
+                return take_steps(shared.calls[p].address, *data, shared.meeting, shared.rounds, p)
 
             return team.run(steps, shared.meeting)
 
@@ -310,7 +308,7 @@ class SharedForces:
     def of(cls, calls: Calls, threads: int) -> SharedForces:
         """Divide calls among threads; what cannot be divided is for the first thread."""
         meeting, rounds = np.zeros(1, np.int64), np.zeros((threads, STOP + 1), np.int64)
-        lists: list[list] = [[] for _ in range(threads)]
+        lists: list[list[Call]] = [[] for _ in range(threads)]
         for each in calls:
             for p, own in enumerate(lists):
                 own += _calls_of(each, p, threads)
@@ -318,7 +316,7 @@ class SharedForces:
         return cls(tuple(map(join, lists)), meeting, rounds)
 
 
-def _calls_of(each: Call | SharedCall, p: int, threads: int) -> list[Call]:
+def _calls_of(each: AnyCall, p: int, threads: int) -> list[Call]:
     """What thread p does of a call."""
     if isinstance(each, SharedCall):
         return each.of_thread(p)
@@ -339,7 +337,7 @@ def _force_calls(
     system: System, columns: tuple[Column, ...], moves: Moves, f: Array
 ) -> Calls | None:
     """The calls that add all forces to f, with those that take out the columns' parts."""
-    calls: list = []
+    calls: list[AnyCall] = []
     of_term = {column.name: column for column in columns}
     x, v = moves.x, moves.ahead
     for name, term in zip(system.names, system.bound, strict=True):

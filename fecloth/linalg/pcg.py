@@ -185,13 +185,11 @@ def conjugate_gradients(
     sums
         (3, blocks) work array for the sums pᵀ q, rᵀ z and rᵀ r of each block.
     carry
-        (3,) rᵀ z, rᵀ r and β where an earlier call ended at its limit; rᵀ z < 0 for a new start.
+        (3,) rᵀ z, rᵀ r and β where an earlier call ended at its limit; or rᵀ z < 0.
 
     Returns
     -------
-    The number of iterations and one of BLOCK = 256  # nodes whose sums are added up first, for the same bits on any number of threads
-PORTION = 32  # iterations that are timed at once, for the choice of the threads
-CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
+    The number of iterations and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
     """
     blocks = sums.shape[1]
     begin, end, turn = blocks * thread // threads, blocks * (thread + 1) // threads, 1
@@ -287,7 +285,7 @@ def _advance(
     z: Array,
     sums: Array,
 ) -> None:
-    """x += α p, r −= α q (unless α = 0), z = M⁻¹ r in blocks begin … end − 1; rᵀ z, rᵀ r of each."""
+    """x += α p, r −= α q (unless α = 0), z = M⁻¹ r in some blocks; rᵀ z and rᵀ r of each."""
     for block in range(begin, end):
         rz = rr = 0.0
         for node in range(block * BLOCK, min(block * BLOCK + BLOCK, len(x))):

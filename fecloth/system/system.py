@@ -133,9 +133,7 @@ class System:
             remedy = "Add PlateBending, or pin without a clamp."
             raise InputError(what, allowed, "System", remedy)
         begin = self.start.x if self.start else None
-        return replace(
-            panel, start=begin, clamps=clamps, mass=self.mass_kind, team=self.team
-        )
+        return replace(panel, start=begin, clamps=clamps, mass=self.mass_kind, team=self.team)
 
     @cached_property
     def scalar_mass(self) -> sparse.csr_matrix:

@@ -74,7 +74,7 @@ def over_steps(bound, start):
     return [term for term in terms if term is not bound]
 
 
-@pytest.mark.parametrize("element, name", GRID)
+@pytest.mark.parametrize(("element", "name"), GRID)
 def test_the_bits_do_not_depend_on_the_threads(cloths, element, name):
     term = (BOTH | P1)[name]
     one, *others = (evaluate(cloths[element], term, threads) for threads in (1, 2, 3))

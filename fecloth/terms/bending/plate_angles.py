@@ -124,7 +124,14 @@ class PlateAngles:
         nodes, held, first = self.at(t)
 
         def call(part: slice) -> Call:
-            return plate_loops.add_measures, (nodes[part], held, first - part.start, x, 1.0, mu[part])
+            return plate_loops.add_measures, (
+                nodes[part],
+                held,
+                first - part.start,
+                x,
+                1.0,
+                mu[part],
+            )
 
         self.loop.each(call)
         return mu
@@ -135,7 +142,9 @@ class PlateAngles:
         self.loop.each(partial(self._gradients, x, t, mu, g))
         return mu, g
 
-    def _gradients(self, x: np.ndarray, t: float, mu: np.ndarray, g: np.ndarray, part: slice) -> Call:
+    def _gradients(
+        self, x: np.ndarray, t: float, mu: np.ndarray, g: np.ndarray, part: slice
+    ) -> Call:
         nodes, held, first = self.at(t)
         own = nodes[part], held, first - part.start, x, mu[part], g[part]
         return plate_loops.fill_gradients, own

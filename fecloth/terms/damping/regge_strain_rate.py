@@ -99,6 +99,7 @@ class BoundReggeRate:
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""
+        others: tuple[Any, ...]
         add, others = add_tangent, (x, v, wx, wv, 0.0 if self.symmetric else wx)
         E, arrays = self.strain, (*self.data, self.slots)
         if definite:

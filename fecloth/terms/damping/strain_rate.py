@@ -193,6 +193,7 @@ class BoundStrainRate:
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""
+        weights: tuple[float, ...]
         add, weights = add_exact, (wx, wv)
         if self.symmetric or definite:
             add, weights = add_symmetric, (wx, wv, 0.0 if definite else -np.inf)

@@ -70,5 +70,5 @@ def scale(factor: float, b: Array) -> None:
         b[e] *= factor
 
 
-BY_ROWS: set[Callable] = {add, subtract_scaled, subtract, clear, scale}
+BY_ROWS: set[Callable[..., None]] = {add, subtract_scaled, subtract, clear, scale}
 """Kernels whose row i depends on row i of their arrays alone, so that threads can share them."""

@@ -127,7 +127,9 @@ class BoundCondition:
         arrays, add = (self.nodes, self.table(x, t, 1), self.damping), self.kernels.power
         return self.loop.total(lambda part: (add, (*self.shape, *cut(arrays, part), x, v)))
 
-    def _force(self, table: np.ndarray, x: np.ndarray, v: np.ndarray, part: slice, f: Array) -> Call:
+    def _force(
+        self, table: np.ndarray, x: np.ndarray, v: np.ndarray, part: slice, f: Array
+    ) -> Call:
         arrays = self.nodes, table, self.stiffness, self.damping
         return self.kernels.add_force, (*self.shape, *cut(arrays, part), x, v, f)
 

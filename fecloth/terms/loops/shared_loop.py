@@ -23,7 +23,7 @@ from fecloth.team import SMALL, Team
 CallOf = Callable[[slice, np.ndarray], Call]
 """A call for a range of the elements, and the array to which it adds."""
 
-REPEATED = 0.3  # of the elements; if more would be computed twice, one thread does the loop
+REPEATED = 0.3  # of a thread's equal share; if one has more to repeat, one thread does the loop
 GAP = 100  # elements of others between two runs; fewer are computed too, for fewer calls
 BLOCKS = 8  # whose sums make up a sum over elements
 
@@ -142,12 +142,13 @@ class SharedLoop:
 
     def _blocks(self, piece: Piece, indptr: np.ndarray) -> np.ndarray:
         """The blocks in the rows of a piece's nodes, kept for one pattern."""
-        known, found = self.cache.get(id(piece), (None, None))
+        known, found = self.cache.get(id(piece), (None, np.empty(0, np.int64)))
         if known is not indptr:
-            spans = [np.arange(indptr[i], indptr[i + 1]) for i in piece.nodes]
-            found = np.concatenate([np.empty(0, np.int64), *spans])
+            nodes: Iterable[int] = () if piece.nodes is None else piece.nodes
+            found = np.concatenate([found[:0], *(np.arange(*indptr[i : i + 2]) for i in nodes)])
             self.cache[id(piece)] = indptr, found
-        return found
+        blocks: np.ndarray = found
+        return blocks
 
     def each(self, call: Callable[[slice], Call]) -> None:
         """Make call(part), which writes only what belongs to its elements."""
@@ -178,7 +179,9 @@ class SharedLoop:
                 sums[block] = one(*its_arguments)
 
         run = self.team.run
-        self.team.do((function, id(self)), lambda: fill(0, 1), lambda: run(lambda p: fill(p, count)))
+        self.team.do(
+            (function, id(self)), lambda: fill(0, 1), lambda: run(lambda p: fill(p, count))
+        )
         return float(sum(sums))
 
 
@@ -199,8 +202,8 @@ def divide(nodes: np.ndarray, count: int) -> list[list[Piece]] | None:
         by_elements[nodes[p * m // count : (p + 1) * m // count]] = p
     for owner in (by_elements, by_nodes.astype(np.int16)):
         parts = [_runs(nodes, np.append(owner, count), p) for p in range(count)]  # −1: nobody's
-        done = sum(piece.span.stop - piece.span.start for part in parts for piece in part)
-        if done <= (1 + REPEATED) * m:
+        work = [sum(piece.span.stop - piece.span.start for piece in part) for part in parts]
+        if max(work) <= (1 + REPEATED) * m / count:
             return parts
     return None
 
@@ -210,8 +213,10 @@ def _runs(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piece]:
     of_nodes = owner[nodes.T]  # (k, m): 30 times faster to reduce than along short rows
     touching = np.flatnonzero((of_nodes == p).any(axis=0))
     others = ((of_nodes != p) & (nodes.T >= 0)).any(axis=0)
-    pieces = []
+    pieces: list[Piece] = []
     for run in np.split(touching, 1 + np.flatnonzero(np.diff(touching) > GAP)):
+        if not len(run):
+            continue
         begin, end = int(run[0]), int(run[-1]) + 1
         seams = begin + np.flatnonzero(others[begin:end])
         low, high = np.split(seams, [np.searchsorted(seams, (begin + end) // 2)])
@@ -226,8 +231,9 @@ def _runs(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piece]:
 
 def _own(nodes: np.ndarray, owner: np.ndarray, p: int) -> np.ndarray:
     """Those of the nodes that belong to thread p."""
-    touched: np.ndarray = np.unique(nodes)
-    return touched[owner[touched] == p]
+    touched = np.unique(nodes)
+    own: np.ndarray = touched[owner[touched] == p]
+    return own
 
 
 @kernel
