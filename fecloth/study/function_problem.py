@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
@@ -126,20 +126,22 @@ class FunctionProblem(CommonProblem):
 
     def case(self, level: Level, recorded: list[str], modes: int) -> dict[str, object]:
         """Return the arguments of `runner` for a level."""
+        more = {"recorded": recorded, "modes": modes, "sharper": level.sharper}
+        return self.reference(level) | more
+
+    def reference(self, level: Level) -> dict[str, Any]:
+        """Return where a process finds the function, and its arguments for a level."""
         file, name = _importable(self.function) or "", self.function.__name__
         measured_runs.known_functions[file, name] = self.function
         settings, dt = self.sizes(level)
         return {
             "path": file,
             "name": name,
-            "digest": source_hash(file),
+            "digest": source_hash(file) if file else "",
             "settings": settings,
             "dt": dt,
             "t_end": self.t_end,
             "probes": [[p.name, p.where, list(p.point) if p.point else None] for p in self.given],
-            "recorded": recorded,
-            "modes": modes,
-            "sharper": level.sharper,
         }
 
     def cloth_of(self, level: Level, quantity: Quantity) -> Cloth | None:
