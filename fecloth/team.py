@@ -127,6 +127,12 @@ class Team:
         choice.tell(on_all, self.clock() - begin, max(1.0, count(result)))
         return result
 
+    def portion(self, name: object, most: int) -> int:
+        """Units of work to do in the next call of `do`, at most `most`."""
+        if self.threads != "auto" or self.count == 1:
+            return most
+        return min(most, self.choices.setdefault(name, ThreadChoice()).portion)
+
     def run(self, part: Callable[[int], Result], meeting: Array | None = None) -> Result:
         """Call part(p) for each thread p at once; return part(0), which the caller's thread does.
 

@@ -5,10 +5,15 @@ other, and one thread is faster. So both are measured while the run goes on. The
 tried again from time to time, as the machine may have become idle or busy. A trial is made only
 if what the trials of this loop have lost so far, and are about to lose, is below `BUDGET` of the
 time that the loop has taken.
+
+On a machine whose cores are all busy, threads that wait for each other lose milliseconds each time:
+a loop of 2,000 triangles took 20 to 500 times as long. So loops that are done in `SHORTEST` are
+left to one thread, and a loop that iterates is timed in portions of `PORTION`.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -16,7 +21,10 @@ ONE, ALL = False, True
 BUDGET = 0.03  # of the time of a loop, for trials
 GAIN = 0.95  # all threads must take less than this share of the time of one
 RECENT = 4  # calls that count
-LEAST_LOSS = 0.25  # of a call: what a trial counts at least, so that there are not too many
+LEAST_LOSS = 0.25, 4e-3  # of a call, and [s]: what a trial counts at least
+SHORTEST = 1e-4  # [s] of a unit of work
+PORTION = 2e-3  # [s] of the units that are timed at once
+MOST_UNITS = 64  # in a portion
 
 
 @dataclass
@@ -60,27 +68,38 @@ class ThreadChoice:
     def ask(self, units: float = 1.0) -> bool:
         """Return the mode of the next call, which has that many units of work."""
         best = self.best
-        if not self.times[ONE]:
+        if not self.times[ONE] or self._seconds(ONE) < SHORTEST:
             return ONE
-        loss = max(self.loss, LEAST_LOSS * self._seconds(ONE))
-        allowed = self.lost + units * loss <= BUDGET * self.spent
+        loss = max(units * self.loss, self._least_loss(units * self._seconds(ONE)))
+        allowed = self.lost + loss <= BUDGET * self.spent
         return not best if allowed else best
 
+    @property
+    def portion(self) -> int:
+        """Units of work to do in the next call of a loop that iterates."""
+        if not self.times[ONE]:
+            return 1
+        return min(MOST_UNITS, math.ceil(PORTION / max(self._seconds(ONE), 1e-9)))
+
     def tell(self, mode: bool, seconds: float, units: float = 1.0) -> None:
-        """Record a call; the first of each mode is not compared, because it sets up the loop."""
+        """Record a call; the first of each mode sets up the loop, and its time is not compared."""
         best, other = self.best, not mode
         self.spent += seconds
         self.on_all += seconds if mode == ALL else 0.0
-        if mode not in self.set_up:
-            self.set_up.add(mode)
-            return
         if self.times[other]:
-            excess = max(0.0, seconds - units * self._seconds(other))
+            usual = units * self._seconds(other)
+            excess = max(0.0, seconds - usual)
             if mode != best:
-                self.loss = excess / units
-                excess = max(excess, LEAST_LOSS * seconds)
+                self.loss = excess / units if mode in self.set_up else self.loss
+                excess = max(excess, self._least_loss(usual))
             self.lost += excess
-        self.times[mode].append(seconds / units)
+        if mode in self.set_up:
+            self.times[mode].append(seconds / units)
+        self.set_up.add(mode)
+
+    def _least_loss(self, seconds: float) -> float:
+        part, least = LEAST_LOSS
+        return max(part * seconds, least)
 
     def _seconds(self, mode: bool) -> float:
         times = self.times[mode]

@@ -24,11 +24,10 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.system.motion_rows import MotionRows
 from fecloth.system.state import State
 from fecloth.system.system import System
-from fecloth.team import meet, meet_again
+from fecloth.team import ALONE, Team, meet, meet_again
 from fecloth.terms.kinematics import fill_extreme_stretches
 from fecloth.terms.loops.array_updates import BY_ROWS
 
-PORTION = 32  # steps that are timed at once, for the choice of the threads
 STOP = 8  # place in the row of a thread, on another line of the cache than its round
 
 
@@ -204,9 +203,8 @@ class FusedSteps:
         """
         begin, end, _ = part.indices(len(rows.sizes))
         (phase, period), done = look, begin
-        portion = PORTION if self.system.team.shares(len(self.x)) else max(1, end - begin)
         while done < end:
-            some = slice(done, min(done + portion, end))
+            some = slice(done, done + self._team.portion("steps", end - done))
             phase_there = phase + done - begin, period
             done += self._go_on(rows, some, phase_there, least, largest, pins)
             if done < some.stop:
@@ -225,7 +223,7 @@ class FusedSteps:
         pins: np.ndarray,
     ) -> int:
         """Take a portion of steps; return their number."""
-        constraints, team = self.system.constraints, self.system.team
+        constraints, team = self.system.constraints, self._team
         moving = slice(None) if len(rows.path) == 1 else part
         held = np.empty((4, len(constraints.nodes), 3))
         data = (
@@ -260,9 +258,12 @@ class FusedSteps:
 
             return team.run(steps, shared.meeting)
 
-        if not team.shares(len(self.x)):
-            return alone()
         return team.do("steps", alone, together, part.stop - part.start, float)
+
+    @property
+    def _team(self) -> Team:
+        team = self.system.team
+        return team if team.shares(len(self.x)) else ALONE
 
     @cached_property
     def shared_forces(self) -> SharedForces:

@@ -17,7 +17,6 @@ from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments, rela
 from fecloth.team import ALONE, Team, meet
 
 BLOCK = 256  # nodes whose sums are added up first, for the same bits on any number of threads
-PORTION = 32  # iterations that are timed at once, for the choice of the threads
 CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
 
 
@@ -84,11 +83,10 @@ class PCG:
     ) -> tuple[int, int]:
         """Iterate in portions, of which the team times each; also returns the status."""
         team = A.team if A.team.shares(len(x)) else ALONE
-        portion = limit if team.count == 1 else PORTION
         self._carry[0] = -1.0
         done, status = 0, OUT_OF_ITERATIONS
         while status == OUT_OF_ITERATIONS and done < limit:
-            most = min(portion, limit - done)
+            most = team.portion("pcg", limit - done)
             count, status = self._share(team, A, x, threshold, most)
             done += count
         return done, status
