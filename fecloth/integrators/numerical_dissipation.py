@@ -68,6 +68,9 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
     only, over = (system.with_bound(terms) for terms in zip(*pairs, strict=True))
     ends = (only, old) if step.ends else None
     f = replace(step, over=over, ends=ends).mean_force(only)
+    if any(term.has_energy for term in only.bound):  # as that of contact, beside its friction
+        places = (old, step.state) if step.ends else (step.balanced_at,)
+        f -= sum(conservative(only, at) for at in places) / len(places)
     dissipated: float = sum(term.dissipation(step.state.x) for term in over.bound)
     return -system.sums.dot(f, step.state.x - old.x) - dissipated
 

@@ -99,7 +99,7 @@ class BackwardEuler(StageMethod):
 
     def over_step(self, system: System, state: State, dt: float) -> System:
         """The system with rates over the step, (y(x₁) − y(x₀))/dt."""
-        return system.over_step(StepDifference(state.x, dt, dt, ((1.0, state.x),)))
+        return system.over_step(StepDifference(state.x, dt, dt, ((1.0, state.x),), t=state.t))
 
 
 @dataclass(frozen=True)

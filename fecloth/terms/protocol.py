@@ -93,6 +93,8 @@ class BoundTerm(Protocol):
         Whether its force depends on v, so that D is not zero.
     load
         Optional; True for a force from outside, which the load steps of `equilibrium` scale.
+    no_equilibrium
+        Optional; why there is no unique equilibrium with the term, as with friction.
     stores_strain
         Optional; False for a term whose energy is not that of a strain: the error in space leaves
         it out.
@@ -245,6 +247,17 @@ class LimitsDirection(Protocol):
 
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for positions (n, 3) that the term does not allow."""
+        ...
+
+
+class KeepsDistance(Protocol):
+    """The ability of contact to tell its least distance, a column of what is observed.
+
+    The sum of its force is a column too, as the reaction.
+    """
+
+    def least_distance(self, x: np.ndarray, t: float) -> float:
+        """The least distance [m] of the cloth at x (n, 3) from what it must not enter."""
         ...
 
 

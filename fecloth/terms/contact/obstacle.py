@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
@@ -10,16 +11,19 @@ import numpy as np
 
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
+from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.advance import advance
-from fecloth.terms.contact.obstacle_over_step import ObstacleOverStep
+from fecloth.terms.contact.obstacle_over_step import ObstacleOverStep, RubbedOverStep
 from fecloth.terms.contact.points import MOST, Points, divisions, longest_edges, points_of
+from fecloth.terms.contact.rubbing import Rubbing
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.step_difference import StepDifference
 
 LARGEST_GAP = 0.1  # of the extent of the cloth
+CREEP = 1e-3  # extents of the cloth a second, below which friction counts as that at rest
 NAMED = 5  # nodes that an error names
 
 
@@ -37,12 +41,18 @@ class Obstacle:
     barrier also acts on points inside the triangles. In each step of Newton's iteration no node
     comes nearer than by four fifths.
 
+    With a coefficient of friction μ a sliding node is held back by μ λ f₁(y)/y w, with its normal
+    force λ = −κ A b′ |∇d|, its velocity w relative to the surface and along it, and y = |w|. f₁ is
+    1 from y = ε on, 2y/ε − y²/ε² below, with ε = 0.001 extents of the cloth a second: a cloth at
+    rest on a slope creeps with less than ε. Over a step, λ and ∇d are those at its begin, so that
+    friction has a potential.
+
     K = κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d). Its second part is negative for a convex shape; the definite
     tangent leaves it out.
 
     Source: Li et al. (2020), Incremental Potential Contact: Intersection- and Inversion-free,
     Large-Deformation Dynamics, ACM Trans. Graph. 39(4), with areas as weights as in the IPC
-    Toolkit (`barrier`).
+    Toolkit (`barrier`), and with its smooth and lagged friction (`friction`).
 
     Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and `equilibrium`. Other
     methods balance the forces before the end of a step, where the barrier knows nothing of the
@@ -56,6 +66,8 @@ class Obstacle:
         One of `fecloth.shapes`: Plane, Sphere, Cylinder, Capsule, Box, Disk or Sdf.
     gap
         Distance at which the barrier begins [m].
+    friction
+        Coefficient μ of Coulomb's friction.
     stiffness
         κ [Pa], or "auto": from the weight and stiffness of the fabric, and the gap.
 
@@ -69,6 +81,7 @@ class Obstacle:
 
     shape: Shape
     gap: Annotated[float, LENGTH] = 1e-3
+    friction: float = 0.0
     stiffness: Annotated[float | Literal["auto"], PRESSURE] = "auto"
 
     elements = ("P1", "P2")
@@ -79,6 +92,8 @@ class Obstacle:
             raise InputError(f"shape = {self.shape!r}", allowed, "Obstacle")
         if not (is_number(self.gap) and self.gap > 0):
             raise InputError(f"gap = {self.gap!r}", "must be finite and > 0 [m]", "Obstacle")
+        if not (is_number(self.friction) and self.friction >= 0):
+            raise InputError(f"friction = {self.friction!r}", "must be finite and >= 0", "Obstacle")
         if self.stiffness != "auto" and not (is_number(self.stiffness) and self.stiffness > 0):
             allowed = 'must be finite and > 0 [Pa], or "auto"'
             raise InputError(f"stiffness = {self.stiffness!r}", allowed, "Obstacle")
@@ -100,7 +115,9 @@ class Obstacle:
         if stiffness == "auto":
             stiffness = barrier.automatic_stiffness(panel, self.gap)
         points = points_of(cloth, self._parts(cloth), slots)
-        return BoundObstacle(self.shape, float(self.gap), float(stiffness), points)
+        kind = BoundMovingObstacle if self.shape.moves else BoundObstacle
+        numbers = float(self.gap), float(stiffness), float(self.friction), CREEP * cloth.extent
+        return kind(self.shape, *numbers, points)
 
 
 class Contacts(NamedTuple):
@@ -124,20 +141,45 @@ class Contacts(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BoundObstacle:
-    """`Obstacle` on a cloth."""
+    """`Obstacle` on a cloth.
+
+    Attributes
+    ----------
+    shape, gap, stiffness, friction
+        Of the obstacle; the stiffness is a number.
+    creep
+        Speed of sliding [m/s] from which friction has its full value.
+    points
+        On which it acts.
+    """
 
     shape: Shape
     gap: float
     stiffness: float
+    friction: float
+    creep: float
     points: tuple[Points, ...]
 
     name = "Obstacle"
-    symmetric = True
     has_energy = True
-    dissipative = False
-    velocity_dependent = False
     stores_strain = False
     needs_end = "the barrier must hold at the end of a step"
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether there is no friction, which is not symmetric by itself, but over a step."""
+        return not self.friction
+
+    @property
+    def dissipative(self) -> bool:
+        return self.friction > 0.0
+
+    velocity_dependent = dissipative
+
+    @property
+    def no_equilibrium(self) -> str:
+        """Why it has no unique equilibrium, or ""."""
+        return "with friction the place of rest depends on the way there" if self.friction else ""
 
     def touching(self, x: np.ndarray, t: float) -> Iterator[Contacts]:
         """The points nearer than the gap, of each kind."""
@@ -174,7 +216,18 @@ class BoundObstacle:
         )
 
     def add_force(self, x, v, t, f) -> None:
-        """f −= κ A b′ ∇d [N]; NaN if a point is inside."""
+        """f −= κ A b′ ∇d, and friction [N]; NaN if a point is inside.
+
+        At v = 0 it is the derivative of the energy: the friction of an obstacle that moves past a
+        cloth at rest is left out.
+        """
+        self.add_push(x, t, f)
+        if self.friction and v.any():
+            for at, rubbing in self.rubbing(x, v, t):
+                at.points.add_force(at.which, rubbing.force, f)
+
+    def add_push(self, x: np.ndarray, t: float, f: np.ndarray) -> None:
+        """f −= κ A b′ ∇d [N], the force without friction."""
         for at in self.touching(x, t):
             if at.d.min() <= 0.0:
                 f += np.nan
@@ -183,6 +236,17 @@ class BoundObstacle:
             at.points.add_force(at.which, self.normal_force(at)[:, None] * gradient, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """J += wx K + wv D; K is not symmetric with friction, and without that if `definite`."""
+        self.add_push_tangent(x, t, wx, J, definite)
+        if self.friction:
+            for at, rubbing in self.rubbing(x, v, t):
+                K = wv * rubbing.damping
+                K += 0.0 if definite else wx * rubbing.stiffness(self, at)
+                at.points.add_tangent(at.which, K, J)
+
+    def add_push_tangent(
+        self, x: np.ndarray, t: float, wx: float, J: BlockMatrix, definite: bool
+    ) -> None:
         """J += wx κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d), without the second part if `definite`."""
         for at in self.touching(x, t):
             gradient, hessian = self.slopes(at, t)
@@ -192,6 +256,15 @@ class BoundObstacle:
             if not definite:
                 K -= self.normal_force(at)[:, None, None] * hessian
             at.points.add_tangent(at.which, wx * K, J)
+
+    def rubbing(self, x: np.ndarray, v: np.ndarray, t: float) -> Iterator[tuple[Contacts, Rubbing]]:
+        """The points that touch, of each kind, and their friction."""
+        for at in self.touching(x, t):
+            yield at, Rubbing.of(self, at, *self.slopes(at, t), x, v, t)
+
+    def power(self, x, v, t) -> float:
+        """Dissipated power Σ μ λ f₁(y) y of friction [W]."""
+        return -sum(float((each.force * each.w).sum()) for _, each in self.rubbing(x, v, t))
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α ≤ 1 for which no point passes into the obstacle on the way to x + α s."""
@@ -209,11 +282,32 @@ class BoundObstacle:
 
     def over_step(self, step: StepDifference) -> ObstacleOverStep:
         """The obstacle over a step: it knows where the step began."""
-        return ObstacleOverStep(self, step)
+        kind = RubbedOverStep if self.friction else ObstacleOverStep
+        return kind(self, step)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Return zeros: at rest nothing touches the obstacle."""
         return 0.0, 0.0
+
+    def least_distance(self, x: np.ndarray, t: float) -> float:
+        """The least distance [m] of its points from the obstacle."""
+        pose = self.shape.pose(t)
+        at_nodes = self.shape.distance(pose.to_body(x), t)
+        least = float(at_nodes.min())
+        for points in self.points[1:]:
+            which = points.candidates(at_nodes, least)
+            if len(which):
+                y = pose.to_body(points.values(x, which))
+                least = min(least, float(self.shape.distance(y, t).min()))
+        return least
+
+    def mean_distance(self, x: np.ndarray, t: float) -> float:
+        """The mean distance [m] of the points that it pushes, weighted by the force; else NaN."""
+        force = moment = 0.0
+        for at in self.touching(x, t):
+            push = self.normal_force(at)
+            force, moment = force + push.sum(), moment + push @ at.d
+        return float(moment / force) if force else math.nan
 
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for a cloth that starts inside the obstacle; it names the nodes."""
@@ -238,6 +332,21 @@ class BoundObstacle:
         gap = f"{1e3 * self.gap:g} mm"
         remedy = f"Start at least {gap}, the gap, away from it, or move the obstacle."
         return InputError(what, "must start outside", where, remedy)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundMovingObstacle(BoundObstacle):
+    """`Obstacle` on a cloth, with a shape that moves, turns or deforms: it does work."""
+
+    def supply(self, x, v, t) -> float:
+        """Power F · w [W] of its force on the cloth at the velocity w of its surface."""
+        power = 0.0
+        for at, rubbing in self.rubbing(x, v, t):
+            push = self.normal_force(at)
+            surface = self.shape.velocity(at.points.values(x, at.which), t)
+            F = (push * rubbing.steep)[:, None] * rubbing.n + rubbing.force
+            power += float((F * surface).sum() - push @ self.shape.time_rate(at.y, t))
+        return power
 
 
 def cutting_depth(obstacle: BoundObstacle, cloth: Cloth) -> float:

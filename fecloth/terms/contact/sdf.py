@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
@@ -56,6 +57,11 @@ class Sdf(Shape):
             _ = self._formula
         except InputError as error:
             raise InputError(error.what, error.allowed, "Sdf", error.remedy) from None
+
+    @cached_property
+    def deforms(self) -> bool:  # type: ignore[override]  # constant in the base, here computed
+        """Whether t occurs in the formula."""
+        return re.search(r"\bt\b", self.formula) is not None
 
     @property
     def radius_of_curvature(self) -> float:

@@ -71,6 +71,7 @@ class Shape:
     rotate: Rotation | None = None
 
     convex: ClassVar[bool] = True  # then the distance is a convex function
+    deforms: ClassVar[bool] = False  # whether the distance depends on t
 
     def __post_init__(self) -> None:
         _ = self._motion  # refused where the shape is written
@@ -80,8 +81,8 @@ class Shape:
 
     @property
     def moves(self) -> bool:
-        """Whether it moves or turns."""
-        return self.motion is not None or self.rotate is not None
+        """Whether it moves, turns or deforms."""
+        return self.motion is not None or self.rotate is not None or self.deforms
 
     @property
     def radius_of_curvature(self) -> float:
@@ -107,7 +108,7 @@ class Shape:
 
     def pose(self, t: float) -> Pose:
         """Where the body is at the time t."""
-        if not self.moves:
+        if self.motion is None and self.rotate is None:
             return _AT_REST
         u = self._motion(t) - self._start
         if self.rotate is None:
@@ -120,6 +121,15 @@ class Shape:
         if self.rotate is None:
             return velocity, still, still
         return velocity, self.rotate.rate(t), self.pose(t).to_space(np.array(self.rotate.point))
+
+    def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(m, 3) velocity [m/s] of the body at points (m, 3) of space; no deformation."""
+        velocity, omega, centre = self.rates(t)
+        return velocity + np.cross(omega, x - centre)
+
+    def time_rate(self, y: np.ndarray, t: float) -> np.ndarray:
+        """(m,) ∂d/∂t [m/s] at points (m, 3) in the frame of the body, of one that deforms."""
+        return np.zeros(len(y))
 
 
 _AT_REST = AtRest()

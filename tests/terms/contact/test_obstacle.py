@@ -1,5 +1,6 @@
 """Obstacles: force and tangent, no node inside, rest on a plane, refusals."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -186,6 +187,76 @@ def test_equilibrium_draped_over_a_sphere():
     system.bound[-1].add_force(rest.x, rest.v, 0.0, f)
     assert f[:, 2].sum() == pytest.approx(0.2 * 9.81 * cloth.area, rel=1e-5)
     assert rest.x[:, 2].min() < -0.01
+
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = "30 cm"
+height = "20 cm"
+h = "10 cm"
+[fabric]
+areal_density = "200 g/m^2"
+tensile_stiffness = 1000.0
+poisson_ratio = 0.3
+bending_rigidity = 1e-4
+[start]
+shift = [0, 0, "2 mm"]
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "PlateBending"
+[[terms]]
+type = "Gravity"
+[[terms]]
+type = "MassDamping"
+rate = 30.0
+[[terms]]
+type = "Obstacle"
+shape = { type = "Plane", point = ["0 mm", 0, 0], normal = [0, 0, 1], motion = [0, 0, "0.01*t"] }
+gap = "1 mm"
+friction = 0.2
+[time]
+method = "bdf2"
+dt = "10 ms"
+t_end = "0.3 s"
+"""
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+def test_a_scene_with_an_obstacle(tmp_path):
+    """Units, motion, the columns of observed.csv, and the words about the gap."""
+    (tmp_path / "table.toml").write_text(SCENE)
+    done = fc.run_scene(fc.load_scene(tmp_path / "table.toml"), tmp_path / "out")
+    weight, damping = 0.2 * 9.81 * 0.06, 30.0 * 0.2 * 0.06 * 0.01
+    reaction = done.observed["reaction:Obstacle.z"][-1]
+    assert reaction == pytest.approx(weight + damping, rel=1e-3)
+    least = done.observed["least_distance:Obstacle"]
+    assert 0 < least.min() < 1e-3
+    assert least[0] == pytest.approx(2e-3)
+    assert done.state.x[:, 2].min() == pytest.approx(0.003 + least[-1])
+    assert done.energies["work:Obstacle"][-1] > 0.9 * weight * 0.002
+    assert re.search(
+        r"lies 0.9\d* mm off Obstacle, an error of .* by the gap, -", done.contact_in_words
+    )
+    assert done.contact_in_words in (tmp_path / "out" / "run.log").read_text()
+    assert done.summary["contact_in_words"] == done.contact_in_words
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ('"Plane"', r"shape.type = 'Plain': must be one of Box.*Did you mean 'Plane'\?"),
+        ("point", "terms.4.shape.place = .*unknown key.*point, normal, motion, rotate"),
+        ('"2 mm"', r"start: \d+ nodes start inside the Plane, the deepest: .*1 mm, the gap"),
+        ('"bdf2"', r'Obstacle in Newmark.*in scenes method = "bdf2", or Auto'),
+    ],
+)
+def test_mistakes_in_a_scene_are_named(tmp_path, wrong, words):
+    right = {'"Plane"': '"Plain"', "point": "place", '"2 mm"': '"-2 mm"', '"bdf2"': '"newmark"'}
+    (tmp_path / "wrong.toml").write_text(SCENE.replace(wrong, right[wrong], 1))
+    with pytest.raises(InputError, match=words):
+        fc.load_scene(tmp_path / "wrong.toml").build()
 
 
 METHODS = [
