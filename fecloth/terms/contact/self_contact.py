@@ -16,7 +16,8 @@ from fecloth.mesh.intersections import find_intersections
 from fecloth.mesh.surface import Surface
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact.barrier import automatic_stiffness
-from fecloth.terms.contact.self_contact_over_step import SelfContactOverStep
+from fecloth.terms.contact.obstacle import CREEP
+from fecloth.terms.contact.self_contact_over_step import RubbedContactOverStep, SelfContactOverStep
 from fecloth.terms.contact.toolkit import ContactSets, load
 from fecloth.terms.step_difference import StepDifference
 
@@ -48,8 +49,10 @@ class SelfContact:
     Incremental Potential Contact, ACM Trans. Graph. 40(4), for the thickness; computed by the IPC
     Toolkit, the package ``ipctk``.
 
-    Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and `equilibrium`, from a
-    start free of intersections. Without friction.
+    Friction is that of Coulomb, smoothed and lagged, as of `Obstacle`.
+
+    Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and, without friction,
+    `equilibrium`, from a start free of intersections.
 
     Cost: as much as the other work of an iteration where each node has a contact.
 
@@ -58,6 +61,8 @@ class SelfContact:
     gap
         Distance at which the barrier begins, beyond the thickness [m]. The gap and the thickness
         together must be at most a third of the shortest edge.
+    friction
+        Coefficient μ of Coulomb friction between two layers.
     thickness
         Least distance of two layers, between their middle surfaces [m].
     stiffness
@@ -70,6 +75,7 @@ class SelfContact:
     """
 
     gap: Annotated[float, LENGTH] = 1e-3
+    friction: float = 0.0
     thickness: Annotated[float, LENGTH] = 0.0
     stiffness: Annotated[float | Literal["auto"], PRESSURE] = "auto"
 
@@ -80,6 +86,9 @@ class SelfContact:
             if not (is_number(value) and (value > 0 or (value == 0 and least == "≥ 0"))):
                 allowed = f"must be finite and {least} [m]"
                 raise InputError(f"{name} = {value!r}", allowed, "SelfContact")
+        if not (is_number(self.friction) and self.friction >= 0):
+            what = f"friction = {self.friction!r}"
+            raise InputError(what, "must be finite and >= 0", "SelfContact")
         if self.stiffness != "auto" and not (is_number(self.stiffness) and self.stiffness > 0):
             allowed = 'must be finite and > 0 [Pa], or "auto"'
             raise InputError(f"stiffness = {self.stiffness!r}", allowed, "SelfContact")
@@ -100,7 +109,8 @@ class SelfContact:
         stiffness = self.stiffness
         if stiffness == "auto":
             stiffness = automatic_stiffness(panel, self.gap)
-        return BoundSelfContact(panel.cloth, triangles, self.gap, self.thickness, float(stiffness))
+        cloth, numbers = panel.cloth, (self.gap, self.friction, self.thickness, float(stiffness))
+        return BoundSelfContact(cloth, triangles, *numbers, CREEP * cloth.extent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,16 +120,27 @@ class BoundSelfContact:
     cloth: Cloth
     triangles: np.ndarray
     gap: float
+    friction: float
     thickness: float
     stiffness: float
+    creep: float
 
     name = "SelfContact"
     symmetric = True
     has_energy = True
-    dissipative = False
-    velocity_dependent = False
     stores_strain = False
     needs_end = "the barrier must hold at the end of a step"
+
+    @property
+    def dissipative(self) -> bool:
+        return self.friction > 0.0
+
+    velocity_dependent = dissipative
+
+    @property
+    def no_equilibrium(self) -> str:
+        """Why it has no unique equilibrium, or ""."""
+        return "with friction the place of rest depends on the way there" if self.friction else ""
 
     @cached_property
     def sets(self) -> ContactSets:
@@ -132,16 +153,31 @@ class BoundSelfContact:
         return self.sets.energy(x)
 
     def add_force(self, x, v, t, f) -> None:
-        """f −= ∂energy/∂x."""
+        """f −= ∂energy/∂x, and friction [N]."""
         f += self.sets.force(x)
+        if self.friction and v.any():
+            f += self.sets.rub(self.sets.lag(x, self.friction), v, self.creep)[1]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """Add nothing: all of the tangent is in `coupling`."""
 
     def coupling(self, x, v, t, wx, wv, definite) -> sparse.spmatrix | None:
-        """wx K of the contacts at x, without the negative part of each pair if `definite`."""
+        """wx K of the barrier, without the negative part of each pair if `definite`, and wv D.
+
+        How friction changes with x is left out: over a step, for which methods ask, it is lagged.
+        """
         K = self.sets.tangent(x, definite)
-        return None if K is None else wx * K
+        if K is None:
+            return None
+        D = None
+        if self.friction and wv:
+            D = self.sets.rub_slope(self.sets.lag(x, self.friction), v, self.creep)
+        return wx * K if D is None else wx * K + wv * D
+
+    def power(self, x, v, t) -> float:
+        """Dissipated power Σ μ λ f₁(y) y of friction [W]."""
+        force = self.sets.rub(self.sets.lag(x, self.friction), v, self.creep)[1]
+        return -float((force * v).sum())
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α ≤ 1 for which no triangle passes through another on the way to x + α s."""
@@ -149,7 +185,8 @@ class BoundSelfContact:
 
     def over_step(self, step: StepDifference) -> SelfContactOverStep:
         """The contact over a step: it knows where the step began."""
-        return SelfContactOverStep(self, step)
+        kind = RubbedContactOverStep if self.friction else SelfContactOverStep
+        return kind(self, step)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Return zeros: at rest nothing touches."""

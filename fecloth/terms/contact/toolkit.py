@@ -84,6 +84,27 @@ class ContactSets:
         kind = method.CLAMP if definite else method.NONE
         return self.potential.hessian(contacts, self.mesh, np.asfortranarray(x), kind).tocsr()
 
+    def lag(self, x: np.ndarray, friction: float) -> Any:
+        """The contacts at x with their normal forces and directions of sliding, for μ."""
+        lagged = self.toolkit.TangentialCollisions()
+        lagged.build(self.mesh, np.asfortranarray(x), self.at(x), self.potential, friction)
+        return lagged
+
+    def rub(self, lagged: Any, v: np.ndarray, creep: float) -> tuple[float, np.ndarray]:
+        """Σ μ λ f₀(y) [W] at velocities v (n, 3), and minus its derivative by v: the force [N]."""
+        if not len(lagged):
+            return 0.0, np.zeros_like(v)
+        potential, v = self.toolkit.FrictionPotential(creep), np.asfortranarray(v)
+        gradient = potential.gradient(lagged, self.mesh, v)
+        return float(potential(lagged, self.mesh, v)), -np.reshape(gradient, v.shape)
+
+    def rub_slope(self, lagged: Any, v: np.ndarray, creep: float) -> sparse.csr_matrix | None:
+        """(3n, 3n) −∂force/∂v [N s/m], positive semi-definite; None without contacts."""
+        if not len(lagged):
+            return None
+        potential, method = self.toolkit.FrictionPotential(creep), self.toolkit.PSDProjectionMethod
+        return potential.hessian(lagged, self.mesh, np.asfortranarray(v), method.CLAMP).tocsr()
+
     def free_part(self, x: np.ndarray, y: np.ndarray) -> float:
         """The largest α ≤ 1 for which nothing meets on the straight way from x to x + α (y − x)."""
         ends = np.asfortranarray(x), np.asfortranarray(y)

@@ -34,7 +34,7 @@ def two_layers(h=0.1, element="P1"):
 @pytest.mark.parametrize("thickness", [0.0, 0.002])
 def test_force_and_tangent_are_derivatives(element, thickness, rng):
     cloth, x, _ = two_layers(0.1 if element == "P1" else 0.2, element)
-    system = fc.System(cloth, FABRIC, [fc.SelfContact(GAP, thickness, stiffness=300.0)])
+    system = fc.System(cloth, FABRIC, [fc.SelfContact(GAP, thickness=thickness, stiffness=300.0)])
     way = rng.standard_normal(x.shape)
     energies, forces = [], []
     for e in STEPS:
@@ -128,6 +128,32 @@ def test_colliding_pieces_keep_their_momentum_and_make_no_energy(solver):
     assert state.v[upper, 2].mean() > -0.6  # without contact it would still be -1
 
 
+@pytest.mark.parametrize("friction", [0.2, 0.6])
+def test_a_patch_slides_on_a_held_layer_as_coulomb_says(friction):
+    """Its acceleration on a slope is g (sin φ − μ cos φ), or it rests; heat is what it loses."""
+    phi, g, dt, count = np.radians(25.0), 9.81, 2e-3, 40
+    lower = fc.Cloth.rectangle(0.5, 0.2, 0.03)
+    upper = fc.Cloth.rectangle(0.1, 0.1, 0.028)
+    cloth = fc.Cloth.join([lower, upper], ["lower", "upper"])
+    x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    over = cloth.nodes("upper")
+    gap = 2e-3
+    x[over] = np.column_stack([upper.X @ [[0.97, 0.24], [-0.24, 0.97]] + [0.1, 0.04], 0 * over])
+    x[over, 2] += 0.97 * gap
+    gravity = fc.Gravity((g * np.sin(phi), 0.0, -g * np.cos(phi)))
+    terms = [fc.StVK(), gravity, fc.SelfContact(gap, friction=friction)]
+    system = fc.System(cloth, FABRIC, terms, pins=["lower"])
+    result = fc.run(system, fc.BackwardEuler(), system.state(x), dt, count * dt)
+    mass = system.nodal_mass[over]
+    speed = mass @ result.state.v[over, 0] / mass.sum()
+    expected = max(0.0, g * (np.sin(phi) - friction * np.cos(phi))) * count * dt
+    assert speed == pytest.approx(expected, rel=0.05, abs=2 * system.bound[-1].creep)
+    heat = result.energies["dissipated:SelfContact"][-1]
+    way = mass @ (result.state.x - x)[over, 0] / mass.sum()
+    if expected:
+        assert heat == pytest.approx(friction * mass.sum() * g * np.cos(phi) * way, rel=0.1)
+
+
 def test_without_contact_it_passes_through():
     """The motion of the test above does need the term."""
     cloth, x, upper = two_layers()
@@ -142,12 +168,12 @@ def test_mistakes():
     cloth, x, upper = two_layers()
     for gap, thickness, words in ((0.0, 0.0, "gap = 0.0"), (0.01, -1.0, "thickness = -1.0")):
         with pytest.raises(InputError, match=words):
-            fc.SelfContact(gap, thickness)
+            fc.SelfContact(gap, thickness=thickness)
     with pytest.raises(InputError, match="stiffness = 0"):
         fc.SelfContact(stiffness=0)
     with pytest.raises(InputError, match="a third of the shortest edge"):
         fc.System(cloth, FABRIC, [fc.SelfContact(0.05)])
-    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.SelfContact(GAP, 0.007)])
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.SelfContact(GAP, thickness=0.007)])
     with pytest.raises(InputError, match="two layers start at a distance of 0.00"):
         fc.run(system, fc.BackwardEuler(), system.state(x), 0.01, 0.01)
     crossed = x.copy()
