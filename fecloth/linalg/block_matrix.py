@@ -128,7 +128,7 @@ class BlockMatrix:
         total = sparse.bsr_matrix(arrays, shape=(n, n)) + other.tobsr((3, 3))
         total.sort_indices()
         starts, columns = (a.astype(np.int32, copy=False) for a in (total.indptr, total.indices))
-        return BlockMatrix(BlockPattern(starts, columns), total.data)
+        return BlockMatrix(BlockPattern(starts, columns), total.data, self.team)
 
     def to_scipy(self) -> sparse.bsr_matrix:
         """Copy the matrix to a SciPy matrix, 3n × 3n."""

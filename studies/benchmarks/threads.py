@@ -150,22 +150,22 @@ def implicit(cloth: fc.Cloth, solver: str) -> Callable[[object], Call]:
     return make
 
 
-def rows(triangles: int, rounds: int) -> Iterator[tuple[str, list[float]]]:
-    """Yield a name and the milliseconds on one thread, on all, and with "auto"."""
+def rows(triangles: int, rounds: int, few: bool) -> Iterator[tuple[str, list[float]]]:
+    """Yield the name and the milliseconds on one thread, on all, and with "auto", or a few rows."""
     cloth, quadratic = cloth_of(triangles), cloth_of(triangles // 4, "P2")
     steps = 32
     calls = [
-        ("copy of a long array", memory(cloth), 1, rounds),
-        *((name, make, 1, rounds) for name, make in term_calls(cloth, P1)),
-        *((name, make, 1, rounds) for name, make in term_calls(quadratic, P2)),
-        ("PCG, a solve at dt = 5 ms", pcg(cloth), 1, rounds),
-        ("explicit step, StVK", explicit(cloth, [fc.StVK(), fc.Gravity()], steps), steps, rounds),
-        ("explicit step, PlateBending", explicit(cloth, ELASTIC, steps), steps, rounds),
-        ("implicit step by PCG", implicit(cloth, "pcg"), 1, rounds),
-        ("implicit step by multigrid", implicit(cloth, "multigrid"), 1, rounds),
+        ("copy of a long array", memory(cloth), 1),
+        ("PCG, a solve at dt = 5 ms", pcg(cloth), 1),
+        ("explicit step, StVK", explicit(cloth, [fc.StVK(), fc.Gravity()], steps), steps),
+        ("explicit step, StVK and PlateBending", explicit(cloth, ELASTIC, steps), steps),
+        ("implicit step by PCG", implicit(cloth, "pcg"), 1),
+        ("implicit step by multigrid", implicit(cloth, "multigrid"), 1),
+        *((name, make, 1) for name, make in term_calls(cloth, P1)),
+        *((name, make, 1) for name, make in term_calls(quadratic, P2)),
     ]
-    for name, make, units, number in calls:
-        seconds = best([make(threads) for threads in (1, ALL, "auto")], number)
+    for name, make, units in calls[:4] if few else calls:
+        seconds = best([make(threads) for threads in (1, ALL, "auto")], rounds)
         yield name, [1e3 * each / units for each in seconds]
 
 
@@ -224,7 +224,7 @@ def main() -> None:
         return
     print(f"| | one thread [ms] | {ALL} threads [ms] | one / {ALL} | auto [ms] |")
     print("| --- | ---: | ---: | ---: | ---: |")
-    for name, (one, on_all, auto) in rows(triangles, rounds):
+    for name, (one, on_all, auto) in rows(triangles, rounds, options.quick):
         print(
             f"| {name} | {one:.3g} | {on_all:.3g} | {one / on_all:.2f} | {auto:.3g} |", flush=True
         )
