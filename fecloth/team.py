@@ -158,7 +158,7 @@ class Team:
             try:
                 result = guarded(0)
             finally:
-                errors = [worker.end() for worker in workers]
+                errors = _end(workers)
         for error in filter(None, errors):
             raise error
         return result
@@ -290,6 +290,15 @@ class _Worker:
             self._errors.put(error)
             self._ended[0] = calls
             _attend(self._begun, calls)
+
+
+def _end(workers: list[_Worker]) -> list[BaseException | None]:
+    """Wait for all workers; if that is interrupted, the next call gets others."""
+    try:
+        return [worker.end() for worker in workers]
+    except BaseException:
+        _workers.cache_clear()
+        raise
 
 
 @cache
