@@ -16,9 +16,10 @@ from fecloth.study.problems import open_problem
 from fecloth.study.run_problems import Runs
 from fecloth.study.tables import Table
 from fecloth.study.tuning.choices import Choice, problem_with
-from fecloth.study.tuning.curves import cost_curve, error_curve
+from fecloth.study.tuning.curves import cost_curve, error_curve, error_of_finest
 from fecloth.study.tuning.prediction import Prediction, cheapest, most_accurate
 from fecloth.study.tuning.result import Tuned
+from fecloth.study.tuning.sampled_extremes import drop_to_neighbours
 from fecloth.study.tuning.space_errors import Mesh
 from fecloth.study.tuning.time_errors import Rule, TimeErrors
 from fecloth.study.tuning.trials import Bench, Trial
@@ -94,25 +95,47 @@ def bench_of(path):
 
 def test_errors_follow_their_order_between_and_beyond_the_runs():
     x = [4.0, 8.0, 16.0]
-    curve = error_curve(x, [np.array([3.0 / s**2]) for s in x], np.array([2.0]))
+    curve = error_curve(x, [np.array([3.0 / s**2]) for s in x], np.array([2.0]), 0.0)
     at = np.array([2.0, 5.0, 8.0, 64.0])
     assert curve(at)[:, 0] == pytest.approx(3.0 / at**2, rel=1e-12)
+    assert curve.order == pytest.approx([2.0])
 
 
 def test_an_error_that_is_small_by_chance_counts_as_that_of_the_finer_run():
     errors = [np.array([0.5]), np.array([1e-6]), np.array([0.1])]
-    curve = error_curve([1.0, 2.0, 4.0], errors, np.array([2.0]))
+    curve = error_curve([1.0, 2.0, 4.0], errors, np.array([2.0]), 0.0)
     assert curve(np.array([2.0]))[0, 0] == pytest.approx(0.1)
 
 
 def test_an_order_above_the_theory_is_not_extrapolated():
-    curve = error_curve([1.0, 2.0], [np.array([1.0]), np.array([1e-3])], np.array([2.0]))
+    curve = error_curve([1.0, 2.0], [np.array([1.0]), np.array([1e-3])], np.array([2.0]), 0.0)
     assert curve(np.array([4.0]))[0, 0] == pytest.approx(1e-3 / 4, rel=1e-12)
+
+
+@pytest.mark.parametrize("left", [0.0, 0.01, 0.04])
+def test_the_order_is_not_that_of_runs_within_the_error_of_their_reference(left):
+    """Distances 1/x² to a reference with an error: where that is larger, the sum is flat."""
+    x = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
+    curve = error_curve(x, [np.array([1 / s**2]) for s in x], np.array([2.0]), left)
+    assert curve.order == pytest.approx([2.0], abs=0.4)
+
+
+@pytest.mark.parametrize(("theory", "count"), [(2.0, 3), (1.0, 3), (2.0, 2), (3.0, 2)])
+def test_the_error_of_the_finest_run_is_the_published_index(theory, count):
+    sizes = [2.0 * 2**k for k in range(count)]
+    values = [np.array([1.0 + s**-theory]) for s in sizes]
+    found = error_of_finest(lambda a, b: abs(b - a), values, sizes, theory)
+    assert found == pytest.approx((1.25 if count > 2 else 3.0) * sizes[-1] ** -theory)
 
 
 def test_seconds_grow_with_a_power_within_its_bounds():
     curve = cost_curve([1.0, 2.0], [1.0, 100.0], 1.0, 3.2)
     assert curve(np.array([4.0]))[0, 0] == pytest.approx(100 * 2**3.2)
+
+
+def test_a_first_run_that_loads_code_costs_as_much_as_a_finer_one():
+    curve = cost_curve([1.0, 2.0, 4.0], [7.0, 0.2, 0.4], 0.5, 1.0)
+    assert curve(np.array([1.0, 4.0]))[:, 0] == pytest.approx([0.2, 0.4])
 
 
 def predict(space: float, in_time: float) -> Prediction:
@@ -123,9 +146,9 @@ def predict(space: float, in_time: float) -> Prediction:
     trials = tuple(
         Trial(Choice("P1", "", 1.0 / s, "bdf2", 64), row | {"triangles": s**2}) for s in x
     )
-    errors = error_curve(x, [np.array([space / s**2]) for s in x], theory)
+    errors = error_curve(x, [np.array([space / s**2]) for s in x], theory, 0.0)
     mesh = Mesh(trials[0].choice, errors, cost_curve(x, [1e-6 * s**2 for s in x], 1, 3.2), trials)
-    steps = error_curve(n, [np.array([in_time / s**2]) for s in n], theory)
+    steps = error_curve(n, [np.array([in_time / s**2]) for s in n], theory, 0.0)
     seconds = cost_curve(n, [1e-4 * s for s in n], 0.5, 1.0)
     rule = Rule("bdf2", "steps", steps, seconds, trials)
     times = TimeErrors((rule,), trials[0], np.zeros(1), trials)
@@ -148,6 +171,33 @@ def test_with_a_budget_the_error_is_the_least_within_it():
     best = most_accurate(prediction, 0.1)[0]
     assert best.seconds <= 0.1
     assert cheapest(prediction, 0.9 * best.error)[0].seconds > 0.1
+
+
+def test_seconds_that_differ_by_noise_change_no_choice():
+    """A second mesh of equal errors: whichever is faster by 5 %, the same candidate comes first."""
+    found = predict(1.0, 10.0)
+    (mesh,) = found.meshes
+    firsts = []
+    for factor in (0.95, 1.05):
+        other = replace(
+            mesh,
+            choice=replace(mesh.choice, pattern="cross"),
+            seconds=mesh.seconds.scaled(factor),
+        )
+        firsts.append(cheapest(replace(found, meshes=(mesh, other)), 1e-3)[0].choice)
+    assert firsts[0] == firsts[1]
+
+
+def test_the_lowest_point_lies_as_far_below_the_lowest_node_as_it_may():
+    """A bowl whose lowest point is the centre of a triangle, h/√3 from its nodes, or of an edge."""
+    for element in ("P1", "P2"):
+        cloth = fc.Cloth.rectangle(1.0, 1.0, 0.1, pattern="equilateral", element=element)
+        corners = cloth.X[cloth.triangles]  # the inner quarter of P2 has the same centre
+        at = corners[np.argmin(np.sum((corners.mean(axis=1) - 0.5) ** 2, axis=1))].mean(axis=0)
+        depth = 1 - np.sum((cloth.X - at) ** 2, axis=1)
+        assert drop_to_neighbours(cloth, depth) == pytest.approx(1 - depth.max(), rel=0.35)
+    on_edge = 1 - (cloth.X[:, 0] - 0.525) ** 2 - 1e3 * cloth.X[:, 1]
+    assert drop_to_neighbours(cloth, on_edge) >= 1 - on_edge.max() > 0
 
 
 def test_a_choice_changes_the_scene_and_nothing_else(strip):

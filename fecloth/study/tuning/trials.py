@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -80,6 +81,11 @@ class Bench:
             found = run_points(list(points.values()), self.quantities, runs)
             rows |= dict(zip(points, found, strict=True))
         return [self._trial(choice, rows[i]) for i, choice in enumerate(choices)]
+
+    def within(self, seconds: float) -> Bench:
+        """Return it with a time limit of its runs, in place of a longer one [s]."""
+        limit = min(seconds, self.runs.time_limit or math.inf)
+        return replace(self, runs=replace(self.runs, time_limit=limit))
 
     def _trial(self, choice: Choice, row: Mapping) -> Trial:
         if row["status"] != OK:
