@@ -1,6 +1,7 @@
 """`tune`: curves, the choice among settings, and tuned settings beside much finer runs."""
 
 import math
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +11,16 @@ import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.scene.scene import load_scene
+from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.command import StudyFailed
 from fecloth.study.problems import open_problem
 from fecloth.study.run_problems import Runs
+from fecloth.study.scene_text import scene_of
 from fecloth.study.tables import Table
 from fecloth.study.tuning.choices import Choice, problem_with
 from fecloth.study.tuning.curves import cost_curve, error_curve, error_of_finest
+from fecloth.study.tuning.fewer_terms import drop_terms
 from fecloth.study.tuning.prediction import Prediction, cheapest, most_accurate
 from fecloth.study.tuning.result import Tuned
 from fecloth.study.tuning.sampled_extremes import drop_to_neighbours
@@ -320,6 +324,98 @@ def test_a_mesh_that_cannot_be_refined_is_named(strip, tmp_path):
     tuned = fc.tune(scene, "2%", "tip.z", elements=["P1"])
     assert not tuned.proved
     assert "the mesh has no h" in tuned.verdict
+
+
+def test_the_tuned_motion_takes_no_longer_than_its_budget():
+    tip = [fc.Probe("tip", "right")]
+    run = {"h": 0.1, "dt": 0.005, "t_end": 0.05, "probes": tip}
+    tuned = fc.tune(pulled_strip, quantity="tip.x", budget="0.1 s", **run)
+    assert tuned.proved == (tuned.seconds <= tuned.budget == 0.1), tuned.verdict
+    assert 0 < tuned.error < 0.05
+    assert math.isnan(tuned.tolerance)
+
+
+def test_a_setting_that_would_take_too_long_is_not_run(strip):
+    bench = replace(bench_of(strip), runs=Runs(most_seconds=1.0))
+    short, long = bench.run([Choice("P1", "right", 0.1), Choice("P1", "right", 0.001)])
+    assert short.is_ok
+    assert not long.is_ok
+    assert "too long" in long.row["cause"]
+
+
+def test_a_tolerance_below_reach_needs_a_finer_mesh(strip):
+    tuned = fc.tune(strip, 1e-9, elements=["P1"], most_seconds=0.2)
+    assert not tuned.proved
+    assert "times finer than P1" in tuned.verdict
+    assert "do not come closer" not in tuned.verdict
+
+
+def test_each_phase_prints_one_line(strip, capsys):
+    fc.tune(strip, "1%", elements=["P1"])
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 4
+    assert all(line.startswith("tune: ") for line in lines)
+
+
+L_SHAPE = """
+Point(1) = {0, 0, 0}; Point(2) = {1, 0, 0}; Point(3) = {1, 0.5, 0}; Point(4) = {0.5, 0.5, 0};
+Point(5) = {0.5, 1, 0}; Point(6) = {0, 1, 0}; Line(1) = {1, 2}; Line(2) = {2, 3};
+Line(3) = {3, 4}; Line(4) = {4, 5}; Line(5) = {5, 6}; Line(6) = {6, 1};
+Curve Loop(1) = {1, 2, 3, 4, 5, 6}; Plane Surface(1) = {1};
+Physical Curve("held") = {HELD}; Physical Surface("cloth") = {1};
+"""
+BLOWN = """
+[cloth]
+shape = "file"
+path = "sheet.geo"
+h = 0.06
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 800.0
+poisson_ratio = 0.3
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Pressure"
+p = -20.0
+[[pins]]
+where = "held"
+[start]
+position = ["X", "Y", "-0.02 * sin(pi * X) * sin(pi * Y)"]
+[equilibrium]
+[interest]
+quantities = ["sag"]
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("held", "tolerance"), [("1, 2, 3, 4, 5, 6", 0.02), ("2, 5, 6", 0.005)])
+def test_the_lowest_node_proves_no_error_that_is_too_small(tmp_path, held, tolerance):
+    (tmp_path / "sheet.geo").write_text(L_SHAPE.replace("HELD", held))
+    path = tmp_path / "sheet.toml"
+    path.write_text(BLOWN)
+    tuned = fc.tune(path, tolerance, folder=tmp_path)
+    bench = bench_of(path)
+    (fine,) = bench.run([Choice("P2", "", 0.04)])
+    (again,) = replace(bench, opened=open_problem(tuned.scene)).run([Choice()])
+    true = float(bench.distance(fine, again).max())
+    assert tuned.proved, tuned.verdict
+    assert true <= 1.2 * tuned.error
+
+
+def test_a_membrane_in_free_fall_is_not_left_out():
+    """Nothing stretches the cloth, so that no run of the search would miss its membrane."""
+
+    def falling(scene):
+        data = tomllib.loads(scene) | {"time": {"method": "bdf2", "dt": 0.02, "t_end": 0.1}}
+        return scene_of(to_toml({key: value for key, value in data.items() if key != "pins"}))
+
+    bench = bench_of(falling(BOB))
+    choice = Choice("P1", "", 0.1, "bdf2", 4)
+    reduced, change, names, _ = drop_terms(bench, choice, 0.03)
+    assert "without StVK" not in names
+    assert change.max() <= 0.03
+    assert {term.type for term in reduced.opened.scene.terms} & {"StVK", "Springs"}
 
 
 @pytest.mark.slow

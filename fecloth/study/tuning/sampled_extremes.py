@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth.mesh.cloth import Cloth
-from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import size_of
 from fecloth.study.tuning.trials import ZERO, Bench, Trial
 
@@ -21,16 +20,12 @@ def unsampled(bench: Bench, trial: Trial) -> np.ndarray:
     nodes around any node lie ½ κ h² deeper on average than it, and the lowest point is at most
     h/√3 from a node: a third of this drop. On the border it is h/2: a quarter.
     """
-    pairs = zip(bench.quantities, trial.records, strict=True)
-    return np.array([_of(one, bench, trial) / max(size_of(one, r), ZERO) for one, r in pairs])
-
-
-def _of(quantity: Quantity, bench: Bench, trial: Trial) -> float:
-    if quantity.name != "sag":
-        return 0.0
-    point = trial.row["point"]
-    cloth = point.problem.setup(point.level).cloth
-    return drop_to_neighbours(cloth, -np.array(trial.row["displacement"])[:, 2])
+    found = np.zeros(len(bench.quantities))
+    for k, (quantity, record) in enumerate(zip(bench.quantities, trial.records, strict=True)):
+        if quantity.name == "sag":
+            depth = -np.array(trial.row["displacement"])[:, 2]
+            found[k] = drop_to_neighbours(trial.cloth, depth) / max(size_of(quantity, record), ZERO)
+    return found
 
 
 def drop_to_neighbours(cloth: Cloth, depth: np.ndarray) -> float:

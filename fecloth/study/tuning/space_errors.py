@@ -63,16 +63,19 @@ class SpaceErrors:
     def stalls(self, bench: Bench, tolerance: float) -> bool:
         """Whether there is a kind of mesh of which finer ones do not come closer to each other.
 
-        Changes below twice the tolerance do not count.
+        The last change counts if it is above twice the tolerance. It is compared with the change
+        before, of this or of another kind, because one of them may be small by accident.
         """
-        long = [one.trials for one in self.meshes if len(one.trials) > 2]
-        return any(_stalls(bench, runs, 2 * tolerance) for runs in long)
-
-
-def _stalls(bench: Bench, runs: Sequence[Trial], small: float) -> bool:
-    before, change = bench.distance(runs[-2], runs[-3]), bench.distance(runs[-1], runs[-2])
-    ratio = runs[-1].edges / runs[-2].edges
-    return bool(change.max() > small and change.max() > before.max() * ratio**-STALLED)
+        pairs = [one.trials[-3:-1] for one in self.meshes if len(one.trials) > 2]
+        pairs += [one.trials for one in self.meshes if len(one.trials) == 2]
+        before = max((float(bench.distance(b, a).max()) for a, b in pairs), default=0.0)
+        for runs in (one.trials for one in self.meshes if len(one.trials) > 2):
+            apart = bench.distance(runs[-1], runs[-2]) - unsampled(bench, runs[-2])
+            change = float(apart.max())
+            ratio = runs[-1].edges / runs[-2].edges
+            if change > 2 * tolerance and change > before * ratio**-STALLED:
+                return True
+        return False
 
 
 def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) -> SpaceErrors:
