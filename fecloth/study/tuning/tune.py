@@ -64,9 +64,9 @@ def tune(
     Runs on a coarse mesh show the error in time of each method and the seconds that it takes; runs
     on a few meshes with the same steps show the error in space of each element and pattern. From
     these the errors and the seconds of all settings are predicted: element, pattern, h, method and
-    dt or rtol. The cheapest setting that should meet the tolerance is run beside one that is finer
-    in what contributes most to the error. The difference of both, extrapolated with the observed
-    order, is the error of the tuned setting.
+    dt or rtol. The cheapest setting that should meet the tolerance is run. Its error is its distance
+    to a finer run, the best one so far or one that is finer in what contributes most, plus the
+    error of that, by its order (grid convergence index). Cheaper settings are then tried beside it.
 
     Parameters
     ----------
@@ -88,14 +88,16 @@ def tune(
         Names as in a scene, by default the usual methods with the scene's own, and P1 and P2.
     folder
         Where tuned.toml is written; None for nowhere.
-    h, dt, t_end, probes, cache, jobs, scheduler, time_limit, most_seconds, fresh
+    h, dt, t_end, probes, cache, jobs, scheduler, time_limit, fresh
         As for `converge`.
+    most_seconds
+        Longest predicted time of a run [s]; longer ones are skipped. None for no limit.
 
     Raises
     ------
     InputError
-        For a tolerance outside 0 to 100 %, an unknown quantity or one of size zero, an unknown
-        name, or too long a time.
+        For a tolerance outside 0 to 100 %, an unknown quantity or one of size zero, or an unknown
+        name.
     StudyFailed
         If no run on a coarse mesh reaches its end.
 
