@@ -13,6 +13,8 @@ from fecloth.quantities.unit_fields import reads_units
 from fecloth.terms.bending.hinge import HingeBending
 from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.bending.quadratic import QuadraticBending
+from fecloth.terms.contact.obstacle import Obstacle
+from fecloth.terms.contact.self_contact import SelfContact
 from fecloth.terms.custom.force import UserForce
 from fecloth.terms.damping.bending import BendingDamping
 from fecloth.terms.damping.mass import MassDamping
@@ -40,10 +42,12 @@ __all__ = [
     "HingeBending",
     "MassDamping",
     "NeoHookean",
+    "Obstacle",
     "PlateBending",
     "PointForce",
     "Pressure",
     "QuadraticBending",
+    "SelfContact",
     "Springs",
     "StVK",
     "StrainRateDamping",

@@ -15,8 +15,8 @@ from fecloth.quantities.units import TIME
 from fecloth.quantities.units import quantity as read_quantity
 from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Probe
-from fecloth.simulation.quantity import Quantity, parse_quantity
-from fecloth.study.problems import Problem, SceneProblem, open_problem
+from fecloth.simulation.quantity import Quantity
+from fecloth.study.problems import SceneProblem, open_problem
 from fecloth.study.run_problems import Runs
 from fecloth.study.tolerance import in_percent, read_tolerance
 from fecloth.study.tuning.choices import Choice, methods_to_try, span_of, text_with
@@ -117,7 +117,7 @@ def tune(
     """
     opened = open_problem(problem, h, dt, t_end, probes, settings)
     goal = _goal(tolerance, budget)
-    quantities = _quantities(opened, quantity)
+    quantities = opened.choose_quantities(quantity)
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
     bench = Bench(opened, quantities, runs)
     names = methods_to_try(opened, methods)
@@ -170,28 +170,6 @@ def _goal(tolerance: float | str, budget: float | str | None) -> Goal:
             f"budget = {budget!r}", 'must be a time > 0, as 60.0 [s] or "60 s"', "tune"
         )
     return Goal(budget=float(seconds))
-
-
-def _quantities(opened: Problem, quantity) -> tuple[Quantity, ...]:
-    """Return the quantities that count.
-
-    Raises
-    ------
-    InputError
-        For one that the run does not have.
-    """
-    if quantity is None and isinstance(opened, SceneProblem):
-        scene = opened.scene
-        path = "" if scene.equilibrium else "path of "
-        names = [f"{path}{probe.name}" for probe in scene.probes] or ["displacement"]
-        quantity = list(scene.interest.all) if scene.interest else names
-    if quantity is None:
-        quantity = opened.default_quantity
-    listed = quantity if isinstance(quantity, list | tuple) else [quantity]
-    parsed = tuple(parse_quantity(one) for one in listed)
-    for one in parsed:
-        opened.check_quantity(one)
-    return parsed
 
 
 def _reduce(bench: Bench, mesh: Choice, goal: Goal) -> tuple:
