@@ -1,6 +1,6 @@
 """What several threads gain: each loop and whole steps, on one thread and on all.
 
-    python -m studies.benchmarks.threads [--quick] [--busy]
+    python -m studies.benchmarks.threads [--only TEXT] [--quick] [--busy]
 
 Prints a table in Markdown for 50,000 triangles (`threads.md` has one). One thread and all take
 turns, and the fastest of many rounds counts, as other work on the machine can only delay. "auto" is
@@ -150,7 +150,7 @@ def implicit(cloth: fc.Cloth, solver: str) -> Callable[[object], Call]:
     return make
 
 
-def rows(triangles: int, rounds: int, few: bool) -> Iterator[tuple[str, list[float]]]:
+def rows(triangles: int, rounds: int, few: bool, only: str) -> Iterator[tuple[str, list[float]]]:
     """Yield the name and the milliseconds on one thread, on all, and with "auto", or a few rows."""
     cloth, quadratic = cloth_of(triangles), cloth_of(triangles // 4, "P2")
     steps = 32
@@ -165,6 +165,8 @@ def rows(triangles: int, rounds: int, few: bool) -> Iterator[tuple[str, list[flo
         *((name, make, 1) for name, make in term_calls(quadratic, P2)),
     ]
     for name, make, units in calls[:4] if few else calls:
+        if only not in name:
+            continue
         seconds = best([make(threads) for threads in (1, ALL, "auto")], rounds)
         yield name, [1e3 * each / units for each in seconds]
 
@@ -212,9 +214,10 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--busy", action="store_true")
+    parser.add_argument("--only", default="", metavar="TEXT", help="rows with this in their name")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    triangles, rounds = (2000, 3) if options.quick else (50_000, 15)
+    triangles, rounds = (2000, 3) if options.quick else (50_000, 9)
     if options.busy:
         cores = len(os.sched_getaffinity(0))
         print(f"{cores} busy cores | {ALL} threads over one | auto over one\n--- | --- | ---")
@@ -224,7 +227,7 @@ def main() -> None:
         return
     print(f"| | one thread [ms] | {ALL} threads [ms] | one / {ALL} | auto [ms] |")
     print("| --- | ---: | ---: | ---: | ---: |")
-    for name, (one, on_all, auto) in rows(triangles, rounds, options.quick):
+    for name, (one, on_all, auto) in rows(triangles, rounds, options.quick, options.only):
         print(
             f"| {name} | {one:.3g} | {on_all:.3g} | {one / on_all:.2f} | {auto:.3g} |", flush=True
         )
