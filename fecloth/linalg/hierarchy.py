@@ -108,7 +108,7 @@ def make_levels(
     """
     grid, *coarser = grids
     n = len(A.pattern)
-    values = np.empty((len(grid.order.slots), 3, 3), kind)
+    values: np.ndarray = np.empty((len(grid.order.slots), 3, 3), kind)
     level = Level(grid, A, values, np.empty((n, 6)), NONE, NONE, np.zeros((5, n, 3)))
     level.refill(A, inverse)
     if grid.transfer is None:
@@ -131,7 +131,8 @@ def cycle(levels: list[Level], b: np.ndarray) -> np.ndarray:
     """One cycle for A x = b, from 0: x (n, 3), valid until the next call."""
     level, *coarser = levels
     order, values, inverse = level.grid.order, level.values, level.inverse
-    x, r, sorted_b, *_ = level.work
+    x, sorted_b = level.work[0], level.work[2]
+    r: np.ndarray = level.work[1]
     order.permute(b, sorted_b)
     order.forward(values, inverse, sorted_b, x)
     if level.grid.transfer is not None:

@@ -233,7 +233,9 @@ def _advance_node(i: int, alpha: float, p: Array, q: Array, x: Array, r: Array) 
         for c in range(3):
             x[i, c] += alpha * p[i, c]
             r[i, c] -= alpha * q[i, c]
-    return r[i, 0] * r[i, 0] + r[i, 1] * r[i, 1] + r[i, 2] * r[i, 2]
+    r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
+    rr: float = r1 * r1 + r2 * r2 + r3 * r3
+    return rr
 
 
 @kernel
