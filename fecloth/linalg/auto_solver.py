@@ -3,8 +3,9 @@
 The rule: each matrix goes to the solver whose solves have taken the least work on average.
 Conjugate gradients begin. The average of a solver not yet used is a guess. The averages of those
 not in use fall slowly, so that each is tried again at times: the dearer it was, the later. An
-iteration that takes several times the guess of the cheapest other solver is given up, and that one
-continues at once. If the step size changes by more than a factor of 2, all begins anew.
+iteration that takes several times the guess of the cheapest other solver is given up; that many
+count as its average, and the other one continues at once. If the step size changes by more than a
+factor of 2, all begins anew.
 
 Work is counted in iterations of `PCG` and not in seconds, so that a run repeats bit for bit. The
 constants were measured on one thread, with and without hinges, on 300 to 51,000 nodes; they hold
@@ -123,6 +124,9 @@ class AutoSolver:
         best = min(average, key=lambda mode: average[mode])
         if self._mode in average and average[best] < GAIN * average[self._mode]:
             self._use(best)
+        self._prepare(A)
+
+    def _prepare(self, A: BlockMatrix) -> None:
         self.prepared, self._A = self.prepared + 1, None
         self._work += self._preparation(self._mode)
         self._solver.prepare(A)
@@ -150,16 +154,16 @@ class AutoSolver:
         except SolveFailed as failure:
             if isinstance(failure, IndefiniteMatrix) or self._mode == "direct":
                 raise
-            self._record(2 * limit)
+            self._average[self._mode] = limit
             self._use(other)
-            self.prepare(A)
+            self._prepare(A)
             return self.solve(b, rtol, guess)
-        self._record(self._solution(self._mode, info.iterations))
+        self._work += self._solution(self._mode, info.iterations)
+        self._record()
         return x, info
 
-    def _record(self, work: float) -> None:
-        """Include the work of a solve in the average of its solver."""
-        self._work += work
+    def _record(self) -> None:
+        """Include the work since the last solve in the average of the solver."""
         average, mode = self._average, self._mode
         old = average.get(mode, self._work)
         average.update({other: MEMORY * average[other] for other in average})
