@@ -1,11 +1,11 @@
 """The linear solver "auto": conjugate gradients, multigrid or a factorisation, by their work.
 
 The rule: each matrix goes to the solver whose solves have taken the least work on average.
-Conjugate gradients begin. The average of a solver not yet used is a guess. The averages of those
-not in use fall slowly, so that each is tried again at times: the dearer it was, the later. An
-iteration that takes several times the guess of the cheapest other solver is given up; that many
-count as its average, and the other one continues at once. If the step size changes by more than a
-factor of 2, all begins anew.
+Conjugate gradients begin. All averages begin with guesses. The averages of the solvers that are not
+in use fall slowly, so that each is tried again at times: the dearer it was, the later. An iteration
+that takes twice the guess of the cheapest other solver is given up; this counts as its average, and
+the other one continues at once. If the step size changes by more than a factor of 2, all begins
+anew.
 
 Work is counted in iterations of `PCG` and not in seconds, so that a run repeats bit for bit. The
 constants were measured on one thread, with and without hinges, on 300 to 51,000 nodes; they hold
@@ -36,7 +36,7 @@ LARGE = 2_000  # nodes from which on multigrid is considered
 WEIGHT = 1 / 12  # of a new solve in the average
 MEMORY = 0.998  # factor on the averages of the other solvers
 GAIN = 0.85  # largest average of another solver, over that of the current one, that changes it
-PATIENCE = 1.5, 3.0  # guesses of another solver that an iteration may take, at first and later
+PATIENCE = 2.0  # guesses of the cheapest other solver that an iteration may take
 
 
 class AutoSolver:
@@ -71,7 +71,8 @@ class AutoSolver:
     def _restart(self) -> None:
         self._size: float | None = None  # wx/wa of the first step
         self._work = 0.0  # since the last solve
-        self._average = {mode: self.guess(mode) for mode in self._make if mode != "pcg"}
+        guesses = {mode: self.guess(mode) for mode in self._make if mode != "pcg"}
+        self._average = {"pcg": min(guesses.values()), **guesses}
         self._average["direct"] += 0.0 if "direct" in self._solvers else LOADING / self._nodes
         self._use("pcg")
 
@@ -79,7 +80,7 @@ class AutoSolver:
         """Select a solver."""
         if mode not in self._solvers:
             self._solvers[mode] = self._make[mode]()
-            if mode in self._average:
+            if mode != "pcg":
                 self._average[mode] = min(self._average[mode], self.guess(mode))
         self._mode, self._solver = mode, self._solvers[mode]
         self.prepared, self._A = self.prepared + 1, None
@@ -93,16 +94,18 @@ class AutoSolver:
     # --- work in iterations of PCG ----------------------------------------------------------------
 
     def guess(self, mode: str) -> float:
-        """The work for a solve with a direct solver or multigrid, and for its matrix."""
+        """The work for a matrix and a solve with a direct solver or multigrid."""
         if mode == "multigrid":
             return MULTIGRID + ASSEMBLY * self._row
         return REUSE * self._preparation(mode) + self._solution(mode, 0)
 
     def _preparation(self, mode: str) -> float:
+        """The work of a tangent and of the factor that it takes."""
         factor = 1.1 * self._row * self._solution(mode, 0) if mode == "direct" else 0.0
         return ASSEMBLY * self._row + factor
 
     def _solution(self, mode: str, iterations: int) -> float:
+        """The work of a solve."""
         if mode == "direct":
             slow = mode in self._solvers and self._solvers[mode].name == "superlu"
             return (1 + iterations) * math.cbrt(self._nodes) * (SUPERLU if slow else 1.0)
@@ -122,7 +125,7 @@ class AutoSolver:
         """Select a solver and let it prepare A."""
         average = self._average
         best = min(average, key=lambda mode: average[mode])
-        if self._mode in average and average[best] < GAIN * average[self._mode]:
+        if average[best] < GAIN * average[self._mode]:
             self._use(best)
         self._prepare(A)
 
@@ -145,7 +148,7 @@ class AutoSolver:
         A, _, _ = check_arguments(self._A, b, rtol)
         others = [mode for mode in self._make if mode not in ("pcg", self._mode)]
         price, other = min((self.guess(mode), mode) for mode in others or ["direct"])
-        limit = PATIENCE[self._mode in self._average] * price
+        limit = PATIENCE * price
         if isinstance(self._solver, PCG):
             cost = CYCLE if self._mode == "multigrid" else 1.0
             self._solver.max_iterations = max(10, int(limit / cost))
@@ -159,13 +162,8 @@ class AutoSolver:
             self._prepare(A)
             return self.solve(b, rtol, guess)
         self._work += self._solution(self._mode, info.iterations)
-        self._record()
-        return x, info
-
-    def _record(self) -> None:
-        """Include the work since the last solve in the average of the solver."""
-        average, mode = self._average, self._mode
-        old = average.get(mode, self._work)
-        average.update({other: MEMORY * average[other] for other in average})
-        average[mode] = old + WEIGHT * (self._work - old)
+        old = self._average[self._mode]
+        self._average = {mode: MEMORY * work for mode, work in self._average.items()}
+        self._average[self._mode] = old + WEIGHT * (self._work - old)
         self._work = 0.0
+        return x, info
