@@ -3,9 +3,9 @@
 The rule: each matrix goes to the solver whose solves have taken the least work on average.
 Conjugate gradients begin. All averages begin with guesses. The averages of the solvers that are not
 in use fall slowly, so that each is tried again at times: the dearer it was, the later. An iteration
-that takes twice the guess of the cheapest other solver is given up; this counts as its average, and
-the other one continues at once. If the step size changes by more than a factor of 2, all begins
-anew.
+that takes several times the guess of the cheapest other solver is given up; this counts as its
+average, and the other one continues at once. If the step size changes by more than a factor of 2,
+all begins anew.
 
 Work is counted in iterations of `PCG` and not in seconds, so that a run repeats bit for bit. The
 constants were measured on one thread, with and without hinges, on 300 to 51,000 nodes; they hold
@@ -33,10 +33,10 @@ REUSE = 0.8  # new factors for each solve with one, as a guess
 SUPERLU = 8.0  # work of SuperLU over that of PARDISO
 LOADING = 1e7  # iterations times nodes that take as long as loading the MKL, 0.4 s
 LARGE = 2_000  # nodes from which on multigrid is considered
-WEIGHT = 1 / 12  # of a new solve in the average
+WEIGHT = 1 / 12  # of a new solve in the average, after 1/2, 1/3, … for the first ones
 MEMORY = 0.998  # factor on the averages of the other solvers
 GAIN = 0.85  # largest average of another solver, over that of the current one, that changes it
-PATIENCE = 2.0  # guesses of the cheapest other solver that an iteration may take
+PATIENCE = 1.5, 3.0  # guesses of another solver that an iteration may take, at first and later
 
 
 class AutoSolver:
@@ -74,6 +74,7 @@ class AutoSolver:
         guesses = {mode: self.guess(mode) for mode in self._make if mode != "pcg"}
         self._average = {"pcg": min(guesses.values()), **guesses}
         self._average["direct"] += 0.0 if "direct" in self._solvers else LOADING / self._nodes
+        self._solves = dict.fromkeys(self._make, 1)  # with each solver; the guess is one
         self._use("pcg")
 
     def _use(self, mode: str) -> None:
@@ -148,7 +149,7 @@ class AutoSolver:
         A, _, _ = check_arguments(self._A, b, rtol)
         others = [mode for mode in self._make if mode not in ("pcg", self._mode)]
         price, other = min((self.guess(mode), mode) for mode in others or ["direct"])
-        limit = PATIENCE * price
+        limit = PATIENCE[self._solves[self._mode] > 1] * price
         if isinstance(self._solver, PCG):
             cost = CYCLE if self._mode == "multigrid" else 1.0
             self._solver.max_iterations = max(10, int(limit / cost))
@@ -164,6 +165,8 @@ class AutoSolver:
         self._work += self._solution(self._mode, info.iterations)
         old = self._average[self._mode]
         self._average = {mode: MEMORY * work for mode, work in self._average.items()}
-        self._average[self._mode] = old + WEIGHT * (self._work - old)
+        self._solves[self._mode] += 1
+        weight = max(WEIGHT, 1 / self._solves[self._mode])
+        self._average[self._mode] = old + weight * (self._work - old)
         self._work = 0.0
         return x, info
