@@ -30,6 +30,7 @@ from .nonlinear.options import Newton
 from .nonlinear.stage import Stage
 from .output.frame_arrays import fields
 from .output.frames import Frames, read_frame, write_vtk
+from .quantities.rotation import Rotation
 from .runs.outcome import SceneResult
 from .runs.run_scene import run_scene
 from .scene.scene import load_scene
@@ -45,7 +46,6 @@ from .study.modes import Modes, modes
 from .study.tuning.result import Tuned
 from .study.tuning.tune import tune
 from .system.pins import Pin, Slide
-from .system.rotation import Rotation
 from .system.space_error import SpaceError, space_error
 from .system.state import State
 from .system.system import System
@@ -57,11 +57,14 @@ from .terms import (
     Gravity,
     HingeBending,
     MassDamping,
+    MeshObstacle,
     NeoHookean,
+    Obstacle,
     PlateBending,
     PointForce,
     Pressure,
     QuadraticBending,
+    SelfContact,
     Springs,
     StrainRateDamping,
     StVK,
@@ -72,6 +75,7 @@ from .terms import (
     Wind,
 )
 from .terms.bending.hinge import hinge_angles
+from .terms.contact import shapes
 from .terms.custom.condition import Condition
 from .terms.custom.membrane_law import MembraneLaw
 from .terms.loops.green_strain import contract
@@ -110,11 +114,13 @@ __all__ = [
     "MassDamping",
     "MembraneLaw",
     "MeshError",
+    "MeshObstacle",
     "MethodTraits",
     "Modes",
     "NeoHookean",
     "Newmark",
     "Newton",
+    "Obstacle",
     "Pin",
     "PlateBending",
     "PointForce",
@@ -125,6 +131,7 @@ __all__ = [
     "Rotation",
     "SceneError",
     "SceneResult",
+    "SelfContact",
     "Slide",
     "SolveFailed",
     "SpaceError",
@@ -158,6 +165,7 @@ __all__ = [
     "read_frame",
     "run",
     "run_scene",
+    "shapes",
     "solver_for",
     "space_error",
     "stability",

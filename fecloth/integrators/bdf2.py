@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.integrators.newmark import Newmark
+from fecloth.integrators.one_stage import BackwardEuler
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.integrators.with_memory import WithMemory, hold_stage
@@ -37,8 +38,8 @@ class BDF2(WithMemory):
     b = (1 + r)/(1 + 2r). Second order, also with steps of changing size, whose ratio r must stay
     below 1 + √2 for stability; A-stable and L-stable at constant steps: fast modes vanish, slow
     ones lose about (ω dt)⁴/4 of their amplitude a step (1.7e-3 at ω dt = 0.3). The first step is
-    by the trapezoidal rule. Strain rates are the same differences of E, so that damping has a
-    potential over the step.
+    by the trapezoidal rule, or with contact by backward Euler. Strain rates are the same
+    differences of E, so that damping has a potential over the step.
     Keeps linear momentum, loses angular momentum and energy.
     Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, III.5.
     """
@@ -62,9 +63,9 @@ class BDF2(WithMemory):
         if last is None:
             way = 0.5 * dt * state.v
             past = (1.0, x), (0.5, x + way), (-0.5, x - way)
-            return StepDifference(x, dt, 0.5 * dt, past)
+            return StepDifference(x, dt, 0.5 * dt, past, t=state.t)
         e, h = _coefficients(dt, last)
-        return StepDifference(x, dt, h, ((1 + e, x), (-e, x - last.dx)))
+        return StepDifference(x, dt, h, ((1 + e, x), (-e, x - last.dx)), t=state.t)
 
     def weights(self, dt: float) -> tuple[float, float, float]:
         """(wx, wv, wa) of J = wa M + wv D + wx K, after a step of the same size."""
@@ -81,6 +82,8 @@ class BDF2(WithMemory):
         memory: Change | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s], after the step that left this memory."""
+        if memory is None and any(hasattr(term, "needs_end") for term in system.bound):
+            return _by_backward_euler(system, state, dt, solver)
         over = system.over_step(self.difference(state, dt, memory))
         if memory is None:
             first = Newmark().step(system, state, dt, solver, over=over)
@@ -92,6 +95,17 @@ class BDF2(WithMemory):
         new = set_prescribed(system, State(end.t, stage.x_end + stage.w_end * q, v), end)
         change = _change(state, new)
         return Step(new, new, change, counts, ends=(system, state), a=a, share=1.0, over=over)
+
+
+def _by_backward_euler(system: System, state: State, dt: float, solver: SolverContext) -> Step:
+    """The first step with contact: the friction and the push at its begin are not to be relied on.
+
+    A cloth that stands still may be held by any friction below the limit. One step of first order
+    leaves the method of second order.
+    """
+    step = BackwardEuler().step(system, state, dt, solver)
+    memory, a = _change(state, step.state), (step.state.v - state.v) / dt
+    return replace(step, memory=memory, ends=(system, state), a=a, share=1.0)
 
 
 def _coefficients(dt: float, last: Change) -> tuple[float, float]:

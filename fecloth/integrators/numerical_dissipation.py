@@ -47,7 +47,7 @@ def memory_dissipation(system: System, old: State, step: Step) -> float:
     beyond = system.scalar_mass @ (step.a - dv / dt) + step.mean_force(system) - step.solved_force
     unbalanced = system.sums.dot(beyond, system.constraints.project(dx))
     energy = _between_velocities(system, old, step) + unbalanced
-    energy += work_beyond_dissipation(system, old, step)
+    energy += work_beyond_dissipation(system, old, step) + contact_dissipation(system, old, step)
     return energy - _unrecorded_work(system, old, step, explicit=False)
 
 
@@ -68,8 +68,31 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
     only, over = (system.with_bound(terms) for terms in zip(*pairs, strict=True))
     ends = (only, old) if step.ends else None
     f = replace(step, over=over, ends=ends).mean_force(only)
+    if any(term.has_energy for term in only.bound):  # as that of contact, beside its friction
+        places = (old, step.state) if step.ends else (step.balanced_at,)
+        f -= sum(conservative(only, at) for at in places) / len(places)
     dissipated: float = sum(term.dissipation(step.state.x) for term in over.bound)
     return -system.sums.dot(f, step.state.x - old.x) - dissipated
+
+
+def contact_dissipation(system: System, old: State, step: Step) -> float:
+    """Numerical dissipation [J] of the barriers of contact, beyond that of a quadratic energy.
+
+    −½ (f₀ + f₁) · Δx − ΔU, plus the work of obstacles that move: a barrier is far from quadratic
+    over the way of a step. Without contact it is 0.
+    """
+    new, total = step.state, 0.0
+    for term in system.bound:
+        if hasattr(term, "needs_end"):
+            f, still = np.zeros_like(old.x), np.zeros_like(old.v)
+            for at in (old, new):
+                term.add_force(at.x, still, at.t, f)
+            total -= 0.5 * system.sums.dot(f, new.x - old.x)
+            total -= term.energy(new.x, new.t) - term.energy(old.x, old.t)
+            if has_power_column(term) and hasattr(term, "supply"):
+                works = [term.supply(at.x, at.v, at.t) for at in step.stages]
+                total += (new.t - old.t) * sum(works) / len(works)
+    return total
 
 
 def _between_velocities(system: System, old: State, step: Step) -> float:

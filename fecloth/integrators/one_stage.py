@@ -6,7 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.integrators.numerical_dissipation import stiffness_product, work_beyond_dissipation
+from fecloth.integrators.numerical_dissipation import (
+    contact_dissipation,
+    stiffness_product,
+    work_beyond_dissipation,
+)
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear import newton
@@ -70,7 +74,8 @@ class StageMethod:
         dv = step.state.v - old.v
         kinetic = system.sums.dot(dv, system.scalar_mass @ dv)
         lost = (theta - 0.5) * (kinetic + stiffness_product(system, old, step.state))
-        return lost + work_beyond_dissipation(system, old, step)
+        lost += work_beyond_dissipation(system, old, step)
+        return lost + contact_dissipation(system, old, step)
 
 
 @dataclass(frozen=True)
@@ -94,7 +99,7 @@ class BackwardEuler(StageMethod):
 
     def over_step(self, system: System, state: State, dt: float) -> System:
         """The system with rates over the step, (y(x₁) − y(x₀))/dt."""
-        return system.over_step(StepDifference(state.x, dt, dt, ((1.0, state.x),)))
+        return system.over_step(StepDifference(state.x, dt, dt, ((1.0, state.x),), t=state.t))
 
 
 @dataclass(frozen=True)

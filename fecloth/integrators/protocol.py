@@ -273,12 +273,23 @@ def check_step(step: object, method: object) -> None:
 
 
 def check_terms(system: System, method: Stepping | ChoosesMethod, where: str) -> None:
-    """Raise `InputError` for a term that needs a difference over the step, if `method` has none."""
+    """Raise `InputError` for a term that needs a difference over the step, if `method` has none.
+
+    Terms of contact need that and, besides, the forces at the end of the step. `Auto` chooses a
+    method for them.
+    """
     if method.traits.has_difference:
         return
+    chosen = getattr(method, "method", method)  # of a method that chooses its steps
+    for term in system.bound:
+        if hasattr(term, "needs_end"):
+            if hasattr(method, "choose"):
+                return
+            what, allowed = f"{term.name} in {chosen!r}", "must be in BackwardEuler or BDF2"
+            remedy = 'Take BDF2(), in scenes method = "bdf2", or Auto(), which takes it.'
+            raise InputError(what, f"{allowed}: {term.needs_end}", where, remedy)
     for term in system.bound:
         if getattr(term, "needs_difference", False):
-            chosen = getattr(method, "method", method)  # of a method that chooses its steps
             raise InputError(
                 f'{term.name} with rate = "step"',
                 f"needs a method with a difference over the step, which {chosen!r} has not",

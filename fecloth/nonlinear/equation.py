@@ -60,6 +60,10 @@ class Equation(Protocol):
         """Which remedy comes next after the first, in at most CLAMPED iterations; or None."""
         ...
 
+    def largest_step(self, y: np.ndarray, step: np.ndarray) -> float:
+        """The largest α for which the terms allow y + α step; see `limits.largest_step`."""
+        ...
+
     def residual(self, y: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
         """R (n, 3) of the free directions and the sum of the norms of all forces, reactions too.
 
@@ -73,6 +77,10 @@ class Equation(Protocol):
 
     def assemble(self, y: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
         """J = ∂R/∂y with a remedy, projected onto the free directions."""
+        ...
+
+    def couple(self, y: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
+        """J plus the parts of ∂R/∂y outside its pattern, projected too; J itself without any."""
         ...
 
     def updates(self, y: np.ndarray) -> list[tuple[float, np.ndarray]]:

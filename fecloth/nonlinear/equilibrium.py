@@ -14,6 +14,7 @@ from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.iteration import Progress, iterate
+from fecloth.nonlinear.limits import has_limits, largest_step
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
@@ -193,7 +194,17 @@ def _check(system, state, load_steps, tolerance, max_iterations, solver, report)
 def static_context(
     system: System, tolerance: float, max_iterations: int, solver: str
 ) -> SolverContext:
-    """Return the direct solver with its matrix, and Newton's options, for `solve_static`."""
+    """Return the direct solver with its matrix, and Newton's options, for `solve_static`.
+
+    Raises
+    ------
+    InputError
+        For a term without a unique equilibrium, such as friction.
+    """
+    for name, term in zip(system.names, system.bound, strict=True):
+        if reason := getattr(term, "no_equilibrium", ""):
+            remedy = "Let the motion come to rest in BackwardEuler or BDF2, or set friction = 0."
+            raise InputError(f"{name} in equilibrium", reason, "equilibrium", remedy)
     options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)
     linear = select.create(solver, system.symmetric)
     return SolverContext(linear, BlockMatrix.zeros(system.pattern), options)
@@ -227,7 +238,7 @@ def increase_loads(
     while reached < end:
         to = reached + increment
         load = to if to < end - 1e-9 else end
-        guess = x + (load - reached) * rate
+        guess = _towards(system, x, (load - reached) * rate, start.t)
         try:
             new, counts = solve_static(StaticEquation(system, start, load), guess, context, report)
         except EquilibriumFailed as failure:
@@ -243,6 +254,14 @@ def increase_loads(
         if counts.newton <= QUICK:
             increment = min(2 * increment, largest)
     return x, rate, total
+
+
+def _towards(system: System, x: np.ndarray, way: np.ndarray | float, t: float) -> np.ndarray:
+    """x (n, 3) plus the way, or as much of it as contact allows."""
+    if not has_limits(system):
+        return x + way
+    way = np.broadcast_to(way, x.shape)
+    return x + min(1.0, largest_step(system, x, way, t)) * way
 
 
 def solve_static(

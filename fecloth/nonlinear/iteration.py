@@ -186,6 +186,7 @@ class _Work:
     def search(self, point: Point, step: np.ndarray, least_norm: float):
         """Return the `Point` of an improvement along the step, and α; None without one."""
         way = self.equation.wx * float(abs(step).max()) or 1.0
+        longest = min(self.equation.longest / way, self.equation.largest_step(point.y, step))
         return find_step(
             self.system.sums,
             partial(self.at, scale=point.scale),
@@ -193,7 +194,7 @@ class _Work:
             step,
             max(self.goal(point), 0.5 * least_norm),
             self.equation.potential,
-            self.equation.longest / way,
+            longest,
             TINY * self.extent / way,
         )
 
@@ -210,6 +211,8 @@ class _Work:
             reuse.drop()
             return None
         self.reused_solves += 1
+        if self.equation.largest_step(point.y, step) < 1.0:  # it leads into an obstacle
+            return None
         there = self.at(point.y + step, point.scale)
         to_go = self.to_go(point, there)
         reuse.record_iteration(there.norm / point.norm, to_go, self.linear_solver)
@@ -232,7 +235,7 @@ class _Work:
         self.modified += remedy.definite or remedy.shift > 0
         self.factorisations += 1
         self.seconds["assemble"] += time.perf_counter() - begin
-        self.linear_solver.prepare(self.J)
+        self.linear_solver.prepare(self.equation.couple(point.y, remedy, self.J))
         step = self.solve_linear(point, new=True)
         reuse.record_factor(self.equation.key(remedy), self.linear_solver)
         return step

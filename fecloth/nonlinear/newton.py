@@ -8,6 +8,7 @@ from fecloth.errors import FeclothError
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.error_left import ErrorLeft
 from fecloth.nonlinear.iteration import iterate
+from fecloth.nonlinear.limits import admit, has_limits
 from fecloth.nonlinear.stage import Stage
 from fecloth.nonlinear.stage_equation import NewtonFailed, StageEquation
 from fecloth.nonlinear.statistics import Counts
@@ -26,8 +27,10 @@ def solve(
     """Return the unknown q (n, 3) of a stage, and the `Counts`.
 
     It starts from the `guess`, or from zero where the potential is less there, without a guess,
-    or where the forces there are not finite. With `dt`, the size of the step [s], the tolerance
-    "auto" ends the iteration by the error in time of the step; without it, by the residual.
+    or where the forces there are not finite. Nodes that would be inside an obstacle there are
+    stopped on their way from the begin of the step. With `dt`, the size of the step [s], the
+    tolerance "auto" ends the iteration by the error in time of the step; without it, by the
+    residual.
     If the solver holds a factor for the same weights, its direction is tried first. The full step
     is taken if the residual falls; otherwise a new factor is computed. `iteration.iterate` says
     how the length of a step is chosen, and what happens where the matrix is not definite. The norm
@@ -49,6 +52,8 @@ def solve(
     equation = StageEquation(system, stage, solver.options.definiteness)
     zero = np.zeros_like(stage.x)
     q = zero if guess is None else system.constraints.project(guess.copy())
+    if has_limits(system):
+        q, zero = _admitted(system, stage, q), _admitted(system, stage, zero)
     if (potential := equation.potential) and potential(zero) < potential(q):
         q = zero
     left = None
@@ -60,3 +65,10 @@ def solve(
     except FeclothError:
         solver.factor_reuse.drop()
         raise
+
+
+def _admitted(system: System, stage: Stage, q: np.ndarray) -> np.ndarray:
+    """The unknown (n, 3) near q at which no node is inside an obstacle."""
+    x, _, _ = stage.at(q)
+    there = admit(system, x, stage.t)
+    return q if there is x else q + system.constraints.project((there - x) / stage.wx)

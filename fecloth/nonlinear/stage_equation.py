@@ -10,6 +10,7 @@ import numpy as np
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.equation import Remedy
+from fecloth.nonlinear.limits import largest_step
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.round_off import measure_round_off
 from fecloth.nonlinear.stage import Stage
@@ -81,6 +82,10 @@ class StageEquation:
         x, v, _ = self.stage.at(q)
         return State(self.stage.t, x, v)
 
+    def largest_step(self, q: np.ndarray, step: np.ndarray) -> float:
+        """The largest α for which the terms allow q + α step."""
+        return largest_step(self.system, self.stage.at(q)[0], self.wx * step, self.stage.t)
+
     def residual(self, q: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
         """M a − f of the free directions, and ‖M a‖ + Σ ‖f_term‖ at the first iterate."""
         (x, v, a), system = self.stage.at(q), self.system
@@ -106,6 +111,11 @@ class StageEquation:
         """J = (1 + σ) wa M + wv D + wx K; K and D as they are, or definite."""
         _, wx, wv, wa, definite = self.key(remedy)
         self.system.project(self.system.assemble(J, self.state(q), wx, wv, wa, definite))
+
+    def couple(self, q: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
+        """J plus what terms couple outside its pattern."""
+        _, wx, wv, _, definite = self.key(remedy)
+        return self.system.couple(J, self.state(q), wx, wv, definite)
 
     def updates(self, q: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """(wx c, u) of the dense parts of K."""

@@ -11,6 +11,7 @@ import numpy as np
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.equation import Remedy
+from fecloth.nonlinear.limits import largest_step
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.round_off import measure_round_off
 from fecloth.system.state import State
@@ -100,6 +101,10 @@ class StaticEquation:
             scale += factor * self.system.force_size(f)
         return self.system.constraints.project(total), scale
 
+    def largest_step(self, x: np.ndarray, step: np.ndarray) -> float:
+        """The largest α for which the terms allow x + α step."""
+        return largest_step(self.system, x, step, self.start.t)
+
     def residual(self, x: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
         """−f, and the scale of the forces at x."""
         f, scale = self.forces(self.at(x))
@@ -117,6 +122,10 @@ class StaticEquation:
         for term, factor in self.terms():
             term.add_tangent(x, still, self.start.t, factor, 0.0, J, remedy.definite)
         self.system.project(J)
+
+    def couple(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
+        """J plus what terms couple outside its pattern; they are no loads."""
+        return self.system.couple(J, self.at(x), 1.0, definite=remedy.definite)
 
     def updates(self, x: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """The dense parts of K."""

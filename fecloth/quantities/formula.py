@@ -106,25 +106,38 @@ class Formula:
 
 @dataclass(frozen=True)
 class Derivative:
-    """The derivative of a formula by one of its variables; see `Formula.derivative`."""
+    """The derivative of a formula by a variable, and `then` by others; see `Formula.derivative`."""
 
     formula: Formula
     variable: str
+    then: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.formula.condition:
             what = f"the derivative of the condition {self.formula.text!r}"
             raise InputError(what, "only numbers have one", "Formula")
-        if self.variable not in self.formula.variables:
-            allowed = f"must be one of {', '.join(self.formula.variables) or '(none)'}"
-            raise InputError(f"derivative by {self.variable!r}", allowed, "Formula")
+        for variable in (self.variable, *self.then):
+            if variable not in self.formula.variables:
+                allowed = f"must be one of {', '.join(self.formula.variables) or '(none)'}"
+                raise InputError(f"derivative by {variable!r}", allowed, "Formula")
 
     @cached_property
     def _value(self) -> _CompiledFormula:
-        return _compile(self.formula.text, self.formula.variables, False, self.variable)
+        by = self.variable, *self.then
+        return _compile(self.formula.text, self.formula.variables, False, by)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Derivative, (self.formula, self.variable)
+        return Derivative, (self.formula, self.variable, self.then)
+
+    def derivative(self, variable: str) -> Derivative:
+        """The next derivative, by a variable; of a kink or a jump it is that on one side.
+
+        Examples
+        --------
+        >>> Formula("x**3", variables=("x",)).derivative("x").derivative("x")(x=2.0)
+        12.0
+        """
+        return Derivative(self.formula, self.variable, (*self.then, variable))
 
     def __call__(self, **values: ArrayLike) -> float | np.ndarray:
         """Value at the variables, as of a `Formula`; refused if it is not finite."""
@@ -184,12 +197,14 @@ class _CompiledFormula:
 
 @lru_cache(maxsize=256)
 def _compile(
-    text: str, variables: tuple[str, ...], condition: bool, by: str = ""
+    text: str, variables: tuple[str, ...], condition: bool, by: tuple[str, ...] = ()
 ) -> _CompiledFormula:
-    """The formula, or its derivative by a variable."""
+    """The formula, or its derivative by one variable after the other."""
     tree, name = _parse(text, variables, condition), f"formula {text!r}"
+    for variable in by:
+        tree = derivative(tree, variable)
     if by:
-        tree, name = derivative(tree, by), f"the derivative by {by} of formula {text!r}"
+        name = f"the derivative by {' and '.join(by)} of formula {text!r}"
     return _CompiledFormula(
         name,
         variables,

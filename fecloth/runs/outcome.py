@@ -75,8 +75,9 @@ def place_in_words(t: float, unit: str) -> str:
 def finished_message(outcome: SceneResult) -> str:
     """Return how wrong a run is in time and space, its cost, the file to open, and its warnings."""
     counts, seconds = outcome.summary, outcome.summary["seconds"]
-    names = ("time_error_in_words", "space_error_in_words", "newton_error_in_words")
-    errors = "".join(f"{counts[name]}\n" for name in names if counts[name])
+    names = ("time_error", "space_error", "newton_error", "contact")
+    words = [counts.get(f"{name}_in_words") for name in names]
+    errors = "".join(f"{each}\n" for each in words if each)
     return (
         f"{shape_message(counts)}\n"
         f"{errors}"

@@ -37,6 +37,7 @@ from fecloth.runs.stopwatch import Watch
 from fecloth.runs.strain_statistics import stretch_row
 from fecloth.scene.problem import Problem
 from fecloth.scene.time_table import MOST_STEPS
+from fecloth.simulation.contact_words import describe_contact
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import MOST_GROWTH, Record, record_steps
@@ -368,6 +369,12 @@ class Recorder:
             "versions": versions(),
         }
 
+    def _contact(self) -> dict[str, str]:
+        """Return the entry of the summary about contact, none without obstacles."""
+        system, start = self.problem.system, self.problem.observer.start
+        words = describe_contact(system, start, self.state)
+        return {"contact_in_words": words} if words else {}
+
     @property
     def _newton_error(self) -> str:
         names = ("steps", "estimated", "newton_error", "step_error")
@@ -402,6 +409,7 @@ class Recorder:
             space = space_error(self.problem.system, self.state)
         doubts["space_error"] = None if math.isnan(space.relative) else space.relative
         doubts["space_error_in_words"] = str(space)
+        doubts |= self._contact()
         summary = self._summary(status, why, str(error) if error else None, doubts)
         place = place_in_words(self.state.t, self.problem.unit)
         words = f"{status} at {place} after {self.counts['steps']} steps"
@@ -411,8 +419,9 @@ class Recorder:
         try:
             self.folder.log(summary["time_error_in_words"])
             self.folder.log(summary["space_error_in_words"])
-            if summary["newton_error_in_words"]:
-                self.folder.log(summary["newton_error_in_words"])
+            for name in ("newton_error_in_words", "contact_in_words"):
+                if summary.get(name):
+                    self.folder.log(summary[name])
             self.folder.log(f"{words}: {error}" if error else words)
             self._report(summary)
             self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing
@@ -440,6 +449,7 @@ class Recorder:
             space_error=space.relative,
             space_error_reason=space.reason,
             steps=self.counts["steps"],
+            contact_in_words=summary.get("contact_in_words", ""),
             status=status,
             folder=self.folder.path,
             summary=summary,

@@ -96,7 +96,7 @@ def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
     if name not in value:
         return f"{key}.{name} is missing", allowed, MESH_FILE if name == "shape" else ""
     remedy = did_you_mean(value[name], kinds.split(", "))
-    if key.startswith("terms"):
+    if key.startswith("terms") and not key.endswith(".shape"):
         remedy = " ".join(filter(None, [remedy, _remedy_for_own_term(value[name])]))
     return f"{key}.{name} = {shorten(value[name])}", allowed, remedy
 

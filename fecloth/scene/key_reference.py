@@ -7,6 +7,7 @@ writes both anew, between their marks, from the tables and the docstrings; a tes
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
@@ -89,7 +90,7 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "clamp": "Hold also the normal of the cloth along the edges of the boundary it covers.",
         "rotate": "Turn the nodes, and the normals of a clamp: a table, see below.",
     },
-    "PinRotation": {
+    "RotationTable": {
         "point": "A point p of the axis [m]; with a motion u it goes through p + u(t).",
         "axis": "Direction of the axis.",
         "angle": "Angle [rad], a formula of t, right-handed; only its changes count.",
@@ -154,7 +155,7 @@ SECTIONS = {
     "[cloth]": (tables.Rectangle, tables.Disk, tables.MeshFile),
     "[[cloth.grading]]": (tables.GradingTable,),
     "[fabric]": (FabricTable,),
-    "[[pins]]": (pin_table.PinTable, pin_table.PinRotation),
+    "[[pins]]": (pin_table.PinTable, pin_table.RotationTable),
     "[start]": (start_table.Start, start_table.Rotation),
     "[time]": (time_table.Time,),
     "[equilibrium]": (equilibrium_table.EquilibriumTable,),
@@ -213,7 +214,25 @@ def terms_part() -> str:
     for name, table in term_tables().items():
         lines += [f"### {name}", "", docstrings.summary(table.makes), ""]
         lines += [*_rows(table), ""] if fields(table) else ["It has no keys.", ""]
+        lines += _shapes() if name == "Obstacle" else []
     return "\n".join(lines).strip()
+
+
+def shape_tables() -> dict[str, type[Made]]:
+    """Return the table of each shape of an obstacle by its name."""
+    return _choices(tables.ShapeTable)
+
+
+def _shapes() -> list[str]:
+    """Return the tables of the shapes of obstacles, and what they have in common."""
+    shapes = shape_tables()
+    common = [key for key, field in fields(shapes["Plane"]).items() if not field.is_required()]
+    lines = []
+    for name, table in shapes.items():
+        lines += [f"Shape `{name}`: {docstrings.summary(table.makes)}", ""]
+        lines += [*_rows(table, without=common), ""]
+    lines += ["All shapes have these keys besides; `rotate` is a table as that of a pin:", ""]
+    return [*lines, *_rows(shapes["Plane"], without=["point", "normal"]), ""]
 
 
 def _methods() -> list[str]:
@@ -225,11 +244,12 @@ def _methods() -> list[str]:
     return lines
 
 
-def _rows(table: type[Table]) -> list[str]:
-    """Return a Markdown table of the keys."""
+def _rows(table: type[Table], without: Sequence[str] = ()) -> list[str]:
+    """Return a Markdown table of the keys, some left out."""
     words, shorthands = meanings(table), dict.fromkeys(table.shorthands)
     lines = ["| key | value | default | meaning |", "|---|---|---|---|"]
-    for key, field in (fields(table) | shorthands).items():
+    rows = {key: field for key, field in (fields(table) | shorthands).items() if key not in without}
+    for key, field in rows.items():
         kind = phrase(field) if field else "a string" if key == "preset" else "a table"
         cells = f"`{key}`", kind, _default(field), words[key]
         lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")

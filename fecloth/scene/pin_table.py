@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, cast
+from typing import Annotated, ClassVar, cast
 
 from pydantic import PrivateAttr, model_validator
 
 from fecloth.errors import InputError
 from fecloth.quantities.formula import Formula
+from fecloth.quantities.rotation import Rotation
 from fecloth.quantities.units import LENGTH
 from fecloth.scene.field_types import Name, OfTime, OfTimeAndPlace, Vector, Where
 from fecloth.scene.region import Region
-from fecloth.scene.table_model import Table, require_exactly_one
+from fecloth.scene.table_model import Made, Table, require_exactly_one
 from fecloth.system.pins import Pin, Slide
-from fecloth.system.rotation import Rotation
 
 
-class PinRotation(Table):
-    """A turn of pinned nodes about an axis through a point, by an angle that depends on t."""
+class RotationTable(Made):
+    """A turn about an axis through a point, by an angle that depends on t."""
+
+    makes: ClassVar[type] = Rotation
 
     point: Annotated[Vector, LENGTH] = (0.0, 0.0, 0.0)
     axis: Vector
     angle: OfTime
-
-    @model_validator(mode="after")
-    def _has_an_axis(self):
-        self.rotation()
-        return self
-
-    def rotation(self) -> Rotation:
-        """The rotation as a pin takes it."""
-        return Rotation(self.point, self.axis, self.angle)
 
 
 class PinTable(Table):
@@ -49,7 +42,7 @@ class PinTable(Table):
     direction: Vector | None = None
     normal: Vector | None = None
     clamp: bool = False
-    rotate: PinRotation | None = None
+    rotate: RotationTable | None = None
 
     _pin: Pin = PrivateAttr()
 
@@ -79,7 +72,7 @@ class PinTable(Table):
             where = Region(Formula(cast(str, self.inside), ("X", "Y"), True))
         else:
             where = self.where
-        rotate = self.rotate.rotation() if self.rotate else None
+        rotate = self.rotate.make() if self.rotate else None
         if not (self.direction or self.normal):
             return Pin(where, self.motion, None, self.name, self.clamp, rotate)
         free = {"direction": self.direction, "normal": self.normal}

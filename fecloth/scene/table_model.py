@@ -139,7 +139,7 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
     """
     hints = typing.get_type_hints(cls, include_extras=True)
     fields: dict[str, Any] = {"type": (Literal[name], ...)} if name else {}
-    for field in dataclasses.fields(cls):
+    for field in sorted(dataclasses.fields(cls), key=lambda field: field.kw_only is True):
         if not field.init:
             continue
         hint = writable(hints[field.name])

@@ -15,7 +15,9 @@ from fecloth.nonlinear.options import Newton
 from fecloth.quantities.units import LENGTH
 from fecloth.scene.error_words import MESH_FILE
 from fecloth.scene.field_types import File, Length
+from fecloth.scene.pin_table import RotationTable
 from fecloth.scene.table_model import Table, one_of, table_of
+from fecloth.terms.contact import shapes
 
 Element = Literal["P1", "P2"]
 GradingTable: Any = table_of(Grading)
@@ -78,6 +80,15 @@ Shape: Any = one_of("shape", {"rectangle": Rectangle, "disk": Disk, "file": Mesh
 
 # --- the tables of dataclasses: their fields are the keys -----------------------------------------
 
+_SHAPES = {name: getattr(shapes, name) for name in shapes.__all__ if name != "Shape"}
+_ROTATE = {"rotate": (RotationTable | None, None)}
+ShapeTable: Any = one_of(
+    "type", {name: table_of(cls, name, **_ROTATE) for name, cls in _SHAPES.items()}
+)
+_MORE = {  # fields that hold tables of their own, or a file beside the scene
+    terms.Obstacle: {"shape": (ShapeTable, ...)},
+    terms.MeshObstacle: {"path": (File, ...)},
+}
 
 _LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"]
 SolverTable: Any = table_of(Newton, linear=(_LINEAR, "auto"))
@@ -107,7 +118,10 @@ def terms_with(own: Mapping[str, type]) -> Any:
         if not (isinstance(cls, type) and dataclasses.is_dataclass(cls) and hasattr(cls, "bind")):
             allowed = "must be the class of a term: a dataclass with stencil and bind"
             raise InputError(f"terms: {name!r} = {brief(cls)}", allowed, "load_scene")
-    tables = {name: table_of(cls, name) for name, cls in (_TERMS | dict(own)).items()}
+    tables = {
+        name: table_of(cls, name, **_MORE.get(cls, {}))
+        for name, cls in (_TERMS | dict(own)).items()
+    }
     term = one_of("type", tables)
     for table in tables.values():
         table.model_rebuild(_types_namespace={"Term": term})

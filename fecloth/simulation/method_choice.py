@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.errors import InputError, SolveFailed
+from fecloth.integrators.bdf2 import BDF2
 from fecloth.integrators.explicit import CentralDifference
 from fecloth.integrators.generalized_alpha import GeneralizedAlpha
 from fecloth.integrators.protocol import MethodTraits
@@ -62,6 +63,8 @@ class Auto(ChosenSteps):
     scenes (studies/benchmarks/method_choice.py); the midpoint rule needs as few steps on damped
     ones, but creeps where stiff modes ring on undamped.
 
+    With contact it is `Adaptive` around `BDF2`, without a trial.
+
     The trial ends as soon as one is five times cheaper, or has taken a twentieth of the run. The
     first steps do not predict later changes of the motion. The choice depends on wall time, so
     that it can vary between runs where both methods cost the same.
@@ -104,6 +107,8 @@ class Auto(ChosenSteps):
         `solver_of` makes the `SolverContext` for a method; `record(method, old, step)` does the
         work of recording after each step, whose time counts too.
         """
+        if any(hasattr(term, "needs_end") for term in system.bound):
+            return self._candidate(BDF2()), "contact leaves BDF2 and backward Euler"
         implicit = self._candidate(GeneralizedAlpha())
         if system.mass_kind != "lumped":
             return implicit, "a consistent mass leaves no explicit method"

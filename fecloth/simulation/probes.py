@@ -1,4 +1,4 @@
-"""Quantities observed at every step: probes, displacement, sag, area, reactions of the pins."""
+"""Quantities observed at every step: probes, displacement, sag, area, reactions, contact."""
 
 from __future__ import annotations
 
@@ -39,6 +39,23 @@ def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
     residual = system.scalar_mass @ a - f
     residual[constraints.nodes] = constraints.held_part(residual)
     return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}
+
+
+def contact_rows(system: System, step, state: State) -> dict[str, float]:
+    """Reaction [N] and least distance [m] of each obstacle at the end of a step.
+
+    The reaction is the force with which the obstacle holds the cloth, friction included, as that of
+    a pin; the force on the obstacle is its opposite. It is NaN without a step.
+    """
+    row: dict[str, float] = {}
+    acting = system.bound if step is None or step.over is None else step.over.bound
+    for name, term, over in zip(system.names, system.bound, acting, strict=True):
+        if hasattr(term, "least_distance"):
+            f = np.full_like(state.x, np.nan if step is None else 0.0)
+            over.add_force(state.x, state.v, state.t, f)
+            row |= _components(f"reaction:{name}", f.sum(axis=0))
+            row[f"least_distance:{name}"] = term.least_distance(state.x, state.t)
+    return row
 
 
 @dataclass(frozen=True)
@@ -92,7 +109,7 @@ class Observer:
         return cls(system, start, weights, enclosure)
 
     def row(self, old: State | None, step) -> dict[str, float]:
-        """Return probes, displacement, sag, area and reactions over the step (NaN at the start)."""
+        """Return probes, displacement, sag, area, reactions over the step (NaN at the start)."""
         state = self.start if step is None else step.state
         mass = self.system.nodal_mass
         moved = state.x - self.start.x
@@ -109,7 +126,7 @@ class Observer:
         forces = {} if old is None else reactions(self.system, old, step)
         for name in self.system.constraints.groups:
             row |= _components(f"reaction:{name}", forces.get(name, np.full(3, np.nan)))
-        return row
+        return row | contact_rows(self.system, step, state)
 
 
 def _distinct(probes) -> tuple[Probe, ...]:
@@ -120,7 +137,7 @@ def _distinct(probes) -> tuple[Probe, ...]:
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"probe {name!r} appears twice", "needs a unique name", "Observer")
-        if name in TAKEN or name.startswith("reaction:"):
+        if name in TAKEN or name.startswith(("reaction:", "least_distance:")):
             raise InputError(f"probe {name!r}", "is the name of a column of every run", "Observer")
     return tuple(probes)
 

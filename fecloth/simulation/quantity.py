@@ -81,8 +81,8 @@ class Quantity:
     def column(self) -> str:
         """Name of the column in energies.csv or observed.csv, or of its vector."""
         kind, _, rest = self.name.partition(".")
-        if kind == "reaction" and rest:
-            return f"reaction:{rest}"
+        if kind in ("reaction", "least_distance") and rest:
+            return f"{kind}:{rest}"
         return rest if kind == "energy" and rest else self.name
 
     def unit(self, names: Iterable[str] = ()) -> str:

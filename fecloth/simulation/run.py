@@ -15,6 +15,7 @@ from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts, describe_newton_error, warn_of_round_off
+from fecloth.simulation.contact_words import describe_contact
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fused_march import Wanted
@@ -54,7 +55,8 @@ class Result:
     energies
         Column of the ledger → (s + 1,) [J]; see `Ledger`.
     observed
-        Column → (s + 1,): probe paths, mean displacement, sag, area, reactions of the pins.
+        Column → (s + 1,): probe paths, mean displacement, sag, area, reactions of the pins and
+        obstacles, least distance from each obstacle.
     seconds
         Wall seconds by phase.
     newton, linear
@@ -82,6 +84,8 @@ class Result:
         "auto"; "" where no step ended by this.
     steps
         Number of steps; there may be fewer rows, see `run`.
+    contact_in_words
+        How far the gap and the barrier of each obstacle keep the cloth off it, or "".
     """
 
     state: State
@@ -100,6 +104,7 @@ class Result:
     space_error_reason: str = ""
     newton_error_in_words: str = ""
     steps: int = 0
+    contact_in_words: str = ""
 
     @property
     def doubt(self) -> str:
@@ -281,6 +286,7 @@ def collect(
         space_error_reason=space.reason,
         newton_error_in_words=describe_newton_error(taken, *shares),
         steps=taken,
+        contact_in_words=describe_contact(system, observer.start, state),
     )
 
 

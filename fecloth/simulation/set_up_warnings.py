@@ -18,6 +18,7 @@ from fecloth.simulation.plausibility import implausible_terms, implausible_value
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms import protocol
+from fecloth.terms.contact.obstacle import BoundObstacle, cutting_depth
 
 MEMBRANES = ("BaraffWitkin", "NeoHookean", "Springs", "StVK", "TensionField", "TensorCondition")
 ONE_OF_EACH = {  # terms that stand for the same thing: with two of them it counts twice
@@ -48,9 +49,21 @@ def find_set_up_warnings(
     yield from _bending_unknown_to_hinges(system)
     yield from _damping_of_other_bending(system)
     yield from _gas_without_pressure(system, state)
+    yield from _cut_by_obstacles(system)
     yield from find_pin_warnings(system, state, t_end)
     yield from find_motion_jumps(system, state, t_end)
     yield from find_missed(system, state, dt, t_end)
+
+
+def _cut_by_obstacles(system: System) -> Iterator[str]:
+    """Warn of triangles that an obstacle may cut between the points on which it acts."""
+    for name, term in zip(system.names, system.bound, strict=True):
+        if isinstance(term, BoundObstacle) and (depth := cutting_depth(term, system.cloth)):
+            yield (
+                f"{name} has edges that may cut up to {1e3 * depth:.2g} mm into triangles, which "
+                f"are large against its gap of {1e3 * term.gap:g} mm: take a smaller h, a larger "
+                "gap or rounder edges"
+            )
 
 
 # --- membranes ------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT
 from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Probe
-from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of, value_of
 from fecloth.study.chart_grid import Setting, change, make_settings
 from fecloth.study.chart_result import Chart, describe_chart, find_front
@@ -120,13 +120,13 @@ def chart(
     ['P1', 'P1', 'P2', 'P2'] True
     """
     opened = open_problem(problem, h, dt, t_end, probes, settings)
-    chosen = parse_quantity(opened.default_quantity if quantity is None else quantity)
-    if chosen.how == "mode":
-        raise InputError(f"{chosen}", "has no method and no step: take converge", "chart")
     if not (isinstance(meshes, int) and 1 <= meshes <= 4):
         raise InputError(f"meshes = {meshes!r}", "must be an integer from 1 to 4", "chart")
     runs = Runs(cache, jobs, scheduler, None, most_seconds, fresh)
     refuse_huge(opened, runs, Level(h=RATIO ** (levels - 1)))
+    chosen = opened.choose_quantity(quantity)
+    if chosen.how == "mode":
+        raise InputError(f"{chosen}", "has no method and no step: take converge", "chart")
     listed = make_settings(opened, methods, elements, models, meshes)
     limit = find_limit(opened, chosen, levels, runs)
     if limit is None:

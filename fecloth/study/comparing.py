@@ -13,7 +13,7 @@ import numpy as np
 
 from fecloth.errors import InputError, MeshError
 from fecloth.simulation.probes import Probe
-from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import difference_of
 from fecloth.study.comparison import (
     Comparison,
@@ -117,7 +117,7 @@ def compare(
         if not isinstance(one, InputError):
             refuse_huge(one, runs)
     first = next(one for one in opened.values() if not isinstance(one, InputError))
-    chosen = parse_quantity(first.default_quantity if quantity is None else quantity)
+    chosen = first.choose_quantity(quantity)
     plans = _plan(opened, lambda one: _levels(one, chosen, refine, levels, ratio))
     rows = _run(opened, plans, chosen, runs)
     studied = {name: _judge(rows[name], chosen, refine, levels) for name in plans}

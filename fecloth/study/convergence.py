@@ -64,7 +64,8 @@ class Convergence(StudyResult):
     def notes(self) -> list[str]:
         """Sentences on the extrapolated value, the parts of the error and what was noticed."""
         lines = []
-        if self.estimate and math.isfinite(self.limit):
+        irregular = self.estimate and self.estimate.behaviour in ("oscillating", "diverging")
+        if self.estimate and math.isfinite(self.limit) and not irregular:
             procedure = self.estimate.procedure
             text = f"{self.limit:.8g} {self.unit}".strip()
             lines.append(f"Extrapolated value: {text}. Procedure: {procedure}.")

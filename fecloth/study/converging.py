@@ -8,7 +8,7 @@ from typing import Any
 
 from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Probe
-from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.simulation.quantity import Quantity
 from fecloth.study.convergence import Convergence
 from fecloth.study.graded_levels import refine_graded
 from fecloth.study.problems import open_problem
@@ -98,9 +98,9 @@ def converge(
     """
     opened = open_problem(problem, h, dt, t_end, probes, settings)
     opened.check(refine)
-    chosen = parse_quantity(opened.default_quantity if quantity is None else quantity)
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
     refuse_huge(opened, runs)
+    chosen = opened.choose_quantity(quantity)
     if grade:
         return refine_graded(opened, chosen, refine, levels, ratio, runs)
     return refine_problem(opened, chosen, refine, levels, ratio, runs)[0]

@@ -6,17 +6,17 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Probe
-from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
+from fecloth.study.common_problem import Asked
 from fecloth.study.figures import line_style, mark_failures, new_figure
 from fecloth.study.levels import FIRST
 from fecloth.study.measured_runs import record_of
-from fecloth.study.problems import Problem
 from fecloth.study.ranges import read_ranges
 from fecloth.study.result import StudyResult
 from fecloth.study.run_problems import Point, Runs, refuse_huge, run_points
@@ -33,8 +33,6 @@ from fecloth.study.workload import LONGEST
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Asked = str | Callable[[Any], float] | Quantity
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,7 +103,7 @@ def sweep(
         "…:lin:5" or "time.method=bdf2,newmark", or a mapping of keys to values. The keys of a
         scene are those of ``--set``; those of a function are its arguments, with h and dt.
     quantity
-        One or more; by default all of [interest], or as for `converge`.
+        One or more; by default all of [interest], or those of all probes, or the displacement.
     h, dt, t_end, probes, cache, jobs, scheduler, time_limit, most_seconds, fresh
         As for `converge`.
 
@@ -133,9 +131,7 @@ def sweep(
     opened = open_first(problem, ranges, {"h": h, "dt": dt}, t_end, probes, settings)
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
     refuse_huge(opened, runs)
-    chosen = _quantities(opened, quantity)
-    for one in chosen:
-        opened.check_quantity(one)
+    chosen = opened.choose_quantities(quantity)
     variants, refused = make_variants(opened, combinations)
     points = [
         Point(variant, FIRST, describe_values(values), size_of(opened, variant))
@@ -162,21 +158,6 @@ def sweep(
         quantities=tuple(one.text for one in chosen),
         units=tuple(one.unit(names) for one in chosen),
     )
-
-
-def _quantities(opened: Problem, asked: Asked | Sequence[Asked] | None) -> list[Quantity]:
-    if asked is None:
-        scene = getattr(opened, "scene", None)
-        if scene is not None and scene.interest:
-            return list(scene.interest.all)
-        return [parse_quantity(opened.default_quantity)]
-    several = isinstance(asked, Sequence) and not isinstance(asked, str)
-    listed: Any = asked if several else [asked]
-    found = [parse_quantity(one) for one in listed]
-    if len({one.how == "mode" for one in found}) > 1 and not opened.is_static:
-        allowed = "needs a sweep of its own: a scene in time is not run for its modes"
-        raise InputError("frequency(k) beside other quantities", allowed, opened.name)
-    return found
 
 
 def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:

@@ -10,6 +10,7 @@ from pathlib import Path
 from fecloth.study.reports import markdown_table, write_csv
 
 Cell = float | int | str | bool | None
+UNITS = {"h": "m", "dt": "s", "cpu_seconds": "s"}  # of columns, added to their names when shown
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class Table(Sequence[Mapping[str, Cell]]):
     >>> table.columns, table["h"], len(table)
     (['h', 'sag'], [0.1, 0.05], 2)
     >>> print(table)
-    | h | sag |
+    | h [m] | sag |
     |---|---|
     | 0.1 | 0.01234 |
     | 0.05 |  |
@@ -46,7 +47,7 @@ class Table(Sequence[Mapping[str, Cell]]):
         return iter(self.rows)
 
     def __str__(self) -> str:
-        return markdown_table(self.rows)
+        return markdown_table([{_head(k): row.get(k) for k in self.columns} for row in self.rows])
 
     def to_csv(self, path: str | Path) -> None:
         """Write the rows, with all digits."""
@@ -54,12 +55,16 @@ class Table(Sequence[Mapping[str, Cell]]):
 
     def _repr_html_(self) -> str:
         """Return an HTML table."""
-        head = "".join(f"<th>{escape(name)}</th>" for name in self.columns)
+        head = "".join(f"<th>{escape(_head(name))}</th>" for name in self.columns)
         body = "".join(
             f"<tr>{''.join(f'<td>{_text(row.get(name))}</td>' for name in self.columns)}</tr>"
             for row in self.rows
         )
         return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _head(column: str) -> str:
+    return f"{column} [{UNITS[column]}]" if column in UNITS else column
 
 
 def _text(value: Cell) -> str:

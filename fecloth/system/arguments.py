@@ -21,7 +21,7 @@ def check_system(system: object, state: object, where: str) -> None:
     ------
     InputError
         If they are swapped or of other types, or the state belongs to another cloth, has lists in
-        it, or numbers that are not finite.
+        it, or numbers that are not finite; or the cloth is inside an obstacle.
     """
     if not isinstance(system, System):
         remedy = "The state comes second." if isinstance(system, State) else ""
@@ -34,6 +34,9 @@ def check_system(system: object, state: object, where: str) -> None:
         raise InputError(f"state.t = {state.t!r}", "must be a finite number [s]", where)
     for name in ("x", "v"):
         _array(f"state.{name}", getattr(state, name), len(system.cloth.X), where)
+    for term in system.bound:
+        if hasattr(term, "check_start"):
+            term.check_start(state.x, state.t, where)
 
 
 def _array(name, value, nodes, where):

@@ -12,9 +12,9 @@ import numpy as np
 
 from fecloth.errors import FeclothError, InputError
 from fecloth.mesh.cloth import Where
+from fecloth.quantities.rotation import Rotation
 from fecloth.quantities.time_function import difference_quotient
 from fecloth.system.motion import Motion
-from fecloth.system.rotation import Rotation
 
 
 @dataclass(frozen=True)

@@ -93,6 +93,8 @@ class BoundTerm(Protocol):
         Whether its force depends on v, so that D is not zero.
     load
         Optional; True for a force from outside, which the load steps of `equilibrium` scale.
+    no_equilibrium
+        Optional; why there is no unique equilibrium with the term, as with friction.
     stores_strain
         Optional; False for a term whose energy is not that of a strain: the error in space leaves
         it out.
@@ -222,26 +224,61 @@ class DissipatesOverStep(Protocol):
 
 
 class LimitsDirection(Protocol):
-    """Reserved: the ability to limit a Newton direction, such as up to a contact.
+    """The ability to limit a Newton direction, such as up to a contact.
 
-    Nothing calls it yet.
+    The line searches of steps and of `equilibrium` ask for it. The energy of such a term is +∞, and
+    its force is NaN, where the cloth may not be.
+
+    Attributes
+    ----------
+    needs_end
+        Why only methods that solve for the forces at the end of a step may be used: `BackwardEuler`
+        and `BDF2`. The others refuse the term with these words.
     """
 
-    def limit(self, x: np.ndarray, direction: np.ndarray) -> float:
-        """The largest α in (0, 1] for which the term allows x + α `direction`, both (n, 3) [m]."""
+    needs_end: str
+
+    def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
+        """The largest α in [0, 1] for which the term allows the way from x to x + α s.
+
+        Both are (n, 3) [m]; the term allows x.
+        """
+        ...
+
+    def check_start(self, x: np.ndarray, t: float, where: str) -> None:
+        """Raise `InputError` for positions (n, 3) that the term does not allow."""
+        ...
+
+
+class KeepsDistance(Protocol):
+    """The ability of contact to tell its least distance, a column of what is observed.
+
+    The sum of its force is a column too, as the reaction.
+    """
+
+    def least_distance(self, x: np.ndarray, t: float) -> float:
+        """The least distance [m] of the cloth at x (n, 3) from what it must not enter."""
+        ...
+
+
+class AdmitsGuess(Protocol):
+    """The ability of what `over_step` returns, of a term that limits directions."""
+
+    def admit(self, x: np.ndarray, t: float) -> np.ndarray:
+        """Positions (n, 3) near x that are allowed at the end t of the step; x itself if it is."""
         ...
 
 
 class Coupling(Protocol):
-    """Reserved: the ability to couple nodes outside the fixed pattern, such as by contact.
-
-    Nothing calls it yet; `DenseTangent` is the one coupling outside the pattern today.
-    """
+    """The ability to couple nodes outside the fixed pattern, as contact between triangles does."""
 
     def coupling(
-        self, x: np.ndarray, v: np.ndarray, t: float, wx: float, wv: float
-    ) -> sparse.csr_matrix:
-        """(3n, 3n) part of wx K + wv D that `add_tangent` leaves out; its pattern may change."""
+        self, x: np.ndarray, v: np.ndarray, t: float, wx: float, wv: float, definite: bool
+    ) -> sparse.spmatrix | None:
+        """(3n, 3n) part of wx K + wv D that `add_tangent` leaves out; None if nothing is coupled.
+
+        Its pattern may change from call to call. `definite` is that of `add_tangent`.
+        """
         ...
 
 

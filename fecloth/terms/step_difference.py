@@ -29,6 +29,8 @@ class StepDifference:
         be conserved: −f(x) · (x₁ − x₀) = energy(x₁) − energy(x₀). Otherwise x is the end x₁.
     symmetric
         With `at_mean`: whether tangents must be symmetric, and may be inexact.
+    t
+        Time at the begin of the step [s].
 
     Examples
     --------
@@ -44,3 +46,4 @@ class StepDifference:
     past: tuple[tuple[float, np.ndarray], ...]
     at_mean: bool = False
     symmetric: bool = False
+    t: float = 0.0

@@ -13,7 +13,7 @@ REACTION = "reaction:"
 
 
 def observed_charts(table: Mapping[str, np.ndarray]) -> list[str]:
-    """Return a <figure> for each probe, for sag and area, and for the reaction of each pin.
+    """Return a <figure> for each probe, for sag and area, and for each pin and obstacle its force.
 
     `table` has the columns of observed.csv; without rows there is no figure.
     """
@@ -24,7 +24,13 @@ def observed_charts(table: Mapping[str, np.ndarray]) -> list[str]:
     probes = [name for name in vectors if name not in pins]
     shown = [(_title(name), _components(table, name), "[m]") for name in probes[:MOST]]
     shown += [("Sag", {"sag": table["sag"]}, "[m]"), ("Area", {"area": table["area"]}, "[m²]")]
-    shown += [(_title(name), _components(table, name), "[N]") for name in pins[:MOST]]
+    for name in pins[:MOST]:
+        obstacle = name.removeprefix(REACTION)
+        least = table.get(f"least_distance:{obstacle}")
+        title = _title(name) if least is None else f"Force of the obstacle {obstacle}"
+        shown.append((title, _components(table, name), "[N]"))
+        if least is not None:
+            shown.append((f"Least distance from the obstacle {obstacle}", {"d": least}, "[m]"))
     return [_draw(table["t"], *figure) for figure in shown]
 
 

@@ -1,31 +1,26 @@
 """Time and memory of meshing, binding, the first step, the first tangent and a frame.
 
-    python -m studies.benchmarks.binding [--against PATH] [--quick]
+    python -m studies.benchmarks.binding [--against COMMIT] [--quick]
 
 A square of the pattern "right", on one thread, a process for each size. "explicit" is StVK and
 gravity with a first step of central differences, "implicit" has hinges besides and a first tangent.
 Seconds are those of the processor. Memory is the peak above what the process had before it meshed,
 for "frame" above what it had before that. With --against the sizes are also measured with the
-fecloth in the folder PATH, in turns, and the ratios are printed. Linux only, for the memory.
+fecloth of a commit or a folder, in turns, and the ratios are printed. Linux only, for the memory.
 """
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import subprocess
-import sys
 from pathlib import Path
 
-import fecloth
 from fecloth import study
-from fecloth.errors import InputError
 from studies.benchmarks.measure import Measured, print_verdicts
+from studies.benchmarks.trees import OWN, Child, tree_of
 
 SIZES, QUICK = (200_000, 2_000_000), (2_000, 20_000)
 # Runs with any version: it uses only names that all of them have.
-CHILD = """
+PROGRAM = """
 import ctypes, json, pathlib, sys, tempfile, time
 import fecloth as fc
 
@@ -58,35 +53,27 @@ def measured(cells, bending):
             lap("frame", lambda: fc.write_vtk(folder + "/frame", cloth, state, system))
     return {name: (t, size / len(cloth.triangles)) for name, (t, size) in laps.items()}
 
-print(fc.__file__)
-found = {}
-for kind, bending in (("explicit", []), ("implicit", [fc.HingeBending()])):
-    if kind in sys.argv[2:]:
-        measured(10, bending)  # compiles
-        found |= {f"{kind} {n}": laps for n, laps in measured(int(sys.argv[1]), bending).items()}
-print(json.dumps(found))
+print(fc.__file__, flush=True)
+cells, kind = json.loads(sys.stdin.readline())
+bending = [] if kind == "explicit" else [fc.HingeBending()]
+measured(10, bending)  # compiles
+laps = measured(cells, bending)
+print(json.dumps({f"{kind} {name}": lap for name, lap in laps.items()}))
 """
 
 
 def measure(tree: Path, kind: str, triangles: int) -> dict[str, tuple[float, float]]:
     """Return the CPU seconds and bytes per triangle of each part, by the fecloth in a folder."""
-    command = [sys.executable, "-c", CHILD, str(round(math.sqrt(triangles / 2))), kind]
-    environment = os.environ | {"PYTHONPATH": str(tree)}
-    done = subprocess.run(command, cwd=tree, env=environment, text=True, stdout=subprocess.PIPE)
-    file, *found = done.stdout.splitlines() or [""]
-    if done.returncode or not Path(file).is_relative_to(tree):
-        allowed = "must be a folder with a fecloth that can be imported"
-        raise InputError(f"PATH = {tree}", allowed, "binding")
-    return json.loads(found[-1])
+    with Child(tree, PROGRAM) as child:
+        return child.ask([round(math.sqrt(triangles / 2)), kind])
 
 
 def compare(tree: Path | None, triangles: int) -> dict[str, tuple[float, float]]:
     """Print what both trees take for a size; return seconds and bytes per triangle of this one."""
-    own = Path(fecloth.__file__).resolve().parents[1]
     ours = {}
     for kind in ("explicit", "implicit"):
-        here = measure(own, kind, triangles)
-        there = measure(tree.resolve(), kind, triangles) if tree else {}
+        here = measure(OWN, kind, triangles)
+        there = measure(tree, kind, triangles) if tree else {}
         for name, (t, size) in here.items():
             line = f"{triangles:>9,} {name:<17} {t:>7.2f} s {size / 1e3:>7.3f} kB/triangle"
             if name in there:
@@ -115,11 +102,12 @@ def figures(tree: Path | None, sizes: tuple[int, int]) -> list[Measured]:
 
 def main() -> int:
     parser = study.Parser(description=__doc__)
-    parser.add_argument("--against", type=Path, metavar="PATH", help="folder of another fecloth")
+    parser.add_argument("--against", metavar="COMMIT", help="commit or folder")
     parser.add_argument("--quick", action="store_true", help="small meshes")
     options = parser.parse_args()
     sizes = QUICK if options.quick else SIZES
-    return print_verdicts([lambda: figures(options.against, sizes)], options.quick)
+    other = tree_of(options.against) if options.against else None
+    return print_verdicts([lambda: figures(other, sizes)], options.quick)
 
 
 if __name__ == "__main__":

@@ -1,20 +1,16 @@
 """Cost of explicit steps without Python between them, and of whole runs of them.
 
-    python -m studies.benchmarks.fused [--before PATH] [--quick]
+    python -m studies.benchmarks.fused [--against COMMIT] [--quick]
 
 The first table has the CPU time of a fused step of central differences over the sum of that of its
 terms' forces, each in a compiled loop of its own, without any call from Python. The second has the
 CPU time of a whole `fc.run`, with energies, probes and estimates of error, for each of its steps;
-with PATH, a folder that holds an earlier `fecloth/`, over the same in that tree. The earlier
+with --against, over the same in that commit or folder. The earlier
 tree records every step, so that few steps tell its cost.
 """
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -26,6 +22,7 @@ from fecloth import study
 from fecloth.compiled_calls import call, join
 from fecloth.integrators.fused_steps import FusedSteps, compiled_force
 from studies.benchmarks.measure import Measured, fastest, print_verdicts
+from studies.benchmarks.trees import OWN, Child, tree_of
 
 LISTS = {
     "StVK": "[fc.StVK(), fc.Gravity()]",
@@ -38,13 +35,14 @@ LISTS = {
 }
 LIMIT, RUN_LIMIT = 1.15, 0.5
 # Runs with either tree: it uses only names that all versions have. Prints CPU seconds a step.
-CHILD = """
+PROGRAM = """
 import json, sys, time, warnings
 import numpy as np
 import fecloth as fc
 
 warnings.simplefilter("ignore")
-h, terms, steps, repeats = json.loads(sys.argv[1])
+print(fc.__file__, flush=True)
+h, terms, steps, repeats = json.loads(sys.stdin.readline())
 cloth = fc.Cloth.rectangle(1.0, 1.0, h=h, pattern="right")
 fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
 system = fc.System(cloth, fabric, eval(terms), pins=["left"])
@@ -56,7 +54,7 @@ for _ in range(repeats):
     begin = time.process_time()
     fc.run(system, method, start, dt, steps * dt)
     seconds.append(time.process_time() - begin)
-print(json.dumps([fc.__file__, min(seconds) / steps]))
+print(json.dumps(min(seconds) / steps))
 """
 
 
@@ -95,8 +93,7 @@ def run_over_before(
     h: float, name: str, steps: int, few: int, before: Path | None
 ) -> list[Measured]:
     """Return the ratio of whole runs to those of the tree before."""
-    here = Path(__file__).parents[2]
-    now = seconds_of(here, h, name, steps, 1)
+    now = seconds_of(OWN, h, name, steps, 1)
     size = 2 * round(1 / h) ** 2
     print(f"run, {name}, {size} triangles, {steps} steps: {1e6 * now:.4g} us a step", flush=True)
     if before is None:
@@ -108,22 +105,14 @@ def run_over_before(
 
 def seconds_of(tree: Path, h: float, name: str, steps: int, repeats: int) -> float:
     """Return CPU seconds a step of runs in another process, with the `fecloth` of a tree."""
-    given = json.dumps([h, LISTS[name], steps, repeats])
-    command = [sys.executable, "-c", CHILD, given]
-    environment = os.environ | {"PYTHONPATH": str(tree)}
-    done = subprocess.run(
-        command, cwd=tree, env=environment, capture_output=True, text=True, check=True
-    )
-    file, seconds = json.loads(done.stdout)
-    if not Path(file).is_relative_to(tree):
-        raise fc.InputError(f"PATH = {tree}", "must be a folder with a fecloth")
-    return seconds
+    with Child(tree, PROGRAM) as child:
+        return child.ask([h, LISTS[name], steps, repeats])
 
 
 def main() -> int:
     parser = study.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few terms, small meshes")
-    parser.add_argument("--before", type=Path, help="folder of an earlier tree")
+    parser.add_argument("--against", metavar="COMMIT", help="commit or folder")
     options = parser.parse_args()
     sides, names, work = ((0.1, 0.03125, 0.01), list(LISTS), 400_000)
     runs = [(0.1, 20_000, 500), (0.03125, 20_000, 300), (0.01, 20_000, 60)]
@@ -132,8 +121,9 @@ def main() -> int:
     jobs = [
         lambda h=h, name=name: [step_over_forces(h, name, work)] for h in sides for name in names
     ]
+    other = tree_of(options.against) if options.against else None
     jobs += [
-        lambda run=run, name=name: run_over_before(run[0], name, *run[1:], options.before)
+        lambda run=run, name=name: run_over_before(run[0], name, *run[1:], other)
         for run in runs
         for name in names[:2]
     ]

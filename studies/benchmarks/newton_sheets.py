@@ -1,8 +1,8 @@
 """CPU time and error of implicit steps at 1/60 s on nine sheets, over those of another tree.
 
-    python -m studies.benchmarks.newton_sheets PATH [--quick]
+    python -m studies.benchmarks.newton_sheets COMMIT [--quick]
 
-PATH is a folder that holds `fecloth/`, such as an earlier commit. A sheet of 1 m × 1 m and 4,000
+COMMIT may also be a folder that holds `fecloth/`. A sheet of 1 m × 1 m and 4,000
 triangles, of a knit, a denim or a stiff cotton, falls from rest in a horizontal plane, held at two
 corners, for half a second: by backward Euler, BDF2 and generalised-α, with the default options of
 Newton's iteration. A process for each tree uses public names only and one thread; the trees take
@@ -16,21 +16,16 @@ crumple alike; the other tree's linear solvers are up to 0.16 apart.
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
-import fecloth
 from fecloth import study
-from fecloth.errors import InputError
 from fecloth.study.reports import markdown_table
 from studies.benchmarks.measure import Measured, print_verdicts
+from studies.benchmarks.trees import OWN, Child, tree_of
 
 FABRICS = ("interlock", "denim-wang", "cotton")
 METHODS = ("BackwardEuler", "BDF2", "GeneralizedAlpha")
@@ -38,7 +33,7 @@ SOLVERS = ("pcg", "auto", "direct")
 REFERENCE = "CentralDifference"
 MEAN, WORST, ERROR = 0.6, 0.8, 1.1  # limits of the ratios of CPU time and of errors
 # Runs with either tree: it uses only names that all versions have.
-CHILD = """
+PROGRAM = """
 import json, sys, time, warnings
 import numpy as np
 import fecloth as fc
@@ -75,31 +70,14 @@ class Tree:
     """A process that runs sheets with the fecloth of a folder."""
 
     def __init__(self, folder: Path, scratch: Path, h: float, steps: int):
-        self.folder, self.scratch, self.h, self.steps = folder.resolve(), scratch, h, steps
-        one = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-        environment = os.environ | one | {"PYTHONPATH": str(self.folder)}
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-        command = [sys.executable, "-c", CHILD]
-        self.process = subprocess.Popen(command, cwd=self.folder, env=environment, **pipes)
-        file = self.process.stdout.readline().strip()
-        if not file or not Path(file).is_relative_to(self.folder):
-            self.process.kill()
-            what = f"PATH = {folder}"
-            raise InputError(what, "must be a folder with a fecloth that can be imported")
+        self.scratch, self.h, self.steps = scratch, h, steps
+        self.child = Child(folder, PROGRAM)
 
     def run(self, fabric: str, method: str, solver: str) -> dict:
         """Return CPU seconds, counts a step and positions (times, n, 3) of a sheet."""
         path = self.scratch / "positions.npy"
-        order = [fabric, method, solver, self.h, self.steps, str(path)]
-        self.process.stdin.write(json.dumps(order) + "\n")
-        self.process.stdin.flush()
-        counts = json.loads(self.process.stdout.readline())
+        counts = self.child.ask([fabric, method, solver, self.h, self.steps, str(path)])
         return counts | {"x": np.load(path), "solver": solver}
-
-    def close(self) -> None:
-        """End the process."""
-        self.process.stdin.close()
-        self.process.wait()
 
 
 def rms(x: np.ndarray) -> float:
@@ -134,13 +112,11 @@ def run_all(other: Path, fabrics: tuple[str, ...], h: float, steps: int) -> list
     """Return the rows of all sheets."""
     rows = []
     with tempfile.TemporaryDirectory() as scratch:
-        folders = (Path(fecloth.__file__).resolve().parents[1], other)
-        ours, theirs = (Tree(folder, Path(scratch), h, steps) for folder in folders)
-        for fabric in fabrics:
-            reference = ours.run(fabric, REFERENCE, "none")["x"]
-            rows += [compare((ours, theirs), fabric, method, reference) for method in METHODS]
-        ours.close()
-        theirs.close()
+        ours, theirs = (Tree(folder, Path(scratch), h, steps) for folder in (OWN, other))
+        with ours.child, theirs.child:
+            for fabric in fabrics:
+                reference = ours.run(fabric, REFERENCE, "none")["x"]
+                rows += [compare((ours, theirs), fabric, method, reference) for method in METHODS]
     return rows
 
 
@@ -159,11 +135,11 @@ def verdicts(rows: list[dict]) -> list[Measured]:
 
 def main() -> int:
     parser = study.Parser(description=__doc__.splitlines()[0])
-    parser.add_argument("tree", type=Path, metavar="PATH", help="folder of the other fecloth")
+    parser.add_argument("tree", metavar="COMMIT", help="commit or folder of the other fecloth")
     parser.add_argument("--quick", action="store_true", help="one small sheet, ten steps")
     options = parser.parse_args()
     sizes = (FABRICS[:1], 0.1, 10) if options.quick else (FABRICS, 0.0245, 30)
-    rows = run_all(options.tree, *sizes)
+    rows = run_all(tree_of(options.tree), *sizes)
     print(markdown_table(rows), end="\n\n")
     return print_verdicts([lambda: verdicts(rows)], options.quick)
 

@@ -181,7 +181,8 @@ PLAIN = {  # numbers without a unit
     *("NewmarkTable.beta", "NewmarkTable.gamma"),
     *("HingeBendingTable.rest", "PlateBendingTable.rest"),
     *("Scene.grain_degrees", "Rotation.degrees"),  # rad; degrees
-    *("Rotation.axis", "PinRotation.axis", "PinTable.direction", "PinTable.normal"),
+    *("Rotation.axis", "RotationTable.axis", "PinTable.direction", "PinTable.normal"),
+    *("PlaneTable.normal", "CylinderTable.axis", "DiskTable.normal"),
     # in the unit of what is expected, which is a column of the run
     *("Expectation.value", "Expectation.relative", "Expectation.absolute"),
 }

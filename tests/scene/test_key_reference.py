@@ -25,6 +25,7 @@ def test_the_pages_are_up_to_date(file):
 def test_every_table_is_in_the_reference():
     listed = {one for classes in key_reference.SECTIONS.values() for one in classes}
     listed |= {*key_reference.term_tables().values(), *key_reference.method_tables().values()}
+    listed |= {*key_reference.shape_tables().values()}
     ours = {one for one in subclasses(Table) if one.__module__.startswith("fecloth.scene")}
     bases = {one for one in ours if any(issubclass(other, one) for other in listed - {one})}
     unnamed = {one.__name__ for one in ours - listed - bases}
@@ -35,7 +36,8 @@ def test_every_key_has_a_meaning():
     for classes in key_reference.SECTIONS.values():
         for table in classes:
             assert set(key_reference.fields(table)) <= set(key_reference.meanings(table))
-    for table in key_reference.term_tables().values():
+    terms, shapes = key_reference.term_tables(), key_reference.shape_tables()
+    for table in (*terms.values(), *shapes.values()):
         assert set(key_reference.fields(table)) == set(key_reference.meanings(table))
 
 

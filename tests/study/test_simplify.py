@@ -415,9 +415,7 @@ def test_mistakes(static, more, message):
         simplify(static, **more)
 
 
-def test_only_scenes_have_tables_to_drop():
-    with pytest.raises(InputError, match="must be a scene or its path"):
-        simplify(lambda h: h)
+def test_tolerances_are_numbers_or_percent():
     assert read_tolerance("1%") == read_tolerance("0.01") == read_tolerance(0.01) == 0.01
 
 

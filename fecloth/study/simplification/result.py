@@ -36,9 +36,9 @@ class Simplification(StudyResult):
     resolved
         Whether the errors of the scene itself are within the tolerance, as far as known.
     scene
-        Path of reduced.toml in the folder that was given, or None.
-    reduced
-        Text of reduced.toml.
+        Path of the reduced scene in the folder that was given, or None.
+    reduced, file
+        Its text, and the name of its file: reduced.toml; for a function reduced.txt, a list.
     change, saved
         Of the reduced scene: its largest change, and the part of the CPU seconds that it saves;
         0 if nothing can be simpler.
@@ -53,6 +53,7 @@ class Simplification(StudyResult):
     resolved: bool = True
     scene: Path | None = None
     reduced: str = ""
+    file: str = "reduced.toml"
     change: float = 0.0
     saved: float = 0.0
     numbers: Table = field(default_factory=lambda: Table(()))
@@ -64,9 +65,9 @@ class Simplification(StudyResult):
         return [*self.remarks, *([f"Numbers: {'; '.join(values)}."] if values else [])]
 
     def report(self, folder: str | Path) -> Path:
-        """Write reduced.toml, report.html, results.csv and the figure; return the page's path."""
+        """Write the reduced scene, the page, results.csv and the figure; return the page's path."""
         Path(folder).mkdir(parents=True, exist_ok=True)
-        replace_file(Path(folder) / "reduced.toml", self.reduced.encode())
+        replace_file(Path(folder) / self.file, self.reduced.encode())
         return super().report(folder)
 
     def figure(self) -> Figure:

@@ -7,10 +7,11 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 from fecloth.errors import FeclothError, InputError
 from fecloth.mesh.cloth import Cloth
+from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import Scene
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity import Quantity
@@ -18,12 +19,11 @@ from fecloth.simulation.quantity_values import RunRecord, relative_difference, s
 from fecloth.study.cases import run_cases
 from fecloth.study.command import StudyFailed
 from fecloth.study.measured_runs import columns_to_record, measure, record_of
-from fecloth.study.problems import SceneProblem
 from fecloth.study.run_problems import Runs
 from fecloth.study.scene_text import WORDS, digest_of_files, scene_of
-from fecloth.study.setups import setup_of_scene
+from fecloth.study.setups import Setup, setup_of_scene
 from fecloth.study.simplification.outcome import Outcome
-from fecloth.study.simplification.variants import PATIENCE
+from fecloth.study.simplification.variants import PATIENCE, Variant, list_variants
 from fecloth.study.status import FAILED, OK, TimeLimit, check_time_limit
 
 ENOUGH = 1.5  # CPU seconds of timing, after which the run is not repeated
@@ -57,7 +57,14 @@ def run_variant(
     trust_geo
         As for `load_scene`.
     """
-    setup, rows = setup_of_scene(text, trust_geo), list[dict]()
+    return measure_fastest(setup_of_scene(text, trust_geo), recorded, modes, repeats, most)
+
+
+def measure_fastest(
+    setup: Setup, recorded: list, modes: int, repeats: int, most: float | None
+) -> dict:
+    """Run a setup up to `repeats` times and return the row of its fastest run."""
+    rows = list[dict]()
     try:
         rows.append(measure(setup, recorded, modes, report=_limit(most)))
     except TimeLimit:  # what was compiled in that run is ready in the next
@@ -86,20 +93,42 @@ def data_of(scene: Scene) -> dict:
 
 @dataclass(frozen=True, eq=False)
 class Original:
-    """The scene to simplify, the quantities that count, and how it is run."""
+    """The scene to simplify, the quantities that count, and how it is run.
 
-    problem: SceneProblem
+    `FunctionOriginal` is the same for a user's function.
+    """
+
+    problem: Any
     quantities: tuple[Quantity, ...]
     tolerance: float
     runs: Runs
     repeats: int = 3
 
+    runner: ClassVar[Callable[..., dict]] = staticmethod(run_variant)
+    reduced_file: ClassVar[str] = "reduced.toml"
+
     @property
     def name(self) -> str:
         return self.problem.name
 
-    def read(self, text: str) -> Scene:
-        """Return the scene of a text, trusted as the original one."""
+    def list_variants(self) -> list[Variant]:
+        """List all variants, terms first."""
+        texts = tuple(one.text for one in self.quantities)
+        return list_variants(self.data, Interest(quantities=texts))
+
+    def text(self, data: dict) -> str:
+        """Return what the reduced file holds."""
+        return to_toml(data)
+
+    def reread(self, data: dict) -> dict:
+        """Return the tables of a scene as they are read from its text."""
+        return data_of(self._read(to_toml(data)))
+
+    def mesh(self, row: Mapping) -> Cloth:
+        """Return the cloth of a run."""
+        return self._read(row["text"]).mesh()
+
+    def _read(self, text: str) -> Scene:
         return scene_of(text, self.problem.scene.trusts_geo)
 
     @cached_property
@@ -162,25 +191,27 @@ class Original:
         return Outcome(named.name, OK, "", changes, seconds, saved, *sizes)
 
     def _case(self, name: str, data: dict, most: float | None) -> dict[str, Any]:
-        scene = self.problem.scene
-        text = to_toml({key: value for key, value in data.items() if key not in WORDS})
         return {
             "variant": name,
-            "text": text,
-            "digest": digest_of_files(scene),
             "recorded": sorted({c for one in self.quantities for c in columns_to_record(one)}),
             "modes": max((one.mode for one in self.quantities), default=0),
             "repeats": self.repeats,
             "most": most,
-            "trust_geo": scene.trusts_geo,
+            **self.case_of(data),
         }
 
+    def case_of(self, data: dict) -> dict[str, Any]:
+        """Return what `runner` needs of the tables."""
+        scene = self.problem.scene
+        text = to_toml({key: value for key, value in data.items() if key not in WORDS})
+        return {"text": text, "digest": digest_of_files(scene), "trust_geo": scene.trusts_geo}
+
     def _rows(self, cases: list[dict], fresh: bool) -> list[dict]:
-        runs, function = self.runs, run_variant
+        runs, function = self.runs, self.runner
         where = runs.cache, runs.jobs, runs.scheduler, runs.time_limit, fresh
         return run_cases(cases, function, *where, label=lambda case: case["variant"])
 
     def _records(self, row: Mapping) -> list[RunRecord]:
         needs = any(one.is_field for one in self.quantities)
-        cloth: Cloth | None = self.read(row["text"]).mesh() if needs else None
+        cloth = self.mesh(row) if needs else None
         return [record_of(row, one, cloth, self.problem.probes) for one in self.quantities]

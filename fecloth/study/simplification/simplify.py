@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,21 +11,24 @@ from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
 from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import Scene
-from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.error_control import Adaptive
-from fecloth.simulation.quantity import Quantity, parse_quantity
-from fecloth.study.problems import SceneProblem, open_problem
+from fecloth.simulation.probes import Probe
+from fecloth.simulation.quantity import Quantity
+from fecloth.study.function_problem import FunctionProblem
+from fecloth.study.levels import FIRST, Level
+from fecloth.study.problems import Problem, open_problem
 from fecloth.study.refinement import RTOL_ORDER
 from fecloth.study.run_problems import Runs, refuse_huge
+from fecloth.study.simplification.function_runs import FunctionOriginal
 from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.numbers import table as table_of_numbers
 from fecloth.study.simplification.outcome import Trial
 from fecloth.study.simplification.predictions import find_limits, predict_change
 from fecloth.study.simplification.resolution import Resolution, find_resolutions
 from fecloth.study.simplification.result import Simplification
-from fecloth.study.simplification.runs import Original, data_of
+from fecloth.study.simplification.runs import Original
 from fecloth.study.simplification.search import combine_variants, sort_candidates
-from fecloth.study.simplification.variants import Variant, list_variants
+from fecloth.study.simplification.variants import Variant
 from fecloth.study.simplification.words import (
     describe_predictions,
     describe_resolved,
@@ -38,10 +41,14 @@ from fecloth.study.workload import LONGEST, Workload, check_size
 
 
 def simplify(
-    problem: Scene | str | Path,
+    problem: Scene | str | Path | Callable,
     tolerance: float | str = 0.01,
     quantity: str | Quantity | Sequence[str | Quantity] | None = None,
     *,
+    h: float | None = None,
+    dt: float | None = None,
+    t_end: float | None = None,
+    probes: Sequence[Probe] = (),
     folder: str | Path | None = None,
     repeats: int = 3,
     cache: str | Path | None = None,
@@ -50,6 +57,7 @@ def simplify(
     time_limit: float | None = None,
     most_seconds: float | None = LONGEST,
     fresh: bool = False,
+    **settings: object,
 ) -> Simplification:
     """Find the parts of a scene that change its quantities by less than a tolerance; drop them.
 
@@ -62,14 +70,17 @@ def simplify(
     Parameters
     ----------
     problem
-        A scene, or its path.
+        As for `converge`. The terms of a function's system, its h and its dt are varied, not its
+        method; there are no predictions for a function.
     tolerance
         Largest relative change of each quantity, as 0.01 or "1%".
     quantity
         One or more; by default all of [interest], the paths of the probes (in a static scene their
         ends), or the displacement.
+    h, dt, t_end, probes, settings
+        As for `converge`.
     folder
-        Where reduced.toml is written; None for nowhere.
+        Where reduced.toml is written, for a function a text; None for nowhere.
     repeats
         Runs of each scene of less than about a second, of which the fastest counts.
     cache, jobs, scheduler, time_limit, most_seconds, fresh
@@ -78,7 +89,7 @@ def simplify(
     Raises
     ------
     InputError
-        For a problem that is no scene, a tolerance outside 0 to 100 %, an unknown quantity, or too
+        For a tolerance outside 0 to 100 %, an unknown quantity, a function as quantity, or too
         long a time.
     StudyFailed
         If the scene itself fails.
@@ -91,11 +102,12 @@ def simplify(
     """
     chosen = read_tolerance(tolerance)
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
-    opened, interest = open_scene(problem, quantity, runs)
-    original = Original(opened, interest.all, chosen, runs, repeats)
-    tried = list_variants(original.data, interest)
-    check_size(_sizes(opened.scene, tried), 1 if scheduler else jobs, most_seconds, opened.name)
-    numbers = Numbers.of(opened.scene)
+    opened = open_problem(problem, h, dt, t_end, probes, settings)
+    original = open_original(opened, quantity, chosen, runs, repeats)
+    tried = original.list_variants()
+    check_size(_sizes(opened, tried), 1 if scheduler else jobs, most_seconds, opened.name)
+    scene = getattr(original.problem, "scene", None)
+    numbers = Numbers.of(scene) if scene else None
     checks = run_variants(original, [one for one in tried if one.is_check], numbers)
     resolutions = find_resolutions(checks, _sizes_now(original.data), _orders(original), chosen)
     for one in resolutions:
@@ -104,55 +116,33 @@ def simplify(
     return summarise(original, found, resolutions, numbers, folder)
 
 
-def open_scene(problem: object, quantity, runs: Runs) -> tuple[SceneProblem, Interest]:
-    """Return the problem of a scene, and its [interest]: the quantities that count.
+def open_original(
+    opened: Problem, quantity, tolerance: float, runs: Runs, repeats: int
+) -> Original:
+    """Return the problem with the quantities that count, and how it is run.
 
     Raises
     ------
     InputError
-        For a function, and for quantities that cannot be compared between scenes.
+        For quantities that cannot be compared between scenes.
     """
-    if not isinstance(problem, Scene | str | Path):
-        remedy = "Write a scene file; simplify drops its tables."
-        raise InputError(f"problem = {problem!r}", "must be a scene or its path", "", remedy)
-    opened = open_problem(problem)
-    assert isinstance(opened, SceneProblem)
     refuse_huge(opened, runs)
-    interest = _interest(opened.scene, quantity)
-    for one in interest.all:
-        opened.check_quantity(one)
-    if len({one.how == "mode" for one in interest.all}) > 1 and not opened.is_static:
-        allowed = "needs a study of its own: a scene in time is not run for its modes"
-        raise InputError("frequency(k) beside other quantities", allowed, opened.name)
-    scene = opened.scene.model_copy(update={"interest": interest})
-    return replace(opened, scene=scene), interest
+    chosen = opened.choose_quantities(quantity)
+    if any(one.function for one in chosen):
+        raise InputError("a function as quantity", "must be a text, as 'max tip.z'")
+    if isinstance(opened, FunctionProblem):
+        return FunctionOriginal(opened, chosen, tolerance, runs, repeats)
+    interest = Interest(quantities=tuple(one.text for one in chosen))
+    opened = replace(opened, scene=opened.scene.model_copy(update={"interest": interest}))
+    return Original(opened, chosen, tolerance, runs, repeats)
 
 
-def _interest(scene: Scene, quantity) -> Interest:
-    if quantity is not None:
-        listed = quantity if isinstance(quantity, list | tuple) else [quantity]
-        parsed = [parse_quantity(one) for one in listed]
-        if any(one.function for one in parsed):
-            raise InputError("a function as quantity", "must be a text, as 'max tip.z'")
-        return Interest(quantities=tuple(one.text for one in parsed))
-    if scene.interest:
-        return scene.interest
-    path = "" if scene.equilibrium else "path of "
-    names = tuple(f"{path}{probe.name}" for probe in scene.probes)
-    return Interest(quantities=names or ("displacement",))
-
-
-def _sizes(scene: Scene, tried: Sequence[Variant]) -> list[Workload]:
+def _sizes(opened: Problem, tried: Sequence[Variant]) -> list[Workload]:
     """Return the predicted sizes of all runs: about half of the variants are combined."""
     checks = {one.kind for one in tried if one.is_check}
-    sizes = [Workload.of(scene)] * (1 + len(tried) - len(checks) + len(tried) // 2)
-    if "dt" in checks:
-        sizes.append(Workload.of(scene, dt=float(scene.time.dt) / 2))
-    if "rtol" in checks:
-        sizes.append(Workload.of(scene))
-    if "mesh" in checks:
-        sizes.append(Workload.of(scene, refined=2))
-    return sizes
+    finer = {"dt": Level(dt=2.0), "rtol": FIRST, "mesh": Level(h=2.0)}
+    usual = [opened.workload(FIRST)] * (1 + len(tried) - len(checks) + len(tried) // 2)
+    return [*usual, *(opened.workload(finer[kind]) for kind in sorted(checks))]
 
 
 def _sizes_now(data: dict) -> dict[str, float]:
@@ -174,20 +164,26 @@ def _orders(original: Original) -> dict[str, dict[str, float]]:
     }
 
 
-def run_variants(original: Original, tried: Sequence[Variant], numbers: Numbers) -> list[Trial]:
+def run_variants(
+    original: Original, tried: Sequence[Variant], numbers: Numbers | None
+) -> list[Trial]:
     """Run each variant alone; return it with what its run gave and its prediction."""
     scenes = [(one.name, one.apply(original.data), one.patience) for one in tried]
     return [
-        (variant, replace(outcome, predicted=predict_change(variant, numbers)))
+        (variant, replace(outcome, predicted=_predict(variant, numbers)))
         for variant, outcome in zip(tried, original.run(scenes), strict=True)
     ]
+
+
+def _predict(variant: Variant, numbers: Numbers | None) -> float | None:
+    return None if numbers is None else predict_change(variant, numbers)
 
 
 def summarise(
     original: Original,
     found: list[Trial],
     resolutions: list[Resolution],
-    numbers: Numbers,
+    numbers: Numbers | None,
     folder: str | Path | None,
 ) -> Simplification:
     """Combine the variants, run the reduced scene, and return the result."""
@@ -195,28 +191,29 @@ def summarise(
     unresolved = {one.kind for one in resolutions if not one.is_resolved}
     data, attempts = combine_variants(original, sort_candidates(found, chosen, unresolved))
     taken = [outcome.name for outcome, fits in attempts if fits]
-    text = to_toml(data)
-    final = None
+    text, file, final = original.text(data), original.reduced_file, None
     if taken:  # read from its text, as the user will
-        final = original.run_one("reduced.toml", data_of(original.read(text)), fresh=True)
+        final = original.run_one(file, original.reread(data), fresh=True)
     if folder is not None:
         Path(folder).mkdir(parents=True, exist_ok=True)
-        replace_file(Path(folder) / "reduced.toml", text.encode())
+        replace_file(Path(folder) / file, text.encode())
+    limits = find_limits(numbers) if numbers else ["they need a scene"]
     has_h = "h" in original.data["cloth"]
     return Simplification(
         title=original.name,
-        verdict=make_verdict(found, chosen, resolutions, taken[-1] if taken else "", final),
+        verdict=make_verdict(found, chosen, resolutions, taken[-1] if taken else "", final, file),
         table=make_table(found, chosen, unresolved, attempts, final),
         tolerance=chosen,
         quantities=tuple(one.text for one in original.quantities),
         resolved=not unresolved,
-        scene=None if folder is None else Path(folder) / "reduced.toml",
+        scene=None if folder is None else Path(folder) / file,
         reduced=text,
+        file=file,
         change=final.change if final else 0.0,
         saved=final.saved if final else 0.0,
-        numbers=Table(tuple(table_of_numbers(numbers))),
+        numbers=Table(tuple(table_of_numbers(numbers)) if numbers else ()),
         remarks=(
             *describe_resolved(resolutions, has_h),
-            describe_predictions(found, chosen, find_limits(numbers)),
+            describe_predictions(found, chosen, limits),
         ),
     )

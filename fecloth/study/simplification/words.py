@@ -50,6 +50,7 @@ def make_verdict(
     resolutions: Sequence[Resolution],
     reduced: str,
     final: Outcome | None,
+    file: str = "reduced.toml",
 ) -> str:
     """Return the answer in words: first what is not resolved, then what is not needed."""
     unresolved = {one.kind for one in resolutions if not one.is_resolved}
@@ -63,12 +64,12 @@ def make_verdict(
     groups = _groups(found, tolerance, unresolved)
     lines += [f"{head}: {', '.join(items)}" for head, items in groups if items]
     if final is None:
-        return "\n".join([*lines, "no simpler scene was found: reduced.toml is the scene itself"])
+        return "\n".join([*lines, "nothing simpler was found"])
     last = (
-        f"reduced.toml: {reduced}; it changes {final.of} by {in_percent(final.change)} and "
+        f"{file}: {reduced}; it changes {final.of} by {in_percent(final.change)} and "
         f"{'saves' if final.saved >= 0 else 'adds'} {in_percent(abs(final.saved))} of the seconds"
         if final.is_ok
-        else f"reduced.toml fails: {final.cause}"
+        else f"{file} fails: {final.cause}"
     )
     return "\n".join([*lines, last])
 

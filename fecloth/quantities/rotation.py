@@ -68,15 +68,19 @@ class Rotation:
     def _unit(self) -> np.ndarray:
         axis = np.array(self.axis, dtype=float)
         axis /= abs(axis).max()  # so that no square overflows
-        return axis / np.linalg.norm(axis)
+        axis /= np.linalg.norm(axis)
+        return axis
 
     def matrix(self, t: float, since: float | None = None) -> np.ndarray:
         """(3, 3) rotation by the angle, or by its change `since` a time."""
         angle = self._angle(t) - (0.0 if since is None else self._angle(since))
         x, y, z = self._unit
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+        turned: np.ndarray = np.eye(3) + np.sin(angle) * cross
+        turned += (1 - np.cos(angle)) * (cross @ cross)
+        return turned
 
     def rate(self, t: float) -> np.ndarray:
         """(3,) angular velocity [rad/s]."""
-        return self._angle.rate(t) * self._unit
+        rate: np.ndarray = self._angle.rate(t) * self._unit
+        return rate

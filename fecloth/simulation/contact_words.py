@@ -1,0 +1,33 @@
+"""How far the gap and the barrier of obstacles keep a cloth from where it would touch them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+
+def describe_contact(system: System, start: State, end: State) -> str:
+    """A sentence for each obstacle that touches the cloth at the end, or "" without obstacles.
+
+    A cloth that an ideal obstacle carries lies on it. Here it lies at the mean distance D, which is
+    the gap less what the barrier gives way. Both are errors of its place, and are compared with the
+    largest displacement since the start.
+    """
+    moved = float(np.sqrt(((end.x - start.x) ** 2).sum(axis=1).max()))
+    lines = []
+    for name, term in zip(system.names, system.bound, strict=True):
+        if hasattr(term, "mean_distance"):
+            lines.append(_sentence(name, term.gap, term.mean_distance(end.x, end.t), moved))
+    return "; ".join(lines)
+
+
+def _sentence(name: str, gap: float, mean: float, moved: float) -> str:
+    if np.isnan(mean):
+        return f"{name} does not touch the cloth at the end"
+    parts = [100 * part / moved if moved else np.inf for part in (mean, gap, mean - gap)]
+    return (
+        f"the cloth lies {1e3 * mean:.3g} mm off {name}, an error of {parts[0]:.2g} % of its "
+        f"largest displacement: {parts[1]:.2g} % by the gap, {parts[2]:.2g} % by the barrier"
+    )

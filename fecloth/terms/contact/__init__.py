@@ -1,0 +1,5 @@
+"""Contact of the cloth with rigid obstacles."""
+
+from fecloth.terms.contact import shapes
+
+__all__ = ["shapes"]

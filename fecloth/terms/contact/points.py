@@ -1,0 +1,175 @@
+"""The points of the cloth that an obstacle acts on: nodes, and points inside triangles.
+
+Between nodes a triangle dips into a convex shape: with edges of length l, under a sphere of radius
+R, by l²/(6R) at its centre. Where that is more than a quarter of the gap, each triangle is divided
+into k² parts, and the corners of the parts are points too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
+from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.elements import ELEMENTS
+from fecloth.terms.contact.shape import Shape
+
+DIP = 0.25  # of the gap
+MOST = 8  # parts of an edge
+FARTHEST = 2.0  # edges: no point of a triangle is farther from all of its nodes
+ROUND = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class NodePoints:
+    """Nodes with their areas (n,) [m²]."""
+
+    areas: np.ndarray
+
+    def candidates(self, at_nodes: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
+        """The points that may be nearer than `reach`, where the nodes have distances `at_nodes`."""
+        return np.flatnonzero(at_nodes < reach)
+
+    def values(self, of_nodes: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """(p, 3) values at some of the points, from those of the nodes (n, 3)."""
+        return of_nodes[which]
+
+    def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
+        """f (n, 3) += the forces F (p, 3) on some of the points."""
+        f[which] += F
+
+    def add_tangent(self, which: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
+        """J += the tangents K (p, 3, 3) of some of the points."""
+        J.values[J.pattern.diagonal[which]] += K
+
+
+@dataclass(frozen=True, eq=False)
+class TrianglePoints:
+    """Points inside triangles and their edges.
+
+    Attributes
+    ----------
+    triangles
+        (p,) the triangle of each point.
+    shape_functions
+        (p, k) values of the shape functions of its nodes.
+    areas
+        (p,) [m²].
+    stencil, size
+        (m, k) nodes of each triangle, and (m,) its longest edge [m].
+    find_slots
+        As of `Term.bind`.
+    """
+
+    triangles: np.ndarray
+    shape_functions: np.ndarray
+    areas: np.ndarray
+    stencil: np.ndarray
+    size: np.ndarray
+    find_slots: FindSlots
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the triangles in the matrix."""
+        return self.find_slots(self.stencil)
+
+    def candidates(self, at_nodes: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
+        """The points of triangles with a node nearer than `reach` and twice the longest edge."""
+        near = at_nodes - reach
+        is_near = near[self.stencil].min(axis=1) < FARTHEST * self.size
+        return np.flatnonzero(is_near[self.triangles])
+
+    def values(self, of_nodes: np.ndarray, which: np.ndarray) -> np.ndarray:
+        at = of_nodes[self.stencil[self.triangles[which]]]
+        return np.einsum("pk,pki->pi", self.shape_functions[which], at)
+
+    def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
+        shares = self.shape_functions[which][:, :, None] * F[:, None, :]
+        np.add.at(f, self.stencil[self.triangles[which]], shares)
+
+    def add_tangent(self, which: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
+        N = self.shape_functions[which]
+        blocks = np.einsum("pa,pb,pij->pabij", N, N, K)
+        np.add.at(J.values, self.slots[self.triangles[which]], blocks)
+
+
+Points = NodePoints | TrianglePoints
+
+
+def divisions(shape: Shape, gap: float, cloth: Cloth) -> int:
+    """Into how many parts k each edge is divided, and more than `MOST` where that were too many."""
+    longest = float(longest_edges(cloth).max())
+    radius = shape.radius_of_curvature + gap  # of the surface that the cloth slides on
+    least = 2 if cloth.element == "P2" else 1
+    if math.isinf(radius):
+        return least
+    needed = math.ceil(longest / math.sqrt(6 * DIP * gap * radius))
+    return max(least, least * math.ceil(needed / least))
+
+
+def longest_edges(cloth: Cloth) -> np.ndarray:
+    """(m,) longest edge of each triangle [m]."""
+    corners = cloth.X[cloth.triangles]
+    edges = corners - np.roll(corners, 1, axis=1)
+    longest: np.ndarray = np.linalg.norm(edges, axis=2).max(axis=1)
+    return longest
+
+
+def points_of(cloth: Cloth, k: int, find_slots: FindSlots) -> tuple[Points, ...]:
+    """The points of a cloth with k parts an edge, each with its area.
+
+    The area of each part goes to its three corners in equal shares.
+    """
+    lattice, shares = _lattice(k)
+    values = _shape_functions(cloth, lattice)
+    m, stencil = len(cloth.stencil), cloth.stencil
+    areas = np.outer(cloth.weights.sum(axis=1), shares).ravel()
+    triangle, place = np.divmod(np.arange(m * len(lattice)), len(lattice))
+    N = values[place]
+    first, same = _distinct(stencil[triangle], N)
+    areas = np.bincount(same, areas)
+    triangle, N = triangle[first], N[first]
+    is_node = N.max(axis=1) > 1 - ROUND
+    at = stencil[triangle[is_node], N[is_node].argmax(axis=1)]
+    nodes = NodePoints(np.bincount(at, areas[is_node], len(cloth.X)))
+    if is_node.all():
+        return (nodes,)
+    inner = triangle[~is_node], N[~is_node], areas[~is_node]
+    return nodes, TrianglePoints(*inner, stencil, longest_edges(cloth), find_slots)
+
+
+def _lattice(k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (q, 2) of the k² parts of the reference triangle, and the area of each over its."""
+    at = [(i, j) for j in range(k + 1) for i in range(k + 1 - j)]
+    number = {place: n for n, place in enumerate(at)}
+    share = np.zeros(len(at))
+    for i, j in at:
+        up, down = [(i, j), (i + 1, j), (i, j + 1)], [(i + 1, j), (i + 1, j + 1), (i, j + 1)]
+        for part in (up, down):
+            if all(corner in number for corner in part):
+                share[[number[corner] for corner in part]] += 1 / (3 * k**2)
+    return np.array(at) / k, share
+
+
+def _shape_functions(cloth: Cloth, places: np.ndarray) -> np.ndarray:
+    """(q, k) shape functions of the nodes at places (q, 2) of the reference triangle."""
+    element = ELEMENTS[cloth.element]
+    count = cloth.stencil.shape[1]
+    return np.stack([element.shapes.lbasis(places.T, a)[0] for a in range(count)], axis=-1)
+
+
+def _distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first row of each place of the cloth, and the number of the place for each row.
+
+    Two rows are one place if the same nodes have the same shape functions, as on a common edge.
+    """
+    value = np.rint(N / ROUND).astype(np.int64)
+    named = np.where(value == 0, -1, nodes)
+    order = np.argsort(named, axis=1)
+    rows = np.take_along_axis(named, order, 1), np.take_along_axis(value, order, 1)
+    _, first, same = np.unique(np.hstack(rows), axis=0, return_index=True, return_inverse=True)
+    return first, same.ravel()

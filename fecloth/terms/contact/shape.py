@@ -1,0 +1,158 @@
+"""What all shapes of obstacles have in common: a distance with its derivatives, and a motion."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from fecloth.errors import InputError, is_number
+from fecloth.quantities.rotation import Rotation
+from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
+from fecloth.quantities.units import LENGTH
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where a rigid body is at one time: x = p + u + R (y − p) for its point y in its own frame.
+
+    Attributes
+    ----------
+    R, p, u
+        (3, 3) rotation about the point p (3,) [m], and the displacement u (3,) [m].
+    """
+
+    R: np.ndarray
+    p: np.ndarray
+    u: np.ndarray
+
+    def to_body(self, x: np.ndarray) -> np.ndarray:
+        """Points (m, 3) of space in the frame of the body."""
+        return (x - self.p - self.u) @ self.R + self.p
+
+    def to_space(self, y: np.ndarray) -> np.ndarray:
+        """Points (m, 3) of the body in space."""
+        return (y - self.p) @ self.R.T + self.p + self.u
+
+
+class AtRest(Pose):
+    """The pose of a body that does not move."""
+
+    def __init__(self):
+        super().__init__(np.eye(3), np.zeros(3), np.zeros(3))
+
+    def to_body(self, x: np.ndarray) -> np.ndarray:
+        return x
+
+    def to_space(self, y: np.ndarray) -> np.ndarray:
+        return y
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A rigid body that stands as it is written at t = 0, and may move and turn from there.
+
+    A point y of the body is at p + u(t) − u(0) + R(t) R(0)ᵀ (y − p) at the time t, with the point p
+    of the axis, the motion u and the rotation R.
+
+    Parameters
+    ----------
+    motion
+        Displacement u [m]: three formulas of t [s], or a function ``motion(t) -> (3,)``. Only its
+        changes count.
+    rotate
+        `Rotation` about an axis that moves along; only the changes of its angle count.
+    """
+
+    _: KW_ONLY
+    motion: Annotated[VectorOfTime | None, LENGTH] = None
+    rotate: Rotation | None = None
+
+    convex: ClassVar[bool] = True  # then the distance is a convex function
+    deforms: ClassVar[bool] = False  # whether the distance depends on t
+
+    def __post_init__(self) -> None:
+        _ = self._motion  # refused where the shape is written
+        if self.rotate is not None and not isinstance(self.rotate, Rotation):
+            allowed = "must be a Rotation(point, axis, angle)"
+            raise InputError(f"rotate = {self.rotate!r}", allowed, type(self).__name__)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves, turns or deforms."""
+        return self.motion is not None or self.rotate is not None or self.deforms
+
+    @property
+    def radius_of_curvature(self) -> float:
+        """The least radius [m] with which its surface curves outwards; 0 for an edge."""
+        return 0.0
+
+    def distance(self, y: np.ndarray, t: float) -> np.ndarray:
+        """(m,) distance [m] of points (m, 3) in the frame of the body; negative inside."""
+        raise NotImplementedError
+
+    def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (m, 3) and Hessian (m, 3, 3) [1/m] of the distance, outside the body."""
+        raise NotImplementedError
+
+    @cached_property
+    def _motion(self) -> TimeFunction:
+        motion = (0.0, 0.0, 0.0) if self.motion is None else self.motion
+        return vector(motion, "motion", type(self).__name__)
+
+    @cached_property
+    def _start(self) -> np.ndarray:
+        return self._motion(0.0)
+
+    def pose(self, t: float) -> Pose:
+        """Where the body is at the time t."""
+        if self.motion is None and self.rotate is None:
+            return _AT_REST
+        u = self._motion(t) - self._start
+        if self.rotate is None:
+            return Pose(np.eye(3), np.zeros(3), u)
+        return Pose(self.rotate.matrix(t, since=0.0), np.array(self.rotate.point, float), u)
+
+    def rates(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Velocity (3,) [m/s], angular velocity (3,) [1/s], and the point (3,) that they are of."""
+        velocity, still = self._motion.rate(t), np.zeros(3)
+        if self.rotate is None:
+            return velocity, still, still
+        return velocity, self.rotate.rate(t), self.pose(t).to_space(np.array(self.rotate.point))
+
+    def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(m, 3) velocity [m/s] of the body at points (m, 3) of space; no deformation."""
+        velocity, omega, centre = self.rates(t)
+        return velocity + np.cross(omega, x - centre)
+
+    def time_rate(self, y: np.ndarray, t: float) -> np.ndarray:
+        """(m,) ∂d/∂t [m/s] at points (m, 3) in the frame of the body, of one that deforms."""
+        return np.zeros(len(y))
+
+
+_AT_REST = AtRest()
+
+
+def point(name: str, value: object, where: str) -> np.ndarray:
+    """Three finite numbers as an array; raises `InputError` for anything else."""
+    array = np.asarray(value)
+    if array.shape != (3,) or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+        raise InputError(f"{name} = {value!r}", "must be three finite numbers", where)
+    return array.astype(float)
+
+
+def direction(name: str, value: object, where: str) -> np.ndarray:
+    """A unit vector along three numbers; raises `InputError` if they are all zero."""
+    array = point(name, value, where)
+    if not array.any():
+        raise InputError(f"{name} = {value!r}", "must not be zero", where)
+    array /= abs(array).max()  # so that no square overflows
+    return array / np.linalg.norm(array)
+
+
+def positive(name: str, value: object, where: str) -> None:
+    """Raise `InputError` for anything but a finite length > 0."""
+    if not (is_number(value) and value > 0):
+        raise InputError(f"{name} = {value!r}", "must be finite and > 0 [m]", where)

@@ -1,0 +1,329 @@
+"""The shapes of obstacles, `fc.shapes`: their distance in closed form, with two derivatives.
+
+The distance d of a point outside has |∇d| = 1. Lengths are in m, or texts such as "10 cm".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.quantities.unit_fields import reads_units
+from fecloth.quantities.units import LENGTH
+from fecloth.terms.contact.sdf import Sdf
+from fecloth.terms.contact.shape import Shape, direction, point, positive
+
+__all__ = ["Box", "Capsule", "Cylinder", "Disk", "Plane", "Sdf", "Shape", "Sphere"]
+
+Vector = tuple[float, float, float]
+Place = Annotated[Vector, LENGTH]
+Length = Annotated[float, LENGTH]
+LEAST = 1e-300  # m: below this a distance from an axis has no direction
+
+
+@reads_units
+@dataclass(frozen=True)
+class Plane(Shape):
+    """The half-space behind a plane: d = (x − point) · n.
+
+    Parameters
+    ----------
+    point
+        A point of the plane [m].
+    normal
+        Its normal n, of any length, towards the side on which the cloth is.
+    motion
+        Displacement [m], three formulas of t; only its changes count.
+    rotate
+        `Rotation` about an axis that moves along; only the changes of its angle count.
+
+    Examples
+    --------
+    >>> Plane((0, 0, 1), (0, 0, 2)).distance(np.array([[5.0, 0.0, 4.0]]), 0.0)
+    array([3.])
+    """
+
+    point: Place
+    normal: Vector
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        point("point", self.point, "Plane")
+        _ = self._normal
+
+    @cached_property
+    def _normal(self) -> np.ndarray:
+        return direction("normal", self.normal, "Plane")
+
+    @property
+    def radius_of_curvature(self) -> float:
+        return float("inf")
+
+    def distance(self, y: np.ndarray, t: float) -> np.ndarray:
+        return (y - np.array(self.point, float)) @ self._normal
+
+    def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        return np.tile(self._normal, (len(y), 1)), np.zeros((len(y), 3, 3))
+
+
+@reads_units
+@dataclass(frozen=True)
+class Sphere(Shape):
+    """A ball: d = |x − center| − radius.
+
+    Parameters
+    ----------
+    center, radius
+        [m].
+    motion
+        Displacement [m], three formulas of t; only its changes count.
+    rotate
+        `Rotation` about an axis that moves along; only the changes of its angle count.
+    """
+
+    center: Place
+    radius: Length
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        point("center", self.center, "Sphere")
+        positive("radius", self.radius, "Sphere")
+
+    @property
+    def radius_of_curvature(self) -> float:
+        return self.radius
+
+    def distance(self, y: np.ndarray, t: float) -> np.ndarray:
+        return _length(y - np.array(self.center, float)) - self.radius
+
+    def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        return _around(y - np.array(self.center, float), np.eye(3))
+
+
+@reads_units
+@dataclass(frozen=True)
+class Cylinder(Shape):
+    """A round cylinder without ends: d = |q| − radius.
+
+    q is the part of x − point across the axis.
+
+    Parameters
+    ----------
+    point
+        A point of the axis [m].
+    axis
+        The direction of the axis, of any length.
+    radius
+        [m].
+    motion
+        Displacement [m], three formulas of t; only its changes count.
+    rotate
+        `Rotation` about an axis that moves along; only the changes of its angle count.
+    """
+
+    point: Place
+    axis: Vector
+    radius: Length
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        point("point", self.point, "Cylinder")
+        positive("radius", self.radius, "Cylinder")
+        _ = self._across
+
+    @cached_property
+    def _across(self) -> np.ndarray:
+        """(3, 3) projector onto the plane across the axis."""
+        axis = direction("axis", self.axis, "Cylinder")
+        return np.eye(3) - np.outer(axis, axis)
+
+    @property
+    def radius_of_curvature(self) -> float:
+        return self.radius
+
+    def distance(self, y: np.ndarray, t: float) -> np.ndarray:
+        return _length((y - np.array(self.point, float)) @ self._across) - self.radius
+
+    def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        return _around((y - np.array(self.point, float)) @ self._across, self._across)
+
+
+@reads_units
+@dataclass(frozen=True)
+class Capsule(Shape):
+    """All points within `radius` of the segment from a to b: a rod with round ends.
+
+    Parameters
+    ----------
+    a, b
+        The ends of the segment [m].
+    radius
+        [m].
+    motion
+        Displacement [m], three formulas of t; only its changes count.
+    rotate
+        `Rotation` about an axis that moves along; only the changes of its angle count.
+    """
+
+    a: Place
+    b: Place
+    radius: Length
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        a, b = point("a", self.a, "Capsule"), point("b", self.b, "Capsule")
+        positive("radius", self.radius, "Capsule")
+        if (a == b).all():
+            remedy = "Write a Sphere(center, radius)."
+            raise InputError(f"a = b = {self.a!r}", "must differ", "Capsule", remedy)
+
+    @property
+    def radius_of_curvature(self) -> float:
+        return self.radius
+
+    @cached_property
+    def _segment(self) -> tuple[np.ndarray, np.ndarray]:
+        a = np.array(self.a, float)
+        return a, np.array(self.b, float) - a
+
+    def _from_segment(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """y less the nearest point of the segment (m, 3), and whether that is an end."""
+        a, way = self._segment
+        part = (y - a) @ way / (way @ way)
+        return y - a - np.clip(part, 0, 1)[:, None] * way, (part <= 0) | (part >= 1)
+
+    def distance(self, y: np.ndarray, t: float) -> np.ndarray:
+        return _length(self._from_segment(y)[0]) - self.radius
+
+    def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        q, at_end = self._from_segment(y)
+        way = self._segment[1]
+        along = np.outer(way, way) / (way @ way)
+        return _around(q, np.eye(3) - np.where(at_end, 0.0, 1.0)[:, None, None] * along)
+
+
+@reads_units
+@dataclass(frozen=True)
+class Box(Shape):
+    """A box with edges along x, y and z; `rotate` turns it.
+
+    Parameters
+    ----------
+    center
+        [m].
+    size
+        The lengths of its edges [m].
+    motion
+        Displacement [m], three formulas of t; only its changes count.
+    rotate
+        `Rotation` about an axis that moves along; only the changes of its angle count.
+    """
+
+    center: Place
+    size: Place
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        point("center", self.center, "Box")
+        if not (point("size", self.size, "Box") > 0).all():
+            raise InputError(f"size = {self.size!r}", "must be > 0 [m]", "Box")
+
+    def _from_faces(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(m, 3) signs of y − center, and the distances from the planes of the faces."""
+        y = y - np.array(self.center, float)
+        return np.sign(y), abs(y) - 0.5 * np.array(self.size, float)
+
+    def distance(self, y: np.ndarray, t: float) -> np.ndarray:
+        q = self._from_faces(y)[1]
+        return _length(np.maximum(q, 0.0)) + np.minimum(q.max(axis=1), 0.0)
+
+    def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        sign, q = self._from_faces(y)
+        beyond = (q > 0).astype(float)
+        n, H = _around(np.maximum(q, 0.0), beyond[:, :, None] * np.eye(3))
+        return sign * n, sign[:, :, None] * H * sign[:, None, :]
+
+
+@reads_units
+@dataclass(frozen=True)
+class Disk(Shape):
+    """A round plate: a cylinder of finite height, which is its thickness.
+
+    Parameters
+    ----------
+    center
+        [m].
+    normal
+        The direction of its axis, of any length.
+    radius, thickness
+        [m].
+    motion
+        Displacement [m], three formulas of t; only its changes count.
+    rotate
+        `Rotation` about an axis that moves along; only the changes of its angle count.
+    """
+
+    center: Place
+    normal: Vector
+    radius: Length
+    thickness: Length
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        point("center", self.center, "Disk")
+        positive("radius", self.radius, "Disk")
+        positive("thickness", self.thickness, "Disk")
+        _ = self._axis
+
+    @cached_property
+    def _axis(self) -> np.ndarray:
+        return direction("normal", self.normal, "Disk")
+
+    def _cylindrical(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """q (m, 3) across the axis, its length, and the height (m,) along the axis."""
+        y = y - np.array(self.center, float)
+        height = y @ self._axis
+        q = y - height[:, None] * self._axis
+        return q, _length(q), height
+
+    def _beyond(self, radius: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far points are beyond the rim, and beyond the faces."""
+        return radius - self.radius, abs(height) - 0.5 * self.thickness
+
+    def distance(self, y: np.ndarray, t: float) -> np.ndarray:
+        rim, face = self._beyond(*self._cylindrical(y)[1:])
+        outside = np.hypot(np.maximum(rim, 0.0), np.maximum(face, 0.0))
+        return outside + np.minimum(np.maximum(rim, face), 0.0)
+
+    def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        q, radius, height = self._cylindrical(y)
+        rim, face = self._beyond(radius, height)
+        radial = q / np.maximum(radius, LEAST)[:, None]
+        axial = np.sign(height)[:, None] * self._axis
+        d = np.maximum(np.hypot(np.maximum(rim, 0.0), np.maximum(face, 0.0)), LEAST)
+        out, up = np.maximum(rim, 0.0) / d, np.maximum(face, 0.0) / d
+        n = out[:, None] * radial + up[:, None] * axial
+        around = np.cross(radial, axial)
+        tangent = up[:, None] * radial - out[:, None] * axial
+        edge = np.where((rim > 0) & (face > 0), 1 / d, 0.0)[:, None, None]
+        ring = (out / np.maximum(radius, LEAST))[:, None, None]
+        return n, edge * _outer(tangent, tangent) + ring * _outer(around, around)
+
+
+def _length(q: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.einsum("mi,mi->m", q, q))
+
+
+def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[:, :, None] * b[:, None, :]
+
+
+def _around(q: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gradient q/|q| and Hessian (P − n nᵀ)/|q| of |q|, with the projector P = ∂q/∂x."""
+    r = np.maximum(_length(q), LEAST)
+    n = q / r[:, None]
+    return n, (across - _outer(n, n)) / r[:, None, None]

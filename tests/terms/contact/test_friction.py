@@ -1,0 +1,196 @@
+"""Friction: derivatives, the slope at which a sheet slides, its acceleration, its heat."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import flat
+from support.over_step import Over
+
+import fecloth as fc
+from fecloth.errors import InputError
+from fecloth.terms.contact import friction
+from fecloth.terms.step_difference import StepDifference
+
+S = fc.shapes
+UP = (0, 0, 1)
+FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-4)
+GAP = 0.02
+TURN = fc.Rotation((0.1, 0, 0), (0.1, 0.2, 1), "0.5*t")
+MOVED = {"motion": ("0.02*t", 0, "0.1*t"), "rotate": TURN}
+SHAPES = {
+    "plane": S.Plane((0, 0, 0), (0.1, -0.05, 1)),
+    "sphere": S.Sphere((0.15, 0.1, -0.3), 0.3, **MOVED),
+    "cylinder": S.Cylinder((0.15, 0.1, -0.2), (1, 0.2, 0), 0.2, **MOVED),
+    "sdf": S.Sdf("2*z - 0.02*sin(20*x)*cos(10*y) + (0.5 + t)*(x - 0.15)**2", radius=0.1, **MOVED),
+}
+
+
+RESTS = 0.0254e-3  # below the gap, at p(s) = 0.2 g/κ with κ = 1000 Pa
+
+
+def near(cloth, shape, t):
+    """Positions with each node at 0.4 to 0.9 of the gap from the obstacle."""
+    x = flat(cloth) + [0, 0, 0.15]
+    d = GAP * (0.65 + 0.25 * np.sin(20 * cloth.X[:, 0]))
+    for _ in range(20):
+        y = shape.pose(t).to_body(x)
+        n, _ = shape.slopes(y, t)
+        away = (d - shape.distance(y, t)) / np.einsum("ni,ni->n", n, n)
+        x = shape.pose(t).to_space(y + away[:, None] * n)
+    return x
+
+
+def relative_errors(system, t, x, v, of_energy, size=1e-7):
+    """Of the force against the energy, K and D against the force, by differences over `size`."""
+    rng = np.random.default_rng(1)
+    s = rng.standard_normal(x.shape)
+    speed = np.linalg.norm(v, axis=1).mean()
+
+    def at(dx=0.0, dv=0.0):
+        return fc.State(t, x + dx * s, v + dv * s)
+
+    term, errors = system.bound[0], []
+    if of_energy:
+        slope = (term.energy(at(size).x, t) - term.energy(at(-size).x, t)) / (2 * size)
+        errors.append(abs(slope / -np.vdot(system.force(at()), s) - 1))
+    for tangent, ways in (
+        (system.stiffness(at()), (at(size), at(-size), size)),
+        (system.damping(at()), (at(0, size * speed), at(0, -size * speed), size * speed)),
+    ):
+        exact = -(tangent @ s.ravel())
+        if np.linalg.norm(exact):
+            change = (system.force(ways[0]) - system.force(ways[1])).ravel() / (2 * ways[2])
+            errors.append(np.linalg.norm(change - exact) / np.linalg.norm(exact))
+    return errors
+
+
+@pytest.mark.parametrize("speed", [1.0, 1e-4], ids=["slides", "creeps"])
+@pytest.mark.parametrize("name", SHAPES)
+def test_derivatives_at_a_state(name, speed, rng):
+    """The exact tangents, by x not symmetric, on shapes that move, turn and deform."""
+    cloth, t = fc.Cloth.rectangle(0.3, 0.2, h=0.1), 0.4
+    obstacle = fc.Obstacle(SHAPES[name], GAP, 0.7, 200.0)
+    system = fc.System(cloth, FABRIC, [obstacle])
+    x = near(cloth, obstacle.shape, t)
+    v = obstacle.shape.velocity(x, t) + speed * rng.standard_normal(x.shape)
+    errors = relative_errors(system, t, x, v, of_energy=False)
+    assert len(errors) == 2
+    assert max(errors) < 3e-5
+    assert not system.symmetric
+
+
+@pytest.mark.parametrize("way", [0.03, 1e-6], ids=["slides", "creeps"])
+@pytest.mark.parametrize("name", SHAPES)
+def test_derivatives_over_a_step(name, way, rng):
+    """The friction over a step has a potential, and its tangent is symmetric."""
+    cloth, t, dt = fc.Cloth.rectangle(0.3, 0.2, h=0.1), 0.4, 0.01
+    obstacle = fc.Obstacle(SHAPES[name], GAP, 0.7, 200.0)
+    x = near(cloth, obstacle.shape, t)
+    last = fc.integrators.bdf2.Change(
+        0.6 * dt, way * rng.standard_normal(x.shape), np.zeros_like(x)
+    )
+    state = fc.State(t, x, np.zeros_like(x))
+    for step in (
+        StepDifference(x, dt, dt, ((1.0, x),), t=t),
+        fc.BDF2().difference(state, dt, last),
+        fc.BDF2().difference(state, dt, None),
+    ):
+        system = fc.System(cloth, FABRIC, [Over(obstacle, step)])
+        end = x + obstacle.shape.velocity(x, t) * dt + 0.01 * way * rng.standard_normal(x.shape)
+        still, size = np.zeros_like(x), 1e-7 if way > 1e-3 else 2e-10
+        errors = relative_errors(system, t + dt, end, still, of_energy=True, size=size)
+        assert max(errors) < 3e-5
+        K = system.stiffness(fc.State(t + dt, end, np.zeros_like(x))).toarray()
+        assert abs(K - K.T).max() < 1e-10 * abs(K).max()
+
+
+def test_the_factor_is_the_derivative_of_the_potential():
+    y, h = np.linspace(1e-4, 2e-3, 40), 1e-8
+    slope = (friction.potential(y + h, 1e-3) - friction.potential(y - h, 1e-3)) / (2 * h)
+    np.testing.assert_allclose(friction.factor(y, 1e-3) * y, slope, rtol=1e-6)
+    assert friction.factor(np.array([2.0]), 1e-3)[0] == 0.5
+
+
+def slide(angle, mu, method, t_end=0.3, dt=0.01):
+    """Mean velocity down a slope [m/s] of a sheet that was laid on it at rest, and the run."""
+    cloth = fc.Cloth.rectangle(0.2, 0.1, h=0.05)
+    c, s = math.cos(angle), math.sin(angle)
+    slope = fc.Obstacle(S.Plane((0, 0, 0), (s, 0, c)), gap=1e-3, friction=mu, stiffness=1e3)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), fc.Gravity(), slope])
+    d = 1e-3 - RESTS * math.sqrt(c)
+    x = np.column_stack([cloth.X @ np.array([[c, 0, -s], [0, 1, 0]])]) + d * np.array([s, 0, c])
+    run = fc.run(system, method, system.state(x), dt, t_end)
+    return float(run.state.v.mean(axis=0) @ [c, 0, -s]), run
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
+@pytest.mark.parametrize("mu", [0.2, 0.7])
+def test_a_sheet_slides_from_the_angle_of_friction_on(mu, method):
+    """2 % below tan φ = μ it creeps slower than ε; above it accelerates by g (sin φ − μ cos φ)."""
+    below, above = math.atan(0.98 * mu), math.atan(1.02 * mu)
+    assert 0 < slide(below, mu, method)[0] < 1e-3 * 0.2
+    expected = 9.81 * (math.sin(above) - mu * math.cos(above)) * 0.3
+    assert slide(above, mu, method)[0] == pytest.approx(expected, rel=0.3)  # with ε, of 0.2 mm/s
+    steep = math.atan(mu) + 0.4
+    expected = 9.81 * (math.sin(steep) - mu * math.cos(steep)) * 0.3
+    assert slide(steep, mu, method)[0] == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
+def test_the_heat_of_friction_is_in_the_ledger(method):
+    """It is μ N times the way, and what gravity has given is the rest."""
+    _, run = slide(0.6, 0.3, method)
+    way = run.observed["mean_displacement.x"][-1] / math.cos(0.6)
+    normal = 0.2 * 9.81 * math.cos(0.6) * 0.02
+    heat = run.energies["dissipated:Obstacle"][-1]
+    assert heat == pytest.approx(0.3 * normal * way, rel=0.03)
+    assert abs(run.energies["remainder"]).max() < 0.01 * heat
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+def test_a_table_that_moves_drags_the_cloth_along_and_does_the_work():
+    cloth = fc.Cloth.rectangle(0.2, 0.1, h=0.05)
+    table = S.Plane((0, 0, 0), UP, motion=("0.5*t", 0, 0))
+    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity()]
+    system = fc.System(cloth, FABRIC, [*terms, fc.Obstacle(table, friction=0.3, stiffness=1e3)])
+    start = system.state(flat(cloth) + [0, 0, 1e-3 - RESTS])
+    steps = 17  # of sliding; backward Euler has the heat of the velocities at their ends
+    for method, factor in ((fc.BackwardEuler(), 1 - 1 / steps), (fc.BDF2(), 1.0)):
+        run = fc.run(system, method, start, 0.01, 0.3)
+        speed = run.state.v[:, 0].mean()  # 0.3 g t, until it goes with the table at 0.17 s
+        assert speed == pytest.approx(0.5, rel=0.01)
+        energies = {name: column[-1] for name, column in run.energies.items()}
+        mass = 0.2 * 0.02
+        assert energies["work:Obstacle"] == pytest.approx(mass * 0.5**2, rel=0.04)
+        heat = 0.5 * mass * 0.5**2 * factor
+        assert energies["dissipated:Obstacle"] == pytest.approx(heat, rel=0.02)
+        assert abs(run.energies["remainder"]).max() < 0.02 * energies["work:Obstacle"]
+
+
+def test_a_table_that_turns_takes_the_cloth_with_it():
+    cloth = fc.Cloth.rectangle(0.2, 0.2, h=0.1)
+    turn = fc.Rotation((0.1, 0.1, 0), UP, "2*t")
+    table = fc.Obstacle(S.Plane((0, 0, 0), UP, rotate=turn), friction=2.0, stiffness=1e3)
+    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity(), table]
+    system = fc.System(cloth, FABRIC, terms)
+    x = flat(cloth) + [0, 0, 1e-3 - RESTS]
+    v = table.shape.velocity(x, 0.0)
+    *_, (end, _) = fc.march(system, fc.BDF2(), system.state(x, v), dt=0.01, t_end=0.3)
+    expected = table.shape.pose(0.3).to_space(x)
+    np.testing.assert_allclose(end.x[:, :2], expected[:, :2], atol=1.5e-3)  # of 60 mm
+
+
+def test_equilibrium_with_friction_is_refused(small):
+    system = fc.System(small, FABRIC, [fc.StVK(), fc.Obstacle(SHAPES["plane"], friction=0.1)])
+    start = system.state(flat(small) + [0, 0, 0.5])
+    with pytest.raises(InputError, match=r"Obstacle in equilibrium: with friction.*friction = 0"):
+        fc.equilibrium(system, start)
+
+
+def test_a_negative_friction_is_refused():
+    with pytest.raises(InputError, match="friction = -0.1: must be finite and >= 0"):
+        replace(fc.Obstacle(SHAPES["plane"]), friction=-0.1)

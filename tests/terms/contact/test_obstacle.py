@@ -1,0 +1,332 @@
+"""Obstacles: force and tangent, no node inside, rest on a plane, refusals."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import flat
+
+import fecloth as fc
+from fecloth.errors import InputError
+from fecloth.terms.contact import barrier
+from fecloth.verify import VerificationFailed, check_term
+
+S = fc.shapes
+UP = (0, 0, 1)
+FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
+GAP = 0.02
+BELOW = {  # each has its top near (0.15, 0.1, 0)
+    "plane": S.Plane((0, 0, 0), (0.1, -0.05, 1)),
+    "sphere": S.Sphere((0.15, 0.1, -0.3), 0.3),
+    "cylinder": S.Cylinder((0.15, 0.1, -0.2), (1, 0.2, 0), 0.2),
+    "capsule": S.Capsule((0.1, 0.1, -0.2), (0.2, 0.1, -0.2), 0.2),
+    "box": S.Box((0.15, 0.1, -0.1), (0.137, 0.103, 0.2)),
+    "disk": S.Disk((0.15, 0.1, -0.05), (0.1, 0, 1), 0.1, 0.1),
+    "sdf": S.Sdf("z - 0.02*sin(20*x)*cos(10*y) + 0.5*(x - 0.15)**2", radius=0.1),
+    "turned": S.Box(
+        (0.15, 0.1, -0.1), (0.217, 0.203, 0.2), rotate=fc.Rotation((0, 0, -0.1), UP, "t")
+    ),
+}
+
+
+def near(cloth, obstacle, rng, t):
+    """Positions with each node at 0.4 to 0.9 of the gap from the obstacle."""
+    x, shape = flat(cloth) + [0, 0, 0.15], obstacle.shape
+    d = obstacle.gap * (0.65 + 0.25 * np.sin(20 * cloth.X[:, 0] + rng.uniform(0, 6)))
+    for _ in range(20):
+        y = shape.pose(t).to_body(x)
+        n, _ = shape.slopes(y, t)
+        away = (d - shape.distance(y, t)) / np.einsum("ni,ni->n", n, n)
+        x = shape.pose(t).to_space(y + away[:, None] * n)
+    return x
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("name", ["plane", "sphere", "cylinder", "sdf"])
+def test_force_and_tangent_are_derivatives(name, element, rng):
+    """With points inside triangles, but for the plane."""
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, element=element)
+    obstacle = fc.Obstacle(BELOW[name], gap=GAP, stiffness=200.0)
+    x = near(cloth, obstacle, rng, 0.0)
+    check_term(obstacle, cloth, FABRIC, [("near", x, np.zeros_like(x))], ("x",), (1.0,))
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("name", BELOW)
+def test_derivatives_where_the_curvature_jumps(name, element, rng):
+    """Between a face and an edge ∇²d jumps, so that no point may pass there: short differences.
+
+    All shapes move and turn here, and are looked at later.
+    """
+    cloth, t, h = fc.Cloth.rectangle(0.3, 0.2, h=0.1, element=element), 0.4, 1e-6
+    turn = fc.Rotation((0.1, 0, 0), (0.1, 0.2, 1), "0.5*t")
+    shape = replace(BELOW[name], motion=("0.02*t", 0, "0.1*t"), rotate=turn)
+    obstacle = fc.Obstacle(shape, gap=GAP, stiffness=200.0)
+    system = fc.System(cloth, FABRIC, [obstacle])
+    x = near(cloth, obstacle, rng, t)
+    s = rng.standard_normal(x.shape)
+    states = [fc.State(t, x + way * s, np.zeros_like(x)) for way in (h, -h, 0.0)]
+    energy = [system.bound[0].energy(state.x, t) for state in states]
+    f = [system.force(state) for state in states]
+    assert (energy[0] - energy[1]) / (2 * h) == pytest.approx(-np.vdot(f[2], s), rel=1e-6)
+    exact = -system.stiffness(states[2]) @ s.ravel()
+    error = np.linalg.norm((f[0] - f[1]).ravel() / (2 * h) - exact)
+    assert error < 1e-5 * np.linalg.norm(exact)
+
+
+def test_the_check_sees_a_wrong_tangent(rng, monkeypatch):
+    cloth, obstacle = fc.Cloth.rectangle(0.3, 0.2, h=0.1), fc.Obstacle(BELOW["sphere"], gap=GAP)
+    states = [("near", near(cloth, obstacle, rng, 0.0), np.zeros((len(cloth.X), 3)))]
+    right = barrier.curvature
+    monkeypatch.setattr(barrier, "curvature", lambda s: 1.01 * right(s))
+    with pytest.raises(VerificationFailed, match="x-tangent"):
+        check_term(obstacle, cloth, FABRIC, states, ("x",), (1.0,))
+
+
+@pytest.mark.parametrize("name", BELOW)
+def test_the_definite_tangent_is(name, rng):
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1)
+    obstacle = fc.Obstacle(BELOW[name], gap=GAP)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), obstacle])
+    state = system.state(near(cloth, obstacle, rng, 0.0))
+    from fecloth.linalg.block_matrix import BlockMatrix
+
+    J = BlockMatrix.zeros(system.pattern)
+    term = system.bound[1]
+    term.add_tangent(state.x, state.v, 0.0, 1.0, 0.0, J, definite=True)
+    values = np.linalg.eigvalsh(J.to_scipy().toarray())
+    assert values[0] > -1e-12 * values[-1]
+    assert values[-1] > 0
+
+
+def test_the_areas_are_those_of_the_cloth():
+    """Whatever the number of points, a pressure acts on the whole area."""
+    for element in ("P1", "P2"):
+        cloth = fc.Cloth.disk(0.3, h=0.1, element=element)
+        for gap in (0.06, 0.01, 0.002):
+            obstacle = fc.Obstacle(S.Sphere((0, 0, 0), 0.1), gap=gap)
+            bound = fc.System(cloth, FABRIC, [obstacle]).bound[0]
+            areas = [points.areas.sum() for points in bound.points]
+            assert sum(areas) == pytest.approx(cloth.area, rel=1e-12)
+
+
+def test_points_inside_triangles_leave_the_pattern_alone():
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1)
+    fine = fc.Obstacle(S.Sphere((0, 0, -1), 0.05), gap=1e-3)
+    systems = [fc.System(cloth, FABRIC, [fc.StVK(), *more]) for more in ([], [fine])]
+    assert len(systems[1].bound[1].points) == 2
+    one, two = (system.pattern for system in systems)
+    assert one.indices.tolist() == two.indices.tolist()
+    assert one.indptr.tolist() == two.indptr.tolist()
+
+
+def least_distance(bound, x, t=0.0):
+    """Of all points of the cloth, not only those near the obstacle."""
+    pose, distances = bound.shape.pose(t), []
+    for points in bound.points:
+        y = pose.to_body(points.values(x, np.arange(len(points.areas))))
+        distances.append(bound.shape.distance(y, t).min())
+    return min(distances)
+
+
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
+@pytest.mark.parametrize("name", ["plane", "sphere", "capsule", "box", "sdf"])
+def test_a_sheet_thrown_at_an_obstacle_never_enters(name, method):
+    """At 3 m/s and 10 ms a node would go 30 gaps a step."""
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.06)
+    obstacle = fc.Obstacle(BELOW[name], gap=1e-3)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), fc.Gravity(), obstacle])
+    start = system.state(flat(cloth) + [0, 0, 0.06], np.tile([0.0, 0, -3.0], (len(cloth.X), 1)))
+    energy, least = [sum(system.energies(start).values())], []
+    for state, _ in fc.march(system, method, start, dt=0.01, t_end=0.12):
+        least.append(least_distance(system.bound[-1], state.x))
+        energy.append(sum(system.energies(state).values()))
+    assert max(energy) <= energy[0] * (1 + 1e-9)  # contact makes no energy
+    assert 0 < min(least) < 1e-3  # it has met the obstacle
+
+
+def test_an_obstacle_that_moves_pushes_the_cloth():
+    """A table goes up by 20 gaps a step, and a disk, thinner than its way in a step, comes down."""
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.06)
+    table = fc.Obstacle(S.Plane((0, 0, -0.01), UP, motion=("0", "0", "2*t")))
+    disk = S.Disk((0.15, 0.1, 0.02), UP, 0.05, 1e-3, motion=("0", "0", "-0.5*t"))
+    for obstacle, sign in ((table, 1), (fc.Obstacle(disk), -1)):
+        system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), obstacle])
+        for state, _ in fc.march(system, fc.BackwardEuler(), system.rest(), dt=0.01, t_end=0.1):
+            assert least_distance(system.bound[-1], state.x, state.t) > 0
+        assert sign * state.v[:, 2].mean() > 0.05
+
+
+@pytest.mark.parametrize("gap", [1e-3, 4e-3])
+def test_at_rest_on_a_plane_the_reaction_is_the_weight(gap):
+    cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.06)
+    obstacle = fc.Obstacle(S.Plane((0, 0, 0), UP), gap=gap)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), fc.Gravity(), obstacle])
+    rest = fc.equilibrium(system, system.state(flat(cloth) + [0, 0, 1.5 * gap]))
+    f = np.zeros_like(rest.x)
+    system.bound[-1].add_force(rest.x, rest.v, 0.0, f)
+    weight = 0.2 * 9.81 * cloth.area
+    np.testing.assert_allclose(f.sum(axis=0), [0, 0, weight], rtol=0, atol=1e-6 * weight)
+    assert 0.8 * gap < rest.x[:, 2].min() <= rest.x[:, 2].max() < gap
+
+
+def test_equilibrium_draped_over_a_sphere():
+    """Nothing is inside, the cloth hangs on all sides, and the ball carries it whole."""
+    cloth = fc.Cloth.disk(0.1, h=0.02)
+    middle = np.linalg.norm(cloth.X, axis=1).argmin()  # else it slides off, without friction
+    obstacle = fc.Obstacle(S.Sphere((0, 0, -0.06), 0.06))
+    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity(), obstacle]
+    stiff = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-4)
+    aside = cloth.X[:, 0].argmax()  # else it may turn
+    pins = [fc.Slide([middle], direction=UP), fc.Slide([aside], normal=(0, 1, 0))]
+    system = fc.System(cloth, stiff, terms, pins)
+    rest = fc.equilibrium(system, system.state(flat(cloth) + [0, 0, 0.002]), tolerance=1e-7)
+    assert least_distance(system.bound[-1], rest.x) > 0
+    f = np.zeros_like(rest.x)
+    system.bound[-1].add_force(rest.x, rest.v, 0.0, f)
+    assert f[:, 2].sum() == pytest.approx(0.2 * 9.81 * cloth.area, rel=1e-5)
+    assert rest.x[:, 2].min() < -0.01
+
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = "30 cm"
+height = "20 cm"
+h = "10 cm"
+[fabric]
+areal_density = "200 g/m^2"
+tensile_stiffness = 1000.0
+poisson_ratio = 0.3
+bending_rigidity = 1e-4
+[start]
+shift = [0, 0, "2 mm"]
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "PlateBending"
+[[terms]]
+type = "Gravity"
+[[terms]]
+type = "MassDamping"
+rate = 30.0
+[[terms]]
+type = "Obstacle"
+shape = { type = "Plane", point = ["0 mm", 0, 0], normal = [0, 0, 1], motion = [0, 0, "0.01*t"] }
+gap = "1 mm"
+friction = 0.2
+[time]
+method = "bdf2"
+dt = "10 ms"
+t_end = "0.3 s"
+"""
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+def test_a_scene_with_an_obstacle(tmp_path):
+    """Units, motion, the columns of observed.csv, and the words about the gap."""
+    (tmp_path / "table.toml").write_text(SCENE)
+    done = fc.run_scene(fc.load_scene(tmp_path / "table.toml"), tmp_path / "out")
+    weight, damping = 0.2 * 9.81 * 0.06, 30.0 * 0.2 * 0.06 * 0.01
+    reaction = done.observed["reaction:Obstacle.z"][-1]
+    assert reaction == pytest.approx(weight + damping, rel=1e-3)
+    least = done.observed["least_distance:Obstacle"]
+    assert 0 < least.min() < 1e-3
+    assert least[0] == pytest.approx(2e-3)
+    assert done.state.x[:, 2].min() == pytest.approx(0.003 + least[-1])
+    assert done.energies["work:Obstacle"][-1] > 0.9 * weight * 0.002
+    assert re.search(
+        r"lies 0.9\d* mm off Obstacle, an error of .* by the gap, -", done.contact_in_words
+    )
+    assert done.contact_in_words in (tmp_path / "out" / "run.log").read_text()
+    assert done.summary["contact_in_words"] == done.contact_in_words
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ('"Plane"', r"shape.type = 'Plain': must be one of Box.*Did you mean 'Plane'\?"),
+        ("point", "terms.4.shape.place = .*unknown key.*point, normal, motion, rotate"),
+        ('"2 mm"', r"start: \d+ nodes start inside the Plane, the deepest: .*1 mm, the gap"),
+        ('"bdf2"', r'Obstacle in Newmark.*in scenes method = "bdf2", or Auto'),
+    ],
+)
+def test_mistakes_in_a_scene_are_named(tmp_path, wrong, words):
+    right = {'"Plane"': '"Plain"', "point": "place", '"2 mm"': '"-2 mm"', '"bdf2"': '"newmark"'}
+    (tmp_path / "wrong.toml").write_text(SCENE.replace(wrong, right[wrong], 1))
+    with pytest.raises(InputError, match=words):
+        fc.load_scene(tmp_path / "wrong.toml").build()
+
+
+METHODS = [
+    fc.ForwardEuler(),
+    fc.SymplecticEuler(),
+    fc.CentralDifference(),
+    fc.LinearlyImplicitEuler(),
+    fc.ImplicitMidpoint(),
+    fc.Newmark(),
+    fc.GeneralizedAlpha(),
+    fc.EnergyMomentum(),
+    fc.Adaptive(fc.GeneralizedAlpha()),
+]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: repr(method))
+def test_other_methods_are_refused_by_name(small, method):
+    system = fc.System(small, FABRIC, [fc.StVK(), fc.Obstacle(S.Plane((0, 0, -1), UP))])
+    dt = None if isinstance(method, fc.Adaptive) else 1e-5
+    name = type(getattr(method, "method", method)).__name__
+    with pytest.raises(InputError, match=rf"Obstacle in {name}.*BackwardEuler or BDF2.*end of a"):
+        next(fc.march(system, method, system.rest(), dt, 0.1))
+
+
+def test_auto_takes_bdf2(small):
+    system = fc.System(
+        small, FABRIC, [fc.StVK(), fc.Gravity(), fc.Obstacle(S.Plane((0, 0, -0.01), UP))]
+    )
+    result = fc.run(system, fc.Auto(rtol=0.05), system.rest(), t_end=0.06)
+    assert isinstance(result.method.method, fc.BDF2)
+    assert result.state.x[:, 2].min() > -0.01
+
+
+def test_a_start_inside_is_refused_with_the_nodes(small):
+    ball = fc.Obstacle(S.Sphere((0.2, 0.15, 0), 0.06))
+    system = fc.System(small, FABRIC, [fc.StVK(), ball])
+    words = r"1 nodes start inside the Sphere, the deepest: \d+ \(\d.* mm\).*gap, away"
+    x = flat(small)
+    x[0] = 0.2, 0.15, 0.02
+    only = [0]
+    x[1:, 2] += 0.5
+    assert ball.shape.distance(x[only], 0.0) < 0
+    for call in (
+        lambda: fc.run(system, fc.BDF2(), system.state(x), dt=0.01, t_end=0.1),
+        lambda: fc.equilibrium(system, system.state(x)),
+    ):
+        with pytest.raises(InputError, match=words):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"gap": 0.0}, "gap = 0.0: must be finite and > 0"),
+        ({"gap": 0.2}, "gap = 0.2 m: must be at most 0.04 m, a tenth"),
+        ({"stiffness": -1.0}, 'stiffness = -1.0: must be finite and > 0.*"auto"'),
+        ({"stiffness": "hard"}, "stiffness"),
+        ({"shape": UP}, "shape = .*must be a shape, such as"),
+    ],
+)
+def test_a_wrong_obstacle_is_refused(small, options, words):
+    with pytest.raises(InputError, match=words):
+        fc.System(small, FABRIC, [fc.Obstacle(**{"shape": S.Plane((0, 0, 0), UP)} | options)])
+
+
+@pytest.mark.parametrize("function", ["pressure", "curvature"])
+def test_the_barrier_has_these_derivatives(function):
+    s, h = np.linspace(0.05, 0.99, 50), 1e-6
+    of = {"pressure": barrier.value, "curvature": barrier.pressure}[function]
+    slope = -(of(s + h) - of(s - h)) / (2 * h)
+    np.testing.assert_allclose(getattr(barrier, function)(s), slope, rtol=1e-6, atol=1e-9)
+    assert (getattr(barrier, function)(s) > 0).all()
+    assert barrier.value(np.array([0.0, -1.0])).tolist() == [np.inf, np.inf]
