@@ -38,6 +38,7 @@ def out(tmp_path_factory):
         ("benchmarks.method_choice", "auto over the best"),
         ("models.sag_figure", "wrote out/models/sag.png"),
         ("laws", "9 pictures"),
+        ("contact", "A sheet that falls on a ball"),
         ("benchmarks.mujoco", "figures met"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from fecloth.verify import VerificationFailed, check_term
 
 S = fc.shapes
 UP = (0, 0, 1)
+SLOW = pytest.mark.slow
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
 GAP = 0.02
 BELOW = {  # each has its top near (0.15, 0.1, 0)
@@ -131,7 +133,9 @@ def least_distance(bound, x, t=0.0):
 
 
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
-@pytest.mark.parametrize("name", ["plane", "sphere", "capsule", "box", "sdf"])
+@pytest.mark.parametrize(
+    "name", ["plane", "sphere", *(pytest.param(n, marks=SLOW) for n in ("capsule", "box", "sdf"))]
+)
 def test_a_sheet_thrown_at_an_obstacle_never_enters(name, method):
     """At 3 m/s and 10 ms a node would go 30 gaps a step."""
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.06)
@@ -281,6 +285,7 @@ def test_other_methods_are_refused_by_name(small, method):
         next(fc.march(system, method, system.rest(), dt, 0.1))
 
 
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 def test_auto_takes_bdf2(small):
     system = fc.System(
         small, FABRIC, [fc.StVK(), fc.Gravity(), fc.Obstacle(S.Plane((0, 0, -0.01), UP))]
@@ -330,3 +335,14 @@ def test_the_barrier_has_these_derivatives(function):
     np.testing.assert_allclose(getattr(barrier, function)(s), slope, rtol=1e-6, atol=1e-9)
     assert (getattr(barrier, function)(s) > 0).all()
     assert barrier.value(np.array([0.0, -1.0])).tolist() == [np.inf, np.inf]
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+def test_the_scene_of_the_page_runs(tmp_path):
+    page = Path(fc.__file__).parent / "terms" / "contact" / "README.md"
+    python, toml = re.findall(r"```\w+\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    exec(python, {})
+    (tmp_path / "drop.toml").write_text(toml.replace('"4 cm"', '"8 cm"').replace("0.2 s", "0.05 s"))
+    scene = fc.load_scene(tmp_path / "drop.toml")
+    assert isinstance(scene.build().system.terms[-1].shape, S.Sphere)
+    assert fc.run_scene(scene, tmp_path / "out").status == "done"

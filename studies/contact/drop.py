@@ -1,0 +1,68 @@
+"""A sheet that falls on a ball: whether a node ever enters, and what a step costs."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+import fecloth as fc
+
+SIZE, RADIUS, GAP = 0.4, 0.1, 1e-3
+
+
+@dataclass(frozen=True)
+class Drop:
+    """What a run with the ball gave.
+
+    Attributes
+    ----------
+    triangles, steps, newton
+        Numbers; Newton iterations of all steps.
+    seconds
+        CPU time of the steps [s].
+    least
+        Least distance of any point of the cloth from the ball, of all steps [m].
+    gain
+        Largest total energy after the start, less that at the start [J].
+    drop
+        How far the lowest node is below the top of the ball at the end [m].
+    """
+
+    triangles: int
+    steps: int
+    newton: int
+    seconds: float
+    least: float
+    gain: float
+    drop: float
+
+
+def make(h: float, friction: float = 0.3) -> tuple[fc.System, fc.State]:
+    """A sheet of 0.4 m, 5 mm above the top of a ball of 0.1 m, and at rest."""
+    cloth = fc.Cloth.rectangle(SIZE, SIZE, h)
+    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
+    ball = fc.shapes.Sphere((SIZE / 2, SIZE / 2, -RADIUS), RADIUS)
+    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity(), fc.StrainRateDamping(time=1e-3)]
+    system = fc.System(cloth, fabric, [*terms, fc.Obstacle(ball, GAP, friction)])
+    x = np.column_stack([cloth.X, np.full(len(cloth.X), 5e-3)])
+    return system, system.state(x)
+
+
+def drop(h: float, t_end: float, method, dt: float = 0.01) -> Drop:
+    """Let the sheet fall, and look at every step."""
+    system, start = make(h)
+    obstacle, newton, seconds, steps = system.bound[-1], 0, 0.0, 0
+    first = sum(system.energies(start).values())
+    least, gain, state = np.inf, -np.inf, start
+    begin = time.process_time()
+    for state, info in fc.march(system, method, start, dt, t_end):
+        seconds += time.process_time() - begin
+        newton, steps = newton + info.counts.newton, steps + 1
+        least = min(least, obstacle.least_distance(state.x, state.t))
+        gain = max(gain, sum(system.energies(state).values()) - first)
+        begin = time.process_time()
+    fallen = -float(state.x[:, 2].min())
+    triangles = len(system.cloth.triangles)
+    return Drop(triangles, steps, newton, seconds, float(least), float(gain), fallen)
