@@ -119,6 +119,15 @@ class BlockMatrix:
         multiply(self.pattern.indptr, self.pattern.indices, self.values, x, y)
         return y
 
+    def plus(self, other: sparse.spmatrix) -> BlockMatrix:
+        """The sum with a SciPy matrix (3n, 3n); its pattern is new."""
+        n = 3 * len(self.pattern)
+        arrays = self.values, self.pattern.indices, self.pattern.indptr
+        total = sparse.bsr_matrix(arrays, shape=(n, n)) + other.tobsr((3, 3))
+        total.sort_indices()
+        starts, columns = (a.astype(np.int32, copy=False) for a in (total.indptr, total.indices))
+        return BlockMatrix(BlockPattern(starts, columns), total.data)
+
     def to_scipy(self) -> sparse.bsr_matrix:
         """Copy the matrix to a SciPy matrix, 3n × 3n."""
         n = 3 * len(self.pattern)

@@ -19,6 +19,7 @@ from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.mesh.grading import Grading
 from fecloth.mesh.half_edges import HalfEdges
 from fecloth.mesh.hinges import Hinges
+from fecloth.mesh.join import join
 from fecloth.mesh.read import read
 from fecloth.mesh.renumber import renumber_mesh
 
@@ -170,6 +171,28 @@ class Cloth:
         where = "from_arrays"
         mesh = FlatMesh.from_arrays(X, triangles, sets, where=where, triangle_sets=regions)
         return cls._from_mesh(mesh, element, renumber)
+
+    @classmethod
+    def join(cls, pieces: Sequence[Cloth], names: Sequence[str]) -> Cloth:
+        """Make one cloth of several pieces that share no node, such as two layers that touch.
+
+        Each piece keeps its coordinates, which may overlap, because each is flat by itself. The
+        sets of a piece are named NAME/SET, as "top/left"; NAME is the set of its nodes and the
+        region of its triangles.
+
+        Raises
+        ------
+        InputError
+            For fewer than two pieces, names that are not as many and different, or other elements.
+
+        Examples
+        --------
+        >>> one = Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+        >>> both = Cloth.join([one, one], names=["top", "apron"])
+        >>> len(both.X), both.nodes("apron/left").tolist() == (9 + one.nodes("left")).tolist()
+        (18, True)
+        """
+        return cls(**join(pieces, names))
 
     @classmethod
     def _from_mesh(

@@ -12,7 +12,20 @@ MOST_NEIGHBOURS, SAMPLE = 500, 500
 
 
 def count_intersections(triangles: np.ndarray, x: np.ndarray) -> int | None:
-    """Count the pairs of triangles that pass through each other.
+    """Count the pairs that `find_intersections` finds; None where it returns None.
+
+    Examples
+    --------
+    >>> x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [2, 2, 0]])
+    >>> count_intersections(np.array([[0, 1, 2], [3, 4, 5]]), x)
+    1
+    """
+    pairs = find_intersections(triangles, x)
+    return None if pairs is None else len(pairs)
+
+
+def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | None:
+    """Find the pairs (p, 2) of triangles that pass through each other.
 
     A pair intersects if an edge of one crosses the inside of the other. The five volumes of
     tetrahedra whose signs decide it must exceed the round-off of the coordinates. Hence triangles
@@ -30,15 +43,9 @@ def count_intersections(triangles: np.ndarray, x: np.ndarray) -> int | None:
 
     Returns
     -------
-    int or None
+    array or None
         None if positions are not finite, or a triangle has more than 500 others near it on the
         average, as in a cloth that has collapsed.
-
-    Examples
-    --------
-    >>> x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [2, 2, 0]])
-    >>> count_intersections(np.array([[0, 1, 2], [3, 4, 5]]), x)
-    1
     """
     x = np.ascontiguousarray(x, dtype=float)
     corners = x[triangles]
@@ -48,15 +55,17 @@ def count_intersections(triangles: np.ndarray, x: np.ndarray) -> int | None:
     radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
     classes = _size_classes(radii)
     trees = [cKDTree(centres[members]) for members in classes]
-    total = 0
+    found = [np.zeros((0, 2), int)]
     for i, (mine, tree) in enumerate(zip(classes, trees, strict=True)):
         for other, another in zip(classes[: i + 1], trees, strict=False):
             reach = radii[mine].max() + radii[other].max()
             if _neighbours(tree, another, reach) > MOST_NEIGHBOURS:
                 return None
             first, second = _pairs(tree, another, reach)
-            total += _count(mine[first], other[second], triangles, x)
-    return total
+            one, two = mine[first], other[second]
+            crosses = _crossing(one, two, triangles, x)
+            found.append(np.column_stack([one[crosses], two[crosses]]))
+    return np.concatenate(found)
 
 
 def _size_classes(radii: np.ndarray) -> list[np.ndarray]:
@@ -81,14 +90,14 @@ def _pairs(tree: cKDTree, another: cKDTree, reach: float) -> tuple[np.ndarray, n
 
 
 @kernel
-def _count(first, second, triangles, x):
-    """Count the candidates that intersect."""
-    total = 0
-    for n in range(len(first)):
-        a, b = triangles[first[n]], triangles[second[n]]
+def _crossing(first, second, triangles, x):
+    """Return which of the pairs of triangles intersect."""
+    found = np.zeros(len(first), np.bool_)
+    for i in range(len(first)):
+        a, b = triangles[first[i]], triangles[second[i]]
         if not (_share_a_node(a, b) or _are_apart(a, b, x)):
-            total += _crosses(a, b, x) or _crosses(b, a, x)
-    return total
+            found[i] = _crosses(a, b, x) or _crosses(b, a, x)
+    return found
 
 
 @inner

@@ -113,7 +113,9 @@ class _Pencil:
         n = len(state.x)
         nodal = sparse.identity(n, format="csr") if unit_mass else system.scalar_mass
         mass = (Z.T @ sparse.kron(nodal, sparse.identity(3), format="csr") @ Z).tocsr()
-        diagonal = np.einsum("bii->b", abs(K.values[system.pattern.diagonal]))
+        if (part := system.coupling(state, wx=1.0)) is not None:
+            K = K.plus(part)
+        diagonal = np.einsum("bii->b", abs(K.values[K.pattern.diagonal]))
         scale = float(diagonal.sum() / (3 * nodal.diagonal().sum())) or 1.0
         return cls(system, K, updates, nodal, mass, scale, asymmetry)
 
@@ -134,7 +136,7 @@ class _Pencil:
         raise last
 
     def _inverse(self, shift: float) -> LinearOperator:
-        pattern, Z = self.system.pattern, self.system.admissible
+        pattern, Z = self.stiffness.pattern, self.system.admissible
         J = BlockMatrix(pattern, self.stiffness.values.copy())
         mass = (shift * self.nodal).tocoo()
         slots = pattern.slots(np.column_stack([mass.row, mass.col]).astype(np.int32))[:, 0, 1]

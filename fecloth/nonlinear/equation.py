@@ -79,6 +79,10 @@ class Equation(Protocol):
         """J = ∂R/∂y with a remedy, projected onto the free directions."""
         ...
 
+    def couple(self, y: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
+        """J plus the parts of ∂R/∂y outside its pattern, projected too; J itself without any."""
+        ...
+
     def updates(self, y: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """(c, u) of each part c u uᵀ of ∂R/∂y that J leaves out."""
         ...

@@ -235,7 +235,7 @@ class _Work:
         self.modified += remedy.definite or remedy.shift > 0
         self.factorisations += 1
         self.seconds["assemble"] += time.perf_counter() - begin
-        self.linear_solver.prepare(self.J)
+        self.linear_solver.prepare(self.equation.couple(point.y, remedy, self.J))
         step = self.solve_linear(point, new=True)
         reuse.record_factor(self.equation.key(remedy), self.linear_solver)
         return step

@@ -112,6 +112,11 @@ class StageEquation:
         _, wx, wv, wa, definite = self.key(remedy)
         self.system.project(self.system.assemble(J, self.state(q), wx, wv, wa, definite))
 
+    def couple(self, q: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
+        """J plus what terms couple outside its pattern."""
+        _, wx, wv, _, definite = self.key(remedy)
+        return self.system.couple(J, self.state(q), wx, wv, definite)
+
     def updates(self, q: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """(wx c, u) of the dense parts of K."""
         project, dense = self.system.constraints.project, self.system.dense(self.state(q))

@@ -123,6 +123,10 @@ class StaticEquation:
             term.add_tangent(x, still, self.start.t, factor, 0.0, J, remedy.definite)
         self.system.project(J)
 
+    def couple(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
+        """J plus what terms couple outside its pattern; they are no loads."""
+        return self.system.couple(J, self.at(x), 1.0, definite=remedy.definite)
+
     def updates(self, x: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """The dense parts of K."""
         dense = [

@@ -53,8 +53,8 @@ def intersection_warning(t: float, pairs: float | None, since: str = "from") -> 
         return ""
     return (
         f"the cloth passes through itself {since} t = {t:g} s ({pairs:.0f} pairs of triangles "
-        "intersect); fecloth has no contact, so no layer rests on another: trust the motion up to "
-        "there, or place the cloth so that its layers do not meet"
+        "intersect); without SelfContact no layer rests on another: trust the motion up to there, "
+        "add that term, or place the cloth so that its layers do not meet"
     )
 
 

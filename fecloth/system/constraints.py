@@ -66,6 +66,16 @@ class Constraints:
         y[self.nodes] = np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
         return y
 
+    def project_matrix(self, A: sparse.spmatrix) -> sparse.csr_matrix:
+        """P A P of a matrix (3n, 3n)."""
+        held = np.eye(3) - self.projectors
+        dofs = 3 * self.nodes[:, None] + np.arange(3)
+        rows, columns = np.repeat(dofs, 3, axis=1).ravel(), np.tile(dofs, (1, 3)).ravel()
+        fixed = sparse.csr_matrix((held.ravel(), (rows, columns)), shape=A.shape)
+        P = sparse.identity(A.shape[0], format="csr") - fixed
+        projected: sparse.csr_matrix = P @ A @ P
+        return projected
+
     def held_part(self, y: np.ndarray) -> np.ndarray:
         """(I − P) y of the constrained nodes, (c, 3)."""
         return y[self.nodes] - np.einsum("cij,cj->ci", self.projectors, y[self.nodes])

@@ -262,6 +262,18 @@ class System:
         """(c, u (n, 3)) of the parts c u uᵀ of K that couple all nodes, and are not in a matrix."""
         return [term.dense(state.x, state.t) for term in self.bound if hasattr(term, "dense")]
 
+    def coupling(self, state: State, wx=0.0, wv=0.0, definite=False) -> sparse.spmatrix | None:
+        """(3n, 3n) part of wv D + wx K that couples nodes outside the pattern; None without any."""
+        at = state.x, state.v, state.t, wx, wv, definite
+        found = [term.coupling(*at) for term in self.bound if hasattr(term, "coupling")]
+        parts = [part for part in found if part is not None]
+        return sum(parts[1:], start=parts[0]) if parts else None
+
+    def couple(self, J: BlockMatrix, state: State, wx=0.0, wv=0.0, definite=False) -> BlockMatrix:
+        """J, projected before, plus `coupling`, projected too; J itself if nothing is coupled."""
+        part = self.coupling(state, wx, wv, definite)
+        return J if part is None else J.plus(self.constraints.project_matrix(part))
+
     def project(self, J: BlockMatrix) -> BlockMatrix:
         """P J P + (I − P) s, in place: a pinned node's rows and columns become a multiple of I."""
         self._projection.apply(J)
@@ -269,8 +281,9 @@ class System:
 
     def stiffness(self, state: State) -> sparse.bsr_matrix:
         """K = −∂f/∂x over all nodes, (3n, 3n) [N/m], without what `dense` gives."""
-        J = BlockMatrix.zeros(self.pattern)
-        return self.assemble(J, state, wx=1.0).to_scipy()
+        K = self.assemble(BlockMatrix.zeros(self.pattern), state, wx=1.0)
+        part = self.coupling(state, wx=1.0)
+        return (K if part is None else K.plus(part)).to_scipy()
 
     def damping(self, state: State) -> sparse.bsr_matrix:
         """D = −∂f/∂v over all nodes, (3n, 3n) [N s/m]."""

@@ -14,6 +14,7 @@ from fecloth.terms.bending.hinge import HingeBending
 from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.bending.quadratic import QuadraticBending
 from fecloth.terms.contact.obstacle import Obstacle
+from fecloth.terms.contact.self_contact import SelfContact
 from fecloth.terms.custom.force import UserForce
 from fecloth.terms.damping.bending import BendingDamping
 from fecloth.terms.damping.mass import MassDamping
@@ -46,6 +47,7 @@ __all__ = [
     "PointForce",
     "Pressure",
     "QuadraticBending",
+    "SelfContact",
     "Springs",
     "StVK",
     "StrainRateDamping",

@@ -270,15 +270,15 @@ class AdmitsGuess(Protocol):
 
 
 class Coupling(Protocol):
-    """Reserved: the ability to couple nodes outside the fixed pattern, such as by contact.
-
-    Nothing calls it yet; `DenseTangent` is the one coupling outside the pattern today.
-    """
+    """The ability to couple nodes outside the fixed pattern, as contact between triangles does."""
 
     def coupling(
-        self, x: np.ndarray, v: np.ndarray, t: float, wx: float, wv: float
-    ) -> sparse.csr_matrix:
-        """(3n, 3n) part of wx K + wv D that `add_tangent` leaves out; its pattern may change."""
+        self, x: np.ndarray, v: np.ndarray, t: float, wx: float, wv: float, definite: bool
+    ) -> sparse.spmatrix | None:
+        """(3n, 3n) part of wx K + wv D that `add_tangent` leaves out; None if nothing is coupled.
+
+        Its pattern may change from call to call. `definite` is that of `add_tangent`.
+        """
         ...
 
 

@@ -76,7 +76,7 @@ def test_a_cloth_that_passes_through_itself_is_reported_once(scene, capsys):
     assert summary["inverted_triangles"] == max(row["inverted"] for row in rows)
     words = f"the cloth passes through itself from t = {first:g} s ("
     assert [words in one for one in summary["warnings"]].count(True) == 1
-    assert "fecloth has no contact" in printed.err
+    assert "without SelfContact" in printed.err
     assert f"{np.nanmax(counts):.0f} pairs that intersect, in any frame" in printed.out
     folder = scene.parent / "through"
     assert (folder / "run.log").read_text().count(f"warning: {words}") == 1
