@@ -1,8 +1,8 @@
 """Contact against known answers, under refinement of mesh, gap and step.
 
 The problems are those of references.py: the capstan equation, a heavy elastica that leaves a plane,
-and a drum blown against a plate. The last table is a sheet that falls on a ball (drop.py). Errors
-are relative. The full form writes contact.md.
+and a drum blown against a plate. Errors are relative. The full form writes contact.md.
+`python -m studies.contact.drop` lets a sheet fall on a ball.
 
     python -m studies.contact [--quick]
 """
@@ -17,7 +17,6 @@ from pathlib import Path
 
 import fecloth as fc
 from studies.contact import references
-from studies.contact.drop import drop
 
 HERE = Path(__file__).parent
 GAPS, FINEST_GAP = (2e-3, 1e-3, 5e-4, 2.5e-4), 1.25e-4
@@ -65,28 +64,12 @@ def refined(title: str, unit: str, solve, sizes: tuple[float, ...], gaps: tuple)
         values.append(value)
         shown = f"{value:.6g}", f"{exact:.6g}", percent(value, exact), order(values)
         rows.append((1e3 * h, 1e3 * FINEST_GAP, *shown))
-    values = []
     for gap in gaps:
         value, exact = solve(sizes[-1], gap)
-        values.append(value)
-        shown = f"{value:.6g}", f"{exact:.6g}", percent(value, exact), order(values)
+        shown = f"{value:.6g}", f"{exact:.6g}", percent(value, exact), ""
         rows.append((1e3 * sizes[-1], 1e3 * gap, *shown))
-    head = ("h [mm]", "gap [mm]", f"computed [{unit}]", "exact", "error [%]", "order")
+    head = ("h [mm]", "gap [mm]", f"computed [{unit}]", "exact", "error [%]", "order in h")
     return table(title, head, rows)
-
-
-def drops(quick: bool) -> str:
-    """The sheet that falls on a ball."""
-    rows = []
-    for h, t_end in [(0.05, 0.3)] if quick else [(0.0272, 2.0), (0.0136, 2.0), (0.0068, 2.0)]:
-        for method in (fc.BackwardEuler(), fc.BDF2()):
-            one = drop(h, t_end, method)
-            each = one.newton / one.steps, one.seconds / one.steps, 1e3 * one.least
-            shown = [f"{number:.3g}" for number in each]
-            gains = "none" if one.gain <= 0 else f"{1e6 * one.gain:.2g} µJ"
-            rows.append((type(method).__name__, one.triangles, one.steps, *shown, gains))
-    head = ("method", "triangles", "steps", "Newton a step", "CPU s a step", "least distance [mm]")
-    return table("A sheet that falls on a ball", (*head, "energy gained"), rows)
 
 
 def main() -> None:
@@ -102,7 +85,6 @@ def main() -> None:
         capstans(quick),
         refined("A lifted heavy strip", "N/m", references.lifted, sizes, gaps),
         refined("A drum against a plate", "m", references.drum, sizes, gaps),
-        drops(quick),
     ]
     text = "\n".join(parts)
     print(text)
