@@ -57,15 +57,26 @@ def run_converge(options) -> int:
     return 3 if failed else 0
 
 
-def add_sweep_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `fecloth sweep`."""
+def add_scene_options(parser: argparse.ArgumentParser) -> None:
+    """Add a scene, its changes, and the quantities that a study judges."""
     add = parser.add_argument
     add("scene", help="a .toml file")
-    values = "values of a key: KEY=a:b:log:n, KEY=a:b:lin:n or KEY=v1,v2; may be repeated"
-    add("--over", action="append", required=True, metavar="KEY=VALUES", help=values)
     text = 'as "max tip.z"; may be repeated (default: all of [interest])'
     add("--quantity", action="append", metavar="Q", help=text)
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
+
+
+def add_tolerance(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add the largest `what` of a quantity."""
+    text = f"largest {what} of each quantity, as 1%% or 0.01 (1%%)"
+    parser.add_argument("--tolerance", default="1%", metavar="T", help=text)
+
+
+def add_sweep_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `fecloth sweep`."""
+    add_scene_options(parser)
+    values = "values of a key: KEY=a:b:log:n, KEY=a:b:lin:n or KEY=v1,v2; may be repeated"
+    parser.add_argument("--over", action="append", required=True, metavar="KEY=VALUES", help=values)
     add_study_options(parser, "sweep")
 
 
@@ -88,13 +99,8 @@ def run_sweep(options) -> int:
 
 def add_simplify_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `fecloth simplify`."""
-    add = parser.add_argument
-    add("scene", help="a .toml file")
-    text = "largest change of a quantity, as 1%% or 0.01 (1%%)"
-    add("--tolerance", default="1%", metavar="T", help=text)
-    text = 'as "max tip.z"; may be repeated (default: all of [interest])'
-    add("--quantity", action="append", metavar="Q", help=text)
-    add("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
+    add_scene_options(parser)
+    add_tolerance(parser, "change")
     add_study_options(parser, "simplify")
 
 

@@ -4,26 +4,29 @@ from __future__ import annotations
 
 import argparse
 
-from fecloth.cli.studies import add_study_options, folders, how_to_run, read_names
+from fecloth.cli.studies import (
+    add_scene_options,
+    add_study_options,
+    add_tolerance,
+    folders,
+    how_to_run,
+    read_names,
+)
 
 
 def add_tune_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `fecloth tune`."""
+    add_scene_options(parser)
+    add_tolerance(parser, "error")
     add = parser.add_argument
-    add("scene", help="a .toml file")
-    text = "largest error of each quantity, as 1%% or 0.01 (1%%)"
-    add("--tolerance", default="1%", metavar="T", help=text)
     text = 'longest CPU time of the tuned run, as "60 s": seek the most accurate setting within it'
     add("--budget", metavar="TIME", help=text)
     text = "leave out terms, or take cheaper ones, where that changes little"
     add("--model", action="store_true", help=text)
-    text = 'as "max tip.z"; may be repeated (default: all of [interest])'
-    add("--quantity", action="append", metavar="Q", help=text)
     names = "{}, with commas (default: {})"
     own = "the scene's own and the usual others"
     add("--methods", type=read_names, metavar="A,B", help=names.format("as bdf2,newmark", own))
     add("--elements", type=read_names, metavar="A,B", help=names.format("of P1,P2", "both"))
-    add("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
     add_study_options(parser, "tune")
 
 

@@ -100,6 +100,7 @@ def run_cases(
     fresh: bool = False,
     label: Callable[[Mapping], str] = describe_settings,
     costs: Sequence[float] | None = None,
+    quiet: bool = False,
 ) -> list[dict[str, object]]:
     """Run `function(**settings)` for the settings of each case; rows in the order of the cases.
 
@@ -127,6 +128,8 @@ def run_cases(
         Function that describes the settings of a case in the progress lines.
     costs
         Predicted CPU seconds of each case, for the predicted time left; equal by default.
+    quiet
+        Print no progress lines.
 
     Raises
     ------
@@ -147,7 +150,7 @@ def run_cases(
     else:
         finished = _run_here(missing, function, time_limit)
     spent = [cost_of[case.key] for case in missing]
-    progress = Progress(spent, len(results), at_once, in_seconds=costs is not None)
+    progress = Progress(spent, len(results), at_once, costs is not None, quiet)
     try:
         for case, result in finished:
             _write_result(case, result, out, time_limit)

@@ -24,6 +24,8 @@ class Progress:
         Number of cases that run side by side.
     in_seconds
         Whether the costs are CPU seconds; they may have any unit.
+    quiet
+        Whether nothing is printed.
     clock
         Seconds since any time.
 
@@ -43,14 +45,15 @@ class Progress:
         stored: int = 0,
         at_once: int = 1,
         in_seconds: bool = False,
+        quiet: bool = False,
         clock: Callable[[], float] = time.perf_counter,
     ):
         self.count, self.cost, self.at_once, self.clock = len(costs), sum(costs), at_once, clock
-        self.in_seconds = in_seconds
+        self.in_seconds, self.quiet = in_seconds, quiet
         self.done, self.spent, self.elapsed = 0, 0.0, 0.0
         self.warm = 0.0, 0.0  # cost and time of the cases that imported and compiled
         self.begin = clock()
-        if stored:
+        if stored and not quiet:
             print(f"cases already stored: {stored} of {stored + self.count}", file=sys.stderr)
 
     def add(self, cost: float) -> None:
@@ -71,6 +74,8 @@ class Progress:
     def print(self, words: str, result: dict, cost: float) -> None:
         """Count a finished case and print its line."""
         self.add(cost)
+        if self.quiet:
+            return
         times = f"{self.elapsed:.0f} s"
         if self.done < self.count:
             times += f", about {in_words(self.seconds_left)} left"

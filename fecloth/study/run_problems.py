@@ -36,6 +36,8 @@ class Runs:
         Run every case, even if its result is stored.
     timed
         Measure CPU seconds that can be compared, see `measure`.
+    quiet
+        Print neither the size of all cases nor a line for each.
     """
 
     cache: str | Path | None = None
@@ -45,6 +47,7 @@ class Runs:
     most_seconds: float | None = LONGEST
     fresh: bool = False
     timed: bool = False
+    quiet: bool = False
 
     def __post_init__(self):
         if not (isinstance(self.jobs, int) and self.jobs >= 1):
@@ -76,7 +79,7 @@ def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST) -> None:
 
 
 def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Runs) -> list[dict]:
-    """Return a row for each point, with its `point`; first print the size of all.
+    """Return a row for each point, with its `point`; first check and print the size of all.
 
     A function that other processes cannot import, and a function as quantity, run in this process
     and are not stored.
@@ -92,10 +95,13 @@ def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Ru
     needed = (*quantities, *points[0].problem.interest)  # so studies of others of them share cases
     recorded = sorted({name for one in needed for name in columns_to_record(one)})
     modes = max((one.mode for one in quantities), default=0)
-    check_size([p.size for p in points], runs.jobs, runs.most_seconds, points[0].problem.name)
+    if not runs.quiet:
+        check_size([p.size for p in points], runs.jobs, runs.most_seconds, points[0].problem.name)
     if functions or not all(point.problem.is_importable for point in points):
         function = functions[0] if functions else None
-        rows = run_here(points, lambda one: _measure(one, recorded, modes, function, runs))
+        rows = run_here(
+            points, lambda one: _measure(one, recorded, modes, function, runs), runs.quiet
+        )
     else:
         more = {"timed": True} if runs.timed else {}
         cases = [point.problem.case(point.level, recorded, modes) | more for point in points]
@@ -109,14 +115,15 @@ def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Ru
             runs.fresh,
             label=lambda settings: points[cases.index(dict(settings))].words,
             costs=[point.size.seconds for point in points],
+            quiet=runs.quiet,
         )
     return [{**row, "point": point} for row, point in zip(rows, points, strict=True)]
 
 
-def run_here(listed: Sequence[Any], run: Callable[[Any], dict]) -> list[dict]:
-    """Run what has `words` and a `size`, in this process, with progress lines."""
+def run_here(listed: Sequence[Any], run: Callable[[Any], dict], quiet: bool = False) -> list[dict]:
+    """Run what has `words` and a `size`, in this process, with progress lines unless `quiet`."""
     costs, rows = [one.size.seconds for one in listed], list[dict]()
-    progress = Progress(costs, in_seconds=True)
+    progress = Progress(costs, in_seconds=True, quiet=quiet)
     for one, cost in zip(listed, costs, strict=True):
         rows.append(run(one))
         progress.print(one.words, rows[-1], cost)

@@ -1,6 +1,7 @@
 """`tune`: curves, the choice among settings, and tuned settings beside much finer runs."""
 
 import math
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -10,15 +11,19 @@ import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.scene.scene import load_scene
+from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.command import StudyFailed
 from fecloth.study.problems import open_problem
 from fecloth.study.run_problems import Runs
+from fecloth.study.scene_text import scene_of
 from fecloth.study.tables import Table
 from fecloth.study.tuning.choices import Choice, problem_with
-from fecloth.study.tuning.curves import cost_curve, error_curve
+from fecloth.study.tuning.curves import cost_curve, error_curve, error_of_finest
+from fecloth.study.tuning.fewer_terms import drop_terms
 from fecloth.study.tuning.prediction import Prediction, cheapest, most_accurate
 from fecloth.study.tuning.result import Tuned
+from fecloth.study.tuning.sampled_extremes import drop_to_neighbours
 from fecloth.study.tuning.space_errors import Mesh
 from fecloth.study.tuning.time_errors import Rule, TimeErrors
 from fecloth.study.tuning.trials import Bench, Trial
@@ -94,25 +99,47 @@ def bench_of(path):
 
 def test_errors_follow_their_order_between_and_beyond_the_runs():
     x = [4.0, 8.0, 16.0]
-    curve = error_curve(x, [np.array([3.0 / s**2]) for s in x], np.array([2.0]))
+    curve = error_curve(x, [np.array([3.0 / s**2]) for s in x], np.array([2.0]), 0.0)
     at = np.array([2.0, 5.0, 8.0, 64.0])
     assert curve(at)[:, 0] == pytest.approx(3.0 / at**2, rel=1e-12)
+    assert curve.order == pytest.approx([2.0])
 
 
 def test_an_error_that_is_small_by_chance_counts_as_that_of_the_finer_run():
     errors = [np.array([0.5]), np.array([1e-6]), np.array([0.1])]
-    curve = error_curve([1.0, 2.0, 4.0], errors, np.array([2.0]))
+    curve = error_curve([1.0, 2.0, 4.0], errors, np.array([2.0]), 0.0)
     assert curve(np.array([2.0]))[0, 0] == pytest.approx(0.1)
 
 
 def test_an_order_above_the_theory_is_not_extrapolated():
-    curve = error_curve([1.0, 2.0], [np.array([1.0]), np.array([1e-3])], np.array([2.0]))
+    curve = error_curve([1.0, 2.0], [np.array([1.0]), np.array([1e-3])], np.array([2.0]), 0.0)
     assert curve(np.array([4.0]))[0, 0] == pytest.approx(1e-3 / 4, rel=1e-12)
+
+
+@pytest.mark.parametrize("left", [0.0, 0.01, 0.04])
+def test_the_order_is_not_that_of_runs_within_the_error_of_their_reference(left):
+    """Distances 1/x² to a reference with an error: where that is larger, the sum is flat."""
+    x = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
+    curve = error_curve(x, [np.array([1 / s**2]) for s in x], np.array([2.0]), left)
+    assert curve.order == pytest.approx([2.0], abs=0.4)
+
+
+@pytest.mark.parametrize(("theory", "count"), [(2.0, 3), (1.0, 3), (2.0, 2), (3.0, 2)])
+def test_the_error_of_the_finest_run_is_the_published_index(theory, count):
+    sizes = [2.0 * 2**k for k in range(count)]
+    values = [np.array([1.0 + s**-theory]) for s in sizes]
+    found = error_of_finest(lambda a, b: abs(b - a), values, sizes, theory)
+    assert found == pytest.approx((1.25 if count > 2 else 3.0) * sizes[-1] ** -theory)
 
 
 def test_seconds_grow_with_a_power_within_its_bounds():
     curve = cost_curve([1.0, 2.0], [1.0, 100.0], 1.0, 3.2)
     assert curve(np.array([4.0]))[0, 0] == pytest.approx(100 * 2**3.2)
+
+
+def test_a_first_run_that_loads_code_costs_as_much_as_a_finer_one():
+    curve = cost_curve([1.0, 2.0, 4.0], [7.0, 0.2, 0.4], 0.5, 1.0)
+    assert curve(np.array([1.0, 4.0]))[:, 0] == pytest.approx([0.2, 0.4])
 
 
 def predict(space: float, in_time: float) -> Prediction:
@@ -123,9 +150,9 @@ def predict(space: float, in_time: float) -> Prediction:
     trials = tuple(
         Trial(Choice("P1", "", 1.0 / s, "bdf2", 64), row | {"triangles": s**2}) for s in x
     )
-    errors = error_curve(x, [np.array([space / s**2]) for s in x], theory)
+    errors = error_curve(x, [np.array([space / s**2]) for s in x], theory, 0.0)
     mesh = Mesh(trials[0].choice, errors, cost_curve(x, [1e-6 * s**2 for s in x], 1, 3.2), trials)
-    steps = error_curve(n, [np.array([in_time / s**2]) for s in n], theory)
+    steps = error_curve(n, [np.array([in_time / s**2]) for s in n], theory, 0.0)
     seconds = cost_curve(n, [1e-4 * s for s in n], 0.5, 1.0)
     rule = Rule("bdf2", "steps", steps, seconds, trials)
     times = TimeErrors((rule,), trials[0], np.zeros(1), trials)
@@ -148,6 +175,33 @@ def test_with_a_budget_the_error_is_the_least_within_it():
     best = most_accurate(prediction, 0.1)[0]
     assert best.seconds <= 0.1
     assert cheapest(prediction, 0.9 * best.error)[0].seconds > 0.1
+
+
+def test_seconds_that_differ_by_noise_change_no_choice():
+    """A second mesh of equal errors: whichever is faster by 5 %, the same candidate comes first."""
+    found = predict(1.0, 10.0)
+    (mesh,) = found.meshes
+    firsts = []
+    for factor in (0.95, 1.05):
+        other = replace(
+            mesh,
+            choice=replace(mesh.choice, pattern="cross"),
+            seconds=mesh.seconds.scaled(factor),
+        )
+        firsts.append(cheapest(replace(found, meshes=(mesh, other)), 1e-3)[0].choice)
+    assert firsts[0] == firsts[1]
+
+
+def test_the_lowest_point_lies_as_far_below_the_lowest_node_as_it_may():
+    """A bowl whose lowest point is the centre of a triangle, h/√3 from its nodes, or of an edge."""
+    for element in ("P1", "P2"):
+        cloth = fc.Cloth.rectangle(1.0, 1.0, 0.1, pattern="equilateral", element=element)
+        corners = cloth.X[cloth.triangles]  # the inner quarter of P2 has the same centre
+        at = corners[np.argmin(np.sum((corners.mean(axis=1) - 0.5) ** 2, axis=1))].mean(axis=0)
+        depth = 1 - np.sum((cloth.X - at) ** 2, axis=1)
+        assert drop_to_neighbours(cloth, depth) == pytest.approx(1 - depth.max(), rel=0.35)
+    on_edge = 1 - (cloth.X[:, 0] - 0.525) ** 2 - 1e3 * cloth.X[:, 1]
+    assert drop_to_neighbours(cloth, on_edge) >= 1 - on_edge.max() > 0
 
 
 def test_a_choice_changes_the_scene_and_nothing_else(strip):
@@ -270,6 +324,98 @@ def test_a_mesh_that_cannot_be_refined_is_named(strip, tmp_path):
     tuned = fc.tune(scene, "2%", "tip.z", elements=["P1"])
     assert not tuned.proved
     assert "the mesh has no h" in tuned.verdict
+
+
+def test_the_tuned_motion_takes_no_longer_than_its_budget():
+    tip = [fc.Probe("tip", "right")]
+    run = {"h": 0.1, "dt": 0.005, "t_end": 0.05, "probes": tip}
+    tuned = fc.tune(pulled_strip, quantity="tip.x", budget="0.1 s", **run)
+    assert tuned.proved == (tuned.seconds <= tuned.budget == 0.1), tuned.verdict
+    assert 0 < tuned.error < 0.05
+    assert math.isnan(tuned.tolerance)
+
+
+def test_a_setting_that_would_take_too_long_is_not_run(strip):
+    bench = replace(bench_of(strip), runs=Runs(most_seconds=1.0))
+    short, long = bench.run([Choice("P1", "right", 0.1), Choice("P1", "right", 0.001)])
+    assert short.is_ok
+    assert not long.is_ok
+    assert "too long" in long.row["cause"]
+
+
+def test_a_tolerance_below_reach_needs_a_finer_mesh(strip):
+    tuned = fc.tune(strip, 1e-9, elements=["P1"], most_seconds=0.2)
+    assert not tuned.proved
+    assert "times finer than P1" in tuned.verdict
+    assert "do not come closer" not in tuned.verdict
+
+
+def test_each_phase_prints_one_line(strip, capsys):
+    fc.tune(strip, "1%", elements=["P1"])
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 4
+    assert all(line.startswith("tune: ") for line in lines)
+
+
+L_SHAPE = """
+Point(1) = {0, 0, 0}; Point(2) = {1, 0, 0}; Point(3) = {1, 0.5, 0}; Point(4) = {0.5, 0.5, 0};
+Point(5) = {0.5, 1, 0}; Point(6) = {0, 1, 0}; Line(1) = {1, 2}; Line(2) = {2, 3};
+Line(3) = {3, 4}; Line(4) = {4, 5}; Line(5) = {5, 6}; Line(6) = {6, 1};
+Curve Loop(1) = {1, 2, 3, 4, 5, 6}; Plane Surface(1) = {1};
+Physical Curve("held") = {HELD}; Physical Surface("cloth") = {1};
+"""
+BLOWN = """
+[cloth]
+shape = "file"
+path = "sheet.geo"
+h = 0.06
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 800.0
+poisson_ratio = 0.3
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Pressure"
+p = -20.0
+[[pins]]
+where = "held"
+[start]
+position = ["X", "Y", "-0.02 * sin(pi * X) * sin(pi * Y)"]
+[equilibrium]
+[interest]
+quantities = ["sag"]
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("held", "tolerance"), [("1, 2, 3, 4, 5, 6", 0.02), ("2, 5, 6", 0.005)])
+def test_the_lowest_node_proves_no_error_that_is_too_small(tmp_path, held, tolerance):
+    (tmp_path / "sheet.geo").write_text(L_SHAPE.replace("HELD", held))
+    path = tmp_path / "sheet.toml"
+    path.write_text(BLOWN)
+    tuned = fc.tune(path, tolerance, folder=tmp_path)
+    bench = bench_of(path)
+    (fine,) = bench.run([Choice("P2", "", 0.04)])
+    (again,) = replace(bench, opened=open_problem(tuned.scene)).run([Choice()])
+    true = float(bench.distance(fine, again).max())
+    assert tuned.proved, tuned.verdict
+    assert true <= 1.2 * tuned.error
+
+
+def test_a_membrane_in_free_fall_is_not_left_out():
+    """Nothing stretches the cloth, so that no run of the search would miss its membrane."""
+
+    def falling(scene):
+        data = tomllib.loads(scene) | {"time": {"method": "bdf2", "dt": 0.02, "t_end": 0.1}}
+        return scene_of(to_toml({key: value for key, value in data.items() if key != "pins"}))
+
+    bench = bench_of(falling(BOB))
+    choice = Choice("P1", "", 0.1, "bdf2", 4)
+    reduced, change, names, _ = drop_terms(bench, choice, 0.03)
+    assert "without StVK" not in names
+    assert change.max() <= 0.03
+    assert {term.type for term in reduced.opened.scene.terms} & {"StVK", "Springs"}
 
 
 @pytest.mark.slow

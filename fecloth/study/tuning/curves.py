@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
+from fecloth.study.uncertainty import SAFE, UNSAFE
+
+Run = TypeVar("Run")
+CAREFUL = 0.75  # times the theoretical order, where no two errors are clear
 LOWEST = 0.5  # order that is assumed at least, where refinement helps at all
 STALLED = 0.3  # observed order below which refinement does not help
 
@@ -25,12 +31,15 @@ class Curve:
         Power of x beyond the largest x.
     below
         Power of x below the smallest x.
+    order
+        (q,) orders of errors over all runs, see `clear_orders`.
     """
 
     x: np.ndarray
     y: np.ndarray
     slope: np.ndarray | float
     below: np.ndarray | float
+    order: np.ndarray | float = LOWEST
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Return (m, q) values at (m,) sizes."""
@@ -40,44 +49,90 @@ class Curve:
         before = np.minimum(s - t[0], 0.0)[:, None] * self.below
         return np.exp(inside + beyond + before)
 
-    def order(self) -> np.ndarray:
-        """Return (q,) orders of errors over all measured runs, at least `LOWEST`."""
-        if len(self.x) == 1:
-            return np.maximum(-self.slope * np.ones(self.y.shape[1]), LOWEST)
-        whole = np.log(self.y[0] / self.y[-1]) / np.log(self.x[-1] / self.x[0])
-        return np.maximum(whole, LOWEST)
-
     def scaled(self, factor: float) -> Curve:
         """Return the curve of `factor` times the values."""
         return replace(self, y=factor * self.y)
 
 
-def error_curve(x: Sequence[float], errors: Sequence[np.ndarray], theory: np.ndarray) -> Curve:
+def error_curve(
+    x: Sequence[float], apart: Sequence[np.ndarray], theory: np.ndarray, left: np.ndarray | float
+) -> Curve:
     """Return errors that do not grow with x, with their order beyond the measured ones.
 
-    An error that is smaller than that of a finer run is so by chance: it is replaced by it. The
-    order beyond is that between the last two runs, but at least 1/2 and at most the theory; below
-    the first run it is that between the first two, but at least 1.
+    `apart` are distances to a reference, and `left` is its own error, which is added. An error that
+    is smaller than that of a finer run is so by chance: it is replaced by it. The order beyond is
+    that between the last two runs, but at least 1/2 and at most the theory; below the first run it
+    is that between the first two, but at least 1.
     """
     order = np.argsort(x)
-    sizes, values = np.asarray(x, dtype=float)[order], np.asarray(errors, dtype=float)[order]
+    sizes, values = np.asarray(x, dtype=float)[order], np.asarray(apart, dtype=float)[order] + left
     values = np.maximum.accumulate(values[::-1])[::-1]
-    slope = -0.75 * theory
+    slope = first = -CAREFUL * theory
     if len(sizes) > 1:
-        slope = -np.log(values[-2] / values[-1]) / np.log(sizes[-1] / sizes[-2])
-    first = -theory
-    if len(sizes) > 1:
-        first = -np.log(values[0] / values[1]) / np.log(sizes[1] / sizes[0])
+        powers = np.diff(np.log(values), axis=0) / np.diff(np.log(sizes))[:, None]
+        first, slope = powers[0], powers[-1]
     beyond = np.clip(slope, -theory, -np.minimum(LOWEST, theory))
     below = np.clip(first, -theory, -np.minimum(1.0, theory))
-    return Curve(sizes, values, beyond, below)
+    return Curve(sizes, values, beyond, below, clear_orders(sizes, values, theory, left))
+
+
+def clear_orders(
+    x: np.ndarray, errors: np.ndarray, theory: np.ndarray, left: np.ndarray | float
+) -> np.ndarray:
+    """Return (q,) orders between the first and the last clear error, at least 1/2.
+
+    An error is clear if it is above twice `left`, the error of the reference that it contains: the
+    others say more of the reference. With less than two it is `CAREFUL` times the theory.
+    """
+    orders = CAREFUL * theory
+    for k, is_clear in enumerate((errors > 2 * np.asarray(left)).T):
+        at = np.flatnonzero(is_clear)
+        if len(at) > 1:
+            first, last = at[0], at[-1]
+            orders[k] = math.log(errors[first, k] / errors[last, k]) / math.log(x[last] / x[first])
+    return np.clip(orders, LOWEST, theory)
+
+
+def error_of_finest(
+    distance: Callable[[Run, Run], np.ndarray],
+    runs: Sequence[Run],
+    sizes: Sequence[float],
+    theory: np.ndarray | float,
+) -> np.ndarray:
+    """Return (q,) errors of the finest of two or more runs: the grid convergence index.
+
+    With d the change by the last refinement, r the ratio of its sizes and p the observed order,
+    these are 1.25 d/(rᵖ − 1). From two runs no order is observed: p is the theory, in place of 1.25
+    comes 3 (Roache 1994, J. Fluids Eng. 116, 405–413).
+    """
+    ratio = sizes[-1] / sizes[-2]
+    change = distance(runs[-1], runs[-2])
+    if len(runs) == 2:
+        return UNSAFE * change / (ratio**theory - 1)
+    order = np.log(distance(runs[-2], runs[-3]) / change) / math.log(ratio)
+    return SAFE * change / (ratio ** np.clip(order, LOWEST, theory) - 1)
+
+
+def grouped(
+    runs: Sequence[Run], group: Callable[[Run], Hashable], size: Callable[[Run], float]
+) -> list[list[Run]]:
+    """Return the runs of each group, coarse to fine."""
+    found: dict[Hashable, list[Run]] = {}
+    for one in sorted(runs, key=size):
+        found.setdefault(group(one), []).append(one)
+    return list(found.values())
 
 
 def cost_curve(x: Sequence[float], seconds: Sequence[float], low: float, high: float) -> Curve:
-    """Return seconds over a size; beyond the measured runs their power lies in [low, high]."""
+    """Return seconds over a size; beyond the measured runs their power lies in [low, high].
+
+    A run that takes longer than a finer one does so by chance, as the first one of a process, which
+    loads compiled code: its seconds are replaced by those of the finer one.
+    """
     order = np.argsort(x)
     sizes = np.asarray(x, dtype=float)[order]
-    values = np.maximum.accumulate(np.maximum(np.asarray(seconds, dtype=float)[order], 1e-6))
+    values = np.maximum(np.asarray(seconds, dtype=float)[order], 1e-6)
+    values = np.minimum.accumulate(values[::-1])[::-1]
     power = (low + high) / 2
     if len(sizes) > 1:
         power = float(np.log(values[-1] / values[-2]) / np.log(sizes[-1] / sizes[-2]))

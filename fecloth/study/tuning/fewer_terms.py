@@ -11,7 +11,7 @@ from fecloth.errors import FeclothError
 from fecloth.scene.toml_text import to_toml
 from fecloth.study.problems import SceneProblem
 from fecloth.study.scene_text import scene_of
-from fecloth.study.simplification.variants import Variant, variants_of_term
+from fecloth.study.simplification.variants import MEMBRANES, Variant, variants_of_term
 from fecloth.study.tuning.choices import Choice
 from fecloth.study.tuning.trials import Bench, Trial
 
@@ -25,7 +25,8 @@ def drop_terms(
     """Leave out terms, or replace them by cheaper ones, as long as their changes are small.
 
     Return the reduced problem, (q,) its change of the quantities, the names of the changes and
-    all runs; the runs take `choice`.
+    all runs; the runs take `choice`. Membranes are replaced, but not left out: in free fall they
+    change nothing, and a cloth without one is none.
     """
     assert isinstance(bench.opened, SceneProblem)
     (full,) = bench.run([choice], timed=True)
@@ -35,6 +36,8 @@ def drop_terms(
     data, trials, good = tomllib.loads(bench.opened.scene.to_toml()), [full], []
     variants = [one for term in data["terms"] for one in variants_of_term(term, choice.element)]
     for variant in variants:
+        if variant.kind == "without" and variant.by in MEMBRANES:
+            continue
         trial = _run(bench, variant.apply(data), choice)
         if trial is None:
             continue

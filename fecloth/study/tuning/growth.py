@@ -52,9 +52,9 @@ def measure_growth(
             before = float(bench.distance(reference, trial).max())
             after = float(bench.distance(finest, finer).max())
             power = math.log(after / before) / math.log(finer.edges / trial.edges)
-            growth[one.rule.method, one.rule.kind] = float(np.clip(power, 0.0, MOST))
+            growth[one.rule.key] = float(np.clip(power, 0.0, MOST))
     most = max(growth.values(), default=0.0)
-    others = {(one.method, one.kind): most for one in times.rules if one.kind in ("steps", "rtol")}
+    others = {one.key: most for one in times.rules if one.kind in ("steps", "rtol")}
     return replace(prediction, growth=others | growth)
 
 

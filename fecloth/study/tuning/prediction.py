@@ -10,12 +10,13 @@ import numpy as np
 
 from fecloth.study.tuning.choices import Choice
 from fecloth.study.tuning.space_errors import Mesh
-from fecloth.study.tuning.time_errors import Rule, TimeErrors
+from fecloth.study.tuning.time_errors import Rule, TimeErrors, key_of, size_of
 from fecloth.study.tuning.trials import Trial
 
 FINE = 2 ** (1 / 6)  # ratio of the sizes that are compared
 COARSER, FINER = 0.5, 16.0  # times the measured √triangles
-LONGER, SHORTER = 0.25, 64.0  # times the measured numbers of steps
+LONGER, SHORTER = 1.0, 64.0  # times the measured numbers of steps
+NOISE = 1.1  # times the least seconds: settings whose order the measured seconds do not tell
 NODES_OF_P2 = 2.0  # per edge, over those of P1
 P2_STEPS = 2.0  # explicit steps on P2 over those on P1 with the same triangles
 
@@ -42,7 +43,7 @@ class Candidate:
     @property
     def key(self) -> tuple:
         """What its measured seconds hold for: element, pattern and rule."""
-        return self.mesh.choice.mesh, self.rule.method, self.rule.kind
+        return self.mesh.choice.mesh, *self.rule.key
 
     @property
     def error(self) -> float:
@@ -82,11 +83,19 @@ class Prediction:
     def best(self, is_allowed: Callable, rank: Callable) -> list[Candidate]:
         """Return the best candidate of each mesh and rule, the best of all first.
 
-        `is_allowed` and `rank` take arrays of errors and seconds.
+        `is_allowed` and `rank` take arrays of errors and seconds. Of those whose rank is the least
+        but for `NOISE`, the one with the least error comes first: errors have no noise.
         """
-        found = [self._best_of(mesh, rule, is_allowed, rank) for mesh, rule in self.pairs()]
-        listed = [one for one in found if one is not None]
-        return sorted(listed, key=lambda one: float(rank(one.error + self.other, one.seconds)))
+
+        def place(one: Candidate) -> float:
+            return float(rank(one.error + self.other, one.seconds))
+
+        tried = [self._best_of(mesh, rule, is_allowed, rank) for mesh, rule in self.pairs()]
+        found = [one for one in tried if one is not None]
+        limit = NOISE * min(map(place, found), default=0.0)
+        near = [one for one in found if place(one) <= limit]
+        far = [one for one in found if place(one) > limit]
+        return sorted(near, key=lambda one: one.error) + sorted(far, key=place)
 
     def pairs(self) -> list[tuple[Mesh, Rule]]:
         """Return all meshes with all rules.
@@ -117,18 +126,27 @@ class Prediction:
         space = mesh.errors(at_edges)
         nodes = at_edges * (NODES_OF_P2 if mesh.choice.element == "P2" else 1.0)
         finer = np.maximum(nodes / self.coarse.edges, 1.0)
-        power = self.growth.get((rule.method, rule.kind), 0.0)
-        in_time = rule.errors(at_x) * finer[:, None] ** power
+        in_time = rule.errors(at_x) * finer[:, None] ** self.growth.get(rule.key, 0.0)
         per_step = mesh.seconds(at_edges)[:, 0] / (self.coarse.seconds / self.coarse.steps)
-        key = mesh.choice.mesh, rule.method, rule.kind
+        key = mesh.choice.mesh, *rule.key
         seconds = rule.seconds(at_x)[:, 0] * per_step * self.factors.get(key, 1.0)
         error = (space + in_time).max(axis=1) + self.other
         allowed = np.flatnonzero(is_allowed(error, seconds))
         if not len(allowed):
             return None
-        k = allowed[np.argmin(rank(error[allowed], seconds[allowed]))]
+        ranks = rank(error[allowed], seconds[allowed])
+        near = allowed[ranks <= NOISE * ranks.min()]
+        k = near[np.argmin(error[near])]
         sizes, linear = (float(at_edges[k]), float(at_x[k])), self.linear.get(key, "")
         return Candidate(mesh, rule, *sizes, space[k], in_time[k], float(seconds[k]), linear)
+
+    def error_in_time(self, trial: Trial) -> np.ndarray:
+        """Return the (q,) predicted error in time of a run on any mesh."""
+        key, rules = key_of(trial.choice), self.times.rules
+        rule = next((one for one in rules if one.key == key), rules[0])
+        finer = max(trial.edges / self.coarse.edges, 1.0)
+        in_time = rule.errors(np.array([size_of(trial.choice)]))[0]
+        return in_time * finer ** self.growth.get(rule.key, 0.0)
 
     def _explicit(self, mesh: Mesh, edges: np.ndarray) -> np.ndarray:
         """Return the steps at the stability limit over those on the coarse mesh."""

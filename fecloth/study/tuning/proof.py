@@ -11,17 +11,20 @@ import numpy as np
 from fecloth.study.problems import Problem
 from fecloth.study.tuning.choices import Choice
 from fecloth.study.tuning.prediction import Candidate, Prediction
-from fecloth.study.tuning.search import Goal
+from fecloth.study.tuning.sampled_extremes import unsampled
+from fecloth.study.tuning.search import KNOWN, Goal
 from fecloth.study.tuning.space_errors import SpaceErrors
 from fecloth.study.tuning.time_errors import TimeErrors
 from fecloth.study.tuning.trials import Bench, Trial, spent
+from fecloth.study.uncertainty import SAFE
 
 FINER = 1.4  # times the √triangles of a tuned run: at least those of the verifying one
 COUNTS = 0.25  # part of the error from which a cause is refined in the verifying run
 ROUNDS = 3  # verifying runs at most
 LOOSE = 0.75  # times the tolerance: below this error a cheaper setting is tried
 NEARLY = 1.5  # times the least error: runs that are as good
-CHEAPER = 0.7  # times the seconds: what a cheaper setting should at most cost
+TRIES, CLOSE = 3, 0.9  # of cheaper settings; part of the tolerance that their errors may take
+CHEAPER = 0.85  # times the seconds: what a cheaper setting should at most cost
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +73,7 @@ def prove(
     found: Proof | None = None
     best: Proof | None = None
     search = list(search)
+    left = space.error + prediction.error_in_time(space.reference)
     for _ in range(ROUNDS):
         candidates = goal.candidates(prediction)
         if not candidates or (found and spent(search) > goal.limit(candidates)):
@@ -82,7 +86,7 @@ def prove(
             continue
         if found and found.finer:
             search.append(found.finer)
-        found = _known(bench, first, trial, search, other, space)
+        found = _known(bench, first, trial, search, other, space.reference, left, goal)
         found = found or verify(bench, first, trial, search, other)
         search.append(trial)
         met = found.error <= goal.tolerance and trial.seconds <= goal.budget
@@ -94,7 +98,7 @@ def prove(
         last = [found.finer] if found.finer else []
         found = replace(best, search=(*found.search, *last))
     if found and not found.why and found.error < LOOSE * goal.tolerance < math.inf:
-        found = _cheaper(bench, scaled(prediction, found), goal, found)
+        found = _cheaper(bench, prediction, goal, found)
     return found
 
 
@@ -104,14 +108,27 @@ def _known(
     trial: Trial,
     search: Sequence[Trial],
     other: dict,
-    space: SpaceErrors,
+    reference: Trial,
+    left: np.ndarray,
+    goal: Goal,
 ) -> Proof | None:
-    """Return the error of a static solution beside a finer one that was run already."""
-    if candidate.rule.kind != "static" or space.reference.edges < FINER * trial.edges:
+    """Return the error beside the best run of the search, if that is finer and accurate enough.
+
+    `left` are its own errors, (q,).
+    """
+    if reference.edges < FINER * trial.edges or left.max() > KNOWN * goal.scale:
         return None
-    parts = {"space": bench.distance(space.reference, trial) + space.error, **other}
-    before = [one for one in search if one is not space.reference]
-    return Proof(trial, candidate, space.reference, parts, (*before, trial))
+    parts = _divide(bench.distance(reference, trial) + left, candidate) | other
+    before = [one for one in search if one is not reference]
+    return Proof(trial, candidate, reference, parts, (*before, trial))
+
+
+def _divide(total: np.ndarray, candidate: Candidate) -> dict[str, np.ndarray]:
+    """Return an error divided in those of space and time, as they were predicted."""
+    if candidate.rule.kind == "static":
+        return {"space": total}
+    both = candidate.space + candidate.time
+    return {"space": total * candidate.space / both, "time": total * candidate.time / both}
 
 
 def verify(
@@ -133,7 +150,8 @@ def verify(
         cause = str(finer.row["cause"]).splitlines()[0]
         why = f"the verifying run ({choice}) failed: {cause}"
         return Proof(trial, candidate, None, parts, known, why)
-    total = bench.distance(finer, trial) / (1 - np.max(list(left.values()), axis=0))
+    change, part = bench.distance(finer, trial), np.max(list(left.values()), axis=0)
+    total = change * (1 + SAFE * part / (1 - part)) + unsampled(bench, finer)
     share = sum((parts[name] for name in left), np.zeros(len(total)))
     for name in left:
         parts[name] = total * parts[name] / share
@@ -149,15 +167,15 @@ def finer_choice(
     if "space" in refined and choice.h:
         ratio = 2.0 if choice.pattern not in ("", "unstructured") else math.sqrt(2)
         choice = replace(choice, h=choice.h / ratio)
-        left["space"] = ratio ** -candidate.mesh.errors.order()
+        left["space"] = ratio**-candidate.mesh.errors.order
     if "time" in refined and choice.rtol:
         choice = replace(choice, rtol=choice.rtol / 4)
-        left["time"] = 4.0 ** -candidate.rule.errors.order()
+        left["time"] = 4.0**-candidate.rule.errors.order
     elif "time" in refined and candidate.rule.kind in ("steps", "limit"):
         steps = choice.steps or 0
         if steps:
             choice = replace(choice, steps=2 * steps)
-            left["time"] = 2.0 ** -candidate.rule.errors.order()
+            left["time"] = 2.0**-candidate.rule.errors.order
     if not left and choice.h:
         return finer_choice(opened, candidate, ["space"])
     if not left:
@@ -223,26 +241,25 @@ def without(prediction: Prediction, candidate: Candidate) -> Prediction:
 
 
 def _cheaper(bench: Bench, prediction: Prediction, goal: Goal, found: Proof) -> Proof:
-    """Try the cheapest setting by the corrected prediction; the verifying run is its reference."""
-    candidates = goal.candidates(prediction)
-    if not candidates or candidates[0].seconds > CHEAPER * found.trial.seconds:
-        return found
-    if spent(found.search) + candidates[0].seconds > goal.limit(candidates):
-        return found
+    """Try cheaper settings by the corrected prediction; the verifying run is their reference."""
     assert found.finer is not None
-    trial = bench.run([candidates[0].choice], timed=True)[0]
-    search = (*found.search, trial)
-    if not trial.is_ok or trial.seconds > found.trial.seconds:
-        return replace(found, search=search)
+    reference, last = found.finer, found
     both = found.parts["space"] + found.parts.get("time", 0.0)
-    error_of_finer = both - bench.distance(found.finer, found.trial)
-    total = bench.distance(found.finer, trial) + np.maximum(error_of_finer, 0.0)
-    others = found.error - float(both.max())
-    if total.max() + others > goal.tolerance:
-        return replace(found, search=search)
-    predicted = candidates[0].space + candidates[0].time
-    parts = dict(found.parts)
-    for name in ("space", "time"):
-        if name in parts:
-            parts[name] = total * getattr(candidates[0], name) / predicted
-    return Proof(trial, candidates[0], found.finer, parts, search)
+    left = np.maximum(both - bench.distance(reference, found.trial), 0.0)
+    other = {name: one for name, one in found.parts.items() if name not in ("space", "time")}
+    for _ in range(TRIES):
+        prediction = scaled(prediction, last)
+        candidates = goal.candidates(prediction, CLOSE)
+        if not candidates or candidates[0].seconds > CHEAPER * found.trial.seconds:
+            break
+        if spent(found.search) + candidates[0].seconds > goal.limit(candidates):
+            break
+        trial = bench.run([candidates[0].choice], timed=True)[0]
+        found = replace(found, search=(*found.search, trial))
+        if not trial.is_ok:
+            break
+        parts = _divide(bench.distance(reference, trial) + left, candidates[0]) | other
+        last = Proof(trial, candidates[0], reference, parts, found.search)
+        if last.error <= goal.tolerance and trial.seconds < found.trial.seconds:
+            found = last
+    return found

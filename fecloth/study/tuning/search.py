@@ -21,6 +21,7 @@ COARSE = 128  # triangles of the first runs
 P2_COARSER = 2.0  # h of P2 over that of P1 in the first runs: these have as many nodes
 TRIES = 5  # finer meshes, until a shape with small parts can be meshed
 MARGIN = 0.75  # part of the tolerance that predicted errors may take
+CALM = 0.2  # part of the tolerance that the steps of the runs on all meshes may take
 KNOWN = 0.3  # part of the tolerance up to which the best mesh's own error need be known
 UNDAMPED = "implicit_midpoint", "newmark"  # keep the waves that only finer meshes have
 EXTRAPOLATED = 2.0  # times the measured √triangles, up to which predictions are trusted
@@ -39,11 +40,11 @@ class Goal:
         """The tolerance; with a budget 1 %, for which the runs of the search are fine enough."""
         return self.tolerance if math.isfinite(self.tolerance) else 0.01
 
-    def candidates(self, prediction: Prediction) -> list[Candidate]:
-        """Return the predicted candidates, the best first."""
+    def candidates(self, prediction: Prediction, margin: float = MARGIN) -> list[Candidate]:
+        """Return the predicted candidates, the best first; `margin` is a part of the tolerance."""
         if math.isfinite(self.budget):
             return most_accurate(prediction, 0.9 * self.budget)
-        return cheapest(prediction, MARGIN * self.tolerance)
+        return cheapest(prediction, margin * self.tolerance)
 
     def limit(self, candidates: Sequence[Candidate]) -> float:
         """Return the CPU time that the search may take [s]."""
@@ -53,13 +54,7 @@ class Goal:
 
 
 def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
-    """Return the elements and patterns with about `COARSE` triangles; finer where it must be.
-
-    Raises
-    ------
-    InputError
-        If even the problem's own mesh is refused.
-    """
+    """Return the elements and patterns with about `COARSE` triangles; finer where it must be."""
     listed = meshes_to_try(opened, elements)
     if listed[0].h is None:
         return listed
@@ -68,16 +63,15 @@ def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choic
     else:
         triangles = count_triangles(opened.scene)
     by = math.sqrt(triangles / COARSE)
-    for attempt in range(TRIES):
-        scaled = [_scaled(one, by) for one in listed]
+    scaled = [_scaled(one, by) for one in listed]
+    for _ in range(TRIES):
         try:
             problem_with(opened, scaled[0]).first  # noqa: B018  # raises if it is too coarse
             return scaled
         except FeclothError:
-            if attempt == TRIES - 1:
-                raise
             by /= 1.6
-    raise InputError("h", "must be such that the shape can be meshed", opened.name)
+            scaled = [_scaled(one, by) for one in listed]
+    return scaled  # whose run says why it is refused
 
 
 def _scaled(choice: Choice, by: float) -> Choice:
@@ -103,7 +97,7 @@ def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
     fixed = [one for one in times.trials if one.is_ok and not one.choice.rtol]
     fixed = [one for one in fixed if not (one.choice.is_explicit and one.choice.steps)]
     fixed = [one for one in fixed if one.choice.method not in UNDAMPED] or fixed
-    good = [one for one in fixed if error(one) <= tolerance]
+    good = [one for one in fixed if error(one) <= CALM * tolerance]
     good = [one for one in good if not one.choice.is_explicit] or good
     return min(good, key=cost) if good else min(fixed, key=error)
 
@@ -137,7 +131,7 @@ def measure_meshes(
             or space.stalls(bench, goal.scale)
         ):
             return space, prediction
-        found = bench.run([_finer(mesh.trials[-1].choice, 2.0)])
+        found = bench.within(allowed).run([_finer(mesh.trials[-1].choice, 2.0)])
         trials += found
         if not found[0].is_ok:
             return space, prediction

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -10,12 +9,14 @@ import numpy as np
 
 from fecloth.study.tuning.choices import Choice
 from fecloth.study.tuning.curves import (
-    LOWEST,
     STALLED,
     Curve,
     cost_curve,
     error_curve,
+    error_of_finest,
+    grouped,
 )
+from fecloth.study.tuning.sampled_extremes import unsampled
 from fecloth.study.tuning.trials import Bench, Trial
 
 POWERS = 1.0, 3.2  # of the seconds of a step over √triangles
@@ -62,16 +63,19 @@ class SpaceErrors:
     def stalls(self, bench: Bench, tolerance: float) -> bool:
         """Whether there is a kind of mesh of which finer ones do not come closer to each other.
 
-        Changes below twice the tolerance do not count.
+        The last change counts if it is above twice the tolerance. It is compared with the change
+        before, of this or of another kind, because one of them may be small by accident.
         """
-        long = [one.trials for one in self.meshes if len(one.trials) > 2]
-        return any(_stalls(bench, runs, 2 * tolerance) for runs in long)
-
-
-def _stalls(bench: Bench, runs: Sequence[Trial], small: float) -> bool:
-    before, change = bench.distance(runs[-2], runs[-3]), bench.distance(runs[-1], runs[-2])
-    ratio = runs[-1].edges / runs[-2].edges
-    return bool(change.max() > small and change.max() > before.max() * ratio**-STALLED)
+        pairs = [one.trials[-3:-1] for one in self.meshes if len(one.trials) > 2]
+        pairs += [one.trials for one in self.meshes if len(one.trials) == 2]
+        before = max((float(bench.distance(b, a).max()) for a, b in pairs), default=0.0)
+        for runs in (one.trials for one in self.meshes if len(one.trials) > 2):
+            apart = bench.distance(runs[-1], runs[-2]) - unsampled(bench, runs[-2])
+            change = float(apart.max())
+            ratio = runs[-1].edges / runs[-2].edges
+            if change > 2 * tolerance and change > before * ratio**-STALLED:
+                return True
+        return False
 
 
 def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) -> SpaceErrors:
@@ -79,38 +83,33 @@ def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) 
 
     `orders` are the theoretical orders in h of the quantities on P1 and on P2, (2, q).
     """
-    grouped: dict[tuple[str, str], list[Trial]] = {}
     good = [one for one in trials if one.is_ok]
-    for one in sorted(good, key=lambda one: one.edges):
-        grouped.setdefault(one.choice.mesh, []).append(one)
-    finest = [
-        (runs[-1], _own_error(bench, runs, orders[int(mesh[0] == "P2")]))
-        for mesh, runs in grouped.items()
-    ]
+    kinds = grouped(good, lambda one: one.choice.mesh, lambda one: one.edges)
+    finest = [(runs[-1], _own_error(bench, runs, _theory(runs, orders))) for runs in kinds]
     reference, error = min(finest, key=lambda pair: pair[1].max())
     error = np.maximum(error, _disagreement(bench, reference, error, finest))
     meshes = []
-    for mesh, runs in grouped.items():
-        theory = orders[int(mesh[0] == "P2")]
-        apart = [bench.distance(reference, one) if one is not reference else 0.0 for one in runs]
+    for runs in kinds:
         x = [one.edges for one in runs]
-        errors = error_curve(x, [one + error for one in apart], theory)
+        apart = [
+            bench.distance(reference, one) if one is not reference else 0 * error for one in runs
+        ]
+        errors = error_curve(x, apart, _theory(runs, orders), error)
         seconds = cost_curve(x, [one.seconds / one.steps for one in runs], *POWERS)
         meshes.append(Mesh(runs[0].choice, errors, seconds, tuple(runs)))
     return SpaceErrors(tuple(meshes), reference, error, tuple(trials))
 
 
+def _theory(runs: Sequence[Trial], orders: np.ndarray) -> np.ndarray:
+    return orders[int(runs[0].choice.element == "P2")]
+
+
 def _own_error(bench: Bench, runs: Sequence[Trial], theory: np.ndarray) -> np.ndarray:
-    """Return the error of the finest run from the changes by refinement (Richardson)."""
+    """Return the error of the finest run of a mesh; 1 of a single run."""
     if len(runs) < 2:
         return np.ones(len(theory))
-    ratio = runs[-1].edges / runs[-2].edges
-    change = bench.distance(runs[-1], runs[-2])
-    order = 0.75 * theory
-    if len(runs) > 2:
-        before = bench.distance(runs[-2], runs[-3])
-        order = np.log(before / change) / math.log(ratio)
-    return change / (ratio ** np.clip(order, LOWEST, theory) - 1)
+    sizes = [one.edges for one in runs]
+    return error_of_finest(bench.distance, runs, sizes, theory) + unsampled(bench, runs[-1])
 
 
 def _disagreement(

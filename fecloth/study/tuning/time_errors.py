@@ -15,17 +15,23 @@ from fecloth.study.chart_grid import ALL_METHODS
 from fecloth.study.command import StudyFailed
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.tuning.choices import CONTROLLED, Choice, problem_with, span_of
-from fecloth.study.tuning.curves import LOWEST, Curve, cost_curve, error_curve
+from fecloth.study.tuning.curves import (
+    Curve,
+    cost_curve,
+    error_curve,
+    error_of_finest,
+    grouped,
+)
 from fecloth.study.tuning.trials import Bench, Trial, spent
 
 FEW = 5  # steps of a run that is a static solution
 FEWEST, MOST = 16, 8192  # steps of the first runs
+LEAST_STEPS, FAR = 4, 2.0  # of the shortest runs; times the tolerance: an error of too few steps
 NEAR = 4.0  # times the tolerance: errors in time of second order that need no shorter steps
 REGULAR = 2.5, 7.0  # ratios of successive changes of a method of second order
 TOLERANCES = 0.1, 0.01, 0.001  # 1/s, of chosen steps
 LONG, MORE = 20_000, 60  # explicit steps that are tried at most; times those of implicit methods
 SHORT = 3.0  # s, of an explicit run that is repeated with half its step
-CAREFUL = 0.75  # times the theoretical order, where two runs only are compared
 NONE = 1e-12  # error of a rule that makes none
 LEAST = 1e-4  # error in time of a run that is compared with no other
 POWERS = {"steps": (0.5, 1.0), "rtol": (0.3, 1.0), "limit": (1.0, 1.0)}  # of seconds over x
@@ -51,6 +57,11 @@ class Rule:
     errors: Curve
     seconds: Curve
     trials: tuple[Trial, ...]
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Method and kind."""
+        return self.method, self.kind
 
     def choose(self, choice: Choice, x: float) -> Choice:
         """Return a choice with this rule."""
@@ -99,10 +110,8 @@ def measure_methods(
     steps = [one.steps for one in trials if one.is_ok]
     trials += _explicit_runs(bench, mesh, explicit, MORE * steps[-1] if steps else LONG)
     _require(trials)
-    trials += _other_methods(bench, mesh, implicit, trials, limit)
-    reference, error = _best(bench, trials)
-    good = [one for one in trials if one.is_ok]
-    return TimeErrors(tuple(_rules(bench, good, reference, error)), reference, error, tuple(trials))
+    trials += _other_methods(bench, mesh, implicit, trials, tolerance, limit)
+    return _summarise(bench, trials)
 
 
 def can_choose_steps(opened: Problem) -> bool:
@@ -178,85 +187,89 @@ def first_steps(opened: Problem) -> int:
     return int(min(max(own, 2), FEWEST))
 
 
-def _best(bench: Bench, trials: Sequence[Trial]) -> tuple[Trial, np.ndarray]:
-    """Return the run with the least error of the finest of each rule, and this error.
+def _other_methods(
+    bench: Bench,
+    mesh: Choice,
+    implicit: Sequence[str],
+    known: Sequence[Trial],
+    tolerance: float,
+    limit: float,
+) -> list[Trial]:
+    """Run all implicit methods with as many steps as the first one and fewer, and by rtol."""
+    ladder = [one for one in known if one.choice.method in implicit and one.is_ok]
+    if not ladder:
+        return []
+    first, best = ladder[0].choice.steps or 1, ladder[-1]
+    most = best.choice.steps or 1
+    found: list[Trial] = []
+    for method in implicit:
+        steps = first // 2 if method == implicit[0] else most if order_of(method) > 1 else 2 * most
+        choice = replace(mesh, method=method, steps=steps)
+        found += _fewer_steps(bench, choice, best, tolerance, limit - spent([*known, *found]))
+    if CONTROLLED in implicit and spent([*known, *found]) < limit:
+        found += bench.run([replace(mesh, method=CONTROLLED, rtol=rtol) for rtol in TOLERANCES])
+    return found
 
-    The error follows from the change by the last refinement of the steps (Richardson).
+
+def _fewer_steps(
+    bench: Bench, choice: Choice, best: Trial, tolerance: float, limit: float
+) -> list[Trial]:
+    """Halve the steps until the error is far above the tolerance: fewer ones are not predicted."""
+    found: list[Trial] = []
+    steps = choice.steps or 0
+    while steps >= LEAST_STEPS and spent(found) < limit:
+        found += bench.run([replace(choice, steps=steps)])
+        if not found[-1].is_ok or bench.distance(best, found[-1]).max() > FAR * tolerance:
+            break
+        steps //= 2
+    return found
+
+
+def _summarise(bench: Bench, trials: Sequence[Trial]) -> TimeErrors:
+    """Return the curves of all rules: distances to the best run, plus the error of that.
+
+    The best run is the finest one of its rule whose own error is least.
     """
-    grouped: dict[tuple[str, str], list[Trial]] = {}
-    for one in trials:
-        if one.is_ok:
-            grouped.setdefault((one.choice.method, _kind(one.choice)), []).append(one)
-    found = []
-    for (method, kind), runs in grouped.items():
-        runs.sort(key=lambda one: _size(one.choice))
-        order = 1.0 if kind == "rtol" else order_of(method)
-        found.append((runs[-1], _own_error(bench, runs, order)))
-    return min(found, key=lambda pair: pair[1].max())
+    good = [one for one in trials if one.is_ok]
+    listed = grouped(good, lambda one: key_of(one.choice), lambda one: size_of(one.choice))
+    finest = [(runs[-1], _own_error(bench, runs)) for runs in listed]
+    reference, error = min(finest, key=lambda pair: pair[1].max())
+    rules = []
+    for runs in listed:
+        x, key = [size_of(one.choice) for one in runs], key_of(runs[0].choice)
+        apart = [
+            bench.distance(reference, one) if one is not reference else 0 * error for one in runs
+        ]
+        errors = error_curve(x, apart, np.full(len(error), _theory(runs)), error)
+        seconds = cost_curve(x, [one.seconds for one in runs], *POWERS[key[1]])
+        rules.append(Rule(*key, errors, seconds, tuple(runs)))
+    return TimeErrors(tuple(rules), reference, error, tuple(trials))
 
 
-def _own_error(bench: Bench, runs: Sequence[Trial], theory: float) -> np.ndarray:
+def _own_error(bench: Bench, runs: Sequence[Trial]) -> np.ndarray:
     """Return the error of the finest run of a rule."""
     finest = runs[-1]
     if len(runs) == 1:
         known = finest.row["time_error"] if finest.choice.is_explicit else 1.0
         return np.full(len(finest.records), max(np.nan_to_num(known, nan=1.0), LEAST))
-    change, order = bench.distance(finest, runs[-2]), CAREFUL * theory
-    ratio = _size(finest.choice) / _size(runs[-2].choice)
-    if len(runs) > 2:
-        before = bench.distance(runs[-2], runs[-3])
-        order = np.clip(np.log(before / change) / math.log(ratio), LOWEST, theory)
-    return change / (ratio**order - 1)
+    return error_of_finest(
+        bench.distance, runs, [size_of(one.choice) for one in runs], _theory(runs)
+    )
 
 
-def _other_methods(
-    bench: Bench, mesh: Choice, implicit: Sequence[str], known: Sequence[Trial], limit: float
-) -> list[Trial]:
-    """Run the other implicit methods with the steps that the first one needed, and by rtol."""
-    ladder = [one for one in known if one.choice.method in implicit and one.is_ok]
-    if not ladder:
-        return []
-    most = ladder[-1].choice.steps or 1
-    choices = []
-    for method in implicit[1:]:
-        pair = (most, 2 * most) if order_of(method) == 1 else (max(most // 2, 2), most)
-        choices += [replace(mesh, method=method, steps=steps) for steps in pair]
-    if CONTROLLED in implicit:
-        choices += [replace(mesh, method=CONTROLLED, rtol=rtol) for rtol in TOLERANCES]
-    found: list[Trial] = []
-    for choice in choices:
-        if spent([*known, *found]) > limit:
-            break
-        found += bench.run([choice])
-    return found
+def _theory(runs: Sequence[Trial]) -> float:
+    """Return the theoretical order of a rule in its x."""
+    return 1.0 if runs[0].choice.rtol else order_of(runs[0].choice.method)
 
 
-def _rules(
-    bench: Bench, trials: Sequence[Trial], reference: Trial, error: np.ndarray
-) -> list[Rule]:
-    """Return the curves of all methods: distances to the best run, plus the error of that."""
-    grouped: dict[tuple[str, str], list[Trial]] = {}
-    for one in trials:
-        grouped.setdefault((one.choice.method, _kind(one.choice)), []).append(one)
-    rules = []
-    for (method, kind), runs in grouped.items():
-        runs = sorted(runs, key=lambda one: _size(one.choice))
-        x = [_size(one.choice) for one in runs]
-        apart = [bench.distance(reference, one) if one is not reference else 0.0 for one in runs]
-        theory = np.full(len(error), 1.0 if kind == "rtol" else order_of(method))
-        errors = error_curve(x, [one + error for one in apart], theory)
-        seconds = cost_curve(x, [one.seconds for one in runs], *POWERS[kind])
-        rules.append(Rule(method, kind, errors, seconds, tuple(runs)))
-    return rules
-
-
-def _kind(choice: Choice) -> str:
+def key_of(choice: Choice) -> tuple[str, str]:
+    """Return the key of the rule of a choice."""
     if choice.rtol:
-        return "rtol"
-    return "limit" if choice.is_explicit else "steps"
+        return choice.method, "rtol"
+    return choice.method, "limit" if choice.is_explicit else "steps"
 
 
-def _size(choice: Choice) -> float:
+def size_of(choice: Choice) -> float:
     """Return x of a rule: 1/rtol, the number of steps, or 1 for a step at the stability limit."""
     if choice.rtol:
         return 1 / choice.rtol

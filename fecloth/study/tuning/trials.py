@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.simulation.quantity import Quantity
+from fecloth.mesh.cloth import Cloth
+from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of
 from fecloth.study.levels import Level
 from fecloth.study.measured_runs import record_of
@@ -16,9 +19,10 @@ from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.run_problems import Point, Runs, run_points
 from fecloth.study.status import OK
 from fecloth.study.tuning.choices import Choice, problem_with
-from fecloth.study.workload import Workload
+from fecloth.study.workload import Workload, in_words
 
 ZERO = 1e-12  # size of a quantity that is round-off, in its SI unit
+FIELD = parse_quantity("displacement")
 LEAST = 1e-13  # relative: distances below it are round-off
 
 
@@ -55,6 +59,14 @@ class Trial:
         """√(number of triangles): a size of the mesh that is comparable between patterns."""
         return float(np.sqrt(self.row["triangles"]))
 
+    @cached_property
+    def cloth(self) -> Cloth:
+        """The mesh, made again."""
+        point = self.row["point"]
+        cloth = point.problem.cloth_of(point.level, FIELD)
+        assert cloth is not None
+        return cloth
+
 
 @dataclass(frozen=True, eq=False)
 class Bench:
@@ -65,21 +77,32 @@ class Bench:
     runs: Runs
 
     def run(self, choices: Sequence[Choice], timed: bool = False) -> list[Trial]:
-        """Run choices; a choice that is refused or fails gives a trial that is not ok."""
+        """Run choices; one that is refused, fails or is too long gives a trial that is not ok."""
+        most = self.runs.most_seconds or math.inf
         rows: dict[int, Mapping] = {}
         points = {}
         for i, choice in enumerate(choices):
             try:
                 problem = problem_with(self.opened, choice)
                 level = Level(sharper=choice.sharper)
-                points[i] = Point(problem, level, str(choice), size_of_run(problem))
+                size = size_of_run(problem)
+                if size.seconds > most:
+                    cause = f"it would take about {in_words(size.seconds)}, too long"
+                    rows[i] = {"status": "refused", "cause": cause}
+                else:
+                    points[i] = Point(problem, level, str(choice), size)
             except InputError as error:
                 rows[i] = {"status": "refused", "cause": str(error).splitlines()[0]}
         if points:
-            runs = replace(self.runs, timed=timed)
+            runs = replace(self.runs, timed=timed, quiet=True)
             found = run_points(list(points.values()), self.quantities, runs)
             rows |= dict(zip(points, found, strict=True))
         return [self._trial(choice, rows[i]) for i, choice in enumerate(choices)]
+
+    def within(self, seconds: float) -> Bench:
+        """Return it with a time limit of its runs, in place of a longer one [s]."""
+        limit = min(seconds, self.runs.time_limit or math.inf)
+        return replace(self, runs=replace(self.runs, time_limit=limit))
 
     def _trial(self, choice: Choice, row: Mapping) -> Trial:
         if row["status"] != OK:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,22 +22,15 @@ from fecloth.study.tolerance import in_percent, read_tolerance
 from fecloth.study.tuning.choices import Choice, methods_to_try, span_of, text_with
 from fecloth.study.tuning.fewer_terms import drop_terms
 from fecloth.study.tuning.growth import measure_growth
-from fecloth.study.tuning.prediction import Candidate
 from fecloth.study.tuning.proof import Proof, best_run, prove
+from fecloth.study.tuning.reasons import obstacle_of
 from fecloth.study.tuning.result import Tuned
 from fecloth.study.tuning.run_table import table_of_runs
-from fecloth.study.tuning.search import (
-    EXTRAPOLATED,
-    Goal,
-    coarse_meshes,
-    measure_meshes,
-    shared_run,
-)
-from fecloth.study.tuning.space_errors import SpaceErrors
+from fecloth.study.tuning.search import Goal, coarse_meshes, measure_meshes, shared_run
 from fecloth.study.tuning.time_errors import measure_methods
 from fecloth.study.tuning.timing import time_candidates
 from fecloth.study.tuning.trials import Bench, Trial, spent
-from fecloth.study.workload import LONGEST, in_words
+from fecloth.study.workload import LONGEST
 
 SEARCH = 40.0  # s, CPU time for the runs of all methods
 STEPS = 128  # of the runs that compare terms
@@ -70,9 +64,10 @@ def tune(
     Runs on a coarse mesh show the error in time of each method and the seconds that it takes; runs
     on a few meshes with the same steps show the error in space of each element and pattern. From
     these the errors and the seconds of all settings are predicted: element, pattern, h, method and
-    dt or rtol. The cheapest setting that should meet the tolerance is run beside one that is finer
-    in what contributes most to the error. The difference of both, extrapolated with the observed
-    order, is the error of the tuned setting.
+    dt or rtol. The cheapest setting that should meet the tolerance is run. Its error is that by
+    which it differs from a finer run, the best one so far or one that is finer in what contributes
+    most, plus the error of that, by its order (grid convergence index). Cheaper settings are then
+    tried beside it.
 
     Parameters
     ----------
@@ -94,14 +89,16 @@ def tune(
         Names as in a scene, by default the usual methods with the scene's own, and P1 and P2.
     folder
         Where tuned.toml is written; None for nowhere.
-    h, dt, t_end, probes, cache, jobs, scheduler, time_limit, most_seconds, fresh
+    h, dt, t_end, probes, cache, jobs, scheduler, time_limit, fresh
         As for `converge`.
+    most_seconds
+        Longest predicted time of a run [s]; longer ones are skipped. None for no limit.
 
     Raises
     ------
     InputError
-        For a tolerance outside 0 to 100 %, an unknown quantity or one of size zero, an unknown
-        name, or too long a time.
+        For a tolerance outside 0 to 100 %, an unknown quantity or one of size zero, or an unknown
+        name.
     StudyFailed
         If no run on a coarse mesh reaches its end.
 
@@ -130,10 +127,13 @@ def tune(
     dropped: list[str] = []
     before: list[Trial] = []
     if model:
+        _say("terms: what they change on a coarse mesh")
         bench, other["model"], dropped, before = _reduce(bench, meshes[0], goal)
+    _say("errors in time: all methods on a coarse mesh")
     times = measure_methods(bench, meshes[0], names, goal.scale, SEARCH)
     coarse = shared_run(bench, times, goal.scale)
     bench.check_sizes(coarse)
+    _say("errors in space: all meshes with the same steps")
     space, prediction = measure_meshes(bench, meshes, times, coarse, goal)
     search = [*before, *times.trials, *space.trials]
     sharper = _sharper_run(bench, coarse)
@@ -142,19 +142,24 @@ def tune(
         other["solver"] = bench.distance(sharper, coarse)
     added = sum((float(one.max()) for one in other.values()), 0.0)
     prediction = replace(prediction, other=added)
-    why = _obstacle(bench, space, goal.candidates(prediction), goal, most_seconds)
+    why = obstacle_of(bench, space, prediction, goal, most_seconds)
     found = None
     if not why:
+        _say("seconds of the best settings: short runs")
         prediction = measure_growth(bench, prediction, goal, search)
         prediction = time_candidates(bench, prediction, goal, search)
-        why = _obstacle(bench, space, goal.candidates(prediction), goal, most_seconds)
+        why = obstacle_of(bench, space, prediction, goal, most_seconds)
     if not why:
+        _say("proof: the best setting beside a finer one")
         found = prove(bench, prediction, goal, search, other, space)
+        why = found.why if found else "no setting that should meet it ran to its end"
     if found is None:
         found = best_run(bench, space, times, search, other)
-        why = why or "no setting within reach is predicted to meet it"
-    why = why or found.why
     return _summarise(bench, goal, replace(found, why=why), dropped, folder)
+
+
+def _say(phase: str) -> None:
+    print(f"tune: {phase}", file=sys.stderr, flush=True)
 
 
 def _goal(tolerance: float | str, budget: float | str | None) -> Goal:
@@ -184,36 +189,6 @@ def _sharper_run(bench: Bench, coarse: Trial) -> Trial | None:
         return None
     (trial,) = bench.run([replace(coarse.choice, sharper=SHARPER)])
     return trial if trial.is_ok else None
-
-
-def _obstacle(
-    bench: Bench,
-    space: SpaceErrors,
-    candidates: Sequence[Candidate],
-    goal: Goal,
-    most_seconds: float | None,
-) -> str:
-    """Return in words why no setting can be proved; "" if one may be."""
-    if space.reference.choice.h is None:
-        return (
-            "the mesh has no h, so it is not refined, and its error in space counts as 100 %; "
-            "a .geo file with h in [cloth] can be refined"
-        )
-    if space.stalls(bench, goal.scale):
-        obstacles = list(space.reference.row["obstacles"])
-        reasons = f": {'; '.join(obstacles)}" if obstacles else ""
-        return f"finer meshes do not come closer to each other{reasons}"
-    if not candidates:
-        return "no setting within reach is predicted to meet it"
-    first, known = candidates[0], float(space.error.max())
-    if first.seconds > (most_seconds or math.inf):
-        return f"{first.choice} should meet it, in about {in_words(first.seconds)}: too long"
-    if known > goal.tolerance and first.edges > EXTRAPOLATED * first.mesh.errors.x[-1]:
-        return (
-            f"the best meshes that were run still differ by {in_percent(known)}; {first.choice} "
-            f"may meet it, in about {in_words(first.seconds)}"
-        )
-    return ""
 
 
 def _summarise(
