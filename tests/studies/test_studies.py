@@ -39,6 +39,8 @@ def out(tmp_path_factory):
         ("benchmarks.method_choice", "auto over the best"),
         ("models.sag_figure", "wrote out/models/sag.png"),
         ("laws", "9 pictures"),
+        ("contact", "A drum against a plate"),
+        ("contact.drop", "| BDF2 | 162 | 30 |"),
         ("benchmarks.mujoco", "figures met"),
     ],
 )
