@@ -165,6 +165,31 @@ def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
     return FlatMesh.from_arrays(xyz, t, nodes, edges, where, ids, raw.triangle_ids, regions)
 
 
+def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read a surface in space: nodes (n, 3), of which equal ones are united, and triangles (m, 3).
+
+    Raises
+    ------
+    MeshError
+        For a file that meshio cannot read, without triangles, or with coordinates that are not
+        finite.
+    """
+    path, where = Path(path), str(path)
+    if not path.is_file():
+        raise MeshError("no such file", where=where)
+    mesh = _meshio_mesh(path, path.suffix.lower())
+    blocks = [block.data for block in mesh.cells if block.type == "triangle"]
+    if not blocks:
+        raise MeshError("no triangles", "must be a surface of triangles", where)
+    corners = np.asarray(mesh.points, dtype=float)[np.concatenate(blocks)].reshape(-1, 3)
+    if not np.isfinite(corners).all():
+        raise MeshError("coordinates that are not finite", "must be finite", where)
+    nodes, number = np.unique(corners, axis=0, return_inverse=True)
+    triangles = number.reshape(-1, 3)
+    a, b, c = triangles.T
+    return nodes, triangles[(a != b) & (b != c) & (a != c)]
+
+
 def _from_meshio(path: Path, suffix: str) -> RawMesh:
     where = str(path)
     mesh = _meshio_mesh(path, suffix)

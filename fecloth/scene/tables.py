@@ -85,7 +85,10 @@ _ROTATE = {"rotate": (RotationTable | None, None)}
 ShapeTable: Any = one_of(
     "type", {name: table_of(cls, name, **_ROTATE) for name, cls in _SHAPES.items()}
 )
-_MORE = {terms.Obstacle: {"shape": (ShapeTable, ...)}}  # fields that hold tables of their own
+_MORE = {  # fields that hold tables of their own, or a file beside the scene
+    terms.Obstacle: {"shape": (ShapeTable, ...)},
+    terms.MeshObstacle: {"path": (File, ...)},
+}
 
 _LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"]
 SolverTable: Any = table_of(Newton, linear=(_LINEAR, "auto"))

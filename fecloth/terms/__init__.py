@@ -13,6 +13,7 @@ from fecloth.quantities.unit_fields import reads_units
 from fecloth.terms.bending.hinge import HingeBending
 from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.bending.quadratic import QuadraticBending
+from fecloth.terms.contact.mesh_obstacle import MeshObstacle
 from fecloth.terms.contact.obstacle import Obstacle
 from fecloth.terms.contact.self_contact import SelfContact
 from fecloth.terms.custom.force import UserForce
@@ -41,6 +42,7 @@ __all__ = [
     "Gravity",
     "HingeBending",
     "MassDamping",
+    "MeshObstacle",
     "NeoHookean",
     "Obstacle",
     "PlateBending",

@@ -26,7 +26,7 @@ FAMILIES = {
     "Bending": ("PlateBending", "HingeBending", "QuadraticBending"),
     "Damping": ("StrainRateDamping", "BendingDamping", "MassDamping"),
     "Loads": ("Gravity", "Pressure", "Gas", "Drag", "Wind", "PointForce", "UserForce"),
-    "Contact": ("Obstacle", "SelfContact"),
+    "Contact": ("Obstacle", "MeshObstacle", "SelfContact"),
     "Constraints": ("Pin", "Slide"),
 }
 G = Y / (2 * (1 + NU))

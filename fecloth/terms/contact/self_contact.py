@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
-import scipy.sparse as sparse
 
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
-from fecloth.mesh.intersections import find_intersections
 from fecloth.mesh.surface import Surface
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact.barrier import automatic_stiffness
 from fecloth.terms.contact.obstacle import CREEP
-from fecloth.terms.contact.self_contact_over_step import RubbedContactOverStep, SelfContactOverStep
-from fecloth.terms.contact.toolkit import ContactSets, load
-from fecloth.terms.step_difference import StepDifference
+from fecloth.terms.contact.toolkit import ContactSets
+from fecloth.terms.contact.triangle_contact import BoundTriangleContact
 
 FARTHEST = 3.0  # gaps: the shortest edge must have as many
-NAMED = 5  # pairs of triangles that an error names
 
 
 @dataclass(frozen=True)
@@ -96,10 +91,9 @@ class SelfContact:
     def stencil(self, cloth: Cloth) -> None:
         return None
 
-    def bind(self, panel: Panel, slots) -> BoundSelfContact:
-        load("SelfContact")
-        triangles = Surface.of(panel.cloth).triangles
-        edges = panel.cloth.X[triangles] - panel.cloth.X[np.roll(triangles, 1, axis=1)]
+    def bind(self, panel: Panel, slots) -> BoundTriangleContact:
+        cloth, triangles = panel.cloth, Surface.of(panel.cloth).triangles
+        edges = cloth.X[triangles] - cloth.X[np.roll(triangles, 1, axis=1)]
         largest = float(np.linalg.norm(edges, axis=2).min()) / FARTHEST
         if self.gap + self.thickness > largest:
             what = f"gap + thickness = {self.gap + self.thickness:.4g} m"
@@ -109,99 +103,7 @@ class SelfContact:
         stiffness = self.stiffness
         if stiffness == "auto":
             stiffness = automatic_stiffness(panel, self.gap)
-        cloth, numbers = panel.cloth, (self.gap, self.friction, self.thickness, float(stiffness))
-        return BoundSelfContact(cloth, triangles, *numbers, CREEP * cloth.extent)
-
-
-@dataclass(frozen=True, eq=False)
-class BoundSelfContact:
-    """`SelfContact` on a cloth."""
-
-    cloth: Cloth
-    triangles: np.ndarray
-    gap: float
-    friction: float
-    thickness: float
-    stiffness: float
-    creep: float
-
-    name = "SelfContact"
-    symmetric = True
-    has_energy = True
-    stores_strain = False
-    needs_end = "the barrier must hold at the end of a step"
-
-    @property
-    def dissipative(self) -> bool:
-        return self.friction > 0.0
-
-    velocity_dependent = dissipative
-
-    @property
-    def no_equilibrium(self) -> str:
-        """Why it has no unique equilibrium, or ""."""
-        return "with friction the place of rest depends on the way there" if self.friction else ""
-
-    @cached_property
-    def sets(self) -> ContactSets:
-        """The contacts at positions of the cloth."""
-        X = np.column_stack([self.cloth.X, np.zeros(len(self.cloth.X))])
-        return ContactSets.of(X, self.triangles, self.gap, self.thickness, self.stiffness)
-
-    def energy(self, x, t) -> float:
-        """Σ κ gap A b(s) [J]."""
-        return self.sets.energy(x)
-
-    def add_force(self, x, v, t, f) -> None:
-        """f −= ∂energy/∂x, and friction [N]."""
-        f += self.sets.force(x)
-        if self.friction and v.any():
-            f += self.sets.rub(self.sets.lag(x, self.friction), v, self.creep)[1]
-
-    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """Add nothing: all of the tangent is in `coupling`."""
-
-    def coupling(self, x, v, t, wx, wv, definite) -> sparse.spmatrix | None:
-        """wx K of the barrier, without the negative part of each pair if `definite`, and wv D.
-
-        How friction changes with x is left out: over a step, for which methods ask, it is lagged.
-        """
-        K = self.sets.tangent(x, definite)
-        if K is None:
-            return None
-        D = None
-        if self.friction and wv:
-            D = self.sets.rub_slope(self.sets.lag(x, self.friction), v, self.creep)
-        return wx * K if D is None else wx * K + wv * D
-
-    def power(self, x, v, t) -> float:
-        """Dissipated power Σ μ λ f₁(y) y of friction [W]."""
-        force = self.sets.rub(self.sets.lag(x, self.friction), v, self.creep)[1]
-        return -float((force * v).sum())
-
-    def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
-        """The largest α ≤ 1 for which no triangle passes through another on the way to x + α s."""
-        return self.sets.free_part(x, x + s)
-
-    def over_step(self, step: StepDifference) -> SelfContactOverStep:
-        """The contact over a step: it knows where the step began."""
-        kind = RubbedContactOverStep if self.friction else SelfContactOverStep
-        return kind(self, step)
-
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Return zeros: at rest nothing touches."""
-        return 0.0, 0.0
-
-    def check_start(self, x: np.ndarray, t: float, where: str) -> None:
-        """Raise `InputError` for layers that start nearer than the thickness, or intersect."""
-        if self.sets.intersects(x):
-            pairs = find_intersections(self.triangles, x)
-            named = ", ".join(f"{a} and {b}" for a, b in pairs[:NAMED]) if pairs is not None else ""
-            what = f"triangles intersect at the start: {named or 'some'}"
-            remedy = "Place the cloth so that its layers do not meet."
-            raise InputError(what, "must start free of intersections", where, remedy)
-        nearest = self.sets.least_distance(x)
-        if nearest <= self.thickness:
-            what = f"two layers start at a distance of {nearest:.3g} m"
-            allowed = f"must be farther apart than the thickness, {self.thickness:g} m"
-            raise InputError(what, allowed, where, "Move them apart, or take a smaller thickness.")
+        rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+        numbers = float(self.gap), float(self.thickness), float(stiffness)
+        sets = ContactSets.of("SelfContact", rest, triangles, *numbers)
+        return BoundTriangleContact("SelfContact", sets, self.friction, CREEP * cloth.extent)

@@ -26,12 +26,18 @@ def load(where: str) -> Any:
 
 @dataclass(eq=False)
 class ContactSets:
-    """The pairs in contact of a surface of triangles, at the positions asked for last.
+    """The pairs in contact of a cloth with itself, or with a fixed mesh, at positions x (n, 3).
+
+    Those at the positions asked for last are kept.
 
     Attributes
     ----------
     toolkit, mesh, potential
         ipctk, and its collision mesh and barrier potential.
+    triangles
+        (s, 3) of the cloth.
+    fixed
+        (k, 3) nodes of the fixed mesh [m].
     gap, thickness
         [m].
     """
@@ -39,33 +45,55 @@ class ContactSets:
     toolkit: Any
     mesh: Any
     potential: Any
+    triangles: np.ndarray
+    fixed: np.ndarray
     gap: float
     thickness: float
     _last: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
 
     @classmethod
     def of(
-        cls, X: np.ndarray, triangles: np.ndarray, gap: float, thickness: float, stiffness: float
+        cls,
+        where: str,
+        rest: np.ndarray,
+        triangles: np.ndarray,
+        gap: float,
+        thickness: float,
+        stiffness: float,
+        fixed: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> ContactSets:
-        """Return those of a surface with reference positions X (n, 3)."""
-        ipctk = load("SelfContact")
-        faces = np.asfortranarray(triangles.astype(np.int32))
-        mesh = ipctk.CollisionMesh(np.asfortranarray(X), ipctk.edges(faces), faces)
+        """Return those of a cloth at rest (n, 3), with `fixed`: nodes and triangles of a mesh.
+
+        With a fixed mesh only pairs of the cloth and that mesh count, otherwise those of the cloth.
+        `where` begins the error if ipctk is missing.
+        """
+        ipctk = load(where)
+        others, more = fixed or (np.zeros((0, 3)), np.zeros((0, 3), int))
+        faces = np.asfortranarray(np.vstack([triangles, more + len(rest)]).astype(np.int32))
+        nodes = np.asfortranarray(np.vstack([rest, others]))
+        mesh = ipctk.CollisionMesh(nodes, ipctk.edges(faces), faces)
+        if fixed:
+            patches = np.repeat([0, 1], [len(rest), len(others)]).astype(np.int32)
+            mesh.can_collide = ipctk.make_vertex_patches_filter(patches)
         potential = ipctk.BarrierPotential(gap, stiffness, use_physical_barrier=True)
-        return cls(ipctk, mesh, potential, gap, thickness)
+        return cls(ipctk, mesh, potential, triangles, others, gap, thickness)
+
+    def nodes(self, x: np.ndarray) -> np.ndarray:
+        """(n + k, 3) x and the nodes of the fixed mesh."""
+        return np.asfortranarray(np.vstack([x, self.fixed]))
 
     def at(self, x: np.ndarray) -> Any:
         """The contacts at x (n, 3); energy, force and tangent ask for the same ones in turn."""
         if self._last is None or not np.array_equal(self._last[0], x):
             found = self.toolkit.NormalCollisions()
             found.use_area_weighting = True
-            found.build(self.mesh, np.asfortranarray(x), self.gap, self.thickness)
+            found.build(self.mesh, self.nodes(x), self.gap, self.thickness)
             self._last = x.copy(), found
         return self._last[1]
 
     def energy(self, x: np.ndarray) -> float:
         """[J]; +∞ where two parts are nearer than the thickness."""
-        energy = float(self.potential(self.at(x), self.mesh, np.asfortranarray(x)))
+        energy = float(self.potential(self.at(x), self.mesh, self.nodes(x)))
         return energy if math.isfinite(energy) else math.inf
 
     def force(self, x: np.ndarray) -> np.ndarray:
@@ -73,8 +101,8 @@ class ContactSets:
         contacts = self.at(x)
         if not len(contacts):
             return np.zeros_like(x)
-        gradient = self.potential.gradient(contacts, self.mesh, np.asfortranarray(x))
-        return -np.reshape(gradient, x.shape)
+        gradient = self.potential.gradient(contacts, self.mesh, self.nodes(x))
+        return -np.reshape(gradient, (-1, 3))[: len(x)]
 
     def tangent(self, x: np.ndarray, definite: bool) -> sparse.csr_matrix | None:
         """(3n, 3n) ∂²energy/∂x² [N/m]; None without contacts."""
@@ -82,44 +110,50 @@ class ContactSets:
         if not len(contacts):
             return None
         kind = method.CLAMP if definite else method.NONE
-        return self.potential.hessian(contacts, self.mesh, np.asfortranarray(x), kind).tocsr()
+        K = self.potential.hessian(contacts, self.mesh, self.nodes(x), kind)
+        return K[: x.size, : x.size].tocsr()
 
     def lag(self, x: np.ndarray, friction: float) -> Any:
         """The contacts at x with their normal forces and directions of sliding, for μ."""
         lagged = self.toolkit.TangentialCollisions()
-        lagged.build(self.mesh, np.asfortranarray(x), self.at(x), self.potential, friction)
+        lagged.build(self.mesh, self.nodes(x), self.at(x), self.potential, friction)
         return lagged
 
     def rub(self, lagged: Any, v: np.ndarray, creep: float) -> tuple[float, np.ndarray]:
         """Σ μ λ f₀(y) [W] at velocities v (n, 3), and minus its derivative by v: the force [N]."""
         if not len(lagged):
             return 0.0, np.zeros_like(v)
-        potential, v = self.toolkit.FrictionPotential(creep), np.asfortranarray(v)
-        gradient = potential.gradient(lagged, self.mesh, v)
-        return float(potential(lagged, self.mesh, v)), -np.reshape(gradient, v.shape)
+        potential, all_v = self.toolkit.FrictionPotential(creep), self._velocities(v)
+        gradient = potential.gradient(lagged, self.mesh, all_v)
+        force = -np.reshape(gradient, (-1, 3))[: len(v)]
+        return float(potential(lagged, self.mesh, all_v)), force
 
     def rub_slope(self, lagged: Any, v: np.ndarray, creep: float) -> sparse.csr_matrix | None:
         """(3n, 3n) −∂force/∂v [N s/m], positive semi-definite; None without contacts."""
         if not len(lagged):
             return None
         potential, method = self.toolkit.FrictionPotential(creep), self.toolkit.PSDProjectionMethod
-        return potential.hessian(lagged, self.mesh, np.asfortranarray(v), method.CLAMP).tocsr()
+        D = potential.hessian(lagged, self.mesh, self._velocities(v), method.CLAMP)
+        return D[: v.size, : v.size].tocsr()
+
+    def _velocities(self, v: np.ndarray) -> np.ndarray:
+        return np.asfortranarray(np.vstack([v, np.zeros_like(self.fixed)]))
 
     def free_part(self, x: np.ndarray, y: np.ndarray) -> float:
         """The largest α ≤ 1 for which nothing meets on the straight way from x to x + α (y − x)."""
-        ends = np.asfortranarray(x), np.asfortranarray(y)
         ccd = self.toolkit.AdditiveCCD()
         step = self.toolkit.compute_collision_free_stepsize
+        ends = self.nodes(x), self.nodes(y)
         part = float(step(self.mesh, *ends, self.thickness, narrow_phase_ccd=ccd))
         return 1.0 if part >= 1.0 else RESERVE * part
 
     def intersects(self, x: np.ndarray) -> bool:
         """Whether parts that share no node pass through each other."""
-        return bool(self.toolkit.has_intersections(self.mesh, np.asfortranarray(x)))
+        return bool(self.toolkit.has_intersections(self.mesh, self.nodes(x)))
 
     def least_distance(self, x: np.ndarray) -> float:
         """Least distance [m] of parts nearer than thickness and gap; infinite without any."""
         contacts = self.at(x)
         if not len(contacts):
             return math.inf
-        return math.sqrt(contacts.compute_minimum_distance(self.mesh, np.asfortranarray(x)))
+        return math.sqrt(contacts.compute_minimum_distance(self.mesh, self.nodes(x)))

@@ -1,4 +1,4 @@
-"""Self-contact over a step: a first guess without intersections, and friction."""
+"""Contact between triangles over a step: a first guess without intersections, and friction."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 from fecloth.terms.step_difference import StepDifference
 
 if TYPE_CHECKING:
-    from fecloth.terms.contact.self_contact import BoundSelfContact
+    from fecloth.terms.contact.triangle_contact import BoundTriangleContact
 
 
 @dataclass(frozen=True, eq=False)
-class SelfContactOverStep:
-    """`SelfContact` over a step that ends at x."""
+class ContactOverStep:
+    """`BoundTriangleContact` over a step that ends at x."""
 
-    contact: BoundSelfContact
+    contact: BoundTriangleContact
     step: StepDifference
 
     symmetric = True
@@ -58,8 +58,8 @@ class SelfContactOverStep:
 
 
 @dataclass(frozen=True, eq=False)
-class RubbedContactOverStep(SelfContactOverStep):
-    """`SelfContact` with friction over a step: the potential h Σ μ λ f₀(y) of sliding velocities.
+class RubbedContactOverStep(ContactOverStep):
+    """The same with friction, over a step: the potential h Σ μ λ f₀(y) of sliding velocities.
 
     λ and the directions are those at the begin of the step, and the velocity is the method's
     difference.

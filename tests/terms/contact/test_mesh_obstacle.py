@@ -1,0 +1,133 @@
+"""Obstacles of triangles: force and tangent, rest, files, scenes."""
+
+import meshio
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.errors import InputError, MeshError
+from fecloth.mesh.read import read_surface
+from fecloth.scene.scene import load_scene
+from fecloth.study.scene_text import digest_of_files
+
+pytest.importorskip("ipctk")
+FABRIC = fc.Fabric(0.2, 500.0, 0.3, bending_rigidity=1e-5)
+CORNERS = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0.0], [-1, 1, 0]])
+STEPS = (1e-6, 5e-7, 2.5e-7)
+
+
+@pytest.fixture
+def table(tmp_path):
+    """A plane of two triangles, with its nodes written twice, as in an STL file, in centimetres."""
+    soup = 100 * CORNERS[[0, 1, 2, 0, 2, 3]]
+    path = tmp_path / "table.stl"
+    meshio.write_points_cells(path, soup, [("triangle", np.arange(6).reshape(2, 3))])
+    return path
+
+
+def test_equal_nodes_are_united(table):
+    nodes, triangles = read_surface(table)
+    assert nodes.shape == (4, 3)
+    assert triangles.shape == (2, 3)
+    a, b, c = nodes[triangles].transpose(1, 0, 2)
+    assert np.cross(b - a, c - a)[:, 2] == pytest.approx(2e4 * 2)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_force_and_tangent_are_derivatives(element, table, rng):
+    cloth = fc.Cloth.rectangle(0.3, 0.2, 0.1, element=element)
+    term = fc.MeshObstacle(table, gap=0.02, stiffness=200.0, scale=0.01)
+    system = fc.System(cloth, FABRIC, [term])
+    height = 0.01 + 0.005 * np.sin(20 * cloth.X[:, 0] + 7 * cloth.X[:, 1])
+    place = cloth.X + [0.36, -0.27]  # no node over the common edge of both triangles
+    x, way = np.column_stack([place, height]), rng.standard_normal((len(cloth.X), 3))
+    at, errors = system.state(x), []
+    K, force = system.stiffness(at) @ way.ravel(), (system.force(at) * way).sum()
+    for e in STEPS:
+        ends = [system.state(x + sign * e * way) for sign in (1, -1)]
+        up, down = (system.energies(end)["MeshObstacle"] for end in ends)
+        change = (system.force(ends[0]) - system.force(ends[1])).ravel() / (2 * e)
+        errors.append([abs((up - down) / (2 * e) + force), np.linalg.norm(change + K)])
+    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(2.0, abs=0.1)
+
+
+def test_it_carries_the_weight(table):
+    cloth = fc.Cloth.rectangle(0.3, 0.2, 0.05)
+    terms = [fc.StVK(), fc.Gravity(), fc.MeshObstacle(table, gap=2e-3, scale=0.01)]
+    system = fc.System(cloth, FABRIC, terms, pins=[fc.Slide("corners", direction=(0, 0, 1))])
+    x = np.column_stack([cloth.X, np.full(len(cloth.X), 1e-3)])
+    state = fc.equilibrium(system, system.state(x))
+    push = fc.System(cloth, FABRIC, terms[2:]).force(state).sum(axis=0)
+    weight = 9.81 * system.total_mass
+    assert push[2] == pytest.approx(weight, rel=1e-6)
+    assert 1.5e-3 < state.x[:, 2].min() < state.x[:, 2].max() < 2.1e-3
+
+
+def test_a_cloth_that_falls_on_it_stays_above(table):
+    cloth = fc.Cloth.rectangle(0.2, 0.2, 0.05)
+    ball = fc.MeshObstacle(table, gap=3e-3, friction=0.3, scale=0.01)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.HingeBending(), fc.Gravity(), ball])
+    x = np.column_stack([cloth.X, 0.02 + 0.1 * cloth.X[:, 0]])
+    least = []
+    for state, _ in fc.march(system, fc.BDF2(), system.state(x), 4e-3, 0.2):
+        least.append(state.x[:, 2].min())
+    assert 0 < min(least) < 3e-3
+
+
+def test_mistakes(table, tmp_path):
+    cloth = fc.Cloth.rectangle(0.3, 0.2, 0.1)
+    for more, words in (
+        ({"gap": 0.0}, "gap = 0"),
+        ({"scale": -1.0}, "scale = -1"),
+        ({"friction": -1.0}, "friction = -1"),
+        ({"stiffness": 0.0}, "stiffness = 0"),
+    ):
+        with pytest.raises(InputError, match=words):
+            fc.MeshObstacle(table, **more)
+    with pytest.raises(MeshError, match="no such file"):
+        fc.System(cloth, FABRIC, [fc.MeshObstacle(tmp_path / "none.stl")])
+    lines = tmp_path / "lines.vtu"
+    meshio.write_points_cells(lines, CORNERS, [("line", np.array([[0, 1]]))])
+    with pytest.raises(MeshError, match="no triangles"):
+        fc.System(cloth, FABRIC, [fc.MeshObstacle(lines)])
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.MeshObstacle(table, scale=0.01)])
+    tilted = system.state(np.column_stack([cloth.X, cloth.X[:, 0] - 0.15]))
+    with pytest.raises(InputError, match="passes through the mesh at the start"):
+        fc.run(system, fc.BackwardEuler(), tilted, 0.01, 0.01)
+
+
+def test_its_file_lies_beside_the_scene(table):
+    scene = table.with_name("drop.toml")
+    scene.write_text("""
+[cloth]
+shape = "rectangle"
+width = 0.2
+height = 0.2
+h = 0.1
+
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 500.0
+
+[[terms]]
+type = "StVK"
+
+[[terms]]
+type = "MeshObstacle"
+path = "table.stl"
+gap = "2 mm"
+scale = 0.01
+
+[start]
+shift = [0, 0, 0.1]
+
+[time]
+method = "bdf2"
+dt = 0.01
+t_end = 0.02
+""")
+    opened = load_scene(scene)
+    assert opened.build().system.bound[1].sets.gap == 0.002
+    before = digest_of_files(opened)
+    table.write_bytes(table.read_bytes() + b" ")
+    assert digest_of_files(opened) != before
