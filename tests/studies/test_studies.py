@@ -32,6 +32,7 @@ def out(tmp_path_factory):
         ("benchmarks.bending", "figures met"),
         ("models.hinge_bias", "derived"),
         ("models.homogenised_moduli", "exponent of h"),
+        ("benchmarks.auto_solver", "figures met"),
         ("benchmarks.linear_solvers", "auto over the best"),
         ("benchmarks.multigrid", "figures met"),
         ("benchmarks.step_costs", "GB/s"),
