@@ -119,7 +119,7 @@ def _smooth(
             places[p_indices[s]] = s
         for s in range(indptr[i], indptr[i + 1]):
             j = indices[s]
-            _add_product(values[s], T[j], P[places[of_node[j]]])
+            _add_product(values, s, T, j, P, places[of_node[j]])
         q = inverse[i]
         for s in range(p_indptr[i], p_indptr[i + 1]):
             for k in range(6):
@@ -153,16 +153,23 @@ def _multiply(
         for s in range(indptr[i], indptr[i + 1]):
             j = indices[s]
             for e in range(p_indptr[j], p_indptr[j + 1]):
-                _add_product(values[s], P[e], product[places[p_indices[e]]])
+                _add_product(values, s, P, e, product, places[p_indices[e]])
 
 
 @inner
-def _add_product(A: Array, B: Array, C: Array) -> None:
-    """C += A B, of shapes (3, 3), (3, 6) and (3, 6)."""
-    for c in range(3):
-        a1, a2, a3 = A[c, 0], A[c, 1], A[c, 2]
-        for k in range(6):
-            C[c, k] += a1 * B[0, k] + a2 * B[1, k] + a3 * B[2, k]
+def _add_product(A: Array, s: int, B: Array, e: int, C: Array, t: int) -> None:
+    """C[t] += A[s] B[e], of shapes (3, 6), (3, 3) and (3, 6).
+
+    Numbers in place of views of the arrays make this three times as fast.
+    """
+    a11, a12, a13 = A[s, 0, 0], A[s, 0, 1], A[s, 0, 2]
+    a21, a22, a23 = A[s, 1, 0], A[s, 1, 1], A[s, 1, 2]
+    a31, a32, a33 = A[s, 2, 0], A[s, 2, 1], A[s, 2, 2]
+    for k in range(6):
+        b1, b2, b3 = B[e, 0, k], B[e, 1, k], B[e, 2, k]
+        C[t, 0, k] += a11 * b1 + a12 * b2 + a13 * b3
+        C[t, 1, k] += a21 * b1 + a22 * b2 + a23 * b3
+        C[t, 2, k] += a31 * b1 + a32 * b2 + a33 * b3
 
 
 @kernel
@@ -180,41 +187,53 @@ def _project(
     places: Array,
 ) -> None:
     """Pᵀ (A P) by rows of aggregates; `places` (m,) is work space."""
+    sums = np.empty((np.diff(indptr).max() // 2, 6, 6))  # a row of blocks, one after the other
     for a in range(len(starts) - 1):
-        for s in range(indptr[2 * a], indptr[2 * a + 1], 2):
-            places[indices[s] // 2] = s
-        width = indptr[2 * a + 1] - indptr[2 * a]
+        first, width = indptr[2 * a], indptr[2 * a + 1] - indptr[2 * a]
+        for u in range(width // 2):
+            places[indices[first + 2 * u] // 2] = u
+            sums[u] = 0.0
         for t in range(starts[a], starts[a + 1]):
-            B, i = P[entries[t]], rows[t]
+            p, i = entries[t], rows[t]
             for e in range(q_indptr[i], q_indptr[i + 1]):
-                Q, s = product[e], places[q_indices[e]]
-                for h in range(2):
-                    for c in range(3):
-                        b1, b2, b3 = B[0, 3 * h + c], B[1, 3 * h + c], B[2, 3 * h + c]
-                        for k in range(3):
-                            left = b1 * Q[0, k] + b2 * Q[1, k] + b3 * Q[2, k]
-                            right = b1 * Q[0, k + 3] + b2 * Q[1, k + 3] + b3 * Q[2, k + 3]
-                            values[s + h * width, c, k] += left
-                            values[s + h * width + 1, c, k] += right
-        for h in range(2):
-            _fill_empty(values[places[a] + h * width + h])
+                _add_transposed_product(P, p, product, e, sums, places[q_indices[e]])
+        _fill_empty(sums[places[a]])
+        for u in range(width // 2):
+            for c in range(6):
+                s = first + 2 * u + (c // 3) * width
+                for k in range(3):
+                    values[s, c % 3, k], values[s + 1, c % 3, k] = sums[u, c, k], sums[u, c, k + 3]
+
+
+@inner
+def _add_transposed_product(P: Array, p: int, Q: Array, e: int, C: Array, u: int) -> None:
+    """C[u] += P[p]ᵀ Q[e], of shapes (6, 6), (3, 6) and (3, 6)."""
+    for c in range(6):
+        p1, p2, p3 = P[p, 0, c], P[p, 1, c], P[p, 2, c]
+        for k in range(6):
+            C[u, c, k] += p1 * Q[e, 0, k] + p2 * Q[e, 1, k] + p3 * Q[e, 2, k]
 
 
 @inner
 def _fill_empty(block: Array) -> None:
     """Set the diagonal to 1 where a motion of an aggregate is missing, and its row is zero."""
-    for c in range(3):
+    for c in range(6):
         if block[c, c] == 0.0:
             block[c, c] = 1.0
 
 
 @kernel
-def restrict(starts: Array, rows: Array, columns: Array, r: Array, coarse: Array) -> None:
-    """coarse (m, 6) = Pᵀ r, by aggregates; `columns` (p, 3, 6) are the blocks of P by columns."""
+def restrict(
+    starts: Array, rows: Array, places: Array, columns: Array, r: Array, coarse: Array
+) -> None:
+    """coarse (m, 6) = Pᵀ r, by aggregates.
+
+    `columns` (p, 3, 6) are the blocks of P by columns; r has the row of node i at places[i].
+    """
     for a in range(len(starts) - 1):
         s1 = s2 = s3 = s4 = s5 = s6 = 0.0
         for t in range(starts[a], starts[a + 1]):
-            B, i = columns[t], rows[t]
+            B, i = columns[t], places[rows[t]]
             r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
             s1 += B[0, 0] * r1 + B[1, 0] * r2 + B[2, 0] * r3
             s2 += B[0, 1] * r1 + B[1, 1] * r2 + B[2, 1] * r3
@@ -227,17 +246,20 @@ def restrict(starts: Array, rows: Array, columns: Array, r: Array, coarse: Array
 
 
 @kernel
-def add_prolonged(indptr: Array, indices: Array, P: Array, coarse: Array, x: Array) -> None:
-    """x += P coarse, with coarse (m, 6)."""
+def add_prolonged(
+    indptr: Array, indices: Array, places: Array, P: Array, coarse: Array, x: Array
+) -> None:
+    """x += P coarse, with coarse (m, 6); x has the row of node i at places[i]."""
     for i in range(len(indptr) - 1):
-        x1, x2, x3 = x[i, 0], x[i, 1], x[i, 2]
+        q = places[i]
+        x1, x2, x3 = x[q, 0], x[q, 1], x[q, 2]
         for s in range(indptr[i], indptr[i + 1]):
             y = coarse[indices[s]]
             for k in range(6):
                 x1 += P[s, 0, k] * y[k]
                 x2 += P[s, 1, k] * y[k]
                 x3 += P[s, 2, k] * y[k]
-        x[i, 0], x[i, 1], x[i, 2] = x1, x2, x3
+        x[q, 0], x[q, 1], x[q, 2] = x1, x2, x3
 
 
 @kernel

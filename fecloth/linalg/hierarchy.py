@@ -20,7 +20,7 @@ edition, section 13.4 (cycles).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from fecloth.linalg.gauss_seidel import SweepOrder
 from fecloth.linalg.pcg import invert_diagonal
 from fecloth.linalg.protocol import block_rows, residual
 
+NONE = np.zeros((0, 3, 6))  # no prolongator
 DAMPING = 0.6  # of the Jacobi step that smooths a prolongator: about 4/3 over eigenvalues of 2.3
 
 
@@ -55,11 +56,11 @@ class Level:
         (b − n, 3, 3) its blocks beside the diagonal, by colours. Those of the finest level are in
         single precision, as are P and `columns`: reading them from memory takes most of the time.
     inverse
-        (n, 6) inverses of the diagonal blocks.
+        (n, 6) inverses of the diagonal blocks, by colours.
     P, columns
         (p, 3, 6) the blocks of the prolongator by rows and, once more, by columns.
     work
-        (4, n, 3) work arrays.
+        (5, n, 3) work arrays.
     """
 
     grid: Grid
@@ -69,6 +70,11 @@ class Level:
     P: np.ndarray
     columns: np.ndarray
     work: np.ndarray
+
+    def refill(self, A: BlockMatrix, inverse: np.ndarray) -> None:
+        """Take the blocks of a matrix of this pattern, and the inverses (n, 6) of its diagonal."""
+        self.grid.order.gather(A, self.values)
+        self.grid.order.permute(inverse, self.inverse)
 
 
 def make_grids(pattern: BlockPattern) -> list[Grid]:
@@ -101,10 +107,12 @@ def make_levels(
         If a coarse diagonal block is not positive definite, and so A is not; or not finite.
     """
     grid, *coarser = grids
-    values, work = grid.order.gather(A, kind), np.zeros((4, len(A.pattern), 3))
+    n = len(A.pattern)
+    values: np.ndarray = np.empty((len(grid.order.slots), 3, 3), kind)
+    level = Level(grid, A, values, np.empty((n, 6)), NONE, NONE, np.zeros((5, n, 3)))
+    level.refill(A, inverse)
     if grid.transfer is None:
-        none = np.zeros((0, 3, 6))
-        return [Level(grid, A, values, inverse, none, none, work)]
+        return [level]
     aggregates, rows = grid.transfer.aggregates, block_rows(A)
     T, coarse_motions = motions.copy(), np.zeros((len(aggregates), 6, 6))
     clear_uncoupled(*rows, T)
@@ -116,24 +124,27 @@ def make_levels(
     below = coarse_motions.reshape(-1, 3, 6)
     levels = make_levels(coarser, coarse, coarse_inverse, below, np.float64)
     P = P.astype(kind)
-    return [Level(grid, A, values, inverse, P, P[grid.transfer.entries], work), *levels]
+    return [replace(level, P=P, columns=P[grid.transfer.entries]), *levels]
 
 
 def cycle(levels: list[Level], b: np.ndarray) -> np.ndarray:
     """One cycle for A x = b, from 0: x (n, 3), valid until the next call."""
     level, *coarser = levels
     order, values, inverse = level.grid.order, level.values, level.inverse
-    x: np.ndarray = level.work[0]
-    r = level.work[1]
-    order.forward(values, inverse, b, x)
+    x, sorted_b = level.work[0], level.work[2]
+    r: np.ndarray = level.work[1]
+    order.permute(b, sorted_b)
+    order.forward(values, inverse, sorted_b, x)
     if level.grid.transfer is not None:
-        transfer, coarse = level.grid.transfer, coarser[0].work[2]
+        transfer, coarse = level.grid.transfer, coarser[0].work[3]
         order.residual(values, x, r)
-        restrict(transfer.starts, transfer.rows, level.columns, r, coarse.reshape(-1, 6))
+        own = transfer.starts, transfer.rows, order.places
+        restrict(*own, level.columns, r, coarse.reshape(-1, 6))
         correction = _two_cycles(coarser, coarse).reshape(-1, 6)
-        add_prolonged(transfer.indptr, transfer.indices, level.P, correction, x)
-    order.backward(values, inverse, b, x)
-    return x
+        add_prolonged(transfer.indptr, transfer.indices, order.places, level.P, correction, x)
+    order.backward(values, inverse, sorted_b, x)
+    order.permute_back(x, r)
+    return r
 
 
 def _two_cycles(levels: list[Level], b: np.ndarray) -> np.ndarray:
@@ -141,7 +152,7 @@ def _two_cycles(levels: list[Level], b: np.ndarray) -> np.ndarray:
     level = levels[0]
     if level.grid.transfer is None:
         return cycle(levels, b)
-    x: np.ndarray = level.work[3]
+    x: np.ndarray = level.work[4]
     x[:] = cycle(levels, b)
     residual(*block_rows(level.A), b, x, b)
     x += cycle(levels, b)

@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import replace
 
 import numpy as np
 
-from fecloth.jit import Array, kernel
 from fecloth.linalg.aggregation import rigid_motions
-from fecloth.linalg.block_matrix import BlockMatrix, multiply
+from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.hierarchy import Grid, Level, cycle, make_grids, make_levels
-from fecloth.linalg.pcg import CONVERGED, INDEFINITE, NOT_FINITE, OUT_OF_ITERATIONS, PCG
+from fecloth.linalg.pcg import (
+    CONVERGED,
+    INDEFINITE,
+    NOT_FINITE,
+    OUT_OF_ITERATIONS,
+    PCG,
+    advance,
+    multiply,
+    turn,
+)
 from fecloth.linalg.protocol import SolveInfo, block_rows
 from fecloth.linalg.reductions import dot, squared_norm
 
-FEW = 10  # iterations that are not worth new coarse matrices
+NEW = 8  # iterations that cost as much as new coarse matrices
 
 
 class Multigrid(PCG):
     """Conjugate gradients preconditioned by a cycle of multigrid.
 
     The aggregates are made once for each pattern. The coarse matrices are kept, also for other
-    matrices, until the iterations have doubled; see `hierarchy` why the cycle remains definite.
+    matrices, until the additional iterations have cost as much as new ones: then at most twice the
+    best cost is paid. See `hierarchy` why the cycle remains definite.
 
     Parameters
     ----------
@@ -40,9 +49,8 @@ class Multigrid(PCG):
     def drop(self) -> None:
         """Forget the coarse matrices and the positions."""
         self._levels: list[Level] = []
-        self._first = 0  # iterations of the first solve with these coarse matrices; 0 before
-        self._is_worn = False  # whether the first solve of a later step took twice as many
-        self._counts = True  # whether the next solve is the first one of a step
+        self._rate = 0.0  # iterations of the first solve with these coarse matrices, by ln(1/rtol)
+        self._extra = 0.0  # iterations that later solves took beyond that
         self._x: np.ndarray | None = None
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
@@ -50,7 +58,7 @@ class Multigrid(PCG):
 
         Without a call they represent translations only.
         """
-        self._x, self._counts = x, True
+        self._x = x
 
     def prepare(self, A: BlockMatrix) -> None:
         """Invert the diagonal blocks of A, and make coarse matrices if there are none.
@@ -64,11 +72,10 @@ class Multigrid(PCG):
         begin, self._A = time.perf_counter(), None
         if not self._grids or self._grids[0].pattern is not A.pattern:
             self._levels, self._grids = [], make_grids(A.pattern)
-        if self._levels and not self._is_worn:
-            values = self._grids[0].order.gather(A, np.float32)
-            self._levels[0] = replace(self._levels[0], A=A, values=values)
+        if self._levels and self._extra < NEW:
+            self._levels[0].refill(A, self._inverse)
         else:
-            self._levels, self._first, self._is_worn = [], 0, False
+            self._levels, self._rate, self._extra = [], 0.0, 0.0
             motions = self._motions(len(A.pattern))
             self._levels = make_levels(self._grids, A, self._inverse, motions, np.float32)
         self._A = A
@@ -84,10 +91,9 @@ class Multigrid(PCG):
     ) -> tuple[np.ndarray, SolveInfo]:
         """Solve A x = b (n, 3), starting from `guess` (n, 3) or 0: x (n, 3) and `SolveInfo`."""
         x, info = super().solve(b, rtol, guess)
-        if self._counts:  # later solves of a step take more iterations, as their b is less smooth
-            self._first = self._first or info.iterations
-            self._is_worn |= info.iterations > 2 * max(self._first, FEW)
-        self._counts = self._x is None
+        goal = math.log(1 / rtol)
+        self._rate = self._rate or info.iterations / goal
+        self._extra += max(0.0, info.iterations - self._rate * goal)
         return x, info
 
     def _iterate(
@@ -101,31 +107,10 @@ class Multigrid(PCG):
             z, old = cycle(self._levels, r), rz
             rz = dot(r, z)
             turn(z, rz / old if j else 0.0, p)
-            multiply(*block_rows(A), p, q)
-            pq = dot(p, q)
+            pq = multiply(*block_rows(A), p, q)
             if not np.isfinite(pq) or not np.isfinite(rz):
                 return j, NOT_FINITE
             if pq <= 0.0 or rz <= 0.0:
                 return j, INDEFINITE
             rr = advance(rz / pq, p, q, x, r)
         return limit, CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
-
-
-@kernel
-def turn(z: Array, beta: float, p: Array) -> None:
-    """p = z + β p; with β = 0 the old p is not used, because it may be not finite."""
-    for i in range(len(p)):
-        for c in range(3):
-            p[i, c] = z[i, c] + beta * p[i, c] if beta != 0.0 else z[i, c]
-
-
-@kernel
-def advance(alpha: float, p: Array, q: Array, x: Array, r: Array) -> float:
-    """x += α p, r −= α q; returns rᵀ r."""
-    rr = 0.0
-    for i in range(len(x)):
-        for c in range(3):
-            x[i, c] += alpha * p[i, c]
-            r[i, c] -= alpha * q[i, c]
-        rr += r[i, 0] * r[i, 0] + r[i, 1] * r[i, 1] + r[i, 2] * r[i, 2]
-    return rr

@@ -162,8 +162,8 @@ def conjugate_gradients(
     for j in range(limit):
         if rr <= threshold:
             return j, CONVERGED
-        _turn(z, beta, p)
-        pq = _multiply(indptr, indices, values, p, q)
+        turn(z, beta, p)
+        pq = multiply(indptr, indices, values, p, q)
         if not np.isfinite(pq) or not np.isfinite(rz):
             return j, NOT_FINITE
         if pq <= 0.0 or rz <= 0.0:
@@ -174,17 +174,16 @@ def conjugate_gradients(
     return limit, CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
 
 
-@inner
-def _turn(z: Array, beta: float, p: Array) -> None:
-    """p = z + β p."""
+@kernel
+def turn(z: Array, beta: float, p: Array) -> None:
+    """p = z + β p; with β = 0 the old p is not used, because it may be not finite."""
     for i in range(len(p)):
         for c in range(3):
-            # With β = 0 the old p is not used, because it may be not finite.
             p[i, c] = z[i, c] + beta * p[i, c] if beta != 0.0 else z[i, c]
 
 
-@inner
-def _multiply(indptr: Array, indices: Array, values: Array, p: Array, q: Array) -> float:
+@kernel
+def multiply(indptr: Array, indices: Array, values: Array, p: Array, q: Array) -> float:
     """q = A p; returns pᵀ q."""
     pq = 0.0
     for i in range(len(p)):
@@ -200,17 +199,23 @@ def _multiply(indptr: Array, indices: Array, values: Array, p: Array, q: Array) 
     return pq
 
 
+@kernel
+def advance(alpha: float, p: Array, q: Array, x: Array, r: Array) -> float:
+    """x += α p, r −= α q; returns rᵀ r."""
+    rr = 0.0
+    for i in range(len(x)):
+        rr += _advance_node(i, alpha, p, q, x, r)
+    return rr
+
+
 @inner
 def _advance(
     alpha: float, p: Array, q: Array, inverse: Array, x: Array, r: Array, z: Array
 ) -> tuple[float, float]:
-    """x += α p, r −= α q (unless α = 0), z = M⁻¹ r; returns rᵀ z and rᵀ r."""
+    """x += α p, r −= α q, z = M⁻¹ r; returns rᵀ z and rᵀ r."""
     rz = rr = 0.0
     for i in range(len(x)):
-        if alpha != 0.0:
-            for c in range(3):
-                x[i, c] += alpha * p[i, c]
-                r[i, c] -= alpha * q[i, c]
+        rr += _advance_node(i, alpha, p, q, x, r)
         r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
         m = inverse[i]
         z1 = m[0] * r1 + m[5] * r2 + m[4] * r3
@@ -218,8 +223,19 @@ def _advance(
         z3 = m[4] * r1 + m[3] * r2 + m[2] * r3
         z[i, 0], z[i, 1], z[i, 2] = z1, z2, z3
         rz += r1 * z1 + r2 * z2 + r3 * z3
-        rr += r1 * r1 + r2 * r2 + r3 * r3
     return rz, rr
+
+
+@inner
+def _advance_node(i: int, alpha: float, p: Array, q: Array, x: Array, r: Array) -> float:
+    """Node i of `advance`; with α = 0 the old p and q are not used, as they may be not finite."""
+    if alpha != 0.0:
+        for c in range(3):
+            x[i, c] += alpha * p[i, c]
+            r[i, c] -= alpha * q[i, c]
+    r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
+    rr: float = r1 * r1 + r2 * r2 + r3 * r3
+    return rr
 
 
 @kernel

@@ -11,7 +11,7 @@ import numpy as np
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.equation import Remedy
-from fecloth.nonlinear.limits import largest_step
+from fecloth.nonlinear.limits import has_limits, largest_step
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.round_off import measure_round_off
 from fecloth.system.state import State
@@ -146,6 +146,11 @@ class StaticEquation:
         slack = int((stretches.max(axis=1) < 1 - 1e-9).sum())
         if slack:
             reason += f"; {slack} of {len(stretches)} triangles are slack in every direction"
+        if not remedy and has_limits(self.system):
+            remedy = (
+                "On an obstacle without friction the cloth may slide and turn: hold what is free "
+                "by a Slide, start nearer to the equilibrium, or march with damping."
+            )
         remedy = remedy or (
             "Give the cloth bending stiffness, let the loads grow in more load_steps, start "
             "from a state nearer to the equilibrium, or find one by marching with damping."

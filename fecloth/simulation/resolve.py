@@ -32,8 +32,8 @@ def solver_for(
     """Return the solver of a run, and in words why it was chosen.
 
     `choice` is "auto", "direct", "pardiso", "superlu", "pcg" or "multigrid". "auto" starts with
-    conjugate gradients and changes to a factorisation, and back, by the work it counts; on large
-    cloths it takes multigrid where they need many iterations; see `auto_solver`.
+    conjugate gradients and changes to multigrid or a factorisation, and back, by the work that it
+    counts; see `auto_solver`.
     """
     check_method(method)
     validation.number("dt", dt, 0.0, "solver_for")
@@ -48,11 +48,7 @@ def solver_for(
     chosen: LinearSolver
     symmetric |= options.definiteness == "clamp"  # clamped tangents all are
     if choice == "auto":
-        stiffness, damping = system.rate_bounds()
-        check_offers(method, ("weights",), 'march(solver="auto")')
-        wx, wv, wa = method.weights(dt)
-        condition = 1 + (wx * stiffness + wv * damping) / wa
-        chosen, why = select.choose(condition, len(system.cloth.X), symmetric)
+        chosen, why = select.choose(system.pattern, symmetric)
     else:
         chosen, why = select.create(choice, symmetric), "requested"
     matrix = BlockMatrix.zeros(system.pattern)

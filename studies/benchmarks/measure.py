@@ -49,9 +49,10 @@ def fastest(
     return min(times)
 
 
-def square(triangles: int) -> fc.Cloth:
-    """Return a unit square of about that many unstructured triangles."""
-    return fc.Cloth.rectangle(1.0, 1.0, h=1.52 / np.sqrt(triangles))
+def square(triangles: int, pattern: str = "unstructured") -> fc.Cloth:
+    """Return a unit square of about that many triangles."""
+    h = (1.52 if pattern == "unstructured" else np.sqrt(2)) / np.sqrt(triangles)
+    return fc.Cloth.rectangle(1.0, 1.0, h=h, pattern=pattern)
 
 
 def stretched_state(system: fc.System) -> fc.State:

@@ -40,12 +40,12 @@ class Cost:
     counts: Counts
 
 
-def sheet(triangles: int) -> fc.System:
+def sheet(triangles: int, pattern: str = "unstructured", fabric: fc.Fabric = FABRIC) -> fc.System:
     """Return a square of about that many triangles that hangs at two corners."""
-    cloth = square(triangles)
+    cloth = square(triangles, pattern)
     corners = [int(np.argmin(np.linalg.norm(cloth.X - c, axis=1))) for c in ((0, 1), (1, 1))]
     terms = [fc.StVK(), fc.HingeBending(), fc.Gravity()]
-    return fc.System(cloth, FABRIC, terms, [fc.Pin(corners)])
+    return fc.System(cloth, fabric, terms, [fc.Pin(corners)])
 
 
 def fallen(triangles: int, t_end: float) -> tuple[fc.System, fc.State]:
@@ -102,12 +102,14 @@ def memory(system: fc.System, state: fc.State) -> float:
     return 1e-3 * peak / len(system.cloth.triangles)
 
 
-def compare(sizes: list[int], count: int, start: tuple[fc.System, fc.State]) -> list[Measured]:
+def compare(
+    sizes: list[int], count: int, start: tuple[fc.System, fc.State], pattern: str
+) -> list[Measured]:
     """Print a table of all meshes and solvers; return the figures with limits."""
     costs: list[dict[str, Cost]] = []
     print(f"{'triangles':>9} {'solver':<10} {'CPU s/step':>10} {'Newton':>7} {'linear':>7}")
     for triangles in sizes:
-        system = sheet(triangles)
+        system = sheet(triangles, pattern)
         state = transfer(*start, system)
         costs.append(steps(system, state, [s for s in LARGEST if triangles <= LARGEST[s]], count))
         for name, cost in costs[-1].items():
@@ -130,10 +132,11 @@ def main() -> int:
     parser = study.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="small meshes, no limits")
     parser.add_argument("--sizes", type=int, nargs="+", default=[50_000, 200_000], metavar="N")
+    parser.add_argument("--pattern", default="unstructured", help="of the triangles")
     options = parser.parse_args()
     sizes, count = ([2_000, 8_000], 2) if options.quick else (options.sizes, STEPS)
     start = fallen(500, 0.1) if options.quick else fallen(8_000, 0.4)
-    return print_verdicts([lambda: compare(sizes, count, start)], options.quick)
+    return print_verdicts([lambda: compare(sizes, count, start, options.pattern)], options.quick)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.coarse_matrix import Transfer
 from fecloth.linalg.gauss_seidel import SweepOrder
 from fecloth.linalg.hierarchy import cycle
-from fecloth.linalg.multigrid import Multigrid
+from fecloth.linalg.multigrid import NEW, Multigrid
 from fecloth.linalg.pcg import PCG
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
@@ -199,18 +199,18 @@ def test_aggregates_and_colours_cover_every_node_once(element):
     aggregates, order = Aggregates.of(pattern), SweepOrder.of(pattern)
     assert sorted(aggregates.members) == sorted(order.nodes) == list(range(len(pattern)))
     assert len(aggregates) < len(pattern) / 4
-    place = np.empty(len(pattern), int)
-    place[order.nodes] = np.arange(len(pattern))
+    n, place = len(pattern), order.places
+    np.testing.assert_array_equal(place[order.nodes], np.arange(n))
+    colours = np.searchsorted(order.starts, np.arange(n), side="right")
     for q, i in enumerate(order.nodes):
-        before = order.indices[order.indptr[q] : order.middle[q]]
-        after = order.indices[order.middle[q] : order.indptr[q + 1]]
-        assert (place[before] < q).all()
-        assert (place[after] > q).all()
+        before, after = (order.indices[order.indptr[k] : order.indptr[k + 1]] for k in (q, n + q))
+        assert (colours[before] < colours[q]).all()
+        assert (colours[after] > colours[q]).all()
         row = pattern.indices[pattern.indptr[i] : pattern.indptr[i + 1]]
-        assert sorted([*before, i, *after]) == list(row)
+        assert sorted([*order.nodes[before], i, *order.nodes[after]]) == list(row)
 
 
-def test_coarse_matrices_are_kept_until_the_iterations_double():
+def test_coarse_matrices_are_kept_until_their_age_costs_as_much_as_new_ones():
     system = cloth_system(0.05, bending=fc.HingeBending())
     state = folded(system)
     b = system.constraints.project(system.force(state))
@@ -221,10 +221,21 @@ def test_coarse_matrices_are_kept_until_the_iterations_double():
         counts.append(iterations(solver, A, b))
         kept.append(solver._levels[1])
     assert kept[0] is kept[1] is kept[2]
-    assert counts[2] > 2 * counts[0]
+    assert counts[2] >= counts[0] + NEW
     assert kept[3] is not kept[2]
     assert kept[4] is kept[3]
     assert counts[3] < counts[2]
+
+
+def test_a_closer_solution_does_not_count_as_age():
+    system = cloth_system(0.05, bending=fc.HingeBending())
+    state = folded(system)
+    A, b = tangent(system, state), system.constraints.project(system.force(state))
+    solver = prepared(A, state.x)
+    few = [solver.solve(b, rtol=1e-1)[1].iterations for _ in range(20)]
+    more = solver.solve(b, rtol=1e-8)[1].iterations
+    assert more > few[0] + NEW
+    assert solver._extra < NEW
 
 
 def test_dropped_solver_repeats_its_solution_bit_for_bit():

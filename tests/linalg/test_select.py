@@ -226,13 +226,14 @@ def test_direct_falls_back_to_superlu(monkeypatch):
     assert not select.direct(symmetric=False).symmetric
 
 
-def test_choose_states_the_predicted_costs():
-    solver, reason = select.choose(1e3, 26_000, True)
+def test_choose_states_what_a_factorisation_costs():
+    pattern = sheet(m=20).pattern
+    solver, reason = select.choose(pattern, True)
     assert solver.name == "pcg"
-    # 0.45 · ½ · √1000 · ln 200 = 37.7; 45 + 0.37 · √26000 = 104.7
-    costs = "a factorisation costs as much as about 105 iterations"
-    assert reason == f"at first; about 38 iterations are predicted, {costs}"
-    general, reason = select.choose(1.0, 26_000, False)
+    row = len(pattern.indices) / 400
+    costs = 0.8 * (2 * row + 1.1 * row * 400 ** (1 / 3)) + 400 ** (1 / 3)
+    assert reason == f"at first; a factor and a solve cost about as much as {costs:.0f} iterations"
+    general, reason = select.choose(pattern, False)
     assert general.name == select.direct().name
     assert not general.symmetric
     assert "not symmetric" in reason

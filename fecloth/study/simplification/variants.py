@@ -69,7 +69,8 @@ def list_variants(data: Data, interest: Interest) -> list[Variant]:
     found = [one for term in listed for one in variants_of_term(term, element)]
     found += [*variants_of_mesh(data), *variants_of_time(data)]
     if interest.at_end_only and "time" in data:
-        if not any(pin.get("motion") or pin.get("rotate") for pin in data.get("pins", [])):
+        moved = any(pin.get("motion") or pin.get("rotate") for pin in data.get("pins", []))
+        if not (moved or any(term.get("friction") for term in listed)):
             found.append(Variant("equilibrium", "static", None, "time", use_equilibrium))
         found.append(Variant("one long step", "static", None, "time", use_one_step))
     return found

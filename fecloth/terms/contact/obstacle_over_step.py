@@ -12,10 +12,14 @@ from fecloth.terms.contact import friction
 from fecloth.terms.contact.advance import advance
 from fecloth.terms.contact.points import Points
 from fecloth.terms.contact.rubbing import along
+from fecloth.terms.contact.shape import Shape
 from fecloth.terms.step_difference import StepDifference
 
+ITERATIONS = 10  # out of the way of a shape that deforms
+MORE = (0, 1, 2, 4, 8, 16, 32)  # gaps, for points inside triangles
+
 if TYPE_CHECKING:
-    from fecloth.terms.contact.obstacle import BoundObstacle
+    from fecloth.terms.contact.bound_obstacle import BoundObstacle
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +63,8 @@ class ObstacleOverStep:
         """
         shape, step, gap = self.obstacle.shape, self.step, self.obstacle.gap
         begin = shape.pose(step.t).to_body(step.start)
+        if shape.deforms:
+            begin = self._make_way(begin, t)
         pose = shape.pose(t)
         way = pose.to_body(x) - begin
         parts = advance(shape, begin, way, t, gap)
@@ -66,6 +72,20 @@ class ObstacleOverStep:
             return x
         way = parts[:, None] * way
         return pose.to_space(begin + self._shorten(begin, way, t) * way)
+
+    def _make_way(self, y: np.ndarray, t: float) -> np.ndarray:
+        """Nodes (n, 3), as the shape sees them, outside of what it has become at t.
+
+        They get the distance that they had before, or a gap, and more if points inside triangles
+        need it.
+        """
+        obstacle, shape = self.obstacle, self.obstacle.shape
+        pose, wanted = shape.pose(t), np.minimum(shape.distance(y, self.step.t), obstacle.gap)
+        for more in MORE:
+            moved = _move_out(shape, y, wanted + more * obstacle.gap, t)
+            if obstacle.least_distance(pose.to_space(moved), t) > 0.0:
+                break
+        return moved
 
     def _shorten(self, y: np.ndarray, way: np.ndarray, t: float) -> float:
         """The part of the way (n, 3) of all nodes on which no point inside a triangle enters."""
@@ -79,6 +99,20 @@ class ObstacleOverStep:
                 parts = advance(obstacle.shape, at, ways, t, obstacle.gap)
                 least = min(least, float(parts.min()))
         return least
+
+
+def _move_out(shape: Shape, y: np.ndarray, wanted: np.ndarray, t: float) -> np.ndarray:
+    """Points (n, 3) moved along the slope of the distance to the `wanted` one (n,), if nearer."""
+    y = y.copy()
+    for _ in range(ITERATIONS):
+        d = shape.distance(y, t)
+        near = np.flatnonzero(d < wanted)
+        if not len(near):
+            break
+        gradient = shape.slopes(y[near], t)[0]
+        part = (wanted - d)[near] / np.einsum("mi,mi->m", gradient, gradient)
+        y[near] += part[:, None] * gradient
+    return y
 
 
 class Lagged(NamedTuple):

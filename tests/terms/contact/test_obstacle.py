@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,11 +10,13 @@ from conftest import flat
 
 import fecloth as fc
 from fecloth.errors import InputError
+from fecloth.simulation.set_up_warnings import find_set_up_warnings
 from fecloth.terms.contact import barrier
 from fecloth.verify import VerificationFailed, check_term
 
 S = fc.shapes
 UP = (0, 0, 1)
+SLOW = pytest.mark.slow
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
 GAP = 0.02
 BELOW = {  # each has its top near (0.15, 0.1, 0)
@@ -131,7 +134,9 @@ def least_distance(bound, x, t=0.0):
 
 
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
-@pytest.mark.parametrize("name", ["plane", "sphere", "capsule", "box", "sdf"])
+@pytest.mark.parametrize(
+    "name", ["plane", "sphere", *(pytest.param(n, marks=SLOW) for n in ("capsule", "box", "sdf"))]
+)
 def test_a_sheet_thrown_at_an_obstacle_never_enters(name, method):
     """At 3 m/s and 10 ms a node would go 30 gaps a step."""
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.06)
@@ -147,15 +152,36 @@ def test_a_sheet_thrown_at_an_obstacle_never_enters(name, method):
 
 
 def test_an_obstacle_that_moves_pushes_the_cloth():
-    """A table goes up by 20 gaps a step, and a disk, thinner than its way in a step, comes down."""
+    """Each by many gaps a step: a table, a disk thinner than its way in a step, a formula of t."""
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.06)
     table = fc.Obstacle(S.Plane((0, 0, -0.01), UP, motion=("0", "0", "2*t")))
     disk = S.Disk((0.15, 0.1, 0.02), UP, 0.05, 1e-3, motion=("0", "0", "-0.5*t"))
-    for obstacle, sign in ((table, 1), (fc.Obstacle(disk), -1)):
+    wave = fc.Obstacle(S.Sdf("z + 0.01 - 2*t - 0.01*sin(20*(x - t))", radius=0.2))
+    for obstacle, sign in ((table, 1), (fc.Obstacle(disk), -1), (wave, 1)):
         system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), obstacle])
         for state, _ in fc.march(system, fc.BackwardEuler(), system.rest(), dt=0.01, t_end=0.1):
             assert least_distance(system.bound[-1], state.x, state.t) > 0
         assert sign * state.v[:, 2].mean() > 0.05
+
+
+def test_a_ball_does_not_dip_into_triangles_between_their_nodes():
+    """Of triangles as large as the ball, no place is inside; nodes alone would let it through."""
+    cloth = fc.Cloth.rectangle(0.3, 0.3, h=0.1)
+    ball = fc.Obstacle(S.Sphere((0.15, 0.15, -0.04), 0.04), gap=2e-3)
+    held = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), fc.Gravity(), ball], ["corners"])
+    for state, _ in fc.march(held, fc.BDF2(), held.state(flat(cloth) + [0, 0, 0.01]), 0.01, 0.2):
+        parts = np.array([(i, j, 20 - i - j) for i in range(21) for j in range(21 - i)]) / 20
+        places = np.einsum("pa,mai->mpi", parts, state.x[cloth.triangles]).reshape(-1, 3)
+        assert ball.shape.distance(places, 0.0).min() > 0
+    assert ball.shape.distance(state.x, 0.0).min() > 0.01  # it lies on the insides alone
+
+
+def test_edges_that_may_cut_into_large_triangles_are_told(small):
+    box = fc.Obstacle(S.Box((0.2, 0.15, -0.5), (0.1, 0.1, 0.1)), gap=1e-4)
+    for gap, told in ((1e-4, True), (2e-2, False)):
+        system = fc.System(small, FABRIC, [fc.StVK(), replace(box, gap=gap)])
+        words = [*find_set_up_warnings(system, system.rest(), 0.01, 0.1)]
+        assert any("Obstacle has edges that may cut up to" in each for each in words) == told
 
 
 @pytest.mark.parametrize("gap", [1e-3, 4e-3])
@@ -281,6 +307,7 @@ def test_other_methods_are_refused_by_name(small, method):
         next(fc.march(system, method, system.rest(), dt, 0.1))
 
 
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 def test_auto_takes_bdf2(small):
     system = fc.System(
         small, FABRIC, [fc.StVK(), fc.Gravity(), fc.Obstacle(S.Plane((0, 0, -0.01), UP))]
@@ -330,3 +357,14 @@ def test_the_barrier_has_these_derivatives(function):
     np.testing.assert_allclose(getattr(barrier, function)(s), slope, rtol=1e-6, atol=1e-9)
     assert (getattr(barrier, function)(s) > 0).all()
     assert barrier.value(np.array([0.0, -1.0])).tolist() == [np.inf, np.inf]
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+def test_the_scene_of_the_page_runs(tmp_path):
+    page = Path(fc.__file__).parent / "terms" / "contact" / "README.md"
+    python, toml = re.findall(r"```\w+\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    exec(python, {})
+    (tmp_path / "drop.toml").write_text(toml.replace('"4 cm"', '"8 cm"').replace("0.2 s", "0.05 s"))
+    scene = fc.load_scene(tmp_path / "drop.toml")
+    assert isinstance(scene.build().system.terms[-1].shape, S.Sphere)
+    assert fc.run_scene(scene, tmp_path / "out").status == "done"

@@ -1,0 +1,63 @@
+"""Contact against known answers; studies/contact has their orders under refinement."""
+
+import math
+
+import pytest
+
+import fecloth as fc
+from studies.contact import references
+from studies.contact.drop import drop
+
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("mu", "angle", "method"),
+    [
+        (0.3, math.pi / 2, fc.BackwardEuler()),
+        pytest.param(0.0, math.pi / 2, fc.BackwardEuler(), marks=SLOW),
+        pytest.param(0.6, math.pi / 2, fc.BackwardEuler(), marks=SLOW),
+        pytest.param(0.3, math.pi, fc.BackwardEuler(), marks=SLOW),
+        pytest.param(0.3, math.pi / 2, fc.BDF2(), marks=SLOW),
+    ],
+)
+def test_a_strip_pulled_over_a_cylinder_obeys_the_capstan_equation(mu, angle, method):
+    ratio = references.capstan(mu, angle, h=0.01, dt=5e-3, method=method)
+    assert ratio == pytest.approx(math.exp(mu * angle), rel=0.02)
+
+
+@pytest.mark.parametrize("height", [0.03, 0.1])
+def test_a_lifted_heavy_strip_is_an_elastica_that_leaves_the_plane(height):
+    """The small-slope force w l/2 is off by 3 % at 0.1 m; the strip is off by less than 0.5 %."""
+    force, exact = references.lifted(h=0.01, gap=5e-4, height=height)
+    assert force == pytest.approx(exact, rel=5e-3)
+
+
+def test_the_elastica_of_a_small_slope_is_that_of_a_beam():
+    """F = w l/2 with h = w l⁴/(24 B)."""
+    B, weight, height = 1e-3, 2.0, 1e-4
+    length = (24 * B * height / weight) ** 0.25
+    assert references.elastica(B, weight, height) == pytest.approx(weight * length / 2, rel=1e-4)
+
+
+def test_a_drum_blown_against_a_plate_touches_it_within_the_known_radius():
+    radius, exact = references.drum(h=0.01, gap=2.5e-4)
+    assert radius == pytest.approx(exact, rel=0.01)
+    coarse, exact = references.drum(h=0.02, gap=2.5e-4)
+    assert abs(coarse - exact) > 2 * abs(radius - exact) * 0.5
+
+
+def test_a_radius_of_contact_fits_the_height_of_the_plate():
+    """Of a parabola that just touches, p a²/(4 T), the radius is 0; of a plate at 0 it is a."""
+    highest = 100.0 * 0.1**2 / (4 * 50.0)
+    radii = [references.contact_radius(0.1, 50.0, 100.0, part * highest) for part in (0.9999, 1e-6)]
+    assert radii == pytest.approx([0.0, 0.1], abs=2e-3)
+
+
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), pytest.param(fc.BDF2(), marks=SLOW)])
+def test_no_node_of_a_sheet_that_falls_on_a_ball_enters_it(method):
+    result = drop(0.05, 0.35, method)
+    assert 0.0 < result.least < 1e-3
+    assert result.gain < 0.0
+    assert result.drop > 0.02
