@@ -21,6 +21,7 @@ from fecloth.output.frames import read_frame
 from fecloth.scene.equilibrium_table import EquilibriumTable
 from fecloth.scene.error_words import errors_at
 from fecloth.scene.expectations import refuse_unknown
+from fecloth.scene.pieces import Pieces
 from fecloth.scene.pin_table import PinTable
 from fecloth.scene.problem import Problem
 from fecloth.scene.time_table import Time
@@ -159,13 +160,13 @@ def _start(scene: Scene, cloth: Cloth, at: At) -> State:
         with at("start.frame"):
             return replace(read_frame(start.frame, cloth), t=scene.schedule.t_start)
     with at("start.position"):
-        x = start.x(cloth.X)
+        x = scene.cloth.x(cloth) if isinstance(scene.cloth, Pieces) else start.x(cloth.X)
         if np.abs(x).max() > FARTHEST:
             key = "shift" if start.shift and max(map(abs, start.shift)) > FARTHEST else "position"
             what = f"start.{key}: a node {np.abs(x).max():g} m away"
             raise SceneError(what, f"must be within {FARTHEST:g} m", scene.source)
     with at("start.velocity"):
-        v = start.v(cloth.X)
+        v = scene.cloth.v(cloth) if isinstance(scene.cloth, Pieces) else start.v(cloth.X)
         if np.abs(v).max() > FASTEST:
             what = f"start.velocity: a node with {np.abs(v).max():g} m/s"
             raise SceneError(what, f"must be at most {FASTEST:g} m/s", scene.source)

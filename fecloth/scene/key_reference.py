@@ -24,7 +24,9 @@ from fecloth.scene import (
     time_table,
 )
 from fecloth.scene.fabric_table import FabricTable
+from fecloth.scene.pieces import Pieces
 from fecloth.scene.scene import Scene
+from fecloth.scene.shape_tables import Disk, GradingTable, MeshFile, Rectangle
 from fecloth.scene.table_model import Made, Table
 from fecloth.scene.type_words import phrase
 
@@ -67,6 +69,10 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "h": "Edge length of the triangles [m].",
         "element": "Linear (P1) or quadratic (P2) triangles.",
         "grading": "Places with smaller triangles, as [[cloth.grading]], see below.",
+    },
+    "Pieces": {
+        "shape": "The kind of cloth.",
+        "pieces": "A table for each piece, as [cloths.NAME] or [cloth.pieces.NAME], see above.",
     },
     "MeshFile": {
         "shape": "The kind of cloth.",
@@ -155,8 +161,8 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
 
 SECTIONS = {
     "At the top": (Scene,),
-    "[cloth]": (tables.Rectangle, tables.Disk, tables.MeshFile),
-    "[[cloth.grading]]": (tables.GradingTable,),
+    "[cloth]": (Rectangle, Disk, MeshFile, Pieces),
+    "[[cloth.grading]]": (GradingTable,),
     "[fabric]": (FabricTable,),
     "[[pins]]": (pin_table.PinTable, pin_table.RotationTable),
     "[start]": (start_table.Start, start_table.Rotation),

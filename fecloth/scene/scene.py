@@ -27,6 +27,7 @@ from fecloth.scene.expectations import refuse_times
 from fecloth.scene.fabric_table import FabricTable
 from fecloth.scene.output_table import Output
 from fecloth.scene.overrides import override
+from fecloth.scene.pieces import join_pieces
 from fecloth.scene.pin_table import PinTable
 from fecloth.scene.probe_tables import Expectations, Interest, ProbeTable
 from fecloth.scene.problem import Problem
@@ -72,9 +73,13 @@ class Scene(Table):
     @classmethod
     def _lists_as_tuples(cls, data: Any) -> Any:
         data = as_tuples(data)
-        if isinstance(data, dict) and isinstance(cloth := data.get("cloth"), dict):
-            usual = "consistent" if cloth.get("element") == "P2" else "lumped"
-            data.setdefault("mass", usual)
+        if not isinstance(data, dict):
+            return data
+        if isinstance(cloth := data.get("cloth"), dict):
+            pieces = cloth.get("pieces")
+            one = next(iter(pieces.values()), {}) if isinstance(pieces, dict) else cloth
+            is_quadratic = isinstance(one, dict) and one.get("element") == "P2"
+            data.setdefault("mass", "consistent" if is_quadratic else "lumped")
         return data
 
     @model_validator(mode="after")
@@ -82,6 +87,9 @@ class Scene(Table):
         require_exactly_one(self, "fabric", "fabrics")
         if self.fabrics == {}:
             raise InputError("fabrics = {}", "must name a region, as in [fabrics.body]")
+        if isinstance(self.cloth, tables.Pieces) and self.start != Start(plane="xy"):
+            remedy = "Write [cloths.NAME.start] for each piece."
+            raise InputError("[start] is given", "is for one piece", "", remedy)
         names = [probe.name for probe in self.probes]
         for i, name in enumerate(names):
             if name in names[:i]:
@@ -167,7 +175,7 @@ class Scene(Table):
     def mesh(self) -> Cloth:
         """Return the cloth alone; raise `SceneError` if it cannot be meshed."""
         with errors_at("cloth", self._source):
-            if isinstance(self.cloth, tables.MeshFile):
+            if isinstance(self.cloth, tables.MeshFile | tables.Pieces):
                 return self.cloth.cloth(*self._reading)
             return self.cloth.cloth()
 
@@ -218,6 +226,8 @@ def load_scene(
     path, overrides = Path(path), tuple(overrides)
     data = override(toml_text.read(path), overrides)
     source = f"{path} with {', '.join(overrides)}" if overrides else str(path)
+    with errors_at("", source):
+        data = join_pieces(data)
     try:
         scene = _scene(terms or {}).model_validate(data, context={"folder": path.parent})
     except ValidationError as error:

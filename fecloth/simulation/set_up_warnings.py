@@ -18,7 +18,7 @@ from fecloth.simulation.plausibility import implausible_terms, implausible_value
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms import protocol
-from fecloth.terms.contact.obstacle import BoundObstacle, cutting_depth
+from fecloth.terms.contact.bound_obstacle import BoundObstacle, cutting_depth
 
 MEMBRANES = ("BaraffWitkin", "NeoHookean", "Springs", "StVK", "TensionField", "TensorCondition")
 ONE_OF_EACH = {  # terms that stand for the same thing: with two of them it counts twice

@@ -12,7 +12,7 @@ from fecloth.integrators import EXPLICIT
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
 from fecloth.scene.scene import Scene
-from fecloth.scene.tables import GradingTable
+from fecloth.scene.shape_tables import GradingTable
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.quantity import Quantity
 from fecloth.study import measured_runs

@@ -49,8 +49,8 @@ class Curve:
         before = np.minimum(s - t[0], 0.0)[:, None] * self.below
         return np.exp(inside + beyond + before)
 
-    def scaled(self, factor: float) -> Curve:
-        """Return the curve of `factor` times the values."""
+    def scaled(self, factor: float | np.ndarray) -> Curve:
+        """Return the curve of `factor`, one or (q,), times the values."""
         return replace(self, y=factor * self.y)
 
 

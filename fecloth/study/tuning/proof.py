@@ -192,16 +192,15 @@ def scaled(prediction: Prediction, proof: Proof) -> Prediction:
     """
     candidate = proof.candidate
     assert candidate is not None
-    space = float((proof.parts["space"] / candidate.space).max())
-    in_time = float((proof.parts.get("time", candidate.time) / candidate.time).max())
+    space = proof.parts["space"] / candidate.space
+    in_time = proof.parts.get("time", candidate.time) / candidate.time
     ratio = float(np.clip(proof.trial.seconds / candidate.seconds, 0.2, 5.0))
-    alike = [
-        one is candidate.mesh or (space > 1 and one.choice.element == candidate.choice.element)
-        for one in prediction.meshes
-    ]
+    larger = np.maximum(space, 1.0)
     meshes = tuple(
-        replace(one, errors=one.errors.scaled(space)) if same else one
-        for one, same in zip(prediction.meshes, alike, strict=True)
+        replace(one, errors=one.errors.scaled(space if one is candidate.mesh else larger))
+        if one.choice.element == candidate.choice.element
+        else one
+        for one in prediction.meshes
     )
     rules = tuple(
         replace(one, errors=one.errors.scaled(in_time)) if one is candidate.rule else one

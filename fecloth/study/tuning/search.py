@@ -91,15 +91,13 @@ def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
     def error(one: Trial) -> float:
         return float((bench.distance(times.reference, one) + times.error).max())
 
-    def cost(one: Trial) -> float:
-        return one.seconds * (2.0 if one.choice.is_explicit else 1.0)
-
     fixed = [one for one in times.trials if one.is_ok and not one.choice.rtol]
     fixed = [one for one in fixed if not (one.choice.is_explicit and one.choice.steps)]
     fixed = [one for one in fixed if one.choice.method not in UNDAMPED] or fixed
-    good = [one for one in fixed if error(one) <= CALM * tolerance]
-    good = [one for one in good if not one.choice.is_explicit] or good
-    return min(good, key=cost) if good else min(fixed, key=error)
+    served = [one for one in fixed if error(one) <= tolerance]
+    served = [one for one in served if not one.choice.is_explicit] or served or fixed
+    good = [one for one in served if error(one) <= CALM * tolerance]
+    return min(good, key=lambda one: one.seconds) if good else min(served, key=error)
 
 
 def measure_meshes(

@@ -19,7 +19,7 @@ ITERATIONS = 10  # out of the way of a shape that deforms
 MORE = (0, 1, 2, 4, 8, 16, 32)  # gaps, for points inside triangles
 
 if TYPE_CHECKING:
-    from fecloth.terms.contact.obstacle import BoundObstacle
+    from fecloth.terms.contact.bound_obstacle import BoundObstacle
 
 
 @dataclass(frozen=True, eq=False)

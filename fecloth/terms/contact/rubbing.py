@@ -10,7 +10,7 @@ import numpy as np
 from fecloth.terms.contact import barrier, friction
 
 if TYPE_CHECKING:
-    from fecloth.terms.contact.obstacle import BoundObstacle, Contacts
+    from fecloth.terms.contact.bound_obstacle import BoundObstacle, Contacts
 
 
 def along(n: np.ndarray, w: np.ndarray) -> np.ndarray:

@@ -194,3 +194,19 @@ def test_equilibrium_with_friction_is_refused(small):
 def test_a_negative_friction_is_refused():
     with pytest.raises(InputError, match="friction = -0.1: must be finite and >= 0"):
         replace(fc.Obstacle(SHAPES["plane"]), friction=-0.1)
+
+
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
+def test_a_march_goes_on_bit_for_bit(method):
+    """The friction of a step follows from the state at its begin, so that nothing is lost."""
+    cloth = fc.Cloth.rectangle(0.2, 0.1, h=0.05)
+    slope = fc.Obstacle(S.Plane((0, 0, 0), (0.3, 0, 1)), friction=0.2)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), fc.Gravity(), slope])
+    start = system.state(flat(cloth) + [0, 0, 0.01])
+    options = {"dt": 0.01, "t_end": 0.2, "solver": "direct", "newton": fc.Newton(reuse=False)}
+    steps = [*fc.march(system, method, start, **options)]
+    middle, info = steps[11]
+    assert system.bound[-1].mean_distance(middle.x, 0.0) < 1e-3  # it touches and slides
+    *_, (end, _) = fc.march(system, method, middle, memory=info.memory, **options)
+    np.testing.assert_array_equal(end.x, steps[-1][0].x)
+    np.testing.assert_array_equal(end.v, steps[-1][0].v)

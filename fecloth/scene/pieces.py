@@ -1,0 +1,99 @@
+"""The tables [cloths.NAME] of a scene file: a cloth of several pieces that share no node."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import create_model, model_validator
+
+from fecloth.errors import InputError
+from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.gmsh_child import TIME_LIMIT
+from fecloth.scene.shape_tables import Disk, MeshFile, Rectangle
+from fecloth.scene.start_table import Start
+from fecloth.scene.table_model import Table, one_of
+
+_START = {"start": (Start, Start(plane="xy"))}
+Piece: Any = one_of(
+    "shape",
+    {
+        name: create_model(f"{cls.__name__}Piece", __base__=cls, **_START)  # type: ignore[call-overload]  # of dict
+        for name, cls in (("rectangle", Rectangle), ("disk", Disk), ("file", MeshFile))
+    },
+)
+
+
+class Pieces(Table):
+    """``shape = "join"``: several pieces, each with its shape, sets and start."""
+
+    shape: Literal["join"]
+    pieces: dict[str, Piece]
+
+    h: ClassVar[None] = None  # each piece has its own
+    grading: ClassVar[tuple] = ()
+
+    @model_validator(mode="after")
+    def _several_of_one_element(self):
+        if len(self.pieces) < 2:
+            raise InputError(f"{len(self.pieces)} pieces", "must be at least two, or [cloth]")
+        if len({piece.element for piece in self.pieces.values()}) > 1:
+            raise InputError("pieces of P1 and of P2", "must have one element")
+        for name, piece in self.pieces.items():
+            if piece.start.frame:
+                raise InputError(f"{name}.start.frame is given", "is for [start] of one cloth")
+        return self
+
+    @property
+    def element(self) -> str:
+        """Of all pieces."""
+        return next(iter(self.pieces.values())).element
+
+    @property
+    def paths(self) -> list[str]:
+        """The mesh files of the pieces."""
+        return [piece.path for piece in self.pieces.values() if piece.shape == "file"]
+
+    def cloth(self, trust: bool = False, time_limit: float = TIME_LIMIT) -> Cloth:
+        """Mesh each piece and join them."""
+        meshed = []
+        for name, piece in self.pieces.items():
+            reading = (trust, time_limit) if piece.shape == "file" else ()
+            try:
+                meshed.append(piece.cloth(*reading))
+            except InputError as error:
+                place = f"pieces.{name}: {error.where}: " if piece.shape == "file" else ""
+                what = place or f"pieces.{name}."
+                raise InputError(what + error.what, error.allowed, "", error.remedy) from error
+        return Cloth.join(meshed, list(self.pieces))
+
+    def x(self, cloth: Cloth) -> np.ndarray:
+        """Return the positions (n, 3) at the start [m]."""
+        return self._of_all(cloth, "x")
+
+    def v(self, cloth: Cloth) -> np.ndarray:
+        """Return the velocities (n, 3) at the start [m/s]."""
+        return self._of_all(cloth, "v")
+
+    def _of_all(self, cloth: Cloth, name: str) -> np.ndarray:
+        values = np.zeros((len(cloth.X), 3))
+        for piece, table in self.pieces.items():
+            nodes = cloth.nodes(piece)
+            values[nodes] = getattr(table.start, name)(cloth.X[nodes])
+        return values
+
+
+def join_pieces(data: dict) -> dict:
+    """Return the data of a scene with [cloths.NAME] as the pieces of its [cloth].
+
+    Raises
+    ------
+    InputError
+        If it has a [cloth] besides.
+    """
+    if "cloths" not in data:
+        return data
+    if "cloth" in data:
+        raise InputError("[cloth] and [cloths.NAME]", "give one of them")
+    rest = {key: value for key, value in data.items() if key != "cloths"}
+    return {**rest, "cloth": {"shape": "join", "pieces": data["cloths"]}}
