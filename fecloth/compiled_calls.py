@@ -12,10 +12,10 @@ number of entries, bytes of an entry, address, shape, strides.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -27,9 +27,20 @@ from numba.extending import intrinsic
 
 from fecloth.jit import kernel
 
-Call = tuple[Callable[..., object], tuple[Any, ...]]
+Call = tuple[Callable[..., Any], tuple[Any, ...]]
 """A kernel and its arguments: arrays, numbers and tuples of numbers."""
-Calls = list[Call]
+
+
+class SharedCall(NamedTuple):
+    """A call that threads can share: what one thread makes, and ``of_thread(p)`` of thread p."""
+
+    function: Callable[..., object]
+    arguments: tuple[Any, ...]
+    of_thread: Callable[[int], list[Call]]
+
+
+AnyCall = Call | SharedCall
+Calls = Sequence[AnyCall]
 
 WORD = ir.IntType(64)
 PROCEDURE = ir.FunctionType(ir.VoidType(), ())
@@ -77,8 +88,8 @@ def join(calls: Calls) -> JoinedCalls:
     library = cpu_target.target_context.codegen().create_library(name)
     module = library.create_ir_module(name)
     body = ir.IRBuilder(ir.Function(module, PROCEDURE, name).append_basic_block())
-    for function, arguments in calls:
-        _add_call(body, function, arguments)
+    for each in calls:
+        _add_call(body, each[0], each[1])
     body.ret_void()
     library.add_ir_module(module)
     library.finalize()

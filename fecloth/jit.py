@@ -32,7 +32,8 @@ Zeros = tuple[int, ...]
 Function = TypeVar("Function", bound=Callable)
 Result = TypeVar("Result")
 
-OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy"}
+# nogil: other Python threads, such as those of a `Team`, run on while a kernel does
+OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 
 
 @cache
@@ -82,16 +83,6 @@ def rounded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
     The same formula then gives the same bits in every loop in which it stands.
     """
     return _compile(function, fastmath=False)
-
-
-def threaded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Compile an entry point whose loops over `numba.prange` are shared among threads.
-
-    The passes of such a loop must write nothing that another one reads or writes; then it keeps
-    what `kernel` promises.
-    """
-    compile_function = _compile if _is_of_package(function) else _compile_by_content
-    return compile_function(function, parallel=True)
 
 
 def inner(function: Function) -> Function:

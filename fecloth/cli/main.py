@@ -122,6 +122,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("-o", "--output", metavar="DIR", help="folder to write (default: out/SCENE)")
     sub.add_argument("--overwrite", action="store_true", help="replace the run in that folder")
     sub.add_argument("--resume", metavar="DIR", help="go on with the run in that folder")
+    _threads_option(sub)
 
     sub = _command(commands, "view", _view, "make view.html of a run and open it in the browser")
     sub.add_argument("folder", metavar="DIR", help="folder of a run")
@@ -138,6 +139,7 @@ def _parser() -> argparse.ArgumentParser:
     sub = _command(commands, "check", _check, "run scenes and verify their [expect] tables")
     sub.add_argument("scenes", nargs="+", metavar="scene", help="a .toml file")
     _scene_options(sub)
+    _threads_option(sub)
 
     sub = _command(commands, "converge", _converge, "refine a scene: value, uncertainty, order")
     add_options(sub)
@@ -216,6 +218,17 @@ def _meshing(options) -> dict:
     return {"trust_geo": options.trust_geo, "mesh_time": options.mesh_time}
 
 
+def _threads_option(parser: argparse.ArgumentParser) -> None:
+    help_ = 'threads that share the loops, or "auto": all or one, whichever is faster (auto)'
+    parser.add_argument("--threads", metavar="N", help=help_)
+
+
+def _changes(options) -> list[str]:
+    """Return the values that replace those of the scene, as --set has them."""
+    threads = getattr(options, "threads", None)
+    return options.set if threads is None else [*options.set, f"solver.threads={threads}"]
+
+
 def _scene_options(parser: argparse.ArgumentParser) -> None:
     _mesh_options(parser)
     help_ = "replace a value of the scene, as in --set time.dt=0.005; may be repeated"
@@ -239,7 +252,7 @@ def _run(options) -> int:
     from fecloth.scene.plan import plan
     from fecloth.scene.scene import load_scene
 
-    scene = load_scene(options.scene, options.set, **_meshing(options))
+    scene = load_scene(options.scene, _changes(options), **_meshing(options))
     if options.resume and (options.output or options.overwrite):
         raise InputError("--resume", "needs neither -o nor --overwrite: it names the folder")
     path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
@@ -321,7 +334,7 @@ def _check(options) -> int:
 
     console, passed = terminal(options.quiet), True
     for path in options.scenes:
-        scene = load_scene(path, options.set, **_meshing(options))
+        scene = load_scene(path, _changes(options), **_meshing(options))
         scene.require_expectations()
         with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
             verdicts = _compare_with_expectations(scene, report)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.mesh.cloth import Cloth
+from fecloth.team import ALONE, Team
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,8 @@ class Panel:
         The edges whose normal pins hold.
     mass
         "lumped" or "consistent", as in `System`.
+    team
+        The threads that share the loops of terms.
     """
 
     cloth: Cloth
@@ -66,6 +69,7 @@ class Panel:
     start: np.ndarray | None = None
     clamps: Clamps | None = None
     mass: str = "consistent"
+    team: Team = ALONE
 
     @classmethod
     def cut(

@@ -11,19 +11,17 @@ the same bits.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
-import numba
 import numpy as np
-from numba import prange
 
 from fecloth import validation
 from fecloth.errors import InputError, StepFailed
-from fecloth.jit import Array, Zeros, inner, kernel, threaded_kernel
+from fecloth.jit import Array, Zeros, inner, kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.team import Team, meet, number_of_threads
 from fecloth.terms.custom.force import BoundUserForce, FormulaForce
 from fecloth.terms.loads.gravity import BoundGravity
 from fecloth.terms.loads.point_force import BoundPointForce
@@ -61,8 +59,8 @@ def many_steps(system: System, state: State, dt: float, steps: int, threads: int
     Raises
     ------
     InputError
-        For terms besides one StVK and constant loads, a consistent mass, moved pins, or more
-        threads than Numba may start.
+        For terms besides one StVK and constant loads, a consistent mass, moved pins, or a wrong
+        number of threads.
     StepFailed
         If the end is not finite, as beyond the limit on dt (see `critical_dt`); its `state` is
         the start, the only state stored.
@@ -87,18 +85,14 @@ def many_steps(system: System, state: State, dt: float, steps: int, threads: int
     material = cloth.stencil, elastic.panel.gradients, cloth.weights, elastic.constants
     held = constraints.nodes, np.ascontiguousarray(constraints.projectors)
     fixed = *cloth.shape, *material, *held, 1.0 / system.nodal_mass, _load(system, state)
-    parts = shares(cloth, constraints.nodes, threads)
-    if threads == 1:
+    parts = shares(cloth, constraints.nodes, number_of_threads(threads))
+    if len(parts) == 1:
         leapfrog(*fixed, float(dt), steps, parts[0], x, v, still)
     else:
-        before = numba.get_num_threads()
-        numba.set_num_threads(threads)  # of this Python thread only
-        try:
-            turns, work = np.stack([x, x]), np.zeros((len(parts), *x.shape))
-            threaded_leapfrog(*fixed, float(dt), steps, parts, turns, v, work)
-            x = turns[0].copy()
-        finally:
-            numba.set_num_threads(before)
+        turns, work = np.stack([x, x]), np.zeros((len(parts), *x.shape))
+        meeting, data = np.zeros(1, np.int64), (*fixed, float(dt), steps, parts, turns, v, work)
+        Team(len(parts)).run(lambda p: shared_leapfrog(*data, meeting, p), meeting)
+        x = turns[0].copy()
     if not (np.isfinite(x).all() and np.isfinite(v).all()):
         raise StepFailed(
             f"{steps} steps of dt = {dt:g} s from t = {state.t:g} s end at values that are not "
@@ -118,15 +112,7 @@ def _check(system: System, dt: float, steps: int, threads: int) -> None:
     if not (isinstance(steps, int) and steps >= 1):
         raise InputError(f"steps = {steps!r}", "must be a whole number >= 1", "many_steps")
     validation.number("dt", dt, 0.0, "many_steps")
-    config: Any = numba.config  # its types lack the settings
-    most = config.NUMBA_NUM_THREADS
-    if not (isinstance(threads, int) and not isinstance(threads, bool) and 1 <= threads <= most):
-        raise InputError(
-            f"threads = {threads!r}",
-            f"must be a whole number from 1 to {most}, those that Numba may start",
-            "many_steps",
-            "Set NUMBA_NUM_THREADS before Python starts to allow more.",
-        )
+    number_of_threads(threads, "many_steps")
 
 
 def _membrane(system: System) -> BoundMembrane:
@@ -264,8 +250,8 @@ def leapfrog(
         kick_and_drift(*fixed, kick, drift, part, x, x, v, f)
 
 
-@threaded_kernel
-def threaded_leapfrog(
+@kernel
+def shared_leapfrog(
     K: Zeros,
     Q: Zeros,
     nodes: Array,
@@ -282,15 +268,13 @@ def threaded_leapfrog(
     x: Array,
     v: Array,
     f: Array,
+    meeting: Array,
+    p: int,
 ) -> None:
-    """The same, a thread and an f for each part; the two x take turns, and are equal at the end."""
+    """The same for thread p, with its own f; the two x take turns, and are equal at the end."""
+    fixed, round_ = (K, Q, nodes, G, w, c, at, P, inverse_mass, load), 1
     for step in range(steps + 1):
         kick, drift = weights(step, steps, dt)
         old, new = x[step % 2], x[(step + 1) % 2]
-        for p in prange(len(parts)):
-            # fmt: off
-            kick_and_drift(
-                K, Q, nodes, G, w, c, at, P, inverse_mass, load,
-                kick, drift, parts[p], old, new, v, f[p],
-            )
-            # fmt: on
+        kick_and_drift(*fixed, kick, drift, parts[p], old, new, v, f[p])
+        round_ = meet(meeting, len(parts), round_)

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from fecloth.compiled_calls import Calls, JoinedCalls, call, join
+from fecloth.compiled_calls import AnyCall, Call, Calls, JoinedCalls, SharedCall, call, join
 from fecloth.integrators.explicit import LastForce
-from fecloth.integrators.fused_columns import Column, Moves, bind_columns
+from fecloth.integrators.fused_columns import Column, Moves, bind_columns, subtract_from
 from fecloth.integrators.step import Step
 from fecloth.jit import Array, rounded_kernel
 from fecloth.linalg.reductions import dot
@@ -23,7 +24,11 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.system.motion_rows import MotionRows
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.team import ALONE, Team, meet, meet_again
 from fecloth.terms.kinematics import fill_extreme_stretches
+from fecloth.terms.loops.array_updates import BY_ROWS
+
+STOP = 8  # place in the row of a thread, on another line of the cache than its round
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,8 @@ class FusedSteps:
     x, v, a, ahead, f
         (n, 3) positions, velocities, accelerations, the velocities v + dt a that the force of a
         step sees, and the force.
+    calls
+        Those of `forces`.
     forces, before, after, look
         Calls that add the forces, those at the begin and the end of a step for the columns of the
         ledger, and one that fills `stretches` (2,): the least and the largest.
@@ -85,6 +92,7 @@ class FusedSteps:
     moves: Moves
     stretches: np.ndarray
     columns: tuple[Column, ...]
+    calls: Calls
     forces: JoinedCalls
     before: JoinedCalls
     after: JoinedCalls
@@ -103,8 +111,8 @@ class FusedSteps:
         forces = None if columns is None else _force_calls(system, columns, moves, f)
         if columns is None or forces is None:
             return None
-        copies: Calls = [(copy, (x, old_x))] if columns else []
-        ends = [call for column in columns for call in column.at_end(moves)]
+        copies: list[AnyCall] = [(copy, (x, old_x))] if columns else []
+        ends: list[AnyCall] = [call for column in columns for call in column.at_end(moves)]
         copies += [(copy, (v, old_v))] if ends else []
         cloth = system.cloth
         data = *cloth.shape, cloth.stencil, cloth.gradients, x, stretches
@@ -119,6 +127,7 @@ class FusedSteps:
             moves,
             stretches,
             columns,
+            forces,
             join(forces),
             join(copies),
             join(ends),
@@ -188,11 +197,37 @@ class FusedSteps:
         largest: float,
         pins: np.ndarray,
     ) -> int:
-        """Take a part of the steps; return their number."""
-        constraints = self.system.constraints
+        """Take a part of the steps; return their number.
+
+        With a team they are taken in portions, of which it times each.
+        """
+        begin, end, _ = part.indices(len(rows.sizes))
+        (phase, period), done = look, begin
+        while done < end:
+            some = slice(done, done + self._team.portion("steps", end - done))
+            phase_there = phase + done - begin, period
+            done += self._go_on(rows, some, phase_there, least, largest, pins)
+            if done < some.stop:
+                break
+            if not (least <= self.stretches[0] and self.stretches[1] <= largest):
+                break
+        return done - begin
+
+    def _go_on(
+        self,
+        rows: MotionRows,
+        part: slice,
+        look: tuple[int, int],
+        least: float,
+        largest: float,
+        pins: np.ndarray,
+    ) -> int:
+        """Take a portion of steps; return their number."""
+        constraints, team = self.system.constraints, self._team
         moving = slice(None) if len(rows.path) == 1 else part
-        return take_steps(
-            *(calls.address for calls in (self.forces, self.before, self.after, self.look)),
+        held = np.empty((4, len(constraints.nodes), 3))
+        data = (
+            *(calls.address for calls in (self.before, self.after, self.look)),
             rows.sizes[part],
             self.moves.clock,
             *look,
@@ -205,9 +240,35 @@ class FusedSteps:
             rows.speed[moving],
             self.system.nodal_mass,
             pins,
-            np.empty((3, len(constraints.nodes), 3)),
+            held[:3],
+            held[3],
             *(self.inverse_mass, self.x, self.v, self.a, self.ahead, self.f),
         )
+
+        def alone() -> int:
+            rounds = np.zeros((1, STOP + 1), np.int64)
+            return take_steps(self.forces.address, *data, np.zeros(1, np.int64), rounds, 0)
+
+        def together() -> int:
+            shared = self.shared_forces
+            shared.meeting[:], shared.rounds[:], shared.rounds[:, 0] = 0, 0, 1
+
+            def steps(p: int) -> int:
+                return take_steps(shared.calls[p].address, *data, shared.meeting, shared.rounds, p)
+
+            return team.run(steps, shared.meeting)
+
+        return team.do("steps", alone, together, part.stop - part.start, float)
+
+    @property
+    def _team(self) -> Team:
+        team = self.system.team
+        return team if team.shares(len(self.x)) else ALONE
+
+    @cached_property
+    def shared_forces(self) -> SharedForces:
+        """The calls of `forces` for each thread."""
+        return SharedForces.of(self.calls, self.system.team.count)
 
     def _left(self, rows: MotionRows, number: int) -> tuple[State, LastForce]:
         """The state and the memory after that many steps."""
@@ -228,11 +289,56 @@ class FusedSteps:
             column.start()
 
 
+@dataclass(frozen=True, eq=False)
+class SharedForces:
+    """Forces for several threads, which meet after each call.
+
+    Attributes
+    ----------
+    calls
+        Of each thread.
+    meeting, rounds
+        (1,) and (threads, STOP + 1), for `meet`: the round of a thread comes first in its row.
+    """
+
+    calls: tuple[JoinedCalls, ...]
+    meeting: np.ndarray
+    rounds: np.ndarray
+
+    @classmethod
+    def of(cls, calls: Calls, threads: int) -> SharedForces:
+        """Divide calls among threads; what cannot be divided is for the first thread."""
+        meeting, rounds = np.zeros(1, np.int64), np.zeros((threads, STOP + 1), np.int64)
+        lists: list[list[Call]] = [[] for _ in range(threads)]
+        for each in calls:
+            for p, own in enumerate(lists):
+                own += _calls_of(each, p, threads)
+                own.append((meet_again, (meeting, threads, rounds[p])))
+        return cls(tuple(map(join, lists)), meeting, rounds)
+
+
+def _calls_of(each: AnyCall, p: int, threads: int) -> list[Call]:
+    """What thread p does of a call."""
+    if isinstance(each, SharedCall):
+        return each.of_thread(p)
+    function, arguments = each
+    if function in BY_ROWS or function in (copy, subtract_from):
+        own = (_rows_of(value, p, threads) for value in arguments)
+        return [(function, tuple(own))]
+    return [each] if p == 0 else []
+
+
+def _rows_of(value: object, p: int, threads: int) -> object:
+    if not isinstance(value, np.ndarray):
+        return value
+    return value[len(value) * p // threads : len(value) * (p + 1) // threads]
+
+
 def _force_calls(
     system: System, columns: tuple[Column, ...], moves: Moves, f: Array
 ) -> Calls | None:
     """The calls that add all forces to f, with those that take out the columns' parts."""
-    calls: Calls = []
+    calls: list[AnyCall] = []
     of_term = {column.name: column for column in columns}
     x, v = moves.x, moves.ahead
     for name, term in zip(system.names, system.bound, strict=True):
@@ -342,34 +448,55 @@ def take_steps(
     mass: Array,
     pins: Array,
     old: Array,
+    target: Array,
     inverse_mass: Array,
     x: Array,
     v: Array,
     a: Array,
     ahead: Array,
     f: Array,
+    meeting: Array,
+    rounds: Array,
+    thread: int,
 ) -> int:
-    """Take the steps in place; return their number: fewer if a stretch is beyond its limits."""
-    target = np.empty((len(at), 3))
+    """Take the steps in place; return their number: fewer if a stretch is beyond its limits.
+
+    Each thread calls it with its number and its own `forces`, and moves its own nodes; `rounds` has
+    a row for each thread. The first thread does what needs all nodes.
+    """
+    threads = len(rounds)
+    begin, end = len(x) * thread // threads, len(x) * (thread + 1) // threads
+    own, of_x = slice(begin, end), slice(3 * begin, 3 * end)
+    round_ = rounds[thread]
     for s in range(len(sizes)):
         dt, row = sizes[s], min(s, len(path) - 1)
-        clock[0] = dt
-        call(before)
-        for n in range(len(at)):
-            for k in range(3):
-                i = at[n]
-                old[0, n, k], old[1, n, k], old[2, n, k] = x[i, k], v[i, k], a[i, k]
-                target[n, k] = x[i, k] + path[row, n, k]
-        drift(x, v, a, dt, ahead, f)
-        set_rows(at, P, target, x)
-        set_rows(at, P, speed[row], ahead)
+        if thread == 0 and rounds[0, STOP] == 0:
+            clock[0] = dt
+            call(before)
+            for n in range(len(at)):
+                for k in range(3):
+                    i = at[n]
+                    old[0, n, k], old[1, n, k], old[2, n, k] = x[i, k], v[i, k], a[i, k]
+                    target[n, k] = x[i, k] + path[row, n, k]
+        round_[0] = meet(meeting, threads, round_[0])
+        if rounds[0, STOP] != 0:
+            return s
+        drift(x[own], v[own], a[own], dt, ahead[own], f[own])
+        round_[0] = meet(meeting, threads, round_[0])
+        if len(at) > 0:
+            if thread == 0:
+                set_rows(at, P, target, x)
+                set_rows(at, P, speed[row], ahead)
+            round_[0] = meet(meeting, threads, round_[0])
         call(forces)
-        turn(f, inverse_mass, dt, v, a)
-        set_rows(at, P, speed[row], v)
-        pins[0] += pin_work(at, P, mass, dt, old, x, v, a)
-        call(after)
-        if (s + phase) % period == period - 1:
-            call(look)
-            if not (stretches[0] >= least and stretches[1] <= largest):
-                return s + 1
+        turn(f[own], inverse_mass[of_x], dt, v[own], a[own])
+        round_[0] = meet(meeting, threads, round_[0])
+        if thread == 0:
+            set_rows(at, P, speed[row], v)
+            pins[0] += pin_work(at, P, mass, dt, old, x, v, a)
+            call(after)
+            if (s + phase) % period == period - 1:
+                call(look)
+                if not (stretches[0] >= least and stretches[1] <= largest):
+                    rounds[0, STOP] = 1
     return len(sizes)

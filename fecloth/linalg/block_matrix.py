@@ -11,6 +11,7 @@ import scipy.sparse as sparse
 
 from fecloth.errors import InputError
 from fecloth.jit import Array, kernel
+from fecloth.team import ALONE, Team
 
 FindSlots = Callable[[np.ndarray], np.ndarray]  # as `BlockPattern.slots`
 
@@ -106,11 +107,12 @@ class BlockMatrix:
 
     pattern: BlockPattern
     values: np.ndarray
+    team: Team = ALONE
 
     @classmethod
-    def zeros(cls, pattern: BlockPattern) -> BlockMatrix:
-        """The matrix of this pattern whose values are all zero."""
-        return cls(pattern, np.zeros((len(pattern.indices), 3, 3)))
+    def zeros(cls, pattern: BlockPattern, team: Team = ALONE) -> BlockMatrix:
+        """The matrix of this pattern whose values are all zero; `team` shares the work with it."""
+        return cls(pattern, np.zeros((len(pattern.indices), 3, 3)), team)
 
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
         """A x for x of shape (n, 3)."""
@@ -126,7 +128,7 @@ class BlockMatrix:
         total = sparse.bsr_matrix(arrays, shape=(n, n)) + other.tobsr((3, 3))
         total.sort_indices()
         starts, columns = (a.astype(np.int32, copy=False) for a in (total.indptr, total.indices))
-        return BlockMatrix(BlockPattern(starts, columns), total.data)
+        return BlockMatrix(BlockPattern(starts, columns), total.data, self.team)
 
     def to_scipy(self) -> sparse.bsr_matrix:
         """Copy the matrix to a SciPy matrix, 3n × 3n."""

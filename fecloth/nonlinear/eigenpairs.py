@@ -106,7 +106,7 @@ class _Pencil:
 
     @classmethod
     def at(cls, system: System, state: State, unit_mass: bool) -> _Pencil:
-        K = system.assemble(BlockMatrix.zeros(system.pattern), state, wx=1.0)
+        K = system.assemble(BlockMatrix.zeros(system.pattern, system.team), state, wx=1.0)
         asymmetry = 0.0 if system.symmetric else _symmetrise(system, K)
         project, Z = system.constraints.project, system.admissible
         updates = [(c, project(u)) for c, u in system.dense(state)]

@@ -207,7 +207,7 @@ def static_context(
             raise InputError(f"{name} in equilibrium", reason, "equilibrium", remedy)
     options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)
     linear = select.create(solver, system.symmetric)
-    return SolverContext(linear, BlockMatrix.zeros(system.pattern), options)
+    return SolverContext(linear, BlockMatrix.zeros(system.pattern, system.team), options)
 
 
 def increase_loads(

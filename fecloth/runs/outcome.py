@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,9 +83,15 @@ def finished_message(outcome: SceneResult) -> str:
         f"{shape_message(counts)}\n"
         f"{errors}"
         f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
-        f"{seconds['total']:.1f} s; open {outcome.folder / counts['open']} in ParaView"
+        f"{seconds['total']:.1f} s{_on_threads(counts)}; "
+        f"open {outcome.folder / counts['open']} in ParaView"
         f"{warning_count(outcome)}"
     )
+
+
+def _on_threads(counts: Mapping) -> str:
+    threads = counts.get("threads", 1)
+    return "" if threads == 1 else f" on {threads} threads"
 
 
 def warning_count(outcome: SceneResult) -> str:

@@ -363,6 +363,7 @@ class Recorder:
             "frames": len(self.frames.times),
             "open": self.frames.opens.name,
             "solver": why,
+            "threads": self.problem.system.team.used,
             "seconds": self.watch.seconds | {"total": self.watch.total},
             "ledger": self.ledger.row(),
             "peak_memory_MB": peak_memory(),

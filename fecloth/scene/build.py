@@ -36,6 +36,7 @@ from fecloth.system.motion import Motion
 from fecloth.system.pins import Pin
 from fecloth.system.state import State, make_state
 from fecloth.system.system import System
+from fecloth.team import number_of_threads
 from fecloth.validation import FARTHEST
 
 if TYPE_CHECKING:
@@ -97,8 +98,11 @@ def _system(scene: Scene, cloth: Cloth, start: State, at: At) -> System:
     fabric = scene.fabric.make() if scene.fabric else _each(scene.fabrics, lambda t: t.make())
     grain = _each(scene.grain_degrees, math.radians)
     terms = [term.make() for term in scene.terms]
+    threads = scene.solver.threads
+    with at("solver.threads"):
+        number_of_threads(threads)
     try:
-        return System(cloth, fabric, terms, pins, scene.mass, grain, start)
+        return System(cloth, fabric, terms, pins, scene.mass, grain, start, threads=threads)
     except InputError:  # make its parts one by one, to name the table with the mistake
         with at("pins"):
             Constraints.bind(pins, cloth)

@@ -124,7 +124,10 @@ MEANINGS = {  # of the keys of tables that are no dataclass with a docstring for
         "load_steps": "Equal steps in which the loads grow to their value.",
         "max_iterations": "Newton iterations of a load step after which it has failed.",
     },
-    "NewtonTable": {"linear": "The linear solver."},
+    "NewtonTable": {
+        "linear": "The linear solver.",
+        "threads": 'Threads that share all loops: a number, or "auto".',
+    },
     "Output": {
         "frames": "Number of frames, about; 50 where no spacing is given.",
         "every": "In place of `frames`: seconds between two frames.",

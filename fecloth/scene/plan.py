@@ -86,14 +86,15 @@ def _steps(problem: Problem) -> str:
 
 
 def _threads_and_memory(problem: Problem) -> str:
+    loops = problem.system.team.words(len(problem.system.cloth.triangles))
     if problem.method.traits.explicit:
-        return f"one thread, about {estimate_memory(problem.system, 'explicit'):.0f} MB"
+        return f"{loops}, about {estimate_memory(problem.system, 'explicit'):.0f} MB"
     if problem.linear in ("pcg", "multigrid"):
-        return f"one thread, about {estimate_memory(problem.system, problem.linear):.0f} MB"
+        return f"{loops}, about {estimate_memory(problem.system, problem.linear):.0f} MB"
     iterated = estimate_memory(problem.system, "pcg")
     select.direct(problem.system.symmetric)  # loads the MKL, if there is one
     count, factored = threads() or 1, estimate_memory(problem.system)
-    words = f"threads: {count} in factorisations, one elsewhere"
+    words = f"threads: {count} in factorisations, {loops} elsewhere"
     return f"{words}; about {iterated:.0f} MB, with a factor of the matrix {factored:.0f} MB"
 
 

@@ -34,7 +34,8 @@ _MORE = {  # fields that hold tables of their own, or a file beside the scene
 }
 
 _LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"]
-SolverTable: Any = table_of(Newton, linear=(_LINEAR, "auto"))
+_THREADS = int | Literal["auto"]
+SolverTable: Any = table_of(Newton, linear=(_LINEAR, "auto"), threads=(_THREADS, "auto"))
 _TERMS: dict[str, Any] = {
     name: cls
     for name, cls in ((name, getattr(terms, name)) for name in terms.__all__)

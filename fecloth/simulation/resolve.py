@@ -51,7 +51,7 @@ def solver_for(
         chosen, why = select.choose(system.pattern, symmetric)
     else:
         chosen, why = select.create(choice, symmetric), "requested"
-    matrix = BlockMatrix.zeros(system.pattern)
+    matrix = BlockMatrix.zeros(system.pattern, system.team)
     return SolverContext(chosen, matrix, options), f"{chosen.name} ({why})"
 
 

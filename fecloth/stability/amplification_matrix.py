@@ -73,7 +73,9 @@ def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
     system = _oscillators(omega_dt, zeta)
     options = Newton(tolerance=1e-13)
     symmetric = system.symmetric and method.traits.symmetric
-    solver = SolverContext(SuperLU(symmetric), BlockMatrix.zeros(system.pattern), options)
+    solver = SolverContext(
+        SuperLU(symmetric), BlockMatrix.zeros(system.pattern, system.team), options
+    )
     start = State(0.0, *np.zeros((2, 3, 3)))
     memory = method.step(system, start, 1.0, solver, None).memory
     size = 2 + len(_arrays(memory))

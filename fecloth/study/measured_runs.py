@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numba
 import numpy as np
 
 from fecloth.errors import FeclothError, FeclothWarning
@@ -116,7 +115,10 @@ def measure(
         Whether the CPU seconds will be compared: first a few steps warm up, and a short run is
         repeated, of which the fastest counts.
     """
-    with one_thread(), warnings.catch_warnings(action="ignore", category=FeclothWarning):
+    with (
+        setup.system.team.pinned(),
+        warnings.catch_warnings(action="ignore", category=FeclothWarning),
+    ):
         whole = bool(recorded or function)  # over the run: each step has a row
         solve: Solve = _solve if setup.t_end is None else partial(_march, whole=whole)
         if modes and not setup.is_static:
@@ -245,14 +247,3 @@ def record_of(row: Mapping, quantity: Quantity, cloth: Cloth | None, probes=()) 
         tuple(row.get("frequencies", ())),
         {quantity.text: row.get("function", math.nan)},
     )
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Let Numba use one thread inside; afterwards as many as before."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)

@@ -24,6 +24,7 @@ from fecloth.system.pieces import Piece, movable_pieces
 from fecloth.system.pins import Pin
 from fecloth.system.reaction_limits import ReactionLimits
 from fecloth.system.state import State, make_state
+from fecloth.team import Team
 from fecloth.terms import protocol
 from fecloth.terms.step_difference import StepDifference
 
@@ -48,6 +49,10 @@ class System:
     start
         State at which the run starts; clamped pins hold its normals, and a ``rest="start"`` means
         its angles. Default: `rest`.
+    threads
+        Threads that share the loops of forces, tangents, solvers and explicit steps: a number, or
+        "auto", the default, for all cores wherever they are faster than one. The results are the
+        same to the last bit.
 
     Raises
     ------
@@ -72,9 +77,20 @@ class System:
     mass_kind: str = "lumped"
     grain: float | Mapping[str, float] = 0.0
     start: State | None = None
+    threads: int | str = "auto"
 
     def __init__(
-        self, cloth, fabric, terms, pins=(), mass=None, grain=0.0, start=None, *, mass_kind=None
+        self,
+        cloth,
+        fabric,
+        terms,
+        pins=(),
+        mass=None,
+        grain=0.0,
+        start=None,
+        *,
+        mass_kind=None,
+        threads="auto",
     ):
         """Bind the terms and pins; `mass_kind` is what `dataclasses.replace` calls `mass`."""
         terms = _several(terms, "terms", "StVK()", lambda term: hasattr(term, "bind"))
@@ -94,12 +110,15 @@ class System:
             ("mass_kind", mass),
             ("grain", grain),
             ("start", start),
+            ("threads", threads),
+            ("team", Team(threads)),
         ):
             object.__setattr__(self, name, value)
         # here, so that an error is raised where the system is made
         _ = self.scalar_mass, self.layout, self.bound, self.constraints
 
     sums: ClassVar[NodeSums] = NodeSums()  # all sums over nodes go through it
+    team: ClassVar[Team]  # of each system its own; no field, as `threads` says all of it
 
     # --- what is bound, once ------------------------------------------------------------------
 
@@ -114,7 +133,7 @@ class System:
             remedy = "Add PlateBending, or pin without a clamp."
             raise InputError(what, allowed, "System", remedy)
         begin = self.start.x if self.start else None
-        return replace(panel, start=begin, clamps=clamps, mass=self.mass_kind)
+        return replace(panel, start=begin, clamps=clamps, mass=self.mass_kind, team=self.team)
 
     @cached_property
     def scalar_mass(self) -> sparse.csr_matrix:

@@ -301,7 +301,8 @@ class CompiledForce(Protocol):
 
         They are called again and again while x, v and f change in place, and may have work arrays
         of their own. None where the force depends on t or needs Python. The bits must be those of
-        `add_force`.
+        `add_force`. A `SharedCall`, as `SharedLoop` makes it, is for several threads; one of them
+        makes all other calls.
         """
         ...
 

@@ -26,6 +26,7 @@ def out(tmp_path_factory):
         ("benchmarks.moved_pin", "figures met"),
         ("benchmarks.fused", "figures met"),
         ("benchmarks.terms", "StVK"),
+        ("benchmarks.threads", "explicit step"),
         ("convergence.space_error", "0 outside"),
         ("convergence.graded_meshes", "0 orders in H1 are not recovered"),
         ("convergence.catalogue", "share of problems that are covered: 1 >= 0.95: met"),

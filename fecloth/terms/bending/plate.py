@@ -12,7 +12,6 @@ from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
-from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.fold_measure import fold_measure
 from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
@@ -167,7 +166,7 @@ class BoundPlate:
             return None
         mu, g = plate.gradients(x, t)
         return [
-            (plate_loops.fill_gradients, (*plate.at(t), x, mu, g)),
+            plate.gradient_call(x, t, mu, g),
             (subtract, (self.rest, mu)),
             plate.force_call(mu, g, f),
         ]

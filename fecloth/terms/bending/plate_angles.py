@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.compiled_calls import Call
+from fecloth.compiled_calls import Call, SharedCall
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
+from fecloth.team import Team
 from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.plate_rows import CoupledRows
 from fecloth.terms.bending.plate_stiffness import panel_stiffness
+from fecloth.terms.loops.shared_loop import SharedLoop, cut
 
 
 def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
@@ -30,7 +32,8 @@ def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
         nodes, moved = np.concatenate([nodes, clamped]), panel.clamps.moved
         gradient = np.concatenate([gradient, clamped_gradient(panel.cloth.X[corners])])
         held = mirror(panel.clamps.start[corners])
-    return PlateAngles(nodes, held, moved, Q, gradient, slots, slopes.pairs, len(panel.cloth.X))
+    n, team = len(panel.cloth.X), panel.team
+    return PlateAngles(nodes, held, moved, Q, gradient, slots, slopes.pairs, n, team)
 
 
 def mirror(corners: np.ndarray) -> np.ndarray:
@@ -72,6 +75,8 @@ class PlateAngles:
         (h, 4) ∂θ/∂z about flat [1/m].
     find_slots, pairs, n
         For `rows`: as `bind` of a term gets it, the stencil of the term, and the number of nodes.
+    team
+        The threads that share the loops.
     """
 
     nodes: np.ndarray
@@ -82,6 +87,7 @@ class PlateAngles:
     find_slots: FindSlots
     pairs: np.ndarray
     n: int
+    team: Team
 
     @cached_property
     def rows(self) -> CoupledRows:
@@ -92,6 +98,11 @@ class PlateAngles:
     def nbytes(self) -> int:
         """Memory of Q [bytes]."""
         return int(self.stiffness.data.nbytes + self.stiffness.indices.nbytes)
+
+    @cached_property
+    def loop(self) -> SharedLoop:
+        """The loop over the hinges."""
+        return SharedLoop(self.team, self.nodes)
 
     def at(self, t: float) -> tuple:
         """What the loops over the hinges take first, at the time t."""
@@ -110,43 +121,85 @@ class PlateAngles:
     def measures(self, x: np.ndarray, t: float) -> np.ndarray:
         """μ (h,)."""
         mu = np.zeros(len(self.nodes))
-        plate_loops.add_measures(*self.at(t), x, 1.0, mu)
+        nodes, held, first = self.at(t)
+
+        def call(part: slice) -> Call:
+            return plate_loops.add_measures, (
+                nodes[part],
+                held,
+                first - part.start,
+                x,
+                1.0,
+                mu[part],
+            )
+
+        self.loop.each(call)
         return mu
 
     def gradients(self, x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         """μ (h,) and ∂μ/∂x (h, 4, 3)."""
         mu, g = np.empty(len(self.nodes)), np.empty((len(self.nodes), 4, 3))
-        plate_loops.fill_gradients(*self.at(t), x, mu, g)
+        self.loop.each(partial(self._gradients, x, t, mu, g))
         return mu, g
+
+    def _gradients(
+        self, x: np.ndarray, t: float, mu: np.ndarray, g: np.ndarray, part: slice
+    ) -> Call:
+        nodes, held, first = self.at(t)
+        own = nodes[part], held, first - part.start, x, mu[part], g[part]
+        return plate_loops.fill_gradients, own
+
+    def gradient_call(self, x: np.ndarray, t: float, mu: np.ndarray, g: np.ndarray) -> SharedCall:
+        """The compiled call that fills the gradients."""
+        return self.loop.shared_each(partial(self._gradients, x, t, mu, g))
 
     def rates(self, g: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(h,) dμ/dt [1/s]."""
         rate = np.zeros(len(self.nodes))
-        plate_loops.add_rates(self.nodes, g, v, rate)
+        self.loop.each(partial(self._rates, g, v, rate))
         return rate
+
+    def _rates(self, g: np.ndarray, v: np.ndarray, rate: np.ndarray, part: slice) -> Call:
+        return plate_loops.add_rates, (self.nodes[part], g[part], v, rate[part])
+
+    def rate_call(self, g: np.ndarray, v: np.ndarray, rate: np.ndarray) -> SharedCall:
+        """The compiled call that adds the rates."""
+        return self.loop.shared_each(partial(self._rates, g, v, rate))
 
     def add_force(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> None:
         """f −= Σ m g with the moments m = Q change [N m], and g (h, 4, 3) [1/m]."""
-        function, arguments = self.force_call(change, g, f)
-        function(*arguments)
+        self.loop.add(partial(self._force, change, g), f)
 
-    def force_call(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> Call:
+    def force_call(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> SharedCall:
         """The compiled call that `add_force` makes."""
+        return self.loop.shared_add(partial(self._force, change, g), f)
+
+    def _force(self, change: np.ndarray, g: np.ndarray, part: slice, f: np.ndarray) -> Call:
         Q = self.stiffness
-        data = self.nodes, Q.indptr, Q.indices, Q.data
-        return plate_loops.add_force, (*data, change, g, f)
+        data = self.nodes[part], pointers(Q, part), Q.indices, Q.data
+        return plate_loops.add_force, (*data, change, g[part], f)
 
     def add_products(self, left: np.ndarray, right: np.ndarray, scale: float, J) -> None:
         """J += scale leftᵀ Q right, both (h, 4, 3)."""
         Q, rows = self.stiffness, self.rows
-        data = Q.indptr, Q.indices, Q.data, rows.place, rows.start, rows.width, rows.slots
-        plate_loops.add_products(*data, left, right, scale, J.values)
+
+        def call(part: slice, values: np.ndarray) -> Call:
+            own = rows.start[part], rows.width[part], rows.slots, left[part]
+            data = pointers(Q, part), Q.indices, Q.data, rows.place, *own, right
+            return plate_loops.add_products, (*data, scale, values)
+
+        self.loop.add_blocks(call, J)
 
     def add_curvatures(self, x: np.ndarray, t: float, moment: np.ndarray, scale: float, J) -> None:
         """J += scale Σ m ∂²μ/∂x∂x for the moments m (h,)."""
-        rows = self.rows
-        data = rows.place, rows.own, rows.start, rows.width, rows.slots
-        plate_loops.add_curvatures(*self.at(t), x, *data, moment, scale, J.values)
+        rows, (nodes, held, first) = self.rows, self.at(t)
+
+        def call(part: slice, values: np.ndarray) -> Call:
+            at = nodes[part], held, first - part.start, x
+            own = rows.place, *cut((rows.own, rows.start, rows.width), part), rows.slots
+            return plate_loops.add_curvatures, (*at, *own, moment[part], scale, values)
+
+        self.loop.add_blocks(call, J)
 
     def bound(self, mass: np.ndarray) -> float:
         """Upper bound of the eigenvalues of M⁻¹ GᵀQG at flat: the largest row sum."""
@@ -157,3 +210,8 @@ class PlateAngles:
         scale = sparse.diags(1.0 / np.sqrt(mass))
         K = scale @ (G.T @ self.stiffness @ G) @ scale
         return float(abs(K).sum(axis=1).max()) if K.nnz else 0.0
+
+
+def pointers(matrix: sparse.csr_matrix, part: slice) -> np.ndarray:
+    """Where the entries of a range of rows begin, and where the last of them ends."""
+    return matrix.indptr[part.start : part.stop + 1]

@@ -112,9 +112,9 @@ class BoundPlateDamping:
         mu, g = plate.gradients(x, t)
         rate = plate.rates(g, v)
         return [
-            (plate_loops.fill_gradients, (*plate.at(t), x, mu, g)),
+            plate.gradient_call(x, t, mu, g),
             (clear, (rate,)),
-            (plate_loops.add_rates, (plate.nodes, g, v, rate)),
+            plate.rate_call(g, v, rate),
             (scale, (self.time, rate)),
             plate.force_call(rate, g, f),
         ]

@@ -8,12 +8,12 @@ rest strain, so its kernels serve here.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from fecloth.compiled_calls import Calls
+from fecloth.compiled_calls import Call, Calls
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
 from fecloth.linalg.block_matrix import FindSlots
@@ -33,6 +33,7 @@ from fecloth.terms.loops.regge_strain import (
     scatter_material,
     scatter_tension,
 )
+from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.membranes import stvk
 from fecloth.terms.step_difference import StepDifference
 
@@ -67,8 +68,13 @@ class BoundReggeRate:
         return self.rate == "step"
 
     @cached_property
+    def loop(self) -> SharedLoop:
+        """The loop over the triangles."""
+        return SharedLoop(self.panel.team, self.strain.nodes)
+
+    @cached_property
     def data(self) -> tuple[Any, ...]:
-        """What every kernel takes first."""
+        """What every kernel takes first, by triangle."""
         return self.strain.nodes, self.strain.forms, self.strain.weights, self.viscosity
 
     def over_step(self, step: StepDifference) -> ReggeRateOverStep | BoundReggeRate:
@@ -79,24 +85,27 @@ class BoundReggeRate:
 
     def power(self, x, v, t) -> float:
         """Dissipated power Σ w Ė : S_v [W]."""
-        return power(*self.data, x, v)
+        return self.loop.total(lambda part: (power, (*cut(self.data, part), x, v)))
+
+    def _force(self, x, v, part, f) -> Call:
+        return add_force, (*cut(self.data, part), x, v, f)
 
     def add_force(self, x, v, t, f) -> None:
         """f −= Σ w S̃_v · B [N]."""
-        add_force(*self.data, x, v, f)
+        self.loop.add(partial(self._force, x, v), f)
 
     def force_calls(self, x, v, t, f) -> Calls:
-        return [(add_force, (*self.data, x, v, f))]
+        return [self.loop.shared_add(partial(self._force, x, v), f)]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""
+        others: tuple[Any, ...]
+        add, others = add_tangent, (x, v, wx, wv, 0.0 if self.symmetric else wx)
+        E, arrays = self.strain, (*self.data, self.slots)
         if definite:
-            E = self.strain
-            data = self.slots, E.slopes, E.gradients, E.samples
-            add_definite(*self.data, *data, x, v, wx, wv, J.values)
-        else:
-            mixed = 0.0 if self.symmetric else wx
-            add_tangent(*self.data, self.slots, x, v, wx, wv, mixed, J.values)
+            add, others = add_definite, (x, v, wx, wv)
+            arrays = *arrays, E.slopes, E.gradients, E.samples
+        self.loop.add_blocks(lambda part, values: (add, (*cut(arrays, part), *others, values)), J)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated, Any
 
 import numpy as np
 
-from fecloth.compiled_calls import Calls
+from fecloth.compiled_calls import Call, Calls
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
@@ -28,6 +28,7 @@ from fecloth.terms.loops.green_strain import (
     strain_rate,
 )
 from fecloth.terms.loops.regge_strain import ReggeStrain, check_strain, is_interpolated
+from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.membranes.stvk import StVK
 from fecloth.terms.step_difference import StepDifference
 
@@ -153,11 +154,21 @@ class BoundStrainRate:
         """Whether a method without a difference over the step must refuse it."""
         return self.rate == "step"
 
+    @cached_property
+    def loop(self) -> SharedLoop:
+        """The loop over the triangles."""
+        return SharedLoop(self.panel.team, self.panel.cloth.stencil)
+
+    @property
+    def elements(self) -> tuple:
+        """The arrays with a row for each triangle; tangents take `slots` after the first."""
+        cloth, gradients = self.panel.cloth, self.panel.gradients
+        return cloth.stencil, gradients, cloth.weights, self.viscosity
+
     @property
     def data(self) -> tuple:
-        """What every kernel takes first; those of tangents take `slots` after the nodes."""
-        cloth, gradients = self.panel.cloth, self.panel.gradients
-        return *cloth.shape, cloth.stencil, gradients, cloth.weights, self.viscosity
+        """What every kernel takes first."""
+        return *self.panel.cloth.shape, *self.elements
 
     def over_step(self, step: StepDifference) -> StrainRateOverStep | BoundStrainRate:
         """The damping with the method's difference of E, or itself for rate = "velocity"."""
@@ -167,25 +178,30 @@ class BoundStrainRate:
 
     def power(self, x, v, t) -> float:
         """Dissipated power Σ w Ė : S_v [W]."""
-        return power(*self.data, x, v)
+        shape = self.panel.cloth.shape
+        return self.loop.total(lambda part: (power, (*shape, *cut(self.elements, part), x, v)))
+
+    def _force(self, x, v, part, f) -> Call:
+        return add_force, (*self.panel.cloth.shape, *cut(self.elements, part), x, v, f)
 
     def add_force(self, x, v, t, f) -> None:
         """f −= Σ w F S_v G_a [N]."""
-        add_force(*self.data, x, v, f)
+        self.loop.add(partial(self._force, x, v), f)
 
     def force_calls(self, x, v, t, f) -> Calls:
-        return [(add_force, (*self.data, x, v, f))]
+        return [self.loop.shared_add(partial(self._force, x, v), f)]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""
-        per_node, per_point, nodes, *data = self.data
+        weights: tuple[float, ...]
+        add, weights = add_exact, (wx, wv)
         if self.symmetric or definite:
-            floor = 0.0 if definite else -np.inf
-            add_symmetric(
-                per_node, per_point, nodes, self.slots, *data, x, v, wx, wv, floor, J.values
-            )
-        else:
-            add_exact(per_node, per_point, nodes, self.slots, *data, x, v, wx, wv, J.values)
+            add, weights = add_symmetric, (wx, wv, 0.0 if definite else -np.inf)
+        shape, (nodes, *others) = self.panel.cloth.shape, self.elements
+        arrays = nodes, self.slots, *others
+        self.loop.add_blocks(
+            lambda part, values: (add, (*shape, *cut(arrays, part), x, v, *weights, values)), J
+        )
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest."""

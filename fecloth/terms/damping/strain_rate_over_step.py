@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fecloth.compiled_calls import Call
 from fecloth.jit import inner, kernel
 from fecloth.terms.loops.green_strain import (
     clamp,
@@ -29,6 +30,7 @@ from fecloth.terms.loops.green_strain import (
     scatter_force,
     scatter_symmetric,
 )
+from fecloth.terms.loops.shared_loop import cut
 from fecloth.terms.step_difference import StepDifference
 
 if TYPE_CHECKING:
@@ -54,15 +56,31 @@ class StrainRateOverStep:
     @cached_property
     def strain(self) -> np.ndarray:
         """(m, points, 3) E*."""
-        _, per_point, nodes, *_ = data = self.damping.data
-        strain = np.zeros((len(nodes), len(per_point), 3))
+        shape, (nodes, G, *_) = self._shape, self.damping.elements
+        strain = np.zeros((len(nodes), len(shape[1]), 3))
+
+        def add(weight: float, x: np.ndarray, part: slice) -> Call:
+            return add_strain, (*shape, *cut((nodes, G), part), weight, x, strain[part])
+
         for weight, x in self.step.past:
-            add_strain(*data[:4], weight, x, strain)
+            self.damping.loop.each(partial(add, weight, x))
         return strain
+
+    @property
+    def _shape(self) -> tuple:
+        return self.damping.panel.cloth.shape
+
+    @property
+    def _arrays(self) -> tuple:
+        """Those with a row for each triangle."""
+        return *self.damping.elements, self.strain
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """Ψ [J], the potential over the step."""
-        return potential(*self.damping.data, self.strain, self.step.h, x)
+        arrays, others = self._arrays, (self.step.h, x)
+        return self.damping.loop.total(
+            lambda part: (potential, (*self._shape, *cut(arrays, part), *others))
+        )
 
     def dissipation(self, x: np.ndarray) -> float:
         """Σ w (E₁ − E₀) : τℂ₀ : (E₁ − E₀)/dt [J], dissipated in the step."""
@@ -70,14 +88,19 @@ class StrainRateOverStep:
 
     def add_force(self, x, v, t, f) -> None:
         """f −= Σ w F S_v G_a [N]."""
-        add_force(*self.damping.data, self.strain, self.step.h, x, f)
+        arrays, others = self._arrays, (self.step.h, x)
+        self.damping.loop.add(
+            lambda part, f: (add_force, (*self._shape, *cut(arrays, part), *others, f)), f
+        )
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; `definite` clamps S_v of the geometric part at zero."""
-        per_node, per_point, nodes, *data = self.damping.data
-        blocks, floor = self.damping.slots, 0.0 if definite else -math.inf
-        over = self.strain, self.step.h
-        add_tangent(per_node, per_point, nodes, blocks, *data, *over, x, wx, floor, J.values)
+        nodes, *others = self._arrays
+        arrays = nodes, self.damping.slots, *others
+        last = self.step.h, x, wx, 0.0 if definite else -math.inf
+        self.damping.loop.add_blocks(
+            lambda part, values: (add_tangent, (*self._shape, *cut(arrays, part), *last, values)), J
+        )
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest."""

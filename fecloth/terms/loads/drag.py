@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated, TypeVar
 
 import numpy as np
 
-from fecloth.compiled_calls import Calls
+from fecloth.compiled_calls import Call, Calls
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.jit import inner, kernel
@@ -18,6 +18,7 @@ from fecloth.quantities.units import DENSITY, RESISTANCE
 from fecloth.terms.loads.air_velocity import AirVelocity, Uniform, velocity_field
 from fecloth.terms.loads.pressure import cross, edge
 from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
+from fecloth.terms.loops.shared_loop import SharedLoop
 
 Coefficient = Annotated[float, DENSITY.where(law="quadratic"), RESISTANCE.where(law="linear")]
 
@@ -135,6 +136,11 @@ class BoundDrag:
         """(m, k, k) blocks of the triangles in the matrix."""
         return self.find_slots(self.panel.cloth.stencil)
 
+    @cached_property
+    def loop(self) -> SharedLoop:
+        """The loop over the triangles."""
+        return SharedLoop(self.panel.team, self.nodes)
+
     @property
     def nodes(self) -> np.ndarray:
         return self.panel.cloth.stencil
@@ -153,12 +159,15 @@ class BoundDrag:
 
     def add_force(self, x, v, t, f) -> None:
         """f += F/3 at each corner [N]."""
-        add_force(self.nodes, self.law, self._air(x, t), x, v, f)
+        self.loop.add(partial(self._force, self._air(x, t), x, v), f)
+
+    def _force(self, u, x, v, part, f) -> Call:
+        return add_force, (self.nodes[part], self.law, by_triangle(u, part), x, v, f)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
         if not (isinstance(self.wind, Uniform) and self.wind.value.is_constant):
             return None
-        return [(add_force, (self.nodes, self.law, self._air(x, t), x, v, f))]
+        return [self.loop.shared_add(partial(self._force, self._air(x, t), x, v), f)]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wv D + wx K, without K if J must be symmetric or `definite`."""
@@ -167,7 +176,13 @@ class BoundDrag:
             wx, change = 0.0, np.zeros((1, 3, 3))
         else:
             change = self.wind.gradient(self._centroids(x), t)
-        add_tangent(self.nodes, self.slots, self.law, u, change, x, v, wx, wv, J.values)
+
+        def call(part: slice, values: np.ndarray) -> Call:
+            air = by_triangle(u, part), by_triangle(change, part)
+            data = self.nodes[part], self.slots[part], self.law, *air
+            return add_tangent, (*data, x, v, wx, wv, values)
+
+        self.loop.add_blocks(call, J)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest at t = 0.
@@ -195,6 +210,11 @@ class BoundDrag:
         K = np.zeros((m * k * k, 3, 3))
         add_tangent(self.nodes, slots, self.law, u, change, x, np.zeros_like(x), 1.0, 0.0, K)
         return stencil_bound(self.nodes, K.reshape(m, k, k, 3, 3), mass)
+
+
+def by_triangle(values: np.ndarray, part: slice) -> np.ndarray:
+    """The rows of a range of the triangles, or the one row for all."""
+    return values if len(values) == 1 else values[part]
 
 
 @inner

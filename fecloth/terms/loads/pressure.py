@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated
 
 import numpy as np
@@ -19,6 +19,7 @@ from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
 from fecloth.quantities.units import PRESSURE
 from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 from fecloth.terms.loops.green_strain import gradient
+from fecloth.terms.loops.shared_loop import SharedLoop, cut
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,8 @@ class Pressure:
         p = scalar(self.p, "p", "Pressure")
         symmetric = self.tangent == "symmetric"
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-        data = p, cloth.stencil, orientation_signs(cloth), slots, symmetric, rest
+        loop = SharedLoop(panel.team, cloth.stencil)
+        data = p, loop, orientation_signs(cloth), slots, symmetric, rest
         return BoundPressure(*data) if cloth.element == "P1" else BoundCurved(*data, cloth)
 
 
@@ -115,7 +117,7 @@ class BoundPressure:
     """
 
     p: TimeFunction
-    nodes: np.ndarray
+    loop: SharedLoop
     signs: np.ndarray
     find_slots: FindSlots
     symmetric: bool
@@ -126,6 +128,11 @@ class BoundPressure:
     has_energy = False
     dissipative = False
     velocity_dependent = False
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """(m, k) nodes of the triangles."""
+        return self.loop.nodes
 
     @cached_property
     def slots(self) -> np.ndarray:
@@ -140,31 +147,36 @@ class BoundPressure:
 
     def add_force(self, x, v, t, f) -> None:
         """f += (p/6) n at each corner [N]."""
-        function, arguments = self._force_call(float(self.p(t)), x, f)
-        function(*arguments)
+        self.loop.add(partial(self._force, float(self.p(t)), x), f)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
-        return [self._force_call(float(self.p(t)), x, f)] if self.p.is_constant else None
+        return (
+            [self.loop.shared_add(partial(self._force, float(self.p(t)), x), f)]
+            if self.p.is_constant
+            else None
+        )
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; do nothing if J must be `definite`, because the trace of K is zero."""
         if definite:
             return
-        self._add_tangent(self.slots, wx * float(self.p(t)), x, J.values)
+        self.loop.add_blocks(partial(self._tangent, self.slots, wx * float(self.p(t)), x), J)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of |eigenvalues| of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest and t = 0."""
         m, k = self.nodes.shape
         slots = np.arange(m * k * k, dtype=np.int32).reshape(m, k, k)
         K, p = np.zeros((m * k * k, 3, 3)), float(self.p(0.0))
-        self._add_tangent(slots, p, self.rest, K)
+        function, arguments = self._tangent(slots, p, self.rest, self.loop.whole, K)
+        function(*arguments)
         return stencil_bound(self.nodes, K.reshape(m, k, k, 3, 3), mass), 0.0
 
-    def _force_call(self, p, x, f) -> Call:
-        return add_force, (self.nodes, self.signs, p, x, f)
+    def _force(self, p, x, part, f) -> Call:
+        return add_force, (self.nodes[part], self.signs[part], p, x, f)
 
-    def _add_tangent(self, slots, p, x, J):
-        add_tangent(self.nodes, self.signs, slots, p, self.symmetric, x, J)
+    def _tangent(self, slots, p, x, part, J) -> Call:
+        arrays = cut((self.nodes, self.signs, slots), part)
+        return add_tangent, (*arrays, p, self.symmetric, x, J)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,15 +185,15 @@ class BoundCurved(BoundPressure):
 
     cloth: Cloth
 
-    def _force_call(self, p, x, f) -> Call:
+    def _force(self, p, x, part, f) -> Call:
         cloth = self.cloth
-        arrays = self.nodes, cloth.gradients, cloth.weights, cloth.values
-        return add_curved_force, (*cloth.shape, *arrays, p, x, f)
+        arrays = cut((self.nodes, cloth.gradients, cloth.weights), part)
+        return add_curved_force, (*cloth.shape, *arrays, cloth.values, p, x, f)
 
-    def _add_tangent(self, slots, p, x, J):
+    def _tangent(self, slots, p, x, part, J) -> Call:
         cloth = self.cloth
-        arrays = self.nodes, slots, cloth.gradients, cloth.weights, cloth.values
-        add_curved_tangent(*cloth.shape, *arrays, p, self.symmetric, x, J)
+        arrays = cut((self.nodes, slots, cloth.gradients, cloth.weights), part)
+        return add_curved_tangent, (*cloth.shape, *arrays, cloth.values, p, self.symmetric, x, J)
 
 
 @inner

@@ -5,6 +5,8 @@ Each product and sum is rounded by itself, as NumPy and SciPy do.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from fecloth.jit import Array, rounded_kernel
 
 
@@ -66,3 +68,7 @@ def scale(factor: float, b: Array) -> None:
     """b (m,) *= factor."""
     for e in range(len(b)):
         b[e] *= factor
+
+
+BY_ROWS: set[Callable[..., None]] = {add, subtract_scaled, subtract, clear, scale}
+"""Kernels whose row i depends on row i of their arrays alone, so that threads can share them."""

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fecloth.compiled_calls import Calls
+from fecloth.compiled_calls import Call, Calls
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.jit import Zeros, specialise
+from fecloth.jit import Array, Zeros, specialise
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
+from fecloth.team import ALONE, Team
 from fecloth.terms.loops import condition, condition_discrete_gradient
 from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
 from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels, OverStep
 from fecloth.terms.loops.eigenvalue_bounds import bound_from_squares, squared_norms
+from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -68,6 +70,8 @@ class BoundCondition:
         "exact" or "gauss_newton" (without ∂²C).
     tangent
         Of the damping: "symmetric" (without its non-symmetric part) or "exact".
+    team
+        The threads that share the loops.
     """
 
     name: str
@@ -81,6 +85,12 @@ class BoundCondition:
     rest: np.ndarray
     hessian: str = "exact"
     tangent: str = "symmetric"
+    team: Team = ALONE
+
+    @cached_property
+    def loop(self) -> SharedLoop:
+        """The loop over the stencils."""
+        return SharedLoop(self.team, self.nodes)
 
     @cached_property
     def slots(self) -> np.ndarray:
@@ -109,22 +119,28 @@ class BoundCondition:
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """½ Σ Cᵀ k_s C [J]."""
-        return self.kernels.energy(*self.shape, self.nodes, self.table(x, t, 0), self.stiffness, x)
+        arrays, add = (self.nodes, self.table(x, t, 0), self.stiffness), self.kernels.energy
+        return self.loop.total(lambda part: (add, (*self.shape, *cut(arrays, part), x)))
 
     def power(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
         """Dissipated power Σ Ċᵀ k_d Ċ [W]."""
-        return self.kernels.power(*self.shape, self.nodes, self.table(x, t, 1), self.damping, x, v)
+        arrays, add = (self.nodes, self.table(x, t, 1), self.damping), self.kernels.power
+        return self.loop.total(lambda part: (add, (*self.shape, *cut(arrays, part), x, v)))
+
+    def _force(
+        self, table: np.ndarray, x: np.ndarray, v: np.ndarray, part: slice, f: Array
+    ) -> Call:
+        arrays = self.nodes, table, self.stiffness, self.damping
+        return self.kernels.add_force, (*self.shape, *cut(arrays, part), x, v, f)
 
     def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
         """f_a −= ∂C_a (k_s C + k_d Ċ) [N]."""
-        data = self.table(x, t, 1), self.stiffness, self.damping
-        self.kernels.add_force(*self.shape, self.nodes, *data, x, v, f)
+        self.loop.add(partial(self._force, self.table(x, t, 1), x, v), f)
 
     def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
         if type(self).table is not BoundCondition.table:
             return None  # it makes the constants in Python
-        data = self.constants, self.stiffness, self.damping
-        return [(self.kernels.add_force, (*self.shape, self.nodes, *data, x, v, f))]
+        return [self.loop.shared_add(partial(self._force, self.constants, x, v), f)]
 
     def add_tangent(
         self,
@@ -141,10 +157,10 @@ class BoundCondition:
         if definite and part == EXACT:
             part = DEFINITE
         mixed = not self.symmetric and not definite
-        data = self.table(x, t, 2), self.stiffness, self.damping
-        weights = float(wx), float(wv), part, mixed
-        self.kernels.add_tangent(
-            *self.shape, self.nodes, self.slots, *data, x, v, *weights, J.values
+        arrays = self.nodes, self.slots, self.table(x, t, 2), self.stiffness, self.damping
+        others, add = (x, v, float(wx), float(wv), part, mixed), self.kernels.add_tangent
+        self.loop.add_blocks(
+            lambda some, values: (add, (*self.shape, *cut(arrays, some), *others, values)), J
         )
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
@@ -236,6 +252,7 @@ def bind(
         np.column_stack([X, np.zeros(len(X))]),
         hessian,
         tangent,
+        panel.team,
     )
 
 

@@ -35,6 +35,7 @@ from fecloth.terms.loops.rigid_motion import (
     remove_rigid_part,
     subtract_mean,
 )
+from fecloth.terms.loops.shared_loop import cut
 
 if TYPE_CHECKING:
     from fecloth.terms.loops.bound_condition import BoundCondition, RigidCondition
@@ -254,9 +255,11 @@ class OverStep:
 
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f_a −= ḡ_a k_s C̄ + ∂C_a k_d Ċ [N]."""
-        bound = self.condition
-        data = bound.nodes, bound.constants, bound.stiffness, self.start
-        bound.kernels.over_step.add_force(*bound.shape, *data, x, f)
+        bound, add = self.condition, self.condition.kernels.over_step.add_force
+        arrays = bound.nodes, bound.constants, bound.stiffness
+        bound.loop.add(
+            lambda part, f: (add, (*bound.shape, *cut(arrays, part), self.start, x, f)), f
+        )
         if self.dissipative:
             self._damping.add_force(x, v, t, f)
 
@@ -269,7 +272,10 @@ class OverStep:
         add = kernels.add_tangent
         if self.symmetric_elastic or definite:
             add, weights = kernels.add_symmetric_tangent, (float(wx), bool(definite))
-        data = bound.nodes, bound.slots, bound.constants, bound.stiffness, self.start
-        add(*bound.shape, *data, x, *weights, J.values)
+        arrays = bound.nodes, bound.slots, bound.constants, bound.stiffness
+        others = self.start, x, *weights
+        bound.loop.add_blocks(
+            lambda part, values: (add, (*bound.shape, *cut(arrays, part), *others, values)), J
+        )
         if self.dissipative:
             self._damping.add_tangent(x, v, t, wx, wv, J, definite)

@@ -40,12 +40,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fecloth.compiled_calls import Calls
+from fecloth.compiled_calls import Call, Calls
 from fecloth.fabric.panel import Panel
 from fecloth.jit import Array, Zeros, specialise
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
@@ -65,6 +65,7 @@ from fecloth.terms.loops.green_strain import (
 from fecloth.terms.loops.membrane_discrete_gradient import DiscreteGradientKernels, OverStep
 from fecloth.terms.loops.regge_membrane import BoundRegge, ReggeKernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
+from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.recovered_error import green_strains, membrane_error
 from fecloth.terms.step_difference import StepDifference
 
@@ -246,32 +247,50 @@ class BoundMembrane:
         """(m, k, k) blocks of the triangles in the matrix."""
         return self.find_slots(self.panel.cloth.stencil)
 
+    @cached_property
+    def loop(self) -> SharedLoop:
+        """The loop over the triangles."""
+        return SharedLoop(self.panel.team, self.panel.cloth.stencil)
+
+    @property
+    def elements(self) -> tuple[Any, ...]:
+        """The arrays with a row for each triangle; tangents take `slots` after the first."""
+        cloth, gradients = self.panel.cloth, self.panel.gradients
+        return cloth.stencil, gradients, cloth.weights, self.constants
+
     @property
     def data(self) -> tuple[Any, ...]:
-        """What every entry point takes first; those of tangents take `slots` after the nodes."""
-        cloth, gradients = self.panel.cloth, self.panel.gradients
-        return *cloth.shape, cloth.stencil, gradients, cloth.weights, self.constants
+        """What every entry point takes first."""
+        return *self.panel.cloth.shape, *self.elements
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """Σ w W [J]."""
-        return self.kernels.energy(*self.data, x)
+        shape, add = self.panel.cloth.shape, self.kernels.energy
+        return self.loop.total(lambda part: (add, (*shape, *cut(self.elements, part), x)))
+
+    def _force(self, x: Array, part: slice, f: Array) -> Call:
+        shape = self.panel.cloth.shape
+        return self.kernels.add_force, (*shape, *cut(self.elements, part), x, f)
 
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f −= Σ w P G_a [N]."""
-        self.kernels.add_force(*self.data, x, f)
+        self.loop.add(partial(self._force, x), f)
 
     def force_calls(self, x: Array, v: Array, t: float, f: Array) -> Calls:
-        return [(self.kernels.add_force, (*self.data, x, f))]
+        return [self.loop.shared_add(partial(self._force, x), f)]
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
         """J += wx K; `definite` clamps the stress of the geometric part at zero."""
-        per_node, per_point, nodes, *data = self.data
         add, floor = self.kernels.add_tangent, -math.inf
         if definite:
             add, floor = self.kernels.add_definite_tangent, 0.0
-        add(per_node, per_point, nodes, self.slots, *data, x, wx, floor, J.values)
+        shape, (nodes, *others) = self.panel.cloth.shape, self.elements
+        arrays = nodes, self.slots, *others
+        self.loop.add_blocks(
+            lambda part, values: (add, (*shape, *cut(arrays, part), x, wx, floor, values)), J
+        )
 
     def add_stress(self, x: Array, out: Array) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""

@@ -50,6 +50,7 @@ from fecloth.terms.loops.green_strain import (
     scatter_mixed,
     scatter_symmetric,
 )
+from fecloth.terms.loops.shared_loop import cut
 
 if TYPE_CHECKING:
     from fecloth.terms.loops.membrane import BoundMembrane
@@ -310,28 +311,25 @@ class OverStep:
 
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f −= Σ w F S̄ G_a [N]."""
-        self.membrane.kernels.over_step.add_force(*self.membrane.data, self.start, x, f)
+        shape, elements = self.membrane.panel.cloth.shape, self.membrane.elements
+        add, start = self.membrane.kernels.over_step.add_force, self.start
+        self.membrane.loop.add(
+            lambda part, f: (add, (*shape, *cut(elements, part), start, x, f)), f
+        )
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
         """J += wx K; the symmetric one has both B at x, the definite one S̄ clamped at zero."""
-        per_node, per_point, nodes, *data = self.membrane.data
-        kernels = self.membrane.kernels.over_step
+        kernels, start = self.membrane.kernels.over_step, self.start
         weights: tuple[float, ...] = (float(wx),)
         add = kernels.add_tangent
         if definite:
             add, weights = kernels.add_definite_tangent, (float(wx), 0.0)
         elif self.symmetric:
             add, weights = kernels.add_symmetric_tangent, (float(wx), -math.inf)
-        add(
-            per_node,
-            per_point,
-            nodes,
-            self.membrane.slots,
-            *data,
-            self.start,
-            x,
-            *weights,
-            J.values,
+        shape, (nodes, *others) = self.membrane.panel.cloth.shape, self.membrane.elements
+        arrays = nodes, self.membrane.slots, *others
+        self.membrane.loop.add_blocks(
+            lambda part, values: (add, (*shape, *cut(arrays, part), start, x, *weights, values)), J
         )

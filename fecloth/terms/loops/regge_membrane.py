@@ -14,12 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fecloth.compiled_calls import Calls
+from fecloth.compiled_calls import Call, Calls
 from fecloth.fabric.panel import Panel
 from fecloth.jit import Array, specialise
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
@@ -46,6 +46,7 @@ from fecloth.terms.loops.regge_strain import (
     scatter_tension,
     strain,
 )
+from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.recovered_error import membrane_error
 from fecloth.terms.step_difference import StepDifference
 
@@ -274,32 +275,39 @@ class BoundRegge:
         return self.find_slots(self.panel.cloth.stencil)
 
     @cached_property
+    def loop(self) -> SharedLoop:
+        """The loop over the triangles."""
+        return SharedLoop(self.panel.team, self.strain.nodes)
+
+    @cached_property
     def data(self) -> tuple[Any, ...]:
-        """What every entry point takes first; those of tangents take `slots` next."""
+        """What every entry point takes first, by triangle; those of tangents take `slots` next."""
         E = self.strain
         return E.nodes, E.forms, E.weights, self.constants, E.rest
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """Σ w W [J]."""
-        return self.kernels.energy(*self.data, x)
+        return self.loop.total(lambda part: (self.kernels.energy, (*cut(self.data, part), x)))
+
+    def _force(self, x: Array, part: slice, f: Array) -> Call:
+        return self.kernels.add_force, (*cut(self.data, part), x, f)
 
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f −= Σ w S̃ · B [N]."""
-        self.kernels.add_force(*self.data, x, f)
+        self.loop.add(partial(self._force, x), f)
 
     def force_calls(self, x: Array, v: Array, t: float, f: Array) -> Calls:
-        return [(self.kernels.add_force, (*self.data, x, f))]
+        return [self.loop.shared_add(partial(self._force, x), f)]
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
         """J += wx K; `definite` clamps the stresses of the geometric part at zero."""
+        E, add, arrays = self.strain, self.kernels.add_tangent, (*self.data, self.slots)
         if definite:
-            E = self.strain
-            data = self.slots, E.slopes, E.gradients, E.samples
-            self.kernels.add_definite_tangent(*self.data, *data, x, wx, J.values)
-        else:
-            self.kernels.add_tangent(*self.data, self.slots, x, wx, J.values)
+            add = self.kernels.add_definite_tangent
+            arrays = *arrays, E.slopes, E.gradients, E.samples
+        self.loop.add_blocks(lambda part, values: (add, (*cut(arrays, part), x, wx, values)), J)
 
     def add_stress(self, x: Array, out: Array) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""
@@ -342,7 +350,8 @@ class ReggeOverStep:
 
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f −= Σ w S̄ · B [N]."""
-        self.membrane.kernels.add_step_force(*self.membrane.data, self.start, x, f)
+        add, data = self.membrane.kernels.add_step_force, self.membrane.data
+        self.membrane.loop.add(lambda part, f: (add, (*cut(data, part), self.start, x, f)), f)
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
@@ -353,4 +362,7 @@ class ReggeOverStep:
             return
         kernels = self.membrane.kernels
         add = kernels.add_symmetric_step_tangent if self.symmetric else kernels.add_step_tangent
-        add(*self.membrane.data, self.membrane.slots, self.start, x, wx, J.values)
+        arrays = *self.membrane.data, self.membrane.slots
+        self.membrane.loop.add_blocks(
+            lambda part, values: (add, (*cut(arrays, part), self.start, x, wx, values)), J
+        )

@@ -1,0 +1,247 @@
+"""A loop over elements that adds to their nodes, shared among threads to the bits of one thread.
+
+Each thread takes a range of the elements, and owns the nodes that no thread before it has touched.
+It also computes those elements of its neighbours that touch its nodes. So no node is written by
+two threads, and what a node gets is added in the order of the elements. Elements are numbered
+along a narrow band, therefore only the few at both ends of a range, the seams, touch nodes of
+other threads. Their sums go to an array of the thread, from which its own nodes are copied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fecloth.compiled_calls import Call, SharedCall
+from fecloth.jit import Array, kernel
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.team import SMALL, Team
+
+CallOf = Callable[[slice, np.ndarray], Call]
+"""A call for a range of the elements, and the array to which it adds."""
+
+REPEATED = 0.3  # of a thread's equal share; if one has more to repeat, one thread does the loop
+GAP = 100  # elements of others between two runs; fewer are computed too, for fewer calls
+BLOCKS = 8  # whose sums make up a sum over elements
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Elements that a thread does in one call.
+
+    Attributes
+    ----------
+    span
+        The elements.
+    nodes
+        The thread's own nodes that they touch, if they touch nodes of others too; else None.
+    """
+
+    span: slice
+    nodes: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SharedLoop:
+    """A loop over elements with the nodes (m, k), of which −1 is none, for the threads of a team.
+
+    The loops are given as functions that return a `Call`, a kernel and its arguments, for a range
+    of the elements.
+
+    Examples
+    --------
+    >>> import numba
+    >>> @numba.njit(nogil=True)
+    ... def add_one(nodes, f):
+    ...     for e in range(len(nodes)):
+    ...         for a in nodes[e]:
+    ...             f[a] += 1.0
+    >>> nodes = np.arange(4000)[:, None] + np.arange(2)
+    >>> loop, f = SharedLoop(Team(2), nodes), np.zeros((4001, 3))
+    >>> loop.add(lambda part, f: (add_one, (nodes[part], f)), f)
+    >>> f[[0, 1, 1999, 2000, 2001, 4000], 0]
+    array([1., 2., 2., 2., 2., 1.])
+    """
+
+    team: Team
+    nodes: np.ndarray
+    cache: dict[Any, Any] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> list[list[Piece]] | None:
+        """The pieces of each thread; None for one thread, and if too much would be repeated."""
+        if not self.team.shares(len(self.nodes)):
+            return None
+        if "parts" not in self.cache:
+            self.cache["parts"] = divide(self.nodes, self.team.count)
+        parts: list[list[Piece]] | None = self.cache["parts"]
+        return parts
+
+    @property
+    def whole(self) -> slice:
+        """All elements."""
+        return slice(0, len(self.nodes))
+
+    def add(self, call: CallOf, target: np.ndarray) -> None:
+        """Make call(part, target), which adds to the rows of an array (n, …)."""
+        self._share(call, target, None)
+
+    def add_blocks(self, call: CallOf, J: BlockMatrix) -> None:
+        """Make call(part, J.values), which adds to blocks in the rows of the nodes."""
+        self._share(call, J.values, J.pattern.indptr)
+
+    def _share(self, call: CallOf, target: np.ndarray, indptr: np.ndarray | None) -> None:
+        parts = self.parts
+        function, arguments = call(self.whole, target)
+        if parts is None:
+            function(*arguments)
+            return
+
+        def part(p: int) -> None:
+            for one, its_arguments in self._calls(p, call, target, indptr):
+                one(*its_arguments)
+
+        name = function, id(self)
+        self.team.do(name, lambda: function(*arguments), lambda: self.team.run(part))
+
+    def _calls(
+        self, p: int, call: CallOf, target: np.ndarray, indptr: np.ndarray | None
+    ) -> Iterator[Call]:
+        """The calls of thread p; those of a seam work on an array of the thread."""
+        for piece in self.parts[p] if self.parts else []:
+            if piece.nodes is None:
+                yield call(piece.span, target)
+                continue
+            work = self.team.work(p, target.shape)
+            rows = piece.nodes if indptr is None else self._blocks(piece, indptr)
+            yield copy_rows, (rows, target, work)
+            yield call(piece.span, work)
+            yield copy_rows, (rows, work, target)
+
+    def shared_add(self, call: CallOf, target: np.ndarray) -> SharedCall:
+        """What `add` calls, for `fused_steps`."""
+        whole = call(self.whole, target)
+
+        def of_thread(p: int) -> list[Call]:
+            if self.parts is None:
+                return [whole] if p == 0 else []
+            return list(self._calls(p, call, target, None))
+
+        return SharedCall(*whole, of_thread)
+
+    def shared_each(self, call: Callable[[slice], Call]) -> SharedCall:
+        """What `each` calls, for `fused_steps`."""
+        return SharedCall(*call(self.whole), lambda p: [call(self._share_of(p))])
+
+    def _share_of(self, p: int) -> slice:
+        m, count = len(self.nodes), self.team.count
+        return slice(p * m // count, (p + 1) * m // count)
+
+    def _blocks(self, piece: Piece, indptr: np.ndarray) -> np.ndarray:
+        """The blocks in the rows of a piece's nodes, kept for one pattern."""
+        known, found = self.cache.get(id(piece), (None, np.empty(0, np.int64)))
+        if known is not indptr:
+            nodes: Iterable[int] = () if piece.nodes is None else piece.nodes
+            found = np.concatenate([found[:0], *(np.arange(*indptr[i : i + 2]) for i in nodes)])
+            self.cache[id(piece)] = indptr, found
+        blocks: np.ndarray = found
+        return blocks
+
+    def each(self, call: Callable[[slice], Call]) -> None:
+        """Make call(part), which writes only what belongs to its elements."""
+        function, arguments = call(self.whole)
+        if not self.team.shares(len(self.nodes)):
+            function(*arguments)
+            return
+
+        def part(p: int) -> None:
+            one, its_arguments = call(self._share_of(p))
+            one(*its_arguments)
+
+        name = function, id(self)
+        self.team.do(name, lambda: function(*arguments), lambda: self.team.run(part))
+
+    def total(self, call: Callable[[slice], Call]) -> float:
+        """Σ over the elements of what call(part) returns, in fixed blocks."""
+        m, count = len(self.nodes), self.team.count
+        function, arguments = call(self.whole)
+        if m < BLOCKS * SMALL:
+            return float(function(*arguments))
+        sums = [0.0] * BLOCKS
+
+        def fill(first: int, step: int) -> None:
+            for block in range(first, BLOCKS, step):
+                span = slice(block * m // BLOCKS, (block + 1) * m // BLOCKS)
+                one, its_arguments = call(span)
+                sums[block] = one(*its_arguments)
+
+        run = self.team.run
+        self.team.do(
+            (function, id(self)), lambda: fill(0, 1), lambda: run(lambda p: fill(p, count))
+        )
+        return float(sum(sums))
+
+
+def cut(arrays: Iterable[np.ndarray], part: slice) -> tuple[np.ndarray, ...]:
+    """The rows of a range of the elements."""
+    return tuple(array[part] for array in arrays)
+
+
+def divide(nodes: np.ndarray, count: int) -> list[list[Piece]] | None:
+    """Divide elements with these nodes (m, k) among `count` threads, or return None.
+
+    The nodes belong to the thread that touches them first; or, for several kinds of elements one
+    after another, to threads by equal ranges of nodes.
+    """
+    m, n = len(nodes), int(nodes.max()) + 1
+    by_elements, by_nodes = np.full(n, count, np.int16), np.arange(n) * count // n
+    for p in reversed(range(count)):
+        by_elements[nodes[p * m // count : (p + 1) * m // count]] = p
+    for owner in (by_elements, by_nodes.astype(np.int16)):
+        parts = [_runs(nodes, np.append(owner, count), p) for p in range(count)]  # −1: nobody's
+        work = [sum(piece.span.stop - piece.span.start for piece in part) for part in parts]
+        if max(work) <= (1 + REPEATED) * m / count:
+            return parts
+    return None
+
+
+def _runs(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piece]:
+    """The pieces of thread p: runs of elements that touch its nodes, each with two seams."""
+    of_nodes = owner[nodes.T]  # (k, m): 30 times faster to reduce than along short rows
+    touching = np.flatnonzero((of_nodes == p).any(axis=0))
+    others = ((of_nodes != p) & (nodes.T >= 0)).any(axis=0)
+    pieces: list[Piece] = []
+    for run in np.split(touching, 1 + np.flatnonzero(np.diff(touching) > GAP)):
+        if not len(run):
+            continue
+        begin, end = int(run[0]), int(run[-1]) + 1
+        seams = begin + np.flatnonzero(others[begin:end])
+        low, high = np.split(seams, [np.searchsorted(seams, (begin + end) // 2)])
+        inner_begin = int(low[-1]) + 1 if len(low) else begin
+        inner_end = int(high[0]) if len(high) else end
+        spans = slice(begin, inner_begin), slice(inner_begin, inner_end), slice(inner_end, end)
+        for number, span in enumerate(spans):
+            if span.start < span.stop:
+                pieces.append(Piece(span, None if number == 1 else _own(nodes[span], owner, p)))
+    return pieces
+
+
+def _own(nodes: np.ndarray, owner: np.ndarray, p: int) -> np.ndarray:
+    """Those of the nodes that belong to thread p."""
+    touched = np.unique(nodes)
+    own: np.ndarray = touched[owner[touched] == p]
+    return own
+
+
+@kernel
+def copy_rows(at: Array, a: Array, b: Array) -> None:
+    """b[i] = a[i] for the rows i of `at`."""
+    width = a.size // len(a)
+    a, b = a.reshape(len(a), width), b.reshape(len(b), width)
+    for n in range(len(at)):
+        i = at[n]
+        for c in range(width):
+            b[i, c] = a[i, c]

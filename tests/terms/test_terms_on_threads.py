@@ -1,0 +1,83 @@
+"""Every term gives the same bits on one, two and three threads."""
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.terms.step_difference import StepDifference
+
+FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=(1e-5, 8e-6))
+BOTH = {
+    "StVK": fc.StVK(),
+    "pointwise": fc.StVK(strain="pointwise"),
+    "NeoHookean": fc.NeoHookean(),
+    "TensionField": fc.TensionField(),
+    "TensorCondition": fc.TensorCondition(200.0),
+    "PlateBending": fc.PlateBending(),
+    "StrainRateDamping": fc.StrainRateDamping(0.01),
+    "exact": fc.StrainRateDamping(0.01, tangent="exact", rate="velocity"),
+    "plate damping": fc.BendingDamping(0.01, law=fc.PlateBending()),
+    "Pressure": fc.Pressure(3.0, tangent="exact"),
+    "MassDamping": fc.MassDamping(0.3),
+    "Gravity": fc.Gravity(),
+}
+P1 = {
+    "BaraffWitkin": fc.BaraffWitkin(),
+    "HingeBending": fc.HingeBending(),
+    "QuadraticBending": fc.QuadraticBending(),
+    "hinge damping": fc.BendingDamping(0.01),
+    "Springs": fc.Springs(),
+    "biquadratic": fc.Springs(kind="biquadratic"),
+    "Drag": fc.Drag(0.3, 0.1, tangent="exact"),
+    "Wind": fc.Wind(("1 + x*t", "y", "z"), 0.3, 0.1),
+    "Tether": fc.Tether("left", stiffness=3.0, damping=0.1, point=(0.0, 0.0, 1.0)),
+}
+GRID = [("P1", name) for name in BOTH | P1] + [("P2", name) for name in BOTH]
+
+
+@pytest.fixture(scope="module")
+def cloths():
+    """Meshes above the size at which threads share loops."""
+    return {
+        element: fc.Cloth.rectangle(1.0, 0.8, h=0.03, pattern="unstructured", element=element)
+        for element in ("P1", "P2")
+    }
+
+
+def evaluate(cloth, term, threads):
+    """Force, tangents, energy and power on these threads, at x and over a step."""
+    system = fc.System(cloth, FABRIC, [term], threads=threads)
+    rng = np.random.default_rng(3)
+    x = 1.02 * system.rest().x + 5e-4 * rng.standard_normal((len(cloth.X), 3))
+    v = 0.1 * rng.standard_normal(x.shape)
+    (bound,) = system.bound
+    found = []
+    for each in (bound, *over_steps(bound, x - 1e-3 * v)):
+        f = np.zeros_like(x)
+        each.add_force(x, v, 0.1, f)
+        found.append(f)
+        for definite in (False, True):
+            J = BlockMatrix.zeros(system.pattern, system.team)
+            each.add_tangent(x, v, 0.1, 0.7, 0.3, J, definite)
+            found.append(J.values)
+        found.append(np.array([each.energy(x, 0.1)] if each.has_energy else []))
+        found.append(np.array([each.power(x, v, 0.1)] if each.dissipative else []))
+    return found
+
+
+def over_steps(bound, start):
+    """The term over a step of backward Euler, and over two of energy–momentum."""
+    steps = [StepDifference(start, 0.01, 0.01, ((1.0, start),))]
+    steps += [StepDifference(start, 0.01, 0.005, (), True, symmetric) for symmetric in (0, 1)]
+    terms = [bound.over_step(step) for step in steps if hasattr(bound, "over_step")]
+    return [term for term in terms if term is not bound]
+
+
+@pytest.mark.parametrize(("element", "name"), GRID)
+def test_the_bits_do_not_depend_on_the_threads(cloths, element, name):
+    term = (BOTH | P1)[name]
+    one, *others = (evaluate(cloths[element], term, threads) for threads in (1, 2, 3))
+    for found in others:
+        for a, b in zip(one, found, strict=True):
+            assert np.array_equal(a, b, equal_nan=True)

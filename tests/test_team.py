@@ -1,0 +1,217 @@
+"""The threads of a system: which share a loop, how many, and how they fail."""
+
+import copy
+import pickle
+import threading
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.errors import InputError
+from fecloth.jit import kernel
+from fecloth.team import Team, meet, number_of_threads
+from fecloth.terms.loops.shared_loop import SharedLoop, divide
+from fecloth.thread_choice import ALL, BUDGET, ONE, ThreadChoice
+
+
+@pytest.mark.parametrize("threads", [0, -1, 257, 2.0, True, "two", None, (1, 2)])
+def test_a_wrong_number_of_threads_is_refused_with_what_is_allowed(threads):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+    with pytest.raises(InputError, match=r'threads = .*"auto" or a whole number from 1 to 256'):
+        fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()], threads=threads)
+
+
+def test_a_system_and_its_copies_know_the_number():
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()], threads=3)
+    assert system.team.count == system.bound[0].panel.team.count == 3
+    assert copy.copy(system).threads == pickle.loads(pickle.dumps(system.team)).count == 3
+    with system.team.pinned():
+        assert system.team.count == 1
+    assert system.team.count == 3
+
+
+def test_auto_means_all_that_numba_may_start(monkeypatch):
+    monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", 5)
+    assert number_of_threads("auto") == Team("auto").count == 5
+
+
+@kernel
+def sum_up(values, meeting, thread, threads, rounds):
+    """In each round every thread adds up what all have written in the round before."""
+    own, round_ = float(thread + 1), 1
+    for _ in range(rounds):
+        values[thread] = own
+        round_ = meet(meeting, threads, round_)
+        own = 0.0
+        for value in values:
+            own += 0.5 * value
+        round_ = meet(meeting, threads, round_)
+    return own
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 5])
+def test_threads_that_meet_see_what_the_others_wrote(threads):
+    values, meeting = np.zeros(threads), np.zeros(1, np.int64)
+    found = Team(threads).run(lambda p: sum_up(values, meeting, p, threads, 50), meeting)
+    expected = 0.5 * threads * (threads + 1) / 2 * (0.5 * threads) ** 49
+    assert found == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("failing", [0, 1])
+def test_an_error_in_a_thread_is_raised_and_nobody_waits_for_it(failing):
+    values, meeting = np.zeros(2), np.zeros(1, np.int64)
+
+    def part(p):
+        if p == failing:
+            raise ValueError(f"thread {p}")
+        return sum_up(values, meeting, p, 2, 10)
+
+    team = Team(2)
+    with pytest.raises(ValueError, match=f"thread {failing}"):
+        team.run(part, meeting)
+    assert team.run(lambda p: p) == 0  # the workers are as before
+
+
+def test_two_python_threads_take_turns():
+    team, found = Team(3), []
+
+    def go():
+        values, meeting = np.zeros(3), np.zeros(1, np.int64)
+        for _ in range(20):
+            meeting[0] = 0
+            found.append(team.run(lambda p: sum_up(values, meeting, p, 3, 10), meeting))
+
+    callers = [threading.Thread(target=go) for _ in range(3)]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join(60)
+    assert len(found) == 60
+    assert len(set(found)) == 1
+
+
+# --- how elements are divided ---------------------------------------------------------------------
+
+
+def band(m, width):
+    return np.arange(m)[:, None] + np.arange(width)
+
+
+STENCILS = {
+    "band": band(3000, 3),
+    "two kinds": np.concatenate([band(2000, 2), band(2000, 2)]),
+    "held in space": np.where(band(3000, 4) % 50 == 7, -1, band(3000, 4)),
+    "three far nodes": np.hstack([band(3000, 2), 4000 + band(3000, 1)]),
+}
+
+
+@pytest.mark.parametrize("count", [2, 3, 8])
+@pytest.mark.parametrize("name", STENCILS)
+def test_every_element_of_a_node_is_computed_by_its_owner_in_order(name, count):
+    nodes = STENCILS[name]
+    parts = divide(nodes, count)
+    owners = {}
+    for p, pieces in enumerate(parts):
+        spans = [(piece.span.start, piece.span.stop) for piece in pieces]
+        assert spans == sorted(spans)
+        for piece in pieces:
+            here = nodes[piece.span]
+            for node in np.unique(here[here >= 0]) if piece.nodes is None else piece.nodes:
+                owners.setdefault(int(node), set()).add(p)
+    assert all(len(owner) == 1 for owner in owners.values())
+    done = {
+        p: np.concatenate([np.arange(q.span.start, q.span.stop) for q in pieces])
+        for p, pieces in enumerate(parts)
+    }
+    for node, (p,) in owners.items():
+        assert set(np.flatnonzero((nodes == node).any(axis=1))) <= set(done[p].tolist())
+    assert set(owners) == set(nodes[nodes >= 0].tolist())
+
+
+def test_elements_without_an_order_are_done_by_one_thread(rng):
+    nodes = rng.integers(0, 3000, (3000, 3))
+    assert divide(nodes, 2) is None
+    assert SharedLoop(Team(2), nodes).parts is None
+
+
+def test_a_short_loop_is_done_by_one_thread():
+    assert SharedLoop(Team(2), band(900, 2)).parts is None
+
+
+# --- auto -----------------------------------------------------------------------------------------
+
+
+class Clock:
+    """A clock that a call moves on."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+def march(team, clock, one, all_, calls, start=0):
+    """Make calls that take one(i) or all_(i) seconds; return the seconds of all."""
+    begin = clock.now
+
+    def call(seconds):
+        clock.now += seconds
+
+    for i in range(start, start + calls):
+        team.do("loop", lambda i=i: call(one(i)), lambda i=i: call(all_(i)))
+    return clock.now - begin
+
+
+@pytest.fixture
+def auto(monkeypatch):
+    monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", 2)
+    clock = Clock()
+    return Team("auto", clock), clock
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.5, 0.7, 0.9])
+def test_all_threads_are_taken_where_they_are_faster(auto, ratio):
+    team, clock = auto
+    assert march(team, clock, lambda i: 1.0, lambda i: ratio, 400) < (ratio + 0.06) * 400
+    assert team.used == 2
+
+
+@pytest.mark.parametrize("ratio", [0.97, 1.0, 1.5, 3.0, 12.0])
+def test_auto_costs_at_most_five_per_cent_more_than_one_thread(auto, ratio):
+    team, clock = auto
+    assert march(team, clock, lambda i: 1.0, lambda i: ratio, 2000) < 1.05 * 2000
+    assert team.used == 1
+
+
+def test_auto_follows_a_machine_that_becomes_busy_and_idle_again(auto):
+    team, clock = auto
+    march(team, clock, lambda i: 1.0, lambda i: 0.5, 300)
+    busy = march(team, clock, lambda i: 1.0, lambda i: 4.0, 1000)
+    assert busy < 1.05 * 1000
+    assert march(team, clock, lambda i: 1.0, lambda i: 0.5, 1000) < 0.6 * 1000
+
+
+def test_calls_that_vary_do_not_make_auto_slow(auto, rng):
+    team, clock = auto
+    one, all_ = 1.0 + rng.exponential(0.2, 3000), 0.6 + rng.exponential(0.8, 3000)
+    assert march(team, clock, one.__getitem__, all_.__getitem__, 3000) < 1.05 * one.sum()
+
+
+def test_the_unit_of_work_is_what_counts():
+    choice = ThreadChoice()
+    for units in (1, 8, 3, 5) * 30:
+        mode = choice.ask(units)
+        choice.tell(mode, units * {ONE: 1.0, ALL: 0.5}[mode], units)
+    assert choice.best is ALL
+    assert choice.lost < 2 * BUDGET * choice.spent
+
+
+def test_one_thread_does_all_where_there_is_only_one(monkeypatch):
+    monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", 1)
+    team = Team("auto")
+    assert not team.shares(10**6)
+    assert team.words(10**6) == "one thread"
+    assert team.do("loop", lambda: "alone", lambda: "together") == "alone"
