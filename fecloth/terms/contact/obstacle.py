@@ -51,7 +51,8 @@ class Obstacle:
     methods balance the forces before the end of a step, where the barrier knows nothing of the
     end, or are explicit; they are refused. The cloth still passes through itself.
 
-    Cost: a hundredth of an iteration of `StVK`, or a twentieth with points inside triangles.
+    Cost: 2 % of a Newton iteration on 8,000 triangles that fall on a ball; 19 % with four points
+    more for each triangle.
 
     Parameters
     ----------
