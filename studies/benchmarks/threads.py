@@ -18,7 +18,6 @@ import sys
 if "numba" not in sys.modules:  # before fecloth.study, which allows one thread only
     os.environ["NUMBA_NUM_THREADS"] = str(len(os.sched_getaffinity(0)))
 
-import argparse
 import multiprocessing
 import time
 import warnings
@@ -29,6 +28,7 @@ import numba
 import numpy as np
 
 import fecloth as fc
+from fecloth import study
 from fecloth.integrators.explicit import LastForce
 from fecloth.integrators.fused_steps import FusedSteps, copy
 from fecloth.linalg.block_matrix import BlockMatrix
@@ -211,7 +211,7 @@ def busy(triangles: int, steps: int) -> Iterator[tuple[str, float, float]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = study.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--busy", action="store_true")
     parser.add_argument("--only", default="", metavar="TEXT", help="rows with this in their name")
@@ -234,4 +234,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    study.run_main(main)

@@ -9,13 +9,13 @@ and a drum blown against a plate. Errors are relative. The full form writes cont
 
 from __future__ import annotations
 
-import argparse
 import inspect
 import math
 import warnings
 from pathlib import Path
 
 import fecloth as fc
+from fecloth import study
 from studies.contact import references
 
 HERE = Path(__file__).parent
@@ -74,7 +74,7 @@ def refined(title: str, unit: str, solve, sizes: tuple[float, ...], gaps: tuple)
 
 def main() -> None:
     """Print the tables, and write contact.md in the full form."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = study.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="coarse meshes, few rows")
     quick = parser.parse_args().quick
     warnings.simplefilter("ignore", fc.FeclothWarning)
@@ -94,4 +94,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    study.run_main(main)

@@ -9,7 +9,6 @@ form writes drop.md.
 
 from __future__ import annotations
 
-import argparse
 import inspect
 import time
 import warnings
@@ -19,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
+from fecloth import study
 
 SIZE, RADIUS, GAP = 0.4, 0.1, 1e-3
 
@@ -90,7 +90,7 @@ def row(method, result: Drop) -> str:
 
 def main() -> None:
     """Print the table, and write drop.md in the full form."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = study.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="a coarse mesh, for 0.3 s")
     quick = parser.parse_args().quick
     warnings.simplefilter("ignore", fc.FeclothWarning)
@@ -112,4 +112,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    study.run_main(main)

@@ -1,5 +1,6 @@
 """What the package's methods, linear solvers and terms offer is what the protocols say."""
 
+import numpy as np
 import pytest
 
 import fecloth as fc
@@ -7,6 +8,7 @@ from fecloth import terms
 from fecloth.integrators import EXPLICIT, METHODS, MethodTraits
 from fecloth.integrators.protocol import ExplicitIntegrator, Integrator, StepChoice
 from fecloth.linalg import select
+from fecloth.linalg.block_matrix import BlockPattern
 from fecloth.linalg.protocol import LinearSolver
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.stability_limited import StabilityLimited
@@ -64,8 +66,9 @@ def test_wrappers_hand_on_the_traits(method):
 
 
 def test_linear_solvers_are_linear_solvers():
+    pattern = BlockPattern.union(2, [np.array([[0, 1]], dtype=np.int32)])
     kinds = select.PCG, select.SuperLU, select.direct, select.Multigrid
-    solvers = [*(kind() for kind in kinds), select.choose(10.0, 100, True)[0]]
+    solvers = [*(kind() for kind in kinds), select.choose(pattern, True)[0]]
     for solver in solvers:
         assert not lacks(solver, LinearSolver)
     assert [solver.keeps_state for solver in solvers] == [False, False, False, True, True]

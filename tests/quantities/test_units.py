@@ -173,6 +173,10 @@ def test_a_formula_is_no_quantity(formula):
 # --- the keys of a scene --------------------------------------------------------------------------
 
 PLAIN = {  # numbers without a unit
+    "ObstacleTable.friction",
+    "MeshObstacleTable.friction",
+    "MeshObstacleTable.scale",
+    "SelfContactTable.friction",
     *("FabricTable.poisson_ratio", "FabricTable.bending_poisson_ratio"),
     *("WindTable.gusts", "GasTable.exponent", "GradingTable.power"),
     *("BaraffWitkinTable.rest", "BaraffWitkinTable.area_exponent"),

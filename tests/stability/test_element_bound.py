@@ -48,7 +48,7 @@ TERMS = {
     "Gravity": lambda c: fc.Gravity(),
     "PointForce": lambda c: fc.PointForce([0], (0, 0, 1)),
 }
-NO_BOUND = {"Gas"}  # at rest it has no volume
+NO_BOUND = {"Gas", "Obstacle", "MeshObstacle", "SelfContact"}  # at rest nothing acts
 
 
 def slivers():

@@ -24,14 +24,23 @@ from fecloth.terms.contact.triangle_contact import BoundTriangleContact
 class MeshObstacle:
     """The cloth and the triangles of a fixed mesh push each other apart, as `SelfContact` does.
 
+    The potential is Σ κ gap A b(d²) over pairs of a node and a triangle and over pairs of edges,
+    one of the cloth and one of the mesh, with
+
+        b(d²) = −(s² − 1)² ln s², s = d/gap < 1; 0 from s = 1 on; +∞ for s = 0
+
     The mesh may be open or closed, coarse or fine; it has two sides, so that the cloth must start
     on the right one. It does not move. A plane, a sphere and the other shapes of `fecloth.shapes`
     are much cheaper as an `Obstacle`, and exact.
 
-    Source, barrier and cost: as of `SelfContact`.
+    Source: Li et al. (2020), Incremental Potential Contact: Intersection- and Inversion-free,
+    Large-Deformation Dynamics, ACM Trans. Graph. 39(4), computed by the IPC Toolkit, the package
+    ``ipctk``.
 
     Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and, without friction,
     `equilibrium`.
+
+    Cost: that of `SelfContact`; a large mesh of few triangles costs more than many small ones.
 
     Parameters
     ----------

@@ -411,8 +411,6 @@ def test_missing_members_of_a_method_are_named(own, swinging):
     euler, theta = fc.BackwardEuler(), own.integrator.Theta
     offers = {"step": euler.step, "traits": euler.traits}
     bare = type("Bare", (), offers)()
-    with pytest.raises(fc.InputError, match="method Bare: must have weights"):
-        fc.run(system, bare, start, 1e-3, 2e-3)
     with pytest.raises(fc.InputError, match="run: method Bare: must have numerical"):
         fc.run(system, bare, start, 1e-3, 2e-3, solver="direct")
     assert len(list(fc.march(system, bare, start, 1e-3, 2e-3, solver="direct"))) == 2
