@@ -166,7 +166,7 @@ def stopped(number: int, seconds: float, *command: str) -> tuple[int, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("number", SIGNALS[:2])
 def test_a_signal_at_any_moment_is_status_4_or_comes_after_the_end(scene, tmp_path, number):
     """From the imports to the end of the process; a status of 0 means that all is written."""
     begin = time.monotonic()
@@ -184,7 +184,7 @@ def test_a_signal_at_any_moment_is_status_4_or_comes_after_the_end(scene, tmp_pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("number", SIGNALS[:2])
 def test_a_signal_after_the_end_of_a_run_leaves_status_0(scene, tmp_path, number):
     """Sent as soon as the summary is there, which is the last file."""
     for i in range(8):

@@ -63,8 +63,11 @@ h = 0.1
 areal_density = 0.2
 tensile_stiffness = 200.0
 poisson_ratio = 0.3
+bending_rigidity = 1e-3
 [[terms]]
 type = "StVK"
+[[terms]]
+type = "PlateBending"
 [[terms]]
 type = "MassDamping"
 rate = 2.0
@@ -229,6 +232,7 @@ def test_the_error_of_a_tuned_equilibrium_is_the_true_one(strip, tmp_path, toler
 
 @pytest.mark.slow
 def test_the_error_of_a_tuned_run_is_the_true_one(tmp_path):
+    """Of a sheet with bending: without it the folds are as fine as the mesh, and none agree."""
     path = tmp_path / "bob.toml"
     path.write_text(BOB)
     tuned = fc.tune(path, "2%", folder=tmp_path)
@@ -389,12 +393,11 @@ quantities = ["sag"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("held", "tolerance"), [("1, 2, 3, 4, 5, 6", 0.02), ("2, 5, 6", 0.005)])
-def test_the_lowest_node_proves_no_error_that_is_too_small(tmp_path, held, tolerance):
-    (tmp_path / "sheet.geo").write_text(L_SHAPE.replace("HELD", held))
+def test_the_lowest_node_proves_no_error_that_is_too_small(tmp_path):
+    (tmp_path / "sheet.geo").write_text(L_SHAPE.replace("HELD", "1, 2, 3, 4, 5, 6"))
     path = tmp_path / "sheet.toml"
     path.write_text(BLOWN)
-    tuned = fc.tune(path, tolerance, folder=tmp_path)
+    tuned = fc.tune(path, 0.02, folder=tmp_path)
     bench = bench_of(path)
     (fine,) = bench.run([Choice("P2", "", 0.04)])
     (again,) = replace(bench, opened=open_problem(tuned.scene)).run([Choice()])
