@@ -362,8 +362,11 @@ def test_the_barrier_has_these_derivatives(function):
 @pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 def test_the_scene_of_the_page_runs(tmp_path):
     page = Path(fc.__file__).parent / "terms" / "contact" / "README.md"
-    python, toml = re.findall(r"```\w+\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    found = re.findall(r"```\w+\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    python, toml, pieces = found
     exec(python, {})
+    pytest.importorskip("ipctk")
+    exec("import fecloth as fc\n" + pieces, {})
     (tmp_path / "drop.toml").write_text(toml.replace('"4 cm"', '"8 cm"').replace("0.2 s", "0.05 s"))
     scene = fc.load_scene(tmp_path / "drop.toml")
     assert isinstance(scene.build().system.terms[-1].shape, S.Sphere)
