@@ -71,9 +71,10 @@ class MeshObstacle:
     elements = ("P1", "P2")
 
     def __post_init__(self):
-        for name, value in (("gap", self.gap), ("scale", self.scale)):
+        for name, value, unit in (("gap", self.gap, " [m]"), ("scale", self.scale, "")):
             if not (is_number(value) and value > 0):
-                raise InputError(f"{name} = {value!r}", "must be finite and > 0", "MeshObstacle")
+                allowed = f"must be finite and > 0{unit}"
+                raise InputError(f"{name} = {value!r}", allowed, "MeshObstacle")
         if not (is_number(self.friction) and self.friction >= 0):
             what = f"friction = {self.friction!r}"
             raise InputError(what, "must be finite and >= 0", "MeshObstacle")
