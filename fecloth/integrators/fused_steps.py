@@ -24,9 +24,10 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.system.motion_rows import MotionRows
 from fecloth.system.state import State
 from fecloth.system.system import System
-from fecloth.team import ALONE, Team, meet, meet_again
+from fecloth.team import ALONE, Team
 from fecloth.terms.kinematics import fill_extreme_stretches
 from fecloth.terms.loops.array_updates import BY_ROWS
+from fecloth.thread_meeting import meet, meet_again
 
 STOP = 8  # place in the row of a thread, on another line of the cache than its round
 

@@ -15,7 +15,8 @@ from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.jit import Array, inner, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments, relative_residual
-from fecloth.team import ALONE, Team, meet
+from fecloth.team import ALONE, Team
+from fecloth.thread_meeting import meet
 
 BLOCK = 256  # nodes whose sums are added up first, for the same bits on any number of threads
 CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
