@@ -6,7 +6,7 @@
 On each of twelve scenes `tune` chooses a setting. The study runs it, compares it with a reference
 whose error is below a tenth of the tolerance, and with the cheapest setting of an exhaustive grid.
 Expected: the true error is at most 1.2 times the tolerance in 11 of 12 scenes; the run costs at
-most twice the best of the grid (with `--quick`, whose runs take some 30 ms, four times); the search,
+most twice the best of the grid (four times with `--quick`, whose runs take some 30 ms); the search,
 without its one verifying run, at most 3 times the tuned run or 60 s. Where finer meshes give other
 folds, `tune` must say that nothing is proved.
 
