@@ -29,11 +29,12 @@ def cases(only: list[str], drops: int, quick: bool) -> list[dict]:
     """The settings of all cases, small ones first."""
     every = []
     for name in NAMED:
-        size = (300, 0.2) if quick else (8000, 2.0) if name == "sphere" else (1000, 1.0)
+        size = (300, 0.08) if quick else (8000, 2.0) if name == "sphere" else (1000, 1.0)
         method = "BackwardEuler" if name in ("sphere", "layers", "ring") else "BDF2"
         every.append((name, 0, *size, method))
     for seed in range(drops):
-        every.append(("drop", seed, 100 if quick else 300, 0.5, METHODS[seed % 2]))
+        size = (100, 0.2) if quick else (300, 0.5)
+        every.append(("drop", seed, *size, METHODS[seed % 2]))
     if quick and not only:
         only = ["disk", "layers", "drop"]
     names = ("case", "seed", "triangles", "t_end", "method")
