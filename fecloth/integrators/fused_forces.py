@@ -12,8 +12,8 @@ from fecloth.integrators.fused_columns import Column, Moves, subtract_from
 from fecloth.integrators.fused_loops import STOP, copy
 from fecloth.jit import Array
 from fecloth.system.system import System
-from fecloth.team import meet_again
 from fecloth.terms.loops.array_updates import BY_ROWS
+from fecloth.thread_meeting import meet_again
 
 
 def force_calls(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from fecloth.compiled_calls import call
 from fecloth.jit import Array, rounded_kernel
-from fecloth.team import meet
+from fecloth.thread_meeting import meet
 
 STOP = 8  # place in the row of a thread, on another line of the cache than its round
 
