@@ -27,8 +27,8 @@ import numpy as np
 from fecloth.linalg.aggregation import Aggregates, orthonormalise
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.coarse_matrix import Transfer, add_prolonged, clear_uncoupled, restrict
+from fecloth.linalg.diagonal_blocks import invert_diagonal
 from fecloth.linalg.gauss_seidel import SweepOrder
-from fecloth.linalg.pcg import invert_diagonal
 from fecloth.linalg.protocol import block_rows, residual
 
 NONE = np.zeros((0, 3, 6))  # no prolongator

@@ -9,17 +9,17 @@ import numpy as np
 
 from fecloth.linalg.aggregation import rigid_motions
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.linalg.hierarchy import Grid, Level, cycle, make_grids, make_levels
-from fecloth.linalg.pcg import (
+from fecloth.linalg.conjugate_gradients import (
     CONVERGED,
     INDEFINITE,
     NOT_FINITE,
     OUT_OF_ITERATIONS,
-    PCG,
     advance,
     multiply,
     turn,
 )
+from fecloth.linalg.hierarchy import Grid, Level, cycle, make_grids, make_levels
+from fecloth.linalg.pcg import PCG
 from fecloth.linalg.protocol import SolveInfo, block_rows
 from fecloth.linalg.reductions import dot, squared_norm
 
