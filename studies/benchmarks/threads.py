@@ -30,7 +30,8 @@ import numpy as np
 import fecloth as fc
 from fecloth import study
 from fecloth.integrators.explicit import LastForce
-from fecloth.integrators.fused_steps import FusedSteps, copy
+from fecloth.integrators.fused_loops import copy
+from fecloth.integrators.fused_steps import FusedSteps
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.multigrid import Multigrid
 from fecloth.linalg.pcg import PCG
