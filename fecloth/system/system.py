@@ -302,7 +302,7 @@ class System:
         return J
 
     def linear_solver(self, choice: str, symmetric: bool) -> tuple[LinearSolver, BlockMatrix, str]:
-        """A solver, "auto" or of `select.NAMES`, the matrix that it is for, and why it was chosen."""
+        """A solver, "auto" or one of `select.NAMES`; its matrix; and why it was chosen."""
         solver: LinearSolver
         if choice == "auto":
             solver, why = select.choose(self.pattern, symmetric)
