@@ -69,6 +69,7 @@ def test_quick(study, says, out):
         "stability",
         "newton_catalogue",
         "trust",
+        "contact.catalogue",
     ],
 )
 def test_quick_report(study, out):
