@@ -31,6 +31,8 @@ from fecloth.thread_meeting import GIVE_UP
 from fecloth.thread_workers import end_all, workers_of
 
 Result = TypeVar("Result")
+Call = tuple[Callable[..., Any], tuple[Any, ...]]
+"""A kernel and its arguments."""
 
 SMALL = 1000  # elements or nodes below which one thread does a loop
 MOST = 256  # threads
@@ -124,6 +126,39 @@ class Team:
         if self.threads != "auto" or self.count == 1:
             return most
         return min(most, self.choices.setdefault(name, ThreadChoice()).portion)
+
+    def each(
+        self, size: int, call: Callable[[slice], Call], name: object = None, unit: int = 1
+    ) -> None:
+        """Make call(part), which writes only what belongs to its elements.
+
+        Parameters
+        ----------
+        size
+            Number of elements.
+        call
+            Gives the kernel and the arguments for a range of them.
+        name
+            Of the loop, as for `do`.
+        unit
+            Elements that must stay together.
+        """
+        function, arguments = call(slice(0, size))
+        if not self.shares(size):
+            function(*arguments)
+            return
+
+        def part(p: int) -> None:
+            one, its_arguments = call(self.share_of(p, size, unit))
+            one(*its_arguments)
+
+        self.do((function, name), lambda: function(*arguments), lambda: self.run(part))
+
+    def share_of(self, p: int, size: int, unit: int = 1) -> slice:
+        """Return the range of a number of elements that belongs to thread p."""
+        units = -(-size // unit)
+        begin, end = (units * q // self.count * unit for q in (p, p + 1))
+        return slice(begin, min(end, size))
 
     def run(self, part: Callable[[int], Result], meeting: Array | None = None) -> Result:
         """Call part(p) for each thread p at once; return part(0), which the caller's thread does.

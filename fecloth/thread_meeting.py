@@ -8,8 +8,9 @@ a microsecond, so that on a busy machine it does not keep the core from the thre
 from __future__ import annotations
 
 import sys
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
@@ -62,6 +63,51 @@ def meet(meeting: Array, threads: int, round_: int) -> int:
             if looks % SPIN == 0:
                 _give_core()
     return round_ + 1
+
+
+class Member(NamedTuple):
+    """One of the threads that share a loop, for kernels.
+
+    Attributes
+    ----------
+    thread, threads
+        Number of this thread, from 0 on, and of all.
+    meeting, round_
+        (1,) int64 for `meet`: the counter of all threads, and the round of this one.
+    """
+
+    thread: int
+    threads: int
+    meeting: np.ndarray
+    round_: np.ndarray
+
+
+def members(threads: int) -> list[Member]:
+    """Return the threads of a loop, before they meet for the first time."""
+    meeting = np.zeros(1, np.int64)
+    return [Member(p, threads, meeting, np.ones(1, np.int64)) for p in range(threads)]
+
+
+ONLY = members(1)[0]  # a thread that shares its loop with none
+
+
+@inner
+def wait(member: Member) -> None:
+    """Wait until all threads have come here."""
+    member.round_[0] = meet(member.meeting, member.threads, member.round_[0])
+
+
+@kernel
+def wait_for_all(member: Member) -> None:
+    """As `wait`, for Python."""
+    wait(member)
+
+
+@inner
+def part_of(member: Member, begin: int, end: int) -> tuple[int, int]:
+    """Return the begin and the end of a thread's part of the numbers begin … end − 1."""
+    size, p, threads = end - begin, member.thread, member.threads
+    return begin + size * p // threads, begin + size * (p + 1) // threads
 
 
 @kernel

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from fecloth.jit import Array, inner, kernel
-from fecloth.thread_meeting import meet
+from fecloth.linalg.reductions import BLOCK, nodes_of, total
+from fecloth.thread_meeting import Member, part_of, wait
 
-BLOCK = 256  # nodes whose sums are added up first, for the same bits on any number of threads
 CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
 
 
@@ -32,9 +32,7 @@ def conjugate_gradients(
     carry: Array,
     threshold: float,
     limit: int,
-    meeting: Array,
-    thread: int,
-    threads: int,
+    member: Member,
 ) -> tuple[int, int]:
     """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations.
 
@@ -57,87 +55,126 @@ def conjugate_gradients(
     -------
     The number of iterations and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
     """
-    blocks = sums.shape[1]
-    begin, end, round_ = blocks * thread // threads, blocks * (thread + 1) // threads, 1
+    begin, end = part_of(member, 0, sums.shape[1])
     rz, rr, beta = carry[0], carry[1], carry[2]
     if rz < 0.0:
         beta = 0.0
         for block in range(begin, end):
-            first, last = _nodes(block, len(x))
+            first, last = nodes_of(block, len(x))
             sums[1, block], sums[2, block] = _advance(first, last, 0.0, p, q, inverse, x, r, z)
-        round_ = meet(meeting, threads, round_)
-        rz, rr = _total(sums[1]), _total(sums[2])
+        wait(member)
+        rz, rr = total(sums[1]), total(sums[2])
     status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
     j = 0
     while j < limit and status == OUT_OF_ITERATIONS:
-        _turn(begin * BLOCK, min(end * BLOCK, len(p)), z, beta, p)
-        round_ = meet(meeting, threads, round_)
-        for block in range(begin, end):
-            first, last = _nodes(block, len(x))
-            sums[0, block] = _multiply(first, last, indptr, indices, values, p, q)
-        round_ = meet(meeting, threads, round_)
-        pq = _total(sums[0])
-        if not np.isfinite(pq) or not np.isfinite(rz):
-            status = NOT_FINITE
-        elif pq <= 0.0 or rz <= 0.0:
-            status = INDEFINITE
-        else:
+        pq = _search(begin, end, indptr, indices, values, z, beta, p, q, sums, member)
+        status = _check(pq, rz)
+        if status == OUT_OF_ITERATIONS:
             old, alpha = rz, rz / pq
             for block in range(begin, end):
-                first, last = _nodes(block, len(x))
+                first, last = nodes_of(block, len(x))
                 sums[1, block], sums[2, block] = _advance(
                     first, last, alpha, p, q, inverse, x, r, z
                 )
-            round_ = meet(meeting, threads, round_)
-            rz, rr = _total(sums[1]), _total(sums[2])
+            wait(member)
+            rz, rr = total(sums[1]), total(sums[2])
             beta = rz / old
             j += 1
             status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
-    meet(meeting, threads, round_)  # all have read `carry`
-    if thread == 0:
+    wait(member)  # all have read `carry`
+    if member.thread == 0:
         carry[0], carry[1], carry[2] = rz, rr, beta
     return j, status
 
 
+@kernel
+def step(
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    x: Array,
+    r: Array,
+    z: Array,
+    p: Array,
+    q: Array,
+    sums: Array,
+    old: float,
+    threshold: float,
+    member: Member,
+) -> tuple[float, int]:
+    """One iteration for z = M⁻¹ r with any M, on all threads.
+
+    Parameters are those of `conjugate_gradients`; `old` is rᵀ z of the iteration before, or −1.
+
+    Returns
+    -------
+    rᵀ z and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
+    """
+    begin, end = part_of(member, 0, sums.shape[1])
+    for block in range(begin, end):
+        first, last = nodes_of(block, len(x))
+        sums[1, block] = _dot(first, last, r, z)
+    wait(member)
+    rz = total(sums[1])
+    pq = _search(
+        begin, end, indptr, indices, values, z, rz / old if old > 0.0 else 0.0, p, q, sums, member
+    )
+    status = _check(pq, rz)
+    if status == OUT_OF_ITERATIONS:
+        for block in range(begin, end):
+            first, last = nodes_of(block, len(x))
+            sums[2, block] = _move(first, last, rz / pq, p, q, x, r)
+        wait(member)
+        if total(sums[2]) <= threshold:
+            status = CONVERGED
+    return rz, status
+
+
 @inner
-def _total(sums: Array) -> float:
-    """Sum in order."""
-    total = 0.0
-    for block in range(len(sums)):
-        total += sums[block]
-    return total
-
-
-@kernel
-def turn(z: Array, beta: float, p: Array) -> None:
-    """p = z + β p; with β = 0 the old p is not used, because it may be not finite."""
-    _turn(0, len(p), z, beta, p)
-
-
-@kernel
-def multiply(indptr: Array, indices: Array, values: Array, p: Array, q: Array) -> float:
-    """q = A p; returns pᵀ q."""
-    return _multiply(0, len(p), indptr, indices, values, p, q)
-
-
-@kernel
-def advance(alpha: float, p: Array, q: Array, x: Array, r: Array) -> float:
-    """x += α p, r −= α q; returns rᵀ r."""
-    rr = 0.0
-    for i in range(len(x)):
-        rr += _advance_node(i, alpha, p, q, x, r)
-    return rr
+def _search(
+    begin: int,
+    end: int,
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    z: Array,
+    beta: float,
+    p: Array,
+    q: Array,
+    sums: Array,
+    member: Member,
+) -> float:
+    """p = z + β p and q = A p in blocks begin … end − 1; returns pᵀ q of all threads."""
+    _turn(begin * BLOCK, min(end * BLOCK, len(p)), z, beta, p)
+    wait(member)
+    for block in range(begin, end):
+        first, last = nodes_of(block, len(p))
+        sums[0, block] = _multiply(first, last, indptr, indices, values, p, q)
+    wait(member)
+    return total(sums[0])
 
 
 @inner
-def _nodes(block: int, n: int) -> tuple[int, int]:
-    """The first node of a block, and the end."""
-    return block * BLOCK, min(block * BLOCK + BLOCK, n)
+def _check(pq: float, rz: float) -> int:
+    """The status before a step."""
+    if not np.isfinite(pq) or not np.isfinite(rz):
+        return NOT_FINITE
+    return INDEFINITE if pq <= 0.0 or rz <= 0.0 else OUT_OF_ITERATIONS
+
+
+@inner
+def _dot(begin: int, end: int, a: Array, b: Array) -> float:
+    """Σ a_i · b_i of nodes begin … end − 1."""
+    ab = 0.0
+    for node in range(begin, end):
+        i = np.uintp(node)
+        ab += a[i, 0] * b[i, 0] + a[i, 1] * b[i, 1] + a[i, 2] * b[i, 2]
+    return ab
 
 
 @inner
 def _turn(begin: int, end: int, z: Array, beta: float, p: Array) -> None:
-    """`turn` of nodes begin … end − 1."""
+    """p = z + β p of nodes begin … end − 1; with β = 0 the old p may be not finite."""
     for node in range(begin, end):
         i = np.uintp(node)  # not negative: the compiler need not look
         for c in range(3):
@@ -148,7 +185,7 @@ def _turn(begin: int, end: int, z: Array, beta: float, p: Array) -> None:
 def _multiply(
     begin: int, end: int, indptr: Array, indices: Array, values: Array, p: Array, q: Array
 ) -> float:
-    """`multiply` of rows begin … end − 1."""
+    """q = A p of rows begin … end − 1; returns their part of pᵀ q."""
     pq = 0.0
     for node in range(begin, end):
         i = np.uintp(node)
@@ -162,6 +199,15 @@ def _multiply(
         q[i, 0], q[i, 1], q[i, 2] = q1, q2, q3
         pq += p[i, 0] * q1 + p[i, 1] * q2 + p[i, 2] * q3
     return pq
+
+
+@inner
+def _move(begin: int, end: int, alpha: float, p: Array, q: Array, x: Array, r: Array) -> float:
+    """x += α p, r −= α q of nodes begin … end − 1; returns rᵀ r."""
+    rr = 0.0
+    for node in range(begin, end):
+        rr += _advance_node(np.uintp(node), alpha, p, q, x, r)
+    return rr
 
 
 @inner
@@ -193,7 +239,7 @@ def _advance(
 
 @inner
 def _advance_node(i: Any, alpha: float, p: Array, q: Array, x: Array, r: Array) -> float:
-    """Node i of `advance`; with α = 0 the old p and q are not used, as they may be not finite."""
+    """Node i of `_move`; with α = 0 the old p and q are not used, as they may be not finite."""
     if alpha != 0.0:
         for c in range(3):
             x[i, c] += alpha * p[i, c]

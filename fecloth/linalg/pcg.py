@@ -9,7 +9,6 @@ import numpy as np
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.conjugate_gradients import (
-    BLOCK,
     INDEFINITE,
     NOT_FINITE,
     OUT_OF_ITERATIONS,
@@ -17,7 +16,9 @@ from fecloth.linalg.conjugate_gradients import (
 )
 from fecloth.linalg.diagonal_blocks import invert_diagonal
 from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments, relative_residual
+from fecloth.linalg.reductions import BLOCK
 from fecloth.team import ALONE, Team
+from fecloth.thread_meeting import ONLY, Member, members
 
 
 class PCG:
@@ -86,7 +87,7 @@ class PCG:
         self._carry[0] = -1.0
         done, status = 0, OUT_OF_ITERATIONS
         while status == OUT_OF_ITERATIONS and done < limit:
-            most = team.portion("pcg", limit - done)
+            most = team.portion(self.name, limit - done)
             count, status = self._share(team, A, x, threshold, most)
             done += count
         return done, status
@@ -94,14 +95,21 @@ class PCG:
     def _share(
         self, team: Team, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int
     ) -> tuple[int, int]:
+        def loop(member: Member) -> tuple[int, int]:
+            return self._loop(A, x, threshold, limit, member)
+
+        def together() -> tuple[int, int]:
+            all_ = members(team.count)
+            return team.run(lambda p: loop(all_[p]), all_[0].meeting)
+
+        return team.do(self.name, lambda: loop(ONLY), together, limit, lambda result: result[0])
+
+    def _loop(
+        self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int, member: Member
+    ) -> tuple[int, int]:
+        """What a thread does: the number of iterations and the status."""
         data = *block_rows(A), self._inverse, x, *self._work, self._sums, self._carry
-        meeting = np.zeros(1, np.int64)
-
-        def part(thread: int, threads: int = team.count) -> tuple[int, int]:
-            return conjugate_gradients(*data, threshold, limit, meeting, thread, threads)
-
-        both = lambda: part(0, 1), lambda: team.run(part, meeting)
-        return team.do("pcg", *both, limit, lambda result: result[0])
+        return conjugate_gradients(*data, threshold, limit, member)
 
     def _check(
         self, status: int, iterations: int, before: float, reached: float, rtol: float

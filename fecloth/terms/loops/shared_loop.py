@@ -134,11 +134,9 @@ class SharedLoop:
 
     def shared_each(self, call: Callable[[slice], Call]) -> SharedCall:
         """What `each` calls, for `fused_steps`."""
-        return SharedCall(*call(self.whole), lambda p: [call(self._share_of(p))])
-
-    def _share_of(self, p: int) -> slice:
-        m, count = len(self.nodes), self.team.count
-        return slice(p * m // count, (p + 1) * m // count)
+        return SharedCall(
+            *call(self.whole), lambda p: [call(self.team.share_of(p, len(self.nodes)))]
+        )
 
     def _blocks(self, piece: Piece, indptr: np.ndarray) -> np.ndarray:
         """The blocks in the rows of a piece's nodes, kept for one pattern."""
@@ -152,17 +150,7 @@ class SharedLoop:
 
     def each(self, call: Callable[[slice], Call]) -> None:
         """Make call(part), which writes only what belongs to its elements."""
-        function, arguments = call(self.whole)
-        if not self.team.shares(len(self.nodes)):
-            function(*arguments)
-            return
-
-        def part(p: int) -> None:
-            one, its_arguments = call(self._share_of(p))
-            one(*its_arguments)
-
-        name = function, id(self)
-        self.team.do(name, lambda: function(*arguments), lambda: self.team.run(part))
+        self.team.each(len(self.nodes), call, id(self))
 
     def total(self, call: Callable[[slice], Call]) -> float:
         """Σ over the elements of what call(part) returns, in fixed blocks."""
