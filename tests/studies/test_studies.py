@@ -70,6 +70,7 @@ def test_quick(study, says, out):
         "newton_catalogue",
         "trust",
         "contact.catalogue",
+        "drape.support",
     ],
 )
 def test_quick_report(study, out):
