@@ -21,7 +21,7 @@ STALLED = 0.25  # of the residual left after an iteration: it may have met round
 STANDING = 1e-7  # extents of the cloth is the longest way that a node moved in it
 TINY = 1e-6  # extents: on shorter steps round-off hides the change of the potential
 NO_FORCE = 1e-6  # of the forces: where more of them is round-off, it moves no node of its own
-LONGER = 2.0  # times the last way: the longest that a solve which was cut short may move a node
+LONGER = 2.0  # times the last way: the longest of a solve cut short, after a step of full length
 ROUGH = 0.1  # relative residual of solves with a matrix that is not the exact one, with contact
 CLAMPED = 4  # iterations of a step that try clamped tangents before they add mass
 ROUND_OFF = 8.0  # times the change of the residual when the last digits of all numbers change
@@ -107,7 +107,7 @@ class _Work:
         self.left = left or ErrorLeft()
         self.clamped = 0  # iterations with the remedy `Equation.clamped`
         self.moves = False  # whether the last iteration moved the cloth
-        self.way = 0.0  # the longest that a node moved in the last iteration [m]
+        self.longest = 0.0  # the longest way [m] of a node in the next step that was cut short
         self.cut_short = False  # whether conjugate gradients stopped before the last direction
 
     def at(self, y: np.ndarray, scale: float) -> Point:
@@ -126,13 +126,15 @@ class _Work:
         if self.equation.takes_short_solves:
             held_back = held_back or last  # clamped tangents too, of which there may be many
         whole = length == 1.0 and not held_back
+        way = self.equation.wx * float(abs(point.y - before.y).max())
+        self.longest = way * (LONGER if length >= 1.0 else 1.0)
         self.left.correct(self.system, point.y - before.y, whole)
         self.clamped += last == self.equation.clamped
 
     def stands(self, before: Point, point: Point) -> bool:
         """Whether an iteration hardly moved the cloth, and hardly changed the residual."""
-        self.way = self.equation.wx * float(abs(point.y - before.y).max())
-        self.moves = self.way > STANDING * self.extent
+        way = self.equation.wx * float(abs(point.y - before.y).max())
+        self.moves = way > STANDING * self.extent
         stalled = max(STALLED * before.norm, self.goal(point)) < point.norm
         return stalled and not self.moves
 
@@ -261,9 +263,9 @@ class _Work:
         return step
 
     def shorten(self, step: np.ndarray) -> np.ndarray:
-        """The step, or the part of it that moves nodes at most LONGER times as far as the last."""
+        """The step, or the part of it that moves no node farther than `longest`."""
         way = self.equation.wx * float(abs(step).max())
-        return step * min(1.0, LONGER * self.way / way) if self.way and way else step
+        return step * min(1.0, self.longest / way) if self.longest and way else step
 
     def solve_linear(self, point: Point, least: float = 0.0, new: bool = False) -> np.ndarray:
         """−J⁻¹ R for the prepared J, to the option `forcing` or to `least`, if that is more."""

@@ -12,7 +12,7 @@ import scipy.sparse as sparse
 from fecloth.errors import InputError
 
 RESERVE = 0.9  # of the way that is free, where it is not all of it
-AROUND = 0.5  # gaps that a node may move while the pairs found before are all that can touch
+AROUND = 1.0  # gaps that a node may move while the pairs found before are all that can touch
 CROWDED = 8  # of these pairs for each node: from here on to keep them costs more
 
 
@@ -31,8 +31,8 @@ def load(where: str) -> Any:
 class ContactSets:
     """The pairs in contact of a cloth with itself, or with a fixed mesh, at positions x (n, 3).
 
-    Those at the positions asked for last are kept. So are all pairs that are nearer than two gaps,
-    if they are few: while no node has moved by half a gap since then, no others can touch.
+    Those at the positions asked for last are kept. So are all pairs that are nearer than three
+    gaps, if they are few: while no node has moved by a gap since then, no others can touch.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class ContactSets:
         return self._last[1]
 
     def near(self, x: np.ndarray) -> Any | None:
-        """The pairs that can touch at x, or half a gap around it; None if they are many."""
+        """The pairs that can touch at x, or a gap around it; None if they are many."""
         if not self._crowded and not self._covers(x):
             found, reach = self.toolkit.Candidates(), 0.5 * (self.gap + self.thickness)
             found.build(self.mesh, self.nodes(x), reach + AROUND * self.gap)  # each box grows by it
@@ -107,7 +107,7 @@ class ContactSets:
         return None if self._crowded or self._near is None else self._near[1]
 
     def _covers(self, x: np.ndarray) -> bool:
-        """Whether `near` was found at places less than half a gap from x."""
+        """Whether `near` was found at places less than a gap from x."""
         if self._crowded or self._near is None:
             return False
         return self._longest(x - self._near[0]) < AROUND * self.gap

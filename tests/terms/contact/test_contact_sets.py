@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.mesh.surface import Surface
 
 pytest.importorskip("ipctk")
 GAP = 2e-3
@@ -29,11 +28,11 @@ def bound(cloth, **options):
 
 @pytest.mark.parametrize("thickness", [0.0, 5e-4])
 def test_kept_pairs_give_the_forces_of_pairs_found_anew(thickness, rng):
-    """Positions up to half a gap away, and a common motion of all nodes over a metre."""
-    cloth, x, over = layers(1.4 * GAP + thickness)
+    """Positions up to a gap away, and a common motion of all nodes over a metre."""
+    cloth, x, over = layers(2.0 * GAP + thickness)
     sets = bound(cloth, thickness=thickness, stiffness=300.0).sets
     kept, counts = sets.near(x), []
-    for part in np.linspace(0, 0.49, 8):
+    for part in np.linspace(0, 0.9, 8):
         way = rng.uniform(-0.05, 0.05, x.shape)
         way[:, 2] -= np.where(over, part, -part)
         y = x + GAP * way + part
@@ -84,8 +83,8 @@ def test_a_march_goes_on_bit_for_bit(method):
     start = system.state(x, np.where(over, -1.0, 0.0)[:, None] * [0.3, 0, 1.0])
     options = {"dt": 1e-3, "t_end": 0.01, "solver": "pcg"}
     steps = [*fc.march(system, method, start, **options)]
+    assert min(system.bound[-1].sets.least_distance(at.x) for at, _ in steps[:3]) < GAP
     middle, info = steps[2]
-    assert system.bound[-1].sets.least_distance(middle.x) < GAP
     again = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), contact])
     *_, (end, _) = fc.march(again, method, middle, memory=info.memory, **options)
     np.testing.assert_array_equal(end.x, steps[-1][0].x)
