@@ -26,9 +26,7 @@ from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 
 from fecloth.jit import kernel
-
-Call = tuple[Callable[..., Any], tuple[Any, ...]]
-"""A kernel and its arguments: arrays, numbers and tuples of numbers."""
+from fecloth.team import Call
 
 
 class SharedCall(NamedTuple):

@@ -9,39 +9,33 @@ that the node gets, in the order in which one thread would (`SharedLoop`). Sums 
 they are made of blocks of a fixed size, and the sums of the blocks are added in order.
 
 Loops that iterate, as conjugate gradients and explicit steps do, keep their threads from begin to
-end. The threads wait for each other by `meet`: a thread that waits gives its core to others after
-a microsecond, so that on a busy machine it does not keep the core from the thread it waits for.
+end, and these wait for each other: see `thread_meeting`.
 """
 
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache, partial
-from queue import SimpleQueue
-from threading import Lock, Thread
+from functools import partial
 from typing import Any, TypeVar
 
 import numba
 import numpy as np
-from llvmlite import ir
-from numba.core import types
-from numba.extending import intrinsic
 
 from fecloth.errors import InputError, brief
-from fecloth.jit import Array, inner, kernel
+from fecloth.jit import Array
 from fecloth.thread_choice import ThreadChoice
+from fecloth.thread_meeting import GIVE_UP
+from fecloth.thread_workers import end_all, workers_of
 
 Result = TypeVar("Result")
+Call = tuple[Callable[..., Any], tuple[Any, ...]]
+"""A kernel and its arguments."""
 
 SMALL = 1000  # elements or nodes below which one thread does a loop
 MOST = 256  # threads
-SPIN = 256  # looks at the counter before a waiting thread gives its core to others
-ATTENTIVE = 300  # times that, before a thread without work sleeps
-GIVE_UP = 2**62  # the counter when a thread has failed: nobody waits any longer
 
 
 def number_of_threads(threads: Any, where: str = "System") -> int:
@@ -133,6 +127,39 @@ class Team:
             return most
         return min(most, self.choices.setdefault(name, ThreadChoice()).portion)
 
+    def each(
+        self, size: int, call: Callable[[slice], Call], name: object = None, unit: int = 1
+    ) -> None:
+        """Make call(part), which writes only what belongs to its elements.
+
+        Parameters
+        ----------
+        size
+            Number of elements.
+        call
+            Gives the kernel and the arguments for a range of them.
+        name
+            Of the loop, as for `do`.
+        unit
+            Elements that must stay together.
+        """
+        function, arguments = call(slice(0, size))
+        if not self.shares(size):
+            function(*arguments)
+            return
+
+        def part(p: int) -> None:
+            one, its_arguments = call(self.share_of(p, size, unit))
+            one(*its_arguments)
+
+        self.do((function, name), lambda: function(*arguments), lambda: self.run(part))
+
+    def share_of(self, p: int, size: int, unit: int = 1) -> slice:
+        """Return the range of a number of elements that belongs to thread p."""
+        units = -(-size // unit)
+        begin, end = (units * q // self.count * unit for q in (p, p + 1))
+        return slice(begin, min(end, size))
+
     def run(self, part: Callable[[int], Result], meeting: Array | None = None) -> Result:
         """Call part(p) for each thread p at once; return part(0), which the caller's thread does.
 
@@ -151,14 +178,14 @@ class Team:
                     meeting[0] = GIVE_UP
                 raise
 
-        workers, lock = _workers(self.count - 1, os.getpid())
+        workers, lock = workers_of(os.getpid(), self.count - 1)
         with lock:
             for p, worker in enumerate(workers, 1):
                 worker.begin(partial(guarded, p))
             try:
                 result = guarded(0)
             finally:
-                errors = _end(workers)
+                errors = end_all(workers)
         for error in filter(None, errors):
             raise error
         return result
@@ -187,121 +214,3 @@ class Team:
 
 
 ALONE = Team(1)
-
-
-# --- threads that wait for each other, for kernels only -------------------------------------------
-
-
-def _add_one(typing: Any, counter: Any) -> Any:
-    """Add 1 to counter[0] in one operation."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        return builder.atomic_rmw("add", array.data, ir.Constant(ir.IntType(64), 1), "seq_cst")
-
-    return types.int64(counter), generate
-
-
-def _look_at(typing: Any, counter: Any) -> Any:
-    """Read counter[0] as other threads have written it."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        return builder.load_atomic(array.data, "acquire", 8)
-
-    return types.int64(counter), generate
-
-
-_arrive: Any = intrinsic(_add_one)
-_look: Any = intrinsic(_look_at)
-_yield_name = "SwitchToThread" if sys.platform == "win32" else "sched_yield"
-_give_core: Any = types.ExternalFunction(_yield_name, types.int32())
-
-
-@inner
-def meet(meeting: Array, threads: int, round_: int) -> int:
-    """Wait until all threads have come to this round, from 1 on; return the next round.
-
-    `meeting` is an array of one int64, zero before the first round. What a thread wrote before is
-    seen by the others afterwards.
-    """
-    if threads > 1:
-        _arrive(meeting)
-        looks = 0
-        while _look(meeting) < threads * round_:
-            looks += 1
-            if looks % SPIN == 0:
-                _give_core()
-    return round_ + 1
-
-
-@kernel
-def meet_again(meeting: Array, threads: int, round_: Array) -> None:
-    """As `meet`, for an array with the round of this thread."""
-    round_[0] = meet(meeting, threads, round_[0])
-
-
-@kernel
-def _attend(counter: Array, known: int) -> None:
-    """Return when the counter is no longer the known number, or after 0.1 ms."""
-    for look in range(ATTENTIVE * SPIN):
-        if _look(counter) != known:
-            return
-        if look % SPIN == SPIN - 1:
-            _give_core()
-
-
-# --- the threads besides the caller's -------------------------------------------------------------
-
-
-class _Worker:
-    """A thread that makes one call after another.
-
-    It takes 60 µs to wake a thread that sleeps, as long as the forces of 3000 triangles. So it, and
-    who waits for it, look at a counter for 0.1 ms before they sleep.
-    """
-
-    def __init__(self) -> None:
-        self._tasks: SimpleQueue = SimpleQueue()
-        self._errors: SimpleQueue = SimpleQueue()
-        self._begun, self._ended = np.zeros((2, 1), np.int64)
-        Thread(target=self._serve, name="fecloth", daemon=True).start()
-
-    def begin(self, task: Callable[[], object]) -> None:
-        """Let the thread make a call."""
-        self._tasks.put(task)
-        self._begun[0] += 1
-
-    def end(self) -> BaseException | None:
-        """Wait for the end of the call; return its error, if any."""
-        _attend(self._ended, self._begun[0] - 1)
-        error: BaseException | None = self._errors.get()
-        return error
-
-    def _serve(self) -> None:
-        calls = 0
-        while True:
-            error: BaseException | None = None
-            try:
-                self._tasks.get()()
-            except BaseException as raised:  # for the caller
-                error = raised
-            calls += 1
-            self._errors.put(error)
-            self._ended[0] = calls
-            _attend(self._begun, calls)
-
-
-def _end(workers: list[_Worker]) -> list[BaseException | None]:
-    """Wait for all workers; if that is interrupted, the next call gets others."""
-    try:
-        return [worker.end() for worker in workers]
-    except BaseException:
-        _workers.cache_clear()
-        raise
-
-
-@cache
-def _workers(count: int, process: int) -> tuple[list[_Worker], Lock]:
-    """The threads of this process besides the caller's, and who may use them."""
-    return [_Worker() for _ in range(count)], Lock()

@@ -11,12 +11,13 @@ import pytest
 import fecloth
 
 PACKAGE = Path(fecloth.__file__).parent
-PACKAGES = """errors validation suggest jit thread_choice team compiled_calls quantities linalg mesh
-fabric terms system nonlinear integrators stability output view simulation homogenisation verify
-scene runs study cli"""
+PACKAGES = """errors validation suggest jit thread_choice thread_meeting thread_workers team
+compiled_calls quantities linalg mesh fabric terms system nonlinear integrators stability output
+view simulation homogenisation verify scene runs distributed study cli"""
 ORDER = PACKAGES.split()
 ROOT_FILES = {"__init__", "__main__", "errors", "validation", "suggest", "jit", "compiled_calls"}
-ROOT_FILES |= {"homogenisation", "verify", "team", "thread_choice"}
+ROOT_FILES |= {"homogenisation", "verify"}
+ROOT_FILES |= {"team", "thread_choice", "thread_meeting", "thread_workers"}
 
 
 def imports_of(source: Path) -> set[str]:

@@ -67,12 +67,6 @@ class BDF2(WithMemory):
         e, h = _coefficients(dt, last)
         return StepDifference(x, dt, h, ((1 + e, x), (-e, x - last.dx)), t=state.t)
 
-    def weights(self, dt: float) -> tuple[float, float, float]:
-        """(wx, wv, wa) of J = wa M + wv D + wx K, after a step of the same size."""
-        nothing = np.zeros((0, 3))
-        stage = self.stage(State(0.0, nothing, nothing), dt, Change(dt, nothing, nothing))
-        return stage.wx, stage.wv, stage.wa
-
     def step(
         self,
         system: System,

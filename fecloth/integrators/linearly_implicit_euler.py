@@ -31,10 +31,6 @@ class LinearlyImplicitEuler:
 
     traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2, drift=(1, 1 / 2))
 
-    def weights(self, dt: float) -> tuple[float, float, float]:
-        """(wx, wv, wa), scaled as backward Euler's."""
-        return dt, 1.0, 1.0 / dt
-
     def step(
         self,
         system: System,

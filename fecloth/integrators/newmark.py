@@ -50,12 +50,6 @@ class AccelerationMethod(WithMemory):
         weights = (1 - alpha_f) * beta * dt**2, (1 - alpha_f) * gamma * dt, 1 - alpha_m
         return Stage(at.t, at.x, at.v, alpha_m * a, *weights, x, beta * dt**2)
 
-    def weights(self, dt: float) -> tuple[float, float, float]:
-        """(wx, wv, wa) of J = wa M + wv D + wx K."""
-        nothing = np.zeros((0, 3))
-        stage = self.stage(State(0.0, nothing, nothing), dt, nothing)
-        return stage.wx, stage.wv, stage.wa
-
     def step(
         self,
         system: System,

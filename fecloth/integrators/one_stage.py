@@ -35,12 +35,6 @@ class StageMethod:
         """The stage of a step from `state` over `dt` [s], and the end of the step, linear in q."""
         raise NotImplementedError
 
-    def weights(self, dt: float) -> tuple[float, float, float]:
-        """(wx, wv, wa) of J = wa M + wv D + wx K."""
-        nothing = np.zeros((0, 3))
-        stage = self.stage(State(0.0, nothing, nothing), dt)
-        return stage.wx, stage.wv, stage.wa
-
     def over_step(self, system: System, state: State, dt: float) -> System:
         """The system with the forces over a step from `state`: by default that of the stage."""
         return system

@@ -109,7 +109,7 @@ def drift_of(traits: MethodTraits) -> tuple[int, float] | None:
     return None if traits.error_constant is None else (traits.order, traits.error_constant)
 
 
-class Stepping(Protocol):
+class Integrator(Protocol):
     """What every method offers: traits, a step, and an account of its energy."""
 
     @property
@@ -163,19 +163,8 @@ class Stepping(Protocol):
         ...
 
 
-class Integrator(Stepping, Protocol):
-    """An implicit method: `Stepping`, and the weights of its system matrix."""
-
-    def weights(self, dt: float) -> tuple[float, float, float]:
-        """(wx, wv, wa) of the system matrix J = wa M + wv D + wx K of a step of `dt` [s].
-
-        K = −∂f/∂x and D = −∂f/∂v. The choice of the linear solver depends on their ratios.
-        """
-        ...
-
-
-class ExplicitIntegrator(Stepping, Protocol):
-    """A method that needs forces only: `Stepping`, and a check of the mass."""
+class ExplicitIntegrator(Integrator, Protocol):
+    """A method that needs forces only: `Integrator`, and a check of the mass."""
 
     def check(self, system: System) -> None:
         """Raise `InputError` for a system that the method cannot step, as one without lumped mass.
@@ -194,7 +183,7 @@ class ChoosesMethod(Protocol):
         ...
 
 
-class StepChoice(Stepping, Protocol):
+class StepChoice(Integrator, Protocol):
     """A method together with the choice of its steps: `traits.chooses_dt` is True.
 
     Its ``step(system, state, horizon, solver, memory)`` takes one step of any size up to
@@ -207,7 +196,7 @@ class StepChoice(Stepping, Protocol):
     """
 
     @property
-    def method(self) -> Stepping:
+    def method(self) -> Integrator:
         """The method that takes the steps."""
         ...
 
@@ -272,7 +261,7 @@ def check_step(step: object, method: object) -> None:
         raise InputError(what, allowed, "march", remedy)
 
 
-def check_terms(system: System, method: Stepping | ChoosesMethod, where: str) -> None:
+def check_terms(system: System, method: Integrator | ChoosesMethod, where: str) -> None:
     """Raise `InputError` for a term that needs a difference over the step, if `method` has none.
 
     Terms of contact need that and, besides, the forces at the end of the step. `Auto` chooses a
@@ -298,7 +287,7 @@ def check_terms(system: System, method: Stepping | ChoosesMethod, where: str) ->
             )
 
 
-def has_symmetric_matrix(system: System, method: Stepping | ChoosesMethod) -> bool:
+def has_symmetric_matrix(system: System, method: Integrator | ChoosesMethod) -> bool:
     """Whether the system matrix of the method's steps is symmetric."""
     if method.traits.has_difference:  # over the step a term may have another tangent
         x = system.rest().x

@@ -21,7 +21,7 @@ from fecloth.system.system import System
 class WithMemory:
     """Base class of methods with a memory; it supplies their numerical dissipation.
 
-    A subclass supplies `traits`, `step` and `weights`. The traits have θ = ½, because M Δv · v̄ with
+    A subclass supplies `traits` and `step`. The traits have θ = ½, because M Δv · v̄ with
     v̄ = (v₀ + v₁)/2 is the change of the kinetic energy.
     """
 

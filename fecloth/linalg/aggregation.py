@@ -12,6 +12,7 @@ import numpy as np
 
 from fecloth.jit import Array, kernel
 from fecloth.linalg.block_matrix import BlockPattern
+from fecloth.team import Team
 
 DEPENDENT = 1e-10  # of a motion's size: where orthogonalisation leaves less, nothing is left
 
@@ -84,18 +85,32 @@ def rigid_motions(x: np.ndarray) -> np.ndarray:
     return motions
 
 
-@kernel
-def orthonormalise(starts: Array, members: Array, motions: Array, coarse: Array) -> None:
+def orthonormalise(aggregates: Aggregates, motions: np.ndarray, team: Team) -> np.ndarray:
     """Factorise the motions of each aggregate, B = Q R, by Gram and Schmidt's method, twice.
 
     Parameters
     ----------
     motions
         (n, 3, 6) B, overwritten with Q. A motion that depends on those before it leaves zeros.
-    coarse
-        (m, 6, 6) output: R of each aggregate.
+    team
+        Shares the aggregates.
+
+    Returns
+    -------
+    (m, 6, 6) R of each aggregate.
     """
-    for a in range(len(starts) - 1):
+    m = len(aggregates)
+    coarse = np.empty((m, 6, 6))
+    data = aggregates.starts, aggregates.members, motions, coarse
+    team.each(m, lambda part: (_orthonormalise, (*data, part.start, part.stop)), m)
+    return coarse
+
+
+@kernel
+def _orthonormalise(
+    starts: Array, members: Array, motions: Array, coarse: Array, begin: int, end: int
+) -> None:
+    for a in range(begin, end):
         nodes = members[starts[a] : starts[a + 1]]
         coarse[a] = 0.0
         for k in range(6):

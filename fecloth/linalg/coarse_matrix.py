@@ -6,7 +6,9 @@ and fourth order elliptic problems, section 3.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
@@ -15,8 +17,7 @@ from fecloth.jit import Array, inner, kernel
 from fecloth.linalg.aggregation import Aggregates
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.protocol import block_rows
-
-Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
+from fecloth.thread_meeting import Member, part_of, wait
 
 
 @dataclass(frozen=True)
@@ -70,24 +71,34 @@ class Transfer:
             BlockPattern(coarse.indptr, coarse.indices),
         )
 
-    def prolongator(self, A_rows: Rows, inverse: Array, damping: float, T: Array) -> Array:
+    def prolongator(self, A: BlockMatrix, inverse: Array, damping: float, T: Array) -> Array:
         """P (p, 3, 6) = (I − damping D⁻¹ A) T, with T (n, 3, 6) and D⁻¹ as `inverse` (n, 6)."""
         P = np.zeros((len(self.indices), 3, 6))
-        places = np.zeros(len(self.aggregates), np.int32)
-        of_node = self.aggregates.of_node
-        _smooth(*A_rows, inverse, damping, of_node, T, self.indptr, self.indices, places, P)
+        own = inverse, damping, self.aggregates.of_node, T, self.indptr, self.indices
+        _on_rows(_smooth, A, (*own, len(self.aggregates), P))
         return P
 
-    def coarse_matrix(self, A_rows: Rows, P: Array) -> BlockMatrix:
+    def coarse_matrix(self, A: BlockMatrix, P: Array) -> BlockMatrix:
         """Pᵀ A P, with 1 on the diagonal where P has an empty column."""
-        places = np.zeros(len(self.aggregates), np.int32)
+        m = len(self.aggregates)
         product = np.zeros((len(self.product_indices), 3, 6))
         own = self.product_indptr, self.product_indices
-        _multiply(*A_rows, self.indptr, self.indices, P, *own, places, product)
-        coarse = BlockMatrix.zeros(self.coarse)
-        by_columns = self.starts, self.rows, self.entries
-        _project(*by_columns, P, *own, product, *block_rows(coarse), places)
+        _on_rows(_multiply, A, (self.indptr, self.indices, P, *own, m, product))
+        coarse = BlockMatrix.zeros(self.coarse, A.team)
+        data = *(self.starts, self.rows, self.entries), P, *own, product, *block_rows(coarse)
+        A.team.each(m, lambda part: (_project, (*data, part.start, part.stop)), m)
         return coarse
+
+
+def _on_rows(function: Callable[..., None], A: BlockMatrix, data: tuple[Any, ...]) -> None:
+    """Call a kernel for all rows of A."""
+    n = len(A.pattern)
+    A.team.each(n, lambda part: (function, (*block_rows(A), *data, part.start, part.stop)), n)
+
+
+def clear_uncoupled(A: BlockMatrix, T: np.ndarray) -> None:
+    """Clear the components of T (n, 3, 6) in which a node is coupled to no other, as by a pin."""
+    _on_rows(_clear_uncoupled, A, (T,))
 
 
 def _ones(indptr: np.ndarray, indices: np.ndarray, shape: tuple[int, int]) -> sparse.csr_matrix:
@@ -110,11 +121,14 @@ def _smooth(
     T: Array,
     p_indptr: Array,
     p_indices: Array,
-    places: Array,
+    aggregates: int,
     P: Array,
+    begin: int,
+    end: int,
 ) -> None:
-    """P = T − damping D⁻¹ A T, by rows; `places` (m,) is work space."""
-    for i in range(len(indptr) - 1):
+    """P = T − damping D⁻¹ A T, in rows begin … end − 1."""
+    places = np.zeros(aggregates, np.int32)
+    for i in range(begin, end):
         for s in range(p_indptr[i], p_indptr[i + 1]):
             places[p_indices[s]] = s
         for s in range(indptr[i], indptr[i + 1]):
@@ -143,11 +157,14 @@ def _multiply(
     P: Array,
     q_indptr: Array,
     q_indices: Array,
-    places: Array,
+    aggregates: int,
     product: Array,
+    begin: int,
+    end: int,
 ) -> None:
-    """A P by rows, added to `product`; `places` (m,) is work space."""
-    for i in range(len(indptr) - 1):
+    """Add rows begin … end − 1 of A P to `product`."""
+    places = np.zeros(aggregates, np.int32)
+    for i in range(begin, end):
         for s in range(q_indptr[i], q_indptr[i + 1]):
             places[q_indices[s]] = s
         for s in range(indptr[i], indptr[i + 1]):
@@ -184,11 +201,13 @@ def _project(
     indptr: Array,
     indices: Array,
     values: Array,
-    places: Array,
+    begin: int,
+    end: int,
 ) -> None:
-    """Pᵀ (A P) by rows of aggregates; `places` (m,) is work space."""
+    """Pᵀ (A P) in the rows of aggregates begin … end − 1."""
+    places = np.zeros(len(starts) - 1, np.int32)
     sums = np.empty((np.diff(indptr).max() // 2, 6, 6))  # a row of blocks, one after the other
-    for a in range(len(starts) - 1):
+    for a in range(begin, end):
         first, width = indptr[2 * a], indptr[2 * a + 1] - indptr[2 * a]
         for u in range(width // 2):
             places[indices[first + 2 * u] // 2] = u
@@ -222,15 +241,22 @@ def _fill_empty(block: Array) -> None:
             block[c, c] = 1.0
 
 
-@kernel
+@inner
 def restrict(
-    starts: Array, rows: Array, places: Array, columns: Array, r: Array, coarse: Array
+    starts: Array,
+    rows: Array,
+    places: Array,
+    columns: Array,
+    r: Array,
+    coarse: Array,
+    member: Member,
 ) -> None:
     """coarse (m, 6) = Pᵀ r, by aggregates.
 
     `columns` (p, 3, 6) are the blocks of P by columns; r has the row of node i at places[i].
     """
-    for a in range(len(starts) - 1):
+    begin, end = part_of(member, 0, len(starts) - 1)
+    for a in range(begin, end):
         s1 = s2 = s3 = s4 = s5 = s6 = 0.0
         for t in range(starts[a], starts[a + 1]):
             B, i = columns[t], places[rows[t]]
@@ -243,14 +269,22 @@ def restrict(
             s6 += B[0, 5] * r1 + B[1, 5] * r2 + B[2, 5] * r3
         coarse[a, 0], coarse[a, 1], coarse[a, 2] = s1, s2, s3
         coarse[a, 3], coarse[a, 4], coarse[a, 5] = s4, s5, s6
+    wait(member)
 
 
-@kernel
+@inner
 def add_prolonged(
-    indptr: Array, indices: Array, places: Array, P: Array, coarse: Array, x: Array
+    indptr: Array,
+    indices: Array,
+    places: Array,
+    P: Array,
+    coarse: Array,
+    x: Array,
+    member: Member,
 ) -> None:
     """x += P coarse, with coarse (m, 6); x has the row of node i at places[i]."""
-    for i in range(len(indptr) - 1):
+    begin, end = part_of(member, 0, len(indptr) - 1)
+    for i in range(begin, end):
         q = places[i]
         x1, x2, x3 = x[q, 0], x[q, 1], x[q, 2]
         for s in range(indptr[i], indptr[i + 1]):
@@ -260,12 +294,14 @@ def add_prolonged(
                 x2 += P[s, 1, k] * y[k]
                 x3 += P[s, 2, k] * y[k]
         x[q, 0], x[q, 1], x[q, 2] = x1, x2, x3
+    wait(member)
 
 
 @kernel
-def clear_uncoupled(indptr: Array, indices: Array, values: Array, T: Array) -> None:
-    """Clear the components of T (n, 3, 6) in which a node is coupled to no other, as by a pin."""
-    for i in range(len(T)):
+def _clear_uncoupled(
+    indptr: Array, indices: Array, values: Array, T: Array, begin: int, end: int
+) -> None:
+    for i in range(begin, end):
         for c in range(3):
             total = 0.0
             for s in range(indptr[i], indptr[i + 1]):

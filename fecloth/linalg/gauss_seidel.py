@@ -17,6 +17,8 @@ import numpy as np
 
 from fecloth.jit import Array, inner, kernel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
+from fecloth.team import Team
+from fecloth.thread_meeting import Member, part_of, wait
 
 
 @dataclass(frozen=True)
@@ -61,41 +63,17 @@ class SweepOrder:
 
     def gather(self, A: BlockMatrix, values: np.ndarray) -> None:
         """Write the blocks of A in this order to `values` (b − n, 3, 3)."""
-        _gather(self.slots, A.values, values)
+        gather(self.slots, A.values, values, A.team)
 
-    def permute(self, b: np.ndarray, sorted_b: np.ndarray) -> None:
-        """Write the rows of b (n, 3 or 6) in this order."""
-        _permute(self.nodes, b, sorted_b)
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """nodes, starts, indptr and indices: for `sweep_forward` and the others."""
+        return self.nodes, self.starts, self.indptr, self.indices
 
-    def permute_back(self, sorted_x: np.ndarray, x: np.ndarray) -> None:
-        """Write rows that are in this order in the order of the pattern."""
-        _permute(self.places, sorted_x, x)
 
-    def forward(
-        self, values: np.ndarray, inverse: np.ndarray, b: np.ndarray, x: np.ndarray
-    ) -> None:
-        """x = (D + L)⁻¹ b: a sweep from x = 0; A = L + D + U in the order of colours.
-
-        Parameters
-        ----------
-        values
-            The blocks from `gather`.
-        inverse
-            (n, 6) D⁻¹ in this order; see `pcg.invert_blocks`.
-        b, x
-            (n, 3) right-hand side and output, in this order.
-        """
-        _forward(self.indptr, self.indices, values, inverse, b, x)
-
-    def residual(self, values: np.ndarray, x: np.ndarray, r: np.ndarray) -> None:
-        """r = b − A x = −U x for the x of `forward`."""
-        _residual(self.indptr, self.indices, values, x, r)
-
-    def backward(
-        self, values: np.ndarray, inverse: np.ndarray, b: np.ndarray, x: np.ndarray
-    ) -> None:
-        """x ← (D + U)⁻¹ (b − L x), in place."""
-        _backward(self.starts, self.indptr, self.indices, values, inverse, b, x)
+def gather(at: np.ndarray, blocks: np.ndarray, gathered: np.ndarray, team: Team) -> None:
+    """gathered[t] = blocks[at[t]], where blocks are (b, 3, k)."""
+    team.each(len(at), lambda part: (_gather, (at[part], blocks, gathered[part])), len(at))
 
 
 @kernel
@@ -130,51 +108,111 @@ def _split(
 
 
 @kernel
-def _gather(slots: Array, values: Array, gathered: Array) -> None:
-    for t in range(len(slots)):
-        s = slots[t]
+def _gather(at: Array, blocks: Array, gathered: Array) -> None:
+    for t in range(len(at)):
+        s = at[t]
         for c in range(3):
-            for d in range(3):
-                gathered[t, c, d] = values[s, c, d]
+            for d in range(blocks.shape[2]):
+                gathered[t, c, d] = blocks[s, c, d]
 
 
-@kernel
-def _permute(order: Array, rows: Array, permuted: Array) -> None:
-    for q in range(len(order)):
-        i = order[q]
-        for c in range(rows.shape[1]):
-            permuted[q, c] = rows[i, c]
+@inner
+def permute(at: Array, rows: Array, permuted: Array, member: Member) -> None:
+    """permuted[q] = rows[at[q]] of (n, 3)."""
+    begin, end = part_of(member, 0, len(at))
+    for q in range(begin, end):
+        i = at[q]
+        permuted[q, 0], permuted[q, 1], permuted[q, 2] = rows[i, 0], rows[i, 1], rows[i, 2]
 
 
-@kernel
-def _forward(
-    indptr: Array, indices: Array, values: Array, inverse: Array, b: Array, x: Array
+@inner
+def permute_back(at: Array, permuted: Array, rows: Array, member: Member) -> None:
+    """rows[at[q]] = permuted[q] of (n, 3)."""
+    begin, end = part_of(member, 0, len(at))
+    for q in range(begin, end):
+        i = at[q]
+        rows[i, 0], rows[i, 1], rows[i, 2] = permuted[q, 0], permuted[q, 1], permuted[q, 2]
+
+
+@inner
+def sweep_forward(
+    starts: Array,
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    inverse: Array,
+    b: Array,
+    x: Array,
+    member: Member,
 ) -> None:
-    for q in range(len(x)):
-        r = _subtract(indices, values, indptr[q], indptr[q + 1], b[q, 0], b[q, 1], b[q, 2], x)
-        _divide(inverse[q], r, x[q])
+    """x = (D + L)⁻¹ b: a sweep from x = 0; A = L + D + U in the order of colours.
+
+    Parameters
+    ----------
+    starts, indptr, indices
+        Of a `SweepOrder`.
+    values
+        The blocks from `gather`.
+    inverse
+        (n, 6) D⁻¹ in this order; see `diagonal_blocks`.
+    b, x
+        (n, 3) right-hand side and output, in this order.
+    """
+    for colour in range(len(starts) - 1):
+        begin, end = part_of(member, starts[colour], starts[colour + 1])
+        for q in range(begin, end):
+            r = _subtract(indices, values, indptr[q], indptr[q + 1], b[q, 0], b[q, 1], b[q, 2], x)
+            _divide(inverse[q], r, x[q])
+        wait(member)
 
 
-@kernel
-def _residual(indptr: Array, indices: Array, values: Array, x: Array, r: Array) -> None:
+@inner
+def sweep_residual(
+    starts: Array,
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    x: Array,
+    r: Array,
+    member: Member,
+) -> None:
+    """r = b − A x = −U x for the x of `sweep_forward`.
+
+    Each colour is divided, as early ones have most of U.
+    """
     n = len(x)
-    for q in range(n):
-        first, end = indptr[n + q], indptr[n + q + 1]
-        r[q, 0], r[q, 1], r[q, 2] = _subtract(indices, values, first, end, 0.0, 0.0, 0.0, x)
+    for colour in range(len(starts) - 1):
+        begin, end = part_of(member, starts[colour], starts[colour + 1])
+        for q in range(begin, end):
+            first, last = indptr[n + q], indptr[n + q + 1]
+            r[q, 0], r[q, 1], r[q, 2] = _subtract(indices, values, first, last, 0.0, 0.0, 0.0, x)
+    wait(member)
 
 
-@kernel
-def _backward(
-    starts: Array, indptr: Array, indices: Array, values: Array, inverse: Array, b: Array, x: Array
+@inner
+def sweep_backward(
+    starts: Array,
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    inverse: Array,
+    b: Array,
+    x: Array,
+    member: Member,
 ) -> None:
-    """Sweep over the colours from the last one; ascending places in a colour are four times as fast
-    as descending ones."""
+    """x ← (D + U)⁻¹ (b − L x), in place.
+
+    The colours come from the last one. Ascending places in a colour are four times as fast as
+    descending ones.
+    """
     n = len(x)
     for colour in range(len(starts) - 2, -1, -1):
-        for q in range(starts[colour], starts[colour + 1]):
+        begin, end = part_of(member, starts[colour], starts[colour + 1])
+        for q in range(begin, end):
             r = _subtract(indices, values, indptr[q], indptr[q + 1], b[q, 0], b[q, 1], b[q, 2], x)
             r = _subtract(indices, values, indptr[n + q], indptr[n + q + 1], r[0], r[1], r[2], x)
             _divide(inverse[q], r, x[q])
+        wait(member)
 
 
 @inner

@@ -1,37 +1,25 @@
-"""The coarser and coarser matrices of algebraic multigrid, and a cycle over them.
+"""The coarser and coarser matrices of algebraic multigrid.
 
-A level consists of a matrix, its aggregates and its prolongator P; the next one has Pᵀ A P. A
-cycle sweeps forward over the nodes of a level, corrects by the next level, and sweeps backward:
-
-    M⁻¹ = (D + U)⁻¹ D (D + L)⁻¹ + (I − (D + U)⁻¹ A) P C Pᵀ (I − A (D + L)⁻¹)
-
-with A = L + D + U. The correction C consists of two cycles of the next level (a W-cycle), since
-these cost a tenth of the sweeps and save a third of the iterations. M⁻¹ is symmetric for every
-symmetric A, and positive definite where C and D are. This needs no bound of eigenvalues, and it
-remains true if the coarse levels are those of another matrix. (Chebyshev smoothing needs a bound:
-with 1.1 times the estimate of 15 power iterations the cycle of a sheet of 8,000 triangles was
-indefinite, and with Gershgorin's bound it took half as many iterations again.) C is definite
-because the eigenvalues of M⁻¹ Pᵀ A P are between 0 and 1 on all levels that belong together.
+A level consists of a matrix, its aggregates and its prolongator P; the next one has Pᵀ A P. See
+`cycle` for what is done with them.
 
 Source: Vaněk, Mandel and Brezina (1996), Algebraic multigrid by smoothed aggregation for second
-and fourth order elliptic problems; Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd
-edition, section 13.4 (cycles).
+and fourth order elliptic problems.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fecloth.linalg.aggregation import Aggregates, orthonormalise
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
-from fecloth.linalg.coarse_matrix import Transfer, add_prolonged, clear_uncoupled, restrict
-from fecloth.linalg.gauss_seidel import SweepOrder
-from fecloth.linalg.pcg import invert_diagonal
-from fecloth.linalg.protocol import block_rows, residual
+from fecloth.linalg.coarse_matrix import Transfer, clear_uncoupled
+from fecloth.linalg.diagonal_blocks import invert_diagonal
+from fecloth.linalg.gauss_seidel import SweepOrder, gather
 
-NONE = np.zeros((0, 3, 6))  # no prolongator
+NONE, EMPTY = np.zeros((0, 3, 6)), np.zeros(1, np.int32)  # no prolongator
 DAMPING = 0.6  # of the Jacobi step that smooths a prolongator: about 4/3 over eigenvalues of 2.3
 
 
@@ -42,6 +30,14 @@ class Grid:
     pattern: BlockPattern
     order: SweepOrder
     transfer: Transfer | None
+
+    @property
+    def transfer_arrays(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+        """P by columns and by rows: starts and rows; indptr and indices."""
+        if self.transfer is None:
+            return (EMPTY, EMPTY[:0]), (EMPTY, EMPTY[:0])
+        own = self.transfer
+        return (own.starts, own.rows), (own.indptr, own.indices)
 
 
 @dataclass(frozen=True)
@@ -71,10 +67,21 @@ class Level:
     columns: np.ndarray
     work: np.ndarray
 
+    @classmethod
+    def of(
+        cls, grid: Grid, A: BlockMatrix, inverse: np.ndarray, P: np.ndarray, columns: np.ndarray
+    ) -> Level:
+        """The level of a matrix; its blocks have the precision of P."""
+        n, b = len(A.pattern), len(grid.order.slots)
+        values: np.ndarray = np.empty((b, 3, 3), P.dtype)
+        level = cls(grid, A, values, np.empty((n, 6)), P, columns, np.zeros((5, n, 3)))
+        level.refill(A, inverse)
+        return level
+
     def refill(self, A: BlockMatrix, inverse: np.ndarray) -> None:
         """Take the blocks of a matrix of this pattern, and the inverses (n, 6) of its diagonal."""
         self.grid.order.gather(A, self.values)
-        self.grid.order.permute(inverse, self.inverse)
+        np.take(inverse, self.grid.order.nodes, axis=0, out=self.inverse)
 
 
 def make_grids(pattern: BlockPattern) -> list[Grid]:
@@ -97,7 +104,7 @@ def make_levels(
     inverse
         (n, 6) inverses of the diagonal blocks of A.
     motions
-        (n, 3, 6) motions with little energy that all levels can represent.
+        (n, 3, 6) motions with little energy that all levels can represent; overwritten.
     kind
         Precision of the finest level.
 
@@ -107,53 +114,18 @@ def make_levels(
         If a coarse diagonal block is not positive definite, and so A is not; or not finite.
     """
     grid, *coarser = grids
-    n = len(A.pattern)
-    values: np.ndarray = np.empty((len(grid.order.slots), 3, 3), kind)
-    level = Level(grid, A, values, np.empty((n, 6)), NONE, NONE, np.zeros((5, n, 3)))
-    level.refill(A, inverse)
     if grid.transfer is None:
-        return [level]
-    aggregates, rows = grid.transfer.aggregates, block_rows(A)
-    T, coarse_motions = motions.copy(), np.zeros((len(aggregates), 6, 6))
-    clear_uncoupled(*rows, T)
-    orthonormalise(aggregates.starts, aggregates.members, T, coarse_motions)
-    P = grid.transfer.prolongator(rows, inverse, DAMPING, T)
-    coarse = grid.transfer.coarse_matrix(rows, P)
+        return [Level.of(grid, A, inverse, NONE.astype(kind), NONE.astype(kind))]
+    clear_uncoupled(A, motions)
+    coarse_motions = orthonormalise(grid.transfer.aggregates, motions, A.team)
+    exact = grid.transfer.prolongator(A, inverse, DAMPING, motions)
+    coarse = grid.transfer.coarse_matrix(A, exact)
+    P: np.ndarray = exact.astype(kind, copy=False)
+    del exact  # what comes needs memory, too
+    columns = np.empty_like(P)
+    gather(grid.transfer.entries, P, columns, A.team)
     coarse_inverse = np.empty((len(coarse.pattern), 6))
     invert_diagonal(coarse, coarse_inverse, "multigrid, coarse matrix")
     below = coarse_motions.reshape(-1, 3, 6)
     levels = make_levels(coarser, coarse, coarse_inverse, below, np.float64)
-    P = P.astype(kind)
-    return [replace(level, P=P, columns=P[grid.transfer.entries]), *levels]
-
-
-def cycle(levels: list[Level], b: np.ndarray) -> np.ndarray:
-    """One cycle for A x = b, from 0: x (n, 3), valid until the next call."""
-    level, *coarser = levels
-    order, values, inverse = level.grid.order, level.values, level.inverse
-    x, sorted_b = level.work[0], level.work[2]
-    r: np.ndarray = level.work[1]
-    order.permute(b, sorted_b)
-    order.forward(values, inverse, sorted_b, x)
-    if level.grid.transfer is not None:
-        transfer, coarse = level.grid.transfer, coarser[0].work[3]
-        order.residual(values, x, r)
-        own = transfer.starts, transfer.rows, order.places
-        restrict(*own, level.columns, r, coarse.reshape(-1, 6))
-        correction = _two_cycles(coarser, coarse).reshape(-1, 6)
-        add_prolonged(transfer.indptr, transfer.indices, order.places, level.P, correction, x)
-    order.backward(values, inverse, sorted_b, x)
-    order.permute_back(x, r)
-    return r
-
-
-def _two_cycles(levels: list[Level], b: np.ndarray) -> np.ndarray:
-    """Two cycles for A x = b, from 0; b is overwritten by the residual after the first one."""
-    level = levels[0]
-    if level.grid.transfer is None:
-        return cycle(levels, b)
-    x: np.ndarray = level.work[4]
-    x[:] = cycle(levels, b)
-    residual(*block_rows(level.A), b, x, b)
-    x += cycle(levels, b)
-    return x
+    return [Level.of(grid, A, inverse, P, columns), *levels]

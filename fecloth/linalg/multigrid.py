@@ -9,19 +9,12 @@ import numpy as np
 
 from fecloth.linalg.aggregation import rigid_motions
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.linalg.hierarchy import Grid, Level, cycle, make_grids, make_levels
-from fecloth.linalg.pcg import (
-    CONVERGED,
-    INDEFINITE,
-    NOT_FINITE,
-    OUT_OF_ITERATIONS,
-    PCG,
-    advance,
-    multiply,
-    turn,
-)
+from fecloth.linalg.conjugate_gradients import CONVERGED, OUT_OF_ITERATIONS, step
+from fecloth.linalg.cycle import cycle
+from fecloth.linalg.hierarchy import Grid, Level, make_grids, make_levels
+from fecloth.linalg.pcg import PCG
 from fecloth.linalg.protocol import SolveInfo, block_rows
-from fecloth.linalg.reductions import dot, squared_norm
+from fecloth.thread_meeting import Member
 
 NEW = 8  # iterations that cost as much as new coarse matrices
 
@@ -96,21 +89,15 @@ class Multigrid(PCG):
         self._extra += max(0.0, info.iterations - self._rate * goal)
         return x, info
 
-    def _iterate(
-        self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int
+    def _loop(
+        self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int, member: Member
     ) -> tuple[int, int]:
-        r, z, p, q = self._work
-        rr, rz = squared_norm(r), 0.0
-        for j in range(limit):
-            if rr <= threshold:
-                return j, CONVERGED
-            z, old = cycle(self._levels, r), rz
-            rz = dot(r, z)
-            turn(z, rz / old if j else 0.0, p)
-            pq = multiply(*block_rows(A), p, q)
-            if not np.isfinite(pq) or not np.isfinite(rz):
-                return j, NOT_FINITE
-            if pq <= 0.0 or rz <= 0.0:
-                return j, INDEFINITE
-            rr = advance(rz / pq, p, q, x, r)
-        return limit, CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
+        r, _, p, q = self._work
+        rz, status, j = self._carry[0], OUT_OF_ITERATIONS, 0
+        while j < limit and status == OUT_OF_ITERATIONS:
+            z = cycle(self._levels, r, member)
+            rz, status = step(*block_rows(A), x, r, z, p, q, self._sums, rz, threshold, member)
+            j += status in (CONVERGED, OUT_OF_ITERATIONS)
+        if member.thread == 0:
+            self._carry[0] = rz
+        return j, status

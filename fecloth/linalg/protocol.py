@@ -8,9 +8,10 @@ from typing import Protocol
 import numpy as np
 
 from fecloth.errors import InputError, SolveFailed
-from fecloth.jit import Array, kernel
+from fecloth.jit import Array, inner, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.linalg.reductions import squared_norm
+from fecloth.linalg.reductions import BLOCK, nodes_of, squared_norm
+from fecloth.team import Call
 
 
 @dataclass(frozen=True)
@@ -128,14 +129,41 @@ def relative_residual(
     A: BlockMatrix, b: np.ndarray, bb: float, x: np.ndarray, r: np.ndarray
 ) -> float:
     """‖r‖ / ‖b‖ with bb = ‖b‖² > 0; writes r = b − A x to `r`."""
-    return float(np.sqrt(residual(*block_rows(A), b, x, r) / bb))
+    n = len(b)
+    sums = np.empty(-(-n // BLOCK))
+
+    def call(part: slice) -> Call:
+        return residual, (*block_rows(A), b, x, r, sums, part.start, part.stop)
+
+    A.team.each(n, call, unit=BLOCK)
+    return float(np.sqrt(sums.sum() / bb))
 
 
 @kernel
-def residual(indptr: Array, indices: Array, values: Array, b: Array, x: Array, r: Array) -> float:
-    """r = b − A x; returns ‖r‖²."""
+def residual(
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    b: Array,
+    x: Array,
+    r: Array,
+    sums: Array,
+    begin: int,
+    end: int,
+) -> None:
+    """r = b − A x in rows begin … end − 1; writes ‖r‖² of each block of them to `sums`."""
+    for block in range(begin // BLOCK, -(-end // BLOCK)):
+        first, last = nodes_of(block, end)
+        sums[block] = subtract_product(first, last, indptr, indices, values, b, x, r)
+
+
+@inner
+def subtract_product(
+    begin: int, end: int, indptr: Array, indices: Array, values: Array, b: Array, x: Array, r: Array
+) -> float:
+    """r = b − A x in rows begin … end − 1; returns ‖r‖² of these."""
     rr = 0.0
-    for i in range(len(b)):
+    for i in range(begin, end):
         r1, r2, r3 = b[i, 0], b[i, 1], b[i, 2]
         for s in range(indptr[i], indptr[i + 1]):
             j = indices[s]

@@ -10,7 +10,9 @@ import math
 
 import numpy as np
 
-from fecloth.jit import Array, kernel
+from fecloth.jit import Array, inner, kernel
+
+BLOCK = 256  # nodes whose sums are added up first, for the same bits on any number of threads
 
 
 def size(a: np.ndarray) -> float:
@@ -54,6 +56,21 @@ def weighted_dot(w: Array, a: Array, b: Array) -> float:
     for i in range(len(a)):
         total += w[i] * (a[i, 0] * b[i, 0] + a[i, 1] * b[i, 1] + a[i, 2] * b[i, 2])
     return total
+
+
+@inner
+def nodes_of(block: int, n: int) -> tuple[int, int]:
+    """The first of n nodes that belongs to a block, and the end."""
+    return block * BLOCK, min(block * BLOCK + BLOCK, n)
+
+
+@inner
+def total(sums: Array) -> float:
+    """The sum of the blocks' sums, in order."""
+    result = 0.0
+    for block in range(len(sums)):
+        result += sums[block]
+    return result
 
 
 class NodeSums:

@@ -65,7 +65,7 @@ def _also(schema: Any, found: str, other: str) -> Any:
 
 
 def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
-    """Allow the name of a method or a fabric, the shorthands of [fabric], one expectation."""
+    """Allow names of methods and fabrics, shorthands of [fabric], one expectation, [cloths]."""
     method = tables["Time"]["properties"]["method"]
     names = [tables[_name(one)]["properties"]["type"]["const"] for one in method["oneOf"]]
     method["anyOf"] = [{"enum": names}, *method.pop("oneOf")]
@@ -80,6 +80,9 @@ def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
     several = schema["properties"]["expect"]["additionalProperties"]
     either = {"anyOf": [{"$ref": "#/$defs/Expectation"}, several]}
     schema["properties"]["expect"]["additionalProperties"] = either
+    schema["properties"]["cloths"] = tables["Pieces"]["properties"]["pieces"]
+    schema["oneOf"] = [{"required": ["cloth"]}, {"required": ["cloths"]}]
+    del schema["required"]
 
 
 def _name(reference: dict[str, str]) -> str:

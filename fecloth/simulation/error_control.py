@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
 from fecloth.errors import InputError, SolveFailed, is_number
 from fecloth.integrators.protocol import (
-    ExplicitIntegrator,
     Integrator,
     MethodTraits,
     check_method,
@@ -123,7 +121,7 @@ class Adaptive(ChosenSteps):
     (0.2, True)
     """
 
-    method: Integrator | ExplicitIntegrator
+    method: Integrator
     rtol: float = 1e-3
     atol: float = 0.0
     longest: float | None = None
@@ -155,10 +153,6 @@ class Adaptive(ChosenSteps):
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step, by the method's own formula."""
         return self.method.numerical(system, old, step)
-
-    def weights(self, dt: float) -> tuple[float, float, float]:
-        """Those of the method."""
-        return cast(Integrator, self.method).weights(dt)
 
     def start(self, system: System, state: State, longest: float) -> Control:
         """Choose the first step so that its error, estimated by differences, is the allowed one.

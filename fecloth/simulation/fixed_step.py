@@ -11,7 +11,7 @@ from numbers import Real
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.integrators.protocol import MethodTraits, Stepping
+from fecloth.integrators.protocol import Integrator, MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import check_mass, step_times
@@ -36,7 +36,7 @@ class FixedStep:
         For a dt that is no number > 0.
     """
 
-    method: Stepping
+    method: Integrator
     dt: float
 
     def __post_init__(self):

@@ -20,7 +20,8 @@ import numpy as np
 import fecloth as fc
 from fecloth import study
 from fecloth.compiled_calls import call, join
-from fecloth.integrators.fused_steps import FusedSteps, compiled_force
+from fecloth.integrators.fused_forces import compiled_force
+from fecloth.integrators.fused_steps import FusedSteps
 from studies.benchmarks.measure import Measured, fastest, print_verdicts
 from studies.benchmarks.trees import OWN, Child, tree_of
 

@@ -30,8 +30,10 @@ import numpy as np
 import fecloth as fc
 from fecloth import study
 from fecloth.integrators.explicit import LastForce
-from fecloth.integrators.fused_steps import FusedSteps, copy
+from fecloth.integrators.fused_loops import copy
+from fecloth.integrators.fused_steps import FusedSteps
 from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.multigrid import Multigrid
 from fecloth.linalg.pcg import PCG
 from fecloth.terms.loops.shared_loop import SharedLoop
 
@@ -110,16 +112,22 @@ def memory(cloth: fc.Cloth) -> Callable[[object], Call]:
     return make
 
 
-def pcg(cloth: fc.Cloth) -> Callable[[object], Call]:
-    """The solve of an implicit step with dt = 5 ms to 1 %."""
+def linear(cloth: fc.Cloth, kind: type[PCG], again: bool = False) -> Callable[[object], Call]:
+    """The solve of an implicit step with dt = 5 ms to 1 %; or the preparation of its matrix."""
 
     def make(threads) -> Call:
         system = fc.System(cloth, FABRIC, ELASTIC, ["left"], threads=threads)
-        J = BlockMatrix.zeros(system.pattern, system.team)
-        system.project(system.assemble(J, stretched(system), 1.0, 0.0, 1 / 5e-3**2, True))
-        b, solver = system.force(system.rest()), PCG()
-        solver.prepare(J)
-        return lambda: solver.solve(b, 1e-2)
+        J, at = BlockMatrix.zeros(system.pattern, system.team), stretched(system)
+        system.project(system.assemble(J, at, 1.0, 0.0, 1 / 5e-3**2, True))
+        b, solver = system.force(system.rest()), kind()
+
+        def prepare() -> None:
+            solver.drop()
+            solver.begin(1.0, 1.0, at.x)
+            solver.prepare(J)
+
+        prepare()
+        return prepare if again else lambda: solver.solve(b, 1e-2)
 
     return make
 
@@ -156,15 +164,17 @@ def rows(triangles: int, rounds: int, few: bool, only: str) -> Iterator[tuple[st
     steps = 32
     calls = [
         ("copy of a long array", memory(cloth), 1),
-        ("PCG, a solve at dt = 5 ms", pcg(cloth), 1),
+        ("PCG, a solve at dt = 5 ms", linear(cloth, PCG), 1),
+        ("multigrid, a solve at dt = 5 ms", linear(cloth, Multigrid), 1),
         ("explicit step, StVK", explicit(cloth, [fc.StVK(), fc.Gravity()], steps), steps),
         ("explicit step, StVK and PlateBending", explicit(cloth, ELASTIC, steps), steps),
+        ("multigrid, coarse matrices", linear(cloth, Multigrid, again=True), 1),
         ("implicit step by PCG", implicit(cloth, "pcg"), 1),
         ("implicit step by multigrid", implicit(cloth, "multigrid"), 1),
         *((name, make, 1) for name, make in term_calls(cloth, P1)),
         *((name, make, 1) for name, make in term_calls(quadratic, P2)),
     ]
-    for name, make, units in calls[:4] if few else calls:
+    for name, make, units in calls[:5] if few else calls:
         if only not in name:
             continue
         seconds = best([make(threads) for threads in (1, ALL, "auto")], rounds)

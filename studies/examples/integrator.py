@@ -38,9 +38,6 @@ class SDIRK2(integrators.WithMemory):  # the memory serves the energy balance
     gamma = 1 - math.sqrt(0.5)  # error constant: coefficient of z³ in R(z) minus that in exp z
     traits = integrators.MethodTraits(order=2, error_constant=3 * gamma**2 - 2 * gamma**3 - 1 / 6)
 
-    def weights(self, dt):
-        return fc.BackwardEuler().weights(self.gamma * dt)
-
     def step(self, system, state, dt, solver, memory=None):
         euler, h, rest = Theta(1.0), self.gamma * dt, (1 - self.gamma) * dt
         a = euler.step(system, state, h, solver, memory)

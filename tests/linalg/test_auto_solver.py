@@ -135,14 +135,16 @@ def test_auto_follows_the_steps_of_a_march(monkeypatch):
     """Every implicit method calls `begin` at the start of a step."""
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1)
     system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [fc.StVK(), fc.Gravity()], ["left"])
-    for method in (fc.BackwardEuler(), fc.LinearlyImplicitEuler(), fc.GeneralizedAlpha(0.8)):
-        sizes = []
+    alpha_m, alpha_f, beta, _ = fc.GeneralizedAlpha(0.8).parameters
+    shares = 1.0, 1.0, (1 - alpha_f) * beta / (1 - alpha_m)  # wx / wa over dt²
+    methods = fc.BackwardEuler(), fc.LinearlyImplicitEuler(), fc.GeneralizedAlpha(0.8)
+    for method, share in zip(methods, shares, strict=True):
+        sizes, size = [], share * 1e-3**2
         monkeypatch.setattr(
             auto_solver.AutoSolver, "begin", lambda _, wx, wa, x, s=sizes: s.append(wx / wa)
         )
         fc.run(system, method, system.rest(), 1e-3, 3e-3)
-        wx, _, wa = method.weights(1e-3)
-        assert sizes == pytest.approx([wx / wa] * 3)
+        assert sizes == pytest.approx([size] * 3)
 
 
 def test_auto_takes_multigrid_where_pcg_takes_many_iterations(monkeypatch):

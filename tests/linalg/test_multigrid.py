@@ -1,5 +1,7 @@
 """Multigrid: a definite preconditioner on every mesh, the true solution, and few iterations."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import scipy.sparse
@@ -9,10 +11,12 @@ import fecloth as fc
 from fecloth.linalg.aggregation import Aggregates
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.coarse_matrix import Transfer
+from fecloth.linalg.cycle import cycle
 from fecloth.linalg.gauss_seidel import SweepOrder
-from fecloth.linalg.hierarchy import cycle
 from fecloth.linalg.multigrid import NEW, Multigrid
 from fecloth.linalg.pcg import PCG
+from fecloth.scene.plan import MULTIGRID
+from fecloth.team import ALONE, Team
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
 PINS = [
@@ -44,9 +48,9 @@ def stretched(system):
 STATES = [pytest.param(folded, True, id="clamped"), pytest.param(stretched, False, id="exact")]
 
 
-def tangent(system, state, dt=5e-3, definite=True):
+def tangent(system, state, dt=5e-3, definite=True, team=ALONE):
     """M/dt + dt K, projected: the matrix of backward Euler."""
-    A = BlockMatrix.zeros(system.pattern)
+    A = BlockMatrix.zeros(system.pattern, team)
     system.assemble(A, state, wx=dt, wa=1 / dt, definite=definite)
     return system.project(A)
 
@@ -88,6 +92,49 @@ def test_a_cycle_is_symmetric_and_positive_definite(pattern, element, bending, s
     solver = prepared(tangent(system, state, definite=definite), state.x)
     assert len(solver._levels) >= 2
     check_definite(preconditioner(solver))
+
+
+@pytest.fixture
+def small_loops_shared(monkeypatch):
+    """Loops over 20 nodes and more are shared: several levels of a small mesh."""
+    monkeypatch.setattr("fecloth.team.SMALL", 20)
+    monkeypatch.setattr("fecloth.linalg.cycle.SMALL", 20)
+
+
+@pytest.mark.parametrize(("pattern", "element", "bending"), MESHES)
+def test_threads_do_not_change_a_bit(pattern, element, bending, small_loops_shared):
+    system = cloth_system(0.1 if element == "P2" else 0.05, pattern, element, bending)
+    state, found = folded(system), []
+    b = system.constraints.project(system.force(state))
+    for threads in (1, 2, 3):
+        team = Team(threads)
+        solver = prepared(tangent(system, state, team=team), state.x)
+        first, info = solver.solve(b, rtol=1e-9)
+        solver.prepare(tangent(system, system.rest(), team=team))  # with the same coarse matrices
+        second, after = solver.solve(b, rtol=1e-9, guess=first)
+        levels = [array for each in solver._levels for array in (each.A.values, each.P)]
+        counts = np.array([info.iterations, info.residual, after.iterations, after.residual])
+        found.append([*levels, first, second, counts])
+        assert team.used == threads
+    assert sum(len(level.inverse) >= 20 for level in solver._levels) >= 2
+    for other in found[1:]:
+        for one, same in zip(found[0], other, strict=True):
+            np.testing.assert_array_equal(one, same)
+
+
+def test_an_error_in_a_thread_ends_the_solve(small_loops_shared, monkeypatch):
+    system = cloth_system(0.07)
+    state = folded(system)
+    solver = prepared(tangent(system, state, team=Team(2)), state.x)
+
+    def fail(levels, b, member):
+        if member.thread == 1:
+            raise ValueError("thread 1")
+        return cycle(levels, b, member)
+
+    monkeypatch.setattr("fecloth.linalg.multigrid.cycle", fail)
+    with pytest.raises(ValueError, match="thread 1"):
+        solver.solve(system.force(state))
 
 
 def test_a_cycle_remains_definite_with_coarse_matrices_of_another_matrix():
@@ -182,7 +229,7 @@ def test_coarse_matrix_is_the_product():
     pattern = A.pattern
     transfer, rng = Transfer.of(pattern, Aggregates.of(pattern)), np.random.default_rng(2)
     P = rng.normal(size=(len(transfer.indices), 3, 6))
-    coarse = transfer.coarse_matrix((pattern.indptr, pattern.indices, A.values), P)
+    coarse = transfer.coarse_matrix(A, P)
 
     class Given:
         grid = type("Grid", (), {"transfer": transfer})
@@ -236,6 +283,21 @@ def test_a_closer_solution_does_not_count_as_age():
     more = solver.solve(b, rtol=1e-8)[1].iterations
     assert more > few[0] + NEW
     assert solver._extra < NEW
+
+
+@pytest.mark.parametrize("bending", [None, fc.HingeBending(), fc.PlateBending()])
+def test_memory_is_about_as_planned(bending):
+    system = cloth_system(0.02, bending=bending)
+    state = folded(system)
+    A, b = tangent(system, state), system.force(state)
+    prepared(A, state.x).solve(b, rtol=0.1)  # compiles
+    tracemalloc.start()
+    prepared(A, state.x).solve(b, rtol=0.1)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    planned = MULTIGRID[0] * len(state.x) + MULTIGRID[1] * len(A.values)
+    assert peak == pytest.approx(planned, rel=0.12)
+    assert peak < 2500 * len(system.cloth.triangles)
 
 
 def test_dropped_solver_repeats_its_solution_bit_for_bit():

@@ -65,8 +65,6 @@ def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: 
         *(
             pytest.param(kind, element, bending, triangles, pattern, marks=SLOW)
             for kind, element, bending, triangles, pattern in [
-                ("explicit", "P1", "", 20_000, "right"),
-                ("explicit", "P1", BENDING, 20_000, "cross"),
                 ("explicit", "P1", BENDING, 250_000, "right"),
                 ("explicit", "P2", PLATE, 10_000, "right"),
                 ("pcg", "P1", BENDING, 20_000, "right"),
@@ -75,8 +73,6 @@ def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: 
                 ("pcg", "P2", "", 40_000, "right"),
                 ("direct", "P1", BENDING, 2_000, "right"),
                 ("direct", "P1", BENDING, 80_000, "right"),
-                ("direct", "P1", "", 80_000, "right"),
-                ("direct", "P2", "", 10_000, "right"),
                 ("direct", "P2", "", 40_000, "right"),
             ]
         ),

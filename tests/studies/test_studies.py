@@ -70,6 +70,8 @@ def test_quick(study, says, out):
         "stability",
         "newton_catalogue",
         "trust",
+        "contact.catalogue",
+        "drape.support",
     ],
 )
 def test_quick_report(study, out):

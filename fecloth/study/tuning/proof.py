@@ -21,9 +21,9 @@ from fecloth.study.uncertainty import SAFE
 FINER = 1.4  # times the √triangles of a tuned run: at least those of the verifying one
 COUNTS = 0.25  # part of the error from which a cause is refined in the verifying run
 ROUNDS = 3  # verifying runs at most
-LOOSE = 0.75  # times the tolerance: below this error a cheaper setting is tried
+LOOSE = 0.85  # times the tolerance: below this error a cheaper setting is tried
 NEARLY = 1.5  # times the least error: runs that are as good
-TRIES, CLOSE = 3, 0.9  # of cheaper settings; part of the tolerance that their errors may take
+TRIES, CLOSE = 4, 0.9  # of cheaper settings; part of the tolerance that their errors may take
 CHEAPER = 0.85  # times the seconds: what a cheaper setting should at most cost
 
 
@@ -240,7 +240,10 @@ def without(prediction: Prediction, candidate: Candidate) -> Prediction:
 
 
 def _cheaper(bench: Bench, prediction: Prediction, goal: Goal, found: Proof) -> Proof:
-    """Try cheaper settings by the corrected prediction; the verifying run is their reference."""
+    """Try cheaper settings by the corrected prediction; the verifying run is their reference.
+
+    After a setting whose error is too large, one halfway to it is tried.
+    """
     assert found.finer is not None
     reference, last = found.finer, found
     both = found.parts["space"] + found.parts.get("time", 0.0)
@@ -249,6 +252,8 @@ def _cheaper(bench: Bench, prediction: Prediction, goal: Goal, found: Proof) -> 
     for _ in range(TRIES):
         prediction = scaled(prediction, last)
         candidates = goal.candidates(prediction, CLOSE)
+        if last is not found and (halfway := _between(found, last)):
+            candidates = [halfway]
         if not candidates or candidates[0].seconds > CHEAPER * found.trial.seconds:
             break
         if spent(found.search) + candidates[0].seconds > goal.limit(candidates):
@@ -262,3 +267,16 @@ def _cheaper(bench: Bench, prediction: Prediction, goal: Goal, found: Proof) -> 
         if last.error <= goal.tolerance and trial.seconds < found.trial.seconds:
             found = last
     return found
+
+
+def _between(found: Proof, failed: Proof) -> Candidate | None:
+    """Return the setting halfway between two of the same mesh and method; None for others."""
+    one, other = found.candidate, failed.candidate
+    if one is None or other is None or one.key != other.key or one.linear != other.linear:
+        return None
+    sizes = ("edges", "space", "time")
+    middle = {name: np.sqrt(getattr(one, name) * getattr(other, name)) for name in sizes}
+    x = math.sqrt(one.x * other.x)
+    x = math.ceil(x) if one.rule.kind == "steps" else x
+    seconds = math.sqrt(found.trial.seconds * failed.trial.seconds)
+    return replace(one, x=x, seconds=seconds, **middle)

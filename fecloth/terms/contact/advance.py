@@ -28,7 +28,7 @@ def advance(shape: Shape, y: np.ndarray, way: np.ndarray, t: float, gap: float) 
     d = shape.distance(y, t)
     least = LEFT * np.minimum(d, gap)
     length = np.sqrt(np.einsum("mi,mi->m", way, way))
-    some = np.flatnonzero(d - least < length * (1.0 if shape.convex else np.inf))
+    some = np.flatnonzero(d - least < length) if shape.convex else np.arange(len(y))
     parts[some] = 0.0
     for _ in range(MOST):
         if not len(some):

@@ -96,6 +96,10 @@ class BoundTriangleContact:
         """Return zeros: at rest nothing touches."""
         return 0.0, 0.0
 
+    def push(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(n, 3) force on the nodes without friction [N]."""
+        return self.sets.force(x)
+
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for triangles that start nearer than the thickness, or intersect."""
         if self.sets.intersects(x):

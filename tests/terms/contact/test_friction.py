@@ -184,6 +184,23 @@ def test_a_table_that_turns_takes_the_cloth_with_it():
     np.testing.assert_allclose(end.x[:, :2], expected[:, :2], atol=1.5e-3)  # of 60 mm
 
 
+@pytest.mark.parametrize("dt", [0.005, 0.04])
+def test_a_dragged_strip_does_not_stick_and_slip_by_turns(dt):
+    """At long steps too the pull on it stays μ m g, after the 0.1 s in which all of it starts."""
+    cloth = fc.Cloth.rectangle(0.4, 0.02, 0.02, pattern="right")
+    plane = fc.Obstacle(S.Plane((0, 0, 0), UP), friction=0.5)
+    terms = [fc.StVK(), fc.Gravity(), fc.StrainRateDamping(time=1e-3), plane]
+    pin = fc.Pin("right", motion=("0.05*t", 0, 0))
+    system = fc.System(cloth, fc.Fabric(0.2, 50.0, 0.0), terms, [pin])
+    start = system.state(flat(cloth) + [0, 0, 0.99e-3])
+    result = fc.run(system, fc.BackwardEuler(), start, dt, 0.4)
+    pull, carried = (result.observed[f"reaction:{name}"] for name in ("right.x", "Obstacle.z"))
+    late = np.asarray(result.times) > 0.2
+    weight = 0.2 * 0.4 * 0.02 * 9.81 * (1 - 1 / 40)  # without what the pin carries
+    assert pull[late] == pytest.approx(0.5 * weight, rel=0.06)  # it still swings a little
+    assert carried[late] == pytest.approx(weight, rel=0.02)
+
+
 def test_equilibrium_with_friction_is_refused(small):
     system = fc.System(small, FABRIC, [fc.StVK(), fc.Obstacle(SHAPES["plane"], friction=0.1)])
     start = system.state(flat(small) + [0, 0, 0.5])

@@ -1,0 +1,249 @@
+"""The compiled loop of conjugate gradients, which threads share to the same bits.
+
+Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, algorithm 9.1 (PCG)
+and section 4.1.1 (block Jacobi). Matrices are given as the block rows of a `BlockMatrix`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fecloth.jit import Array, inner, kernel
+from fecloth.linalg.reductions import BLOCK, nodes_of, total
+from fecloth.thread_meeting import Member, part_of, wait
+
+CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
+
+
+@kernel
+def conjugate_gradients(
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    inverse: Array,
+    x: Array,
+    r: Array,
+    z: Array,
+    p: Array,
+    q: Array,
+    sums: Array,
+    carry: Array,
+    threshold: float,
+    limit: int,
+    member: Member,
+) -> tuple[int, int]:
+    """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations.
+
+    Each thread calls it with its number, and does the rows of its blocks of nodes.
+
+    Parameters
+    ----------
+    inverse
+        (n, 6) M⁻¹, the inverses of the diagonal blocks; see `invert_blocks`.
+    x, r
+        (n, 3) initial x and its residual b − A x; both are overwritten.
+    z, p, q
+        (n, 3) work arrays for M⁻¹ r, the search direction p, and A p.
+    sums
+        (3, blocks) work array for the sums pᵀ q, rᵀ z and rᵀ r of each block.
+    carry
+        (3,) rᵀ z, rᵀ r and β where an earlier call ended at its limit; or rᵀ z < 0.
+
+    Returns
+    -------
+    The number of iterations and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
+    """
+    begin, end = part_of(member, 0, sums.shape[1])
+    rz, rr, beta = carry[0], carry[1], carry[2]
+    if rz < 0.0:
+        beta = 0.0
+        for block in range(begin, end):
+            first, last = nodes_of(block, len(x))
+            sums[1, block], sums[2, block] = _advance(first, last, 0.0, p, q, inverse, x, r, z)
+        wait(member)
+        rz, rr = total(sums[1]), total(sums[2])
+    status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
+    j = 0
+    while j < limit and status == OUT_OF_ITERATIONS:
+        pq = _search(begin, end, indptr, indices, values, z, beta, p, q, sums, member)
+        status = _check(pq, rz)
+        if status == OUT_OF_ITERATIONS:
+            old, alpha = rz, rz / pq
+            for block in range(begin, end):
+                first, last = nodes_of(block, len(x))
+                sums[1, block], sums[2, block] = _advance(
+                    first, last, alpha, p, q, inverse, x, r, z
+                )
+            wait(member)
+            rz, rr = total(sums[1]), total(sums[2])
+            beta = rz / old
+            j += 1
+            status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
+    wait(member)  # all have read `carry`
+    if member.thread == 0:
+        carry[0], carry[1], carry[2] = rz, rr, beta
+    return j, status
+
+
+@kernel
+def step(
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    x: Array,
+    r: Array,
+    z: Array,
+    p: Array,
+    q: Array,
+    sums: Array,
+    old: float,
+    threshold: float,
+    member: Member,
+) -> tuple[float, int]:
+    """One iteration for z = M⁻¹ r with any M, on all threads.
+
+    Parameters are those of `conjugate_gradients`; `old` is rᵀ z of the iteration before, or −1.
+
+    Returns
+    -------
+    rᵀ z and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
+    """
+    begin, end = part_of(member, 0, sums.shape[1])
+    for block in range(begin, end):
+        first, last = nodes_of(block, len(x))
+        sums[1, block] = _dot(first, last, r, z)
+    wait(member)
+    rz = total(sums[1])
+    pq = _search(
+        begin, end, indptr, indices, values, z, rz / old if old > 0.0 else 0.0, p, q, sums, member
+    )
+    status = _check(pq, rz)
+    if status == OUT_OF_ITERATIONS:
+        for block in range(begin, end):
+            first, last = nodes_of(block, len(x))
+            sums[2, block] = _move(first, last, rz / pq, p, q, x, r)
+        wait(member)
+        if total(sums[2]) <= threshold:
+            status = CONVERGED
+    return rz, status
+
+
+@inner
+def _search(
+    begin: int,
+    end: int,
+    indptr: Array,
+    indices: Array,
+    values: Array,
+    z: Array,
+    beta: float,
+    p: Array,
+    q: Array,
+    sums: Array,
+    member: Member,
+) -> float:
+    """p = z + β p and q = A p in blocks begin … end − 1; returns pᵀ q of all threads."""
+    _turn(begin * BLOCK, min(end * BLOCK, len(p)), z, beta, p)
+    wait(member)
+    for block in range(begin, end):
+        first, last = nodes_of(block, len(p))
+        sums[0, block] = _multiply(first, last, indptr, indices, values, p, q)
+    wait(member)
+    return total(sums[0])
+
+
+@inner
+def _check(pq: float, rz: float) -> int:
+    """The status before a step."""
+    if not np.isfinite(pq) or not np.isfinite(rz):
+        return NOT_FINITE
+    return INDEFINITE if pq <= 0.0 or rz <= 0.0 else OUT_OF_ITERATIONS
+
+
+@inner
+def _dot(begin: int, end: int, a: Array, b: Array) -> float:
+    """Σ a_i · b_i of nodes begin … end − 1."""
+    ab = 0.0
+    for node in range(begin, end):
+        i = np.uintp(node)
+        ab += a[i, 0] * b[i, 0] + a[i, 1] * b[i, 1] + a[i, 2] * b[i, 2]
+    return ab
+
+
+@inner
+def _turn(begin: int, end: int, z: Array, beta: float, p: Array) -> None:
+    """p = z + β p of nodes begin … end − 1; with β = 0 the old p may be not finite."""
+    for node in range(begin, end):
+        i = np.uintp(node)  # not negative: the compiler need not look
+        for c in range(3):
+            p[i, c] = z[i, c] + beta * p[i, c] if beta != 0.0 else z[i, c]
+
+
+@inner
+def _multiply(
+    begin: int, end: int, indptr: Array, indices: Array, values: Array, p: Array, q: Array
+) -> float:
+    """q = A p of rows begin … end − 1; returns their part of pᵀ q."""
+    pq = 0.0
+    for node in range(begin, end):
+        i = np.uintp(node)
+        q1 = q2 = q3 = 0.0
+        for s in range(indptr[i], indptr[i + 1]):
+            j = indices[s]
+            p1, p2, p3 = p[j, 0], p[j, 1], p[j, 2]
+            q1 += values[s, 0, 0] * p1 + values[s, 0, 1] * p2 + values[s, 0, 2] * p3
+            q2 += values[s, 1, 0] * p1 + values[s, 1, 1] * p2 + values[s, 1, 2] * p3
+            q3 += values[s, 2, 0] * p1 + values[s, 2, 1] * p2 + values[s, 2, 2] * p3
+        q[i, 0], q[i, 1], q[i, 2] = q1, q2, q3
+        pq += p[i, 0] * q1 + p[i, 1] * q2 + p[i, 2] * q3
+    return pq
+
+
+@inner
+def _move(begin: int, end: int, alpha: float, p: Array, q: Array, x: Array, r: Array) -> float:
+    """x += α p, r −= α q of nodes begin … end − 1; returns rᵀ r."""
+    rr = 0.0
+    for node in range(begin, end):
+        rr += _advance_node(np.uintp(node), alpha, p, q, x, r)
+    return rr
+
+
+@inner
+def _advance(
+    begin: int,
+    end: int,
+    alpha: float,
+    p: Array,
+    q: Array,
+    inverse: Array,
+    x: Array,
+    r: Array,
+    z: Array,
+) -> tuple[float, float]:
+    """x += α p, r −= α q, z = M⁻¹ r of nodes begin … end − 1; returns rᵀ z and rᵀ r."""
+    rz = rr = 0.0
+    for node in range(begin, end):
+        i = np.uintp(node)
+        rr += _advance_node(i, alpha, p, q, x, r)
+        r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
+        m = inverse[i]
+        z1 = m[0] * r1 + m[5] * r2 + m[4] * r3
+        z2 = m[5] * r1 + m[1] * r2 + m[3] * r3
+        z3 = m[4] * r1 + m[3] * r2 + m[2] * r3
+        z[i, 0], z[i, 1], z[i, 2] = z1, z2, z3
+        rz += r1 * z1 + r2 * z2 + r3 * z3
+    return rz, rr
+
+
+@inner
+def _advance_node(i: Any, alpha: float, p: Array, q: Array, x: Array, r: Array) -> float:
+    """Node i of `_move`; with α = 0 the old p and q are not used, as they may be not finite."""
+    if alpha != 0.0:
+        for c in range(3):
+            x[i, c] += alpha * p[i, c]
+            r[i, c] -= alpha * q[i, c]
+    r1, r2, r3 = r[i, 0], r[i, 1], r[i, 2]
+    rr: float = r1 * r1 + r2 * r2 + r3 * r3
+    return rr
