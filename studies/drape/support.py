@@ -154,7 +154,8 @@ def main() -> int:
         rows,
         tables={"Drape coefficients in %": summary(rows)},
         findings=findings,
-        conclusion="The sources of these fabrics give no measured drape coefficient.",
+        conclusion="The sources of these fabrics give no measured drape coefficient. – stands where "
+        "the cloth did not come to rest.",
     )
     if not options.quick and not options.fabric:
         for name, kept in (("report.md", "support.md"), ("results.csv", "support.csv")):
