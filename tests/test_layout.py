@@ -13,7 +13,7 @@ import fecloth
 PACKAGE = Path(fecloth.__file__).parent
 PACKAGES = """errors validation suggest jit thread_choice thread_meeting thread_workers team
 compiled_calls quantities linalg mesh fabric terms system nonlinear integrators stability output
-view simulation homogenisation verify scene runs study cli"""
+view simulation homogenisation verify scene runs distributed study cli"""
 ORDER = PACKAGES.split()
 ROOT_FILES = {"__init__", "__main__", "errors", "validation", "suggest", "jit", "compiled_calls"}
 ROOT_FILES |= {"homogenisation", "verify"}

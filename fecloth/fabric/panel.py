@@ -60,6 +60,10 @@ class Panel:
         "lumped" or "consistent", as in `System`.
     team
         The threads that share the loops of terms.
+    counted
+        ``counted(nodes)`` (m,): whether the elements with the nodes (m, k), of which −1 is none,
+        count in sums over elements. None, for a whole cloth: all do. Where other processes hold
+        other parts of the cloth, each element counts in one of them.
     """
 
     cloth: Cloth
@@ -70,6 +74,7 @@ class Panel:
     clamps: Clamps | None = None
     mass: str = "consistent"
     team: Team = ALONE
+    counted: Callable[[np.ndarray], np.ndarray] | None = None
 
     @classmethod
     def cut(
@@ -135,6 +140,12 @@ class Panel:
         if self.mass == "lumped":
             return self.cloth.diagonal_mass(self.density)
         return self.cloth.weighted_load(self.density)
+
+    def count(self, y: np.ndarray) -> np.ndarray:
+        """Values (n, 3) of the nodes, zero at those that do not count in sums over nodes."""
+        if self.counted is None:
+            return y
+        return np.where(self.counted(np.arange(len(y))[:, None])[:, None], y, 0.0)
 
     @cached_property
     def gradients(self) -> np.ndarray:

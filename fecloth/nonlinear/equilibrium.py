@@ -10,8 +10,6 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError, is_number
-from fecloth.linalg import select
-from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.iteration import Progress, iterate
 from fecloth.nonlinear.limits import has_limits, largest_step
@@ -206,8 +204,8 @@ def static_context(
             remedy = "Let the motion come to rest in BackwardEuler or BDF2, or set friction = 0."
             raise InputError(f"{name} in equilibrium", reason, "equilibrium", remedy)
     options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)
-    linear = select.create(solver, system.symmetric)
-    return SolverContext(linear, BlockMatrix.zeros(system.pattern, system.team), options)
+    linear, matrix, _ = system.linear_solver(solver, system.symmetric)
+    return SolverContext(linear, matrix, options)
 
 
 def increase_loads(

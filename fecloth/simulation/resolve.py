@@ -13,8 +13,6 @@ from fecloth.integrators.protocol import (
     has_symmetric_matrix,
 )
 from fecloth.linalg import select
-from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.linalg.protocol import LinearSolver
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.error_control import Adaptive
@@ -45,13 +43,8 @@ def solver_for(
         raise InputError(f"solver = {brief(choice)}", allowed, "march")
     options = options or Newton()
     symmetric = has_symmetric_matrix(system, method)
-    chosen: LinearSolver
     symmetric |= options.definiteness == "clamp"  # clamped tangents all are
-    if choice == "auto":
-        chosen, why = select.choose(system.pattern, symmetric)
-    else:
-        chosen, why = select.create(choice, symmetric), "requested"
-    matrix = BlockMatrix.zeros(system.pattern, system.team)
+    chosen, matrix, why = system.linear_solver(choice, symmetric)
     return SolverContext(chosen, matrix, options), f"{chosen.name} ({why})"
 
 

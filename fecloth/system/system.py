@@ -14,8 +14,10 @@ import scipy.sparse as sparse
 from fecloth.errors import InputError, brief
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
+from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass, find_entries
 from fecloth.linalg.matrix_layout import MatrixLayout
+from fecloth.linalg.protocol import LinearSolver
 from fecloth.linalg.reductions import NodeSums
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.clamps import find_clamps
@@ -118,6 +120,7 @@ class System:
         _ = self.scalar_mass, self.layout, self.bound, self.constraints
 
     sums: ClassVar[NodeSums] = NodeSums()  # all sums over nodes go through it
+    is_whole: ClassVar[bool] = True  # whether this process has the matrix of the whole cloth
     team: ClassVar[Team]  # of each system its own; no field, as `threads` says all of it
 
     # --- what is bound, once ------------------------------------------------------------------
@@ -297,6 +300,15 @@ class System:
         """P J P + (I − P) s, in place: a pinned node's rows and columns become a multiple of I."""
         self._projection.apply(J)
         return J
+
+    def linear_solver(self, choice: str, symmetric: bool) -> tuple[LinearSolver, BlockMatrix, str]:
+        """A solver, "auto" or one of `select.NAMES`; its matrix; and why it was chosen."""
+        solver: LinearSolver
+        if choice == "auto":
+            solver, why = select.choose(self.pattern, symmetric)
+        else:
+            solver, why = select.create(choice, symmetric), "requested"
+        return solver, BlockMatrix.zeros(self.pattern, self.team), why
 
     def stiffness(self, state: State) -> sparse.bsr_matrix:
         """K = −∂f/∂x over all nodes, (3n, 3n) [N/m], without what `dense` gives."""

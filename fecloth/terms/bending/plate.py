@@ -203,8 +203,8 @@ class BoundPlate:
     def _force_on_clamps(self, x: np.ndarray, t: float) -> np.ndarray:
         mu, g = self.plate.gradients(x, t)
         first = len(mu) - len(self.plate.held)
-        moment = (self.plate.stiffness @ (mu - self.rest))[first:]
-        return moment[:, None] * g[first:, 3]
+        moment = self.plate.loop.select(self.plate.stiffness @ (mu - self.rest))
+        return moment[first:, None] * g[first:, 3]
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bound of the eigenvalues of M⁻¹K [1/s²] at flat."""

@@ -12,7 +12,6 @@ import scipy.sparse as sparse
 from fecloth.compiled_calls import Call, SharedCall
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
-from fecloth.team import Team
 from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.plate_rows import CoupledRows
 from fecloth.terms.bending.plate_stiffness import panel_stiffness
@@ -32,8 +31,8 @@ def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
         nodes, moved = np.concatenate([nodes, clamped]), panel.clamps.moved
         gradient = np.concatenate([gradient, clamped_gradient(panel.cloth.X[corners])])
         held = mirror(panel.clamps.start[corners])
-    n, team = len(panel.cloth.X), panel.team
-    return PlateAngles(nodes, held, moved, Q, gradient, slots, slopes.pairs, n, team)
+    last = slopes.pairs, len(panel.cloth.X), panel
+    return PlateAngles(nodes, held, moved, Q, gradient, slots, *last)
 
 
 def mirror(corners: np.ndarray) -> np.ndarray:
@@ -75,8 +74,8 @@ class PlateAngles:
         (h, 4) ∂θ/∂z about flat [1/m].
     find_slots, pairs, n
         For `rows`: as `bind` of a term gets it, the stencil of the term, and the number of nodes.
-    team
-        The threads that share the loops.
+    panel
+        The cloth with its fabrics.
     """
 
     nodes: np.ndarray
@@ -87,7 +86,7 @@ class PlateAngles:
     find_slots: FindSlots
     pairs: np.ndarray
     n: int
-    team: Team
+    panel: Panel
 
     @cached_property
     def rows(self) -> CoupledRows:
@@ -102,7 +101,7 @@ class PlateAngles:
     @cached_property
     def loop(self) -> SharedLoop:
         """The loop over the hinges."""
-        return SharedLoop(self.team, self.nodes)
+        return SharedLoop.of(self.panel, self.nodes)
 
     def at(self, t: float) -> tuple:
         """What the loops over the hinges take first, at the time t."""
@@ -116,7 +115,7 @@ class PlateAngles:
     def energy(self, x: np.ndarray, t: float, rest: np.ndarray) -> float:
         """½ (μ − μ⁰)ᵀ Q (μ − μ⁰) [J] for the measures μ⁰ at rest."""
         change = self.measures(x, t) - rest
-        return 0.5 * plate_loops.sum_products(change, self.stiffness @ change)
+        return 0.5 * plate_loops.sum_products(self.loop.select(change), self.stiffness @ change)
 
     def measures(self, x: np.ndarray, t: float) -> np.ndarray:
         """μ (h,)."""

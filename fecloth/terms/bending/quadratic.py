@@ -67,7 +67,7 @@ class QuadraticBending:
         i = np.broadcast_to(hinges.nodes[:, :, None], Q.shape)
         j = np.broadcast_to(hinges.nodes[:, None, :], Q.shape)
         matrix = sparse.csr_matrix((Q.ravel(), (i.ravel(), j.ravel())), shape=(n, n))
-        return BoundQuadratic(matrix, slots)
+        return BoundQuadratic(matrix, slots, panel)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +80,13 @@ class BoundQuadratic:
         (n, n) Q of one component [N/m].
     find_slots
         Finds the blocks of its entries in the system matrix, at the first tangent.
+    panel
+        The cloth with its fabrics.
     """
 
     matrix: sparse.csr_matrix
     find_slots: FindSlots
+    panel: Panel
 
     name = "QuadraticBending"
     symmetric = True
@@ -98,7 +101,7 @@ class BoundQuadratic:
 
     def energy(self, x, t) -> float:
         """½ x·Q x [J]."""
-        return 0.5 * dot(x, self.matrix @ x)
+        return 0.5 * dot(self.panel.count(x), self.matrix @ x)
 
     def add_force(self, x, v, t, f) -> None:
         """f −= Q x [N]."""

@@ -98,7 +98,7 @@ class BoundPlateDamping:
     def power(self, x, v, t) -> float:
         """Dissipated power τ μ̇ᵀ Q μ̇ [W]."""
         rate, moment, _ = self._moments(x, v, t)
-        return plate_loops.sum_products(rate, moment)
+        return plate_loops.sum_products(self.plate.loop.select(rate), moment)
 
     def add_force(self, x, v, t, f) -> None:
         """f_a −= Σ m ∂μ/∂x_a with the moments m = τ Q μ̇ [N]."""

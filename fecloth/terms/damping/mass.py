@@ -59,8 +59,8 @@ class MassDamping:
     def bind(self, panel: Panel, slots) -> BoundMassDamping | BoundConsistentMassDamping:
         if panel.cloth.element != "P1" and panel.mass == "consistent":
             matrix = self.rate * panel.cloth.mass("consistent", panel.density)
-            return BoundConsistentMassDamping(self.rate, matrix, slots)
-        return BoundMassDamping(self.rate * panel.nodal_mass[:, None])
+            return BoundConsistentMassDamping(self.rate, matrix, slots, panel)
+        return BoundMassDamping(self.rate * panel.nodal_mass[:, None], panel)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +68,7 @@ class BoundMassDamping:
     """`MassDamping` on a cloth: `coefficient` (n, 1) is α m_a [N s/m]."""
 
     coefficient: np.ndarray
+    panel: Panel
 
     name = "MassDamping"
     symmetric = True
@@ -77,7 +78,7 @@ class BoundMassDamping:
 
     def power(self, x, v, t) -> float:
         """α Σ m_a |v_a|² [W]."""
-        return dot(self.coefficient * v, v)
+        return dot(self.panel.count(self.coefficient * v), v)
 
     def add_force(self, x, v, t, f) -> None:
         """f −= α m_a v_a [N]."""
@@ -112,6 +113,7 @@ class BoundConsistentMassDamping:
     rate: float
     matrix: sparse.csr_matrix
     find_slots: FindSlots
+    panel: Panel
 
     name = "MassDamping"
     symmetric = True
@@ -126,7 +128,7 @@ class BoundConsistentMassDamping:
 
     def power(self, x, v, t) -> float:
         """α v · M v [W]."""
-        return dot(v, self.matrix @ v)
+        return dot(self.panel.count(v), self.matrix @ v)
 
     def add_force(self, x, v, t, f) -> None:
         """f −= α M v [N]."""

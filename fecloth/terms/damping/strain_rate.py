@@ -157,7 +157,7 @@ class BoundStrainRate:
     @cached_property
     def loop(self) -> SharedLoop:
         """The loop over the triangles."""
-        return SharedLoop(self.panel.team, self.panel.cloth.stencil)
+        return SharedLoop.of(self.panel, self.panel.cloth.stencil)
 
     @property
     def elements(self) -> tuple:

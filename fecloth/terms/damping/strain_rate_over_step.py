@@ -84,7 +84,9 @@ class StrainRateOverStep:
 
     def dissipation(self, x: np.ndarray) -> float:
         """Σ w (E₁ − E₀) : τℂ₀ : (E₁ − E₀)/dt [J], dissipated in the step."""
-        return dissipation(*self.damping.data, self.step.start, self.step.dt, x)
+        elements, last = self.damping.elements, (self.step.start, self.step.dt, x)
+        parts = (cut(elements, part) for part in self.damping.loop.runs)
+        return float(sum(dissipation(*self._shape, *part, *last) for part in parts))
 
     def add_force(self, x, v, t, f) -> None:
         """f −= Σ w F S_v G_a [N]."""

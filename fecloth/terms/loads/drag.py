@@ -139,7 +139,7 @@ class BoundDrag:
     @cached_property
     def loop(self) -> SharedLoop:
         """The loop over the triangles."""
-        return SharedLoop(self.panel.team, self.nodes)
+        return SharedLoop.of(self.panel, self.nodes)
 
     @property
     def nodes(self) -> np.ndarray:
@@ -155,7 +155,15 @@ class BoundDrag:
 
     def power(self, x, v, t) -> float:
         """Dissipated power −Σ F · w >= 0 [W]."""
-        return powers(self.nodes, self.law, self._air(x, t), x, v)[0]
+        return self.powers(x, v, t)[0]
+
+    def powers(self, x, v, t) -> tuple[float, float]:
+        """Dissipated power, and power of the air on the cloth [W]."""
+        u, dissipated, supplied = self._air(x, t), 0.0, 0.0
+        for part in self.loop.runs:
+            both = powers(self.nodes[part], self.law, by_triangle(u, part), x, v)
+            dissipated, supplied = dissipated + both[0], supplied + both[1]
+        return dissipated, supplied
 
     def add_force(self, x, v, t, f) -> None:
         """f += F/3 at each corner [N]."""

@@ -92,9 +92,9 @@ class Pressure:
         p = scalar(self.p, "p", "Pressure")
         symmetric = self.tangent == "symmetric"
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-        loop = SharedLoop(panel.team, cloth.stencil)
-        data = p, loop, orientation_signs(cloth), slots, symmetric, rest
-        return BoundPressure(*data) if cloth.element == "P1" else BoundCurved(*data, cloth)
+        loop = SharedLoop.of(panel, cloth.stencil)
+        data = p, loop, orientation_signs(cloth), slots, symmetric, rest, panel
+        return BoundPressure(*data) if cloth.element == "P1" else BoundCurved(*data)
 
 
 def orientation_signs(cloth: Cloth) -> np.ndarray:
@@ -114,6 +114,8 @@ class BoundPressure:
         (m,) 1 or −1, see `orientation_signs`.
     rest
         (n, 3) positions of the flat cloth [m].
+    panel
+        The cloth with its fabrics.
     """
 
     p: TimeFunction
@@ -122,6 +124,7 @@ class BoundPressure:
     find_slots: FindSlots
     symmetric: bool
     rest: np.ndarray
+    panel: Panel
 
     name = "Pressure"
     load = True
@@ -143,7 +146,7 @@ class BoundPressure:
         """Power f · v of the pressure on the cloth [W]."""
         f = np.zeros_like(x)
         self.add_force(x, v, t, f)
-        return dot(f, v)
+        return dot(self.panel.count(f), v)
 
     def add_force(self, x, v, t, f) -> None:
         """f += (p/6) n at each corner [N]."""
@@ -183,15 +186,13 @@ class BoundPressure:
 class BoundCurved(BoundPressure):
     """`Pressure` on P2 triangles."""
 
-    cloth: Cloth
-
     def _force(self, p, x, part, f) -> Call:
-        cloth = self.cloth
+        cloth = self.panel.cloth
         arrays = cut((self.nodes, cloth.gradients, cloth.weights), part)
         return add_curved_force, (*cloth.shape, *arrays, cloth.values, p, x, f)
 
     def _tangent(self, slots, p, x, part, J) -> Call:
-        cloth = self.cloth
+        cloth = self.panel.cloth
         arrays = cut((self.nodes, slots, cloth.gradients, cloth.weights), part)
         return add_curved_tangent, (*cloth.shape, *arrays, cloth.values, p, self.symmetric, x, J)
 

@@ -14,7 +14,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, SPEED
 from fecloth.terms.loads import air_velocity
 from fecloth.terms.loads.air_velocity import Uniform
-from fecloth.terms.loads.drag import BoundDrag, Coefficient, bind_drag, check_drag, powers
+from fecloth.terms.loads.drag import BoundDrag, Coefficient, bind_drag, check_drag
 
 
 @dataclass(frozen=True)
@@ -116,4 +116,4 @@ class BoundWind(BoundDrag):
 
     def supply(self, x, v, t) -> float:
         """Power Σ F · u of the wind [W]."""
-        return powers(self.nodes, self.law, self._air(x, t), x, v)[1]
+        return self.powers(x, v, t)[1]

@@ -70,8 +70,8 @@ class BoundCondition:
         "exact" or "gauss_newton" (without ∂²C).
     tangent
         Of the damping: "symmetric" (without its non-symmetric part) or "exact".
-    team
-        The threads that share the loops.
+    team, counted
+        The threads that share the loops, and which elements count in sums, as in `Panel`.
     """
 
     name: str
@@ -86,11 +86,13 @@ class BoundCondition:
     hessian: str = "exact"
     tangent: str = "symmetric"
     team: Team = ALONE
+    counted: Callable[[np.ndarray], np.ndarray] | None = None
 
     @cached_property
     def loop(self) -> SharedLoop:
         """The loop over the stencils."""
-        return SharedLoop(self.team, self.nodes)
+        counted = self.counted(self.nodes) if self.counted else None
+        return SharedLoop(self.team, self.nodes, counted)
 
     @cached_property
     def slots(self) -> np.ndarray:
@@ -253,6 +255,7 @@ def bind(
         hessian,
         tangent,
         panel.team,
+        panel.counted,
     )
 
 

@@ -250,7 +250,7 @@ class BoundMembrane:
     @cached_property
     def loop(self) -> SharedLoop:
         """The loop over the triangles."""
-        return SharedLoop(self.panel.team, self.panel.cloth.stencil)
+        return SharedLoop.of(self.panel, self.panel.cloth.stencil)
 
     @property
     def elements(self) -> tuple[Any, ...]:

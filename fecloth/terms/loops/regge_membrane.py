@@ -277,7 +277,7 @@ class BoundRegge:
     @cached_property
     def loop(self) -> SharedLoop:
         """The loop over the triangles."""
-        return SharedLoop(self.panel.team, self.strain.nodes)
+        return SharedLoop.of(self.panel, self.strain.nodes)
 
     @cached_property
     def data(self) -> tuple[Any, ...]:

@@ -11,11 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from fecloth.compiled_calls import Call, SharedCall
+from fecloth.fabric.panel import Panel
 from fecloth.jit import Array, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.team import SMALL, Team
@@ -49,7 +51,8 @@ class SharedLoop:
     """A loop over elements with the nodes (m, k), of which −1 is none, for the threads of a team.
 
     The loops are given as functions that return a `Call`, a kernel and its arguments, for a range
-    of the elements.
+    of the elements. Of a part of a cloth only the elements where `counted` (m,) is true count in
+    sums; None: all do.
 
     Examples
     --------
@@ -68,7 +71,13 @@ class SharedLoop:
 
     team: Team
     nodes: np.ndarray
+    counted: np.ndarray | None = None
     cache: dict[Any, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, panel: Panel, nodes: np.ndarray) -> SharedLoop:
+        """The loop over elements of a panel."""
+        return cls(panel.team, nodes, panel.counted(nodes) if panel.counted else None)
 
     @property
     def parts(self) -> list[list[Piece]] | None:
@@ -154,6 +163,8 @@ class SharedLoop:
 
     def total(self, call: Callable[[slice], Call]) -> float:
         """Σ over the elements of what call(part) returns, in fixed blocks."""
+        if self.counted is not None:
+            return float(sum(one(*arguments) for one, arguments in map(call, self.runs)))
         m, count = len(self.nodes), self.team.count
         function, arguments = call(self.whole)
         if m < BLOCKS * SMALL:
@@ -171,6 +182,19 @@ class SharedLoop:
             (function, id(self)), lambda: fill(0, 1), lambda: run(lambda p: fill(p, count))
         )
         return float(sum(sums))
+
+    @cached_property
+    def runs(self) -> list[slice]:
+        """The ranges of elements that count."""
+        if self.counted is None:
+            return [self.whole]
+        counted = np.concatenate([[False], self.select(np.ones(len(self.nodes))) > 0, [False]])
+        ends = np.flatnonzero(counted[1:] != counted[:-1])
+        return [slice(int(a), int(b)) for a, b in ends.reshape(-1, 2)]
+
+    def select(self, values: np.ndarray) -> np.ndarray:
+        """Values (m,) of the elements, zero where they do not count in sums."""
+        return values if self.counted is None else np.where(self.counted, values, 0.0)
 
 
 def cut(arrays: Iterable[np.ndarray], part: slice) -> tuple[np.ndarray, ...]:

@@ -127,19 +127,41 @@ class Springs:
     def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition:
         if self.kind == "biquadratic":
             return biquadratic.bind(panel, slots, self.damping, self.tangent)
+        return self.known(panel).bind(panel, slots)
+
+    def known(self, panel: Panel) -> KnownSprings:
+        """The springs of a panel's net."""
         net = self._net(panel.cloth)
-        k = self._stiffness(net, panel)
-        rest_length = np.linalg.norm(net.vectors, axis=1)
+        length, k = np.linalg.norm(net.vectors, axis=1), self._stiffness(net, panel)
+        return KnownSprings(net.nodes, length, k, self.damping, self.tangent)
+
+
+@dataclass(frozen=True, eq=False)
+class KnownSprings:
+    """Springs between nodes (s, 2), with rest lengths (s,) [m] and stiffness k (s,) [N/m]."""
+
+    nodes: np.ndarray
+    length: np.ndarray
+    k: np.ndarray
+    damping: float
+    tangent: str
+
+    elements = ("P1", "P2")
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        return self.nodes
+
+    def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition:
         bound = bound_condition.bind(
             "Springs",
             KERNELS,
             (1,),
             panel,
             slots,
-            net.nodes,
-            rest_length[:, None],
-            k,
-            self.damping * k,
+            self.nodes,
+            self.length[:, None],
+            self.k,
+            self.damping * self.k,
             tangent=self.tangent,
         )
         return bound_condition.RigidCondition(**vars(bound))

@@ -1,0 +1,1 @@
+"""One large cloth on several processes, by MPI and PETSc (extra ``[mpi]``)."""

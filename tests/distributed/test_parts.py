@@ -1,0 +1,183 @@
+"""The parts of a cloth put together are the whole: forces, tangents, energies, powers, stress."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import fecloth as fc
+from fecloth.distributed.crew import LocalLink
+from fecloth.distributed.distributed_system import DistributedSystem
+from fecloth.errors import InputError
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.terms.step_difference import StepDifference
+
+FABRIC = fc.Fabric(
+    areal_density=0.2,
+    tensile_stiffness=(900.0, 700.0),
+    poisson_ratio=0.2,
+    shear_stiffness=60.0,
+    bending_rigidity=(2e-5, 1e-5),
+)
+EVEN = fc.Fabric(areal_density=0.2, tensile_stiffness=900.0, bending_rigidity=1e-5)
+LIFT = fc.Pin("left", motion=("0", "0", "0.1*t*(1+Y)"))
+LOADS = [fc.Gravity(), fc.Pressure("3*t"), fc.Wind((2.0, 0.5, 0.3), 0.4), fc.MassDamping(0.3)]
+HELD = fc.Pin("left", clamp=True, rotate=fc.Rotation((0, 0, 0), (0, 1, 0), "0.3*t"))
+CASES = {
+    "membranes": ("P1", FABRIC, [fc.StVK(), fc.HingeBending(), *LOADS], [LIFT]),
+    "damping": (
+        *("P1", FABRIC),
+        [fc.StVK(), fc.StrainRateDamping(0.01), fc.QuadraticBending(), fc.BendingDamping(0.02)],
+        [fc.Slide("left", normal=(1, 0, 0))],
+    ),
+    "step": ("P1", FABRIC, [fc.StVK(), fc.StrainRateDamping(0.01, rate="step")], ["left"]),
+    "plate": (
+        *("P1", FABRIC),
+        [fc.TensorCondition(300.0), fc.PlateBending(rest="start"), fc.Drag(0.5)],
+        [HELD],
+    ),
+    "springs": (
+        *("P1", EVEN),
+        [
+            fc.Springs("van_gelder", damping=0.01),
+            fc.Tether("right", (1, 1, 1), 5.0),
+            fc.PointForce("top", (0, 1, 0)),
+        ],
+        ["left"],
+    ),
+    "grid": ("P1", FABRIC, [fc.Springs(bend=5.0), fc.Gravity()], ["left"]),
+    "biquadratic": ("P1", EVEN, [fc.Springs("biquadratic"), fc.BaraffWitkin()], ["left"]),
+    "law": (
+        "P1",
+        EVEN,
+        [fc.NeoHookean(), fc.TensionField(), fc.BendingDamping(0.1, law=fc.PlateBending())],
+        [],
+    ),
+    "P2": (
+        "P2",
+        FABRIC,
+        [fc.StVK(), fc.PlateBending(), fc.Pressure(4.0), fc.MassDamping(1.0)],
+        [LIFT],
+    ),
+    "P2 damping": (
+        *("P2", FABRIC),
+        [fc.StVK(strain="pointwise"), fc.StrainRateDamping(0.01), fc.BendingDamping(0.1)],
+        ["left"],
+    ),
+}
+
+
+def both(case, parts):
+    """A system and the same in parts, and a crumpled state with velocities."""
+    element, fabric, terms, pins = CASES[case]
+    pattern = "right" if case == "grid" else "unstructured"
+    cloth = fc.Cloth.rectangle(6.0, 0.25, 0.1, pattern, element)
+    x, v = np.random.default_rng(1).normal(size=(2, len(cloth.X), 3)) * [[[0.004]], [[0.3]]]
+    X, Y = cloth.X.T
+    x += np.column_stack([X, Y, 0.05 * np.sin(7 * X + 2 * Y)])
+    start = fc.System(cloth, fabric, []).state(x * [1, 1, 0.5], v)
+    whole = fc.System(cloth, fabric, terms, pins, start=start)
+    apart = DistributedSystem(cloth, fabric, terms, pins, start=start, link=LocalLink(parts))
+    assert min(len(part.nodes) for part in apart.parts) < 0.75 * len(cloth.X)
+    return whole, apart, whole.state(x, v, 0.7)
+
+
+def together(apart, J):
+    """The matrix of all parts, as one of SciPy."""
+    n, total = 3 * len(apart.cloth.X), 0
+    for worker in apart.link.workers:
+        A = worker.matrix.to_scipy().tocoo()
+        nodes, own = worker.part.nodes, worker.part.is_own[A.row // 3]
+        row, column = (3 * nodes[i // 3] + i % 3 for i in (A.row[own], A.col[own]))
+        total = total + sparse.coo_matrix((A.data[own], (row, column)), (n, n)).tocsr()
+    assert total.nnz
+    return total
+
+
+def close(a, b, scale=None):
+    scale = np.abs(b).max() if scale is None else scale
+    assert np.abs(a - b).max() <= 1e-11 * max(scale, 1e-30)
+
+
+@pytest.mark.parametrize("parts", [2, 3])
+@pytest.mark.parametrize("case", CASES)
+def test_forces_energies_and_stress(case, parts):
+    whole, apart, state = both(case, parts)
+    assert apart.names == whole.names
+    close(apart.force(state), whole.force(state))
+    ours, theirs = apart.energies(state), whole.energies(state)
+    assert ours.keys() == theirs.keys()
+    for name in theirs:
+        assert ours[name] == pytest.approx(theirs[name], rel=1e-11)
+    for one, other in zip(apart.bound, whole.bound, strict=True):
+        for name in ("power", "supply"):
+            assert hasattr(one, name) == hasattr(other, name)
+            if hasattr(other, name) and (name != "power" or other.dissipative):
+                power = getattr(other, name)(state.x, state.v, state.t)
+                assert getattr(one, name)(state.x, state.v, state.t) == pytest.approx(power, 1e-11)
+        if hasattr(other, "add_stress"):
+            a, b = np.zeros((2, len(whole.cloth.triangles), 4))
+            one.add_stress(state.x, a)
+            other.add_stress(state.x, b)
+            close(a, b)
+        if hasattr(other, "strain_error"):
+            error = other.strain_error(state.x, state.t)
+            close(one.strain_error(state.x, state.t), error)
+        if hasattr(other, "work_of_clamps"):
+            at = (whole.rest().x, 0.0), (state.x, 0.7), [(state.x, 0.7)]
+            assert one.work_of_clamps(*at) == pytest.approx(other.work_of_clamps(*at), 1e-9)
+
+
+@pytest.mark.parametrize("parts", [2, 3])
+@pytest.mark.parametrize("case", CASES)
+def test_tangents(case, parts):
+    whole, apart, state = both(case, parts)
+    for definite in (False, True):
+        J = BlockMatrix.zeros(whole.pattern)
+        whole.project(whole.assemble(J, state, 0.9, 1.1, 130.0, definite))
+        ours = BlockMatrix.zeros(apart.pattern)
+        apart.project(apart.assemble(ours, state, 0.9, 1.1, 130.0, definite))
+        difference = abs(together(apart, ours) - J.to_scipy()).max()
+        assert difference <= 1e-11 * np.abs(J.values).max()
+
+
+@pytest.mark.parametrize("case", ["step", "damping", "plate", "springs", "P2 damping"])
+@pytest.mark.parametrize("at_mean", [False, True])
+def test_terms_over_a_step(case, at_mean):
+    whole, apart, state = both(case, 3)
+    x = whole.rest().x
+    step = StepDifference(x, 0.1, 0.05, ((0.7, x), (0.3, 1.1 * x)), at_mean)
+    one, other = apart.over_step(step), whole.over_step(step)
+    close(one.force(state), other.force(state))
+    for a, b in zip(one.bound, other.bound, strict=True):
+        assert a.has_energy == b.has_energy
+        if b.has_energy:
+            assert a.energy(state.x, 0.7) == pytest.approx(b.energy(state.x, 0.7), 1e-11)
+        if hasattr(b, "dissipation"):
+            assert a.dissipation(state.x) == pytest.approx(b.dissipation(state.x), 1e-11)
+    del one, a
+    apart.force(state)
+    assert all(len(w.terms) == len(apart.crew.here.system.bound) for w in apart.link.workers)
+
+
+def test_regions_and_reactions():
+    cloth = fc.Cloth.rectangle(1.0, 0.8, 0.1)
+    left = cloth.X[cloth.triangles].mean(axis=1)[:, 0] < 0.2
+    regions = {"body": np.flatnonzero(~left), "grip": np.flatnonzero(left)}
+    cloth = fc.Cloth.from_arrays(cloth.X, cloth.triangles, regions=regions)
+    fabric = {"body": EVEN, "grip": FABRIC}
+    pins = [fc.Pin(lambda X: X[:, 0] < 0.15)]
+    arguments = cloth, fabric, [fc.StVK(), fc.PlateBending()], pins
+    whole, apart = fc.System(*arguments), DistributedSystem(*arguments, link=LocalLink(3))
+    x = whole.rest().x * 1.02
+    state = whole.state(x + 0.01 * np.sin(9 * x[:, [1, 2, 0]]))
+    f = whole.force(state)
+    close(apart.force(state), f)
+    assert apart.force_size(f) == pytest.approx(whole.force_size(f), 1e-9)
+    assert apart.rate_bounds() == pytest.approx(whole.rate_bounds(), 0.2)
+
+
+@pytest.mark.parametrize("term", [fc.Gas(1e5, 1e5), fc.UserForce(lambda x, v, t: 0 * x)])
+def test_what_cannot_be_shared_is_refused_by_name(term):
+    cloth = fc.Cloth.rectangle(1.0, 0.8, 0.4, "right")
+    with pytest.raises(InputError, match=type(term).__name__):
+        DistributedSystem(cloth, EVEN, [fc.StVK(), term], link=LocalLink(2))
