@@ -37,6 +37,10 @@ MOST = 600  # iterations
 H = 0.008  # m
 THINNER = ("polyester-tablecloth", "interlock", "trousers")  # with half of the gap too
 UP = (0.0, 0.0, 1.0)
+NOTE = (
+    "The sources of these fabrics give no measured drape coefficient. "
+    "– stands where the cloth did not come to rest."
+)
 
 
 def drape(fabric: str, mesh: str, gap: float, h: float) -> dict:
@@ -154,8 +158,7 @@ def main() -> int:
         rows,
         tables={"Drape coefficients in %": summary(rows)},
         findings=findings,
-        conclusion="The sources of these fabrics give no measured drape coefficient. – stands where "
-        "the cloth did not come to rest.",
+        conclusion=NOTE,
     )
     if not options.quick and not options.fabric:
         for name, kept in (("report.md", "support.md"), ("results.csv", "support.csv")):
