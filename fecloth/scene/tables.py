@@ -30,7 +30,7 @@ ShapeTable: Any = one_of(
 )
 _MORE = {  # fields that hold tables of their own, or a file beside the scene
     terms.Obstacle: {"shape": (ShapeTable, ...)},
-    terms.MeshObstacle: {"path": (File, ...)},
+    terms.MeshObstacle: {"path": (File, ...), **_ROTATE},
 }
 
 _LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"]
