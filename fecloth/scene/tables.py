@@ -28,7 +28,9 @@ _ROTATE: dict[str, Any] = {"rotate": (RotationTable | None, None)}
 ShapeTable: Any = one_of(
     "type", {name: table_of(cls, name, **_ROTATE) for name, cls in _SHAPES.items()}
 )
-_MORE: dict[type, dict[str, Any]] = {  # fields that hold tables of their own, or a file beside the scene
+_MORE: dict[
+    type, dict[str, Any]
+] = {  # fields that hold tables of their own, or a file beside the scene
     terms.Obstacle: {"shape": (ShapeTable, ...)},
     terms.MeshObstacle: {"path": (File, ...), **_ROTATE},
 }
