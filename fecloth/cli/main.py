@@ -258,6 +258,7 @@ def _run(options) -> int:
 
 def _run_one(options, make_system: Callable[..., System] | None = None) -> int:
     """Run a scene in this process, or with a system whose terms several share."""
+    from functools import partial
     from pathlib import Path
 
     from fecloth.cli.describe import sources
@@ -267,6 +268,7 @@ def _run_one(options, make_system: Callable[..., System] | None = None) -> int:
     from fecloth.runs.run_scene import run_scene
     from fecloth.scene.plan import plan
     from fecloth.scene.scene import load_scene
+    from fecloth.system.system import System
 
     scene = load_scene(options.scene, _changes(options), **_meshing(options))
     if options.resume and (options.output or options.overwrite):
@@ -287,9 +289,8 @@ def _run_one(options, make_system: Callable[..., System] | None = None) -> int:
     with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
         resume = bool(options.resume)
         run_ = scene, path, options.overwrite, announce, report, resume, warn
-        closed = {"closed": lambda: set_handler(signal.SIG_IGN)}
-        made = {"make_system": make_system} if make_system else {}
-        outcome = run_scene(*run_, **closed, **made)
+        closed = partial(set_handler, signal.SIG_IGN)
+        outcome = run_scene(*run_, closed=closed, make_system=make_system or System)
     if not options.quiet:
         print(ledger_text(outcome.ledger, outcome.summary["unit"]))
         print(finished_message(outcome))

@@ -28,10 +28,9 @@ def load() -> Any:
     try:
         with suppress(ImportError):
             import dolfinx_solver  # noqa: F401  # this wheel's libraries must be loaded first
+        import petsc4py  # noqa: F401
         from mpi4py import MPI
         from mpi4py.util import pkl5
-
-        import petsc4py  # noqa: F401
     except ImportError as error:
         what, allowed = f"a run on several processes: {error}", "needs mpi4py and petsc4py"
         remedy = "fecloth/distributed/README.md says how to install them."
