@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fecloth.scene.problem import Problem
     from fecloth.scene.scene import Scene
     from fecloth.simulation.march import StepInfo
+    from fecloth.system.system import System
 
 STATUS = """exit status:
   0  done
@@ -242,6 +243,22 @@ def _scene_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options) -> int:
+    from fecloth.distributed.environment import count_processes, use_one_thread
+
+    if count_processes() == 1:
+        return _run_one(options)
+    from fecloth.distributed.guard import start_guarded
+
+    use_one_thread()
+    start_guarded()
+    from fecloth.distributed.launch import run_on_all
+
+    return run_on_all(lambda make_system: _run_one(options, make_system))
+
+
+def _run_one(options, make_system: Callable[..., System] | None = None) -> int:
+    """Run a scene in this process, or with a system whose terms several share."""
+    from functools import partial
     from pathlib import Path
 
     from fecloth.cli.describe import sources
@@ -251,6 +268,7 @@ def _run(options) -> int:
     from fecloth.runs.run_scene import run_scene
     from fecloth.scene.plan import plan
     from fecloth.scene.scene import load_scene
+    from fecloth.system.system import System
 
     scene = load_scene(options.scene, _changes(options), **_meshing(options))
     if options.resume and (options.output or options.overwrite):
@@ -271,7 +289,8 @@ def _run(options) -> int:
     with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
         resume = bool(options.resume)
         run_ = scene, path, options.overwrite, announce, report, resume, warn
-        outcome = run_scene(*run_, closed=lambda: set_handler(signal.SIG_IGN))
+        closed = partial(set_handler, signal.SIG_IGN)
+        outcome = run_scene(*run_, closed=closed, make_system=make_system or System)
     if not options.quiet:
         print(ledger_text(outcome.ledger, outcome.summary["unit"]))
         print(finished_message(outcome))
