@@ -24,7 +24,7 @@ from fecloth.terms.loops.bound_condition import BoundCondition
 
 # Bytes of a factor for each block and log₂ n. Midpoints of edges are eliminated with little fill.
 FILL = {"P1": 47, "P2": 24}
-MULTIGRID = 235  # bytes of its levels for each block, at the peak
+MULTIGRID = 2200, 20  # bytes of its levels for each node and block, at the peak; P2: 0.7 of that
 
 
 def plan(problem: Problem, why: str) -> list[str]:
@@ -141,7 +141,7 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
             used += 150 * len(term.nodes)
     used += 18 * blocks  # less than the matrix: what binding takes is free by then
     if solver == "multigrid":
-        used += MULTIGRID * blocks
+        used += MULTIGRID[0] * n + MULTIGRID[1] * blocks
     if solver == "direct":
         used += FILL[system.cloth.element] * blocks * math.log2(n) + 23e6
     return 212 + used / 1e6

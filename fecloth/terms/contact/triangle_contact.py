@@ -88,6 +88,7 @@ class BoundTriangleContact:
 
     def over_step(self, step: StepDifference) -> ContactOverStep:
         """The contact over a step: it knows where the step began."""
+        self.sets.forget()  # so that a step depends on its begin only
         kind = RubbedContactOverStep if self.friction else ContactOverStep
         return kind(self, step)
 
