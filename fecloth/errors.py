@@ -85,7 +85,15 @@ class SolveFailed(FeclothError):
 
 
 class IndefiniteMatrix(SolveFailed):
-    """A matrix that is not positive definite, in a solver for definite matrices."""
+    """A matrix that is not positive definite, in a solver for definite matrices.
+
+    Attributes
+    ----------
+    so_far
+        The iterate (n, 3) of conjugate gradients before it found this; None without one.
+    """
+
+    so_far: np.ndarray | None = None
 
 
 class StepFailed(FeclothError):

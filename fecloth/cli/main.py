@@ -30,8 +30,8 @@ STATUS = """exit status:
 """
 MISSED, BAD_INPUT, SIMULATION_FAILED, STOPPED = 1, 2, 3, 4
 FIELD_NAMES = (  # the keys of `frame_reader.FIELDS`, and the checker pattern
-    *("larger_stretch", "smaller_stretch", "speed", "displacement", "energy_density"),
-    *("error_density", "height"),
+    *("larger_stretch", "smaller_stretch", "speed", "displacement"),
+    *("contact_pressure", "slip", "energy_density", "error_density", "height"),
     *("quality", "larger_stress", "smaller_stress"),
     *("E11", "E22", "E12", "S11", "S22", "S12", "checks"),
 )

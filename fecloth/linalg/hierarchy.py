@@ -9,7 +9,7 @@ and fourth order elliptic problems.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -67,6 +67,17 @@ class Level:
     columns: np.ndarray
     work: np.ndarray
 
+    @classmethod
+    def of(
+        cls, grid: Grid, A: BlockMatrix, inverse: np.ndarray, P: np.ndarray, columns: np.ndarray
+    ) -> Level:
+        """The level of a matrix; its blocks have the precision of P."""
+        n, b = len(A.pattern), len(grid.order.slots)
+        values: np.ndarray = np.empty((b, 3, 3), P.dtype)
+        level = cls(grid, A, values, np.empty((n, 6)), P, columns, np.zeros((5, n, 3)))
+        level.refill(A, inverse)
+        return level
+
     def refill(self, A: BlockMatrix, inverse: np.ndarray) -> None:
         """Take the blocks of a matrix of this pattern, and the inverses (n, 6) of its diagonal."""
         self.grid.order.gather(A, self.values)
@@ -93,7 +104,7 @@ def make_levels(
     inverse
         (n, 6) inverses of the diagonal blocks of A.
     motions
-        (n, 3, 6) motions with little energy that all levels can represent.
+        (n, 3, 6) motions with little energy that all levels can represent; overwritten.
     kind
         Precision of the finest level.
 
@@ -103,22 +114,18 @@ def make_levels(
         If a coarse diagonal block is not positive definite, and so A is not; or not finite.
     """
     grid, *coarser = grids
-    n = len(A.pattern)
-    values: np.ndarray = np.empty((len(grid.order.slots), 3, 3), kind)
-    none: np.ndarray = NONE.astype(kind)
-    level = Level(grid, A, values, np.empty((n, 6)), none, none, np.zeros((5, n, 3)))
-    level.refill(A, inverse)
     if grid.transfer is None:
-        return [level]
-    T = motions.copy()
-    clear_uncoupled(A, T)
-    coarse_motions = orthonormalise(grid.transfer.aggregates, T, A.team)
-    P = grid.transfer.prolongator(A, inverse, DAMPING, T)
-    coarse = grid.transfer.coarse_matrix(A, P)
+        return [Level.of(grid, A, inverse, NONE.astype(kind), NONE.astype(kind))]
+    clear_uncoupled(A, motions)
+    coarse_motions = orthonormalise(grid.transfer.aggregates, motions, A.team)
+    exact = grid.transfer.prolongator(A, inverse, DAMPING, motions)
+    coarse = grid.transfer.coarse_matrix(A, exact)
+    P: np.ndarray = exact.astype(kind, copy=False)
+    del exact  # what comes needs memory, too
+    columns = np.empty_like(P)
+    gather(grid.transfer.entries, P, columns, A.team)
     coarse_inverse = np.empty((len(coarse.pattern), 6))
     invert_diagonal(coarse, coarse_inverse, "multigrid, coarse matrix")
     below = coarse_motions.reshape(-1, 3, 6)
     levels = make_levels(coarser, coarse, coarse_inverse, below, np.float64)
-    columns: np.ndarray = np.empty(P.shape, kind)
-    gather(grid.transfer.entries, P, columns, A.team)
-    return [replace(level, P=P.astype(kind, copy=False), columns=columns), *levels]
+    return [Level.of(grid, A, inverse, P, columns), *levels]

@@ -69,7 +69,11 @@ class PCG:
             # Round-off makes the recurrence of r drift away from the true residual. Restart from
             # the true residual as long as this reduces it.
             before, reached = reached, relative_residual(A, b, bb, x, r)
-            self._check(status, iterations, before, reached, rtol)
+            try:
+                self._check(status, iterations, before, reached, rtol)
+            except IndefiniteMatrix as failure:
+                failure.so_far = x if iterations else None
+                raise
         seconds = time.perf_counter() - begin
         return x, SolveInfo(self.name, iterations, reached, self._seconds, seconds)
 

@@ -36,6 +36,12 @@ class Surface:
         triangles = np.ascontiguousarray(cloth.cells[:, _QUADRATIC].reshape(-1, 3))
         return cls(triangles, Hinges.from_triangles(cloth.X, triangles).sides)
 
+    def node_areas(self, X: np.ndarray) -> np.ndarray:
+        """(n,) a third of the areas of the triangles of each node, at X (n, 2) [m²]."""
+        a, b, c = X[self.triangles].transpose(1, 0, 2)
+        third = abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 6
+        return np.bincount(self.triangles.ravel(), np.repeat(third, 3), len(X))
+
     def count_inverted(self, x: np.ndarray) -> int:
         """Count the triangles that are turned over against all their neighbours, at least two.
 

@@ -60,6 +60,11 @@ class Equation(Protocol):
         """Which remedy comes next after the first, in at most CLAMPED iterations; or None."""
         ...
 
+    @property
+    def takes_short_solves(self) -> bool:
+        """Whether a direction may be the iterate of a solve that met negative curvature."""
+        ...
+
     def largest_step(self, y: np.ndarray, step: np.ndarray) -> float:
         """The largest α for which the terms allow y + α step; see `limits.largest_step`."""
         ...

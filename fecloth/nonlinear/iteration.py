@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fecloth.errors import SolveFailed
+from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.equation import Equation, Remedy
@@ -21,6 +21,8 @@ STALLED = 0.25  # of the residual left after an iteration: it may have met round
 STANDING = 1e-7  # extents of the cloth is the longest way that a node moved in it
 TINY = 1e-6  # extents: on shorter steps round-off hides the change of the potential
 NO_FORCE = 1e-6  # of the forces: where more of them is round-off, it moves no node of its own
+LONGER = 2.0  # times the last way: the longest of a solve cut short, after a step of full length
+ROUGH = 0.1  # relative residual of solves with a matrix that is not the exact one, with contact
 CLAMPED = 4  # iterations of a step that try clamped tangents before they add mass
 ROUND_OFF = 8.0  # times the change of the residual when the last digits of all numbers change
 
@@ -105,6 +107,8 @@ class _Work:
         self.left = left or ErrorLeft()
         self.clamped = 0  # iterations with the remedy `Equation.clamped`
         self.moves = False  # whether the last iteration moved the cloth
+        self.longest = 0.0  # the longest way [m] of a node in the next step that was cut short
+        self.cut_short = False  # whether conjugate gradients stopped before the last direction
 
     def at(self, y: np.ndarray, scale: float) -> Point:
         R, scale = self.equation.residual(y, scale)
@@ -118,7 +122,12 @@ class _Work:
 
     def correct(self, before: Point, point: Point, length: float, last: int) -> None:
         """Record an iteration for the estimate of the error left."""
-        whole = length == 1.0 and not self.equation.remedies[last].shift
+        held_back = self.equation.remedies[last].shift or self.cut_short
+        if self.equation.takes_short_solves:
+            held_back = held_back or last  # clamped tangents too, of which there may be many
+        whole = length == 1.0 and not held_back
+        way = self.equation.wx * float(abs(point.y - before.y).max())
+        self.longest = way * (LONGER if length >= 1.0 else 1.0)
         self.left.correct(self.system, point.y - before.y, whole)
         self.clamped += last == self.equation.clamped
 
@@ -211,6 +220,7 @@ class _Work:
             reuse.drop()
             return None
         self.reused_solves += 1
+        self.cut_short = False
         if self.equation.largest_step(point.y, step) < 1.0:  # it leads into an obstacle
             return None
         there = self.at(point.y + step, point.scale)
@@ -228,7 +238,11 @@ class _Work:
         )
 
     def direction(self, point: Point, remedy: Remedy) -> np.ndarray:
-        """s = −J⁻¹ R with a remedy."""
+        """s = −J⁻¹ R with a remedy, or what conjugate gradients had of it, if the equation allows.
+
+        Where they find that J is not definite, their iterate is a direction of descent, shorter
+        than s (Nocedal and Wright 2006, algorithm 7.1).
+        """
         begin, reuse = time.perf_counter(), self.context.factor_reuse
         reuse.key = None  # from here on the matrix is another one, also if this fails
         self.equation.assemble(point.y, remedy, self.J)
@@ -236,13 +250,27 @@ class _Work:
         self.factorisations += 1
         self.seconds["assemble"] += time.perf_counter() - begin
         self.linear_solver.prepare(self.equation.couple(point.y, remedy, self.J))
-        step = self.solve_linear(point, new=True)
+        self.cut_short = False
+        try:
+            rough = self.equation.takes_short_solves and remedy != self.equation.remedies[0]
+            step = self.solve_linear(point, ROUGH if rough else 0.0, new=True)
+        except IndefiniteMatrix as failure:
+            if failure.so_far is None or not self.equation.takes_short_solves:
+                raise
+            self.cut_short = True
+            return self.shorten(self.system.constraints.project(failure.so_far))
         reuse.record_factor(self.equation.key(remedy), self.linear_solver)
         return step
 
-    def solve_linear(self, point: Point, new: bool = False) -> np.ndarray:
-        """−J⁻¹ R for the prepared J."""
-        forcing = max(self.context.options.forcing, 0.5 * self.goal(point) / point.norm)
+    def shorten(self, step: np.ndarray) -> np.ndarray:
+        """The step, or the part of it that moves no node farther than `longest`."""
+        way = self.equation.wx * float(abs(step).max())
+        return step * min(1.0, self.longest / way) if self.longest and way else step
+
+    def solve_linear(self, point: Point, least: float = 0.0, new: bool = False) -> np.ndarray:
+        """−J⁻¹ R for the prepared J, to the option `forcing` or to `least`, if that is more."""
+        goal = 0.5 * self.goal(point) / point.norm
+        forcing = max(self.context.options.forcing, goal, least)
         updates = self.equation.updates(point.y)
         step, infos = solve_updated(self.linear_solver, updates, -point.R, min(0.5, forcing))
         self.linear += sum(info.iterations for info in infos)

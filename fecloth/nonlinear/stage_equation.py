@@ -10,7 +10,7 @@ import numpy as np
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.equation import Remedy
-from fecloth.nonlinear.limits import largest_step
+from fecloth.nonlinear.limits import has_limits, largest_step
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.round_off import measure_round_off
 from fecloth.nonlinear.stage import Stage
@@ -63,6 +63,11 @@ class StageEquation:
     def remedies(self) -> tuple[Remedy, ...]:
         """The remedies of the option `definiteness`; their shift σ is a multiple of wa."""
         return REMEDIES[self.definiteness]
+
+    @property
+    def takes_short_solves(self) -> bool:
+        """Whether a term limits directions, and the forces have a potential to be lowered."""
+        return has_limits(self.system) and self.potential is not None
 
     @property
     def potential(self) -> Callable[[np.ndarray], float] | None:

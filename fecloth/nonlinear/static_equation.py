@@ -54,6 +54,7 @@ class StaticEquation:
     wx = 1.0
     resume = LESS + 2
     clamped = None
+    takes_short_solves = False
 
     @cached_property
     def longest(self) -> float:

@@ -4,6 +4,8 @@
     velocity              (n, 3)  [m/s]
     reference             (n, 3)  (X, 0): the flat cloth [m]
     held                  (n,)    directions that pins hold: 0 free, 3 fixed, or 1 or 2 of a slide
+    contact_pressure      (n,)    force of contact over the area of the node [Pa]; with contact
+    slip                  (n, 3)  velocity along an obstacle that is touched [m/s]; with obstacles
     E11, E22, E12         (m,)    Green strain along warp and weft
     principal_stretches   (m, 2)  smaller, larger
     warp, weft            (m, 3)  F e₁, F e₂: where the threads point, and how far they stretch
@@ -30,6 +32,7 @@ import numpy as np
 
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.elements import blocks
+from fecloth.mesh.surface import Surface
 from fecloth.output.vtu_writer import Arrays
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
@@ -50,7 +53,7 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
     stress = np.zeros((len(cloth.triangles), 4)) if membranes else None
     for term in membranes:
         term.add_stress(state.x, stress)
-    points = _points(cloth, state) | {"held": _held_directions(system)}
+    points = _points(cloth, state) | {"held": _held_directions(system)} | _contact(system, state)
     cells = _in_blocks(cloth, lambda part: _cells(cloth, G, state.x, stress, part))
     cells |= {"quality": cloth.quality, "region": system.panel.region.astype(np.int32)}
     if error_density:
@@ -72,6 +75,17 @@ def _points(cloth: Cloth, state: State) -> Arrays:
         "velocity": state.v,
         "reference": reference,
     }
+
+
+def _contact(system: System, state: State) -> Arrays:
+    """Pressure and slip of a system with contact; no arrays of one without."""
+    x, v, t, arrays = state.x, state.v, state.t, {}
+    if pushes := [term.push(x, t) for term in system.bound if hasattr(term, "push")]:
+        areas = Surface.of(system.cloth).node_areas(system.cloth.X)
+        arrays["contact_pressure"] = np.linalg.norm(sum(pushes), axis=1) / areas
+    if slips := [term.slip(x, v, t) for term in system.bound if hasattr(term, "slip")]:
+        arrays["slip"] = sum(slips)
+    return arrays
 
 
 def _in_blocks(cloth: Cloth, arrays_of: Callable[[slice], Arrays]) -> Arrays:

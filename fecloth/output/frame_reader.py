@@ -8,6 +8,7 @@ Users choose a field by one word (`fecloth view`, `fecloth render`):
     S11, S22, S12                      stress resultants [N/m]
     energy_density, error_density [J/m²], quality    as in the frames
     speed [m/s], displacement, height [m]    |v|, |x − (X, 0)|, z
+    contact_pressure [Pa], slip [m/s]  of contact, where the scene has it
 
 The arrays are listed in `frame_arrays`. Quadratic triangles are cut into four straight ones.
 """
@@ -63,6 +64,8 @@ FIELDS = {
     "smaller_stretch": Field("smaller stretch", "", "principal_stretches", _component(0)),
     "speed": Field("speed", "m/s", "velocity", _norm),
     "displacement": Field("displacement", "m", "displacement", _norm),
+    "contact_pressure": Field("contact pressure", "Pa", "contact_pressure", np.asarray),
+    "slip": Field("slip", "m/s", "slip", _norm),
     "energy_density": Field("energy density", "J/m²", "energy_density", np.asarray),
     "error_density": Field("error density", "J/m²", "error_density", np.asarray),
     "height": Field("height", "m", "", _component(2)),

@@ -19,7 +19,8 @@ from fecloth.runs.csv_table import Table
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
 PAGES = ("report.html", "view.html")
 TEXTS = ("summary.json", "scene.resolved.toml", "run.log", *PAGES, "run.vtkhdf", "run.vtkhdf.redo")
-LISTS = ("*.pvd", "*.vtu.series")  # only those that list frames/frame_…
+LISTS = ("*.pvd", "*.vtu.series")  # only those that list these:
+FRAMES = ("frame_", "obstacles_")  # in frames/
 
 
 class FolderMoved(WriteError):
@@ -174,10 +175,12 @@ def _files_of_run(path):
     """Yield the files that fecloth wrote; last those by which a folder is recognised as a run's."""
     for pattern in LISTS:
         for file in [*path.glob(pattern), *path.glob(f"{pattern}.part")]:
-            if b'"frames/frame_' in file.read_bytes():
+            text = file.read_bytes()
+            if any(f'"frames/{name}'.encode() in text for name in FRAMES):
                 yield file
-    for pattern in ("frame_*.vtu", "frame_*.vtu.part"):
-        yield from (path / "frames").glob(pattern)
+    for name in FRAMES:
+        for suffix in ("vtu", "vtu.part"):
+            yield from (path / "frames").glob(f"{name}*.{suffix}")
     for pattern in ("restart_*.npz", "restart_*.npz.part"):
         yield from (path / "restart").glob(pattern)
     for name in (*TEXTS, *TABLES):

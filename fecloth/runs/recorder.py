@@ -18,6 +18,7 @@ from fecloth.output.atomic_files import WriteError, flush_to_disk
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
 from fecloth.output.frames import Frames
+from fecloth.output.obstacle_frames import ObstacleFrames
 from fecloth.output.vtkhdf_writer import HdfFrames
 from fecloth.runs import restart as restarts
 from fecloth.runs.disk_space import MOST_FRAMES, check_space
@@ -75,6 +76,7 @@ class Recorder:
         frames, name = FRAMES[problem.frame_format]
         self.frames = frames(folder.path / name, problem.cloth, problem.system)
         self.ledger = problem.ledger
+        self.obstacles = ObstacleFrames(folder.path, problem.system, problem.state.x)
         self.shown: Frame | None = None  # the last frame written
         self.watched = ShapeWatch.bind(problem)
         self.seen: dict[str, float] = {}  # its row of strains.csv
@@ -104,6 +106,7 @@ class Recorder:
         self.raised = found.warnings
         self.frames.keep(self.tables["strains"].column("t"))
         self.frames_on_disk = len(self.frames.times)
+        self.obstacles.keep(self.frames.times)
         self.counted = last_count(self.tables["strains"], self.tables["steps"])
         restarts.drop_later(self.folder.path, found)
         exactly = "" if found.exact else ", exact to the solver's tolerance only: a factor was lost"
@@ -283,6 +286,7 @@ class Recorder:
             remedy = "Raise every, or lower frames, in [output]."
             raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=remedy)
         arrays = fields(self.problem.system, self.state, self.problem.error_density)
+        self.obstacles.add(len(self.frames.times), self.state)
         self.frames.add(self.state, arrays)
         self.shown = keep_shown(
             Frame(self.state.t, self.state.x, self.problem.cloth.cells, *arrays)
@@ -299,7 +303,7 @@ class Recorder:
         try:
             if frame is None or frame.points is not state.x:
                 frame = Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
-            write_report(self.folder.path, summary, frame)
+            write_report(self.folder.path, summary, frame, self.obstacles.last)
         except Exception as failure:  # of any kind: all else is written
             self.folder.log(f"warning: no report: {failure}")
 

@@ -2,6 +2,7 @@
 
 scene.resolved.toml   the scene with all defaults and overrides
 run.pvd, run.vtu.series, frames/*.vtu   for ParaView; or all in one, run.vtkhdf
+obstacles.pvd, frames/obstacles_*.vtu   the same of the obstacles of contact
 steps.csv      number, time, size, iterations, residual and energy drift of every step, or of as
                many as `rows` asks for
 energies.csv   the ledger at these steps

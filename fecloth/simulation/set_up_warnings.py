@@ -26,7 +26,10 @@ ONE_OF_EACH = {  # terms that stand for the same thing: with two of them it coun
     "bending terms": ("HingeBending", "QuadraticBending", "PlateBending"),
     "drag terms": ("Drag", "Wind"),
 }
-PLACED = ("PointForce", "Pressure", "Tether", "UserForce")  # may act at several places
+PLACED = (  # may act at several places
+    *("PointForce", "Pressure", "Tether", "UserForce"),
+    *("Obstacle", "MeshObstacle"),
+)
 STRETCH = 0.01  # strain at which the resistance of a system is measured
 RESISTS = 1e-3  # of the fabric's resistance; less is none
 ALIKE = 0.1  # a net of springs within this is as stiff as the fabric

@@ -50,7 +50,9 @@ class _Prediction:
         return float(np.sum(self.area / s**2) * energy ** (1 / self.order))
 
 
-def choose_gradings(setup: Setup, state: State, h: float) -> tuple[Grading, ...]:
+def choose_gradings(
+    setup: Setup, state: State, h: float, least_saved: float = LEAST_SAVED
+) -> tuple[Grading, ...]:
     """Return the gradings of a cloth with which the fewest triangles have the same error.
 
     The energy of the error of a triangle, e_t of `space_error`, goes like its size to the power
@@ -67,6 +69,8 @@ def choose_gradings(setup: Setup, state: State, h: float) -> tuple[Grading, ...]
         The end of the run of `setup`, on a mesh without gradings.
     h
         Its edge length [m].
+    least_saved
+        Share of the triangles that all gradings together must save; else there are none.
 
     Raises
     ------
@@ -86,6 +90,8 @@ def choose_gradings(setup: Setup, state: State, h: float) -> tuple[Grading, ...]
     chosen: dict[_Place, Grading] = {}
     for places in (points, curves):
         chosen = _add_greedily(chosen, list(product(places, distances, POWERS)), predicted)
+    if predicted.triangles(chosen) > (1 - least_saved) * predicted.triangles({}):
+        return ()
     return tuple(chosen.values())
 
 

@@ -261,6 +261,22 @@ class KeepsDistance(Protocol):
         ...
 
 
+class ShowsContact(Protocol):
+    """The ability of contact to be drawn; `slip` and `surface` are those of obstacles alone."""
+
+    def push(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(n, 3) force on the nodes without friction [N]."""
+        ...
+
+    def slip(self, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+        """(n, 3) velocity [m/s] along the obstacle and relative to it, of nodes that touch."""
+        ...
+
+    def surface(self, t: float, place: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """Points (p, 3) and triangles (q, 3); of an endless obstacle within `reach` of a place."""
+        ...
+
+
 class AdmitsGuess(Protocol):
     """The ability of what `over_step` returns, of a term that limits directions."""
 

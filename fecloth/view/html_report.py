@@ -19,6 +19,7 @@ import numpy as np
 
 from fecloth.output.atomic_files import replace_file
 from fecloth.output.frame_reader import Frame
+from fecloth.output.obstacle_frames import Obstacles
 from fecloth.view.observed_charts import observed_charts
 from fecloth.view.svg_chart import chart
 from fecloth.view.web_page import fill_template, pack_frames, shown_fields, title_of
@@ -36,18 +37,20 @@ ROW = Template("<tr><td>$name</td><td>$text</td></tr>")
 BAR = Template('<span>$name</span><i style="width:$width%"></i><span>$text</span>')
 
 
-def write_report(folder: Path, summary: Mapping, frame: Frame) -> Path:
+def write_report(
+    folder: Path, summary: Mapping, frame: Frame, obstacles: Obstacles | None = None
+) -> Path:
     """Write ``folder``/report.html; returns it.
 
     Parameters
     ----------
     summary
         As in summary.json.
-    frame
-        The last one.
+    frame, obstacles
+        The last one, and the obstacles in it.
     """
     tables = {name: read_table(folder / f"{name}.csv") for name in TABLES}
-    data = pack_frames([frame], shown_fields(frame), summary.get("unit", " s"))
+    data = pack_frames([frame], shown_fields(frame), summary.get("unit", " s"), [obstacles])
     parts = {
         "warnings": _fill_each(NOTE, _warnings(folder, summary)),
         "tiles": _fill_each(TILE, _named(_tiles(summary, tables))),

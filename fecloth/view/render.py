@@ -31,16 +31,18 @@ from fecloth.output.frame_reader import (
     rim,
     straight,
 )
+from fecloth.output.obstacle_frames import Obstacles, read_obstacles
 from fecloth.suggest import did_you_mean
 from fecloth.view import checker_pattern
 from fecloth.view.checker_pattern import CHECKS
-from fecloth.view.web_page import PERCENT, View, unit_of, view_of
+from fecloth.view.web_page import PERCENT, View, ground_of, unit_of, view_of
 
 SUFFIXES = (".mp4", ".gif", ".png")
 FPS = 5.0, 30.0  # limits of the frame rate of a movie in real time
 HALF_ANGLE = math.radians(15.0)
 LIGHT = np.array([0.35, -0.5, 0.9]) / np.linalg.norm([0.35, -0.5, 0.9])
 PAPER, FLOOR, SHADOW = (246, 247, 249), (226, 230, 234), "#c3c8cd"
+OBSTACLE = "#d9d4cb"
 PER_FRAME = 4000  # sampled values and positions of a frame, to fit colours and camera
 
 
@@ -191,8 +193,8 @@ def _shot(series: Series, field: str, size: tuple[int, int]) -> Shot:
         tuple(np.percentile(clip_to_drawable(np.concatenate(values)), PERCENT)) if values else None
     )
     distance = _camera_distance(view, np.concatenate(points), size[0] / size[1])
-    ground = low[2] - 0.03 * np.linalg.norm(high - low)
-    return Shot(field, view, distance, colours, float(ground), size)
+    bodies = [read_obstacles(series.folder, i) for i in (0, len(series.times) - 1)]
+    return Shot(field, view, distance, colours, ground_of(low, high, bodies), size)
 
 
 def _axes(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -236,6 +238,7 @@ def _draw_frames(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
             frame = series.read(i)
             _update_cloth(cloth, frame, shot, parts)
             border.points = cloth.points
+            _add_obstacles(plotter, read_obstacles(series.folder, i), pyvista)
             drop = (cloth.points[:, 2:] - shot.ground) / LIGHT[2]
             shadow.points = cloth.points - drop * LIGHT + [0, 0, 1e-3 * np.ptp(shot.view.box)]
             style = {"font_size": text, "color": "#1b2027", "name": "time"}
@@ -244,6 +247,16 @@ def _draw_frames(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
             yield plotter.screenshot(return_img=True)
     finally:
         plotter.close()
+
+
+def _add_obstacles(plotter, obstacles: Obstacles | None, pyvista) -> None:
+    """Show the obstacles in place of those of the last frame."""
+    if obstacles is None:
+        return
+    points = obstacles.points.astype(float)
+    mesh = pyvista.PolyData.from_regular_faces(points, obstacles.triangles)
+    smooth = {"smooth_shading": True, "split_sharp_edges": True, "ambient": 0.35, "diffuse": 0.75}
+    plotter.add_mesh(mesh, color=OBSTACLE, name="obstacles", reset_camera=False, **smooth)
 
 
 def _update_cloth(cloth, frame: Frame, shot: Shot, parts: int) -> None:

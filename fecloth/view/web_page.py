@@ -13,7 +13,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -31,10 +31,14 @@ from fecloth.output.frame_reader import (
     rim,
     straight,
 )
+from fecloth.output.obstacle_frames import Obstacles, read_obstacles
 from fecloth.view import checker_pattern
 
 MOST_BYTES = 60e6
-SHOWN = ("larger_stretch", "smaller_stretch", "speed", "displacement", "energy_density")
+SHOWN = (
+    *("larger_stretch", "smaller_stretch", "speed", "displacement", "energy_density"),
+    *("contact_pressure", "slip"),
+)
 PERCENT = 0.5, 99.5  # percentiles of the values at the ends of a colour bar
 AZIMUTH, ELEVATION = math.radians(-62.0), math.radians(16.0)  # from the front and the side
 FLAT = 0.25  # height over width below which the camera looks from higher up
@@ -66,6 +70,13 @@ def view_of(low: np.ndarray, high: np.ndarray) -> View:
     return View(np.array([low, high]), AZIMUTH, math.radians(35.0) if flat else ELEVATION)
 
 
+def ground_of(low: np.ndarray, high: np.ndarray, obstacles: Iterable[Obstacles | None]) -> float:
+    """Height of the ground [m]: below the cloth's box, and below obstacles that are not far."""
+    size = float(np.linalg.norm(high - low))
+    feet = [float(one.points[:, 2].min()) for one in obstacles if one is not None]
+    return max(min([low[2], *feet]), low[2] - 0.5 * size) - 0.03 * size
+
+
 def write_view(folder: str | Path) -> Path:
     """Write ``folder``/view.html, which opens at the last frame, and return its path.
 
@@ -78,7 +89,8 @@ def write_view(folder: str | Path) -> Path:
     fields = shown_fields(series.read(0))
     frames = select_frames(series, len(fields))
     unit = unit_of(series.folder)
-    data = pack_frames((series.read(i) for i in frames), fields, unit)
+    obstacles = [read_obstacles(series.folder, i) for i in frames]
+    data = pack_frames((series.read(i) for i in frames), fields, unit, obstacles)
     count = len(data["times"])
     note = f"{count} frame{'s' * (count > 1)}, {data['cells']} triangles"
     if len(frames) < len(series.times):
@@ -152,7 +164,12 @@ def part(name: str) -> str:
     return (files("fecloth.view") / "page" / name).read_text(encoding="utf-8")
 
 
-def pack_frames(frames, fields: Sequence[str], unit: str = " s") -> dict:
+def pack_frames(
+    frames,
+    fields: Sequence[str],
+    unit: str = " s",
+    obstacles: Sequence[Obstacles | None] = (),
+) -> dict:
     """Return the data that viewer.js draws: numbers of the frames in base64, for JSON.
 
     Parameters
@@ -163,6 +180,8 @@ def pack_frames(frames, fields: Sequence[str], unit: str = " s") -> dict:
         Names of `frame_reader.FIELDS`, with values at the nodes or in the triangles.
     unit
         What follows the time of a frame.
+    obstacles
+        Those of each frame.
     """
     times, clouds = [], []
     values: dict[str, list[np.ndarray]] = {name: [] for name in fields}
@@ -184,6 +203,7 @@ def pack_frames(frames, fields: Sequence[str], unit: str = " s") -> dict:
         "cells": len(frame.cells),
         "low": low.tolist(),
         "high": high.tolist(),
+        "ground": ground_of(low, high, obstacles),
         "azimuth": view.azimuth,
         "elevation": view.elevation,
         "points": _to_16_bits(points, low, high),
@@ -198,7 +218,21 @@ def pack_frames(frames, fields: Sequence[str], unit: str = " s") -> dict:
             for name in fields
         ],
         "checks": _checks(frame),
+        "obstacles": _obstacles(obstacles),
     }
+
+
+def _obstacles(frames: Sequence[Obstacles | None]) -> list[dict]:
+    """Points and triangles of the obstacles, each with the first frame that shows them."""
+    packed: list[dict] = []
+    for i, one in enumerate(frames):
+        if one is None:
+            continue
+        points = _to_base64(one.points.astype("<f4"))
+        if not packed or packed[-1]["points"] != points:
+            triangles = _to_base64(one.triangles.astype("<u4"))
+            packed.append({"from": i, "points": points, "triangles": triangles})
+    return packed
 
 
 def _checks(frame: Frame) -> dict | None:

@@ -9,18 +9,9 @@ processes.
 
 from __future__ import annotations
 
-import os
-import sys
-
-if "numba" not in sys.modules:  # Numba refuses a change once its threads run
-    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ[name] = "1"  # before NumPy and MKL read them
-    os.environ["NUMBA_NUM_THREADS"] = "2"  # the maximum; only many_steps(threads=2) takes two
-
 import argparse
 import time
 
-import numba  # noqa: F401  reads its number of threads before fecloth.study sets it to one
 import numpy as np
 import scipy.sparse as sparse
 import skfem

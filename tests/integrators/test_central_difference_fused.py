@@ -10,9 +10,6 @@ import fecloth as fc
 from fecloth.integrators.central_difference_fused import shares
 
 CLOTH = {"width": 0.4, "height": 0.3, "h": 0.1}
-two_threads = pytest.mark.skipif(
-    numba.config.NUMBA_NUM_THREADS < 2, reason="Numba may start one thread only"
-)
 
 
 @pytest.mark.parametrize("pins", [[], ["left", fc.Slide("right", normal=(1.0, 0.5, 0.2))]])
@@ -37,7 +34,6 @@ def test_equals_single_steps(pins, orthotropic, rng):
         assert abs((end.x - start.x)[right] @ [1.0, 0.5, 0.2]).max() < 1e-14
 
 
-@two_threads
 @pytest.mark.parametrize("steps", slow_except([1, 50, 51], 1, 51))
 @pytest.mark.parametrize("renumber", [True, False])
 def test_two_threads_give_the_same_bits_as_one(renumber, steps, orthotropic, rng):

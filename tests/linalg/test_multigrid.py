@@ -1,5 +1,7 @@
 """Multigrid: a definite preconditioner on every mesh, the true solution, and few iterations."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import scipy.sparse
@@ -13,6 +15,7 @@ from fecloth.linalg.cycle import cycle
 from fecloth.linalg.gauss_seidel import SweepOrder
 from fecloth.linalg.multigrid import NEW, Multigrid
 from fecloth.linalg.pcg import PCG
+from fecloth.scene.plan import MULTIGRID
 from fecloth.team import ALONE, Team
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
@@ -280,6 +283,21 @@ def test_a_closer_solution_does_not_count_as_age():
     more = solver.solve(b, rtol=1e-8)[1].iterations
     assert more > few[0] + NEW
     assert solver._extra < NEW
+
+
+@pytest.mark.parametrize("bending", [None, fc.HingeBending(), fc.PlateBending()])
+def test_memory_is_about_as_planned(bending):
+    system = cloth_system(0.02, bending=bending)
+    state = folded(system)
+    A, b = tangent(system, state), system.force(state)
+    prepared(A, state.x).solve(b, rtol=0.1)  # compiles
+    tracemalloc.start()
+    prepared(A, state.x).solve(b, rtol=0.1)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    planned = MULTIGRID[0] * len(state.x) + MULTIGRID[1] * len(A.values)
+    assert peak == pytest.approx(planned, rel=0.12)
+    assert peak < 2500 * len(system.cloth.triangles)
 
 
 def test_dropped_solver_repeats_its_solution_bit_for_bit():

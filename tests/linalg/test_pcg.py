@@ -114,3 +114,16 @@ def test_solve_invalid_arguments_are_rejected():
             solver.solve(load(A), rtol=rtol)
     with pytest.raises(InputError, match=r"\(75,\).*\(25, 3\)"):
         solver.solve(load(A).ravel())
+
+
+def test_an_indefinite_matrix_leaves_a_direction_of_descent():
+    """The iterate so far lowers ½ xᵀAx − bᵀx, and b points along it."""
+    A = sheet(mass=1e-3)
+    A.values[A.pattern.diagonal] -= 0.3 * A.values[A.pattern.diagonal]
+    b, solver = load(A), select.PCG()
+    solver.prepare(A)
+    with pytest.raises(IndefiniteMatrix) as caught:
+        solver.solve(b)
+    x = caught.value.so_far
+    Ax = (A.to_scipy() @ x.ravel()).reshape(x.shape)
+    assert 0.5 * (x * Ax).sum() - (b * x).sum() < 0 < (b * x).sum()

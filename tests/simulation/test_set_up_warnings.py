@@ -85,6 +85,11 @@ CASES = [  # the words of the warning, the wrong set-up, and the right one by th
         terms(fc.StVK(), fc.PointForce("right", (0, 0, 1)), fc.PointForce("top", (0, 0, 1))),
     ),
     (
+        "Obstacle stands 2 times",
+        terms(fc.StVK(), *2 * [fc.Obstacle(fc.shapes.Sphere((0, 0, -1), 0.5))]),
+        terms(fc.StVK(), *(fc.Obstacle(fc.shapes.Sphere((x, 0, -1), 0.5)) for x in (0, 1))),
+    ),
+    (
         r"2 membranes act at once \(StVK, NeoHookean\), and their forces add up; leave",
         terms(fc.StVK(), fc.NeoHookean()),
         terms(fc.NeoHookean()),

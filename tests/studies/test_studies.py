@@ -42,11 +42,12 @@ def out(tmp_path_factory):
         ("laws", "9 pictures"),
         ("contact", "A drum against a plate"),
         ("contact.drop", "| BDF2 | 162 | 30 |"),
+        ("contact.drop --self-contact", "| BDF2 | 162 | 30 |"),
         ("benchmarks.mujoco", "figures met"),
     ],
 )
 def test_quick(study, says, out):
-    command = [*MODULE, f"studies.{study}", "--quick"]
+    command = [*MODULE, *f"studies.{study}".split(), "--quick"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     print(done.stdout)
@@ -70,6 +71,7 @@ def test_quick(study, says, out):
         "newton_catalogue",
         "trust",
         "contact.catalogue",
+        "drape.support",
     ],
 )
 def test_quick_report(study, out):

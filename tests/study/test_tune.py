@@ -406,6 +406,30 @@ def test_the_lowest_node_proves_no_error_that_is_too_small(tmp_path):
     assert true <= 1.2 * tuned.error
 
 
+@pytest.mark.slow
+def test_a_mesh_graded_at_the_corner_of_an_l_is_chosen(tmp_path):
+    shape = L_SHAPE.replace("HELD", "5") + 'Physical Point("tip") = {2};'
+    (tmp_path / "sheet.geo").write_text(shape)
+    path = tmp_path / "sheet.toml"
+    data = tomllib.loads(BLOWN)
+    del data["start"]
+    hung = [{"type": "StVK"}, {"type": "Gravity", "acceleration": [0, -9.81, 0]}]
+    data |= {"terms": hung, "probes": [{"name": "tip", "where": "tip"}]}
+    data["fabric"]["tensile_stiffness"] = 100.0
+    data["interest"] = {"quantities": ["tip.y"]}
+    data["equilibrium"] = {"load_steps": 1}
+    path.write_text(to_toml(data))
+    tuned = fc.tune(path, 0.003, folder=tmp_path)
+    bench = bench_of(path)
+    gradings = tuple(one.make() for one in load_scene(tuned.scene).cloth.grading)
+    fine, even = bench.run([Choice("P2", "", 0.06, grading=gradings), Choice("P2", "", 0.03)])
+    (again,) = replace(bench, opened=open_problem(tuned.scene)).run([Choice()])
+    assert tuned.proved, tuned.verdict
+    assert "[[cloth.grading]]" in tuned.text
+    assert bench.distance(fine, again).max() <= 1.2 * 0.003
+    assert again.edges < even.edges / 2  # whose error is 0.24 %
+
+
 def test_a_membrane_in_free_fall_is_not_left_out():
     """Nothing stretches the cloth, so that no run of the search would miss its membrane."""
 

@@ -11,6 +11,7 @@ import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.output.frame_reader import Frame
 from fecloth.output.frames import Frames
+from fecloth.output.obstacle_frames import ObstacleFrames
 from fecloth.view.checker_pattern import material_coordinates, square_side
 
 pytest.importorskip("pyvista")
@@ -193,3 +194,19 @@ def test_error_of_ffmpeg_is_reported(
     assert main(arguments) == status
     assert told in capsys.readouterr().err
     assert [file.name for file in tmp_path.iterdir()] == ["ffmpeg"]
+
+
+def test_an_obstacle_is_in_the_picture(tmp_path):
+    """Below a small cloth, where without it there is only the ground."""
+    ball = fc.shapes.Sphere((0.3, 0.3, -0.5), 0.45)
+    cloth, images = fc.Cloth.rectangle(0.6, 0.6, h=0.15), []
+    for terms in ([], [fc.Obstacle(ball)]):
+        folder = tmp_path / str(len(terms))
+        system = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK(), *terms])
+        Frames(folder / "run", cloth, system).add(system.rest())
+        ObstacleFrames(folder, system, system.rest().x).add(0, system.rest())
+        target = folder / "end.png"
+        assert main(["render", str(folder), "-o", str(target), "--size", "320x240"]) == 0
+        images.append(imageio.imread(target)[:, :, :3].astype(int))
+    changed = abs(images[1] - images[0]).max(axis=2) > 20
+    assert changed[120:].mean() > 0.05

@@ -15,6 +15,7 @@ from fecloth.cli.main import main
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame, Series, field_values, straight
 from fecloth.output.frames import Frames
+from fecloth.output.obstacle_frames import ObstacleFrames
 from fecloth.output.vtkhdf_writer import HdfFrames
 from fecloth.view import web_page
 from fecloth.view.svg_chart import chart
@@ -354,3 +355,23 @@ def test_the_report_fits_a_phone_and_breaks_no_name(phone):
     counts = phone.locator("td:first-child").evaluate_all(lines)
     assert len(counts) > 10
     assert set(counts) == {1}
+
+
+def test_the_page_holds_obstacles_once_for_each_place(tmp_path):
+    cloth = fc.Cloth.rectangle(0.6, 0.6, h=0.3)
+    ball = fc.Obstacle(fc.shapes.Sphere((0.3, 0.3, -0.5), 0.45, motion=(0, 0, "where(t>1, t, 1)")))
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK(), ball])
+    frames = Frames(tmp_path / "run", cloth, system)
+    obstacles, rest = ObstacleFrames(tmp_path, system, system.rest().x), system.rest()
+    for i, t in enumerate((0.0, 1.0, 2.0)):
+        obstacles.add(i, fc.State(t, rest.x, rest.v))
+        frames.add(fc.State(t, rest.x, rest.v))
+    assert main(["view", str(tmp_path), "--no-open"]) == 0
+    data = data_of((tmp_path / "view.html").read_text(encoding="utf-8"))
+    first, second = data["obstacles"]
+    assert (first["from"], second["from"]) == (0, 2)
+    points = np.frombuffer(base64.b64decode(second["points"]), "<f4").reshape(-1, 3)
+    assert points.mean(axis=0) == pytest.approx([0.3, 0.3, 0.5], abs=1e-5)
+    assert data["ground"] < -0.4
+    titles = [field["title"] for field in data["fields"]]
+    assert titles[-2:] == ["contact pressure", "slip"]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT
+from fecloth.mesh.grading import Grading
 from fecloth.scene.toml_text import to_toml
 from fecloth.study.chart_grid import ALL_METHODS, ELEMENTS, change_tables, known_names
 from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
@@ -42,6 +43,8 @@ class Choice:
         The linear solver; "" for that of the problem.
     sharper
         Divides a fixed tolerance of the nonlinear solver; None for the solver of the problem.
+    grading
+        Places with smaller triangles; () for those of the problem.
     """
 
     element: str = ""
@@ -52,6 +55,7 @@ class Choice:
     rtol: float | None = None
     linear: str = ""
     sharper: float | None = None
+    grading: tuple[Grading, ...] = ()
 
     @property
     def is_explicit(self) -> bool:
@@ -59,9 +63,9 @@ class Choice:
         return self.method in EXPLICIT
 
     @property
-    def mesh(self) -> tuple[str, str]:
-        """Element and pattern."""
-        return self.element, self.pattern
+    def mesh(self) -> tuple[str, str, tuple[Grading, ...]]:
+        """Element, pattern and grading."""
+        return self.element, self.pattern, self.grading
 
     @property
     def rule(self) -> tuple[str, bool]:
@@ -69,7 +73,8 @@ class Choice:
         return self.method, self.rtol is not None
 
     def __str__(self) -> str:
-        mesh = " ".join(part for part in (self.element, self.pattern) if part)
+        graded = "graded" if self.grading else ""
+        mesh = " ".join(part for part in (self.element, self.pattern, graded) if part)
         size = f"h = {1e3 * self.h:.3g} mm" if self.h else ""
         how = f"rtol = {self.rtol:g} 1/s" if self.rtol else ""
         how = f"{self.steps} steps" if self.steps else how
@@ -168,6 +173,8 @@ def text_with(opened: SceneProblem, choice: Choice) -> str:
         data["cloth"]["pattern"] = choice.pattern
     if choice.h is not None:
         data["cloth"]["h"] = choice.h
+    if choice.grading:
+        data["cloth"]["grading"] = [_entry(one) for one in choice.grading]
     if choice.linear:
         data.setdefault("solver", {})["linear"] = choice.linear
     if choice.is_explicit:
@@ -176,3 +183,8 @@ def text_with(opened: SceneProblem, choice: Choice) -> str:
     if dt != "auto" and every and every < dt:
         data["output"] = {**data["output"], "every": dt}  # frames come no more often than steps
     return to_toml(data)
+
+
+def _entry(grading: Grading) -> dict:
+    """Return a grading as a table of [[cloth.grading]]."""
+    return {key: value for key, value in asdict(grading).items() if value is not None}

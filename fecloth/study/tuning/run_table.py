@@ -33,6 +33,7 @@ def table_of_runs(bench: Bench, found: Proof) -> Table:
     for one in each_once([*found.search, found.trial, *([best] if best else [])]):
         line: dict[str, Any] = {"run": _purpose(bench, one, found)}
         line |= {title: getattr(one.choice, name) or None for name, title in COLUMNS.items()}
+        line["graded"] = "yes" if one.choice.grading else None
         line["status"] = one.row["status"]
         if one.is_ok:
             line |= {name: one.row[name] for name in ("triangles", "steps")}

@@ -11,6 +11,7 @@ import numpy as np
 from fecloth.errors import FeclothError, InputError
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.tuning.choices import Choice, meshes_to_try, problem_with
+from fecloth.study.tuning.graded_choices import graded_choices
 from fecloth.study.tuning.prediction import Candidate, Prediction, cheapest, most_accurate
 from fecloth.study.tuning.space_errors import Mesh, SpaceErrors, summarise_meshes
 from fecloth.study.tuning.time_errors import TimeErrors
@@ -116,6 +117,9 @@ def measure_meshes(
     trials += bench.run(listed)
     if coarse.choice.h is None:
         return _summarise(bench, trials, orders, times, coarse)
+    graded = graded_choices(bench.opened, trials)
+    trials += bench.run(graded)
+    started += graded
     served = {one.choice.mesh for one in trials if one.is_ok}
     trials += bench.run([_finer(one, 2.0) for one in started if one.mesh in served])
     while True:
@@ -156,10 +160,13 @@ def _finer(choice: Choice, ratio: float) -> Choice:
 
 
 def _next_mesh(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -> Mesh | None:
-    """Return the mesh to refine next: the best known one, or one far from what was run; or None."""
+    """Return the mesh to refine next; None if no run is needed.
+
+    It is the best known one, the one that it disagrees with, or one far from what was run.
+    """
     best = min(space.meshes, key=lambda one: float(one.errors.y[-1].max()))
     if not candidates or space.error.max() > KNOWN * goal.scale:
-        return best
+        return space.rival or best
     first = candidates[0]
     is_near = first.edges <= EXTRAPOLATED * first.mesh.errors.x[-1]
     return None if is_near else first.mesh
@@ -169,5 +176,6 @@ def _seconds_of_next(mesh: Mesh, coarse: Trial) -> float:
     """Predict the seconds of the next finer mesh."""
     last = mesh.trials[-1]
     more = 2.0 if coarse.choice.is_explicit else 1.0
-    per_step = float(mesh.seconds(np.array([2 * last.edges]))[0, 0])
+    ratio = max(last.edges / mesh.trials[-2].edges, 2.0) if len(mesh.trials) > 1 else 2.0
+    per_step = float(mesh.seconds(np.array([ratio * last.edges]))[0, 0])
     return more * last.steps * per_step

@@ -46,19 +46,31 @@ class Mesh:
         """Return the choice whose mesh has about `edges`² triangles."""
         if self.choice.h is None:
             return self.choice
-        last = self.trials[-1]
-        assert last.choice.h is not None
-        return replace(self.choice, h=float(f"{last.choice.h * last.edges / edges:.4g}"))
+        measured = [one.edges for one in self.trials]
+        sizes = [one.choice.h * one.edges for one in self.trials if one.choice.h is not None]
+        size = np.exp(np.interp(np.log(edges), np.log(measured), np.log(sizes)))
+        return replace(self.choice, h=float(f"{size / edges:.4g}"))
 
 
 @dataclass(frozen=True, eq=False)
 class SpaceErrors:
-    """The meshes that serve, the best known run, its own error, and all runs."""
+    """The meshes that serve, and the best known run.
+
+    Attributes
+    ----------
+    meshes, trials
+        The meshes, and all runs.
+    reference, error
+        The best known run, and its own error, (q,).
+    rival
+        The other mesh if the error is mostly what the two best meshes differ by; else None.
+    """
 
     meshes: tuple[Mesh, ...]
     reference: Trial
     error: np.ndarray
     trials: tuple[Trial, ...]
+    rival: Mesh | None = None
 
     def stalls(self, bench: Bench, tolerance: float) -> bool:
         """Whether there is a kind of mesh of which finer ones do not come closer to each other.
@@ -86,8 +98,10 @@ def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) 
     good = [one for one in trials if one.is_ok]
     kinds = grouped(good, lambda one: one.choice.mesh, lambda one: one.edges)
     finest = [(runs[-1], _own_error(bench, runs, _theory(runs, orders))) for runs in kinds]
-    reference, error = min(finest, key=lambda pair: pair[1].max())
-    error = np.maximum(error, _disagreement(bench, reference, error, finest))
+    reference, own = min(finest, key=lambda pair: pair[1].max())
+    others = [pair for pair in finest if pair[0] is not reference]
+    other = min(others, key=lambda pair: pair[1].max(), default=None)
+    error = np.maximum(own, _disagreement(bench, reference, own, other))
     meshes = []
     for runs in kinds:
         x = [one.edges for one in runs]
@@ -97,7 +111,10 @@ def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) 
         errors = error_curve(x, apart, _theory(runs, orders), error)
         seconds = cost_curve(x, [one.seconds / one.steps for one in runs], *POWERS)
         meshes.append(Mesh(runs[0].choice, errors, seconds, tuple(runs)))
-    return SpaceErrors(tuple(meshes), reference, error, tuple(trials))
+    rival = None
+    if other is not None and error.max() > own.max():
+        rival = next(one for one in meshes if one.trials[-1] is other[0])
+    return SpaceErrors(tuple(meshes), reference, error, tuple(trials), rival)
 
 
 def _theory(runs: Sequence[Trial], orders: np.ndarray) -> np.ndarray:
@@ -113,13 +130,12 @@ def _own_error(bench: Bench, runs: Sequence[Trial], theory: np.ndarray) -> np.nd
 
 
 def _disagreement(
-    bench: Bench, reference: Trial, error: np.ndarray, finest: Sequence
+    bench: Bench, reference: Trial, error: np.ndarray, other: tuple[Trial, np.ndarray] | None
 ) -> np.ndarray:
-    """Return what the best two finest runs differ by beyond their estimated errors."""
-    others = [pair for pair in finest if pair[0] is not reference]
-    if not others:
+    """Return what the best run and the next best differ by beyond their estimated errors."""
+    if other is None:
         return np.zeros(len(error))
-    other, its_error = min(others, key=lambda pair: pair[1].max())
-    apart = bench.distance(reference, other)
+    trial, its_error = other
+    apart = bench.distance(reference, trial)
     expected = DISTRUST * (error + its_error)
     return np.where(apart > expected, apart - expected, 0.0)

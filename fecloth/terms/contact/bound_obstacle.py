@@ -16,8 +16,9 @@ from fecloth.terms.contact import barrier
 from fecloth.terms.contact.advance import advance
 from fecloth.terms.contact.obstacle_over_step import ObstacleOverStep, RubbedOverStep
 from fecloth.terms.contact.points import MOST, Points, divisions, longest_edges
-from fecloth.terms.contact.rubbing import Rubbing
+from fecloth.terms.contact.rubbing import Rubbing, along
 from fecloth.terms.contact.shape import Shape
+from fecloth.terms.contact.surfaces import Triangles, surface_of
 from fecloth.terms.step_difference import StepDifference
 
 NAMED = 5  # nodes that an error names
@@ -211,6 +212,26 @@ class BoundObstacle:
             push = self.normal_force(at)
             force, moment = force + push.sum(), moment + push @ at.d
         return float(moment / force) if force else math.nan
+
+    def push(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(n, 3) force on the nodes without friction [N]."""
+        f = np.zeros_like(x)
+        self.add_push(x, t, f)
+        return f
+
+    def slip(self, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+        """(n, 3) velocity [m/s] along the surface and relative to it, of nodes in the gap."""
+        slip, pose = np.zeros_like(x), self.shape.pose(t)
+        y = pose.to_body(x)
+        near = np.flatnonzero(self.shape.distance(y, t) < self.gap)
+        n = self.shape.slopes(y[near], t)[0] @ pose.R.T
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        slip[near] = along(n, v[near] - self.shape.velocity(x[near], t))
+        return slip
+
+    def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:
+        """The surface of its shape; of an endless one the part within `reach` [m] of a place."""
+        return surface_of(self.shape, t, place, reach)
 
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for a cloth that starts inside the obstacle; it names the nodes."""

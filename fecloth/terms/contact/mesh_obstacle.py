@@ -16,6 +16,7 @@ from fecloth.mesh.surface import Surface
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact.barrier import automatic_stiffness
 from fecloth.terms.contact.obstacle import CREEP
+from fecloth.terms.contact.surfaces import Triangles
 from fecloth.terms.contact.toolkit import ContactSets
 from fecloth.terms.contact.triangle_contact import BoundTriangleContact
 
@@ -105,6 +106,12 @@ class BoundMeshObstacle(BoundTriangleContact):
     def least_distance(self, x: np.ndarray, t: float) -> float:
         """The least distance [m] from the mesh; infinite beyond the gap."""
         return self.sets.least_distance(x)
+
+    def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:
+        """Its mesh, wherever the place is."""
+        faces = np.asarray(self.sets.mesh.faces)
+        first = len(self.sets.mesh.rest_positions) - len(self.sets.fixed)
+        return Triangles(self.sets.fixed, faces[faces.min(axis=1) >= first] - first)
 
     def crossing(self, x: np.ndarray) -> tuple[str, str]:
         """What intersects at x, and what is allowed, for an error."""

@@ -16,6 +16,7 @@ import numpy as np
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.elements import ELEMENTS
+from fecloth.terms.contact import point_loops
 from fecloth.terms.contact.shape import Shape
 
 DIP = 0.25  # of the gap
@@ -79,22 +80,26 @@ class TrianglePoints:
 
     def candidates(self, at_nodes: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
         """The points of triangles with a node nearer than `reach` and twice the longest edge."""
-        near = at_nodes - reach
-        is_near = near[self.stencil].min(axis=1) < FARTHEST * self.size
-        return np.flatnonzero(is_near[self.triangles])
+        near = np.empty(len(self.triangles), np.int64)
+        reaches = np.atleast_1d(np.asarray(reach, float))
+        count = point_loops.find_near(
+            self.triangles, self.stencil, FARTHEST * self.size, at_nodes, reaches, near
+        )
+        return near[:count].copy()
 
     def values(self, of_nodes: np.ndarray, which: np.ndarray) -> np.ndarray:
-        at = of_nodes[self.stencil[self.triangles[which]]]
-        return np.einsum("pk,pki->pi", self.shape_functions[which], at)
+        values = np.empty((len(which), 3))
+        data = which, self.triangles, self.shape_functions, self.stencil
+        point_loops.gather(*data, np.ascontiguousarray(of_nodes), values)
+        return values
 
     def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
-        shares = self.shape_functions[which][:, :, None] * F[:, None, :]
-        np.add.at(f, self.stencil[self.triangles[which]], shares)
+        data = which, self.triangles, self.shape_functions, self.stencil
+        point_loops.add_forces(*data, np.ascontiguousarray(F), f)
 
     def add_tangent(self, which: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
-        N = self.shape_functions[which]
-        blocks = np.einsum("pa,pb,pij->pabij", N, N, K)
-        np.add.at(J.values, self.slots[self.triangles[which]], blocks)
+        data = which, self.triangles, self.shape_functions, self.slots
+        point_loops.add_tangents(*data, np.ascontiguousarray(K), J.values)
 
 
 Points = NodePoints | TrianglePoints

@@ -12,6 +12,8 @@ import scipy.sparse as sparse
 from fecloth.errors import InputError
 
 RESERVE = 0.9  # of the way that is free, where it is not all of it
+AROUND = 1.0  # gaps that a node may move while the pairs found before are all that can touch
+CROWDED = 8  # of these pairs for each node: from here on to keep them costs more
 
 
 def load(where: str) -> Any:
@@ -21,6 +23,7 @@ def load(where: str) -> Any:
     except ImportError as error:
         remedy = "pip install 'fecloth[contact]'."
         raise InputError(where, "needs the package ipctk", where, remedy) from error
+    ipctk.set_num_threads(1)  # on more, sums have another order in each run, and other bits
     return ipctk
 
 
@@ -28,7 +31,8 @@ def load(where: str) -> Any:
 class ContactSets:
     """The pairs in contact of a cloth with itself, or with a fixed mesh, at positions x (n, 3).
 
-    Those at the positions asked for last are kept.
+    Those at the positions asked for last are kept. So are all pairs that are nearer than three
+    gaps, if they are few: while no node has moved by a gap since then, no others can touch.
 
     Attributes
     ----------
@@ -50,6 +54,8 @@ class ContactSets:
     gap: float
     thickness: float
     _last: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
+    _near: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
+    _crowded: bool = False
 
     @classmethod
     def of(
@@ -87,9 +93,34 @@ class ContactSets:
         if self._last is None or not np.array_equal(self._last[0], x):
             found = self.toolkit.NormalCollisions()
             found.use_area_weighting = True
-            found.build(self.mesh, self.nodes(x), self.gap, self.thickness)
+            near, where = self.near(x), (self.mesh, self.nodes(x), self.gap, self.thickness)
+            found.build(*where) if near is None else found.build(near, *where)
             self._last = x.copy(), found
         return self._last[1]
+
+    def near(self, x: np.ndarray) -> Any | None:
+        """The pairs that can touch at x, or a gap around it; None if they are many."""
+        if not self._crowded and not self._covers(x):
+            found, reach = self.toolkit.Candidates(), 0.5 * (self.gap + self.thickness)
+            found.build(self.mesh, self.nodes(x), reach + AROUND * self.gap)  # each box grows by it
+            self._near, self._crowded = (x.copy(), found), len(found) > CROWDED * len(x)
+        return None if self._crowded or self._near is None else self._near[1]
+
+    def _covers(self, x: np.ndarray) -> bool:
+        """Whether `near` was found at places less than a gap from x."""
+        if self._crowded or self._near is None:
+            return False
+        return self._longest(x - self._near[0]) < AROUND * self.gap
+
+    def _longest(self, way: np.ndarray) -> float:
+        """The longest way [m] of a node (n, 3), without what all nodes of the cloth move alike."""
+        if not len(self.fixed):
+            way = way - way.mean(axis=0)
+        return math.sqrt(np.einsum("ni,ni->n", way, way).max())
+
+    def forget(self) -> None:
+        """Find all pairs anew, so that nothing depends on what was asked for before."""
+        self._last, self._near, self._crowded = None, None, False
 
     def energy(self, x: np.ndarray) -> float:
         """[J]; +∞ where two parts are nearer than the thickness."""
@@ -141,10 +172,13 @@ class ContactSets:
 
     def free_part(self, x: np.ndarray, y: np.ndarray) -> float:
         """The largest α ≤ 1 for which nothing meets on the straight way from x to x + α (y − x)."""
-        ccd = self.toolkit.AdditiveCCD()
-        step = self.toolkit.compute_collision_free_stepsize
-        ends = self.nodes(x), self.nodes(y)
-        part = float(step(self.mesh, *ends, self.thickness, narrow_phase_ccd=ccd))
+        room = min(self.least_distance(x) - self.thickness, self.gap)
+        if 2 * self._longest(y - x) < RESERVE * room:
+            return 1.0
+        near, ends = self.near(x), (self.mesh, self.nodes(x), self.nodes(y), self.thickness)
+        search = self.toolkit if near is None or not self._covers(y) else near
+        find = search.compute_collision_free_stepsize
+        part = float(find(*ends, narrow_phase_ccd=self.toolkit.AdditiveCCD()))
         return 1.0 if part >= 1.0 else RESERVE * part
 
     def intersects(self, x: np.ndarray) -> bool:

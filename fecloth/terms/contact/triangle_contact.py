@@ -88,12 +88,17 @@ class BoundTriangleContact:
 
     def over_step(self, step: StepDifference) -> ContactOverStep:
         """The contact over a step: it knows where the step began."""
+        self.sets.forget()  # so that a step depends on its begin only
         kind = RubbedContactOverStep if self.friction else ContactOverStep
         return kind(self, step)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Return zeros: at rest nothing touches."""
         return 0.0, 0.0
+
+    def push(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(n, 3) force on the nodes without friction [N]."""
+        return self.sets.force(x)
 
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for triangles that start nearer than the thickness, or intersect."""

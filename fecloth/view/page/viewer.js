@@ -19,7 +19,7 @@ void main() {
   gl_Position = camera * vec4(at, 1.0);
 }`;
 
-// part 0: the cloth, 1: its shadow, 2: the ground, 3: its rim
+// part 0: the cloth, 1: a shadow, 2: the ground, 3: the rim of the cloth, 4: obstacles
 const FRAGMENT = `#version 300 es
 precision highp float; precision highp int;
 in vec3 at; in vec3 across; in float shade; in vec2 weave;
@@ -54,6 +54,7 @@ void main() {
     base = threads < 1.0 ? mix(shades[0], shades[1], threads)
       : mix(shades[1], shades[2], threads - 1.0);
   }
+  if (part == 4) base = vec3(0.85, 0.83, 0.795);
   if (!gl_FrontFacing) base *= 0.86;
   float lit = 0.6 + 0.32 * max(dot(n, light), 0.0) + 0.22 * max(dot(n, to), 0.0);
   float gleam = 0.12 * pow(max(dot(n, normalize(light + to)), 0.0), 24.0);
@@ -75,6 +76,30 @@ function unpack(text, Kind) {
 
 const WIDTH = 9;  // numbers of a vertex: position, normal, value, material coordinates in squares
 
+// At each point the sum of the normals of its triangles, as long as their areas.
+function normalsOf(x, t) {
+  const n = new Float32Array(x.length);
+  for (let i = 0; i < t.length; i += 3) {
+    const [a, b, c] = [3 * t[i], 3 * t[i + 1], 3 * t[i + 2]];
+    const u = [x[b] - x[a], x[b + 1] - x[a + 1], x[b + 2] - x[a + 2]];
+    const v = [x[c] - x[a], x[c + 1] - x[a + 1], x[c + 2] - x[a + 2]];
+    const w = cross(u, v);
+    for (const k of [a, b, c]) { n[k] += w[0]; n[k + 1] += w[1]; n[k + 2] += w[2]; }
+  }
+  return n;
+}
+
+// Three corners for each triangle of an obstacle.
+function corners(obstacle) {
+  const x = unpack(obstacle.points, Float32Array), t = unpack(obstacle.triangles, Uint32Array);
+  const n = normalsOf(x, t), out = new Float32Array(WIDTH * t.length);
+  t.forEach((node, i) => {
+    out.set(x.subarray(3 * node, 3 * node + 3), WIDTH * i);
+    out.set(n.subarray(3 * node, 3 * node + 3), WIDTH * i + 3);
+  });
+  return out;
+}
+
 class Cloth {
   constructor(data) {
     this.data = data;
@@ -85,6 +110,13 @@ class Cloth {
     this.material = data.checks ? unpack(data.checks.material, Float32Array) : null;
     this.vertices = new Float32Array(WIDTH * this.triangles.length);
     this.edge = new Float32Array(WIDTH * this.rim.length);
+    this.obstacles = (data.obstacles || []).map((o) => ({ from: o.from, corners: corners(o) }));
+  }
+
+  // The corners of the obstacles in a frame: those given last.
+  bodies(frame) {
+    const before = this.obstacles.filter((o) => o.from <= frame);
+    return before.length ? before[before.length - 1].corners : new Float32Array(0);
   }
 
   positions(frame) {
@@ -104,21 +136,9 @@ class Cloth {
     return found;
   }
 
-  normals(x) {
-    const n = new Float32Array(x.length), t = this.triangles;
-    for (let i = 0; i < t.length; i += 3) {
-      const [a, b, c] = [3 * t[i], 3 * t[i + 1], 3 * t[i + 2]];
-      const u = [x[b] - x[a], x[b + 1] - x[a + 1], x[b + 2] - x[a + 2]];
-      const v = [x[c] - x[a], x[c + 1] - x[a + 1], x[c + 2] - x[a + 2]];
-      const w = cross(u, v);
-      for (const k of [a, b, c]) { n[k] += w[0]; n[k + 1] += w[1]; n[k + 2] += w[2]; }
-    }
-    return n;
-  }
-
   // Three corners for each triangle; values go from 0 to 1 on the colour bar.
   fill(frame, field) {
-    const x = this.positions(frame), n = this.normals(x), t = this.triangles, out = this.vertices;
+    const x = this.positions(frame), t = this.triangles, n = normalsOf(x, t), out = this.vertices;
     const f = this.fields[field], from = frame * f.count, scale = (f.high - f.low) / 65535;
     const span = f.shown[1] - f.shown[0] || 1, parts = t.length / 3 / this.data.cells;
     for (let i = 0; i < t.length; i++) {
@@ -200,8 +220,8 @@ class Scene {
     const { low, high } = cloth.data;
     this.size = Math.hypot(...low.map((l, c) => high[c] - l)) || 1;
     this.middle = low.map((l, c) => (l + high[c]) / 2);
-    this.ground = low[2] - 0.03 * this.size;
-    this.buffers = [0, 1, 2].map(() => gl.createBuffer());
+    this.ground = cloth.data.ground;
+    this.buffers = [0, 1, 2, 3].map(() => gl.createBuffer());
     const r = 5 * this.size, corners = [[-r, -r], [r, -r], [-r, r], [r, r]];
     const floor = corners.flatMap(([x, y]) => [
       this.middle[0] + x, this.middle[1] + y, this.ground, 0, 0, 1, 0, 0, 0]);
@@ -240,6 +260,9 @@ class Scene {
     this.cloth.fill(frame, this.checked ? 0 : field);
     this.send(0, this.cloth.vertices);
     this.send(1, this.cloth.edge);
+    const bodies = this.cloth.bodies(frame);
+    this.bodies = bodies.length / WIDTH;
+    this.send(3, bodies);
     this.draw();
   }
 
@@ -277,11 +300,13 @@ class Scene {
     gl.disable(gl.DEPTH_TEST);
     if (eye[2] > this.ground) {  // from below there is no ground to look through
       this.part(2, 2, gl.TRIANGLE_STRIP, 4);
+      this.part(1, 3, gl.TRIANGLES, this.bodies);
       this.part(1, 0, gl.TRIANGLES, corners);
     }
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.POLYGON_OFFSET_FILL);
     gl.polygonOffset(1, 1);
+    this.part(4, 3, gl.TRIANGLES, this.bodies);
     this.part(0, 0, gl.TRIANGLES, corners);
     this.part(3, 1, gl.LINES, this.cloth.rim.length);
   }

@@ -1,0 +1,109 @@
+"""The obstacles of a run for pictures: frames/obstacles_00000i.vtu, listed in obstacles.pvd.
+
+Obstacles that do not move are written once, with the first frame; otherwise each frame has its own.
+An endless one, as a plane, is drawn as far as the cloth is long.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.output.atomic_files import replace_file, writing
+from fecloth.output.vtu_writer import encode_pvd, encode_vtu
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+LIST = "obstacles.pvd"
+
+
+class Obstacles(NamedTuple):
+    """Points (p, 3) [m] and triangles (q, 3) of all obstacles at one time."""
+
+    points: np.ndarray
+    triangles: np.ndarray
+
+
+def find_obstacles(system: System, x: np.ndarray, t: float) -> Obstacles | None:
+    """The surfaces of all obstacles at the time t around positions (n, 3); None without one."""
+    place, reach = (x.min(axis=0) + x.max(axis=0)) / 2, system.cloth.extent
+    found = [term.surface(t, place, reach) for term in system.bound if hasattr(term, "surface")]
+    if not found:
+        return None
+    first = np.cumsum([0, *(len(points) for points, _ in found)])
+    triangles = [cells + i for (_, cells), i in zip(found, first, strict=False)]
+    return Obstacles(np.vstack([points for points, _ in found]), np.vstack(triangles))
+
+
+@dataclass(eq=False)
+class ObstacleFrames:
+    """Writes the obstacles of a system beside the frames of a run.
+
+    Attributes
+    ----------
+    folder
+        Of the run.
+    system
+        Whose terms are asked for obstacles.
+    around
+        (n, 3) positions about which endless obstacles are drawn [m].
+    """
+
+    folder: Path
+    system: System
+    around: np.ndarray
+    listed: list[tuple[str, float]] = field(default_factory=list)
+    last: Obstacles | None = None
+
+    def add(self, number: int, state: State) -> None:
+        """Write the obstacles at the time of a state, if they are not where they were."""
+        now = find_obstacles(self.system, self.around, state.t)
+        if now is None or (self.last is not None and _are_equal(now, self.last)):
+            return
+        name = _name(number)
+        frame = encode_vtu(now.points, now.triangles, state.t, {}, {})
+        replace_file(self.folder / name, frame)
+        self.listed.append((name, state.t))
+        replace_file(self.folder / LIST, encode_pvd(self.listed))
+        self.last = now
+
+    def keep(self, times: Sequence[float]) -> None:
+        """Continue after the frames of these times; remove what was written later."""
+        for file in _files(self.folder):
+            if file.name >= Path(_name(len(times))).name:
+                with writing(file):
+                    file.unlink()
+        written = [(_name(i), float(t)) for i, t in enumerate(times)]
+        self.listed = [(name, t) for name, t in written if (self.folder / name).exists()]
+
+
+def _name(number: int) -> str:
+    return f"frames/obstacles_{number:06d}.vtu"
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted((folder / "frames").glob("obstacles_*.vtu"))
+
+
+def _are_equal(one: Obstacles, other: Obstacles) -> bool:
+    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+def read_obstacles(folder: Path, number: int) -> Obstacles | None:
+    """The obstacles at frame i of a run: those written last, up to that frame; None without any."""
+    before = [file for file in _files(folder) if file.name <= Path(_name(number)).name]
+    if not before:
+        return None
+    from meshio import vtu
+
+    file = before[-1]
+    try:
+        mesh = vtu.read(file)
+    except Exception as error:  # meshio raises errors of any kind for a broken file
+        raise InputError(f"{file} cannot be read: {error}") from error
+    return Obstacles(mesh.points, mesh.cells_dict["triangle"])

@@ -1,0 +1,83 @@
+"""Studies work on one thread: their commands, their scripts, and each run that they measure.
+
+Processes of --jobs have a test in test_processes.py.
+"""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.study.measured_runs import measure
+from fecloth.study.setups import setup_of_function
+from fecloth.study.threads import NAMES
+
+COMMANDS = """
+import os, sys
+import fecloth.study
+from fecloth.cli import charting, comparing, main, stability, studies, tuning
+from fecloth.study.threads import NAMES
+
+for module in (charting, comparing, stability, studies, tuning):
+    for name in [name for name in vars(module) if name.startswith("run_")]:
+        setattr(module, name, lambda options: 0)  # what is imported before it counts
+for name in ("converge", "compare", "sweep", "chart", "stability", "simplify", "tune"):
+    for each in NAMES:
+        os.environ.pop(each, None)
+    del sys.modules["fecloth.study.threads"], fecloth.study.threads
+    assert "numba" not in sys.modules
+    assert getattr(main, "_" + name)(None) == 0
+    print(name, *(os.environ.get(each) for each in NAMES))
+"""
+SCRIPTS = """
+import os
+import studies.benchmarks.{name}
+from fecloth.study.threads import NAMES
+from fecloth.team import Team
+
+print(Team("auto").count, *(os.environ.get(each) for each in NAMES))
+"""
+
+
+def lines_of(code):
+    """What code prints in a process whose environment has no limits."""
+    clean = {name: value for name, value in os.environ.items() if name not in NAMES}
+    done = subprocess.run([sys.executable, "-c", code], env=clean, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return [line.split() for line in done.stdout.splitlines()]
+
+
+def test_commands_limit_every_library_before_they_import_it():
+    lines = lines_of(COMMANDS)
+    assert len(lines) == 7
+    for name, *limits in lines:
+        assert limits == ["1"] * len(NAMES), name
+
+
+@pytest.mark.parametrize("name", ["kernels", "multigrid"])
+def test_scripts_work_on_one_thread(name):
+    assert lines_of(SCRIPTS.format(name=name)) == [["1"] * (1 + len(NAMES))]
+
+
+CLOTH = fc.Cloth.rectangle(1.0, 1.0, h=0.03, pattern="right")
+METHODS = {
+    "implicit": (fc.BackwardEuler(), 2e-3, 2e-3),
+    "explicit": (fc.CentralDifference(), 2e-5, 4e-4),
+    "equilibrium": (None, None, None),
+}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_measured_run_is_on_one_thread(name):
+    terms, (method, dt, t_end) = [fc.StVK(), fc.Gravity()], METHODS[name]
+    system = fc.System(CLOTH, fc.Fabric(0.2, 1000.0), terms, ["boundary"], threads=2)
+    start = system.state(1.02 * system.rest().x)
+    setup = setup_of_function(lambda: (CLOTH, system, method, start), {}, dt, t_end)
+    assert np.isfinite(measure(setup, [])["cpu_seconds"])
+    assert system.team.used == 1
+    assert system.team.count == 2
+    system.force(start)
+    assert system.team.used == 2
