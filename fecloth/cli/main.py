@@ -183,6 +183,8 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("scene", nargs="?", help="a .toml file")
     sub.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     _mesh_options(sub)
+    help_ = "memory of each process, if N of them share the cloth by mpiexec"
+    sub.add_argument("--ranks", type=int, metavar="N", help=help_)
     sub.add_argument("--fabrics", action="store_true", help="the published fabrics, with sources")
     sub.add_argument("--schema", action="store_true", help="the JSON schema of scene files")
     terms = "the terms of a scene; with a name, what that term takes"
@@ -497,9 +499,10 @@ def _info_lines(options) -> list[str]:
 
 def _plan(options) -> list[str]:
     """What a scene would do, and what may disappoint."""
+    from fecloth import validation
     from fecloth.cli.describe import describe_cloth, sources
     from fecloth.runs.run_scene import resolve_scene
-    from fecloth.scene.plan import plan
+    from fecloth.scene.plan import memory_of_each, plan
     from fecloth.scene.run_warnings import find_warnings
     from fecloth.scene.scene import load_scene
 
@@ -508,6 +511,10 @@ def _plan(options) -> list[str]:
     )
     _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes
     lines = [*plan(problem, why), *mesh, *sources(problem.system.fabric)]
+    if options.ranks is not None:
+        validation.number("ranks", options.ranks, 0.0, "info")
+        each = memory_of_each(problem.system, options.ranks)
+        lines.append(f"on {options.ranks} processes (mpiexec): about {each:.0f} MB each")
     return lines + [f"warning: {words}" for words in find_warnings(problem)]
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fecloth.cli.main import main
 from fecloth.distributed.environment import SIZES, count_processes
 from fecloth.runs import restart
 
@@ -180,3 +181,10 @@ def test_a_run_on_one_process_imports_no_mpi():
     code = "import sys, fecloth.cli.main, fecloth.runs.run_scene; print('mpi4py' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+def test_info_says_the_memory_of_each_process(tmp_path, capsys):
+    scene = write(tmp_path, "hinges", "", TIME.format("auto"))
+    assert main(["info", str(scene), "--ranks", "4", "--set", "cloth.h=0.2"]) == 0
+    assert "on 4 processes (mpiexec): about 2" in capsys.readouterr().out
+    assert main(["info", str(scene), "--ranks", "0"]) == 2

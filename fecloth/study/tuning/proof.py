@@ -252,7 +252,7 @@ def _cheaper(bench: Bench, prediction: Prediction, goal: Goal, found: Proof) -> 
     for _ in range(TRIES):
         prediction = scaled(prediction, last)
         candidates = goal.candidates(prediction, CLOSE)
-        if last is not found and (halfway := _between(found, last)):
+        if last.error > goal.tolerance and (halfway := _between(found, last)):
             candidates = [halfway]
         if not candidates or candidates[0].seconds > CHEAPER * found.trial.seconds:
             break
