@@ -5,7 +5,8 @@ Conjugate gradients begin. All averages begin with guesses. The averages of the 
 in use fall slowly, so that each is tried again at times: the dearer it was, the later. An iteration
 that takes several times the guess of the cheapest other solver is given up; this counts as its
 average, and the other one continues at once. If the step size changes by more than a factor of 2,
-all begins anew.
+all begins anew. Where the pattern of the matrices changes, as with contact, what its analysis costs
+is added, in proportion to how often it changed lately.
 
 Work is counted in iterations of `PCG` and not in seconds, so that a run repeats bit for bit. The
 constants were measured on one thread, with and without hinges, on 300 to 51,000 nodes; they hold
@@ -31,6 +32,7 @@ CYCLE, AGE = 10.0, 4  # work of an iteration of multigrid; iterations that new c
 MULTIGRID = 150.0  # work of a solve with it, as a guess
 REUSE = 0.8  # new factors for each solve with one, as a guess
 SUPERLU = 8.0  # work of SuperLU over that of PARDISO
+PATTERN = {"pcg": 0.0, "direct": 320.0, "multigrid": 100.0}  # work of a new pattern
 LOADING = 1e7  # iterations times nodes that take as long as loading the MKL, 0.4 s
 LARGE = 2_000  # nodes from which on multigrid is considered
 WEIGHT = 1 / 12  # of a new solve in the average, after 1/2, 1/3, … for the first ones
@@ -70,6 +72,8 @@ class AutoSolver:
 
     def _restart(self) -> None:
         self._size: float | None = None  # wx/wa of the first step
+        self._pattern: BlockPattern | None = None  # of the last matrix
+        self._share = 0.0  # of recent matrices whose pattern was new
         self._work = 0.0  # since the last solve
         guesses = {mode: self.guess(mode) for mode in self._make if mode != "pcg"}
         self._average = {"pcg": min(guesses.values()), **guesses}
@@ -100,6 +104,10 @@ class AutoSolver:
             return MULTIGRID + ASSEMBLY * self._row
         return REUSE * self._preparation(mode) + self._solution(mode, 0)
 
+    def _price(self, mode: str) -> float:
+        """The average work of a solve, and that of its share of a new pattern."""
+        return self._average[mode] + self._share * PATTERN[mode]
+
     def _preparation(self, mode: str) -> float:
         """The work of a tangent and of the factor that it takes."""
         factor = 1.1 * self._row * self._solution(mode, 0) if mode == "direct" else 0.0
@@ -124,9 +132,10 @@ class AutoSolver:
 
     def prepare(self, A: BlockMatrix) -> None:
         """Select a solver and let it prepare A."""
-        average = self._average
-        best = min(average, key=lambda mode: average[mode])
-        if average[best] < GAIN * average[self._mode]:
+        is_new = self._pattern is not None and not A.pattern.same_as(self._pattern)
+        self._pattern, self._share = A.pattern, self._share + WEIGHT * (is_new - self._share)
+        best = min(self._make, key=self._price)
+        if self._price(best) < GAIN * self._price(self._mode):
             self._use(best)
         self._prepare(A)
 
@@ -147,8 +156,8 @@ class AutoSolver:
             If the solver finds that A is not positive definite.
         """
         A, _, _ = check_arguments(self._A, b, rtol)
-        others = [mode for mode in self._make if mode not in ("pcg", self._mode)]
-        price, other = min((self.guess(mode), mode) for mode in others or ["direct"])
+        others = [mode for mode in self._make if mode not in ("pcg", self._mode)] or ["direct"]
+        price, other = min((self.guess(m) + self._share * PATTERN[m], m) for m in others)
         limit = PATIENCE[self._solves[self._mode] > 1] * price
         if isinstance(self._solver, PCG):
             cost = CYCLE if self._mode == "multigrid" else 1.0

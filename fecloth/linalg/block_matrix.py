@@ -51,6 +51,13 @@ class BlockPattern:
     def __len__(self) -> int:
         return len(self.indptr) - 1
 
+    def same_as(self, other: BlockPattern | None) -> bool:
+        """Whether the blocks are the same. Contact often repeats the pattern of a matrix before."""
+        if other is None or other is self:
+            return other is self
+        pairs = (self.indptr, other.indptr), (self.indices, other.indices)
+        return all(np.array_equal(a, b) for a, b in pairs)
+
     def slots(self, stencil: np.ndarray) -> np.ndarray:
         """(m, k, k) int32 block of each pair (stencil[e, a], stencil[e, b]).
 
@@ -122,7 +129,7 @@ class BlockMatrix:
         return y
 
     def plus(self, other: sparse.spmatrix) -> BlockMatrix:
-        """The sum with a SciPy matrix (3n, 3n); its pattern is new."""
+        """The sum with a SciPy matrix (3n, 3n), whose pattern is a new object."""
         n = 3 * len(self.pattern)
         arrays = self.values, self.pattern.indices, self.pattern.indptr
         total = sparse.bsr_matrix(arrays, shape=(n, n)) + other.tobsr((3, 3))

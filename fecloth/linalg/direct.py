@@ -41,10 +41,10 @@ class Pardiso:
         self._release: weakref.finalize[..., Pardiso] | None = None
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Factorise A; the analysis is reused as long as the pattern is the same object."""
+        """Factorise A; the analysis is reused as long as the pattern is the same."""
         begin, self._A = time.perf_counter(), None
         self.prepared += 1
-        if self._pattern is not A.pattern:
+        if not A.pattern.same_as(self._pattern):
             self._analyse(A.pattern)
         self._rows.refill(A)
         self._call(22, self._nothing, self._nothing)
@@ -117,7 +117,7 @@ class SuperLU:
         """Factorise A."""
         begin, self._A = time.perf_counter(), None
         self.prepared += 1
-        if self._rows is None or self._rows.pattern is not A.pattern:
+        if self._rows is None or not A.pattern.same_as(self._rows.pattern):
             self._rows = ScalarRows(A.pattern, upper=False)
         self._rows.refill(A)
         n = 3 * len(A.pattern)

@@ -63,7 +63,7 @@ class Multigrid(PCG):
         """
         super().prepare(A)
         begin, self._A = time.perf_counter(), None
-        if not self._grids or self._grids[0].pattern is not A.pattern:
+        if not self._grids or not A.pattern.same_as(self._grids[0].pattern):
             self._levels, self._grids = [], make_grids(A.pattern)
         if self._levels and self._extra < NEW:
             self._levels[0].refill(A, self._inverse)

@@ -1,6 +1,8 @@
 """Cost of a step against the number of triangles, for every solver, explicit and implicit.
 
-    python -m studies.benchmarks.step_costs [--quick] [--out FOLDER]
+    python -m studies.benchmarks.step_costs [--quick] [--sizes N ...] [--out FOLDER]
+
+With --sizes the other rows are those of step_costs.csv in the folder, if there is one.
 
 The sheet and its motion are those of `studies.benchmarks.multigrid`. Implicit steps are of backward
 Euler at 5 ms, explicit ones of central differences at half their largest step; both are measured
@@ -13,6 +15,7 @@ tangent; conjugate gradients read it in each of their iterations.
 
 from __future__ import annotations
 
+import csv
 import time
 from pathlib import Path
 
@@ -27,6 +30,7 @@ from studies.benchmarks.measure import fastest
 from studies.benchmarks.multigrid import DT, fallen, sheet, steps, transfer
 
 SIZES = (500, 2_000, 8_000, 50_000, 200_000, 2_000_000)
+REGULAR = 500_000  # triangles from which on they are in rows: Gmsh takes minutes to place them
 LARGEST = {  # triangles to which a solver is taken: beyond it a step takes minutes, or the memory
     "superlu": 8_000,
     "pcg": 200_000,
@@ -74,14 +78,32 @@ def explicit_step(system: fc.System, state: fc.State) -> tuple[float, float]:
 
 def costs_of(triangles: int, start: tuple[fc.System, fc.State], moved: float, count: int) -> dict:
     """Return a row of the table: CPU seconds of a step by each solver."""
-    system = sheet(triangles)
+    is_regular = triangles >= REGULAR
+    system = sheet(triangles, "right" if is_regular else "unstructured")
     state = transfer(*start, system)
     chosen = [name for name, most in LARGEST.items() if SMALLEST.get(name, 0) <= triangles <= most]
     row: dict[str, float | None] = {"triangles": len(system.cloth.triangles)}
-    row |= {name: cost.seconds for name, cost in steps(system, state, chosen, count).items()}
+    row |= {
+        name: cost.seconds
+        for name, cost in steps(
+            system, state, chosen, min(count, 2) if is_regular else count
+        ).items()
+    }
     seconds, dt = explicit_step(system, state)
     row |= zip(EXPLICIT, (seconds, seconds * DT / dt), strict=True)
     return row | dict(zip(ALLOWED, (size / moved for size in bytes_moved(system)), strict=True))
+
+
+def kept_rows(file: Path, sizes: list[int]) -> list[dict]:
+    """Return the rows of a table whose sizes are none of these."""
+    if not file.exists():
+        return []
+    with file.open(newline="") as lines:
+        rows = [
+            {k: float(v) if v else None for k, v in row.items()} for row in csv.DictReader(lines)
+        ]
+    kept = [row for row in rows if all(abs(row["triangles"] / size - 1) > 0.2 for size in sizes)]
+    return [row | {"triangles": int(row["triangles"])} for row in kept]
 
 
 def draw(rows: list[dict], out: Path) -> None:
@@ -99,8 +121,10 @@ def draw(rows: list[dict], out: Path) -> None:
 
 
 def main() -> int:
-    options = study.parse_arguments(__doc__, needs=["matplotlib"])
-    sizes, count = ((500, 2_000), 2) if options.quick else (SIZES, 3)
+    more = {"type": int, "nargs": "+", "default": SIZES, "metavar": "N", "help": "of the meshes"}
+    options = study.parse_arguments(__doc__, needs=["matplotlib"], sizes=more)
+    sizes, count = ((500, 2_000), 2) if options.quick else (options.sizes, 3)
+    file = options.out / "step_costs.csv"
     start = fallen(500, 0.1) if options.quick else fallen(8_000, 0.4)
     moved, rows = bandwidth(), list[dict]()
     print(f"one thread moves {1e-9 * moved:.1f} GB/s", flush=True)
@@ -109,7 +133,8 @@ def main() -> int:
         words = ", ".join(f"{k} {v:.3g}" for k, v in rows[-1].items())
         print(words, flush=True)
     options.out.mkdir(parents=True, exist_ok=True)
-    Table(tuple(rows)).to_csv(options.out / "step_costs.csv")
+    rows = sorted([*rows, *kept_rows(file, sizes)], key=lambda row: row["triangles"])
+    Table(tuple(rows)).to_csv(file)
     draw(rows, options.out)
     print(markdown_table(rows))
     return 0

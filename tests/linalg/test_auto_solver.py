@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+import scipy.sparse
 from support.matrices import indefinite, load, missing, relative, sheet
 
 import fecloth as fc
 from fecloth.errors import IndefiniteMatrix, InputError
-from fecloth.linalg import auto_solver, mkl_pardiso, select
+from fecloth.linalg import auto_solver, direct, mkl_pardiso, multigrid, select
 
 NOWHERE = np.zeros((400, 3))  # the positions do not matter to PCG and direct solvers
 EASY, HARD = sheet(m=20, mass=500.0), sheet(m=20, mass=1e-5)  # 5 and 270 iterations to 1e-6
@@ -35,6 +36,38 @@ def test_auto_factorises_hard_matrices_at_once_and_stays_there():
 
 def test_auto_iterates_on_easy_matrices():
     assert steps(auto(), EASY, 30) == ["pcg"] * 30
+
+
+def with_block(A, i, j):
+    """A with tiny blocks (i, j) and (j, i), in a pattern of its own."""
+    n = 3 * len(A.pattern)
+    more = scipy.sparse.lil_matrix((n, n))
+    more[3 * i, 3 * j] = more[3 * j, 3 * i] = 1e-12
+    return A.plus(more.tocsr())
+
+
+@pytest.mark.parametrize("changes", [True, False])
+def test_auto_counts_what_a_pattern_costs_that_changes(changes):
+    """A factor for each pattern costs more than 270 iterations; a factor for all costs less."""
+    solver, names = auto(), []
+    for i in range(60):  # new arrays each time, as contact makes them
+        names += steps(solver, with_block(HARD, 0, 200 + changes * (i % 2)), 1)
+    assert names[0] == select.direct().name
+    assert names[-20:] == ["pcg" if changes else names[0]] * 20
+
+
+@pytest.mark.parametrize("kind", ["direct", "superlu", "multigrid"])
+def test_an_equal_pattern_is_analysed_once(kind, monkeypatch):
+    solver, b, made = select.create(kind), load(HARD), []
+    for name, module in (("ScalarRows", direct), ("make_grids", multigrid)):
+        make = getattr(module, name)
+        new = lambda *args, make=make, **kw: made.append(1) or make(*args, **kw)  # noqa: E731
+        monkeypatch.setattr(module, name, new)
+    for A in (with_block(HARD, 0, 200), with_block(EASY, 0, 200), with_block(HARD, 0, 201)):
+        solver.prepare(A)
+        x, _ = solver.solve(b, rtol=1e-6)
+        assert relative(A, x, b) <= 1e-6
+    assert len(made) == 2
 
 
 def test_auto_returns_to_pcg_if_iterations_become_few(monkeypatch):

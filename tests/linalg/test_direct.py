@@ -27,7 +27,9 @@ def test_prepare_with_the_same_pattern_reuses_the_analysis(name, monkeypatch):
         A.values[...] *= factor
         solver.prepare(A)
     assert sum(built) == 1
-    solver.prepare(sheet(m=6))
+    solver.prepare(sheet(m=6))  # other arrays, equal
+    assert sum(built) == 1
+    solver.prepare(sheet(m=7))
     assert sum(built) == 2
 
 

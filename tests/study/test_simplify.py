@@ -100,12 +100,28 @@ def test_every_simpler_scene_is_a_scene(path):
     assert data == data_of(load_scene(path))  # no variant has changed it
     names = [variant.name for variant in tried]
     assert {"without StVK", "h × 2"} <= set(names)
-    assert ("equilibrium" in names) == ("time" in data)
+    rubs = any(term.get("friction") for term in data["terms"])
+    assert ("equilibrium" in names) == ("time" in data and not rubs)
     assert ("Springs for StVK" in names) == (data["cloth"].get("element") != "P2")
     assert ("dt × 2" in names) == (
         path.stem not in ("dome", "inflated_disk", "lifted_strip")  # which take one step
     )
     assert "equilibrium" not in [one.name for one in list_variants(data, Interest(path=("sag",)))]
+
+
+def test_contact_may_lose_its_friction_and_widen_its_gap():
+    data = data_of(load_scene(STUDIES / "scenes" / "drop.toml"))
+    simpler = {one.name: one.apply(data) for one in list_variants(data, Interest(end=("sag",)))}
+    for i, name in ((4, "Obstacle"), (5, "SelfContact")):
+        assert data["terms"][i]["type"] == name
+        smooth, wider = (simpler[f"{what} {name}"] for what in ("no friction of", "gap × 2 of"))
+        assert smooth["terms"][i] == data["terms"][i] | {"friction": 0.0}
+        assert wider["terms"][i] == data["terms"][i] | {"gap": 0.002}
+        assert len(simpler[f"without {name}"]["terms"]) == len(data["terms"]) - 1
+        for changed in (smooth, wider):
+            assert [t for k, t in enumerate(changed["terms"]) if k != i] == [
+                t for k, t in enumerate(data["terms"]) if k != i
+            ]
 
 
 def test_p2_becomes_p1_and_adaptive_steps_get_a_looser_tolerance():

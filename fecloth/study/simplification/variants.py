@@ -20,6 +20,7 @@ CHEAPER_BENDING = {  # on P1: the kind of change, and the term in place of anoth
 LONG = 1e5  # s, a step of backward Euler in which inertia is negligible
 LARGER = (2, 4)  # times dt, rtol
 COARSER = (1.5, 2.0)  # times h
+WIDER = 2.0  # times the gap of contact
 FINER = 0.5  # times h, dt; for rtol twice that power
 PATIENCE = 3.0  # times the seconds of the full scene; a slower variant saves nothing
 
@@ -77,12 +78,18 @@ def list_variants(data: Data, interest: Interest) -> list[Variant]:
 
 
 def variants_of_term(term: Data, element: str) -> Iterator[Variant]:
-    """Yield the scene without a term, and with a cheaper term in its place."""
+    """Yield the scene without a term, and with a cheaper one in its place: as smooth contact."""
     name, slot = term["type"], f"term {term}"
     yield Variant(f"without {name}", "without", name, slot, replace_term(term, None))
     if name in MEMBRANES and element == "P1":
         springs = replace_term(term, {"type": "Springs"})
         yield Variant(f"Springs for {name}", "springs", name, slot, springs)
+    if term.get("friction"):
+        smooth = replace_term(term, term | {"friction": 0.0})
+        yield Variant(f"no friction of {name}", "friction", name, slot, smooth)
+    if "gap" in term:
+        wider = replace_term(term, term | {"gap": WIDER * term["gap"]})
+        yield Variant(f"gap × {WIDER:g} of {name}", "gap", name, slot, wider)
     if element == "P2" and term.get("strain") == "interpolated":
         pointwise = replace_term(term, term | {"strain": "pointwise"})
         yield Variant(f"pointwise strain of {name}", "strain", name, slot, pointwise)
