@@ -90,13 +90,16 @@ class DistributedSolver:
         b = np.ascontiguousarray(b, dtype=float)
         if not b.any():
             return np.zeros_like(b), SolveInfo(self.name, 0, 0.0, self.seconds_factor, 0.0)
-        begin = time.perf_counter()
+        begin, kept = time.perf_counter(), self.first > 0
         try:
             found = self._solve(b, rtol, guess)
-        except TooManyIterations:
-            if self.choice != "auto" or self.kind == "GAMG":
+        except SolveFailed as failure:
+            self.first = 0  # the hierarchy may be that of an indefinite matrix
+            slow = isinstance(failure, TooManyIterations) and self.kind == "block Jacobi"
+            if slow and self.choice == "auto":
+                self._change()
+            elif not (kept and self.kind == "GAMG"):
                 raise
-            self._change()
             self._prepare(anew=True)
             found = self._solve(b, rtol, guess)
         rows, iterations, residual = zip(*found, strict=True)
