@@ -21,7 +21,7 @@ class DistributedSolver:
 
     "auto" begins with block Jacobi, which is best for short steps, and takes GAMG from the first
     solve on that needs more than 150 iterations. The hierarchy of GAMG is kept, while the matrix
-    changes, until the iterations double.
+    changes, until the iterations double. After a failure the solver is made anew.
     """
 
     def __init__(self, crew: Crew, nodes: int, choice: str, symmetric: bool):
@@ -41,7 +41,7 @@ class DistributedSolver:
         crew, owned = self.crew, [int(part.is_own.sum()) for part in self.crew.parts]
         arguments = self.kind, self.symmetric, owned
         crew.each("create_solver", lambda part: (*arguments, self.numbers[part.nodes]))
-        self.first = 0
+        self.first, self.spoiled = 0, False
 
     @property
     def name(self) -> str:
@@ -57,7 +57,7 @@ class DistributedSolver:
         if self.kind != KINDS[self.choice]:
             self.kind = KINDS[self.choice]
             self._create()
-        self.first = 0
+        self.first = self.last = 0
 
     def prepare(self, A: BlockMatrix) -> None:
         """Take the matrix that the processes hold; A is what one process knows of it."""
@@ -68,6 +68,8 @@ class DistributedSolver:
 
     def _prepare(self, anew: bool) -> None:
         begin = time.perf_counter()
+        if self.spoiled:  # it would keep what it has found out about an indefinite matrix
+            self._create()
         self.crew.each("prepare", lambda part: (self.x[part.own_nodes], anew))
         self.first = 0 if anew else self.first
         self.seconds_factor = time.perf_counter() - begin
@@ -94,7 +96,7 @@ class DistributedSolver:
         try:
             found = self._solve(b, rtol, guess)
         except SolveFailed as failure:
-            self.first = 0  # the hierarchy may be that of an indefinite matrix
+            self.first, self.spoiled = 0, True
             slow = isinstance(failure, TooManyIterations) and self.kind == "block Jacobi"
             if slow and self.choice == "auto":
                 self._change()
