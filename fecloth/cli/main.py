@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fecloth.scene.problem import Problem
     from fecloth.scene.scene import Scene
     from fecloth.simulation.march import StepInfo
+    from fecloth.system.system import System
 
 STATUS = """exit status:
   0  done
@@ -182,6 +183,8 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("scene", nargs="?", help="a .toml file")
     sub.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     _mesh_options(sub)
+    help_ = "memory of each process, if N of them share the cloth by mpiexec"
+    sub.add_argument("--ranks", type=int, metavar="N", help=help_)
     sub.add_argument("--fabrics", action="store_true", help="the published fabrics, with sources")
     sub.add_argument("--schema", action="store_true", help="the JSON schema of scene files")
     terms = "the terms of a scene; with a name, what that term takes"
@@ -242,6 +245,22 @@ def _scene_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options) -> int:
+    from fecloth.distributed.environment import count_processes, use_one_thread
+
+    if count_processes() == 1:
+        return _run_one(options)
+    from fecloth.distributed.guard import start_guarded
+
+    use_one_thread()
+    start_guarded()
+    from fecloth.distributed.launch import run_on_all
+
+    return run_on_all(lambda make_system: _run_one(options, make_system))
+
+
+def _run_one(options, make_system: Callable[..., System] | None = None) -> int:
+    """Run a scene in this process, or with a system whose terms several share."""
+    from functools import partial
     from pathlib import Path
 
     from fecloth.cli.describe import sources
@@ -251,6 +270,7 @@ def _run(options) -> int:
     from fecloth.runs.run_scene import run_scene
     from fecloth.scene.plan import plan
     from fecloth.scene.scene import load_scene
+    from fecloth.system.system import System
 
     scene = load_scene(options.scene, _changes(options), **_meshing(options))
     if options.resume and (options.output or options.overwrite):
@@ -271,7 +291,8 @@ def _run(options) -> int:
     with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
         resume = bool(options.resume)
         run_ = scene, path, options.overwrite, announce, report, resume, warn
-        outcome = run_scene(*run_, closed=lambda: set_handler(signal.SIG_IGN))
+        closed = partial(set_handler, signal.SIG_IGN)
+        outcome = run_scene(*run_, closed=closed, make_system=make_system or System)
     if not options.quiet:
         print(ledger_text(outcome.ledger, outcome.summary["unit"]))
         print(finished_message(outcome))
@@ -478,9 +499,10 @@ def _info_lines(options) -> list[str]:
 
 def _plan(options) -> list[str]:
     """What a scene would do, and what may disappoint."""
+    from fecloth import validation
     from fecloth.cli.describe import describe_cloth, sources
     from fecloth.runs.run_scene import resolve_scene
-    from fecloth.scene.plan import plan
+    from fecloth.scene.plan import memory_of_each, plan
     from fecloth.scene.run_warnings import find_warnings
     from fecloth.scene.scene import load_scene
 
@@ -489,6 +511,10 @@ def _plan(options) -> list[str]:
     )
     _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes
     lines = [*plan(problem, why), *mesh, *sources(problem.system.fabric)]
+    if options.ranks is not None:
+        validation.number("ranks", options.ranks, 0.0, "info")
+        each = memory_of_each(problem.system, options.ranks)
+        lines.append(f"on {options.ranks} processes (mpiexec): about {each:.0f} MB each")
     return lines + [f"warning: {words}" for words in find_warnings(problem)]
 
 

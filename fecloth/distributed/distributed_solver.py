@@ -21,7 +21,7 @@ class DistributedSolver:
 
     "auto" begins with block Jacobi, which is best for short steps, and takes GAMG from the first
     solve on that needs more than 150 iterations. The hierarchy of GAMG is kept, while the matrix
-    changes, until the iterations double.
+    changes, until the iterations double. After a failure the solver is made anew.
     """
 
     def __init__(self, crew: Crew, nodes: int, choice: str, symmetric: bool):
@@ -41,7 +41,7 @@ class DistributedSolver:
         crew, owned = self.crew, [int(part.is_own.sum()) for part in self.crew.parts]
         arguments = self.kind, self.symmetric, owned
         crew.each("create_solver", lambda part: (*arguments, self.numbers[part.nodes]))
-        self.first = 0
+        self.first, self.spoiled = 0, False
 
     @property
     def name(self) -> str:
@@ -57,7 +57,7 @@ class DistributedSolver:
         if self.kind != KINDS[self.choice]:
             self.kind = KINDS[self.choice]
             self._create()
-        self.first = 0
+        self.first = self.last = 0
 
     def prepare(self, A: BlockMatrix) -> None:
         """Take the matrix that the processes hold; A is what one process knows of it."""
@@ -68,6 +68,8 @@ class DistributedSolver:
 
     def _prepare(self, anew: bool) -> None:
         begin = time.perf_counter()
+        if self.spoiled:  # it would keep what it has found out about an indefinite matrix
+            self._create()
         self.crew.each("prepare", lambda part: (self.x[part.own_nodes], anew))
         self.first = 0 if anew else self.first
         self.seconds_factor = time.perf_counter() - begin
@@ -90,13 +92,16 @@ class DistributedSolver:
         b = np.ascontiguousarray(b, dtype=float)
         if not b.any():
             return np.zeros_like(b), SolveInfo(self.name, 0, 0.0, self.seconds_factor, 0.0)
-        begin = time.perf_counter()
+        begin, kept = time.perf_counter(), self.first > 0
         try:
             found = self._solve(b, rtol, guess)
-        except TooManyIterations:
-            if self.choice != "auto" or self.kind == "GAMG":
+        except SolveFailed as failure:
+            self.first, self.spoiled = 0, True
+            slow = isinstance(failure, TooManyIterations) and self.kind == "block Jacobi"
+            if slow and self.choice == "auto":
+                self._change()
+            elif not (kept and self.kind == "GAMG"):
                 raise
-            self._change()
             self._prepare(anew=True)
             found = self._solve(b, rtol, guess)
         rows, iterations, residual = zip(*found, strict=True)

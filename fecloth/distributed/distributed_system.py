@@ -158,6 +158,10 @@ class DistributedSystem(System):
         solver = DistributedSolver(self.crew, len(self.cloth.X), choice, symmetric)
         return solver, BlockMatrix.zeros(self.layout.pattern), why
 
+    def usage(self) -> dict[str, object]:
+        """Nodes, memory and CPU seconds of each process."""
+        return {"processes": self.crew.call("usage")}
+
     def stiffness(self, state: State) -> sparse.bsr_matrix:
         """Refused: no process has the whole matrix."""
         raise _in_parts("the matrix K")

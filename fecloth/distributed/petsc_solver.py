@@ -30,11 +30,12 @@ GAMG: dict[str, object] = {
     "mg_levels_pc_type": "pbjacobi",
 }
 OPTIONS: dict[str, dict[str, object]] = {
-    "block Jacobi": {"pc_type": "pbjacobi", "ksp_max_it": 2000},
+    "block Jacobi": {"pc_type": "pbjacobi", "ksp_max_it": 5000},
     "GAMG": GAMG | {"ksp_max_it": 1000},
     "MUMPS": {"pc_factor_mat_solver_type": "mumps", "ksp_max_it": 10},
 }
 OLD = (3, 20)  # before, GAMG failed with point-block smoothers
+ROWS = 20_000  # of nodes whose blocks are copied at once
 LOST = 2.0  # times rtol: what the true residual may be above that of the recurrence
 
 
@@ -82,17 +83,35 @@ class PetscSolver:
         self.ksp = self._make_ksp(symmetric)
 
     def _make_matrix(self, numbers: np.ndarray) -> Any:
-        """The matrix (3n, 3n), rows of own nodes here, with its pattern."""
-        PETSc, pattern, blocks = self.petsc, self.matrix.pattern, self.blocks
+        """The matrix (3n, 3n), rows of own nodes here, with space for its pattern."""
+        PETSc, pattern = self.petsc, self.matrix.pattern
         A = PETSc.Mat().create(comm=PETSc.COMM_WORLD)
         A.setSizes(((3 * self.own, self.size), (3 * self.own, self.size)), bsize=3)
         A.setType(PETSc.Mat.Type.AIJ)
-        rows, columns = numbers[pattern.rows[blocks]], numbers[pattern.indices[blocks]]
-        shape, local = (len(rows), 3, 3), np.arange(3, dtype=PETSc.IntType)
-        i = np.broadcast_to((3 * rows)[:, None, None] + local[:, None], shape)
-        j = np.broadcast_to((3 * columns)[:, None, None] + local, shape)
-        A.setPreallocationCOO(i.astype(PETSc.IntType).ravel(), j.astype(PETSc.IntType).ravel())
+        rows, columns = pattern.rows[self.blocks], numbers[pattern.indices[self.blocks]]
+        first = numbers[rows[0]]  # own rows follow one another
+        is_here = (columns >= first) & (columns < first + self.own)
+        count = np.bincount(numbers[rows] - first, minlength=self.own)
+        here = np.bincount(numbers[rows[is_here]] - first, minlength=self.own)
+        counts = (3 * np.repeat(c, 3) for c in (here, count - here))
+        A.setPreallocationNNZ(tuple(c.astype(PETSc.IntType) for c in counts))
+        A.setOption(PETSc.Mat.Option.ROW_ORIENTED, False)
+        self.columns = columns.astype(PETSc.IntType)
+        self.starts = np.append(0, np.cumsum(count)).astype(PETSc.IntType)
+        self.first = int(first)
         return A
+
+    def _fill(self) -> None:
+        """Copy the blocks to PETSc, for some rows at once to save memory."""
+        values, starts, A = self.matrix.values[self.blocks], self.starts, self.A
+        for row in range(0, self.own, ROWS):
+            end = min(row + ROWS, self.own)
+            part = slice(starts[row], starts[end])
+            rows = np.arange(self.first + row, self.first + end, dtype=starts.dtype)
+            by_column = np.ascontiguousarray(values[part].transpose(0, 2, 1))
+            own = starts[row : end + 1] - starts[row], self.columns[part], by_column
+            A.setValuesBlockedIJV(*own, rowmap=rows)
+        A.assemble()
 
     def _make_ksp(self, symmetric: bool) -> Any:
         PETSc = self.petsc
@@ -117,11 +136,12 @@ class PetscSolver:
     def prepare(self, shape: np.ndarray, anew: bool) -> float:
         """Take the present values; `anew` renews the preconditioner. Returns the seconds."""
         begin = time.perf_counter()
-        self.A.setValuesCOO(self.matrix.values[self.blocks].ravel())
+        self._fill()
         if self.kind == "GAMG":
             if anew:
                 self._set_rigid_motions(shape)
             self.ksp.getPC().setReusePreconditioner(not anew)
+        self.ksp.setOperators(self.A)  # without this call the factor of old values stays
         try:
             self.ksp.setUp()
         except self.petsc.Error as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -138,9 +139,14 @@ class Worker:
         found: tuple = self.solver.solve(b, rtol, guess)
         return found
 
-    def memory(self) -> float | None:
-        """Peak memory of the process [MB]."""
-        return peak_memory()
+    def usage(self) -> dict[str, float | int | None]:
+        """What the process has used so far."""
+        return {
+            "nodes": int(self.part.is_own.sum()),
+            "ghosts": int((~self.part.is_own).sum()),
+            "peak_memory_MB": peak_memory(),
+            "cpu_seconds": time.process_time(),
+        }
 
 
 def cut_step(step: StepDifference, nodes) -> StepDifference:

@@ -241,7 +241,8 @@ class _Work:
         """s = −J⁻¹ R with a remedy, or what conjugate gradients had of it, if the equation allows.
 
         Where they find that J is not definite, their iterate is a direction of descent, shorter
-        than s (Nocedal and Wright 2006, algorithm 7.1).
+        than s (Nocedal and Wright 2006, algorithm 7.1). The first CLAMPED such iterations of a step
+        take clamped tangents instead: these lead farther there.
         """
         begin, reuse = time.perf_counter(), self.context.factor_reuse
         reuse.key = None  # from here on the matrix is another one, also if this fails
@@ -255,7 +256,8 @@ class _Work:
             rough = self.equation.takes_short_solves and remedy != self.equation.remedies[0]
             step = self.solve_linear(point, ROUGH if rough else 0.0, new=True)
         except IndefiniteMatrix as failure:
-            if failure.so_far is None or not self.equation.takes_short_solves:
+            may = self.equation.takes_short_solves and self.clamped >= CLAMPED
+            if failure.so_far is None or not may:
                 raise
             self.cut_short = True
             return self.shorten(self.system.constraints.project(failure.so_far))

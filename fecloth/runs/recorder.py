@@ -371,6 +371,7 @@ class Recorder:
             "seconds": self.watch.seconds | {"total": self.watch.total},
             "ledger": self.ledger.row(),
             "peak_memory_MB": peak_memory(),
+            **self.problem.system.usage(),
             "versions": versions(),
         }
 

@@ -42,6 +42,7 @@ from fecloth.simulation.march import StepInfo
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.record_steps import trial_recorder
 from fecloth.simulation.resolve import resolve
+from fecloth.system.system import System
 
 
 def run_scene(
@@ -53,6 +54,7 @@ def run_scene(
     resume: bool = False,
     warn: Callable[[str], None] = lambda words: None,
     closed: Callable[[], object] = lambda: None,
+    make_system: Callable[..., System] = System,
 ) -> SceneResult:
     """Mesh, compile, march and write; return a `Result` with the status and folder of the run.
 
@@ -70,6 +72,8 @@ def run_scene(
         Called with a sentence when the energy balance no longer closes.
     closed
         Called when all files are written, before signals are handled as before the run.
+    make_system
+        Takes the arguments of `System`.
 
     Raises
     ------
@@ -81,11 +85,11 @@ def run_scene(
         if path.is_dir():
             locks.enter_context(lock_folder(path))
         calls = announce, report, warn, closed
-        return _run_scene(scene, path, overwrite, resume, *calls, locks)
+        return _run_scene(scene, path, overwrite, resume, *calls, locks, make_system)
 
 
 def _run_scene(
-    scene, path, overwrite, resume, announce, report, warn, closed, locks: ExitStack
+    scene, path, overwrite, resume, announce, report, warn, closed, locks: ExitStack, make_system
 ) -> SceneResult:
     watch, existed = Watch(), path.is_dir()
     if not resume:
@@ -94,7 +98,7 @@ def _run_scene(
     with watch.phase("mesh"):
         cloth = scene.mesh()
     with watch.phase("bind"):
-        problem = scene.build(cloth)
+        problem = scene.build(cloth, make_system)
         start = restarts.digest(cloth, problem.state)
     if found:
         restarts.refuse_another(found, scene.to_toml(), start, path)

@@ -48,8 +48,10 @@ MOST_PLACES = 1_000_000  # times × nodes at which a motion of t, X, Y is evalua
 At = Callable[[str], AbstractContextManager[None]]  # names the key of the scene in errors
 
 
-def build(scene: Scene, cloth: Cloth) -> Problem:
+def build(scene: Scene, cloth: Cloth, make_system: Callable[..., System] = System) -> Problem:
     """Bind the terms and pins to the cloth, place the start, check the method.
+
+    `make_system` takes the arguments of `System`.
 
     Raises
     ------
@@ -58,7 +60,7 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
     """
     at = partial(errors_at, where=scene.source)
     state = _start(scene, cloth, at)
-    system = _system(scene, cloth, state, at)
+    system = _system(scene, cloth, state, at, make_system)
     _check_start(scene, system, state, at)
     steps = scene.schedule.steps()
     _check_method(scene, system, state, steps, at)
@@ -93,7 +95,7 @@ def build(scene: Scene, cloth: Cloth) -> Problem:
 # --- the system -----------------------------------------------------------------------------------
 
 
-def _system(scene: Scene, cloth: Cloth, start: State, at: At) -> System:
+def _system(scene: Scene, cloth: Cloth, start: State, at: At, make_system: Callable) -> System:
     pins = [_pin(i, table, scene.schedule, cloth, at) for i, table in enumerate(scene.pins)]
     fabric = scene.fabric.make() if scene.fabric else _each(scene.fabrics, lambda t: t.make())
     grain = _each(scene.grain_degrees, math.radians)
@@ -102,7 +104,7 @@ def _system(scene: Scene, cloth: Cloth, start: State, at: At) -> System:
     with at("solver.threads"):
         number_of_threads(threads)
     try:
-        return System(cloth, fabric, terms, pins, scene.mass, grain, start, threads=threads)
+        return make_system(cloth, fabric, terms, pins, scene.mass, grain, start, threads=threads)
     except InputError:  # make its parts one by one, to name the table with the mistake
         with at("pins"):
             Constraints.bind(pins, cloth)
@@ -203,6 +205,10 @@ def _check_method(
     """Refuse a term, a mass, a step or a linear solver that the method does not allow."""
     with at("terms"):
         check_terms(system, steps, "terms")
+    if not system.is_whole and (isinstance(steps, Auto) or steps.traits.explicit):
+        allowed = "must be an implicit method by name on several processes"
+        what = f'time.method = "{scene.time.method.type}"'
+        raise SceneError(what, allowed, scene.source, "Take BDF2, or run on one process.")
     if isinstance(steps, LoadSteps):
         _refuse_loads_in_time(scene, system, state)
         return

@@ -9,7 +9,7 @@ formulas are in SI; a text may be a number with another unit of the same dimensi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -34,6 +34,7 @@ from fecloth.scene.problem import Problem
 from fecloth.scene.start_table import Start
 from fecloth.scene.table_model import Table, as_tuples, require_exactly_one
 from fecloth.scene.time_table import Time
+from fecloth.system.system import System
 
 
 class Scene(Table):
@@ -179,8 +180,12 @@ class Scene(Table):
                 return self.cloth.cloth(*self._reading)
             return self.cloth.cloth()
 
-    def build(self, cloth: Cloth | None = None) -> Problem:
+    def build(
+        self, cloth: Cloth | None = None, make_system: Callable[..., System] = System
+    ) -> Problem:
         """Mesh the cloth (unless given), bind the terms and pins, place the start.
+
+        `make_system` takes the arguments of `System`.
 
         Raises
         ------
@@ -189,7 +194,7 @@ class Scene(Table):
             overlap or leave a gap, pins that share a node, a formula that is not finite where it
             is needed, an unknown name in [expect].
         """
-        return build(self, self.mesh() if cloth is None else cloth)
+        return build(self, self.mesh() if cloth is None else cloth, make_system)
 
 
 def load_scene(

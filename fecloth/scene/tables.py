@@ -24,13 +24,15 @@ Shape: Any = one_of(
 # --- the tables of dataclasses: their fields are the keys -----------------------------------------
 
 _SHAPES = {name: getattr(shapes, name) for name in shapes.__all__ if name != "Shape"}
-_ROTATE = {"rotate": (RotationTable | None, None)}
+_ROTATE: dict[str, Any] = {"rotate": (RotationTable | None, None)}
 ShapeTable: Any = one_of(
     "type", {name: table_of(cls, name, **_ROTATE) for name, cls in _SHAPES.items()}
 )
-_MORE = {  # fields that hold tables of their own, or a file beside the scene
+_MORE: dict[
+    type, dict[str, Any]
+] = {  # fields that hold tables of their own, or a file beside the scene
     terms.Obstacle: {"shape": (ShapeTable, ...)},
-    terms.MeshObstacle: {"path": (File, ...)},
+    terms.MeshObstacle: {"path": (File, ...), **_ROTATE},
 }
 
 _LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"]

@@ -174,7 +174,7 @@ def signals(system: System, state: State) -> Iterator[Signal]:
 
 def _of_term(bound, state: State) -> Iterator[tuple[str, Callable, int]]:
     """Yield name, function of times and number of evaluations of what depends on time in a term."""
-    known = False
+    known, bound = False, getattr(bound, "near", bound)  # of several processes: the part here
     for value in _values(bound):
         if isinstance(value, Uniform):
             value = value.value

@@ -29,7 +29,7 @@ class RestStability:
     @classmethod
     def of(cls, system: System, state: State) -> RestStability:
         """Find it; NaN for a cloth that is held whole, or a stiffness that is not finite."""
-        if system.admissible.shape[1] < 2:
+        if not system.is_whole or system.admissible.shape[1] < 2:
             return cls(math.nan, 0.0)
         try:
             found = least_eigenpairs(system, state, 1, unit_mass=True)

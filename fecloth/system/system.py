@@ -310,6 +310,10 @@ class System:
             solver, why = select.create(choice, symmetric), "requested"
         return solver, BlockMatrix.zeros(self.pattern, self.team), why
 
+    def usage(self) -> dict[str, object]:
+        """What summary.json says of the processes that share the system; nothing of one."""
+        return {}
+
     def stiffness(self, state: State) -> sparse.bsr_matrix:
         """K = −∂f/∂x over all nodes, (3n, 3n) [N/m], without what `dense` gives."""
         K = self.assemble(BlockMatrix.zeros(self.pattern), state, wx=1.0)

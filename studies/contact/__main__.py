@@ -1,7 +1,8 @@
 """Contact against known answers, under refinement of mesh, gap and step.
 
 The problems are those of references.py: the capstan equation, a heavy elastica that leaves a plane,
-and a drum blown against a plate. Errors are relative. The full form writes contact.md.
+and a drum blown against a plate, or against a held sheet with `SelfContact`. Errors are relative.
+The full form writes contact.md.
 `python -m studies.contact.drop` lets a sheet fall on a ball.
 
     python -m studies.contact [--quick]
@@ -85,6 +86,7 @@ def main() -> None:
         capstans(quick),
         refined("A lifted heavy strip", "N/m", references.lifted, sizes, gaps),
         refined("A drum against a plate", "m", references.drum, sizes, gaps),
+        refined("A drum against a held sheet", "m", references.drum_on_sheet, sizes, gaps[-2:]),
     ]
     text = "\n".join(parts)
     print(text)

@@ -5,6 +5,7 @@ import pytest
 from scipy import sparse
 
 import fecloth as fc
+from fecloth.distributed import distributed_system
 from fecloth.distributed.crew import LocalLink
 from fecloth.distributed.distributed_system import DistributedSystem
 from fecloth.errors import InputError
@@ -66,7 +67,7 @@ CASES = {
 }
 
 
-def both(case, parts):
+def both(case, parts, most=0.75):
     """A system and the same in parts, and a crumpled state with velocities."""
     element, fabric, terms, pins = CASES[case]
     pattern = "right" if case == "grid" else "unstructured"
@@ -77,7 +78,7 @@ def both(case, parts):
     start = fc.System(cloth, fabric, []).state(x * [1, 1, 0.5], v)
     whole = fc.System(cloth, fabric, terms, pins, start=start)
     apart = DistributedSystem(cloth, fabric, terms, pins, start=start, link=LocalLink(parts))
-    assert min(len(part.nodes) for part in apart.parts) < 0.75 * len(cloth.X)
+    assert min(len(part.nodes) for part in apart.parts) < most * len(cloth.X)
     return whole, apart, whole.state(x, v, 0.7)
 
 
@@ -157,6 +158,29 @@ def test_terms_over_a_step(case, at_mean):
     del one, a
     apart.force(state)
     assert all(len(w.terms) == len(apart.crew.here.system.bound) for w in apart.link.workers)
+
+
+@pytest.mark.parametrize("case", ["membranes", "P2"])
+def test_any_division_will_do(case, monkeypatch):
+    """As pymetis divides a mesh: the nodes of a part do not follow one another."""
+
+    def quarters(cloth, count):
+        owner = np.where(np.sin(2 * cloth.X[:, 0]) > 0.2, 0, 1 + (cloth.X[:, 1] > 0.12))
+        if cloth.element == "P2":
+            for midpoint, end in ((3, 0), (4, 1), (5, 0)):
+                owner[cloth.stencil[:, midpoint]] = owner[cloth.stencil[:, end]]
+        return owner
+
+    monkeypatch.setattr(distributed_system, "find_owners", quarters)
+    whole, apart, state = both(case, 3, most=1.1)
+    close(apart.force(state), whole.force(state))
+    ours, theirs = apart.energies(state), whole.energies(state)
+    assert ours == pytest.approx(theirs, rel=1e-11)
+    J, own = BlockMatrix.zeros(whole.pattern), BlockMatrix.zeros(apart.pattern)
+    whole.project(whole.assemble(J, state, 0.9, 1.1, 130.0))
+    apart.project(apart.assemble(own, state, 0.9, 1.1, 130.0))
+    difference = abs(together(apart, own) - J.to_scipy()).max()
+    assert difference <= 1e-11 * np.abs(J.values).max()
 
 
 def test_regions_and_reactions():

@@ -13,17 +13,24 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.read import read_surface
 from fecloth.mesh.surface import Surface
+from fecloth.quantities.rotation import Rotation
+from fecloth.quantities.time_function import VectorOfTime
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact.barrier import automatic_stiffness
 from fecloth.terms.contact.obstacle import CREEP
+from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.surfaces import Triangles
 from fecloth.terms.contact.toolkit import ContactSets
 from fecloth.terms.contact.triangle_contact import BoundTriangleContact
 
 
+class RigidMesh(Shape):
+    """The motion of a mesh; its distance is the toolkit's."""
+
+
 @dataclass(frozen=True)
 class MeshObstacle:
-    """The cloth and the triangles of a fixed mesh push each other apart, as `SelfContact` does.
+    """The cloth and the triangles of a rigid mesh push each other apart, as `SelfContact` does.
 
     The potential is Σ κ gap A b(d²) over pairs of a node and a triangle and over pairs of edges,
     one of the cloth and one of the mesh, with
@@ -31,8 +38,9 @@ class MeshObstacle:
         b(d²) = −(s² − 1)² ln s², s = d/gap < 1; 0 from s = 1 on; +∞ for s = 0
 
     The mesh may be open or closed, coarse or fine; it has two sides, so that the cloth must start
-    on the right one. It does not move. A plane, a sphere and the other shapes of `fecloth.shapes`
-    are much cheaper as an `Obstacle`, and exact.
+    on the right one. It stands as its file says at t = 0, and may move and turn from there. A
+    plane, a sphere and the other shapes of `fecloth.shapes` are much cheaper as an `Obstacle`, and
+    exact.
 
     Source: Li et al. (2020), Incremental Potential Contact: Intersection- and Inversion-free,
     Large-Deformation Dynamics, ACM Trans. Graph. 39(4), computed by the IPC Toolkit, the package
@@ -56,6 +64,11 @@ class MeshObstacle:
         κ [Pa], or "auto": as for `Obstacle`.
     scale
         What the coordinates are multiplied with: 0.001 for a file in millimetres.
+    motion
+        Displacement [m]: three formulas of t [s], or a function ``motion(t) -> (3,)``. Only its
+        changes count.
+    rotate
+        `Rotation` about an axis that moves along; only the changes of its angle count.
 
     Examples
     --------
@@ -68,10 +81,13 @@ class MeshObstacle:
     friction: float = 0.0
     stiffness: Annotated[float | Literal["auto"], PRESSURE] = "auto"
     scale: float = 1.0
+    motion: Annotated[VectorOfTime | None, LENGTH] = None
+    rotate: Rotation | None = None
 
     elements = ("P1", "P2")
 
     def __post_init__(self):
+        _ = self._body  # its mistakes are refused where the obstacle is written
         for name, value, unit in (("gap", self.gap, " [m]"), ("scale", self.scale, "")):
             if not (is_number(value) and value > 0):
                 allowed = f"must be finite and > 0{unit}"
@@ -82,6 +98,10 @@ class MeshObstacle:
         if self.stiffness != "auto" and not (is_number(self.stiffness) and self.stiffness > 0):
             allowed = 'must be finite and > 0 [Pa], or "auto"'
             raise InputError(f"stiffness = {self.stiffness!r}", allowed, "MeshObstacle")
+
+    @property
+    def _body(self) -> RigidMesh:
+        return RigidMesh(motion=self.motion, rotate=self.rotate)
 
     def stencil(self, cloth: Cloth) -> None:
         return None
@@ -96,7 +116,10 @@ class MeshObstacle:
         numbers = float(self.gap), 0.0, float(stiffness)
         own = Surface.of(cloth).triangles
         sets = ContactSets.of("MeshObstacle", rest, own, *numbers, fixed)
-        return BoundMeshObstacle("MeshObstacle", sets, self.friction, CREEP * cloth.extent)
+        of_all = "MeshObstacle", sets, self.friction, CREEP * cloth.extent
+        if self._body.moves:
+            return BoundMovingMeshObstacle(*of_all, self._body)
+        return BoundMeshObstacle(*of_all)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,14 +128,30 @@ class BoundMeshObstacle(BoundTriangleContact):
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
         """The least distance [m] from the mesh; infinite beyond the gap."""
-        return self.sets.least_distance(x)
+        return self.sets.least_distance(self.place(x, t))
 
     def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:
         """Its mesh, wherever the place is."""
         faces = np.asarray(self.sets.mesh.faces)
         first = len(self.sets.mesh.rest_positions) - len(self.sets.fixed)
-        return Triangles(self.sets.fixed, faces[faces.min(axis=1) >= first] - first)
+        nodes = self.sets.fixed
+        if self.body is not None:
+            nodes = self.body.pose(t).to_space(nodes)
+        return Triangles(nodes, faces[faces.min(axis=1) >= first] - first)
 
     def crossing(self, x: np.ndarray) -> tuple[str, str]:
         """What intersects at x, and what is allowed, for an error."""
         return "the cloth passes through the mesh at the start", "must start on one side"
+
+
+@dataclass(frozen=True, eq=False)
+class BoundMovingMeshObstacle(BoundMeshObstacle):
+    """`MeshObstacle` on a cloth, of a mesh that moves or turns: it does work."""
+
+    def supply(self, x, v, t) -> float:
+        """Power F · w [W] of its force on the cloth at the velocity w of its surface."""
+        assert self.body is not None
+        F = self.push(x, t)
+        if self.friction:
+            F = F + self.rub(x, v, t)
+        return float((F * self.body.velocity(x, t)).sum())

@@ -131,3 +131,45 @@ t_end = 0.02
     before = digest_of_files(opened)
     table.write_bytes(table.read_bytes() + b" ")
     assert digest_of_files(opened) != before
+
+
+def test_the_force_of_a_mesh_that_moves_is_the_derivative_of_its_energy(table, rng):
+    """At a time when it has moved and turned; its power is the change of its energy with t."""
+    cloth = fc.Cloth.rectangle(0.3, 0.2, 0.1)
+    turn = fc.Rotation((0.1, 0.2, 0), (0.2, 0.1, 1), "0.7*t")
+    lift = ("0.1*t", 0, "0.05*t")
+    term = fc.MeshObstacle(table, gap=0.02, stiffness=200.0, scale=0.01, motion=lift, rotate=turn)
+    system, t = fc.System(cloth, FABRIC, [term]), 0.3
+    bound = system.bound[-1]
+    height = 0.01 + 0.005 * np.sin(20 * cloth.X[:, 0] + 7 * cloth.X[:, 1])
+    place = np.column_stack([cloth.X + [0.36, -0.27], height])
+    x, way = bound.body.pose(t).to_space(place), rng.standard_normal((len(cloth.X), 3))
+    at = system.state(x, t=t)
+    K, force = system.stiffness(at) @ way.ravel(), (system.force(at) * way).sum()
+    assert abs(force) > 1e-3
+    for e in STEPS[-1:]:
+        ends = [system.state(x + sign * e * way, t=t) for sign in (1, -1)]
+        up, down = (system.energies(end)["MeshObstacle"] for end in ends)
+        change = (system.force(ends[0]) - system.force(ends[1])).ravel() / (2 * e)
+        assert (down - up) / (2 * e) == pytest.approx(force, rel=1e-6)
+        np.testing.assert_allclose(change, -K, rtol=0, atol=1e-5 * abs(K).max())
+        change = (bound.energy(x, t + e) - bound.energy(x, t - e)) / (2 * e)
+        assert bound.supply(x, 0 * x, t) == pytest.approx(change, rel=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_plate_that_rises_lifts_the_cloth(friction, table):
+    """It ends at the speed of the plate; with friction it moves along with it too."""
+    cloth = fc.Cloth.rectangle(0.3, 0.2, 0.1)
+    speed = np.array([0.1, 0.0, 0.4])
+    motion = [f"{v!r}*t" for v in speed.tolist()]
+    plate = fc.MeshObstacle(table, gap=5e-3, scale=0.01, friction=friction, motion=motion)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), fc.Gravity(), plate])
+    start = system.state(np.column_stack([cloth.X, np.full(len(cloth.X), 4.5e-3)]))
+    run = fc.run(system, fc.BackwardEuler(), start, dt=0.01, t_end=0.4)
+    mean = system.nodal_mass @ run.state.v / system.nodal_mass.sum()
+    expected = speed if friction else [0.0, 0.0, 0.4]
+    np.testing.assert_allclose(mean, expected, atol=0.02)
+    assert (run.state.x[:, 2] > 0.4 * 0.4).all()
+    assert run.energies["work:MeshObstacle"][-1] > 0.9 * 0.06 * 0.2 * 9.81 * 0.16
