@@ -41,6 +41,7 @@ except ImportError:
 
 T_END, FINE, COARSE = 0.2, 1.25e-4, 1 / 240  # s
 THICKNESS = 1e-3  # m; MuJoCo takes a bulk material, E = Y / thickness
+FRICTION = 0.3  # on obstacles
 
 
 @dataclass(frozen=True)
@@ -109,10 +110,14 @@ def make_flex(
     pins: str = "boundary",
     thickness: float = THICKNESS,
     elastic: str = "stretch",
+    obstacle: str = "",
+    damping: float = 0.0,
 ):
-    """Return a MuJoCo model of a sheet: each vertex is a body on three slides; no contact.
+    """Return a MuJoCo model of a sheet: each vertex is a body on three slides.
 
     With `elastic` = "both" it bends like a plate of that thickness, B = Y thickness²/(12 (1 − ν²)).
+    It touches an `obstacle`, the XML of a geom, and not itself. `damping` is a time [s], as of
+    `StrainRateDamping`. `pins` = "" holds no node.
     """
     cloth = system.cloth
     points = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
@@ -122,18 +127,22 @@ def make_flex(
 
     fabric = system.fabric
     young = fabric.tensile[0] / thickness
+    held = f'<pin id="{text(cloth.nodes(pins))}"/>' if pins else ""
+    touches, friction = int(bool(obstacle)), FRICTION if obstacle else 0.0
     xml = f"""<mujoco>
       <option timestep="{dt!r}" gravity="0 0 -9.81" integrator="{integrator}">
-        <flag contact="disable"/>
+        <flag contact="{"enable" if obstacle else "disable"}"/>
       </option>
       <worldbody>
+        {obstacle}
         <flexcomp name="disk" type="direct" dim="2" dof="full" mass="1" radius="0.001"
                   point="{text(points)}" element="{text(cloth.triangles)}">
           <edge equality="false" damping="0"/>
-          <elasticity young="{young!r}" poisson="{fabric.poisson_ratio!r}" damping="0"
+          <elasticity young="{young!r}" poisson="{fabric.poisson_ratio!r}" damping="{damping!r}"
                       thickness="{thickness!r}" elastic2d="{elastic}"/>
-          <contact selfcollide="none" contype="0" conaffinity="0"/>
-          <pin id="{text(cloth.nodes(pins))}"/>
+          <contact selfcollide="none" contype="{touches}" conaffinity="{touches}"
+                   friction="{friction} 0 0"/>
+          {held}
         </flexcomp>
       </worldbody>
     </mujoco>"""

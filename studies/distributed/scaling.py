@@ -1,6 +1,6 @@
 """Cost of a time step of one large cloth on several processes.
 
-    mpiexec -n 2 python -m studies.distributed.scaling --triangles 200000
+    mpiexec -n 2 python -m studies.distributed.scaling [--triangles 200000] [--quick]
 
 A square metre of cloth, held at its corners, falls: StVK, HingeBending, backward Euler with
 dt = 5 ms, PETSc's multigrid. Prints the work and the CPU seconds of each process for each step.
@@ -8,13 +8,12 @@ dt = 5 ms, PETSc's multigrid. Prints the work and the CPU seconds of each proces
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
 
 import numpy as np
 
 import fecloth as fc
+from fecloth import study
 from fecloth.distributed.launch import MakeSystem, run_on_all
 
 FABRIC = fc.Fabric(
@@ -54,14 +53,16 @@ def measure(make_system: MakeSystem, triangles: int, steps: int, solver: str) ->
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = study.Parser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="2,000 triangles and one step")
     parser.add_argument("--triangles", type=int, default=200_000)
     parser.add_argument("--steps", type=int, default=2)
     parser.add_argument("--solver", default="multigrid")
     options = parser.parse_args()
-    chosen = options.triangles, options.steps, options.solver
+    size = (2_000, 1) if options.quick else (options.triangles, options.steps)
+    chosen = *size, options.solver
     return run_on_all(lambda make_system: measure(make_system, *chosen))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    study.run_main(main)

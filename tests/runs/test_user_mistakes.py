@@ -433,7 +433,7 @@ def test_run_that_is_stopped_from_outside_leaves_a_restart(report, error, scene)
 
 
 def test_a_report_that_fails_leaves_the_cause_of_a_failure(scene, monkeypatch):
-    def fails(folder, summary, frame):
+    def fails(*arguments):
         raise ValueError("no such number in JSON")
 
     monkeypatch.setattr(recorder, "write_report", fails)

@@ -42,6 +42,7 @@ def out(tmp_path_factory):
         ("laws", "9 pictures"),
         ("contact", "A drum against a plate"),
         ("contact.drop", "| BDF2 | 162 | 30 |"),
+        ("contact.mujoco_drop", "| fecloth, BDF2 | 2.5 |"),
         ("contact.drop --self-contact", "| BDF2 | 162 | 30 |"),
         ("benchmarks.mujoco", "figures met"),
     ],
