@@ -242,7 +242,7 @@ def without(prediction: Prediction, candidate: Candidate) -> Prediction:
 def _cheaper(bench: Bench, prediction: Prediction, goal: Goal, found: Proof) -> Proof:
     """Try cheaper settings by the corrected prediction; the verifying run is their reference.
 
-    After a setting whose error is too large, one halfway to it is tried.
+    After a setting whose error is too large, one halfway to it is tried, or another method.
     """
     assert found.finer is not None
     reference, last = found.finer, found
@@ -250,10 +250,13 @@ def _cheaper(bench: Bench, prediction: Prediction, goal: Goal, found: Proof) -> 
     left = np.maximum(both - bench.distance(reference, found.trial), 0.0)
     other = {name: one for name, one in found.parts.items() if name not in ("space", "time")}
     for _ in range(TRIES):
-        prediction = scaled(prediction, last)
-        candidates = goal.candidates(prediction, CLOSE)
-        if last.error > goal.tolerance and (halfway := _between(found, last)):
-            candidates = [halfway]
+        failed = last.error > goal.tolerance
+        halfway = _between(found, last) if failed else None
+        if failed and last.candidate and not halfway:  # another method, which does worse here
+            prediction = without(prediction, last.candidate)
+        else:
+            prediction = scaled(prediction, last)
+        candidates = [halfway] if halfway else goal.candidates(prediction, CLOSE)
         if not candidates or candidates[0].seconds > CHEAPER * found.trial.seconds:
             break
         if spent(found.search) + candidates[0].seconds > goal.limit(candidates):
