@@ -46,7 +46,11 @@ def main(arguments: list[str] | None = None) -> int:
     before = set_handler(stop_at_once)
     try:
         return _run_command(arguments)
-    except KeyboardInterrupt as stop:
+    except (KeyboardInterrupt, RuntimeError) as error:
+        # Python 3.11 raises a RuntimeError for what ends a `__set_name__`, as in an import.
+        stop = error.__cause__ if isinstance(error, RuntimeError) else error
+        if not isinstance(stop, KeyboardInterrupt):
+            raise
         set_handler(signal.SIG_IGN)
         with suppress(OSError):  # a closed pipe
             print(f"interrupted{f' {stop}' if stop.args else '; run it again'}", file=sys.stderr)

@@ -13,6 +13,7 @@ from rich.markup import escape
 import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.cli.progress import terminal
+from fecloth.runs.interruption import Interrupted
 
 SCENE = """
 [cloth]
@@ -203,6 +204,15 @@ def test_a_signal_after_the_end_of_a_run_leaves_status_0(scene, tmp_path, number
 def test_nohup_ignores_the_end_of_the_terminal(scene):
     line = "nohup FECLOTH run sheet.toml --quiet & sleep 0.5; kill -HUP $!; wait $!"
     assert shell(line).returncode == 0
+
+
+def test_a_signal_while_a_class_is_made_stops_the_command(monkeypatch, capsys):
+    def fails(arguments):  # as Python 3.11 does
+        raise RuntimeError("Error calling __set_name__") from Interrupted()
+
+    monkeypatch.setattr("fecloth.cli.main._run_command", fails)
+    assert main(["info", "none.toml"]) == 4
+    assert "interrupted; run it again" in capsys.readouterr().err
 
 
 def test_main_restores_the_handlers(scene):
