@@ -1,8 +1,8 @@
 """A parent for each process of a run, so that one that is killed ends all with fecloth's status.
 
 mpiexec starts the parent. The parent starts the process proper, waits for it, and returns its exit
-status. Where the process was killed by a signal, as by a system out of memory, the status is 3,
-and mpiexec is told to end the other processes.
+status. If a signal killed the process, as a system out of memory does, the status is 3, and the
+parent asks mpiexec to end the other processes.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """PETSc's Krylov solvers on the rows that a process owns.
 
 Options: conjugate gradients (BiCGStab where the matrix is not symmetric) on the residual itself.
-Smoothed aggregation (GAMG) is told the rigid motions of the present shape. Its levels are smoothed
-by Chebyshev's polynomial with point-block Jacobi. The interpolation is kept when the matrix
-changes.
+Smoothed aggregation (GAMG) takes the rigid motions of the present shape as its near null space. Its
+smoother is Chebyshev's polynomial with point-block Jacobi. It keeps its interpolation when the
+matrix changes.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class Tuned(StudyResult):
         Whether a run with a finer mesh or shorter steps shows that the error, or with a budget
         the time, is as asked for.
     tolerance, budget
-        What was asked for: a relative error, or CPU seconds. The other one is NaN.
+        The largest relative error, or the CPU seconds [s], that the caller gave; the other is NaN.
     quantities
         Texts of the quantities.
     parts

@@ -119,7 +119,7 @@ class ContactSets:
         return math.sqrt(np.einsum("ni,ni->n", way, way).max())
 
     def forget(self) -> None:
-        """Find all pairs anew, so that nothing depends on what was asked for before."""
+        """Drop all pairs that were found, so that no result depends on earlier calls."""
         self._last, self._near, self._crowded = None, None, False
 
     def energy(self, x: np.ndarray) -> float:
