@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from fecloth.distributed.crew import Crew
-from fecloth.errors import SolveFailed
+from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import SolveInfo
 
@@ -96,6 +96,8 @@ class DistributedSolver:
         try:
             found = self._solve(b, rtol, guess)
         except SolveFailed as failure:
+            if kept and type(failure) is IndefiniteMatrix:  # found by a sound preconditioner
+                raise
             self.first, self.spoiled = 0, True
             slow = isinstance(failure, TooManyIterations) and self.kind == "block Jacobi"
             if slow and self.choice == "auto":
@@ -123,3 +125,7 @@ class DistributedSolver:
 
 class TooManyIterations(SolveFailed):
     """The iteration was given up."""
+
+
+class SpoiledPreconditioner(IndefiniteMatrix):
+    """The preconditioner, and perhaps the matrix, is not positive definite."""

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.distributed.distributed_solver import TooManyIterations
+from fecloth.distributed.distributed_solver import SpoiledPreconditioner, TooManyIterations
 from fecloth.distributed.partition import Part
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
@@ -32,7 +32,12 @@ GAMG: dict[str, object] = {
 OPTIONS: dict[str, dict[str, object]] = {
     "block Jacobi": {"pc_type": "pbjacobi", "ksp_max_it": 5000},
     "GAMG": GAMG | {"ksp_max_it": 1000},
-    "MUMPS": {"pc_factor_mat_solver_type": "mumps", "ksp_max_it": 10},
+    "MUMPS": {
+        "pc_factor_mat_solver_type": "mumps",
+        "mat_mumps_icntl_35": 2,  # blocks of low rank: less time and memory on fine meshes
+        "mat_mumps_cntl_7": 1e-9,
+        "ksp_max_it": 10,
+    },
 }
 OLD = (3, 20)  # before, GAMG failed with point-block smoothers
 ROWS = 20_000  # of nodes whose blocks are copied at once
@@ -52,14 +57,12 @@ def load() -> Any:
 
 
 class PetscSolver:
-    """A process's share of a solver.
+    """A process's share of the matrix and of a solver, which `begin` makes.
 
     Parameters
     ----------
     part, matrix
         The part and its matrix, of which the rows of own nodes are used.
-    kind
-        A key of `OPTIONS`.
     owned
         Number of nodes that each process owns.
     numbers
@@ -70,35 +73,54 @@ class PetscSolver:
         self,
         part: Part,
         matrix: BlockMatrix,
-        kind: str,
-        symmetric: bool,
         owned: Sequence[int],
         numbers: np.ndarray,
     ):
-        self.petsc, self.matrix, self.kind = load(), matrix, kind
+        self.petsc, self.matrix = load(), matrix
         self.own, self.size = int(part.is_own.sum()), 3 * sum(owned)
         self.blocks = _blocks_of(part, matrix)
-        self.A = self._make_matrix(numbers)
-        self.b, self.x = self.A.createVecs()
+        pattern, integer = matrix.pattern, self.petsc.IntType
+        rows = numbers[pattern.rows[self.blocks]]  # they follow one another
+        self.first = int(rows[0])
+        self.columns = numbers[pattern.indices[self.blocks]].astype(integer)
+        count = np.bincount(rows - self.first, minlength=self.own)
+        self.starts = np.append(0, np.cumsum(count)).astype(integer)
+        self.kind, self.ksp, self.A = "", None, None
+
+    def begin(self, kind: str, symmetric: bool) -> None:
+        """Make a solver of a kind, a key of `OPTIONS`, in place of the one before."""
+        # Destroyed by name: on several processes petsc4py keeps what Python only drops.
+        if self.ksp:
+            self.ksp.destroy()
+        half = kind == "MUMPS" and symmetric  # the upper half does, and takes a third of memory
+        if self.A is None or half != (self.A.getType() == "mpisbaij"):
+            if self.A:
+                for one in (self.A, self.b, self.x, self.r):
+                    one.destroy()
+            self.A = self._make_matrix(half)
+            self.b, self.x = self.A.createVecs()
+            self.r = self.b.duplicate()
+        self.kind = kind
         self.ksp = self._make_ksp(symmetric)
 
-    def _make_matrix(self, numbers: np.ndarray) -> Any:
+    def _make_matrix(self, half: bool) -> Any:
         """The matrix (3n, 3n), rows of own nodes here, with space for its pattern."""
-        PETSc, pattern = self.petsc, self.matrix.pattern
+        PETSc, first, columns = self.petsc, self.first, self.columns
         A = PETSc.Mat().create(comm=PETSc.COMM_WORLD)
         A.setSizes(((3 * self.own, self.size), (3 * self.own, self.size)), bsize=3)
-        A.setType(PETSc.Mat.Type.AIJ)
-        rows, columns = pattern.rows[self.blocks], numbers[pattern.indices[self.blocks]]
-        first = numbers[rows[0]]  # own rows follow one another
-        is_here = (columns >= first) & (columns < first + self.own)
-        count = np.bincount(numbers[rows] - first, minlength=self.own)
-        here = np.bincount(numbers[rows[is_here]] - first, minlength=self.own)
-        counts = (3 * np.repeat(c, 3) for c in (here, count - here))
-        A.setPreallocationNNZ(tuple(c.astype(PETSc.IntType) for c in counts))
+        A.setType("mpisbaij" if half else PETSc.Mat.Type.AIJ)
+        rows = np.repeat(np.arange(self.own), np.diff(self.starts))
+        here = (columns >= first) & (columns < first + self.own)
+        stored = columns - first >= rows if half else np.ones(len(columns), bool)
+        counts = [
+            np.bincount(rows[of], minlength=self.own) for of in (here & stored, ~here & stored)
+        ]
+        if not half:
+            counts = [3 * np.repeat(count, 3) for count in counts]
+        A.setPreallocationNNZ(tuple(count.astype(PETSc.IntType) for count in counts))
         A.setOption(PETSc.Mat.Option.ROW_ORIENTED, False)
-        self.columns = columns.astype(PETSc.IntType)
-        self.starts = np.append(0, np.cumsum(count)).astype(PETSc.IntType)
-        self.first = int(first)
+        if half:
+            A.setOption(PETSc.Mat.Option.IGNORE_LOWER_TRIANGULAR, True)
         return A
 
     def _fill(self) -> None:
@@ -114,22 +136,20 @@ class PetscSolver:
         A.assemble()
 
     def _make_ksp(self, symmetric: bool) -> Any:
-        PETSc = self.petsc
+        PETSc, is_direct = self.petsc, self.kind == "MUMPS"
         ksp = PETSc.KSP().create(comm=PETSc.COMM_WORLD)
-        ksp.setOptionsPrefix(f"fecloth{id(self) % 10**6}_")
-        options: dict[str, object] = {
-            "ksp_type": "cg" if symmetric else "bcgs",
-            "ksp_norm_type": "unpreconditioned",
-        }
-        options |= OPTIONS[self.kind]
-        if self.kind == "MUMPS":
-            options |= {"ksp_type": "richardson", "pc_type": "cholesky" if symmetric else "lu"}
+        ksp.setOptionsPrefix(f"fecloth_{self.kind.lower().replace(' ', '_')}_")
+        ksp.setOperators(self.A)
+        ksp.setType("richardson" if is_direct else "cg" if symmetric else "bcgs")
+        if is_direct:
+            ksp.getPC().setType("cholesky" if symmetric else "lu")
+        options = {"ksp_norm_type": "unpreconditioned"} | OPTIONS[self.kind]
         if self.kind == "GAMG" and PETSc.Sys.getVersion() < OLD:
             options["mg_levels_pc_type"] = "jacobi"
         table = PETSc.Options(ksp.getOptionsPrefix())
         for name, value in options.items():
-            table[name] = value
-        ksp.setOperators(self.A)
+            if not table.hasName(name):  # those of the environment variable PETSC_OPTIONS stay
+                table[name] = value
         ksp.setFromOptions()
         return ksp
 
@@ -156,7 +176,10 @@ class PetscSolver:
         PETSc = self.petsc
         place = PETSc.Vec().createMPI((3 * self.own, self.size), bsize=3, comm=PETSc.COMM_WORLD)
         place.array[:] = shape.ravel()
-        self.A.setNearNullSpace(PETSc.NullSpace().createRigidBody(place))
+        motions = PETSc.NullSpace().createRigidBody(place)
+        self.A.setNearNullSpace(motions)
+        motions.destroy()
+        place.destroy()
 
     def solve(
         self, b: np.ndarray, rtol: float, guess: np.ndarray | None
@@ -174,10 +197,9 @@ class PetscSolver:
         self.ksp.setTolerances(rtol=rtol, atol=0.0)
         self.ksp.solve(self.b, self.x)
         self._check(self.ksp.getConvergedReason())
-        r = self.b.duplicate()
-        self.A.mult(self.x, r)
-        r.aypx(-1.0, self.b)
-        residual = r.norm() / self.b.norm()
+        self.A.mult(self.x, self.r)
+        self.r.aypx(-1.0, self.b)
+        residual = self.r.norm() / self.b.norm()
         if not residual <= LOST * rtol:
             raise SolveFailed(f"PETSc {self.kind}: residual {residual:.1e}, not {rtol:.1e}")
         return self.x.array.reshape(-1, 3).copy(), self.ksp.getIterationNumber(), residual
@@ -187,8 +209,10 @@ class PetscSolver:
         reasons = self.petsc.KSP.ConvergedReason
         if reason >= 0:
             return
-        if reason in (reasons.DIVERGED_INDEFINITE_MAT, reasons.DIVERGED_INDEFINITE_PC):
+        if reason == reasons.DIVERGED_INDEFINITE_MAT:
             raise IndefiniteMatrix("PETSc met a direction of negative curvature")
+        if reason == reasons.DIVERGED_INDEFINITE_PC:
+            raise SpoiledPreconditioner(f"PETSc's {self.kind} is not positive definite")
         if reason == reasons.DIVERGED_MAX_IT:
             most = self.ksp.getIterationNumber()
             raise TooManyIterations(f"PETSc {self.kind} did not converge in {most} iterations")

@@ -124,11 +124,12 @@ class Worker:
     # --- the linear solver ----------------------------------------------------------------------
 
     def create_solver(self, kind: str, symmetric: bool, owned: Sequence[int], numbers) -> None:
-        """Make the part's share of the solver; see `PetscSolver`."""
-        from fecloth.distributed.petsc_solver import PetscSolver
+        """Make the part's share of the solver, or another one; see `PetscSolver`."""
+        if self.solver is None:
+            from fecloth.distributed.petsc_solver import PetscSolver
 
-        self.solver = None  # its memory is free before the next one is made
-        self.solver = PetscSolver(self.part, self.matrix, kind, symmetric, owned, numbers)
+            self.solver = PetscSolver(self.part, self.matrix, owned, numbers)
+        self.solver.begin(kind, symmetric)
 
     def prepare(self, shape: np.ndarray, anew: bool) -> float:
         """Hand the matrix to the solver; `shape` (own, 3) are positions for rigid motions."""
