@@ -63,10 +63,14 @@ class MpiLink:
             self.comm.send((name, arguments[rank]), dest=rank)
         self.here, here = _perform(self.comm, self.here, name, arguments[0])
         replies = [here, *(self.comm.recv(source=rank) for rank in range(1, self.size))]
-        for reply in replies:
-            if isinstance(reply, FeclothError):
-                raise reply
-        return replies
+        error = next((reply for reply in replies if isinstance(reply, FeclothError)), None)
+        if error is None:
+            return replies
+        del replies, here  # its traceback has this frame, and would keep it and all arrays
+        try:
+            raise error
+        finally:
+            del error
 
     def end(self) -> None:
         """Let the other processes end."""
@@ -93,8 +97,9 @@ def _perform(comm: Any, worker: Worker | None, name: str, arguments: tuple) -> t
     """
     try:
         if not name:
-            worker = Worker(*arguments)
-            return worker, None
+            if worker:
+                worker.close()
+            return Worker(*arguments), None
         return worker, getattr(worker, name)(*arguments)
     except FeclothError as failure:
         return worker, failure

@@ -120,12 +120,13 @@ def _by_metis(cloth: Cloth, corners: int, count: int) -> np.ndarray:
         import pymetis
     except ImportError as error:
         what, allowed = f"{count} processes", f"above {MOST_RANGES} need pymetis"
-        raise InputError(what, allowed, "mpiexec", "Run: pip install pymetis") from error
+        raise InputError(what, allowed, "mpiexec", "Run: pip install 'pymetis>=2025.2'") from error
     a, b = cloth.triangles.ravel(), np.roll(cloth.triangles, -1, axis=1).ravel()
     ones = np.ones(2 * len(a), np.int8)
     pairs = np.append(a, b), np.append(b, a)
     graph = sparse.coo_array((ones, pairs), shape=(corners, corners)).tocsr()
-    _, owner = pymetis.part_graph(count, xadj=graph.indptr, adjncy=graph.indices)
+    neighbours = pymetis.CSRAdjacency(graph.indptr, graph.indices)
+    _, owner = pymetis.part_graph(count, neighbours)
     return np.asarray(owner)
 
 

@@ -131,6 +131,12 @@ class Worker:
             self.solver = PetscSolver(self.part, self.matrix, owned, numbers)
         self.solver.begin(kind, symmetric)
 
+    def close(self) -> None:
+        """Free the memory of the solver, on all processes alike."""
+        if self.solver:
+            self.solver.destroy()
+            self.solver = None
+
     def prepare(self, shape: np.ndarray, anew: bool) -> float:
         """Hand the matrix to the solver; `shape` (own, 3) are positions for rigid motions."""
         seconds: float = self.solver.prepare(shape, anew)

@@ -162,6 +162,45 @@ def processes_of(scene: Path) -> list[int]:
     return [int(word) for word in found.stdout.split()]
 
 
+RENEWED = """
+import fecloth as fc
+from fecloth.distributed.launch import run_on_all
+
+def renew(make_system):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.02, pattern="right")
+    fabric = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5)
+    for choice in ("multigrid", "direct"):
+        system = make_system(cloth, fabric, [fc.StVK(), fc.HingeBending()], ["left"])
+        solver, J, _ = system.linear_solver(choice, symmetric=True)
+        state = system.rest()
+        for count in range(60):
+            solver.begin(1.0, 1e6, state.x)
+            system.project(system.assemble(J, state, wx=1.0, wa=1e6))
+            solver.spoiled = True
+            solver.prepare(J)
+            solver.solve(system.constraints.project(state.x + 1.0))
+            if count == 9:
+                before = max(one["peak_memory_MB"] for one in system.usage()["processes"])
+        after = max(one["peak_memory_MB"] for one in system.usage()["processes"])
+        assert after < before + 10, (choice, before, after)
+    print("memory stays")
+    return 0
+
+raise SystemExit(run_on_all(renew))
+"""
+
+
+@needs_mpi
+@pytest.mark.slow
+def test_solvers_that_are_made_anew_take_no_more_memory(tmp_path):
+    script = tmp_path / "renew.py"
+    script.write_text(RENEWED)
+    todo = [str(MPIEXEC), "-n", "2", sys.executable, str(script)]
+    clean = {k: v for k, v in os.environ.items() if k not in SIZES} | {"OMP_NUM_THREADS": "1"}
+    done = subprocess.run(todo, capture_output=True, text=True, timeout=120, env=clean)
+    assert "memory stays" in done.stdout, done.stdout + done.stderr
+
+
 @needs_mpi
 def test_what_cannot_be_shared_is_bad_input(tmp_path):
     scene = write(tmp_path, "gas", "", TIME.format("auto"))

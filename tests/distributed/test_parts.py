@@ -172,10 +172,18 @@ def test_any_division_will_do(case, monkeypatch):
         return owner
 
     monkeypatch.setattr(distributed_system, "find_owners", quarters)
-    whole, apart, state = both(case, 3, most=1.1)
+    check_parts(*both(case, 3, most=1.1))
+
+
+@pytest.mark.parametrize("case", ["membranes", "P2"])
+def test_ten_parts_that_pymetis_makes(case):
+    pytest.importorskip("pymetis", reason="more than 8 processes need pymetis")
+    check_parts(*both(case, 10, most=1.1))
+
+
+def check_parts(whole, apart, state):
     close(apart.force(state), whole.force(state))
-    ours, theirs = apart.energies(state), whole.energies(state)
-    assert ours == pytest.approx(theirs, rel=1e-11)
+    assert apart.energies(state) == pytest.approx(whole.energies(state), rel=1e-11)
     J, own = BlockMatrix.zeros(whole.pattern), BlockMatrix.zeros(apart.pattern)
     whole.project(whole.assemble(J, state, 0.9, 1.1, 130.0))
     apart.project(apart.assemble(own, state, 0.9, 1.1, 130.0))
