@@ -16,6 +16,7 @@ from fecloth.cli.main import main
 from fecloth.distributed.environment import SIZES, count_processes
 from fecloth.runs import restart
 
+ROOT = Path(__file__).parents[2]
 PLACES = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 MPIEXEC = shutil.which("mpiexec", path=PLACES)
 WHY = "needs MPI: mpiexec, mpi4py and petsc4py, as `pip install dolfinx-solver-real` has them"
@@ -195,10 +196,28 @@ raise SystemExit(run_on_all(renew))
 def test_solvers_that_are_made_anew_take_no_more_memory(tmp_path):
     script = tmp_path / "renew.py"
     script.write_text(RENEWED)
-    todo = [str(MPIEXEC), "-n", "2", sys.executable, str(script)]
+    assert "memory stays" in run_on_two(str(script))
+
+
+@needs_mpi
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("study", "says"),
+    [
+        ("studies.distributed.scaling --quick", "2 processes"),
+        ("studies.distributed.references --scene table --quick", "'triangles': 320"),
+    ],
+)
+def test_quick_form_on_two_processes(study, says):
+    assert says in run_on_two("-m", *study.split())
+
+
+def run_on_two(*arguments):
+    todo = [str(MPIEXEC), "-n", "2", sys.executable, *arguments]
     clean = {k: v for k, v in os.environ.items() if k not in SIZES} | {"OMP_NUM_THREADS": "1"}
-    done = subprocess.run(todo, capture_output=True, text=True, timeout=120, env=clean)
-    assert "memory stays" in done.stdout, done.stdout + done.stderr
+    done = subprocess.run(todo, capture_output=True, text=True, timeout=120, env=clean, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
 @needs_mpi

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 from scipy.integrate import quad, solve_ivp
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize
 
 from studies.references.closed_forms import (
     hanging_strip,
@@ -17,6 +17,7 @@ from studies.references.closed_forms import (
     strip_wave,
     strip_wave_frequency,
 )
+from studies.references.elastica import heavy_elastica
 from studies.references.falling_disk import trampoline
 
 GRAVITY = 9.81
@@ -235,3 +236,30 @@ def test_trampoline_reports_an_unstable_step():
 def test_inadmissible_input_is_refused(call):
     with pytest.raises(ValueError, match=r"must (be|lie)"):
         call()
+
+
+@pytest.mark.parametrize(("gamma", "softness"), [(5.0, 0.05), (20.0, 0.2)])
+def test_elastica_that_stretches_is_the_limit_of_a_chain(gamma, softness):
+    """Links with the energy Y E²/2, hinges with θ²/(2 l): the least potential, in units of B/L."""
+    links = 200
+    l, Y = 1 / links, gamma / softness
+    beyond = 1 - (np.arange(links) + 0.5) * l
+    gaps = np.r_[l / 2, np.full(links - 1, l)]  # the first hinge is that of the clamp
+
+    def potential(unknowns):
+        angle, stretch = unknowns.reshape(2, -1)
+        strain, bend = (stretch**2 - 1) / 2, np.diff(angle, prepend=0.0)
+        load = gamma * l * beyond
+        value = np.sum(Y * l * strain**2 + bend**2 / gaps) / 2 - load @ (stretch * np.sin(angle))
+        moment = np.append(bend / gaps, 0.0)
+        by_angle = moment[:-1] - moment[1:] - load * stretch * np.cos(angle)
+        return value, np.r_[by_angle, Y * l * strain * stretch - load * np.sin(angle)]
+
+    start = np.r_[np.zeros(links), np.ones(links)]
+    options = {"maxiter": 20_000, "maxfun": 40_000, "ftol": 1e-15, "gtol": 1e-9}
+    found = minimize(potential, start, jac=True, method="L-BFGS-B", options=options)
+    angle, stretch = found.x.reshape(2, -1)
+    end = l * np.sum(stretch * np.cos(angle)), l * np.sum(stretch * np.sin(angle))
+    _, reach, drop = heavy_elastica(gamma, softness=softness)
+    assert (reach[-1], drop[-1]) == pytest.approx(end, abs=1e-4)
+    assert abs(drop[-1] - heavy_elastica(gamma)[2][-1]) > 5e-3

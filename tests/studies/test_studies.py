@@ -73,6 +73,7 @@ def test_quick(study, says, out):
         "trust",
         "contact.catalogue",
         "drape.support",
+        "distributed.references",
     ],
 )
 def test_quick_report(study, out):
