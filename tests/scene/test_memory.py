@@ -67,7 +67,6 @@ def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: 
             for kind, element, bending, triangles, pattern in [
                 ("explicit", "P1", BENDING, 250_000, "right"),
                 ("explicit", "P2", PLATE, 10_000, "right"),
-                ("pcg", "P1", BENDING, 20_000, "right"),
                 ("pcg", "P1", BENDING, 250_000, "right"),
                 ("pcg", "P1", "", 80_000, "cross"),
                 ("pcg", "P2", "", 40_000, "right"),
