@@ -12,7 +12,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.elements import add_midpoints
 from fecloth.mesh.flat_mesh import FlatMesh
 
-DRIVING = 0.06  # of the work of a step, as measured: vectors, sums and calls of the first process
+DRIVING = 0.08  # of the work of a step, as measured: vectors, sums and calls of the first process
 MOST_RANGES = 8  # processes; with more, ranges of nodes are long and thin
 
 

@@ -166,6 +166,7 @@ def processes_of(scene: Path) -> list[int]:
 RENEWED = """
 import fecloth as fc
 from fecloth.distributed.launch import run_on_all
+from fecloth.errors import IndefiniteMatrix
 
 def renew(make_system):
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.02, pattern="right")
@@ -184,6 +185,15 @@ def renew(make_system):
                 before = max(one["peak_memory_MB"] for one in system.usage()["processes"])
         after = max(one["peak_memory_MB"] for one in system.usage()["processes"])
         assert after < before + 10, (choice, before, after)
+        if choice == "multigrid":
+            for wa in (1e6, -1e7, 1e6):  # an indefinite matrix between two others
+                system.project(system.assemble(J, state, wx=1.0, wa=wa))
+                solver.prepare(J)
+                try:
+                    solver.solve(system.constraints.project(state.x + 1.0))
+                    assert wa > 0
+                except IndefiniteMatrix:
+                    assert wa < 0
     print("memory stays")
     return 0
 
