@@ -11,13 +11,11 @@ import pytest
 import fecloth
 
 PACKAGE = Path(fecloth.__file__).parent
-PACKAGES = """errors validation suggest jit thread_choice thread_meeting thread_workers team
-compiled_calls quantities linalg mesh fabric terms system nonlinear integrators stability output
-view simulation homogenisation verify scene runs distributed study cli"""
+PACKAGES = """errors validation suggest compiled quantities linalg mesh fabric terms system nonlinear
+integrators stability output view simulation homogenisation verify scene runs distributed study
+cli"""
 ORDER = PACKAGES.split()
-ROOT_FILES = {"__init__", "__main__", "errors", "validation", "suggest", "jit", "compiled_calls"}
-ROOT_FILES |= {"homogenisation", "verify"}
-ROOT_FILES |= {"team", "thread_choice", "thread_meeting", "thread_workers"}
+ROOT_FILES = {"__init__", "__main__", "errors", "validation", "suggest", "homogenisation", "verify"}
 
 
 def imports_of(source: Path) -> set[str]:

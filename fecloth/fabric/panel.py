@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fecloth.compiled.team import ALONE, Team
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.mesh.cloth import Cloth
-from fecloth.team import ALONE, Team
 
 
 @dataclass(frozen=True, eq=False)

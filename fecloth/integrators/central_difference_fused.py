@@ -15,19 +15,19 @@ from itertools import pairwise
 import numpy as np
 
 from fecloth import validation
+from fecloth.compiled.jit import Array, Zeros, inner, kernel
+from fecloth.compiled.team import Team, number_of_threads
+from fecloth.compiled.thread_meeting import meet
 from fecloth.errors import InputError, StepFailed
-from fecloth.jit import Array, Zeros, inner, kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
-from fecloth.team import Team, number_of_threads
 from fecloth.terms.custom.force import BoundUserForce, FormulaForce
 from fecloth.terms.loads.gravity import BoundGravity
 from fecloth.terms.loads.point_force import BoundPointForce
 from fecloth.terms.loops.membrane import BoundMembrane
 from fecloth.terms.membranes import stvk
-from fecloth.thread_meeting import meet
 
 add_force = stvk.KERNELS.add_force
 TERMS = (

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.compiled_calls import Call, Calls
+from fecloth.compiled.calls import Call, Calls
+from fecloth.compiled.jit import Array, kernel, rounded_kernel
 from fecloth.integrators.numerical_dissipation import has_power_column, has_work_column
-from fecloth.jit import Array, kernel, rounded_kernel
 from fecloth.system.system import System
 
 POWER, LAST, PATH, WORK = 0, 1, 2, 3  # places in `Column.sums`; from 4 on the impulse and its last

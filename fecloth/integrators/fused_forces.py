@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.compiled_calls import AnyCall, Call, Calls, JoinedCalls, SharedCall, join
+from fecloth.compiled.calls import AnyCall, Call, Calls, JoinedCalls, SharedCall, join
+from fecloth.compiled.jit import Array
+from fecloth.compiled.thread_meeting import meet_again
 from fecloth.integrators.fused_columns import Column, Moves, subtract_from
 from fecloth.integrators.fused_loops import STOP, copy
-from fecloth.jit import Array
 from fecloth.system.system import System
 from fecloth.terms.loops.array_updates import BY_ROWS
-from fecloth.thread_meeting import meet_again
 
 
 def force_calls(

@@ -5,9 +5,9 @@ Each rounds its operations one by one, as those of `explicit` do.
 
 from __future__ import annotations
 
-from fecloth.compiled_calls import call
-from fecloth.jit import Array, rounded_kernel
-from fecloth.thread_meeting import meet
+from fecloth.compiled.calls import call
+from fecloth.compiled.jit import Array, rounded_kernel
+from fecloth.compiled.thread_meeting import meet
 
 STOP = 8  # place in the row of a thread, on another line of the cache than its round
 

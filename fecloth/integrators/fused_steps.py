@@ -13,7 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from fecloth.compiled_calls import AnyCall, Calls, JoinedCalls, join
+from fecloth.compiled.calls import AnyCall, Calls, JoinedCalls, join
+from fecloth.compiled.team import ALONE, Team
 from fecloth.integrators.explicit import LastForce
 from fecloth.integrators.fused_columns import Column, Moves, bind_columns
 from fecloth.integrators.fused_forces import SharedForces, force_calls
@@ -24,7 +25,6 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.system.motion_rows import MotionRows
 from fecloth.system.state import State
 from fecloth.system.system import System
-from fecloth.team import ALONE, Team
 from fecloth.terms.kinematics import fill_extreme_stretches
 
 

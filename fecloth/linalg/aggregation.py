@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.jit import Array, kernel
+from fecloth.compiled.jit import Array, kernel
+from fecloth.compiled.team import Team
 from fecloth.linalg.block_matrix import BlockPattern
-from fecloth.team import Team
 
 DEPENDENT = 1e-10  # of a motion's size: where orthogonalisation leaves less, nothing is left
 

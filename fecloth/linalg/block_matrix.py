@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled.jit import Array, kernel
+from fecloth.compiled.team import ALONE, Team
 from fecloth.errors import InputError
-from fecloth.jit import Array, kernel
-from fecloth.team import ALONE, Team
 
 FindSlots = Callable[[np.ndarray], np.ndarray]  # as `BlockPattern.slots`
 

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.jit import Array, inner, kernel
+from fecloth.compiled.jit import Array, inner, kernel
+from fecloth.compiled.thread_meeting import Member, part_of, wait
 from fecloth.linalg.aggregation import Aggregates
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.protocol import block_rows
-from fecloth.thread_meeting import Member, part_of, wait
 
 
 @dataclass(frozen=True)

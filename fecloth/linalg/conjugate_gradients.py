@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.jit import Array, inner, kernel
+from fecloth.compiled.jit import Array, inner, kernel
+from fecloth.compiled.thread_meeting import Member, part_of, wait
 from fecloth.linalg.reductions import BLOCK, nodes_of, total
-from fecloth.thread_meeting import Member, part_of, wait
 
 CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
 

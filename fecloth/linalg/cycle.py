@@ -24,7 +24,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fecloth.jit import Array, kernel
+from fecloth.compiled.jit import Array, kernel
+from fecloth.compiled.team import SMALL
+from fecloth.compiled.thread_meeting import ONLY, Member, part_of, wait, wait_for_all
 from fecloth.linalg.coarse_matrix import add_prolonged, restrict
 from fecloth.linalg.gauss_seidel import (
     permute,
@@ -35,8 +37,6 @@ from fecloth.linalg.gauss_seidel import (
 )
 from fecloth.linalg.hierarchy import Level
 from fecloth.linalg.protocol import block_rows, subtract_product
-from fecloth.team import SMALL
-from fecloth.thread_meeting import ONLY, Member, part_of, wait, wait_for_all
 
 NOTHING = np.zeros((0, 3))  # below the coarsest level
 FEW = 60  # nodes: below, a second cycle of a level saves no iteration

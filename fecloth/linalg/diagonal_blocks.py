@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from fecloth.compiled.jit import Array, kernel
 from fecloth.errors import IndefiniteMatrix, SolveFailed
-from fecloth.jit import Array, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
 
 

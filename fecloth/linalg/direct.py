@@ -10,8 +10,8 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import SuperLU as SuperLUFactor
 from scipy.sparse.linalg import splu
 
+from fecloth.compiled.jit import Array, kernel
 from fecloth.errors import IndefiniteMatrix, SolveFailed
-from fecloth.jit import Array, kernel
 from fecloth.linalg import mkl_pardiso
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments, relative_residual

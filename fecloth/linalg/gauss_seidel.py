@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.jit import Array, inner, kernel
+from fecloth.compiled.jit import Array, inner, kernel
+from fecloth.compiled.team import Team
+from fecloth.compiled.thread_meeting import Member, part_of, wait
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
-from fecloth.team import Team
-from fecloth.thread_meeting import Member, part_of, wait
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 
+from fecloth.compiled.thread_meeting import Member
 from fecloth.linalg.aggregation import rigid_motions
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.conjugate_gradients import CONVERGED, OUT_OF_ITERATIONS, step
@@ -14,7 +15,6 @@ from fecloth.linalg.cycle import cycle
 from fecloth.linalg.hierarchy import Grid, Level, make_grids, make_levels
 from fecloth.linalg.pcg import PCG
 from fecloth.linalg.protocol import SolveInfo, block_rows
-from fecloth.thread_meeting import Member
 
 NEW = 8  # iterations that cost as much as new coarse matrices
 

@@ -6,6 +6,8 @@ import time
 
 import numpy as np
 
+from fecloth.compiled.team import ALONE, Team
+from fecloth.compiled.thread_meeting import ONLY, Member, members
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.conjugate_gradients import (
@@ -17,8 +19,6 @@ from fecloth.linalg.conjugate_gradients import (
 from fecloth.linalg.diagonal_blocks import invert_diagonal
 from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments, relative_residual
 from fecloth.linalg.reductions import BLOCK
-from fecloth.team import ALONE, Team
-from fecloth.thread_meeting import ONLY, Member, members
 
 
 class PCG:

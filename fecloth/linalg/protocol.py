@@ -7,11 +7,11 @@ from typing import Protocol
 
 import numpy as np
 
+from fecloth.compiled.jit import Array, inner, kernel
+from fecloth.compiled.team import Call
 from fecloth.errors import InputError, SolveFailed
-from fecloth.jit import Array, inner, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.reductions import BLOCK, nodes_of, squared_norm
-from fecloth.team import Call
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from fecloth.jit import Array, inner, kernel
+from fecloth.compiled.jit import Array, inner, kernel
 
 BLOCK = 256  # nodes whose sums are added up first, for the same bits on any number of threads
 

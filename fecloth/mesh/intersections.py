@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fecloth.jit import inner, kernel
+from fecloth.compiled.jit import inner, kernel
 
 ROUND_OFF = 1e-14  # of the coordinates, in differences of which the signs are products
 MOST_NEIGHBOURS, SAMPLE = 500, 500

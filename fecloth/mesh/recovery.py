@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.jit import inner, kernel
+from fecloth.compiled.jit import inner, kernel
 from fecloth.mesh.elements import ELEMENTS
 
 TERMS = {1: 3, 2: 6}  # coefficients of a polynomial by its degree

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fecloth.compiled.team import number_of_threads
 from fecloth.errors import InputError, SceneError
 from fecloth.fabric.panel import Panel
 from fecloth.homogenisation import bending_note
@@ -36,7 +37,6 @@ from fecloth.system.motion import Motion
 from fecloth.system.pins import Pin
 from fecloth.system.state import State, make_state
 from fecloth.system.system import System
-from fecloth.team import number_of_threads
 from fecloth.validation import FARTHEST
 
 if TYPE_CHECKING:

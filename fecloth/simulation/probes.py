@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
-from fecloth.jit import kernel
 from fecloth.mesh.cloth import Cloth, Where
 from fecloth.mesh.enclosed_volume import Enclosure
 from fecloth.system.state import State

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from fecloth.jit import inner, kernel
+from fecloth.compiled.jit import inner, kernel
 
 FLAT = 1e-12  # of the sum of the moments of inertia: below, a body is not turned about that axis
 

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled.jit import kernel, rounded_kernel
 from fecloth.errors import InputError
-from fecloth.jit import kernel, rounded_kernel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.motion import Motion

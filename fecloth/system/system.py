@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled.team import Team
 from fecloth.errors import InputError, brief
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
@@ -26,7 +27,6 @@ from fecloth.system.pieces import Piece, movable_pieces
 from fecloth.system.pins import Pin
 from fecloth.system.reaction_limits import ReactionLimits
 from fecloth.system.state import State, make_state
-from fecloth.team import Team
 from fecloth.terms import protocol
 from fecloth.terms.step_difference import StepDifference
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from fecloth.jit import kernel
+from fecloth.compiled.jit import kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.loops.green_strain import gradient, green_strain
 

@@ -21,7 +21,7 @@ from typing import Protocol
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.compiled_calls import Calls
+from fecloth.compiled.calls import Calls
 from fecloth.errors import InputError, brief, with_article
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix

@@ -19,7 +19,7 @@ import numpy as np
 
 import fecloth as fc
 from fecloth import study
-from fecloth.compiled_calls import call, join
+from fecloth.compiled.calls import call, join
 from fecloth.integrators.fused_forces import compiled_force
 from fecloth.integrators.fused_steps import FusedSteps
 from studies.benchmarks.measure import Measured, fastest, print_verdicts

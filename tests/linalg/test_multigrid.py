@@ -8,6 +8,7 @@ import scipy.sparse
 from support.matrices import difference, load, reference, relative, sheet
 
 import fecloth as fc
+from fecloth.compiled.team import ALONE, Team
 from fecloth.linalg.aggregation import Aggregates
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.coarse_matrix import Transfer
@@ -16,7 +17,6 @@ from fecloth.linalg.gauss_seidel import SweepOrder
 from fecloth.linalg.multigrid import NEW, Multigrid
 from fecloth.linalg.pcg import PCG
 from fecloth.scene.plan import MULTIGRID
-from fecloth.team import ALONE, Team
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
 PINS = [
@@ -97,7 +97,7 @@ def test_a_cycle_is_symmetric_and_positive_definite(pattern, element, bending, s
 @pytest.fixture
 def small_loops_shared(monkeypatch):
     """Loops over 20 nodes and more are shared: several levels of a small mesh."""
-    monkeypatch.setattr("fecloth.team.SMALL", 20)
+    monkeypatch.setattr("fecloth.compiled.team.SMALL", 20)
     monkeypatch.setattr("fecloth.linalg.cycle.SMALL", 20)
 
 

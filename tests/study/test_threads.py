@@ -36,7 +36,7 @@ SCRIPTS = """
 import os
 import studies.benchmarks.{name}
 from fecloth.study.threads import NAMES
-from fecloth.team import Team
+from fecloth.compiled.team import Team
 
 print(Team("auto").count, *(os.environ.get(each) for each in NAMES))
 """

@@ -23,7 +23,7 @@ import math
 
 import numpy as np
 
-from fecloth.jit import inner, kernel
+from fecloth.compiled.jit import inner, kernel
 
 
 @inner

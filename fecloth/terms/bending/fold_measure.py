@@ -35,7 +35,7 @@ import math
 
 import numpy as np
 
-from fecloth.jit import inner, kernel
+from fecloth.compiled.jit import inner, kernel
 
 RIGHT_ANGLE = 0.5 * math.pi
 

@@ -9,7 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.compiled_calls import Call, SharedCall
+from fecloth.compiled.calls import Call, SharedCall
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.terms.bending import plate_loops

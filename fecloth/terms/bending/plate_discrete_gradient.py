@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.jit import inner, kernel
+from fecloth.compiled.jit import inner, kernel
 from fecloth.terms.bending.dihedral_angle import angle, arms, cross, gradient, hessian, side
 from fecloth.terms.bending.fold_measure import measure
 from fecloth.terms.bending.plate_angles import PlateAngles

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fecloth.jit import inner, kernel
+from fecloth.compiled.jit import inner, kernel
 from fecloth.terms.bending.dihedral_angle import angle, arms, cross, gradient, hessian, side
 from fecloth.terms.bending.fold_measure import measure
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.compiled_calls import Calls
+from fecloth.compiled.calls import Calls
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots, add_mass, find_entries
 from fecloth.linalg.reductions import dot

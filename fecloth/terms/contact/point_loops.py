@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fecloth.jit import Array, kernel
+from fecloth.compiled.jit import Array, kernel
 
 
 @kernel

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fecloth.compiled.jit import inner
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.custom.finite_differences import Derivatives, Function
 from fecloth.terms.loops import bound_condition

@@ -8,10 +8,10 @@ from typing import Annotated
 
 import numpy as np
 
-from fecloth.compiled_calls import Calls
+from fecloth.compiled.calls import Calls
+from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.jit import kernel
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.formula import Formula

@@ -15,10 +15,10 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 
+from fecloth.compiled.jit import inner, insert
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, insert
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.custom.law_check import NEAR, VOIGT, check_law
 from fecloth.terms.loops import membrane

@@ -9,10 +9,10 @@ from typing import Annotated
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.compiled_calls import Calls
+from fecloth.compiled.calls import Calls
+from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
-from fecloth.jit import kernel
 from fecloth.linalg.block_matrix import FindSlots, add_mass, find_entries
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth

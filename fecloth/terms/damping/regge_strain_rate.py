@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.compiled_calls import Call, Calls
+from fecloth.compiled.calls import Call, Calls
+from fecloth.compiled.jit import inner, kernel
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, kernel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.green_strain import clamp, contract, double_contraction

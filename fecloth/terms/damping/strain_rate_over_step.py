@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fecloth.compiled_calls import Call
-from fecloth.jit import inner, kernel
+from fecloth.compiled.calls import Call
+from fecloth.compiled.jit import inner, kernel
 from fecloth.terms.loops.green_strain import (
     clamp,
     contract,

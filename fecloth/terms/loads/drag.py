@@ -8,10 +8,10 @@ from typing import Annotated, TypeVar
 
 import numpy as np
 
-from fecloth.compiled_calls import Call, Calls
+from fecloth.compiled.calls import Call, Calls
+from fecloth.compiled.jit import inner, kernel
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, kernel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import DENSITY, RESISTANCE

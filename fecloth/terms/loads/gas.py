@@ -9,9 +9,9 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth.compiled.jit import inner, kernel
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner, kernel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, PRESSURE, VOLUME

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from fecloth.compiled_calls import Calls
+from fecloth.compiled.calls import Calls
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth

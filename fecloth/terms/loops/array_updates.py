@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from fecloth.jit import Array, rounded_kernel
+from fecloth.compiled.jit import Array, rounded_kernel
 
 
 @rounded_kernel

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fecloth.compiled_calls import Call, Calls
+from fecloth.compiled.calls import Call, Calls
+from fecloth.compiled.jit import Array, Zeros, specialise
+from fecloth.compiled.team import ALONE, Team
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.jit import Array, Zeros, specialise
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
-from fecloth.team import ALONE, Team
 from fecloth.terms.loops import condition, condition_discrete_gradient
 from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
 from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels, OverStep

@@ -38,7 +38,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fecloth.jit import Array, Zeros, inner
+from fecloth.compiled.jit import Array, Zeros, inner
 
 GAUSS_NEWTON, EXACT, DEFINITE = 0, 1, 2  # what becomes of the part with ∂²C
 

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fecloth.jit import Array, Zeros, inner, specialise
+from fecloth.compiled.jit import Array, Zeros, inner, specialise
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.loops.condition import gather
 from fecloth.terms.loops.rigid_motion import (

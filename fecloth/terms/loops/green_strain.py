@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from fecloth.jit import Array, Zeros, inner
+from fecloth.compiled.jit import Array, Zeros, inner
 
 Three = tuple[float, float, float]
 """The components 11, 22, 12 of a strain or stress, or a vector."""

@@ -45,9 +45,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fecloth.compiled_calls import Call, Calls
+from fecloth.compiled.calls import Call, Calls
+from fecloth.compiled.jit import Array, Zeros, specialise
 from fecloth.fabric.panel import Panel
-from fecloth.jit import Array, Zeros, specialise
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.recovery import CONSTANT, QUADRATIC, Samples
 from fecloth.terms.kinematics import deformation_gradient

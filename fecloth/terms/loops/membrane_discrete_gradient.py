@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fecloth.jit import Array, Zeros, inner, specialise
+from fecloth.compiled.jit import Array, Zeros, inner, specialise
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.loops.green_strain import (
     Rows,

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fecloth.compiled_calls import Call, Calls
+from fecloth.compiled.calls import Call, Calls
+from fecloth.compiled.jit import Array, specialise
 from fecloth.fabric.panel import Panel
-from fecloth.jit import Array, specialise
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.recovery import LINEAR, Samples
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound

@@ -28,9 +28,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fecloth.compiled.jit import Array, inner
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.jit import Array, inner
 from fecloth.terms.loops.green_strain import Six, Three
 
 NODES, POINTS = 6, 3

@@ -8,7 +8,7 @@ each node.
 
 from __future__ import annotations
 
-from fecloth.jit import Array, Zeros, inner
+from fecloth.compiled.jit import Array, Zeros, inner
 from fecloth.terms.loops.green_strain import Six, Three
 
 

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.compiled_calls import Call, SharedCall
+from fecloth.compiled.calls import Call, SharedCall
+from fecloth.compiled.jit import Array, kernel
+from fecloth.compiled.team import SMALL, Team
 from fecloth.fabric.panel import Panel
-from fecloth.jit import Array, kernel
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.team import SMALL, Team
 
 CallOf = Callable[[slice, np.ndarray], Call]
 """A call for a range of the elements, and the array to which it adds."""

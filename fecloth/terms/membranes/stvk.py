@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fecloth.compiled.jit import inner
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.loops import membrane
 from fecloth.terms.loops.green_strain import contract

@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
+from fecloth.compiled.jit import inner
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner
 from fecloth.terms.loops import bound_condition
 
 

@@ -22,7 +22,7 @@ import math
 
 import numpy as np
 
-from fecloth.jit import inner, kernel
+from fecloth.compiled.jit import inner, kernel
 from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels
 
 

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth.compiled.jit import inner
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_WIDTH, TIME
 from fecloth.terms.loops import bound_condition

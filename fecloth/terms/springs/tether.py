@@ -7,9 +7,9 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth.compiled.jit import inner
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
-from fecloth.jit import inner
 from fecloth.mesh.cloth import Cloth, Where
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import DAMPER, LENGTH, PER_WIDTH

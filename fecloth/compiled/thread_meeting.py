@@ -15,7 +15,7 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from fecloth.jit import Array, inner, kernel
+from fecloth.compiled.jit import Array, inner, kernel
 
 SPIN = 256  # looks at the counter before a waiting thread gives its core to others
 ATTENTIVE = 300  # times that, before a thread without work sleeps

@@ -24,11 +24,11 @@ from typing import Any, TypeVar
 import numba
 import numpy as np
 
+from fecloth.compiled.jit import Array
+from fecloth.compiled.thread_choice import ThreadChoice
+from fecloth.compiled.thread_meeting import GIVE_UP
+from fecloth.compiled.thread_workers import end_all, workers_of
 from fecloth.errors import InputError, brief
-from fecloth.jit import Array
-from fecloth.thread_choice import ThreadChoice
-from fecloth.thread_meeting import GIVE_UP
-from fecloth.thread_workers import end_all, workers_of
 
 Result = TypeVar("Result")
 Call = tuple[Callable[..., Any], tuple[Any, ...]]

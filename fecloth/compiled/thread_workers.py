@@ -9,7 +9,7 @@ from threading import Lock, Thread
 
 import numpy as np
 
-from fecloth.thread_meeting import attend
+from fecloth.compiled.thread_meeting import attend
 
 
 class Worker:

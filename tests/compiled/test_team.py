@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import fecloth as fc
+from fecloth.compiled.jit import kernel
+from fecloth.compiled.team import Team, number_of_threads
+from fecloth.compiled.thread_choice import ALL, BUDGET, ONE, ThreadChoice
+from fecloth.compiled.thread_meeting import meet
 from fecloth.errors import InputError
-from fecloth.jit import kernel
-from fecloth.team import Team, number_of_threads
 from fecloth.terms.loops.shared_loop import SharedLoop, divide
-from fecloth.thread_choice import ALL, BUDGET, ONE, ThreadChoice
-from fecloth.thread_meeting import meet
 
 
 @pytest.mark.parametrize("threads", [0, -1, 257, 2.0, True, "two", None, (1, 2)])

@@ -44,9 +44,9 @@ def cache_folder() -> str:
     of them can be written) in the temporary directory.
     """
     digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.rglob("*.py")):
+    for source in sorted(Path(__file__).parents[1].rglob("*.py")):
         text = source.read_bytes()
-        if b"fecloth.jit import" in text or b"import jit" in text or source == Path(__file__):
+        if b"fecloth.compiled.jit import" in text or source == Path(__file__):
             digest.update(text)
     name = f"fecloth-{digest.hexdigest()[:16]}"
     for base in (

@@ -25,8 +25,8 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 
-from fecloth.jit import kernel
-from fecloth.team import Call
+from fecloth.compiled.jit import kernel
+from fecloth.compiled.team import Call
 
 
 class SharedCall(NamedTuple):

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 import fecloth
-from fecloth import jit
+from fecloth.compiled import jit
 
 PACKAGE = Path(fecloth.__file__).parent
 
 # an entry point made of a template in another file and a law, and a plain one
 PROGRAM = """
 import json, numpy as np
-from fecloth import jit
+from fecloth.compiled import jit
 from fecloth.linalg import block_matrix as blocks
 from fecloth.terms.membranes import stvk
 
@@ -80,7 +80,7 @@ def test_second_process_compiles_only_after_a_source_changed(copy, tmp_path):
 
 # a law, a condition and a kernel of a user, in a file with helpers in another one
 USER_HELPERS = """
-from fecloth.jit import inner
+from fecloth.compiled.jit import inner
 
 FACTOR = 1.0
 
@@ -91,7 +91,7 @@ def multiply(a, b):
 USER_FILE = """
 import math
 from fecloth import MembraneLaw
-from fecloth.jit import inner, kernel
+from fecloth.compiled.jit import inner, kernel
 from fecloth.terms.loops import bound_condition
 import user_helpers
 
@@ -253,7 +253,7 @@ def test_a_template_without_the_name_is_refused():
 
 
 def folder_for(package, monkeypatch):
-    monkeypatch.setattr(jit, "__file__", str(package / "jit.py"))
+    monkeypatch.setattr(jit, "__file__", str(package / "compiled" / "jit.py"))
     return jit.cache_folder.__wrapped__()
 
 
@@ -271,7 +271,7 @@ def test_every_file_with_kernels_changes_the_folder(copy, tmp_path, monkeypatch)
     assert {"block_matrix.py", "membrane.py", "condition.py", "stvk.py"} <= {
         p.name for p in decorated
     }
-    for source in [*decorated, copy / "jit.py"]:
+    for source in [*decorated, copy / "compiled" / "jit.py"]:
         text = source.read_bytes()
         source.write_bytes(text + b"\n")
         assert folder_for(copy, monkeypatch) != own, source.name
