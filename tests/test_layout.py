@@ -11,9 +11,9 @@ import pytest
 import fecloth
 
 PACKAGE = Path(fecloth.__file__).parent
-PACKAGES = """errors validation suggest compiled quantities linalg mesh fabric terms system nonlinear
-integrators stability output view simulation homogenisation verify scene runs distributed study
-cli"""
+PACKAGES = """errors validation suggest compiled quantities linalg mesh fabric terms system
+nonlinear integrators stability output view simulation homogenisation verify scene runs distributed
+study cli"""
 ORDER = PACKAGES.split()
 ROOT_FILES = {"__init__", "__main__", "errors", "validation", "suggest", "homogenisation", "verify"}
 

@@ -1,1 +1,1 @@
-"""Compilation by Numba, calls of kernels without Python between them, and threads that share loops."""
+"""Compilation by Numba, calls of kernels without Python between them, and threads."""
