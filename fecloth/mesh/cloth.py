@@ -12,16 +12,16 @@ import scipy.sparse as sparse
 import skfem
 from numpy.typing import ArrayLike
 
-from fecloth.mesh import elements, generate, interpolation, mass, norms, selection
+from fecloth.errors import InputError
+from fecloth.mesh import elements, generate, interpolation, norms, selection
 from fecloth.mesh.edge_slopes import EdgeSlopes
 from fecloth.mesh.flat_mesh import FlatMesh, quality
 from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.mesh.grading import Grading
 from fecloth.mesh.half_edges import HalfEdges
 from fecloth.mesh.hinges import Hinges
-from fecloth.mesh.join import join
+from fecloth.mesh.numbering import join_meshes, renumber_mesh
 from fecloth.mesh.read import read
-from fecloth.mesh.renumber import renumber_mesh
 
 Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
 
@@ -192,7 +192,23 @@ class Cloth:
         >>> len(both.X), both.nodes("apron/left").tolist() == (9 + one.nodes("left")).tolist()
         (18, True)
         """
-        return cls(**join(pieces, names))
+        mesh = join_meshes([piece._flat_mesh for piece in pieces], names)
+        if len({piece.element for piece in pieces}) > 1:
+            what, remedy = "pieces of P1 and of P2", "Make all pieces with one element."
+            raise InputError(what, "must have one element", "Cloth.join", remedy)
+        numbers = np.arange(len(mesh.X)), np.arange(len(mesh.triangles))
+        return cls._of(mesh, numbers, pieces[0].element)
+
+    @classmethod
+    def _of(cls, mesh: FlatMesh, sources: tuple[np.ndarray, np.ndarray], element: str) -> Cloth:
+        """The cloth of a mesh; `sources` are the numbers of nodes and triangles in the input."""
+        sets = mesh.node_sets, mesh.edge_sets
+        return cls(mesh.X, mesh.triangles, *sets, *sources, element, mesh.triangle_sets)
+
+    @property
+    def _flat_mesh(self) -> FlatMesh:
+        sets = self.node_sets, self.edge_sets, self.triangle_sets
+        return FlatMesh(self.X, self.triangles, *sets)
 
     @classmethod
     def _from_mesh(
@@ -205,16 +221,7 @@ class Cloth:
         if element == "P2":
             mesh = elements.add_midpoints(mesh, corner_sets)
             nodes = np.append(nodes, np.full(len(mesh.X) - len(nodes), -1))
-        return cls(
-            mesh.X,
-            mesh.triangles,
-            mesh.node_sets,
-            mesh.edge_sets,
-            nodes,
-            triangles,
-            element,
-            mesh.triangle_sets,
-        )
+        return cls._of(mesh, (nodes, triangles), element)
 
     # --- nodes, regions and geometry ----------------------------------------------------------
 
@@ -365,7 +372,7 @@ class Cloth:
 
     def weighted_load(self, density: np.ndarray) -> np.ndarray:
         """(n,) ∫ ρ N_a dA for one ρ per triangle (m,); zero at the corners of P2 triangles."""
-        return mass.weighted_load(self, density)
+        return norms.weighted_load(self, density)
 
     def mass(self, kind: str | None = None, density: np.ndarray | None = None) -> sparse.csr_matrix:
         """(n, n) mass matrix ∫ ρ N_a N_b dA, consistent or lumped.
@@ -395,7 +402,7 @@ class Cloth:
             For another kind.
         """
         density = np.ones(len(self.triangles)) if density is None else density
-        return mass.matrix(self, self.usual_mass if kind is None else kind, density)
+        return norms.mass_matrix(self, self.usual_mass if kind is None else kind, density)
 
     @property
     def usual_mass(self) -> str:
@@ -404,7 +411,7 @@ class Cloth:
 
     def diagonal_mass(self, density: np.ndarray) -> np.ndarray:
         """(n,) the lumped masses [kg]; positive for both elements. See `mass`."""
-        return mass.diagonal(self, density)
+        return norms.diagonal_mass(self, density)
 
     @property
     def least_mass(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 
@@ -12,7 +12,7 @@ from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.mesh.gmsh_child import in_child
-from fecloth.mesh.gmsh_import import gmsh_plane, refuse_coarse
+from fecloth.mesh.gmsh_import import DRAWINGS, gmsh_plane, refuse_coarse
 from fecloth.mesh.grading import Grading, check_gradings
 from fecloth.suggest import did_you_mean
 
@@ -132,27 +132,6 @@ def _mesh_drawing(
         raw = in_child(task, name)
     refuse_coarse(raw, h, name)
     return raw.xyz[:, :2], raw.triangles
-
-
-def _draw_disk(geo, radius: float, h: float) -> None:
-    centre = geo.addPoint(0, 0, 0, h)
-    rim = [(radius, 0), (0, radius), (-radius, 0), (0, -radius)]
-    points = [geo.addPoint(x, y, 0, h) for x, y in rim]
-    arcs = [geo.addCircleArc(points[i], centre, points[(i + 1) % 4]) for i in range(4)]
-    geo.addPlaneSurface([geo.addCurveLoop(arcs)])
-
-
-def _draw_rectangle(geo, width: float, height: float, h: float) -> None:
-    corners = [(0, 0), (width, 0), (width, height), (0, height)]
-    points = [geo.addPoint(x, y, 0, h) for x, y in corners]
-    lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
-    geo.addPlaneSurface([geo.addCurveLoop(lines)])
-    for name, line in zip(("bottom", "right", "top", "left"), lines, strict=True):
-        geo.addPhysicalGroup(1, [line], name=name)
-    geo.addPhysicalGroup(0, points, name="corners")
-
-
-DRAWINGS: dict[str, Callable[..., None]] = {"disk": _draw_disk, "rectangle": _draw_rectangle}
 
 
 def _mesh_unstructured(width, height, h, grading=()):

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from fecloth.errors import InputError, MeshError, is_number
-from fecloth.mesh.gmsh_import import RawMesh, from_geo, from_msh, gmsh_plane
+from fecloth.mesh.gmsh_import import DRAWINGS, RawMesh, from_geo, from_msh, gmsh_plane
 from fecloth.mesh.grading import Grading
 
 TIME_LIMIT = 300.0  # s, of wall time
@@ -35,8 +35,8 @@ def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
     ----------
     task
         ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, or ``{"draw": a name of
-        `generate.DRAWINGS`, "sizes": its arguments}``; the first and the last may have a `grading`,
-        a list of the fields of `Grading`. Unless `confined` is false, the process writes no file.
+        `DRAWINGS`, "sizes": its arguments}``; the first and the last may have a `grading`, a list
+        of the fields of `Grading`. Unless `confined` is false, the process writes no file.
     where
         The file, for messages.
     time_limit
@@ -140,8 +140,6 @@ def main() -> None:
 
 def _mesh(task: dict) -> RawMesh:
     """Carry out a task of `in_child`."""
-    from fecloth.mesh.generate import DRAWINGS
-
     where = task["where"]
     grading = [Grading(**one) for one in task.get("grading", ())]
     match task:

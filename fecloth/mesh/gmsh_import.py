@@ -51,6 +51,27 @@ def gmsh_plane(draw: Callable, h: float, where: str, grading: Sequence[Grading] 
 COARSE = 4.0  # edges longer than so many h are a failure of Gmsh; its longest are about 1.6 h
 
 
+def _draw_disk(geo, radius: float, h: float) -> None:
+    centre = geo.addPoint(0, 0, 0, h)
+    rim = [(radius, 0), (0, radius), (-radius, 0), (0, -radius)]
+    points = [geo.addPoint(x, y, 0, h) for x, y in rim]
+    arcs = [geo.addCircleArc(points[i], centre, points[(i + 1) % 4]) for i in range(4)]
+    geo.addPlaneSurface([geo.addCurveLoop(arcs)])
+
+
+def _draw_rectangle(geo, width: float, height: float, h: float) -> None:
+    corners = [(0, 0), (width, 0), (width, height), (0, height)]
+    points = [geo.addPoint(x, y, 0, h) for x, y in corners]
+    lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
+    geo.addPlaneSurface([geo.addCurveLoop(lines)])
+    for name, line in zip(("bottom", "right", "top", "left"), lines, strict=True):
+        geo.addPhysicalGroup(1, [line], name=name)
+    geo.addPhysicalGroup(0, points, name="corners")
+
+
+DRAWINGS: dict[str, Callable[..., None]] = {"disk": _draw_disk, "rectangle": _draw_rectangle}
+
+
 def from_geo(path: Path, h: float | None, where: str, grading: Sequence[Grading] = ()) -> RawMesh:
     """Mesh a geometry file, with edge length h [m] unless h is None; `where` names it in errors."""
     text = path.read_text(encoding="utf-8", errors="replace")

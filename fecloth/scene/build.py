@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -39,16 +39,41 @@ from fecloth.system.state import State, make_state
 from fecloth.system.system import System
 from fecloth.validation import FARTHEST
 
-if TYPE_CHECKING:
-    from fecloth.scene.scene import Scene
-
 FASTEST, STRONGEST = 1e6, 1e15  # m/s, N on a node: no cloth
 MOST_PLACES = 1_000_000  # times × nodes at which a motion of t, X, Y is evaluated before a run
 
 At = Callable[[str], AbstractContextManager[None]]  # names the key of the scene in errors
 
 
-def build(scene: Scene, cloth: Cloth, make_system: Callable[..., System] = System) -> Problem:
+class SceneData(Protocol):
+    """The tables of a `Scene`, and where they were read from."""
+
+    cloth: Any
+    fabric: Any
+    fabrics: Any
+    grain_degrees: Any
+    mass: Any
+    terms: Any
+    pins: Any
+    start: Any
+    solver: Any
+    time: Any
+    output: Any
+    probes: Any
+    expect: Any
+    interest: Any
+
+    @property
+    def schedule(self) -> Time | EquilibriumTable: ...
+
+    @property
+    def source(self) -> str: ...
+
+    @property
+    def text(self) -> str: ...
+
+
+def build(scene: SceneData, cloth: Cloth, make_system: Callable[..., System] = System) -> Problem:
     """Bind the terms and pins to the cloth, place the start, check the method.
 
     `make_system` takes the arguments of `System`.
@@ -95,7 +120,7 @@ def build(scene: Scene, cloth: Cloth, make_system: Callable[..., System] = Syste
 # --- the system -----------------------------------------------------------------------------------
 
 
-def _system(scene: Scene, cloth: Cloth, start: State, at: At, make_system: Callable) -> System:
+def _system(scene: SceneData, cloth: Cloth, start: State, at: At, make_system: Callable) -> System:
     pins = [_pin(i, table, scene.schedule, cloth, at) for i, table in enumerate(scene.pins)]
     fabric = scene.fabric.make() if scene.fabric else _each(scene.fabrics, lambda t: t.make())
     grain = _each(scene.grain_degrees, math.radians)
@@ -156,7 +181,7 @@ def _motion_times(time: Time | EquilibriumTable) -> np.ndarray:
 # --- the start ------------------------------------------------------------------------------------
 
 
-def _start(scene: Scene, cloth: Cloth, at: At) -> State:
+def _start(scene: SceneData, cloth: Cloth, at: At) -> State:
     start = scene.start
     if start.frame:
         with at("start.frame"):
@@ -176,7 +201,7 @@ def _start(scene: Scene, cloth: Cloth, at: At) -> State:
         return make_state(len(cloth.X), x, v, scene.schedule.t_start)
 
 
-def _check_start(scene: Scene, system: System, state: State, at: At) -> None:
+def _check_start(scene: SceneData, system: System, state: State, at: At) -> None:
     """Refuse a term whose force at the start is not finite, or beyond all measure."""
     for name, term in zip(system.names, system.bound, strict=True):
         f = np.zeros_like(state.x)
@@ -200,7 +225,7 @@ def _check_start(scene: Scene, system: System, state: State, at: At) -> None:
 
 
 def _check_method(
-    scene: Scene, system: System, state: State, steps: StepChoice | Auto, at: At
+    scene: SceneData, system: System, state: State, steps: StepChoice | Auto, at: At
 ) -> None:
     """Refuse a term, a mass, a step or a linear solver that the method does not allow."""
     with at("terms"):
@@ -223,7 +248,7 @@ def _check_method(
         steps.check_start(system, state, insist)
 
 
-def _refuse_loads_in_time(scene: Scene, system: System, state: State) -> None:
+def _refuse_loads_in_time(scene: SceneData, system: System, state: State) -> None:
     """Refuse a term whose force changes with t, at positions that feel it from any direction."""
     x, still = state.x, np.zeros_like(state.x)
     x = x + 0.02 * system.cloth.extent * np.sin(5 * x[:, [1, 2, 0]] + 3 * x + [1, 2, 3])
@@ -247,7 +272,7 @@ def _observer(system: System, state: State, probes: tuple[Probe, ...], at: At) -
         raise
 
 
-def _note(scene: Scene) -> str:
+def _note(scene: SceneData) -> str:
     """Return how the mesh affects the values in [expect], or ""."""
     pattern = getattr(scene.cloth, "pattern", "")
     return bending_note(pattern, [t.type for t in scene.terms]) if scene.expect else ""

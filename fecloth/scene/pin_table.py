@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, cast
 
+import numpy as np
 from pydantic import PrivateAttr, model_validator
 
 from fecloth.errors import InputError
@@ -12,9 +14,21 @@ from fecloth.quantities.formula import Formula
 from fecloth.quantities.rotation import Rotation
 from fecloth.quantities.units import LENGTH
 from fecloth.scene.field_types import Name, OfTime, OfTimeAndPlace, Vector, Where
-from fecloth.scene.region import Region
 from fecloth.scene.table_model import Made, Table, require_exactly_one
 from fecloth.system.pins import Pin, Slide
+
+
+@dataclass(frozen=True)
+class Region:
+    """A condition on X and Y as a predicate on material points (n, 2) [m]."""
+
+    formula: Formula
+
+    def __repr__(self) -> str:
+        return repr(self.formula.text)  # as messages name it
+
+    def __call__(self, X: np.ndarray) -> np.ndarray:
+        return np.asarray(self.formula(X=X[:, 0], Y=X[:, 1]))
 
 
 class RotationTable(Made):

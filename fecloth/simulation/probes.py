@@ -12,7 +12,7 @@ import scipy.sparse as sparse
 from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth, Where
-from fecloth.mesh.enclosed_volume import Enclosure
+from fecloth.mesh.surface import Enclosure
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fecloth.linalg.block_matrix import BlockMatrix
-
-if TYPE_CHECKING:
-    from fecloth.system.system import System
+from fecloth.mesh.cloth import Cloth
+from fecloth.system.constraints import Constraints
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,18 +33,24 @@ class ReactionLimits:
     most: np.ndarray
 
     @classmethod
-    def of(cls, system: System) -> ReactionLimits:
-        """Find the triangles that are held whole, and the stiffness of what moves beside them."""
-        cloth, constraints = system.cloth, system.constraints
+    def of(
+        cls, cloth: Cloth, constraints: Constraints, stiffness: Callable[[], BlockMatrix]
+    ) -> ReactionLimits:
+        """Find the triangles that are held whole, and the stiffness of what moves beside them.
+
+        `stiffness` makes K of the flat cloth at rest; it is called only if there are any.
+        """
         is_pinned = np.zeros(len(cloth.X), bool)
         is_pinned[constraints.nodes] = ~constraints.projectors.any(axis=(1, 2))
         nodes = np.unique(cloth.stencil[is_pinned[cloth.stencil].all(axis=1)])
         if not len(nodes):
             return cls(nodes, np.zeros(0))
-        pattern = system.pattern
-        K = system.assemble(BlockMatrix.zeros(pattern), system.rest(), wx=1.0).values
+        K = stiffness()
+        pattern = K.pattern
         way = np.linalg.norm(cloth.X[pattern.rows] - cloth.X[pattern.indices], axis=1)
-        force = np.where(is_pinned[pattern.indices], 0.0, np.linalg.norm(K, axis=(1, 2)) * way)
+        force = np.where(
+            is_pinned[pattern.indices], 0.0, np.linalg.norm(K.values, axis=(1, 2)) * way
+        )
         most = np.bincount(pattern.rows, force, len(cloth.X))[nodes]
         return cls(nodes, np.where(np.isfinite(most), most, np.inf))
 

@@ -200,7 +200,11 @@ class System:
     @cached_property
     def reaction_limits(self) -> ReactionLimits:
         """For `force_size`."""
-        return ReactionLimits.of(self)
+        return ReactionLimits.of(
+            self.cloth,
+            self.constraints,
+            lambda: self.assemble(BlockMatrix.zeros(self.pattern), self.rest(), wx=1.0),
+        )
 
     @cached_property
     def _projection(self) -> MatrixProjection:

@@ -7,7 +7,7 @@ import pytest
 from support.matrices import difference, load, needs_pardiso, relative, sheet
 
 from fecloth.errors import IndefiniteMatrix, SolveFailed
-from fecloth.linalg import direct, mkl_pardiso, scalar_csr, select
+from fecloth.linalg import direct, mkl_pardiso, select
 
 pardiso = pytest.param("pardiso", marks=needs_pardiso)
 
@@ -16,7 +16,7 @@ pardiso = pytest.param("pardiso", marks=needs_pardiso)
 def test_prepare_with_the_same_pattern_reuses_the_analysis(name, monkeypatch):
     built = []
 
-    class Counted(scalar_csr.ScalarRows):
+    class Counted(direct.ScalarRows):
         def __init__(self, *args, **kwargs):
             built.append(1)
             super().__init__(*args, **kwargs)

@@ -11,7 +11,7 @@ from support.meshed import PATTERNS, STRUCTURED, areas, length, rejects
 from fecloth.errors import InputError, MeshError
 from fecloth.mesh.flat_mesh import FlatMesh, quality
 from fecloth.mesh.generate import disk, rectangle
-from fecloth.mesh.renumber import renumber_mesh
+from fecloth.mesh.numbering import renumber_mesh
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)

@@ -6,17 +6,17 @@ from numpy.testing import assert_allclose
 
 import fecloth as fc
 from fecloth.errors import InputError
-from fecloth.mesh.enclosed_volume import Enclosure
+from fecloth.mesh.surface import Enclosure
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.simulation.quantity_values import (
     RunRecord,
     difference_of,
     relative_difference,
+    signal_period,
     size_of,
     value_of,
 )
-from fecloth.simulation.signal_period import signal_period
 
 T = np.linspace(0, 2, 201)
 COLUMNS = {"tip.x": 1 + 0 * T, "tip.y": 0 * T, "tip.z": 3 + np.sin(2 * np.pi * T) * np.exp(-T)}

@@ -8,7 +8,7 @@ from support.messages import message_test
 from support.plates import square
 
 import fecloth as fc
-from fecloth.system.mesh_folds import folds_at_mesh_size, roughness
+from fecloth.system.space_error import folds_at_mesh_size, roughness
 from studies.convergence.space_error_cases import PROBLEMS, on_sides
 from studies.convergence.true_error import true_error
 

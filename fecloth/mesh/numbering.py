@@ -1,0 +1,105 @@
+"""Numbers of nodes and triangles: neighbours close together in memory, pieces as one mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from fecloth.errors import InputError
+from fecloth.mesh.flat_mesh import FlatMesh, sorted_pairs
+
+
+def renumber_mesh(mesh: FlatMesh) -> tuple[FlatMesh, np.ndarray, np.ndarray]:
+    """Renumber nodes and triangles so that neighbours lie close together in memory.
+
+    Parameters
+    ----------
+    mesh : FlatMesh
+
+    Returns
+    -------
+    mesh : FlatMesh
+        The same mesh. Each triangle keeps the order of its vertices.
+    old_nodes : (n,) integer array
+        Old index of each new node: ``new.X == mesh.X[old_nodes]``.
+    old_triangles : (m,) integer array
+        Old index of each new triangle.
+
+    Examples
+    --------
+    >>> mesh = FlatMesh.from_arrays([[0, 0], [1, 0], [0, 1], [1, 1]], [[0, 1, 2], [1, 3, 2]])
+    >>> new, nodes, triangles = renumber_mesh(mesh)
+    >>> bool((nodes[new.triangles] == mesh.triangles[triangles]).all())
+    True
+    """
+    # Measured against a Hilbert curve: reverse Cuthill–McKee makes gathers 5-10 % faster and the
+    # bandwidth 90-180 times smaller.
+    n = len(mesh.X)
+    old_nodes = reverse_cuthill_mckee(_node_graph(mesh.triangles, n), symmetric_mode=True)
+    new = np.empty(n, dtype=np.int32)
+    new[old_nodes] = np.arange(n, dtype=np.int32)
+    triangles = new[mesh.triangles]
+    low = np.sort(triangles, axis=1)
+    old_triangles = np.lexsort((low[:, 2], low[:, 1], low[:, 0]))
+    node_sets = {
+        name: np.sort(new[nodes]).astype(np.intp) for name, nodes in mesh.node_sets.items()
+    }
+    edge_sets = {name: sorted_pairs(new[pairs]) for name, pairs in mesh.edge_sets.items()}
+    new_triangles = np.empty(len(triangles), dtype=np.intp)
+    new_triangles[old_triangles] = np.arange(len(triangles))
+    regions = {name: np.sort(new_triangles[old]) for name, old in mesh.triangle_sets.items()}
+    X = mesh.X[old_nodes]
+    renumbered = FlatMesh(X, triangles[old_triangles], node_sets, edge_sets, regions)
+    return renumbered, old_nodes.astype(np.intp), old_triangles
+
+
+def _node_graph(triangles, n):
+    a, b = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    ones = np.ones(2 * len(a), dtype=np.int8)
+    return coo_array((ones, (np.append(a, b), np.append(b, a))), shape=(n, n)).tocsr()
+
+
+def join_meshes(pieces: Sequence[FlatMesh], names: Sequence[str]) -> FlatMesh:
+    """Make one mesh of pieces that share no node; see `Cloth.join`.
+
+    All corners come first, then the midpoints of quadratic triangles, both in the order of the
+    pieces.
+    """
+    _check_names(pieces, names)
+    corners = [int(piece.triangles.max()) + 1 for piece in pieces]
+    first_corner = np.cumsum([0, *corners])
+    midpoints = [len(piece.X) - count for piece, count in zip(pieces, corners, strict=True)]
+    first_midpoint = first_corner[-1] + np.cumsum([0, *midpoints])
+    first_triangle = np.cumsum([0, *(len(piece.triangles) for piece in pieces)])
+    nodes: dict[str, np.ndarray] = {}
+    edges: dict[str, np.ndarray] = {}
+    regions: dict[str, np.ndarray] = {}
+    triangles = []
+    for i, (piece, name) in enumerate(zip(pieces, names, strict=True)):
+        own = np.append(
+            first_corner[i] + np.arange(corners[i]), first_midpoint[i] + np.arange(midpoints[i])
+        )
+        nodes |= {name: own} | {f"{name}/{k}": own[v] for k, v in piece.node_sets.items()}
+        edges |= {f"{name}/{k}": own[v] for k, v in piece.edge_sets.items()}
+        all_own = np.arange(first_triangle[i], first_triangle[i + 1])
+        regions |= {name: all_own}
+        regions |= {f"{name}/{k}": all_own[v] for k, v in piece.triangle_sets.items()}
+        triangles.append(own[piece.triangles])
+    ends = [(p.X[:c], p.X[c:]) for p, c in zip(pieces, corners, strict=True)]
+    X = np.concatenate([part for place in (0, 1) for part in (end[place] for end in ends)])
+    return FlatMesh(X, np.concatenate(triangles).astype(np.int32), nodes, edges, regions)
+
+
+def _check_names(pieces: Sequence[FlatMesh], names: Sequence[str]) -> None:
+    where = "Cloth.join"
+    if len(pieces) < 2:
+        raise InputError(f"{len(pieces)} pieces", "must be at least two cloths", where)
+    if len(names) != len(pieces) or len(set(names)) != len(names):
+        allowed = f"must be {len(pieces)} different names, one for each piece"
+        raise InputError(f"names = {list(names)}", allowed, where)
+    wrong = [name for name in names if not (isinstance(name, str) and name and "/" not in name)]
+    if wrong:
+        raise InputError(f"name {wrong[0]!r}", "must be a text without '/'", where)
