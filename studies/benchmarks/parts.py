@@ -62,16 +62,31 @@ def timed(call):
     return seconds
 
 parts["reference"] = timed(lambda: plain_force(x, T, gradients, area, f))
-for name in ("StVK", "TensionField", "NeoHookean", "BaraffWitkin", "Springs", "HingeBending",
-             "PlateBending"):
-    if not hasattr(fc, name):
-        continue
-    system = fc.System(cloth, fabric, [getattr(fc, name)()])
-    J, bound = BlockMatrix.zeros(system.pattern), system.bound[0]
-    parts[name + " force"] = timed(lambda bound=bound: bound.add_force(x, v, 0.0, f))
-    parts[name + " tangent"] = timed(
-        lambda bound=bound, J=J: bound.add_tangent(x, v, 0.0, 1.0, 0.0, J, False)
-    )
+quadratic = fc.Cloth.rectangle(1.0, 1.0, 2 / CELLS, pattern="right", element="P2")  # m/4 triangles
+on = {"": cloth, ", P2": quadratic}
+
+def bent(X):
+    return np.column_stack([1.02 * X, 0.02 * np.sin(3 * X[:, 0])])
+
+for name, arguments in {"StVK": {}, "TensionField": {}, "NeoHookean": {}, "BaraffWitkin": {},
+                        "Springs": {}, "HingeBending": {}, "PlateBending": {},
+                        "StrainRateDamping": {"time": 1e-3}}.items():
+    for element, mesh in on.items():
+        try:
+            system = fc.System(mesh, fabric, [getattr(fc, name)(**arguments)])
+        except (AttributeError, fc.InputError):
+            continue
+        at, f2 = bent(mesh.X), np.zeros((len(mesh.X), 3))
+        speed = np.sin(9 * at) if "Damping" in name else np.zeros_like(at)
+        J, bound = BlockMatrix.zeros(system.pattern), system.bound[0]
+        parts[name + " force" + element] = timed(
+            lambda bound=bound, at=at, u=speed, f=f2: bound.add_force(at, u, 0.0, f)
+        )
+        parts[name + " tangent" + element] = timed(
+            lambda bound=bound, at=at, u=speed, J=J: bound.add_tangent(
+                at, u, 0.0, 1.0, 1.0, J, False
+            )
+        )
 
 whole = fc.System(cloth, fabric, [fc.StVK(), fc.HingeBending(), fc.Gravity()], pins=["left"])
 start, dt = whole.state(x), 0.2 / CELLS * (0.2 / 1000) ** 0.5
@@ -81,9 +96,15 @@ def explicit():
     fc.run(whole, fc.CentralDifference(), start, dt, 400 * dt)
     return 1e-9 * (clock() - begin) / 400
 
-def implicit(solver):
+def together():
+    begin = clock()
+    fc.many_steps(alone, alone.state(x), dt, 400)
+    return 1e-9 * (clock() - begin) / 400
+
+def implicit(solver, method=fc.BackwardEuler(), system=whole):
     def seconds():
-        steps = fc.march(whole, fc.BackwardEuler(), start, 5e-3, 20e-3, solver=solver)
+        first = system.state(bent(system.cloth.X))
+        steps = fc.march(system, method, first, 5e-3, 20e-3, solver=solver)
         next(steps)
         begin = clock()
         list(steps)
@@ -91,6 +112,16 @@ def implicit(solver):
     return seconds
 
 parts["explicit step of a run"] = explicit
+alone = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
+if hasattr(fc, "many_steps"):
+    parts["explicit steps together"] = together
+damping = [fc.StVK(), fc.StrainRateDamping(1e-3), fc.Gravity()]
+for name in ("BackwardEuler", "BDF2", "ImplicitMidpoint", "Newmark", "EnergyMomentum"):
+    for element, mesh in on.items():
+        if hasattr(fc, name):
+            damped = fc.System(mesh, fabric, damping, pins=["left"])
+            method = getattr(fc, name)()
+            parts[f"damped step, {name}{element}"] = implicit("pcg", method, damped)
 for solver in ("pcg", "direct", "multigrid", "auto"):
     try:
         fc.solver_for(whole, fc.BackwardEuler(), 5e-3, solver)
