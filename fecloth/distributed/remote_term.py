@@ -12,6 +12,7 @@ import numpy as np
 
 from fecloth.distributed.crew import Crew
 from fecloth.distributed.worker import cut_step
+from fecloth.terms.protocol import BoundTerm, has_own
 from fecloth.terms.step_difference import StepDifference
 
 _new_keys = count()
@@ -22,7 +23,7 @@ class RemoteTerm:
     """A bound term of the whole cloth; each process has it bound to a part.
 
     It has the abilities that the term has on this process, as far as they are functions here, and
-    the plain attributes of that.
+    the plain attributes of that. What the term has not does nothing here either.
 
     Attributes
     ----------
@@ -42,9 +43,15 @@ class RemoteTerm:
         value = getattr(self.near, name)
         if not callable(value):
             return value
+        if not has_own(self.near, name):
+            return vars(BoundTerm)[name].__get__(self)
         if name not in ABILITIES:
             raise AttributeError(f"{name} of {self.near.name} is not offered by several processes")
         return ABILITIES[name].__get__(self)
+
+    def here(self) -> BoundTerm:
+        """The term as it is bound to the part of this process."""
+        return self.near
 
     def add_force(self, x, v, t, f) -> None:
         """f += the force [N]."""

@@ -76,7 +76,7 @@ class BDF2(WithMemory):
         memory: Change | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s], after the step that left this memory."""
-        if memory is None and any(hasattr(term, "needs_end") for term in system.bound):
+        if memory is None and any(term.needs_end for term in system.bound):
             return _by_backward_euler(system, state, dt, solver)
         over = system.over_step(self.difference(state, dt, memory))
         if memory is None:

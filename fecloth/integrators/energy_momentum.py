@@ -122,7 +122,7 @@ class EnergyMomentum(StageMethod):
             For a term with an energy and no force over a step.
         """
         for term in system.bound:
-            if term.has_energy and not hasattr(term, "over_step"):
+            if term.has_energy and not term.knows_steps:
                 raise InputError(
                     f"the term {term.name}",
                     "has an energy, but no function `over_step`, which this method needs",

@@ -105,10 +105,10 @@ def bind_columns(system: System, shape: tuple[int, int]) -> tuple[Column, ...] |
     """Return the columns of a system, or None where a term's are not known from its force."""
     columns = []
     for name, term in zip(system.names, system.bound, strict=True):
-        by_power, supplies = has_power_column(term), hasattr(term, "supply")
+        by_power, supplies = has_power_column(term), term.supplies
         if not (by_power or has_work_column(term)):
             continue
-        air = getattr(term, "steady_air", None) if by_power and supplies else np.zeros(3)
+        air = term.steady_air if by_power and supplies else np.zeros(3)
         if air is None:
             return None
         arrays = *np.zeros((3, *shape)), np.zeros(10)

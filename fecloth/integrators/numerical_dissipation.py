@@ -61,7 +61,7 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
     pairs = [
         (term, over)
         for term, over in zip(system.bound, acting, strict=True)
-        if hasattr(over, "dissipation")
+        if over.dissipates_over_step
     ]
     if not pairs:
         return 0.0
@@ -83,13 +83,13 @@ def contact_dissipation(system: System, old: State, step: Step) -> float:
     """
     new, total = step.state, 0.0
     for term in system.bound:
-        if hasattr(term, "needs_end"):
+        if term.needs_end:
             f, still = np.zeros_like(old.x), np.zeros_like(old.v)
             for at in (old, new):
                 term.add_force(at.x, still, at.t, f)
             total -= 0.5 * system.sums.dot(f, new.x - old.x)
             total -= term.energy(new.x, new.t) - term.energy(old.x, old.t)
-            if has_power_column(term) and hasattr(term, "supply"):
+            if has_power_column(term) and term.supplies:
                 works = [term.supply(at.x, at.v, at.t) for at in step.stages]
                 total += (new.t - old.t) * sum(works) / len(works)
     return total
@@ -134,12 +134,12 @@ def stiffness_product(system: System, old: State, new: State) -> float:
 
 def has_power_column(term: BoundTerm) -> bool:
     """Return whether the ledger sums the power of the term's force at the stages of a step."""
-    return term.dissipative or (term.has_energy and hasattr(term, "supply"))
+    return term.dissipative or (term.has_energy and term.supplies)
 
 
 def has_work_column(term: BoundTerm) -> bool:
     """Return whether the ledger sums the work of a load's force along a displacement."""
-    return hasattr(term, "supply") and not has_power_column(term)
+    return term.supplies and not has_power_column(term)
 
 
 def column_forces(system: System, state: State) -> np.ndarray:

@@ -271,14 +271,14 @@ def check_terms(system: System, method: Integrator | ChoosesMethod, where: str) 
         return
     chosen = getattr(method, "method", method)  # of a method that chooses its steps
     for term in system.bound:
-        if hasattr(term, "needs_end"):
+        if term.needs_end:
             if hasattr(method, "choose"):
                 return
             what, allowed = f"{term.name} in {chosen!r}", "must be in BackwardEuler or BDF2"
             remedy = 'Take BDF2(), in scenes method = "bdf2", or Auto(), which takes it.'
             raise InputError(what, f"{allowed}: {term.needs_end}", where, remedy)
     for term in system.bound:
-        if getattr(term, "needs_difference", False):
+        if term.needs_difference:
             raise InputError(
                 f'{term.name} with rate = "step"',
                 f"needs a method with a difference over the step, which {chosen!r} has not",

@@ -200,7 +200,7 @@ def static_context(
         For a term without a unique equilibrium, such as friction.
     """
     for name, term in zip(system.names, system.bound, strict=True):
-        if reason := getattr(term, "no_equilibrium", ""):
+        if reason := term.no_equilibrium:
             remedy = "Let the motion come to rest in BackwardEuler or BDF2, or set friction = 0."
             raise InputError(f"{name} in equilibrium", reason, "equilibrium", remedy)
     options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)

@@ -73,7 +73,7 @@ class StaticEquation:
     def potential(self) -> Callable[[np.ndarray], float] | None:
         """Σ of the energies. At v = 0 a purely dissipative term has no force and needs none."""
         has_one = all(
-            term.has_energy or (term.dissipative and not hasattr(term, "supply"))
+            term.has_energy or (term.dissipative and not term.supplies)
             for term in self.system.bound
         )
         return self.energy if has_one else None
@@ -86,7 +86,7 @@ class StaticEquation:
     def terms(self) -> Iterator[tuple]:
         """Each term and its load factor."""
         for term in self.system.bound:
-            yield term, self.load if getattr(term, "load", False) else 1.0
+            yield term, self.load if term.load else 1.0
 
     def at(self, x: np.ndarray) -> State:
         """The state at rest at x."""
@@ -130,9 +130,8 @@ class StaticEquation:
 
     def updates(self, x: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """The dense parts of K."""
-        dense = [
-            (k, term.dense(x, self.start.t)) for term, k in self.terms() if hasattr(term, "dense")
-        ]
+        found = [(k, term.dense(x, self.start.t)) for term, k in self.terms()]
+        dense = [(k, part) for k, part in found if part is not None]
         return [(k * c, self.system.constraints.project(u)) for k, (c, u) in dense]
 
     def key(self, remedy: Remedy) -> tuple:

@@ -49,7 +49,7 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
     has neither. With `error_density` the cells have that of `space_error`.
     """
     cloth, G = system.cloth, system.panel.gradients
-    membranes = [term for term in system.bound if hasattr(term, "add_stress")]
+    membranes = [term for term in system.bound if term.has_stress]
     stress = np.zeros((len(cloth.triangles), 4)) if membranes else None
     for term in membranes:
         term.add_stress(state.x, stress)
@@ -80,10 +80,12 @@ def _points(cloth: Cloth, state: State) -> Arrays:
 def _contact(system: System, state: State) -> Arrays:
     """Pressure and slip of a system with contact; no arrays of one without."""
     x, v, t, arrays = state.x, state.v, state.t, {}
-    if pushes := [term.push(x, t) for term in system.bound if hasattr(term, "push")]:
+    pushes = [term.push(x, t) for term in system.bound]
+    if pushes := [push for push in pushes if push is not None]:
         areas = Surface.of(system.cloth).node_areas(system.cloth.X)
         arrays["contact_pressure"] = np.linalg.norm(sum(pushes), axis=1) / areas
-    if slips := [term.slip(x, v, t) for term in system.bound if hasattr(term, "slip")]:
+    slips = [term.slip(x, v, t) for term in system.bound]
+    if slips := [slip for slip in slips if slip is not None]:
         arrays["slip"] = sum(slips)
     return arrays
 

@@ -32,7 +32,8 @@ class Obstacles(NamedTuple):
 def find_obstacles(system: System, x: np.ndarray, t: float) -> Obstacles | None:
     """The surfaces of all obstacles at the time t around positions (n, 3); None without one."""
     place, reach = (x.min(axis=0) + x.max(axis=0)) / 2, system.cloth.extent
-    found = [term.surface(t, place, reach) for term in system.bound if hasattr(term, "surface")]
+    shown = [term.surface(t, place, reach) for term in system.bound]
+    found = [surface for surface in shown if surface is not None]
     if not found:
         return None
     first = np.cumsum([0, *(len(points) for points, _ in found)])

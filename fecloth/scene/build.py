@@ -206,8 +206,7 @@ def _check_start(scene: SceneData, system: System, state: State, at: At) -> None
     for name, term in zip(system.names, system.bound, strict=True):
         f = np.zeros_like(state.x)
         with at("start"):
-            if hasattr(term, "check_start"):
-                term.check_start(state.x, state.t, "")
+            term.check_start(state.x, state.t, "")
         with at("terms"):
             term.add_force(state.x, state.v, state.t, f)
         if not np.isfinite(f).all():

@@ -134,10 +134,7 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     used: float = 258 * n + 157 * math.prod(system.cloth.gradients.shape[:3]) + 150 * blocks
     used += 500 * len(system.cloth.triangles)
     for term in system.bound:  # the arrays of interpolated strains and of plates
-        used += getattr(getattr(term, "strain", None), "nbytes", 0)
-        if plate := getattr(term, "plate", None):
-            used += plate.nbytes
-            used += 0 if solver == "explicit" else plate.rows.nbytes
+        used += term.nbytes(explicit=solver == "explicit")
         if solver == "explicit" and isinstance(term, BoundCondition):
             used += 150 * len(term.nodes)
     used += 18 * blocks  # less than the matrix: what binding takes is free by then

@@ -174,7 +174,7 @@ def signals(system: System, state: State) -> Iterator[Signal]:
 
 def _of_term(bound, state: State) -> Iterator[tuple[str, Callable, int]]:
     """Yield name, function of times and number of evaluations of what depends on time in a term."""
-    known, bound = False, getattr(bound, "near", bound)  # of several processes: the part here
+    known, bound = False, bound.here()
     for value in _values(bound):
         if isinstance(value, Uniform):
             value = value.value
@@ -194,7 +194,7 @@ def _of_term(bound, state: State) -> Iterator[tuple[str, Callable, int]]:
                 yield "the air velocity", each(lambda t, u=value, x=x: u.velocity(x, t)), FORCES
     is_foreign = not type(bound).__module__.startswith("fecloth.")
     is_force = is_foreign or isinstance(bound, BoundUserForce)
-    function = getattr(bound, "function", None)
+    function = bound.function if isinstance(bound, BoundUserForce) else None
     if isinstance(function, FormulaForce) and not is_steady(function):
         columns = (*function.X.T, *state.x.T, *state.v.T)
         place = dict(zip(VARIABLES, map(_few, columns), strict=False))

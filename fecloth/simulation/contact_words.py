@@ -18,8 +18,9 @@ def describe_contact(system: System, start: State, end: State) -> str:
     moved = float(np.sqrt(((end.x - start.x) ** 2).sum(axis=1).max()))
     lines = []
     for name, term in zip(system.names, system.bound, strict=True):
-        if hasattr(term, "mean_distance"):
-            lines.append(_sentence(name, term.gap, term.mean_distance(end.x, end.t), moved))
+        mean = term.mean_distance(end.x, end.t)
+        if mean is not None:
+            lines.append(_sentence(name, term.gap, mean, moved))
     return "; ".join(lines)
 
 

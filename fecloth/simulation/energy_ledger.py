@@ -90,7 +90,7 @@ class Ledger:
         kinetic = energies.pop("kinetic")
         named = list(zip(system.names, system.bound, strict=True))
         dissipated = {name: 0.0 for name, term in named if term.dissipative}
-        work = {name: 0.0 for name, term in named if hasattr(term, "supply")}
+        work = {name: 0.0 for name, term in named if term.supplies}
         reported = {*energies, *dissipated, *work}
         silent = any(name not in reported for name in system.names)
         places = tuple(tuple(place.tolist()) for place in _places(system, state))
@@ -274,8 +274,7 @@ def _resisting(system: System, state: State, dissipated) -> tuple[str, ...]:
     return tuple(
         name
         for name, term in named
-        if name in dissipated
-        and (hasattr(term, "supply") or term.power(state.x, v, state.t) > NO_POWER)
+        if name in dissipated and (term.supplies or term.power(state.x, v, state.t) > NO_POWER)
     )
 
 
@@ -312,16 +311,12 @@ def _energies_in_place(system: System, state: State, energies, start) -> dict[st
     for piece, now, then in zip(system.movable_pieces, _places(system, state), start, strict=True):
         x[piece.nodes] -= now - then
     loads = zip(system.names, system.bound, strict=True)
-    return {
-        name: term.energy(x, state.t)
-        for name, term in loads
-        if name in energies and getattr(term, "load", False)
-    }
+    return {name: term.energy(x, state.t) for name, term in loads if name in energies and term.load}
 
 
 def _dissipation(term, over, step, dt):
     """Energy [J] dissipated in a step: over it, or else the power at the method's stages."""
-    if hasattr(over, "dissipation"):
+    if over.dissipates_over_step:
         return over.dissipation(step.state.x)
     return dt * _mean(term.power, step.stages)
 
@@ -351,8 +346,7 @@ def _clamp_work(system, theta, old, step):
     at_stages = theta == 0.5 and not step.ends
     states = step.stages if at_stages else (old, step.state)
     old, new, *stages = ((at.x, at.t) for at in (old, step.state, *states))
-    clamped = [term for term in (step.over or system).bound if hasattr(term, "work_of_clamps")]
-    return sum(term.work_of_clamps(old, new, stages) for term in clamped)
+    return sum(term.work_of_clamps(old, new, stages) for term in (step.over or system).bound)
 
 
 def _pin_work(system, theta, old, step, inertia):

@@ -23,6 +23,7 @@ from fecloth.simulation.step_times import step_times
 from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.protocol import BoundTerm
 
 TERMS_TIME = 0.0  # at which loads are evaluated: those of a static scene do not depend on it
 
@@ -36,16 +37,16 @@ class LoadRate:
 
 
 @dataclass(frozen=True, eq=False)
-class ScaledLoad:
+class ScaledLoad(BoundTerm):
     """A bound load whose force is multiplied by `factor`."""
 
-    load: Any
+    whole: Any
     factor: float
 
     def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
         """f += factor × the force of the load."""
         force = np.zeros_like(f)
-        self.load.add_force(x, v, t, force)
+        self.whole.add_force(x, v, t, force)
         f += self.factor * force
 
 
@@ -137,5 +138,5 @@ class LoadSteps:
 def _scaled(system: System, load: float) -> Iterator[Any]:
     """Yield the terms, of which the loads act with the factor `load`."""
     for term in system.bound:
-        scales = load != 1.0 and getattr(term, "load", False)
+        scales = load != 1.0 and term.load
         yield ScaledLoad(term, load) if scales else term

@@ -107,7 +107,7 @@ class Auto(ChosenSteps):
         `solver_of` makes the `SolverContext` for a method; `record(method, old, step)` does the
         work of recording after each step, whose time counts too.
         """
-        if any(hasattr(term, "needs_end") for term in system.bound):
+        if any(term.needs_end for term in system.bound):
             return self._candidate(BDF2()), "contact leaves BDF2 and backward Euler"
         implicit = self._candidate(GeneralizedAlpha())
         if system.mass_kind != "lumped":

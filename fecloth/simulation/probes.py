@@ -50,7 +50,7 @@ def contact_rows(system: System, step, state: State) -> dict[str, float]:
     row: dict[str, float] = {}
     acting = system.bound if step is None or step.over is None else step.over.bound
     for name, term, over in zip(system.names, system.bound, acting, strict=True):
-        if hasattr(term, "least_distance"):
+        if term.keeps_distance:
             f = np.full_like(state.x, np.nan if step is None else 0.0)
             over.add_force(state.x, state.v, state.t, f)
             row |= _components(f"reaction:{name}", f.sum(axis=0))

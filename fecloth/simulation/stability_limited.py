@@ -115,7 +115,7 @@ class StabilityLimited(ChosenSteps):
         At rest loads do not count, nor what has no finite stiffness there: a `Gas` has no volume.
         """
         dt = self._limit(system, state)
-        unloaded = system.with_bound(t for t in system.bound if not getattr(t, "load", False))
+        unloaded = system.with_bound(t for t in system.bound if not t.load)
         with suppress(SolveFailed):
             dt = min(dt, self._limit(unloaded, State(state.t, system.rest().x, state.v)))
         return LimitMemory(dt, 0, *extreme_stretches(system.cloth, state.x))

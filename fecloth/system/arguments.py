@@ -35,8 +35,7 @@ def check_system(system: object, state: object, where: str) -> None:
     for name in ("x", "v"):
         _array(f"state.{name}", getattr(state, name), len(system.cloth.X), where)
     for term in system.bound:
-        if hasattr(term, "check_start"):
-            term.check_start(state.x, state.t, where)
+        term.check_start(state.x, state.t, where)
 
 
 def _array(name, value, nodes, where):

@@ -18,6 +18,7 @@ from fecloth.system.system import System
 from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.kinematics import deformation_gradient
 from fecloth.terms.recovered_error import green_strains
+from fecloth.terms.traits import traits_of
 
 RESOLVED = 0.5  # largest error that the estimate can resolve
 UNSTRAINED = 1e-12  # strain below which there is only round-off
@@ -124,7 +125,7 @@ def space_error(system: System, state: State) -> SpaceError:
     m = len(system.cloth.triangles)
     if reason := _refusal(system):
         return SpaceError(math.nan, np.full(m, math.nan), reason)
-    bound = [term for term in system.bound if hasattr(term, "strain_error")]
+    bound = [term for term in system.bound if term.recovers_strain]
     error = sum((term.strain_error(state.x, state.t) for term in bound), np.zeros(m))
     stored = system.sums.total(sum(term.energy(state.x, state.t) for term in bound))
     density = error / system.cloth.weights.sum(axis=1)
@@ -143,10 +144,10 @@ def space_error(system: System, state: State) -> SpaceError:
 def _refusal(system: System) -> str:
     """Why the terms of a system have no estimate, or ""."""
     for term, bound, name in zip(system.terms, system.bound, system.names, strict=True):
-        if why := getattr(term, "no_space_error", ""):
+        if why := traits_of(term).space_error:
             return f"{name} {why}"
-        strained = bound.has_energy and getattr(bound, "stores_strain", True)
-        if strained and not (getattr(bound, "load", False) or hasattr(bound, "strain_error")):
+        strained = bound.has_energy and bound.stores_strain
+        if strained and not (bound.load or bound.recovers_strain):
             return f"{name} states no stress or moment"
     return ""
 

@@ -29,6 +29,7 @@ from fecloth.system.reaction_limits import ReactionLimits
 from fecloth.system.state import State, make_state
 from fecloth.terms import protocol
 from fecloth.terms.step_difference import StepDifference
+from fecloth.terms.traits import traits_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +132,7 @@ class System:
         panel = Panel.cut(self.cloth, self.fabric, self.grain)
         start = self.rest() if self.start is None else self.start
         clamps = find_clamps(self.constraints, self.cloth, start)
-        if clamps and not any(getattr(term, "holds_normals", False) for term in self.terms):
+        if clamps and not any(traits_of(term).holds_normals for term in self.terms):
             what, allowed = "a pin with clamp = true", "needs a bending term that holds normals"
             remedy = "Add PlateBending, or pin without a clamp."
             raise InputError(what, allowed, "System", remedy)
@@ -226,7 +227,7 @@ class System:
 
         It is the system itself if no term depends on the step.
         """
-        over = [term.over_step(step) if hasattr(term, "over_step") else term for term in self.bound]
+        over = [protocol.complete(term.over_step(step)) for term in self.bound]
         if all(new is old for new, old in zip(over, self.bound, strict=True)):
             return self
         return self.with_bound(over)
@@ -286,12 +287,13 @@ class System:
 
     def dense(self, state: State) -> list[tuple[float, np.ndarray]]:
         """(c, u (n, 3)) of the parts c u uᵀ of K that couple all nodes, and are not in a matrix."""
-        return [term.dense(state.x, state.t) for term in self.bound if hasattr(term, "dense")]
+        parts = [term.dense(state.x, state.t) for term in self.bound]
+        return [part for part in parts if part is not None]
 
     def coupling(self, state: State, wx=0.0, wv=0.0, definite=False) -> sparse.spmatrix | None:
         """(3n, 3n) part of wv D + wx K that couples nodes outside the pattern; None without any."""
         at = state.x, state.v, state.t, wx, wv, definite
-        found = [term.coupling(*at) for term in self.bound if hasattr(term, "coupling")]
+        found = [term.coupling(*at) for term in self.bound]
         parts = [part for part in found if part is not None]
         return sum(parts[1:], start=parts[0]) if parts else None
 
@@ -371,7 +373,7 @@ class System:
 def _check_elements(terms, element: str) -> None:
     """Refuse the first term that does not know the cloth's element."""
     for term in terms:
-        known = getattr(term, "elements", ("P1",))
+        known = traits_of(term).elements
         if element not in known:
             name = type(term).__name__
             what, allowed = f"{name} on element {element}", f"must be on {' or '.join(known)}"

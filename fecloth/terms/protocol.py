@@ -1,13 +1,15 @@
-"""What a term offers: the description that a user writes, the bound term, optional abilities.
+"""What a term offers: the description that a user writes, its traits, and the bound term.
 
 A term is one contribution to the force f(x, v, t) of the cloth. It comes in two objects: a frozen
 description with the user's parameters (`Term`), and what `bind` makes of it for one mesh
 (`BoundTerm`). Neither depends on the time step, the solver or other terms.
 studies/examples/term.py is a term in 30 lines.
 
-The other protocols are abilities that a bound term may have besides. fecloth looks for their
-functions by name. Those that say "Reserved" are not called yet: their names and arguments are
-fixed, so that a term which has them need not change.
+`TermTraits` on the class of the description say what the term is: all that the rest of fecloth
+knows of it. A description without traits is a term of no kind.
+
+`BoundTerm` has all abilities of a bound term, which do nothing. A term of your own may derive from
+it and write those that it has; one that does not derive gets those that it lacks from `bound`.
 
 Arrays: n is the number of nodes; x (n, 3) [m] are positions, v (n, 3) [m/s] velocities, t [s] the
 time. They must not be changed, but for the one named as the result.
@@ -15,8 +17,9 @@ time. They must not be changed, but for the one named as the result.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import scipy.sparse as sparse
@@ -38,14 +41,15 @@ ALWAYS = (
     "add_tangent",
     "rate_bounds",
 )
+At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
 
 
 class Term(Protocol):
     """What a user writes: a frozen dataclass with the parameters of the term.
 
-    It may have an attribute `elements`, the names of the elements that it supports, as
-    ``("P1", "P2")``. Without it, the term is for P1 alone. Another is `no_space_error`, a text
-    that says, after the name of the term, why `space_error` has no estimate with it.
+    It may have `traits`, its `TermTraits`, as a class attribute. Without them the attributes
+    `elements`, `holds_normals` and `no_space_error` are looked for, which say the same as these
+    traits do.
     """
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
@@ -76,8 +80,12 @@ class Term(Protocol):
         ...
 
 
-class BoundTerm(Protocol):
+class BoundTerm:
     """A term for one mesh; it must not change after it was made.
+
+    A term must have `name`, `symmetric`, `has_energy`, `dissipative`, `velocity_dependent`,
+    `add_force`, `add_tangent` and `rate_bounds`; `energy` if it has one, and `power` if it is
+    dissipative. All else does nothing here.
 
     Attributes
     ----------
@@ -92,23 +100,60 @@ class BoundTerm(Protocol):
     velocity_dependent
         Whether its force depends on v, so that D is not zero.
     load
-        Optional; True for a force from outside, which the load steps of `equilibrium` scale.
-    no_equilibrium
-        Optional; why there is no unique equilibrium with the term, as with friction.
+        True for a force from outside, which the load steps of `equilibrium` scale.
     stores_strain
-        Optional; False for a term whose energy is not that of a strain: the error in space leaves
-        it out.
+        False for a term whose energy is not that of a strain: the error in space leaves it out.
+    no_equilibrium
+        Why there is no unique equilibrium with the term, as with friction; "" if there is.
+    needs_end
+        Why only methods that solve for the forces at the end of a step may be used:
+        `BackwardEuler` and `BDF2`. The others refuse the term with these words; "" for none.
+    needs_difference
+        True for a term that methods must refuse which have no difference for rates over the step.
+    steady_air
+        (3,) the velocity [m/s] of the air where it is constant, of a drag in moving air.
     """
 
-    name: str
-    symmetric: bool
-    has_energy: bool
-    dissipative: bool
-    velocity_dependent: bool
+    __slots__ = ()
+
+    if TYPE_CHECKING:  # each may be an attribute, a field or a property
+
+        @property
+        def name(self) -> str: ...
+        @property
+        def symmetric(self) -> bool: ...
+        @property
+        def has_energy(self) -> bool: ...
+        @property
+        def dissipative(self) -> bool: ...
+        @property
+        def velocity_dependent(self) -> bool: ...
+        @property
+        def load(self) -> bool: ...
+        @property
+        def stores_strain(self) -> bool: ...
+        @property
+        def no_equilibrium(self) -> str: ...
+        @property
+        def needs_end(self) -> str: ...
+        @property
+        def needs_difference(self) -> bool: ...
+        @property
+        def steady_air(self) -> np.ndarray | None: ...
+
+    else:
+        load = False
+        stores_strain = True
+        no_equilibrium = ""
+        needs_end = ""
+        needs_difference = False
+        steady_air = None
+
+    # --- force and tangent ------------------------------------------------------------------------
 
     def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
         """f += the force (n, 3) [N], in place."""
-        ...
+        raise NotImplementedError
 
     def add_tangent(
         self,
@@ -126,7 +171,7 @@ class BoundTerm(Protocol):
         added must be symmetric and positive semi-definite: Newton's method asks for that where
         the exact tangent fails.
         """
-        ...
+        raise NotImplementedError
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest.
@@ -134,11 +179,37 @@ class BoundTerm(Protocol):
         `mass` (n,) [kg] are the nodal masses. Bounds by elements suffice; they guide the choice
         of the linear solver and the stable step.
         """
-        ...
+        raise NotImplementedError
 
+    def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
+        """The kernels that make up `add_force`, in order, each with its arguments.
 
-class Energetic(Protocol):
-    """The ability of a term with `has_energy`."""
+        Explicit steps then need no Python between them. They are called again and again while x, v
+        and f change in place, and may have work arrays of their own. None where the force depends
+        on t or needs Python. The bits must be those of `add_force`. A `SharedCall`, as `SharedLoop`
+        makes it, is for several threads; one of them makes all other calls. A class that overrides
+        `add_force` must override this too; else it is not asked.
+        """
+        return None
+
+    def coupling(
+        self, x: np.ndarray, v: np.ndarray, t: float, wx: float, wv: float, definite: bool
+    ) -> sparse.spmatrix | None:
+        """(3n, 3n) part of wx K + wv D that `add_tangent` leaves out; None if nothing is coupled.
+
+        It is for nodes outside the fixed pattern, as contact between triangles couples them. Its
+        pattern may change from call to call. `definite` is that of `add_tangent`.
+        """
+        return None
+
+    def dense(self, x: np.ndarray, t: float) -> tuple[float, np.ndarray] | None:
+        """c [N/m] and u (n, 3) of a part c u uᵀ of K that `add_tangent` leaves out.
+
+        It is for a term that couples all nodes by one mode, such as the pressure of a gas.
+        """
+        return None
+
+    # --- energy, power and stress -----------------------------------------------------------------
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """Potential energy [J]; its column of the ledger, and what Newton's line search lowers.
@@ -146,181 +217,173 @@ class Energetic(Protocol):
         As `power` and `supply` it is the sum over the nodes and elements that the term holds;
         ``System.sums.total`` makes it that over the whole cloth.
         """
-        ...
-
-
-class Dissipative(Protocol):
-    """The ability of a term with `dissipative`."""
+        return 0.0
 
     def power(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
         """Dissipated power [W], −f · v of the damping part; ≥ 0 for damping."""
-        ...
-
-
-class Supplying(Protocol):
-    """The ability of a load without an energy: its work gets a column of the ledger."""
+        return 0.0
 
     def supply(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
-        """Power f · v [W] that the load does on the cloth."""
-        ...
+        """Power f · v [W] of a load without an energy: its work gets a column of the ledger."""
+        return 0.0
 
-
-class DenseTangent(Protocol):
-    """The ability of a term that couples all nodes by one mode, such as the pressure of a gas."""
-
-    def dense(self, x: np.ndarray, t: float) -> tuple[float, np.ndarray]:
-        """c [N/m] and u (n, 3) of a part c u uᵀ of K that `add_tangent` leaves out."""
-        ...
-
-
-class Stressed(Protocol):
-    """The ability of a membrane: frames show its stress."""
+    def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
+        """Work [J] that moves the normals of clamps over a step from `old` to `new`."""
+        return 0.0
 
     def add_stress(self, x: np.ndarray, out: np.ndarray) -> None:
-        """out (triangles, 4) += S₁₁, S₂₂, S₁₂ [N/m] and the energy per area [J/m²], in place."""
-        ...
+        """out (triangles, 4) += S₁₁, S₂₂, S₁₂ [N/m] and the energy per area [J/m²], in place.
 
-
-class Recovered(Protocol):
-    """The ability of a membrane or plate to estimate its error in space.
-
-    A system in which another term has an energy, and is no load, has no estimate.
-    """
+        It is for membranes: frames show it.
+        """
 
     def strain_error(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(triangles,) energy [J] of the recovered strain minus the strain of the mesh."""
-        ...
+        """(triangles,) energy [J] of the recovered strain minus the strain of the mesh.
 
+        A system in which another term has an energy, and is no load, has no estimate of its error
+        in space.
+        """
+        raise NotImplementedError
 
-class OverStep(Protocol):
-    """The ability to act over a step: the force depends on where the step began.
-
-    `BackwardEuler`, `BDF2` and `EnergyMomentum` ask for it; the other methods call the term itself.
-    `EnergyMomentum` needs it of each term with an energy.
-
-    Attributes
-    ----------
-    needs_difference
-        Optional; True for a term that other methods must refuse, because only `BackwardEuler` and
-        `BDF2` have a difference for rates over the step.
-    """
+    # --- over a step ------------------------------------------------------------------------------
 
     def over_step(self, step: StepDifference) -> BoundTerm:
         """The term over this step, or the term itself where it does not depend on the step.
 
+        `BackwardEuler`, `BDF2` and `EnergyMomentum` ask for it; the other methods call the term
+        itself, unless it keeps a history. `EnergyMomentum` needs it of each term with an energy.
         Where ``step.at_mean`` is False, x is the end of the step. An `energy` of what is returned
         is then its potential over the step, −∂energy/∂x its force, so that the step can minimise.
         Where it is True, x is the mean of both ends, and the force does the work of the energy.
         """
-        ...
-
-
-class DissipatesOverStep(Protocol):
-    """The ability of what `over_step` returns, if the term is `dissipative` by itself."""
+        return self
 
     def dissipation(self, x: np.ndarray) -> float:
-        """Energy [J] dissipated in the step that ends at x: the ledger's column of the term."""
-        ...
+        """Energy [J] dissipated in the step that ends at x: the ledger's column of the term.
 
+        It is asked of what `over_step` returned; without it the column is the `power`.
+        """
+        return 0.0
 
-class LimitsDirection(Protocol):
-    """The ability to limit a Newton direction, such as up to a contact.
+    def admit(self, x: np.ndarray, t: float) -> np.ndarray:
+        """Positions (n, 3) near x that are allowed at the end t of the step; x itself if it is.
 
-    The line searches of steps and of `equilibrium` ask for it. The energy of such a term is +∞, and
-    its force is NaN, where the cloth may not be.
+        It is asked of what `over_step` returned.
+        """
+        return x
 
-    Attributes
-    ----------
-    needs_end
-        Why only methods that solve for the forces at the end of a step may be used: `BackwardEuler`
-        and `BDF2`. The others refuse the term with these words.
-    """
+    def start_history(self, x: np.ndarray, t: float) -> Any:
+        """The record of a term with history at the start of a run; None for a term without.
 
-    needs_end: str
+        It is a frozen dataclass of arrays, marked with `remembered`, so that restart files have
+        it. ``step.history`` of `over_step` is the record at the begin of the step.
+        """
+        return None
+
+    def commit(self, x: np.ndarray, t: float) -> Any:
+        """The record after the step that ends at x, asked of what `over_step` returned."""
+        return None
+
+    # --- contact ----------------------------------------------------------------------------------
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α in [0, 1] for which the term allows the way from x to x + α s.
 
-        Both are (n, 3) [m]; the term allows x.
+        Both are (n, 3) [m]; the term allows x. The line searches of steps and of `equilibrium` ask
+        for it. The energy of such a term is +∞, and its force is NaN, where the cloth may not be.
         """
-        ...
+        return 1.0
 
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for positions (n, 3) that the term does not allow."""
-        ...
-
-
-class KeepsDistance(Protocol):
-    """The ability of contact to tell its least distance, a column of what is observed.
-
-    The sum of its force is a column too, as the reaction.
-    """
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
-        """The least distance [m] of the cloth at x (n, 3) from what it must not enter."""
-        ...
+        """The least distance [m] of the cloth at x (n, 3) from what it must not enter.
 
+        It is a column of what is observed, with the sum of the force as the reaction.
+        """
+        raise NotImplementedError
 
-class ShowsContact(Protocol):
-    """The ability of contact to be drawn; `slip` and `surface` are those of obstacles alone."""
+    def mean_distance(self, x: np.ndarray, t: float) -> float | None:
+        """The mean distance [m] of what touches an obstacle, NaN if nothing does."""
+        return None
 
-    def push(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(n, 3) force on the nodes without friction [N]."""
-        ...
+    def push(self, x: np.ndarray, t: float) -> np.ndarray | None:
+        """(n, 3) force of contact on the nodes without friction [N], to be drawn."""
+        return None
 
-    def slip(self, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-        """(n, 3) velocity [m/s] along the obstacle and relative to it, of nodes that touch."""
-        ...
+    def slip(self, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray | None:
+        """(n, 3) velocity [m/s] along an obstacle and relative to it, of nodes that touch."""
+        return None
 
-    def surface(self, t: float, place: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    def surface(
+        self, t: float, place: np.ndarray, reach: float
+    ) -> tuple[np.ndarray, np.ndarray] | None:
         """Points (p, 3) and triangles (q, 3); of an endless obstacle within `reach` of a place."""
-        ...
+        return None
+
+    # --- where it is, and what it takes -----------------------------------------------------------
+
+    def here(self) -> BoundTerm:
+        """The term as it is bound to the part of the cloth that this process has."""
+        return self
+
+    def nbytes(self, explicit: bool) -> int:
+        """Bytes of the arrays of its own, for `explicit` methods without those of the tangent."""
+        return 0
+
+    # --- which of these it has of its own ---------------------------------------------------------
+
+    @property
+    def supplies(self) -> bool:
+        """Whether its work is a column of the ledger."""
+        return has_own(self, "supply")
+
+    @property
+    def has_stress(self) -> bool:
+        """Whether it is a membrane with a stress."""
+        return has_own(self, "add_stress")
+
+    @property
+    def recovers_strain(self) -> bool:
+        """Whether it can estimate its error in space."""
+        return has_own(self, "strain_error")
+
+    @property
+    def knows_steps(self) -> bool:
+        """Whether it says what it is over a step."""
+        return has_own(self, "over_step")
+
+    @property
+    def dissipates_over_step(self) -> bool:
+        """Whether, over a step, it says what it dissipated in it."""
+        return has_own(self, "dissipation")
+
+    @property
+    def limits_direction(self) -> bool:
+        """Whether it limits directions."""
+        return has_own(self, "limit")
+
+    @property
+    def couples_nodes(self) -> bool:
+        """Whether it couples nodes outside the fixed pattern."""
+        return has_own(self, "coupling")
+
+    @property
+    def keeps_distance(self) -> bool:
+        """Whether it is contact that tells its least distance."""
+        return has_own(self, "least_distance")
 
 
-class AdmitsGuess(Protocol):
-    """The ability of what `over_step` returns, of a term that limits directions."""
-
-    def admit(self, x: np.ndarray, t: float) -> np.ndarray:
-        """Positions (n, 3) near x that are allowed at the end t of the step; x itself if it is."""
-        ...
+ABILITIES = tuple(
+    name for name in vars(BoundTerm) if not name.startswith("_") and name not in ALWAYS
+)
 
 
-class Coupling(Protocol):
-    """The ability to couple nodes outside the fixed pattern, as contact between triangles does."""
-
-    def coupling(
-        self, x: np.ndarray, v: np.ndarray, t: float, wx: float, wv: float, definite: bool
-    ) -> sparse.spmatrix | None:
-        """(3n, 3n) part of wx K + wv D that `add_tangent` leaves out; None if nothing is coupled.
-
-        Its pattern may change from call to call. `definite` is that of `add_tangent`.
-        """
-        ...
-
-
-class ElementEnergies(Protocol):
-    """Reserved: the ability to tell where the energy is. Nothing calls it yet."""
-
-    def element_energies(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(m,) [J] shares of the elements of `stencil`; their sum is `energy`."""
-        ...
-
-
-class CompiledForce(Protocol):
-    """The ability to take part in explicit steps without Python between them.
-
-    A class that overrides `add_force` must override `force_calls` too; else it is not asked.
-    """
-
-    def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
-        """The kernels that make up `add_force`, in order, each with its arguments.
-
-        They are called again and again while x, v and f change in place, and may have work arrays
-        of their own. None where the force depends on t or needs Python. The bits must be those of
-        `add_force`. A `SharedCall`, as `SharedLoop` makes it, is for several threads; one of them
-        makes all other calls.
-        """
-        ...
+def has_own(term: BoundTerm, name: str) -> bool:
+    """Whether a bound term has a function of its own in place of that of `BoundTerm`."""
+    own = getattr(term, name)
+    return getattr(own, "__func__", own) is not vars(BoundTerm)[name]
 
 
 def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
@@ -346,7 +409,7 @@ def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
 
 
 def bound(term: Term, panel: Panel, slots: Callable) -> BoundTerm:
-    """The bound term, checked.
+    """The bound term, checked and complete.
 
     Raises
     ------
@@ -357,8 +420,46 @@ def bound(term: Term, panel: Panel, slots: Callable) -> BoundTerm:
     wanted = list(ALWAYS)
     wanted += ["energy"] if getattr(made, "has_energy", False) else []
     wanted += ["power"] if getattr(made, "dissipative", False) else []
-    if missing := [name for name in wanted if not hasattr(made, name)]:
+    if missing := [name for name in wanted if _lacks(made, name)]:
         what = f"{type(term).__name__}.bind(panel, slots) gives {with_article(type(made).__name__)}"
         remedy = "help(fecloth.terms.protocol.BoundTerm) says what each is."
         raise InputError(what, f"must have {', '.join(missing)}", "System", remedy)
+    return complete(made)
+
+
+def _lacks(made: Any, name: str) -> bool:
+    """Whether an object has no attribute of a name but what `BoundTerm` has."""
+    if not hasattr(made, name):
+        return True
+    return isinstance(made, BoundTerm) and name in vars(BoundTerm) and not has_own(made, name)
+
+
+def complete(made: Any) -> BoundTerm:
+    """A bound term, or what its `over_step` gave, with the abilities of `BoundTerm` it lacks.
+
+    Raises
+    ------
+    InputError
+        For an object whose class is not a plain one of Python.
+    """
+    if isinstance(made, BoundTerm):
+        return made
+    missing = tuple(name for name in ABILITIES if not hasattr(made, name))
+    if missing:
+        try:
+            kind: Any = type(made)
+            object.__setattr__(made, "__class__", _completed(kind, missing))
+        except TypeError:
+            what = f"a bound term that is {with_article(type(made).__name__)}"
+            remedy = "Derive its class from fecloth.terms.protocol.BoundTerm."
+            raise InputError(
+                what, "must be an object of a class of its own", "System", remedy
+            ) from None
     return made
+
+
+@cache
+def _completed(kind: Any, missing: tuple[str, ...]) -> type:
+    """A class with the abilities of `BoundTerm` that are missing in another."""
+    about = {"__slots__": (), "__module__": kind.__module__, "__doc__": kind.__doc__}
+    return type(kind.__name__, (kind,), about | {name: vars(BoundTerm)[name] for name in missing})

@@ -45,7 +45,7 @@ def measure(problem: str, pattern: str, n: int, element: str) -> dict:
     except fc.EquilibriumFailed:
         return {"true": math.nan, "effectivity": math.nan}
     system, state = solved.system, solved.state
-    strained = [term for term in system.bound if hasattr(term, "strain_error")]
+    strained = [term for term in system.bound if term.recovers_strain]
     stored = sum(term.energy(state.x, state.t) for term in strained)
     true = math.sqrt(true_error(solved) / stored)
     return {"true": true, "effectivity": fc.space_error(system, state).relative / true}

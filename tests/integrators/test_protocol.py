@@ -75,7 +75,6 @@ def test_linear_solvers_are_linear_solvers():
 
 
 def test_system_reads_the_members_of_the_protocol():
-    assert members(protocol.BoundTerm) == set(protocol.ALWAYS)
     assert members(protocol.Term) == {"stencil", "bind"}
     for name in terms.__all__:
         assert not lacks(getattr(terms, name), protocol.Term)

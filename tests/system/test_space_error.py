@@ -33,7 +33,7 @@ def test_estimate_is_near_the_true_error_and_falls_with_it(case):
     (problem, pattern, element), relative = case.split(), []
     for n in (8, 16):
         solved = PROBLEMS[problem](pattern, n, element)
-        bound = [term for term in solved.system.bound if hasattr(term, "strain_error")]
+        bound = [term for term in solved.system.bound if term.recovers_strain]
         stored = sum(term.energy(solved.state.x, 0.0) for term in bound)
         estimate = fc.space_error(solved.system, solved.state)
         assert 0.75 < estimate.relative / math.sqrt(true_error(solved) / stored) < 1.25

@@ -70,7 +70,7 @@ def over_steps(bound, start):
     """The term over a step of backward Euler, and over two of energy–momentum."""
     steps = [StepDifference(start, 0.01, 0.01, ((1.0, start),))]
     steps += [StepDifference(start, 0.01, 0.005, (), True, symmetric) for symmetric in (0, 1)]
-    terms = [bound.over_step(step) for step in steps if hasattr(bound, "over_step")]
+    terms = [bound.over_step(step) for step in steps]
     return [term for term in terms if term is not bound]
 
 

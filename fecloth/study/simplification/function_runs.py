@@ -17,6 +17,7 @@ from fecloth.study.setups import Setup
 from fecloth.study.simplification.runs import Original, measure_fastest
 from fecloth.study.simplification.variants import Data, Variant
 from fecloth.study.status import attempt
+from fecloth.terms.traits import traits_of
 
 KINDS = ("without", "springs", "hinges", "quadratic", "strain", "mesh", "dt")  # of its variants
 
@@ -52,7 +53,7 @@ def with_terms(setup: Setup, terms: Sequence[Mapping]) -> Setup:
     """
     old = setup.system
     new = tuple(_make(term, old.terms) for term in terms)
-    holds = any(getattr(term, "holds_normals", False) for term in new)
+    holds = any(traits_of(term).holds_normals for term in new)
     pins = old.pins if holds else tuple(_unclamped(pin) for pin in old.pins)
     return replace(setup, system=replace(old, terms=new, pins=pins))
 

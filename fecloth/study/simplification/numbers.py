@@ -64,7 +64,7 @@ class Numbers:
     def _forces(self) -> dict[str, np.ndarray]:
         forces, start = {}, self.built.state
         for term, bound in zip(self.built.system.terms, self.built.system.bound, strict=True):
-            if getattr(term, "load", False) or getattr(bound, "load", False):
+            if bound.load:
                 f = np.zeros_like(start.x)
                 bound.add_force(start.x, start.v, start.t, f)
                 forces[type(term).__name__] = f

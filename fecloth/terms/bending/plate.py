@@ -18,6 +18,7 @@ from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.bending.plate_discrete_gradient import PlateOverStep
 from fecloth.terms.bending.plate_stiffness import panel_curvatures
 from fecloth.terms.loops.array_updates import subtract
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.recovered_error import plate_error
 from fecloth.terms.step_difference import StepDifference
 
@@ -138,7 +139,7 @@ def rest_angles(rest, panel: Panel) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundPlate:
+class BoundPlate(BoundTerm):
     """`PlateBending` on a cloth; `rest` (h,) are the measures μ⁰."""
 
     plate: PlateAngles
@@ -177,6 +178,9 @@ class BoundPlate:
         self.plate.add_products(g, g, wx, J)
         if not definite:
             self.plate.add_curvatures(x, t, self.plate.stiffness @ (mu - self.rest), wx, J)
+
+    def nbytes(self, explicit: bool) -> int:
+        return self.plate.nbytes(explicit)
 
     def strain_error(self, x: np.ndarray, t: float) -> np.ndarray:
         """(m,) energy [J] of what recovery changes of the curvature in each triangle."""

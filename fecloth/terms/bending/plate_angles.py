@@ -93,10 +93,10 @@ class PlateAngles:
         """Where products with Q lie in the system matrix."""
         return CoupledRows.make(self.nodes, self.stiffness, self.find_slots, self.pairs, self.n)
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of Q [bytes]."""
-        return int(self.stiffness.data.nbytes + self.stiffness.indices.nbytes)
+    def nbytes(self, explicit: bool) -> int:
+        """Memory of Q, and of the rows of the tangent unless `explicit` [bytes]."""
+        rows = 0 if explicit else self.rows.nbytes
+        return int(self.stiffness.data.nbytes + self.stiffness.indices.nbytes) + rows
 
     @cached_property
     def loop(self) -> SharedLoop:

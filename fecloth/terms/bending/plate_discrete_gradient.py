@@ -24,6 +24,7 @@ from fecloth.terms.loops.rigid_motion import (
     remove_rigid_part,
     subtract_mean,
 )
+from fecloth.terms.protocol import BoundTerm
 
 FOUR = (0, 0, 0, 0)  # a zero for each node of a hinge, whose number the compiler must know
 
@@ -132,7 +133,7 @@ def add_gradient_changes(
 
 
 @dataclass(frozen=True, eq=False)
-class PlateOverStep:
+class PlateOverStep(BoundTerm):
     """A plate as it acts over a step from `start` (n, 3) to 2x − start, evaluated at the mean x."""
 
     plate: PlateAngles

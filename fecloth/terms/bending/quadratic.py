@@ -15,6 +15,7 @@ from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.hinge import hinge_stiffness
 from fecloth.terms.loops.array_updates import subtract_product
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -71,7 +72,7 @@ class QuadraticBending:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundQuadratic:
+class BoundQuadratic(BoundTerm):
     """`QuadraticBending` on a cloth.
 
     Attributes

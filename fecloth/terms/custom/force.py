@@ -17,6 +17,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.units import ACCELERATION, FORCE, PRESSURE
 from fecloth.terms.loops.array_updates import add
+from fecloth.terms.protocol import BoundTerm
 
 STEP = 1e-5  # m and m/s: the relative error of a central difference is about 1e-10 f'''/f'
 VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
@@ -131,7 +132,7 @@ class FormulaForce:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundUserForce:
+class BoundUserForce(BoundTerm):
     """`UserForce` on a cloth; `amount` (n,) is A_a."""
 
     function: Callable

@@ -18,6 +18,7 @@ from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.loops import bound_condition
 from fecloth.terms.loops.array_updates import clear, scale
+from fecloth.terms.protocol import BoundTerm
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class BendingDamping:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundPlateDamping:
+class BoundPlateDamping(BoundTerm):
     """`BendingDamping` of a plate on a cloth; `time` is τ [s]."""
 
     plate: PlateAngles
@@ -132,6 +133,9 @@ class BoundPlateDamping:
         self.plate.add_products(g, right, 1.0, J)
         if not definite:
             self.plate.add_curvatures(x, t, moment, wx, J)
+
+    def nbytes(self, explicit: bool) -> int:
+        return self.plate.nbytes(explicit)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bound of the eigenvalues of M⁻¹D [1/s] at flat."""

@@ -18,6 +18,7 @@ from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import RATE
 from fecloth.terms.loops.array_updates import subtract_scaled
+from fecloth.terms.protocol import BoundTerm
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class MassDamping:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundMassDamping:
+class BoundMassDamping(BoundTerm):
     """`MassDamping` on a cloth: `coefficient` (n, 1) is α m_a [N s/m]."""
 
     coefficient: np.ndarray
@@ -97,7 +98,7 @@ class BoundMassDamping:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundConsistentMassDamping:
+class BoundConsistentMassDamping(BoundTerm):
     """`MassDamping` on a cloth of P2 triangles with a consistent mass.
 
     Attributes

@@ -35,11 +35,12 @@ from fecloth.terms.loops.regge_strain import (
 )
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.membranes import stvk
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True, eq=False)
-class BoundReggeRate:
+class BoundReggeRate(BoundTerm):
     """`StrainRateDamping` on a cloth of P2 triangles; `viscosity` (m, 6) is τ ℂ₀ [N s/m].
 
     Its own functions are those of rate = "velocity"; `over_step` has those of "step".
@@ -107,13 +108,16 @@ class BoundReggeRate:
             arrays = *arrays, E.slopes, E.gradients, E.samples
         self.loop.add_blocks(lambda part, values: (add, (*cut(arrays, part), *others, values)), J)
 
+    def nbytes(self, explicit: bool) -> int:
+        return self.strain.nbytes
+
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest."""
         return 0.0, membrane_bound(self.panel, self.viscosity, mass)
 
 
 @dataclass(frozen=True, eq=False)
-class ReggeRateOverStep:
+class ReggeRateOverStep(BoundTerm):
     """`StrainRateDamping` of E_h over a step that ends at x."""
 
     damping: BoundReggeRate

@@ -30,6 +30,7 @@ from fecloth.terms.loops.green_strain import (
 from fecloth.terms.loops.regge_strain import ReggeStrain, check_strain, is_interpolated
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.membranes.stvk import StVK
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -127,7 +128,7 @@ class StrainRateDamping:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundStrainRate:
+class BoundStrainRate(BoundTerm):
     """`StrainRateDamping` on a cloth; `viscosity` (m, 6) is τ ℂ₀ [N s/m] in each triangle.
 
     Its own functions are those of rate = "velocity"; `over_step` has those of "step".

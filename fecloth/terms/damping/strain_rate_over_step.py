@@ -31,6 +31,7 @@ from fecloth.terms.loops.green_strain import (
     scatter_symmetric,
 )
 from fecloth.terms.loops.shared_loop import cut
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class StrainRateOverStep:
+class StrainRateOverStep(BoundTerm):
     """`StrainRateDamping` over a step that ends at x."""
 
     damping: BoundStrainRate

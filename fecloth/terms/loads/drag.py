@@ -19,6 +19,7 @@ from fecloth.terms.loads.air_velocity import AirVelocity, Uniform, velocity_fiel
 from fecloth.terms.loads.pressure import cross, edge
 from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 from fecloth.terms.loops.shared_loop import SharedLoop
+from fecloth.terms.protocol import BoundTerm
 
 Coefficient = Annotated[float, DENSITY.where(law="quadratic"), RESISTANCE.where(law="linear")]
 
@@ -107,7 +108,7 @@ def bind_drag(drag, wind: AirVelocity, panel: Panel, slots, bound_class: type[Bo
 
 
 @dataclass(frozen=True, eq=False)
-class BoundDrag:
+class BoundDrag(BoundTerm):
     """`Drag` on a cloth.
 
     Attributes

@@ -16,6 +16,7 @@ from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, PRESSURE, VOLUME
 from fecloth.terms.loads.pressure import add_skew, cross, orientation_signs
+from fecloth.terms.protocol import BoundTerm
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Gas:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundGas:
+class BoundGas(BoundTerm):
     """`Gas` on a cloth; `signs` (m,) is 1 or −1, see `pressure.orientation_signs`."""
 
     gas: Gas

@@ -14,6 +14,7 @@ from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import ACCELERATION
 from fecloth.terms.loops.array_updates import add
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -54,7 +55,7 @@ class Gravity:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundGravity:
+class BoundGravity(BoundTerm):
     """`Gravity` on a cloth: `weight` (n, 3) [N]."""
 
     weight: np.ndarray

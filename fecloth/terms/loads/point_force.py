@@ -15,6 +15,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import FORCE, LENGTH
 from fecloth.terms.loops.array_updates import add_rows
+from fecloth.terms.protocol import BoundTerm
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class PointForce:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundPointForce:
+class BoundPointForce(BoundTerm):
     """`PointForce` on a cloth: nodes (k,) and their shares (k, 1), whose sum is 1."""
 
     nodes: np.ndarray

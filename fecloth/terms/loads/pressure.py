@@ -20,6 +20,7 @@ from fecloth.quantities.units import PRESSURE
 from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 from fecloth.terms.loops.green_strain import gradient
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
+from fecloth.terms.protocol import BoundTerm
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def orientation_signs(cloth: Cloth) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundPressure:
+class BoundPressure(BoundTerm):
     """`Pressure` on a cloth of P1 triangles.
 
     Attributes

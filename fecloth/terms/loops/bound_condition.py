@@ -21,6 +21,7 @@ from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
 from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels, OverStep
 from fecloth.terms.loops.eigenvalue_bounds import bound_from_squares, squared_norms
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -49,7 +50,7 @@ def kernels(family: Callable[..., Any]) -> ConditionKernels:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundCondition:
+class BoundCondition(BoundTerm):
     """Conditions of one family on a cloth, made by `bind`.
 
     Attributes

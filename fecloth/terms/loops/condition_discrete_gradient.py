@@ -36,6 +36,7 @@ from fecloth.terms.loops.rigid_motion import (
     subtract_mean,
 )
 from fecloth.terms.loops.shared_loop import cut
+from fecloth.terms.protocol import BoundTerm
 
 if TYPE_CHECKING:
     from fecloth.terms.loops.bound_condition import BoundCondition, RigidCondition
@@ -224,7 +225,7 @@ def kernels(condition: Callable[..., Any]) -> DiscreteGradientKernels:
 
 
 @dataclass(frozen=True, eq=False)
-class OverStep:
+class OverStep(BoundTerm):
     """Conditions as they act over a step from `start` to 2x − start; their damping acts at x."""
 
     condition: RigidCondition

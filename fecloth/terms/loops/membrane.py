@@ -66,6 +66,7 @@ from fecloth.terms.loops.membrane_discrete_gradient import DiscreteGradientKerne
 from fecloth.terms.loops.regge_membrane import BoundRegge, ReggeKernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.recovered_error import green_strains, membrane_error
 from fecloth.terms.step_difference import StepDifference
 
@@ -215,7 +216,7 @@ def kernels(
 
 
 @dataclass(frozen=True, eq=False)
-class BoundMembrane:
+class BoundMembrane(BoundTerm):
     """An elastic membrane law bound to a cloth, as a `System` calls it.
 
     Attributes

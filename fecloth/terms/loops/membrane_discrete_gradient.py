@@ -51,6 +51,7 @@ from fecloth.terms.loops.green_strain import (
     scatter_symmetric,
 )
 from fecloth.terms.loops.shared_loop import cut
+from fecloth.terms.protocol import BoundTerm
 
 if TYPE_CHECKING:
     from fecloth.terms.loops.membrane import BoundMembrane
@@ -294,7 +295,7 @@ def kernels(
 
 
 @dataclass(frozen=True, eq=False)
-class OverStep:
+class OverStep(BoundTerm):
     """A membrane as it acts over a step from `start` to 2x − start."""
 
     membrane: BoundMembrane

@@ -47,6 +47,7 @@ from fecloth.terms.loops.regge_strain import (
     strain,
 )
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.recovered_error import membrane_error
 from fecloth.terms.step_difference import StepDifference
 
@@ -239,7 +240,7 @@ def kernels(law: Callable[..., Any], definite_law: Callable[..., Any]) -> ReggeK
 
 
 @dataclass(frozen=True, eq=False)
-class BoundRegge:
+class BoundRegge(BoundTerm):
     """An elastic membrane law of E_h bound to a cloth of P2 triangles, as a `System` calls it.
 
     Attributes
@@ -323,6 +324,9 @@ class BoundRegge:
         self.kernels.add_moduli(*self.data, x, moduli)
         return self.strain.values(x), moduli, LINEAR
 
+    def nbytes(self, explicit: bool) -> int:
+        return self.strain.nbytes
+
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest, where E_h equals E."""
         return membrane_bound(self.panel, self.moduli, mass), 0.0
@@ -333,7 +337,7 @@ class BoundRegge:
 
 
 @dataclass(frozen=True, eq=False)
-class ReggeOverStep:
+class ReggeOverStep(BoundTerm):
     """A membrane of E_h as it acts over a step from `start` to 2x − start."""
 
     membrane: BoundRegge
