@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from support.matrices import load, relative, sheet
+from support.matrices import load, reference, relative, sheet
 
 from fecloth.errors import IndefiniteMatrix, InputError, SolveFailed
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
+from fecloth.linalg.conjugate_gradients import CONVERGED
 
 
 @pytest.mark.parametrize("signs", [(-1, 1, 1), (1, 1, -1), (-1, -1, 1), (1, -1, -1), (1, 1, 0)])
@@ -127,3 +128,26 @@ def test_an_indefinite_matrix_leaves_a_direction_of_descent():
     x = caught.value.so_far
     Ax = (A.to_scipy() @ x.ravel()).reshape(x.shape)
     assert 0.5 * (x * Ax).sum() - (b * x).sum() < 0 < (b * x).sum()
+
+
+@pytest.mark.parametrize(("left", "goes_on"), [(0.4, True), (0.625, False)])
+def test_a_restart_must_halve_the_residual(left, goes_on):
+    """Rounds whose recurrence says that all is done, but which leave a part of the residual."""
+
+    class Drifting(select.PCG):
+        def _iterate(self, A, x, threshold, limit):
+            x += (1 - left) * (solution - x)
+            return 1, CONVERGED
+
+    A = sheet(m=5)
+    b = load(A)
+    solution, solver = reference(A, b), Drifting()
+    solver.prepare(A)
+    if goes_on:
+        x, info = solver.solve(b, rtol=1e-4)
+        assert relative(A, x, b) <= 1e-4
+        assert info.iterations == 11  # 0.4¹¹ < 1e-4 < 0.4¹⁰
+        return
+    with pytest.raises(SolveFailed, match="stands still at round-off after 1 iterations") as caught:
+        solver.solve(b, rtol=1e-4)
+    assert caught.value.residual == pytest.approx(left)

@@ -42,6 +42,14 @@ def test_a_run_fails_from_four_times_the_available_energy(times, fails, system):
     assert bool(given.growth(MOST_GROWTH)) == fails
 
 
+@pytest.mark.parametrize(("part", "fails"), [(0.8, False), (1.25, True)])
+def test_a_load_that_sets_in_may_have_given_four_times_its_last_work(part, fails, system):
+    """The cloth has lost the work of 1 J before the last step, and nothing since."""
+    given = ledger(system, kinetic=4.0 * part, deforming=4.0 * part, last_inflow=-1.0)
+    assert (given.inflow, given.available) == (0.0, 0.0)
+    assert bool(given.growth(1.0)) == fails
+
+
 @pytest.mark.parametrize(("apart", "found"), [(0.2, False), (0.3125, True)])
 def test_a_motion_jumps_from_a_quarter_of_its_velocity(apart, found):
     """Velocity 1 m/s at both ends of the step, and 1 m/s less `apart` as its mean."""

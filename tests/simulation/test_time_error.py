@@ -3,6 +3,7 @@
 import math
 import warnings
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -105,6 +106,41 @@ def test_a_damped_motion_is_judged_rightly(name, ratio):
     system, at, _ = vibration(rate=ratio * omega)
     said, true = errors(CASES[name], system, at, 0.15 / omega, 8 / (ratio * omega))
     assert 0.5 < said / true < 3
+
+
+@pytest.mark.parametrize("where", ["inside", "outside"])
+def test_an_error_is_forgotten_as_fast_as_the_damped_mode_that_made_it(where):
+    """e = κ dt^q ω^p A t exp(−γ t) of the mode A exp(−γ t) cos ωt, largest at t = 1/γ.
+
+    It is the phase that grows, on an amplitude that falls. The damping may be felt by a rigid
+    motion (outside) or not.
+    """
+    system, ((shape, omega), *_) = bar()
+    rest, mass, method = system.rest().x, system.nodal_mass.sum(), fc.ImplicitMidpoint()
+    gamma, dt = 0.02 * omega, 0.05 / omega
+    q, constant = method.traits.drift or (2, method.traits.error_constant)
+
+    def at(t, lost=0.0):
+        fall = SIZE * math.exp(-gamma * t)
+        speed = -fall * (omega * math.sin(omega * t) + gamma * math.cos(omega * t))
+        kinetic = 0.5 * mass * speed**2
+        ledger = {"deforming": kinetic, "kinetic": kinetic, "lost_inside": 0.0, "lost_outside": 0.0}
+        ledger[f"lost_{where}"] = lost
+        x = rest + fall * math.cos(omega * t) * shape
+        return fc.State(t, x, speed * shape), SimpleNamespace(**ledger)
+
+    state, ledger = at(0.0)
+    error, lengths, lost = TimeError.open(state, 0, ledger), [], 0.0
+    times = dt * np.arange(1, int(3 / (gamma * dt)))
+    for step, t in enumerate(times, start=1):
+        lost += dt * 4 * gamma * at(t - 0.5 * dt)[1].kinetic  # the power of damping at the rate 2γ
+        state, ledger = at(t, lost)
+        error = error.sampled(system, method.traits, state, step, ledger)
+        lengths.append(error.length)
+    exact = constant * dt**q * omega ** (q + 1) * SIZE * times * np.exp(-gamma * times)
+    later = times > 2 * math.pi / omega  # the estimate takes the mean of |cos ωt|
+    assert np.array(lengths)[later] == pytest.approx(exact[later], rel=0.06)
+    assert error.largest == pytest.approx(exact.max(), rel=0.02)
 
 
 @pytest.mark.slow

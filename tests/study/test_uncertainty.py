@@ -59,6 +59,72 @@ def test_values_that_do_not_converge(values, behaviour):
         assert found.uncertainty >= np.ptp(values[-3:])
 
 
+@pytest.mark.parametrize(
+    ("values", "uncertainty"),
+    [
+        ([1.0, 1.2, 0.9], 3 * 0.3),  # three times the range
+        ([2.0, 1.1, 1.2, 1.15], 3 * 0.1),  # of the three finest
+        ([1.0, 1.1, 1.3], 3 * 0.3),
+        ([1.0, 1.1, 1.3, 1.7], 3 * 0.6),
+    ],
+)
+def test_the_uncertainty_of_values_that_do_not_converge_is_three_times_their_range(
+    values, uncertainty
+):
+    found = estimate_uncertainty(H4[-len(values) :], values, theory=2)
+    assert found.uncertainty == pytest.approx(uncertainty, rel=1e-12)
+
+
+def scattered(sizes, amount, order=2):
+    """5 + hᵖ and a scatter of this size that no fit of an order near p hides; its last part."""
+    power = sizes**order
+    seen = np.column_stack([np.ones(len(sizes)), power, power * np.log(sizes)])
+    scatter = amount * np.linalg.svd(seen.T)[2][3]  # orthogonal to what a fit can change
+    return 5 + power + scatter, abs(scatter[-1])
+
+
+def test_the_uncertainty_has_the_scatter_of_the_fit_by_hand():
+    """U = 1.25 |φ_fit(h₁) − φ₀| + σ + |φ₁ − φ_fit(h₁)|; one degree of freedom is left for σ."""
+    values, last = scattered(H4, 2e-4)
+    found = estimate_uncertainty(H4, values, theory=2)
+    assert found.order == pytest.approx(2, abs=1e-4)
+    assert found.limit == pytest.approx(5, abs=1e-6)
+    assert found.scatter == pytest.approx(2e-4, rel=1e-4)
+    assert found.scatter < found.data_range
+    assert found.uncertainty == pytest.approx(1.25 * 0.1**2 + 2e-4 + last, rel=1e-4)
+
+
+def test_the_uncertainty_of_a_fit_that_shows_scatter_only_by_hand():
+    """U = 3 σ/Δ (|φ_fit(h₁) − φ₀| + σ + |φ₁ − φ_fit(h₁)|); five degrees of freedom."""
+    sizes = np.linspace(1.0, 0.3, 8)
+    values, last = scattered(sizes, 0.6)
+    found = estimate_uncertainty(sizes, values, theory=2)
+    assert (found.order, found.behaviour) == (pytest.approx(2, abs=1e-4), "monotone")
+    deviation, spread = 0.6 / np.sqrt(5), np.ptp(values) / 7
+    assert deviation > spread
+    by_hand = 3 * deviation / spread * (0.3**2 + deviation + last)
+    assert found.uncertainty == pytest.approx(by_hand, rel=1e-4)
+
+
+def test_the_uncertainty_of_an_order_above_the_theory_has_the_scatter_too():
+    """U = 3 |φ₁ − φ₂|/(2² − 1) + σ + |φ₁ − φ_fit(h₁)| of the two finest levels."""
+    values, last = scattered(H4, 1e-5, order=3)
+    found = estimate_uncertainty(H4, values, theory=2)
+    assert found.order == pytest.approx(3, abs=1e-3)
+    index = abs(values[-1] - values[-2])
+    assert found.uncertainty == pytest.approx(index + 1e-5 + last, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("order", "trusted"), [(0.4, False), (0.625, True), (2 + 0.08, True), (2 + 0.125, False)]
+)
+def test_orders_from_a_half_to_a_tenth_above_the_theory_are_trusted(order, trusted):
+    """U is 1.25 times the error, or 3 times the error of the theoretical order."""
+    found = estimate_uncertainty(H4[1:], 7 + H4[1:] ** order, theory=2)
+    last = 0.1**order if trusted else (0.2**order - 0.1**order) / 3
+    assert found.uncertainty == pytest.approx((1.25 if trusted else 3.0) * last, rel=1e-6)
+
+
 def test_scattered_values_are_covered_in_19_of_20(rng):
     """Meshes that are not nested: the error is h² times a random factor from 0.8 to 1.2."""
     sizes = np.array([1, 0.71, 0.5, 0.36])

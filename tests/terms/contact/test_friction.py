@@ -113,6 +113,15 @@ def test_the_factor_is_the_derivative_of_the_potential():
     assert friction.factor(np.array([2.0]), 1e-3)[0] == 0.5
 
 
+def test_the_potential_of_friction_goes_on_without_a_jump_where_sliding_begins():
+    """f₀(y) = y beyond ε, and below it the cubic that meets it with its slope and curvature."""
+    eps = 1e-3
+    at, beyond = friction.potential(np.array([1 - 1e-9, 1.0]) * eps, eps)
+    assert at == pytest.approx(beyond, rel=2e-9)
+    assert beyond == eps
+    assert friction.potential(np.array([0.0, 3 * eps]), eps) == pytest.approx([eps / 3, 3 * eps])
+
+
 def slide(angle, mu, method, t_end=0.3, dt=0.01):
     """Mean velocity down a slope [m/s] of a sheet that was laid on it at rest, and the run."""
     cloth = fc.Cloth.rectangle(0.2, 0.1, h=0.05)
