@@ -12,13 +12,18 @@ clamped barrier −(d − d̂)² ln(d/d̂), here divided by gap² and weighted w
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
+from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
+from fecloth.terms.contact.shape import positive
 
 GRAVITY = 9.81  # m/s², for the weight of the fabric
 STRAIN = 0.01  # of a fabric that is pulled against an obstacle
 RESTING = 0.9  # s at which it then rests
+Stiffness = float | Literal["auto"]
 
 
 def value(s: np.ndarray) -> np.ndarray:
@@ -39,14 +44,26 @@ def curvature(s: np.ndarray) -> np.ndarray:
         return np.where(s > 0, ((s - 1) / s) ** 2 - 4 * (s - 1) / s - 2 * np.log(s), np.nan)
 
 
-def automatic_stiffness(panel: Panel, gap: float) -> float:
-    """κ [Pa] from the weight and the stiffness of the fabric, and the gap.
+def check_numbers(where: str, gap: float, friction: float, stiffness: Stiffness) -> None:
+    """Raise `InputError` for numbers that no contact can have."""
+    positive("gap", gap, where)
+    if not (is_number(friction) and friction >= 0):
+        raise InputError(f"friction = {friction!r}", "must be finite and >= 0", where)
+    if stiffness != "auto" and not (is_number(stiffness) and stiffness > 0):
+        allowed = 'must be finite and > 0 [Pa], or "auto"'
+        raise InputError(f"stiffness = {stiffness!r}", allowed, where)
 
-    It is the larger of ρ g L/gap and Y ε/(L p(0.9)), with the extent L of the cloth, ε = 1 % and
-    p = −b′. With the first one, a cloth that falls by its own extent still keeps about a fifth of
-    the gap. With the second one, a cloth pulled by 1 % over an obstacle of its own size rests at
+
+def stiffness_of(stiffness: Stiffness, panel: Panel, gap: float) -> float:
+    """κ [Pa] as it is given, or for "auto" from the weight and stiffness of the fabric.
+
+    "auto" is the larger of ρ g L/gap and Y ε/(L p(0.9)), with the extent L of the cloth, ε = 1 %
+    and p = −b′. With the first one, a cloth that falls by its own extent still keeps about a fifth
+    of the gap. With the second one, a cloth pulled by 1 % over an obstacle of its own size rests at
     nine tenths of the gap.
     """
+    if stiffness != "auto":
+        return float(stiffness)
     extent = panel.cloth.extent
     weight = max(fabric.areal_density for fabric in panel.fabrics) * GRAVITY
     tension = STRAIN * max(max(fabric.tensile) for fabric in panel.fabrics)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 LEAST = 1e-300
+CREEP = 1e-3  # extents of the cloth a second, below which friction counts as that at rest
 
 
 def potential(y: np.ndarray, eps: float) -> np.ndarray:

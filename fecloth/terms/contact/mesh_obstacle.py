@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 
@@ -12,12 +12,11 @@ from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.read import read_surface
-from fecloth.mesh.surface import Surface
 from fecloth.quantities.rotation import Rotation
 from fecloth.quantities.time_function import VectorOfTime
 from fecloth.quantities.units import LENGTH, PRESSURE
-from fecloth.terms.contact.barrier import automatic_stiffness
-from fecloth.terms.contact.obstacle import CREEP
+from fecloth.terms.contact import barrier
+from fecloth.terms.contact.friction import CREEP
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.surfaces import Triangles
 from fecloth.terms.contact.toolkit import ContactSets
@@ -79,7 +78,7 @@ class MeshObstacle:
     path: str | Path
     gap: Annotated[float, LENGTH] = 1e-3
     friction: float = 0.0
-    stiffness: Annotated[float | Literal["auto"], PRESSURE] = "auto"
+    stiffness: Annotated[barrier.Stiffness, PRESSURE] = "auto"
     scale: float = 1.0
     motion: Annotated[VectorOfTime | None, LENGTH] = None
     rotate: Rotation | None = None
@@ -88,16 +87,9 @@ class MeshObstacle:
 
     def __post_init__(self):
         _ = self._body  # its mistakes are refused where the obstacle is written
-        for name, value, unit in (("gap", self.gap, " [m]"), ("scale", self.scale, "")):
-            if not (is_number(value) and value > 0):
-                allowed = f"must be finite and > 0{unit}"
-                raise InputError(f"{name} = {value!r}", allowed, "MeshObstacle")
-        if not (is_number(self.friction) and self.friction >= 0):
-            what = f"friction = {self.friction!r}"
-            raise InputError(what, "must be finite and >= 0", "MeshObstacle")
-        if self.stiffness != "auto" and not (is_number(self.stiffness) and self.stiffness > 0):
-            allowed = 'must be finite and > 0 [Pa], or "auto"'
-            raise InputError(f"stiffness = {self.stiffness!r}", allowed, "MeshObstacle")
+        if not (is_number(self.scale) and self.scale > 0):
+            raise InputError(f"scale = {self.scale!r}", "must be finite and > 0", "MeshObstacle")
+        barrier.check_numbers("MeshObstacle", self.gap, self.friction, self.stiffness)
 
     @property
     def _body(self) -> RigidMesh:
@@ -108,14 +100,9 @@ class MeshObstacle:
 
     def bind(self, panel: Panel, slots) -> BoundMeshObstacle:
         nodes, triangles = read_surface(self.path)
-        cloth, stiffness = panel.cloth, self.stiffness
-        if stiffness == "auto":
-            stiffness = automatic_stiffness(panel, self.gap)
-        rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+        cloth, stiffness = panel.cloth, barrier.stiffness_of(self.stiffness, panel, self.gap)
         fixed = self.scale * nodes, triangles
-        numbers = float(self.gap), 0.0, float(stiffness)
-        own = Surface.of(cloth).triangles
-        sets = ContactSets.of("MeshObstacle", rest, own, *numbers, fixed)
+        sets = ContactSets.of("MeshObstacle", cloth, float(self.gap), 0.0, stiffness, fixed)
         of_all = "MeshObstacle", sets, self.friction, CREEP * cloth.extent
         if self._body.moves:
             return BoundMovingMeshObstacle(*of_all, self._body)

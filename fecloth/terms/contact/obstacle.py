@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 
-from fecloth.errors import InputError, is_number
+from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.bound_obstacle import BoundMovingObstacle, BoundObstacle
+from fecloth.terms.contact.friction import CREEP
 from fecloth.terms.contact.points import MOST, divisions, points_of
 from fecloth.terms.contact.shape import Shape
 
 LARGEST_GAP = 0.1  # of the extent of the cloth
-CREEP = 1e-3  # extents of the cloth a second, below which friction counts as that at rest
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Obstacle:
     shape: Shape
     gap: Annotated[float, LENGTH] = 1e-3
     friction: float = 0.0
-    stiffness: Annotated[float | Literal["auto"], PRESSURE] = "auto"
+    stiffness: Annotated[barrier.Stiffness, PRESSURE] = "auto"
 
     elements = ("P1", "P2")
 
@@ -84,13 +84,7 @@ class Obstacle:
         if not isinstance(self.shape, Shape):
             allowed = "must be a shape, such as fc.shapes.Sphere(center, radius)"
             raise InputError(f"shape = {self.shape!r}", allowed, "Obstacle")
-        if not (is_number(self.gap) and self.gap > 0):
-            raise InputError(f"gap = {self.gap!r}", "must be finite and > 0 [m]", "Obstacle")
-        if not (is_number(self.friction) and self.friction >= 0):
-            raise InputError(f"friction = {self.friction!r}", "must be finite and >= 0", "Obstacle")
-        if self.stiffness != "auto" and not (is_number(self.stiffness) and self.stiffness > 0):
-            allowed = 'must be finite and > 0 [Pa], or "auto"'
-            raise InputError(f"stiffness = {self.stiffness!r}", allowed, "Obstacle")
+        barrier.check_numbers("Obstacle", self.gap, self.friction, self.stiffness)
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
         return cloth.stencil if self._parts(cloth) > 1 else None
@@ -105,10 +99,8 @@ class Obstacle:
             remedy = "The cloth rests about a gap away from the obstacle."
             allowed = f"must be at most {largest:.3g} m, a tenth of the extent of the cloth"
             raise InputError(f"gap = {self.gap:g} m", allowed, "Obstacle", remedy)
-        stiffness = self.stiffness
-        if stiffness == "auto":
-            stiffness = barrier.automatic_stiffness(panel, self.gap)
+        stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
         points = points_of(cloth, self._parts(cloth), slots)
         kind = BoundMovingObstacle if self.shape.moves else BoundObstacle
-        numbers = float(self.gap), float(stiffness), float(self.friction), CREEP * cloth.extent
+        numbers = float(self.gap), stiffness, float(self.friction), CREEP * cloth.extent
         return kind(self.shape, *numbers, points)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
-from fecloth.mesh.surface import Surface
 from fecloth.quantities.units import LENGTH, PRESSURE
-from fecloth.terms.contact.barrier import automatic_stiffness
-from fecloth.terms.contact.obstacle import CREEP
+from fecloth.terms.contact import barrier
+from fecloth.terms.contact.friction import CREEP
 from fecloth.terms.contact.toolkit import ContactSets
 from fecloth.terms.contact.triangle_contact import BoundTriangleContact
 
@@ -72,38 +71,28 @@ class SelfContact:
     gap: Annotated[float, LENGTH] = 1e-3
     friction: float = 0.0
     thickness: Annotated[float, LENGTH] = 0.0
-    stiffness: Annotated[float | Literal["auto"], PRESSURE] = "auto"
+    stiffness: Annotated[barrier.Stiffness, PRESSURE] = "auto"
 
     elements = ("P1", "P2")
 
     def __post_init__(self):
-        for name, value, least in (("gap", self.gap, "> 0"), ("thickness", self.thickness, "≥ 0")):
-            if not (is_number(value) and (value > 0 or (value == 0 and least == "≥ 0"))):
-                allowed = f"must be finite and {least} [m]"
-                raise InputError(f"{name} = {value!r}", allowed, "SelfContact")
-        if not (is_number(self.friction) and self.friction >= 0):
-            what = f"friction = {self.friction!r}"
-            raise InputError(what, "must be finite and >= 0", "SelfContact")
-        if self.stiffness != "auto" and not (is_number(self.stiffness) and self.stiffness > 0):
-            allowed = 'must be finite and > 0 [Pa], or "auto"'
-            raise InputError(f"stiffness = {self.stiffness!r}", allowed, "SelfContact")
+        if not (is_number(self.thickness) and self.thickness >= 0):
+            what = f"thickness = {self.thickness!r}"
+            raise InputError(what, "must be finite and ≥ 0 [m]", "SelfContact")
+        barrier.check_numbers("SelfContact", self.gap, self.friction, self.stiffness)
 
     def stencil(self, cloth: Cloth) -> None:
         return None
 
     def bind(self, panel: Panel, slots) -> BoundTriangleContact:
-        cloth, triangles = panel.cloth, Surface.of(panel.cloth).triangles
-        edges = cloth.X[triangles] - cloth.X[np.roll(triangles, 1, axis=1)]
+        cloth, stiffness = panel.cloth, barrier.stiffness_of(self.stiffness, panel, self.gap)
+        numbers = float(self.gap), float(self.thickness), stiffness
+        sets = ContactSets.of("SelfContact", cloth, *numbers)
+        edges = cloth.X[sets.triangles] - cloth.X[np.roll(sets.triangles, 1, axis=1)]
         largest = float(np.linalg.norm(edges, axis=2).min()) / FARTHEST
         if self.gap + self.thickness > largest:
             what = f"gap + thickness = {self.gap + self.thickness:.4g} m"
             allowed = f"must be at most {largest:.4g} m, a third of the shortest edge"
             remedy = "Take a smaller gap, or a coarser mesh: neighbours would push each other."
             raise InputError(what, allowed, "SelfContact", remedy)
-        stiffness = self.stiffness
-        if stiffness == "auto":
-            stiffness = automatic_stiffness(panel, self.gap)
-        rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-        numbers = float(self.gap), float(self.thickness), float(stiffness)
-        sets = ContactSets.of("SelfContact", rest, triangles, *numbers)
         return BoundTriangleContact("SelfContact", sets, self.friction, CREEP * cloth.extent)

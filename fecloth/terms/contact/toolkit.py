@@ -10,6 +10,8 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.errors import InputError
+from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.surface import Surface
 
 RESERVE = 0.9  # of the way that is free, where it is not all of it
 AROUND = 1.0  # gaps that a node may move while the pairs found before are all that can touch
@@ -61,19 +63,19 @@ class ContactSets:
     def of(
         cls,
         where: str,
-        rest: np.ndarray,
-        triangles: np.ndarray,
+        cloth: Cloth,
         gap: float,
         thickness: float,
         stiffness: float,
         fixed: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> ContactSets:
-        """Return those of a cloth at rest (n, 3), with `fixed`: nodes and triangles of a mesh.
+        """Return those of a cloth, with `fixed`: nodes (k, 3) and triangles of a mesh.
 
         With a fixed mesh only pairs of the cloth and that mesh count, otherwise those of the cloth.
         `where` begins the error if ipctk is missing.
         """
-        ipctk = load(where)
+        ipctk, triangles = load(where), Surface.of(cloth).triangles
+        rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
         others, more = fixed or (np.zeros((0, 3)), np.zeros((0, 3), int))
         faces = np.asfortranarray(np.vstack([triangles, more + len(rest)]).astype(np.int32))
         nodes = np.asfortranarray(np.vstack([rest, others]))
