@@ -16,6 +16,7 @@ from fecloth.terms.contact.shape import Shape
 LEFT = 0.2  # of the distance, or of the gap
 CLOSE = 0.05  # of what must be left: the search for the way ends here
 MOST = 40  # iterations; then the way so far is taken
+ITERATIONS = 10  # out of the way of a shape that deforms
 RESERVE = 1.5  # on the slope of a distance that is not convex
 
 
@@ -52,3 +53,17 @@ def _approach(shape: Shape, at: np.ndarray, way: np.ndarray, t: float) -> np.nda
     slope = RESERVE * np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
     speed: np.ndarray = slope * np.sqrt(np.einsum("mi,mi->m", way, way))
     return speed
+
+
+def move_out(shape: Shape, y: np.ndarray, wanted: np.ndarray, t: float) -> np.ndarray:
+    """Points (n, 3) moved along the slope of the distance to the `wanted` one (n,), if nearer."""
+    y = y.copy()
+    for _ in range(ITERATIONS):
+        d = shape.distance(y, t)
+        near = np.flatnonzero(d < wanted)
+        if not len(near):
+            break
+        gradient = shape.slopes(y[near], t)[0]
+        part = (wanted - d)[near] / np.einsum("mi,mi->m", gradient, gradient)
+        y[near] += part[:, None] * gradient
+    return y

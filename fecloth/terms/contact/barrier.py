@@ -55,15 +55,18 @@ def check_numbers(where: str, gap: float, friction: float, stiffness: Stiffness)
 
 
 def stiffness_of(stiffness: Stiffness, panel: Panel, gap: float) -> float:
-    """κ [Pa] as it is given, or for "auto" from the weight and stiffness of the fabric.
+    """κ [Pa] as it is given, or the automatic one."""
+    return automatic_stiffness(panel, gap) if stiffness == "auto" else float(stiffness)
 
-    "auto" is the larger of ρ g L/gap and Y ε/(L p(0.9)), with the extent L of the cloth, ε = 1 %
-    and p = −b′. With the first one, a cloth that falls by its own extent still keeps about a fifth
-    of the gap. With the second one, a cloth pulled by 1 % over an obstacle of its own size rests at
+
+def automatic_stiffness(panel: Panel, gap: float) -> float:
+    """κ [Pa] from the weight and the stiffness of the fabric, and the gap.
+
+    It is the larger of ρ g L/gap and Y ε/(L p(0.9)), with the extent L of the cloth, ε = 1 % and
+    p = −b′. With the first one, a cloth that falls by its own extent still keeps about a fifth of
+    the gap. With the second one, a cloth pulled by 1 % over an obstacle of its own size rests at
     nine tenths of the gap.
     """
-    if stiffness != "auto":
-        return float(stiffness)
     extent = panel.cloth.extent
     weight = max(fabric.areal_density for fabric in panel.fabrics) * GRAVITY
     tension = STRAIN * max(max(fabric.tensile) for fabric in panel.fabrics)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,38 +12,20 @@ from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.contact import barrier
-from fecloth.terms.contact.advance import advance
-from fecloth.terms.contact.obstacle_over_step import ObstacleOverStep, RubbedOverStep
-from fecloth.terms.contact.points import MOST, Points, divisions, longest_edges
-from fecloth.terms.contact.rubbing import Rubbing, along
-from fecloth.terms.contact.shape import Shape
+from fecloth.terms.contact.advance import advance, move_out
+from fecloth.terms.contact.bound_contact import BoundContact, Rubbing
+from fecloth.terms.contact.friction import SlidingPoints, along
+from fecloth.terms.contact.points import MOST, Contacts, Points, divisions, longest_edges
+from fecloth.terms.contact.shape import AT_REST, Pose, Shape
 from fecloth.terms.contact.surfaces import Triangles, surface_of
 from fecloth.terms.step_difference import StepDifference
 
+MORE = (0, 1, 2, 4, 8, 16, 32)  # gaps, for points inside triangles
 NAMED = 5  # nodes that an error names
 
 
-class Contacts(NamedTuple):
-    """Points of one kind that an obstacle pushes.
-
-    Attributes
-    ----------
-    points, which
-        The points, and (p,) the numbers of those nearer than the gap.
-    y
-        (p, 3) their places in the frame of the shape.
-    d
-        (p,) their distances [m].
-    """
-
-    points: Points
-    which: np.ndarray
-    y: np.ndarray
-    d: np.ndarray
-
-
 @dataclass(frozen=True, eq=False)
-class BoundObstacle:
+class BoundObstacle(BoundContact):
     """`Obstacle` on a cloth.
 
     Attributes
@@ -65,25 +46,15 @@ class BoundObstacle:
     points: tuple[Points, ...]
 
     name = "Obstacle"
-    has_energy = True
-    stores_strain = False
-    needs_end = "the barrier must hold at the end of a step"
+
+    @property
+    def body(self) -> Shape:
+        return self.shape
 
     @property
     def symmetric(self) -> bool:
         """Whether there is no friction, which is not symmetric by itself, but over a step."""
         return not self.friction
-
-    @property
-    def dissipative(self) -> bool:
-        return self.friction > 0.0
-
-    velocity_dependent = dissipative
-
-    @property
-    def no_equilibrium(self) -> str:
-        """Why it has no unique equilibrium, or ""."""
-        return "with friction the place of rest depends on the way there" if self.friction else ""
 
     def touching(self, x: np.ndarray, t: float) -> Iterator[Contacts]:
         """The points nearer than the gap, of each kind."""
@@ -119,16 +90,11 @@ class BoundObstacle:
             for at in self.touching(x, t)
         )
 
-    def add_force(self, x, v, t, f) -> None:
-        """f −= κ A b′ ∇d, and friction [N]; NaN if a point is inside.
-
-        At v = 0 it is the derivative of the energy: the friction of an obstacle that moves past a
-        cloth at rest is left out.
-        """
+    def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
+        """f −= κ A b′ ∇d, and friction [N]; NaN if a point is inside."""
         self.add_push(x, t, f)
-        if self.friction and v.any():
-            for at, rubbing in self.rubbing(x, v, t):
-                at.points.add_force(at.which, rubbing.force, f)
+        for each, w in rubbing:
+            each.add_force(w, f)
 
     def add_push(self, x: np.ndarray, t: float, f: np.ndarray) -> None:
         """f −= κ A b′ ∇d [N], the force without friction."""
@@ -139,59 +105,111 @@ class BoundObstacle:
             gradient = self.slopes(at, t)[0]
             at.points.add_force(at.which, self.normal_force(at)[:, None] * gradient, f)
 
+    def add_tangents(
+        self,
+        x: np.ndarray,
+        t: float,
+        wx: float,
+        rubbing: Rubbing,
+        weight: float,
+        J: BlockMatrix,
+        definite: bool,
+    ) -> None:
+        for at in self.touching(x, t):
+            at.points.add_tangent(at.which, wx * self.push_tangent(at, t, definite), J)
+        for each, w in rubbing:
+            each.at.points.add_tangent(each.at.which, each.damping(w, weight), J)
+
+    def push_tangent(self, at: Contacts, t: float, definite: bool) -> np.ndarray:
+        """(p, 3, 3) κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d), without the second part if `definite`."""
+        gradient, hessian = self.slopes(at, t)
+        areas, s = at.points.areas[at.which], at.d / self.gap
+        steep = self.stiffness / self.gap * areas * barrier.curvature(s)
+        K = steep[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
+        if not definite:
+            K -= self.normal_force(at)[:, None, None] * hessian
+        return K
+
+    def lag(self, x: np.ndarray, t: float, dt: float) -> Sequence[SlidingPoints]:
+        pose, sliding = self.shape.pose(t), []
+        for at in self.touching(x, t):
+            gradient = self.slopes(at, t)[0]
+            steep = np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
+            limit = self.friction * self.normal_force(at) * steep
+            surface = self.shape.mean_velocity(at.y, pose.to_space(at.y), t, dt)
+            n = gradient / steep[:, None]
+            sliding.append(SlidingPoints(at, limit, n, surface, self.creep))
+        return sliding
+
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; K is not symmetric with friction, and without that if `definite`."""
-        self.add_push_tangent(x, t, wx, J, definite)
-        if self.friction:
-            for at, rubbing in self.rubbing(x, v, t):
-                K = wv * rubbing.damping
-                K += 0.0 if definite else wx * rubbing.stiffness(self, at)
-                at.points.add_tangent(at.which, K, J)
+        super().add_tangent(x, v, t, wx, wv, J, definite)
+        if definite or not self.friction:
+            return
+        spin = np.cross(self.shape.rates(t)[1], np.eye(3)).T
+        for each in self.lag(x, t, 0.0):
+            change = -self.friction * self.push_tangent(each.at, t, definite)
+            K = each.stiffness(each.values(v), change, spin)
+            each.at.points.add_tangent(each.at.which, wx * K, J)
 
-    def add_push_tangent(
-        self, x: np.ndarray, t: float, wx: float, J: BlockMatrix, definite: bool
-    ) -> None:
-        """J += wx κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d), without the second part if `definite`."""
-        for at in self.touching(x, t):
-            gradient, hessian = self.slopes(at, t)
-            areas, s = at.points.areas[at.which], at.d / self.gap
-            steep = self.stiffness / self.gap * areas * barrier.curvature(s)
-            K = steep[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
-            if not definite:
-                K -= self.normal_force(at)[:, None, None] * hessian
-            at.points.add_tangent(at.which, wx * K, J)
-
-    def rubbing(self, x: np.ndarray, v: np.ndarray, t: float) -> Iterator[tuple[Contacts, Rubbing]]:
-        """The points that touch, of each kind, and their friction."""
-        for at in self.touching(x, t):
-            yield at, Rubbing.of(self, at, *self.slopes(at, t), x, v, t)
-
-    def power(self, x, v, t) -> float:
-        """Dissipated power Σ μ λ f₁(y) y of friction [W]."""
-        return -sum(float((each.force * each.w).sum()) for _, each in self.rubbing(x, v, t))
+    def supply(self, x, v, t) -> float:
+        """Power F · w [W] of its force on the cloth at the velocity w of its surface."""
+        deforms = (
+            float(self.normal_force(at) @ self.shape.time_rate(at.y, t))
+            for at in self.touching(x, t)
+        )
+        return super().supply(x, v, t) - sum(deforms)
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α ≤ 1 for which no point passes into the obstacle on the way to x + α s."""
         pose = self.shape.pose(t)
         way = pose.to_body(x + s) - pose.to_body(x)
-        at_nodes = self.shape.distance(pose.to_body(x), t)
+        return self._free_part(self.points, x, pose, way, t)
+
+    def _free_part(
+        self, kinds: Sequence[Points], x: np.ndarray, pose: Pose, way: np.ndarray, t: float
+    ) -> float:
+        """The part of the way (n, 3) in the body, from x in space, on which no point enters."""
+        at_nodes, least = self.shape.distance(pose.to_body(x), t), 1.0
         reach = np.sqrt(np.einsum("ni,ni->n", way, way)) + self.gap
-        least = 1.0
-        for points in self.points:
+        for points in kinds:
             which = points.candidates(at_nodes, reach)
             if len(which):
                 y, ways = pose.to_body(points.values(x, which)), points.values(way, which)
                 least = min(least, float(advance(self.shape, y, ways, t, self.gap).min()))
         return least
 
-    def over_step(self, step: StepDifference) -> ObstacleOverStep:
-        """The obstacle over a step: it knows where the step began."""
-        kind = RubbedOverStep if self.friction else ObstacleOverStep
-        return kind(self, step)
+    def admit_from(self, step: StepDifference, x: np.ndarray, t: float) -> np.ndarray:
+        """Positions (n, 3) near x at the end of the step, at t, that are outside.
 
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Return zeros: at rest nothing touches the obstacle."""
-        return 0.0, 0.0
+        Each node goes the straight way from the begin of the step to x, as the obstacle sees it,
+        and stops before it would enter. If points inside triangles would enter, all nodes stop.
+        """
+        shape = self.shape
+        begin = shape.pose(step.t).to_body(step.start)
+        if shape.deforms:
+            begin = self._make_way(begin, step.t, t)
+        pose = shape.pose(t)
+        way = pose.to_body(x) - begin
+        parts = advance(shape, begin, way, t, self.gap)
+        if (parts == 1.0).all() and len(self.points) == 1:
+            return x
+        way = parts[:, None] * way
+        return pose.to_space(begin + self._free_part(self.points[1:], begin, AT_REST, way, t) * way)
+
+    def _make_way(self, y: np.ndarray, before: float, t: float) -> np.ndarray:
+        """Nodes (n, 3), as the shape sees them, outside of what it has become at t.
+
+        They get the distance that they had before, or a gap, and more if points inside triangles
+        need it.
+        """
+        shape, pose = self.shape, self.shape.pose(t)
+        wanted = np.minimum(shape.distance(y, before), self.gap)
+        for more in MORE:
+            moved = move_out(shape, y, wanted + more * self.gap, t)
+            if self.least_distance(pose.to_space(moved), t) > 0.0:
+                break
+        return moved
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
         """The least distance [m] of its points from the obstacle."""
@@ -256,21 +274,6 @@ class BoundObstacle:
         gap = f"{1e3 * self.gap:g} mm"
         remedy = f"Start at least {gap}, the gap, away from it, or move the obstacle."
         return InputError(what, "must start outside", where, remedy)
-
-
-@dataclass(frozen=True, eq=False)
-class BoundMovingObstacle(BoundObstacle):
-    """`Obstacle` on a cloth, with a shape that moves, turns or deforms: it does work."""
-
-    def supply(self, x, v, t) -> float:
-        """Power F · w [W] of its force on the cloth at the velocity w of its surface."""
-        power = 0.0
-        for at, rubbing in self.rubbing(x, v, t):
-            push = self.normal_force(at)
-            surface = self.shape.velocity(at.points.values(x, at.which), t)
-            F = (push * rubbing.steep)[:, None] * rubbing.n + rubbing.force
-            power += float((F * surface).sum() - push @ self.shape.time_rate(at.y, t))
-        return power
 
 
 def cutting_depth(obstacle: BoundObstacle, cloth: Cloth) -> float:

@@ -1,9 +1,12 @@
-"""Coulomb friction with a smooth passage from rest to sliding.
+"""Coulomb friction with a smooth passage from rest to sliding, of points on an obstacle.
 
     F = −μ λ f₁(y)/y w,   f₁(y) = 2y/ε − y²/ε² for y < ε, else 1
 
 with the normal force λ, the velocity w of sliding, y = |w|, and a small speed ε. F is the
 derivative of the potential −μ λ f₀(y) by w, f₀′ = f₁. At rest the cloth creeps with less than ε.
+
+λ and the directions of sliding are those of one place and time, `Sliding`: over a step those at its
+begin, so that friction has a potential; outside a step those of the state itself.
 
 Source: Li et al. (2020), Incremental Potential Contact, ACM Trans. Graph. 39(4), section on
 friction; f₀ and f₁ as the IPC Toolkit has them.
@@ -11,7 +14,12 @@ friction; f₀ and f₁ as the IPC Toolkit has them.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
+
+from fecloth.terms.contact.points import Contacts
 
 LEAST = 1e-300
 CREEP = 1e-3  # extents of the cloth a second, below which friction counts as that at rest
@@ -34,3 +42,100 @@ def slope(w: np.ndarray, eps: float) -> np.ndarray:
     change = np.where(y < eps, -1 / eps**2, -1 / np.maximum(y, eps) ** 2) / np.maximum(y, LEAST)
     rank_one = change[:, None, None] * w[:, :, None] * w[:, None, :]
     return factor(y, eps)[:, None, None] * np.eye(3) + rank_one
+
+
+def along(n: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """w − n (n · w): the parts of vectors (m, 3) along a surface with the normals n (m, 3)."""
+    return w - n * np.einsum("mi,mi->m", n, w)[:, None]
+
+
+class Sliding(Protocol):
+    """What slides at one place and time: its normal forces and directions stay as they are there.
+
+    Velocities v (m, 3) are those of its m points in space, w (m, 3) their parts along and relative
+    to the surface that they slide on, both in m/s.
+    """
+
+    def values(self, of_nodes: np.ndarray) -> np.ndarray:
+        """(m, 3) values at its points, from those of the nodes (n, 3)."""
+        ...
+
+    def slip(self, v: np.ndarray) -> np.ndarray:
+        """w of the velocities v."""
+        ...
+
+    def rate(self, w: np.ndarray) -> float:
+        """Σ μ λ f₀(y) [W], of which minus the derivative by w is the force."""
+        ...
+
+    def power(self, w: np.ndarray) -> float:
+        """Σ μ λ f₁(y) y [W], which is dissipated."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingPoints:
+    """Points of one kind that slide on an obstacle.
+
+    Attributes
+    ----------
+    at
+        The points that touch.
+    limit
+        (p,) μ λ [N].
+    n
+        (p, 3) normals of the obstacle.
+    surface
+        (p, 3) velocity of the obstacle [m/s].
+    eps
+        Speed from which friction has its full value [m/s].
+    """
+
+    at: Contacts
+    limit: np.ndarray
+    n: np.ndarray
+    surface: np.ndarray
+    eps: float
+
+    def values(self, of_nodes: np.ndarray) -> np.ndarray:
+        return self.at.points.values(of_nodes, self.at.which)
+
+    def slip(self, v: np.ndarray) -> np.ndarray:
+        return along(self.n, v - self.surface)
+
+    def rate(self, w: np.ndarray) -> float:
+        return float((self.limit * potential(np.linalg.norm(w, axis=1), self.eps)).sum())
+
+    def power(self, w: np.ndarray) -> float:
+        y = np.linalg.norm(w, axis=1)
+        return float((self.limit * factor(y, self.eps) * y**2).sum())
+
+    def add_force(self, w: np.ndarray, f: np.ndarray) -> None:
+        """f (n, 3) −= μ λ f₁(y)/y w [N]."""
+        size = self.limit * factor(np.linalg.norm(w, axis=1), self.eps)
+        self.at.points.add_force(self.at.which, -size[:, None] * w, f)
+
+    def damping(self, w: np.ndarray, weight: float = 1.0) -> np.ndarray:
+        """(p, 3, 3) `weight` times −∂F/∂v, positive semi-definite."""
+        return (
+            weight * self.limit[:, None, None] * (self._across @ slope(w, self.eps) @ self._across)
+        )
+
+    def stiffness(self, v: np.ndarray, change: np.ndarray, spin: np.ndarray) -> np.ndarray:
+        """(p, 3, 3) −∂F/∂x of a state, not symmetric, with F = −(f₁/y) w μ λ.
+
+        The change (p, 3, 3) of μ λ n with x [N/m] turns the normals, and so w; the change (3, 3) of
+        the velocity of the obstacle with x is its `spin` [1/s].
+        """
+        w, relative, turned = self.slip(v), v - self.surface, self._across @ change
+        lifted = np.einsum("mi,mi->m", self.n, relative)[:, None, None] * turned
+        lifted += self.n[:, :, None] * (relative[:, None] @ turned)
+        moved = lifted + self.limit[:, None, None] * self._across @ spin
+        by_force = w[:, :, None] * (self.n[:, None] @ change)
+        y = np.linalg.norm(w, axis=1)
+        return factor(y, self.eps)[:, None, None] * by_force - slope(w, self.eps) @ moved
+
+    @property
+    def _across(self) -> np.ndarray:
+        """(p, 3, 3) 1 − n nᵀ."""
+        return np.eye(3) - self.n[:, :, None] * self.n[:, None, :]

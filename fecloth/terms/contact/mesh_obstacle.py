@@ -103,10 +103,8 @@ class MeshObstacle:
         cloth, stiffness = panel.cloth, barrier.stiffness_of(self.stiffness, panel, self.gap)
         fixed = self.scale * nodes, triangles
         sets = ContactSets.of("MeshObstacle", cloth, float(self.gap), 0.0, stiffness, fixed)
-        of_all = "MeshObstacle", sets, self.friction, CREEP * cloth.extent
-        if self._body.moves:
-            return BoundMovingMeshObstacle(*of_all, self._body)
-        return BoundMeshObstacle(*of_all)
+        body = self._body if self._body.moves else None
+        return BoundMeshObstacle("MeshObstacle", sets, self.friction, CREEP * cloth.extent, body)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,16 +127,3 @@ class BoundMeshObstacle(BoundTriangleContact):
     def crossing(self, x: np.ndarray) -> tuple[str, str]:
         """What intersects at x, and what is allowed, for an error."""
         return "the cloth passes through the mesh at the start", "must start on one side"
-
-
-@dataclass(frozen=True, eq=False)
-class BoundMovingMeshObstacle(BoundMeshObstacle):
-    """`MeshObstacle` on a cloth, of a mesh that moves or turns: it does work."""
-
-    def supply(self, x, v, t) -> float:
-        """Power F · w [W] of its force on the cloth at the velocity w of its surface."""
-        assert self.body is not None
-        F = self.push(x, t)
-        if self.friction:
-            F = F + self.rub(x, v, t)
-        return float((F * self.body.velocity(x, t)).sum())

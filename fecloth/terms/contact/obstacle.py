@@ -12,7 +12,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
-from fecloth.terms.contact.bound_obstacle import BoundMovingObstacle, BoundObstacle
+from fecloth.terms.contact.bound_obstacle import BoundObstacle
 from fecloth.terms.contact.friction import CREEP
 from fecloth.terms.contact.points import MOST, divisions, points_of
 from fecloth.terms.contact.shape import Shape
@@ -101,6 +101,5 @@ class Obstacle:
             raise InputError(f"gap = {self.gap:g} m", allowed, "Obstacle", remedy)
         stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
         points = points_of(cloth, self._parts(cloth), slots)
-        kind = BoundMovingObstacle if self.shape.moves else BoundObstacle
         numbers = float(self.gap), stiffness, float(self.friction), CREEP * cloth.extent
-        return kind(self.shape, *numbers, points)
+        return BoundObstacle(self.shape, *numbers, points)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -103,6 +104,25 @@ class TrianglePoints:
 
 
 Points = NodePoints | TrianglePoints
+
+
+class Contacts(NamedTuple):
+    """Points of one kind that an obstacle pushes.
+
+    Attributes
+    ----------
+    points, which
+        The points, and (p,) the numbers of those nearer than the gap.
+    y
+        (p, 3) their places in the frame of the shape.
+    d
+        (p,) their distances [m].
+    """
+
+    points: Points
+    which: np.ndarray
+    y: np.ndarray
+    d: np.ndarray
 
 
 def divisions(shape: Shape, gap: float, cloth: Cloth) -> int:

@@ -109,7 +109,7 @@ class Shape:
     def pose(self, t: float) -> Pose:
         """Where the body is at the time t."""
         if self.motion is None and self.rotate is None:
-            return _AT_REST
+            return AT_REST
         u = self._motion(t) - self._start
         if self.rotate is None:
             return Pose(np.eye(3), np.zeros(3), u)
@@ -127,12 +127,22 @@ class Shape:
         velocity, omega, centre = self.rates(t)
         return velocity + np.cross(omega, x - centre)
 
+    def mean_velocity(self, y: np.ndarray, x: np.ndarray, t: float, dt: float) -> np.ndarray:
+        """(m, 3) mean velocity [m/s] of its points y, at x in space, from t to t + dt.
+
+        For dt = 0 it is that at t.
+        """
+        if dt == 0.0:
+            return self.velocity(x, t)
+        mean: np.ndarray = (self.pose(t + dt).to_space(y) - x) / dt
+        return mean
+
     def time_rate(self, y: np.ndarray, t: float) -> np.ndarray:
         """(m,) ∂d/∂t [m/s] at points (m, 3) in the frame of the body, of one that deforms."""
         return np.zeros(len(y))
 
 
-_AT_REST = AtRest()
+AT_REST = AtRest()
 
 
 def point(name: str, value: object, where: str) -> np.ndarray:

@@ -1,0 +1,226 @@
+"""What obstacles, meshes and the cloth itself have in common: a barrier with friction, over a step.
+
+A subclass of `BoundContact` has the barrier, and says what slides; here that is put together, for
+one state and for a step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sparse
+
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.terms.contact.friction import Sliding
+from fecloth.terms.contact.shape import Shape
+from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.step_difference import StepDifference
+
+Rubbing = Sequence[tuple[Any, np.ndarray]]  # what slides, a `Sliding`, and its velocities w
+
+
+class BoundContact(BoundTerm):
+    """A contact on a cloth.
+
+    Attributes
+    ----------
+    friction
+        μ.
+    body
+        What it moves and turns with; None where it cannot.
+    """
+
+    friction: float
+
+    has_energy = True
+    stores_strain = False
+    needs_end = "the barrier must hold at the end of a step"
+
+    @property
+    def body(self) -> Shape | None:
+        raise NotImplementedError
+
+    @property
+    def dissipative(self) -> bool:
+        return self.friction > 0.0
+
+    velocity_dependent = dissipative
+
+    @property
+    def no_equilibrium(self) -> str:
+        """Why it has no unique equilibrium, or ""."""
+        return "with friction the place of rest depends on the way there" if self.friction else ""
+
+    @property
+    def supplies(self) -> bool:
+        """Whether it moves, and so does work."""
+        return self.body is not None and self.body.moves
+
+    # --- what a subclass has ----------------------------------------------------------------------
+
+    def lag(self, x: np.ndarray, t: float, dt: float) -> Sequence[Sliding]:
+        """What slides at the positions x (n, 3) and the time t.
+
+        The velocity of the surface is the mean of the time dt from then on; for dt = 0 that at t.
+        """
+        raise NotImplementedError
+
+    def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
+        """f (n, 3) += the force of the barrier, and of what rubs [N]."""
+        raise NotImplementedError
+
+    def add_tangents(
+        self,
+        x: np.ndarray,
+        t: float,
+        wx: float,
+        rubbing: Rubbing,
+        weight: float,
+        J: BlockMatrix,
+        definite: bool,
+    ) -> None:
+        """J += wx K of the barrier, and `weight` D of what rubs."""
+
+    def couplings(
+        self,
+        x: np.ndarray,
+        t: float,
+        wx: float,
+        rubbing: Rubbing,
+        weight: float,
+        definite: bool,
+    ) -> sparse.spmatrix | None:
+        """The same where it couples nodes outside the fixed pattern."""
+        return None
+
+    def admit_from(self, step: StepDifference, x: np.ndarray, t: float) -> np.ndarray:
+        """Positions (n, 3) near x that are allowed at t, the end of the step."""
+        raise NotImplementedError
+
+    # --- at one state -----------------------------------------------------------------------------
+
+    def rubbing(self, x: np.ndarray, v: np.ndarray, t: float) -> Rubbing:
+        """What slides at one state, with its velocities."""
+        if not self.friction:
+            return ()
+        return [(each, each.slip(each.values(v))) for each in self.lag(x, t, 0.0)]
+
+    def add_force(self, x, v, t, f) -> None:
+        """f += the force of the barrier, and friction [N].
+
+        At v = 0 it is the derivative of the energy: the friction of an obstacle that moves past a
+        cloth at rest is left out.
+        """
+        self.add_forces(x, t, self.rubbing(x, v, t) if v.any() else (), f)
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """J += wx K of the barrier, and wv D of friction."""
+        self.add_tangents(x, t, wx, self.rubbing(x, v, t), wv, J, definite)
+
+    def power(self, x, v, t) -> float:
+        """Dissipated power Σ μ λ f₁(y) y of friction [W]."""
+        return sum(each.power(w) for each, w in self.rubbing(x, v, t))
+
+    def supply(self, x, v, t) -> float:
+        """Power F · w [W] of its force on the cloth at the velocity w of its surface."""
+        if self.body is None:
+            return 0.0
+        f = np.zeros_like(x)
+        self.add_forces(x, t, self.rubbing(x, v, t), f)
+        return float((f * self.body.velocity(x, t)).sum())
+
+    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
+        """Return zeros: at rest nothing touches."""
+        return 0.0, 0.0
+
+    def over_step(self, step: StepDifference) -> ContactOverStep:
+        """The contact over a step: it knows where the step began."""
+        return ContactOverStep(self, step)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactOverStep(BoundTerm):
+    """A contact over a step that ends at x; friction has the potential h Σ μ λ f₀(y).
+
+    λ and the directions of sliding are those at the begin of the step, and the velocity is the
+    method's difference.
+    """
+
+    contact: BoundContact
+    step: StepDifference
+
+    symmetric = True
+    has_energy = True
+    dissipative = False
+    velocity_dependent = False
+    stores_strain = False
+
+    @property
+    def name(self) -> str:
+        return self.contact.name
+
+    @property
+    def couples_nodes(self) -> bool:
+        return self.contact.couples_nodes
+
+    @property
+    def dissipates_over_step(self) -> bool:
+        return self.contact.friction > 0.0
+
+    @cached_property
+    def sliding(self) -> Sequence[Sliding]:
+        """What slides at the begin of the step."""
+        if not self.contact.friction:
+            return ()
+        return self.contact.lag(self.step.start, self.step.t, self.step.dt)
+
+    @cached_property
+    def past(self) -> np.ndarray:
+        """(n, 3) Σ cᵢ xᵢ [m]."""
+        return np.add.reduce([weight * x for weight, x in self.step.past])
+
+    def rubbing(self, x: np.ndarray) -> Rubbing:
+        """What slides, with its velocities by the method's difference."""
+        return self._rubbing(x, self.past, self.step.h)
+
+    def _rubbing(self, x: np.ndarray, past: np.ndarray, h: float) -> Rubbing:
+        """What slides, with its velocities (x − past)/h."""
+        return [
+            (each, each.slip((each.values(x) - each.values(past)) / h)) for each in self.sliding
+        ]
+
+    def energy(self, x, t) -> float:
+        """That of the barrier, and h Σ μ λ f₀(y) [J]."""
+        rates = (self.step.h * each.rate(w) for each, w in self.rubbing(x))
+        return sum(rates, start=self.contact.energy(x, t))
+
+    def add_force(self, x, v, t, f) -> None:
+        """f += the force of the barrier at rest, and −μ λ f₁(y)/y w [N]."""
+        self.contact.add_forces(x, t, self.rubbing(x), f)
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """J += wx K; the part of friction is positive semi-definite."""
+        weight = wx / self.step.h
+        self.contact.add_tangents(x, t, wx, self.rubbing(x), weight, J, definite)
+
+    def coupling(self, x, v, t, wx, wv, definite):
+        weight = wx / self.step.h
+        return self.contact.couplings(x, t, wx, self.rubbing(x), weight, definite)
+
+    def dissipation(self, x: np.ndarray) -> float:
+        """dt Σ μ λ f₁(y) y [J] with the velocity over the step, (x − x₀)/dt."""
+        dt, rubbing = self.step.dt, self._rubbing(x, self.step.start, self.step.dt)
+        return dt * sum(each.power(w) for each, w in rubbing)
+
+    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
+        return self.contact.rate_bounds(mass)
+
+    def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
+        return self.contact.limit(x, s, t)
+
+    def admit(self, x: np.ndarray, t: float) -> np.ndarray:
+        return self.contact.admit_from(self.step, x, t)
