@@ -13,7 +13,6 @@ from fecloth.integrators.newmark import Newmark
 from fecloth.integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
-from fecloth.integrators.with_memory import WithMemory
 from fecloth.nonlinear.stage import Stage
 from fecloth.system.records import remembered
 

@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.integrators.newmark import Newmark
+from fecloth.integrators.newmark import Newmark, WithMemory
 from fecloth.integrators.one_stage import BackwardEuler
+from fecloth.integrators.opening import UNCOUNTED, Opening
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
-from fecloth.integrators.with_memory import WithMemory, hold_stage
-from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.stage import Stage
+from fecloth.nonlinear.stage import Stage, hold_stage
+from fecloth.nonlinear.statistics import Counts
 from fecloth.system.records import remembered
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -67,39 +67,58 @@ class BDF2(WithMemory):
         e, h = _coefficients(dt, last)
         return StepDifference(x, dt, h, ((1 + e, x), (-e, x - last.dx)), t=state.t)
 
-    def step(
+    def open(
         self,
         system: System,
         state: State,
         dt: float,
-        solver: SolverContext,
         memory: Change | None = None,
-    ) -> Step:
-        """One step from `state` over `dt` [s], after the step that left this memory."""
+        history: History | None = None,
+        solver: SolverContext | None = None,
+    ) -> Opening:
+        """Open a step from `state` over `dt` [s] after the one that left this memory; q = v₁ − v₀.
+
+        The first step is that of another method. With contact it is of first order, which leaves
+        this method of second order: the friction and the push at its begin are not to be relied
+        on, as a cloth that stands still may be held by any friction below the limit.
+        """
         if memory is None and any(term.needs_end for term in system.bound):
-            return _by_backward_euler(system, state, dt, solver)
-        over = system.over_step(self.difference(state, dt, memory))
+            return BackwardEuler().open(system, state, dt, None, history)
+        over = system.over_step(self.difference(state, dt, memory), history)
         if memory is None:
-            first = Newmark().step(system, state, dt, solver, over=over)
-            return replace(first, memory=_change(state, first.state))
+            return Newmark().open(system, state, dt, None, history, solver, over)
         end, stage = prescribed_end(system, state, dt), self.stage(state, dt, memory)
         stage = hold_stage(system, stage, end, stage.a + stage.wa * (end.v - state.v))
-        q, counts = newton.solve(over, stage, solver, memory.dv, dt)
+        before = system.with_history(history)
+        return Opening(self, before, over, stage, state, end, dt, memory, memory.dv, history)
+
+    def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
+        """The step to the unknown q (n, 3): x₁ = x_end + w_end q, v₁ = v₀ + q."""
+        begin, end, stage = opening.begin, opening.end, opening.stage
+        if opening.method is not self:
+            return self._close_first(opening, q, counts)
         _, v, a = stage.at(q)
-        new = set_prescribed(system, State(end.t, stage.x_end + stage.w_end * q, v), end)
-        change = _change(state, new)
-        return Step(new, new, change, counts, ends=(system, state), a=a, share=1.0, over=over)
+        new = State(end.t, stage.x_end + stage.w_end * q, v)
+        new = set_prescribed(opening.system, new, end)
+        return Step(
+            state=new,
+            balanced_at=new,
+            memory=_change(begin, new),
+            counts=counts,
+            ends=(opening.system, begin),
+            a=a,
+            share=1.0,
+            **opening.ending(new),
+        )
 
-
-def _by_backward_euler(system: System, state: State, dt: float, solver: SolverContext) -> Step:
-    """The first step with contact: the friction and the push at its begin are not to be relied on.
-
-    A cloth that stands still may be held by any friction below the limit. One step of first order
-    leaves the method of second order.
-    """
-    step = BackwardEuler().step(system, state, dt, solver)
-    memory, a = _change(state, step.state), (step.state.v - state.v) / dt
-    return replace(step, memory=memory, ends=(system, state), a=a, share=1.0)
+    def _close_first(self, opening: Opening, q: np.ndarray, counts: Counts) -> Step:
+        """The first step, by the method that opened it; its memory and reactions are of this."""
+        step: Step = opening.method.close(opening, q, counts)
+        memory = _change(opening.begin, step.state)
+        if step.ends:
+            return replace(step, memory=memory)
+        a, before = memory.dv / opening.dt, opening.system.with_history(opening.history)
+        return replace(step, memory=memory, ends=(before, opening.begin), a=a, share=1.0)
 
 
 def _coefficients(dt: float, last: Change) -> tuple[float, float]:

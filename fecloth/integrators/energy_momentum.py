@@ -15,7 +15,7 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.factor_reuse import FactorReuse
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 from fecloth.terms.step_difference import StepDifference
 
 FEW = 120  # iterations with the symmetric tangent, each at a fifth of the cost of an exact one
@@ -98,22 +98,30 @@ class EnergyMomentum(StageMethod):
         dt: float,
         solver: SolverContext,
         memory: np.ndarray | None = None,
+        history: History | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s]; with "auto" by the exact tangent where it must."""
         solver = replace(solver, step_error=None)  # its balance of energy needs a small residual
-        options = solver.options
+        options, start = solver.options, (system, state, dt)
         if self.tangent != "auto" or options.definiteness == "clamp":  # all clamped are symmetric
-            return super().step(system, state, dt, solver, memory)
+            return super().step(*start, solver, memory, history)
         if solver.matrix_solver()[0].symmetric:
             few = replace(options, max_iterations=min(FEW, options.max_iterations))
             try:
-                return super().step(system, state, dt, replace(solver, options=few), memory)
+                return super().step(*start, replace(solver, options=few), memory, history)
             except NewtonFailed:
                 linear = select.direct(symmetric=False)
                 solver = replace(solver, linear=linear, factor_reuse=FactorReuse())
-        return replace(self, tangent="exact").step(system, state, dt, solver, memory)
+        return replace(self, tangent="exact").step(*start, solver, memory, history)
 
-    def over_step(self, system: System, state: State, dt: float) -> System:
+    def difference(self, state: State, dt: float) -> StepDifference:
+        """The mean rate, (y(x) − y(x₀))/(dt/2) at the mean x of both ends."""
+        past = ((1.0, state.x),)
+        return StepDifference(state.x, dt, dt / 2, past, True, self.traits.symmetric, state.t)
+
+    def over_step(
+        self, system: System, state: State, dt: float, history: History | None = None
+    ) -> System:
         """The system with forces between x₀ and x₁ = 2x − x₀ that do the work of the energies.
 
         Raises
@@ -130,6 +138,4 @@ class EnergyMomentum(StageMethod):
                     "Use ImplicitMidpoint or GeneralizedAlpha, or see "
                     "fecloth.terms.protocol.OverStep",
                 )
-        start, symmetric = state.x, self.traits.symmetric
-        past = ((1.0, start),)  # (x − x₀)/(dt/2) is the mean velocity
-        return system.over_step(StepDifference(start, dt, dt / 2, past, True, symmetric))
+        return system.over_step(self.difference(state, dt), history)

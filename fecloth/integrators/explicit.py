@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,14 +21,66 @@ from fecloth.integrators.step import Step, prescribed_end
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.records import remembered
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
+from fecloth.terms.step_difference import StepDifference
 
 # `march` reports a step that overflows, because its values are not finite
 quiet = np.errstate(over="ignore", invalid="ignore")
 
 
+@dataclass(frozen=True, eq=False)
+class ExplicitOpening:
+    """An explicit step that is open: ``method.open(system, state, dt, memory, history)``.
+
+    ``method.close(opening, a)`` is the `Step` to the `acceleration` a (n, 3) [m/s²].
+
+    Attributes
+    ----------
+    system, over
+        The system, and the system over the step.
+    at
+        The state at which the step needs the acceleration.
+    begin, end
+        The state at the begin, and that of the held directions at the end.
+    dt
+        Size of the step [s].
+    memory
+        What the method remembers of the step before.
+    history
+        The records that terms keep, at the begin of the step; None without any.
+    opened
+        The clock when it was opened, for the counts [s].
+    """
+
+    system: System
+    over: System
+    at: State
+    begin: State
+    end: State
+    dt: float
+    memory: LastForce | None
+    history: History | None
+    opened: float
+
+    def acceleration(self) -> np.ndarray:
+        """M⁻¹ f (n, 3) [m/s²] at the state `at`."""
+        return acceleration(self.over, self.at)
+
+    def ending(self, new: State) -> dict[str, Any]:
+        """The fields that the `Step` to the state `new` has of its opening."""
+        return {
+            "counts": Counts(seconds={"force": time.perf_counter() - self.opened}),
+            "over": self.over,
+            "history": self.over.commit(new, self.history),
+            "earlier": self.history,
+        }
+
+
 class Explicit:
-    """Base of explicit methods; `forces_at` is 0 for forces at the start, ½ at both ends."""
+    """Base of explicit methods; `forces_at` is 0 for forces at the start, ½ at both ends.
+
+    A subclass has `open` and `close`: what they do together is a step.
+    """
 
     constants: MethodTraits
     forces_at: float
@@ -57,6 +110,38 @@ class Explicit:
                 'Write mass = "lumped", or take an implicit method.',
             )
 
+    def open(
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        memory: Any = None,
+        history: History | None = None,
+    ) -> ExplicitOpening:
+        """Open a step from `state` over `dt` [s]; it needs the acceleration at its begin."""
+        opened, end = time.perf_counter(), prescribed_end(system, state, dt)
+        over = over_explicit_step(system, state, dt, history)
+        return ExplicitOpening(system, over, state, state, end, dt, None, history, opened)
+
+    def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
+        """The step to the acceleration a (n, 3)."""
+        raise NotImplementedError
+
+    @quiet
+    def step(
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: object = None,
+        memory: Any = None,
+        history: History | None = None,
+    ) -> Step:
+        """One step from `state` over `dt` [s]."""
+        self.check(system)
+        opening = self.open(system, state, dt, memory, history)
+        return self.close(opening, opening.acceleration())
+
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step, by `explicit_dissipation`."""
         return explicit_dissipation(system, old, step, self.forces_at)
@@ -85,11 +170,9 @@ class ForwardEuler(Explicit):
     forces_at = 0.0
     beyond_limit: bool = False
 
-    def step(
-        self, system: System, state: State, dt: float, solver: object = None, memory: object = None
-    ) -> Step:
-        """One step from `state` over `dt` [s]."""
-        return _euler(self, system, state, dt, new_velocity=0.0)
+    def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
+        """The step to the acceleration a (n, 3) at its begin."""
+        return _euler(opening, a, new_velocity=0.0)
 
 
 @dataclass(frozen=True)
@@ -117,21 +200,17 @@ class SymplecticEuler(Explicit):
     forces_at = 0.0
     beyond_limit: bool = False
 
-    def step(
-        self, system: System, state: State, dt: float, solver: object = None, memory: object = None
-    ) -> Step:
-        """One step from `state` over `dt` [s]."""
-        return _euler(self, system, state, dt, new_velocity=1.0)
+    def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
+        """The step to the acceleration a (n, 3) at its begin."""
+        return _euler(opening, a, new_velocity=1.0)
 
 
-@quiet
-def _euler(method: Explicit, system: System, state: State, dt: float, new_velocity: float) -> Step:
-    method.check(system)
-    begin = time.perf_counter()
-    x, v = np.empty((2, *state.x.shape))
-    move(state.x, state.v, acceleration(system, state), dt, new_velocity, x, v)
-    new = set_held(system, State(state.t + dt, x, v), prescribed_end(system, state, dt))
-    return Step(new, state, None, Counts(seconds={"force": time.perf_counter() - begin}))
+def _euler(opening: ExplicitOpening, a: np.ndarray, new_velocity: float) -> Step:
+    begin, dt = opening.begin, opening.dt
+    x, v = np.empty((2, *begin.x.shape))
+    move(begin.x, begin.v, a, dt, new_velocity, x, v)
+    new = set_held(opening.system, State(begin.t + dt, x, v), opening.end)
+    return Step(new, begin, None, **opening.ending(new))
 
 
 @remembered
@@ -169,33 +248,42 @@ class CentralDifference(Explicit):
     forces_at = 0.5
     beyond_limit: bool = False
 
-    @quiet
-    def step(
+    def open(
         self,
         system: System,
         state: State,
         dt: float,
-        solver: object = None,
         memory: LastForce | None = None,
-    ) -> Step:
-        """One step from `state` over `dt` [s], after the step that left this memory.
+        history: History | None = None,
+    ) -> ExplicitOpening:
+        """Open a step from `state` over `dt` [s] after the one that left this memory.
 
-        Without it the force at `state` is evaluated, as in the first step.
+        It needs the acceleration at x₁ and v₀ + dt a₀. Without a memory a₀ is evaluated.
         """
-        self.check(system)
-        begin = time.perf_counter()
-        last = memory or LastForce(acceleration(system, state), state)
-        end = prescribed_end(system, state, dt)
-        x, ahead, v = np.empty((3, *state.x.shape))
+        opened, end = time.perf_counter(), prescribed_end(system, state, dt)
+        before = system.with_history(history)
+        last = memory or LastForce(acceleration(before, state), state)
+        x, ahead = np.empty((2, *state.x.shape))
         move(state.x, state.v, last.a, dt, 0.5, x, ahead)
         at = set_held(system, State(state.t + dt, x, ahead), end)
-        a = acceleration(system, at)
-        kick(state.v, last.a, a, dt, v)
-        system.constraints.set_held(v, end.v)
-        new = State(at.t, x, v)
-        counts = Counts(seconds={"force": time.perf_counter() - begin})
-        forces = (last.at, last.a), (at, a)
-        return Step(new, at, LastForce(a, at), counts, accelerations=forces)
+        over = over_explicit_step(system, state, dt, history)
+        return ExplicitOpening(system, over, at, state, end, dt, last, history, opened)
+
+    def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
+        """The step to the acceleration a (n, 3) at x₁ and v₀ + dt a₀."""
+        at, last, v = opening.at, opening.memory, np.empty_like(a)
+        assert last is not None
+        kick(opening.begin.v, last.a, a, opening.dt, v)
+        opening.system.constraints.set_held(v, opening.end.v)
+        new, forces = State(at.t, at.x, v), ((last.at, last.a), (at, a))
+        memory = LastForce(a, at)
+        return Step(new, at, memory, accelerations=forces, **opening.ending(new))
+
+
+def over_explicit_step(system: System, state: State, dt: float, history: History | None) -> System:
+    """The system over a step, for terms with a record in the history."""
+    difference = StepDifference.between(state.x, dt, state.t)
+    return system.over_step(difference, history, rates=False)
 
 
 def acceleration(system: System, state: State) -> np.ndarray:

@@ -8,14 +8,42 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.errors import IndefiniteMatrix
-from fecloth.integrators.one_stage import StageMethod
+from fecloth.integrators.one_stage import BackwardEuler, StageMethod
+from fecloth.integrators.opening import UNCOUNTED, Opening
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
+from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.stage import prescribed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
+
+
+@dataclass(frozen=True, eq=False)
+class LinearOpening(Opening):
+    """A step of `LinearlyImplicitEuler` that is open: its residual is linear in q = Δv."""
+
+    def residual(self, q: np.ndarray) -> np.ndarray:
+        """R(q) = M a − f(x₀, v₀) + dt K v + D (v − v₀) along the free directions, (n, 3) [N].
+
+        v = v₀ + Δv and a = Δv/dt, but of what the pins hold as they prescribe it.
+        """
+        system, begin = self.over, self.begin
+        _, v, a = self.stage.at(q)
+        K, D = (BlockMatrix.zeros(system.pattern) for _ in range(2))
+        system.assemble(K, begin, wx=self.dt)
+        system.assemble(D, begin, wv=1.0)
+        R = system.scalar_mass @ a - system.force(begin) + K @ v + D @ (v - begin.v)
+        R += _times(system, system.dense(begin), self.dt, v)
+        free: np.ndarray = system.constraints.project(R)
+        return free
+
+    def tangent(self, q: np.ndarray, J: BlockMatrix) -> BlockMatrix:
+        """∂R/∂q = M/dt + D + dt K at the begin of the step, along the free directions."""
+        system, dt = self.over, self.dt
+        return system.project(system.assemble(J, self.begin, dt, 1.0, 1.0 / dt))
 
 
 @dataclass(frozen=True)
@@ -31,6 +59,30 @@ class LinearlyImplicitEuler:
 
     traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2, drift=(1, 1 / 2))
 
+    def open(
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        memory: np.ndarray | None = None,
+        history: History | None = None,
+        solver: SolverContext | None = None,
+    ) -> LinearOpening:
+        """Open a step from `state` over `dt` [s]; its unknown q is Δv of the free directions."""
+        end, difference = prescribed_end(system, state, dt), BackwardEuler().difference(state, dt)
+        over = system.over_step(difference, history, rates=False)
+        stage = prescribed(system, BackwardEuler().stage(state, dt), state, dt, end)
+        return LinearOpening(self, system, over, stage, state, end, dt, memory, memory, history)
+
+    def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
+        """The step to the change q (n, 3) of the velocity: v₁ = v₀ + q, x₁ = x₀ + dt v₁."""
+        begin, end, dt = opening.begin, opening.end, opening.dt
+        dv = q + _held_change(opening)
+        v = begin.v + dv
+        new = set_prescribed(opening.system, State(begin.t + dt, begin.x + dt * v, v), end)
+        at_stage = State(new.t, new.x, v)  # the velocity that moved x, also at the pins
+        return Step(new, at_stage, dv, counts, **opening.ending(new))
+
     def step(
         self,
         system: System,
@@ -38,61 +90,61 @@ class LinearlyImplicitEuler:
         dt: float,
         solver: SolverContext,
         memory: np.ndarray | None = None,
+        history: History | None = None,
     ) -> Step:
         """One step from `state` over `dt` [s]; the linear system is solved to Newton's tolerance.
 
         The exact tangent is used unless it is found to be indefinite and the options allow the
         clamped one.
         """
-        end = prescribed_end(system, state, dt)
+        opening = self.open(system, state, dt, memory, history)
         definite = solver.options.definiteness == "clamp"
         try:
-            dv, counts = _velocity_change(system, state, dt, solver, end, definite, memory)
+            dv, counts = _velocity_change(opening, solver, definite)
         except IndefiniteMatrix:
             if definite or solver.options.definiteness == "none":
                 raise
-            dv, counts = _velocity_change(system, state, dt, solver, end, True, memory)
-        v = state.v + dv
-        new = set_prescribed(system, State(state.t + dt, state.x + dt * v, v), end)
-        at_stage = State(new.t, new.x, v)  # the velocity that moved x, also at the pins
-        return Step(new, at_stage, dv, counts)
+            dv, counts = _velocity_change(opening, solver, True)
+        return self.close(opening, dv, counts)
 
     numerical = StageMethod.numerical
 
 
+def _held_change(opening: Opening) -> np.ndarray:
+    """Δv (n, 3) of the held directions: what moves x to its prescribed end."""
+    begin, constraints = opening.begin, opening.system.constraints
+    dv, way = np.zeros_like(begin.v), opening.end.x - begin.x
+    dv[constraints.nodes] = constraints.held_part(way / opening.dt - begin.v)
+    return dv
+
+
 def _velocity_change(
-    system: System,
-    state: State,
-    dt: float,
-    solver: SolverContext,
-    end: State,
-    definite: bool,
-    guess: np.ndarray | None,
+    opening: Opening, solver: SolverContext, definite: bool
 ) -> tuple[np.ndarray, Counts]:
-    """Δv from the linearised step, and the counts."""
-    begin = time.perf_counter()
+    """Δv of the free directions from the linearised step, and the counts."""
+    began = time.perf_counter()
+    system, begin, dt = opening.over, opening.begin, opening.dt
     (linear, J), nodes = solver.matrix_solver(), system.constraints.nodes
-    dv, inertial = np.zeros((2, *state.v.shape))  # of the held directions: what moves x, and v
-    dv[nodes] = system.constraints.held_part((end.x - state.x) / dt - state.v)
-    inertial[nodes] = system.constraints.held_part(end.v - state.v)
-    system.assemble(J, state, wx=dt, definite=definite)
-    dense = system.dense(state)
-    b = system.force(state) - J @ state.v - _times(system, dense, dt, state.v)
-    system.add_tangents(J, state, wv=1.0, definite=definite)
+    dv, inertial = _held_change(opening), np.zeros_like(begin.v)
+    inertial[nodes] = system.constraints.held_part(opening.end.v - begin.v)
+    system.assemble(J, begin, wx=dt, definite=definite)
+    dense = system.dense(begin)
+    b = system.force(begin) - J @ begin.v - _times(system, dense, dt, begin.v)
+    system.add_tangents(J, begin, wv=1.0, definite=definite)
     b -= J @ dv + _times(system, dense, dt, dv) + system.scalar_mass @ (inertial / dt)
-    system.add_tangents(J, state, wa=1.0 / dt)
+    system.add_tangents(J, begin, wa=1.0 / dt)
     system.project(J)
-    seconds = {"assemble": time.perf_counter() - begin}
-    solver.begin(dt, 1.0 / dt, state.x)
+    seconds = {"assemble": time.perf_counter() - began}
+    solver.begin(dt, 1.0 / dt, begin.x)
     linear.prepare(J)
     project, rtol = system.constraints.project, solver.options.residual
-    start = None if guess is None else project(guess.copy())
+    start = None if opening.guess is None else project(opening.guess.copy())
     updates = [(dt * c, project(u)) for c, u in dense]
     free, infos = solve_updated(linear, updates, project(b), rtol, start)
     seconds["factor"] = infos[0].seconds_factor
     seconds["solve"] = sum(info.seconds_solve for info in infos)
     iterations = sum(info.iterations for info in infos)
-    return free + dv, Counts(
+    return free, Counts(
         newton=1,
         linear=iterations,
         modified=int(definite),

@@ -1,4 +1,4 @@
-"""Implicit methods that remember the last acceleration: their base class, and Newmark's method."""
+"""Implicit methods with a memory: the base of all, that of Newmark's family, and his method."""
 
 from __future__ import annotations
 
@@ -7,15 +7,35 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.errors import InputError, flag, is_number
+from fecloth.integrators.numerical_dissipation import memory_dissipation
+from fecloth.integrators.opening import UNCOUNTED, Opening, newton_step
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, blend, prescribed_end, set_prescribed
-from fecloth.integrators.with_memory import WithMemory, hold_stage
-from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.stage import Stage
+from fecloth.nonlinear.options import Newton
+from fecloth.nonlinear.stage import Stage, hold_stage
+from fecloth.nonlinear.statistics import Counts
 from fecloth.system.records import remembered
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
+
+
+class WithMemory:
+    """Base class of methods with a memory; it supplies `step` and their numerical dissipation.
+
+    The memory is a frozen record, `Step.memory`, that `march` hands to the next step; without it a
+    method starts anew. A subclass supplies `traits`, and `open` and `close` or a `step` of its
+    own. The traits have θ = ½, because M Δv · v̄ with v̄ = (v₀ + v₁)/2 is the change of the kinetic
+    energy.
+    """
+
+    traits: MethodTraits
+
+    step = newton_step
+
+    def numerical(self, system: System, old: State, step: Step) -> float:
+        """Numerical dissipation [J] of a step, by `memory_dissipation`."""
+        return memory_dissipation(system, old, step)
 
 
 @remembered
@@ -50,42 +70,58 @@ class AccelerationMethod(WithMemory):
         weights = (1 - alpha_f) * beta * dt**2, (1 - alpha_f) * gamma * dt, 1 - alpha_m
         return Stage(at.t, at.x, at.v, alpha_m * a, *weights, x, beta * dt**2)
 
-    def step(
+    def open(
         self,
         system: System,
         state: State,
         dt: float,
-        solver: SolverContext,
         memory: Acceleration | None = None,
+        history: History | None = None,
+        solver: SolverContext | None = None,
         over: System | None = None,
-    ) -> Step:
-        """One step from `state` over `dt` [s], after the step that left this memory.
+    ) -> Opening:
+        """Open a step from `state` over `dt` [s] after the one that left this memory; q = a₁.
 
-        `over` is the system over the step, if it is not `system`.
+        Without a memory the first acceleration is solved for, by the `solver` or a direct one.
+        `over` is the system over the step, if the rates over it are not those of this method.
         """
-        alpha_m, alpha_f, _, gamma = self.parameters
-        end = prescribed_end(system, state, dt)
-        a = memory.a if memory else starting_acceleration(system, state, end, dt, solver)
-        moved = ((end.v - state.v) / dt - (1 - gamma) * a) / gamma  # a₁ of what the pins hold
-        stage = self.stage(state, dt, a)
-        at, a_m = blend(state, end, 1 - alpha_f), alpha_m * a + (1 - alpha_m) * moved
+        alpha_m, alpha_f = self.parameters[:2]
+        end, before = prescribed_end(system, state, dt), system.with_history(history)
+        memory = memory or Acceleration(starting_acceleration(before, state, end, dt, solver))
+        stage = self.stage(state, dt, memory.a)
+        if over is None:
+            over = system
+            if history is not None:
+                over = system.over_step(stage.difference(state, dt), history, rates=False)
+        moved = self._moved(state, end, dt, memory.a)
+        at, a_m = blend(state, end, 1 - alpha_f), alpha_m * memory.a + (1 - alpha_m) * moved
         stage = hold_stage(system, stage, at, a_m)
-        q, counts = newton.solve(over or system, stage, solver, a, dt)
-        new = State(end.t, stage.x_end + stage.w_end * q, state.v + dt * ((1 - gamma) * a))
-        new = set_prescribed(system, replace(new, v=new.v + dt * gamma * q), end)
-        a_new = system.constraints.hold(q, moved)
+        return Opening(self, before, over, stage, state, end, dt, memory, memory.a, history)
+
+    def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
+        """The step to the acceleration q (n, 3) at its end."""
+        stage, begin, end, dt = opening.stage, opening.begin, opening.end, opening.dt
+        gamma, a = self.parameters[3], opening.memory.a
+        new = State(end.t, stage.x_end + stage.w_end * q, begin.v + dt * ((1 - gamma) * a))
+        new = set_prescribed(opening.system, replace(new, v=new.v + dt * gamma * q), end)
+        a_new = opening.system.constraints.hold(q, self._moved(begin, end, dt, a))
         x, v, a_stage = stage.at(q)
-        a_solved = a_stage if self.share is None else (new.v - state.v) / dt
         return Step(
             state=new,
             balanced_at=State(stage.t, x, v),
             memory=Acceleration(a_new),
             counts=counts,
-            ends=(system, state),
-            a=a_solved,
+            ends=(opening.system, begin),
+            a=a_stage if self.share is None else (new.v - begin.v) / dt,
             share=self.share,
-            over=over,
+            **opening.ending(new),
         )
+
+    def _moved(self, begin: State, end: State, dt: float, a: np.ndarray) -> np.ndarray:
+        """a₁ (n, 3) of what the pins hold."""
+        gamma = self.parameters[3]
+        moved: np.ndarray = ((end.v - begin.v) / dt - (1 - gamma) * a) / gamma
+        return moved
 
 
 @dataclass(frozen=True)
@@ -151,12 +187,17 @@ class Newmark(AccelerationMethod):
 
 
 def starting_acceleration(
-    system: System, state: State, end: State, dt: float, solver: SolverContext
+    system: System, state: State, end: State, dt: float, solver: SolverContext | None
 ) -> np.ndarray:
-    """a (n, 3) with M a = f along the free directions, and the first step's mean at the pins."""
+    """a (n, 3) with M a = f along the free directions, and the first step's mean at the pins.
+
+    By a direct solver if none is given.
+    """
     project, hold = system.constraints.project, system.constraints.hold
     a = hold(np.zeros_like(state.v), (end.v - state.v) / dt)
     b = project(system.force(state) - system.scalar_mass @ a)
+    if solver is None:
+        solver = SolverContext(*system.linear_solver("direct", True)[:2], Newton())
     linear_solver, matrix = solver.matrix_solver()
     linear_solver.prepare(system.project(system.assemble(matrix, state, wa=1.0)))
     free, _ = linear_solver.solve(b, rtol=solver.options.residual)

@@ -29,7 +29,7 @@ def explicit_dissipation(system: System, old: State, step: Step, theta: float) -
     """
     energy = _between_velocities(system, old, step)
     if theta != 0.5:
-        energy += (theta - 0.5) * stiffness_product(system, old, step.state)
+        energy += (theta - 0.5) * stiffness_product(system, old, step)
     return energy - _unrecorded_work(system, old, step, explicit=True)
 
 
@@ -47,7 +47,7 @@ def memory_dissipation(system: System, old: State, step: Step) -> float:
     beyond = system.scalar_mass @ (step.a - dv / dt) + step.mean_force(system) - step.solved_force
     unbalanced = system.sums.dot(beyond, system.constraints.project(dx))
     energy = _between_velocities(system, old, step) + unbalanced
-    energy += work_beyond_dissipation(system, old, step) + contact_dissipation(system, old, step)
+    energy += work_beyond_dissipation(system, old, step) + barrier_dissipation(system, old, step)
     return energy - _unrecorded_work(system, old, step, explicit=False)
 
 
@@ -58,37 +58,40 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
     as far as the cloth turns, and its rates change, in one step.
     """
     acting = (step.over or system).bound
-    pairs = [
-        (term, over)
-        for term, over in zip(system.bound, acting, strict=True)
-        if over.dissipates_over_step
-    ]
-    if not pairs:
+    which = [i for i, over in enumerate(acting) if over.dissipates_over_step]
+    if not which:
         return 0.0
-    only, over = (system.with_bound(terms) for terms in zip(*pairs, strict=True))
-    ends = (only, old) if step.ends else None
-    f = replace(step, over=over, ends=ends).mean_force(only)
-    if any(term.has_energy for term in only.bound):  # as that of contact, beside its friction
-        places = (old, step.state) if step.ends else (step.balanced_at,)
-        f -= sum(conservative(only, at) for at in places) / len(places)
+    before, after, over = (
+        each.with_bound(each.bound[i] for i in which)
+        for each in (*step.around(system), step.over or system)
+    )
+    ends = (before, old) if step.ends else None
+    f = replace(step, over=over, ends=ends).mean_force(before)
+    if any(term.has_energy for term in before.bound):  # as that of contact, beside its friction
+        places = [(after, step.balanced_at)]
+        if step.ends:
+            places = [(before, old), (after, step.state)]
+        f -= sum(conservative(only, at) for only, at in places) / len(places)
     dissipated: float = sum(term.dissipation(step.state.x) for term in over.bound)
     return -system.sums.dot(f, step.state.x - old.x) - dissipated
 
 
-def contact_dissipation(system: System, old: State, step: Step) -> float:
-    """Numerical dissipation [J] of the barriers of contact, beyond that of a quadratic energy.
+def barrier_dissipation(system: System, old: State, step: Step) -> float:
+    """Numerical dissipation [J] of some energies, beyond that of quadratic ones.
 
-    −½ (f₀ + f₁) · Δx − ΔU, plus the work of obstacles that move: a barrier is far from quadratic
-    over the way of a step. Without contact it is 0.
+    −½ (f₀ + f₁) · Δx − ΔU, plus the work of obstacles that move: a barrier of contact, and a term
+    whose history yields, are far from quadratic over the way of a step. Without these it is 0.
     """
     new, total = step.state, 0.0
-    for term in system.bound:
-        if term.needs_end:
+    records = step.history or (None,) * len(system.bound)
+    terms = zip(*(each.bound for each in (system, *step.around(system))), records, strict=True)
+    for term, before, after, record in terms:
+        if term.needs_end or (record is not None and term.has_energy):
             f, still = np.zeros_like(old.x), np.zeros_like(old.v)
-            for at in (old, new):
-                term.add_force(at.x, still, at.t, f)
+            for one, at in ((before, old), (after, new)):
+                one.add_force(at.x, still, at.t, f)
             total -= 0.5 * system.sums.dot(f, new.x - old.x)
-            total -= term.energy(new.x, new.t) - term.energy(old.x, old.t)
+            total -= after.energy(new.x, new.t) - before.energy(old.x, old.t)
             if has_power_column(term) and term.supplies:
                 works = [term.supply(at.x, at.v, at.t) for at in step.stages]
                 total += (new.t - old.t) * sum(works) / len(works)
@@ -127,9 +130,10 @@ def load_displacement(old: State, new: State, explicit: bool) -> np.ndarray:
     return moved
 
 
-def stiffness_product(system: System, old: State, new: State) -> float:
+def stiffness_product(system: System, old: State, step: Step) -> float:
     """Δx·K Δx [J] as the change of the conservative force along Δx."""
-    return system.sums.dot(conservative(system, old) - conservative(system, new), new.x - old.x)
+    (before, after), new = step.around(system), step.state
+    return system.sums.dot(conservative(before, old) - conservative(after, new), new.x - old.x)
 
 
 def has_power_column(term: BoundTerm) -> bool:

@@ -7,22 +7,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.integrators.numerical_dissipation import (
-    contact_dissipation,
+    barrier_dissipation,
     stiffness_product,
     work_beyond_dissipation,
 )
+from fecloth.integrators.opening import UNCOUNTED, Opening, newton_step
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
-from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, prescribed
+from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 from fecloth.terms.step_difference import StepDifference
 
 
 class StageMethod:
     """Base class of a method with one stage; a subclass supplies `traits` and `stage`.
+
+    The memory is the unknown of the last step, the first guess of the next one.
 
     `traits.theta` says where between old and new state the forces are balanced: over a step with
     free nodes M Δv · v_θ = f · Δx with v_θ = v + θ Δv, so that for energies quadratic in x the
@@ -35,26 +38,44 @@ class StageMethod:
         """The stage of a step from `state` over `dt` [s], and the end of the step, linear in q."""
         raise NotImplementedError
 
-    def over_step(self, system: System, state: State, dt: float) -> System:
-        """The system with the forces over a step from `state`: by default that of the stage."""
-        return system
+    def difference(self, state: State, dt: float) -> StepDifference:
+        """The method's rate of y(x) over a step from `state`: for y = x the stage's velocity."""
+        return self.stage(state, dt).difference(state, dt)
 
-    def step(
+    def over_step(
+        self, system: System, state: State, dt: float, history: History | None = None
+    ) -> System:
+        """The system with the forces over a step from `state`, whose terms have this history."""
+        rates = self.traits.has_difference
+        if history is None and not rates:
+            return system
+        return system.over_step(self.difference(state, dt), history, rates)
+
+    def open(
         self,
         system: System,
         state: State,
         dt: float,
-        solver: SolverContext,
         memory: np.ndarray | None = None,
-    ) -> Step:
-        """One step from `state` over `dt` [s]."""
+        history: History | None = None,
+        solver: SolverContext | None = None,
+    ) -> Opening:
+        """Open a step from `state` over `dt` [s]; its unknown q is that of `stage`."""
         end = prescribed_end(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
-        over = self.over_step(system, state, dt)
-        q, counts = newton.solve(over, stage, solver, memory, dt)
+        known = () if history is None else (history,)  # which an older class may not take
+        over = self.over_step(system, state, dt, *known)
+        return Opening(self, system, over, stage, state, end, dt, memory, memory, history)
+
+    def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
+        """The step to the unknown q (n, 3): x₁ = x_end + w_end q, v₁ = v₀ + dt a."""
+        stage, begin, dt = opening.stage, opening.begin, opening.dt
         x, v, a = stage.at(q)
-        new = State(state.t + dt, stage.x_end + stage.w_end * q, state.v + dt * a)
-        return Step(set_prescribed(system, new, end), State(stage.t, x, v), q, counts, over=over)
+        new = State(begin.t + dt, stage.x_end + stage.w_end * q, begin.v + dt * a)
+        new = set_prescribed(opening.system, new, opening.end)
+        return Step(new, State(stage.t, x, v), q, counts, **opening.ending(new))
+
+    step = newton_step
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step: (θ − ½)(Δv·M Δv + Δx·K Δx).
@@ -67,9 +88,9 @@ class StageMethod:
             return 0.0
         dv = step.state.v - old.v
         kinetic = system.sums.dot(dv, system.scalar_mass @ dv)
-        lost = (theta - 0.5) * (kinetic + stiffness_product(system, old, step.state))
+        lost = (theta - 0.5) * (kinetic + stiffness_product(system, old, step))
         lost += work_beyond_dissipation(system, old, step)
-        return lost + contact_dissipation(system, old, step)
+        return lost + barrier_dissipation(system, old, step)
 
 
 @dataclass(frozen=True)
@@ -91,9 +112,9 @@ class BackwardEuler(StageMethod):
         x, zero = state.x + dt * state.v, np.zeros_like(state.v)
         return Stage(state.t + dt, x, state.v, zero, dt, 1.0, 1.0 / dt, x, dt)
 
-    def over_step(self, system: System, state: State, dt: float) -> System:
-        """The system with rates over the step, (y(x₁) − y(x₀))/dt."""
-        return system.over_step(StepDifference(state.x, dt, dt, ((1.0, state.x),), t=state.t))
+    def difference(self, state: State, dt: float) -> StepDifference:
+        """The method's rate of y(x): (y(x₁) − y(x₀))/dt."""
+        return StepDifference.between(state.x, dt, state.t)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from inspect import signature
 from numbers import Integral
 from typing import Any, Protocol
 
@@ -19,7 +20,7 @@ import numpy as np
 from fecloth.errors import InputError, brief, is_number
 from fecloth.integrators.step import Step
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -118,7 +119,13 @@ class Integrator(Protocol):
         ...
 
     def step(
-        self, system: System, state: State, dt: float, solver: Any, memory: Any = None
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: Any,
+        memory: Any = None,
+        history: History | None = None,
     ) -> Step:
         """Take one step from `state` over `dt` [s].
 
@@ -137,6 +144,11 @@ class Integrator(Protocol):
             What the step before returned as memory; None in the first step. It may be a first
             guess or a record of past values. Mark the class of a record with `remembered`, so
             that restart files can hold it.
+        history
+            The records that terms keep, None without any: ``over = system.over_step(difference,
+            history, rates=False)`` is the system with them, and the `Step` has
+            ``history=over.commit(new, history)`` and ``earlier=history``. It may be left out of
+            the arguments: then a system whose terms keep a history is refused.
 
         Returns
         -------
@@ -261,6 +273,38 @@ def check_step(step: object, method: object) -> None:
         raise InputError(what, allowed, "march", remedy)
 
 
+def take_step(
+    method: Integrator,
+    system: System,
+    state: State,
+    dt: float,
+    solver: Any,
+    memory: Any = None,
+    history: History | None = None,
+) -> Step:
+    """One step of a method, which needs to take a history only if there is one."""
+    known = () if history is None else (history,)
+    return method.step(system, state, dt, solver, memory, *known)
+
+
+def check_history(system: System, method: Any, history: History | None) -> None:
+    """Raise `InputError` if terms keep a history, and a function of the method takes none."""
+    if history is None:
+        return
+    chosen = getattr(method, "method", method)  # of a method that chooses its steps
+    for each, name in ((method, "step"), (chosen, "step"), (chosen, "over_step")):
+        function = getattr(each, name, None)
+        if function is not None and "history" not in signature(function).parameters:
+            pairs = zip(system.names, history, strict=True)
+            names = ", ".join(name for name, record in pairs if record is not None)
+            raise InputError(
+                f"{type(each).__name__}.{name}(...)",
+                f"must take an argument `history`: {names} remembers earlier steps",
+                "march",
+                "help(fecloth.integrators.protocol.Integrator.step) says what it is.",
+            )
+
+
 def check_terms(system: System, method: Integrator | ChoosesMethod, where: str) -> None:
     """Raise `InputError` for a term that needs a difference over the step, if `method` has none.
 
@@ -290,6 +334,5 @@ def check_terms(system: System, method: Integrator | ChoosesMethod, where: str) 
 def has_symmetric_matrix(system: System, method: Integrator | ChoosesMethod) -> bool:
     """Whether the system matrix of the method's steps is symmetric."""
     if method.traits.has_difference:  # over the step a term may have another tangent
-        x = system.rest().x
-        system = system.over_step(StepDifference(x, 1.0, 1.0, ((1.0, x),)))
+        system = system.over_step(StepDifference.between(system.rest().x, 1.0, 0.0))
     return system.symmetric and method.traits.symmetric

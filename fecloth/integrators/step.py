@@ -10,7 +10,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +43,9 @@ class Step:
     share
         With `ends`: M a is instead the mean of the forces at both ends, with this weight of the
         new one.
+    history, earlier
+        The records that terms keep, after and before the step (`System.start_history`); None
+        without any.
     """
 
     state: State
@@ -54,6 +57,12 @@ class Step:
     ends: tuple[System, State] | None = None
     a: np.ndarray | None = None
     share: float | None = None
+    history: History | None = None
+    earlier: History | None = None
+
+    def around(self, system: System) -> tuple[System, System]:
+        """The system with the history of its terms before, and after the step."""
+        return system.with_history(self.earlier), system.with_history(self.history)
 
     @cached_property
     def stages(self) -> tuple[State, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,8 @@ from fecloth.system.arguments import check_system
 from fecloth.system.records import remembered
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
+from fecloth.terms.step_difference import StepDifference
 
 FAR = 10.0  # extents of the cloth: a mean displacement beyond this means that no pin holds it
 QUICK = 8  # iterations after which a load increment may grow again
@@ -160,10 +162,15 @@ def equilibrium(
     _check(system, state, load_steps, tolerance, max_iterations, solver, report)
     start = State(state.t, state.x.copy(), np.zeros_like(state.x))
     context = static_context(system, tolerance, max_iterations, solver)
+    history = system.start_history(start)
     if load_steps == 1:
-        x, counts = solve_static(StaticEquation(system, start), start.x, context, report)
+        over = over_increment(system, start.t, start.x, 1.0, history)
+        x, counts = solve_static(StaticEquation(over, start), start.x, context, report)
     else:
-        x, _, counts = increase_loads(system, start, context, 1 / load_steps, report=report)
+        found = increase_loads(
+            system, start, context, 1 / load_steps, history=history, report=report
+        )
+        x, counts = found.x, found.counts
     met = f"its residual, {counts.residual:.1e} of the forces, is below the tolerance {tolerance:g}"
     reason = met if counts.residual else "no force exceeds its round-off"
     work = counts.newton, counts.factorisations
@@ -208,6 +215,26 @@ def static_context(
     return SolverContext(linear, matrix, options)
 
 
+class Increase(NamedTuple):
+    """What `increase_loads` found.
+
+    Attributes
+    ----------
+    x, rate
+        Positions, and ∂x/∂(factor on the loads) (n, 3) [m].
+    counts
+        Of all increments.
+    over, history
+        The system over the last increment, and what its terms remember after that.
+    """
+
+    x: np.ndarray
+    rate: np.ndarray | float
+    counts: Counts
+    over: System
+    history: History | None
+
+
 def increase_loads(
     system: System,
     start: State,
@@ -215,8 +242,9 @@ def increase_loads(
     largest: float,
     loads: tuple[float, float] = (0.0, 1.0),
     rate: np.ndarray | float = 0.0,
+    history: History | None = None,
     report: Callable[[Iteration], None] = lambda iteration: None,
-) -> tuple[np.ndarray, np.ndarray | float, Counts]:
+) -> Increase:
     """Increase the factor on the loads from the first to the second of `loads`.
 
     Parameters
@@ -227,18 +255,19 @@ def increase_loads(
         The largest increment of the factor.
     rate
         ∂x/∂(factor) there [m], as far as it is known.
-
-    Returns
-    -------
-    x (n, 3) and the rate at the second factor, and the counts.
+    history
+        What the terms remember there. They remember each increment that is solved; one that is
+        repeated in smaller ones begins with what they remembered before it.
     """
     x, (reached, end), increment, total = start.x, loads, largest, Counts()
+    over = system
     while reached < end:
         to = reached + increment
         load = to if to < end - 1e-9 else end
         guess = _towards(system, x, (load - reached) * rate, start.t)
+        over = over_increment(system, start.t, x, load - reached, history)
         try:
-            new, counts = solve_static(StaticEquation(system, start, load), guess, context, report)
+            new, counts = solve_static(StaticEquation(over, start, load), guess, context, report)
         except EquilibriumFailed as failure:
             increment /= 2
             if increment < SMALLEST * largest:
@@ -249,9 +278,17 @@ def increase_loads(
             continue
         rate = (new - x) / (load - reached)
         x, reached, total = new, load, total.plus(counts)
+        history = over.commit(State(start.t, x, np.zeros_like(x)), history)
         if counts.newton <= QUICK:
             increment = min(2 * increment, largest)
-    return x, rate, total
+    return Increase(x, rate, total, over, history)
+
+
+def over_increment(
+    system: System, t: float, x: np.ndarray, load: float, history: History | None
+) -> System:
+    """The system over an increment of the loads by `load` from x, for terms with a record."""
+    return system.over_step(StepDifference.between(x, load, t), history, rates=False)
 
 
 def _towards(system: System, x: np.ndarray, way: np.ndarray | float, t: float) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,21 @@ class Stage:
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """x, v, a of an unknown q (n, 3)."""
         return self.x + self.wx * q, self.v + self.wv * q, self.a + self.wa * q
+
+    def difference(self, state: State, dt: float) -> StepDifference:
+        """The rate over a step from `state` that is the stage's own velocity for y = x.
+
+        v = (x − (x̃ − h ṽ))/h with h = wx/wv.
+        """
+        h = self.wx / self.wv
+        return StepDifference(state.x, dt, h, ((1.0, self.x - h * self.v),), t=state.t)
+
+
+def hold_stage(system: System, stage: Stage, at: State, a: np.ndarray) -> Stage:
+    """Return the stage with its held directions at x and v of `at` and at the acceleration a."""
+    hold = system.constraints.hold
+    x, v, a = hold(stage.x, at.x), hold(stage.v, at.v), hold(stage.a, a)
+    return replace(stage, x=x, v=v, a=a)
 
 
 def prescribed(system: System, stage: Stage, state: State, dt: float, end: State) -> Stage:

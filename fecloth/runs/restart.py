@@ -32,7 +32,7 @@ from fecloth.simulation.time_error import TimeError
 from fecloth.system.records import RECORDS, remembered
 from fecloth.system.state import State
 
-FORMAT = 5
+FORMAT = 6
 FOLDER, PATTERN = "restart", "restart_*.npz"
 KEPT = 2  # files
 FREE = ("title", "expect", "interest")  # keys that do not change a run
@@ -132,16 +132,24 @@ def read(path: Path) -> Restart:
 
 
 def _check(found, arrays) -> None:
-    """Raise `ValueError` unless this is a restart with finite times and (n, 3) finite float64."""
+    """Raise `ValueError` unless this is a restart with finite times and arrays of float64.
+
+    All but those in the history of terms must have the shape (n, 3) of the positions.
+    """
     if not isinstance(found, Restart):
         raise ValueError("it is no restart of a run")
     for name, t in (("t", found.state.t), ("the first t", found.memory.start)):
         if not is_number(t):
             raise ValueError(f"{name} = {t!r} is not finite")
     shape = found.state.x.shape
+    free: list[np.ndarray] = []
+    _pack(found.memory.term_history, free)
+    kept = {id(array) for array in free}
     for array in arrays:
-        if array.shape != shape or array.dtype != np.float64 or not np.isfinite(array).all():
-            raise ValueError(f"an array is not finite, or not float64 of shape {shape}")
+        if array.dtype != np.float64 or not np.isfinite(array).all():
+            raise ValueError("an array is not finite, or not float64")
+        if array.shape != shape and id(array) not in kept:
+            raise ValueError(f"an array is not of shape {shape}")
 
 
 def _pack(value, arrays: list):

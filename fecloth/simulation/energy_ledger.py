@@ -109,7 +109,7 @@ class Ledger:
         """
         new = step.state
         dt = new.t - old.t
-        energies = system.energies(new)
+        energies = system.with_history(step.history).energies(new)
         kinetic = energies.pop("kinetic")
         pin_v = (new.x - old.x) / dt if system.movable_pieces else new.v
         deforming = _deforming_kinetic(system, new, kinetic, pin_v)

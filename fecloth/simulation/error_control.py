@@ -13,6 +13,7 @@ from fecloth.integrators.protocol import (
     MethodTraits,
     check_method,
     check_step,
+    take_step,
 )
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.context import SolverContext
@@ -23,7 +24,7 @@ from fecloth.simulation.step_times import ChosenSteps
 from fecloth.simulation.within_step import deviation_within_step
 from fecloth.system.records import remembered
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 
 SAFETY = 0.9
 SHORTEST, LONGEST = 0.2, 2.0  # of a step to the one before; BDF2 is stable below 1 + √2
@@ -179,16 +180,23 @@ class Adaptive(ChosenSteps):
         horizon: float,
         solver: SolverContext,
         memory: Control | None = None,
+        history: History | None = None,
     ) -> Step:
-        """One step from `state` over at most `horizon` [s], and to its end if that is near."""
-        control, tried = memory or self.start(system, state, horizon), Counts()
+        """One step from `state` over at most `horizon` [s], and to its end if that is near.
+
+        Each attempt has the `history` of the begin.
+        """
+        tried = Counts()
+        control = memory or self.start(system.with_history(history), state, horizon)
         dt = _fit_step(min(control.dt, self.longest or math.inf), horizon)
         reason: str | NewtonFailed | SolveFailed = ""
         for rejected in range(RETRIES):
             if not state.t + dt > state.t:  # below the round-off of the time
                 break
             try:
-                step = self._stepper.step(system, state, dt, solver, control.method_memory)
+                step = take_step(
+                    self._stepper, system, state, dt, solver, control.method_memory, history
+                )
                 if memory is None:
                     check_step(step, self.method)
                 a, t, error = self.error(system, state, step, control)

@@ -11,7 +11,7 @@ from numbers import Real
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.integrators.protocol import Integrator, MethodTraits
+from fecloth.integrators.protocol import Integrator, MethodTraits, take_step
 from fecloth.integrators.step import Step
 from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import check_mass, step_times
@@ -70,9 +70,11 @@ class FixedStep:
         """Raise `InputError` for a system that the method cannot step."""
         check_mass(self.method, system)
 
-    def step(self, system: System, state: State, horizon: float, solver, memory=None) -> Step:
+    def step(
+        self, system: System, state: State, horizon: float, solver, memory=None, history=None
+    ) -> Step:
         """One step of the method, to the next end of a step."""
-        return self.method.step(system, state, horizon, solver, memory)
+        return take_step(self.method, system, state, horizon, solver, memory, history)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step, by the method's own formula."""

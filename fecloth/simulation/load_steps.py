@@ -16,13 +16,18 @@ from fecloth.integrators.numerical_dissipation import load_forces
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.equilibrium import increase_loads, solve_static, static_context
+from fecloth.nonlinear.equilibrium import (
+    increase_loads,
+    over_increment,
+    solve_static,
+    static_context,
+)
 from fecloth.nonlinear.stage_equation import NewtonFailed
 from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
 from fecloth.simulation.step_times import step_times
 from fecloth.system.records import remembered
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 from fecloth.terms.protocol import BoundTerm
 
 TERMS_TIME = 0.0  # at which loads are evaluated: those of a static scene do not depend on it
@@ -96,7 +101,13 @@ class LoadSteps:
         return context, f"{context.linear.name} ({reason})"
 
     def step(
-        self, system: System, state: State, horizon: float, solver, memory: LoadRate | None = None
+        self,
+        system: System,
+        state: State,
+        horizon: float,
+        solver,
+        memory: LoadRate | None = None,
+        history: History | None = None,
     ) -> Step:
         """Find the equilibrium under the part `state.t` + `horizon` of the loads.
 
@@ -110,24 +121,31 @@ class LoadSteps:
         rate: Any = 0.0 if memory is None else memory.rate
         try:
             if self.load_steps == 1:
-                x, counts = solve_static(StaticEquation(system, start, load), start.x, solver)
-                rate = still
+                over, rate = over_increment(system, TERMS_TIME, start.x, horizon, history), still
+                x, counts = solve_static(StaticEquation(over, start, load), start.x, solver)
+                after = over.commit(State(TERMS_TIME, x, still), history)
             else:
                 loads = state.t, load
-                x, rate, counts = increase_loads(system, start, solver, horizon, loads, rate)
+                x, rate, counts, over, after = increase_loads(
+                    system, start, solver, horizon, loads, rate, history
+                )
         except EquilibriumFailed as failure:
             reason = f"no equilibrium was found: {failure.reason}"
             raise NewtonFailed(reason, failure.residual, failure.remedy) from failure
-        new, over = State(load, x, still), system.with_bound(_scaled(system, load))
-        return Step(new, new, LoadRate(rate), counts, over=over)
+        new, over = State(load, x, still), over.with_bound(_scaled(over, load))
+        return Step(new, new, LoadRate(rate), counts, over=over, history=after, earlier=history)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Energy [J] that the slow motion from one equilibrium to the next takes away.
 
-        The energies and the work in the ledger are those of the full loads.
+        The energies and the work in the ledger are those of the full loads. Of a step that was
+        halved, what terms with a history dissipated before the last part is in it.
         """
-        before, after = system.energies(old), system.energies(step.state)
+        start, end = step.around(system)
+        before, after = start.energies(old), end.energies(step.state)
         work = system.sums.dot(load_forces(system, step.state), step.state.x - old.x)
+        for term in (step.over or system).bound:
+            work -= term.dissipation(step.state.x)
         return sum(before.values()) - sum(after.values()) + work
 
     def __str__(self) -> str:

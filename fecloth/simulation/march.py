@@ -11,7 +11,13 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import FeclothWarning, InputError, SolveFailed, StepFailed
-from fecloth.integrators.protocol import check_method, check_step, check_terms
+from fecloth.integrators.protocol import (
+    check_history,
+    check_method,
+    check_step,
+    check_terms,
+    take_step,
+)
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
@@ -26,7 +32,7 @@ from fecloth.simulation.step_times import EARLIER, coarse_clock, targets_after
 from fecloth.system.arguments import check_system
 from fecloth.system.records import remembered
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 from fecloth.terms.kinematics import largest_stretch, principal_stretches
 
 
@@ -43,12 +49,15 @@ class Memory:
         `Step.memory` of the last step.
     history
         What Newton's iteration knows of the last steps.
+    term_history
+        `Step.history` of the last step.
     """
 
     step: int
     start: float
     method_memory: object
     history: StepHistory = field(default_factory=StepHistory)
+    term_history: History | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +168,8 @@ def march(
         for words in find_motion_jumps(system, state, end):
             warnings.warn(words, FeclothWarning, stacklevel=2)
     check_every = CHECK_EVERY if steps.traits.explicit else 1
+    records = begin.term_history or system.start_history(state)
+    check_history(system, steps, records)
     number, last_memory, good = begin.step, begin.method_memory, state
     history, is_informed = begin.history, needs_history(solver)
     place, fused, skipped = 0, Skipping(system, steps, most_stretch, targets, stops), None
@@ -169,7 +180,7 @@ def march(
             solver = history.inform(solver, system, steps.traits, state)
         try:
             known = skipped.step if skipped else None
-            result = known or steps.step(system, state, size, solver, last_memory)
+            result = known or take_step(steps, system, state, size, solver, last_memory, records)
         except (NewtonFailed, SolveFailed) as failure:
             raise step_failed(system, state, number, size, failure) from failure
         if number == begin.step + 1:
@@ -183,12 +194,12 @@ def march(
         good = new if number % check_every == 0 else good
         if is_informed:
             history = history.after(system, steps.traits, state, new)
-        after = Memory(number, begin.start, result.memory, history)
+        after = Memory(number, begin.start, result.memory, history, result.history)
         result = replace(result, state=new)
         info = StepInfo(number, new.t, new.t - state.t, state, result, after, skipped)
-        state, last_memory = new, result.memory
+        state, last_memory, records = new, result.memory, result.history
         wanted = yield state, info
-        skipped = fused.skip(state, last_memory, number, wanted)
+        skipped = None if records else fused.skip(state, last_memory, number, wanted)
         if skipped:
             state, last_memory = skipped.state, skipped.memory
             number += skipped.number

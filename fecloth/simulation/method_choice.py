@@ -126,7 +126,7 @@ def _trial(
 ) -> Trial:
     """Time the first `most` steps; stop early once the comparison with `rival` [s] is decided."""
     start, memory, history = state.t, None, StepHistory()
-    is_informed = needs_history(solver)
+    records, is_informed = system.start_history(state), needs_history(solver)
     seconds: list[float] = []
     sizes: list[float] = []
     trial = Trial(method, 0.0, math.inf)
@@ -135,7 +135,7 @@ def _trial(
         if is_informed:
             solver = history.inform(solver, system, method.traits, state)
         try:
-            step = method.step(system, state, t_end - state.t, solver, memory)
+            step = method.step(system, state, t_end - state.t, solver, memory, records)
         except (NewtonFailed, SolveFailed):
             return Trial(method, 0.0, math.inf)
         record(method, state, step)
@@ -143,7 +143,7 @@ def _trial(
             history = history.after(system, method.traits, state, step.state)
         seconds.append(time.perf_counter() - begin)
         sizes.append(step.state.t - state.t)
-        state, memory = step.state, step.memory
+        state, memory, records = step.state, step.memory, step.history
         last = slice(len(sizes) // 2, None)
         dt, each = float(np.mean(sizes[last])), float(np.median(seconds[last]))
         trial = Trial(method, dt, each * (t_end - start) / dt)

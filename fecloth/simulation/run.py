@@ -171,7 +171,8 @@ def run(
     steps = choose_steps(method, dt)
     ends = steps.end_times(opening.t, t_end, stops)  # refuses wrong times
     end = float(ends[-1])
-    ledger, observer = Ledger.open(system, state), Observer.bind(system, state, probes)
+    known = system.with_history(memory.term_history) if memory else system
+    ledger, observer = Ledger.open(known, state), Observer.bind(system, state, probes)
     record = trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
     check_offers(steps.method, ("numerical",), "run")

@@ -7,13 +7,13 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from fecloth.errors import InputError, SolveFailed, brief
-from fecloth.integrators.protocol import ExplicitIntegrator, MethodTraits, check_step
+from fecloth.integrators.protocol import ExplicitIntegrator, MethodTraits, check_step, take_step
 from fecloth.integrators.step import Step
 from fecloth.simulation.step_times import ChosenSteps
 from fecloth.stability.critical_step import critical_dt, estimate
 from fecloth.system.records import remembered
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 from fecloth.terms.kinematics import extreme_stretches
 
 FRACTION = 0.9  # of the limit
@@ -93,14 +93,16 @@ class StabilityLimited(ChosenSteps):
         horizon: float,
         solver=None,
         memory: LimitMemory | None = None,
+        history: History | None = None,
     ) -> Step:
         """One step from `state` over at most `horizon` [s]."""
-        limited = memory or self._start(system, state)
+        now = system.with_history(history)
+        limited = memory or self._start(now, state)
         if limited.steps % LOOK == 0:
-            limited = self._update(system, state, limited)
+            limited = self._update(now, state, limited)
         parts = max(1, math.ceil(horizon / limited.dt - 1e-9))
         dt = horizon / parts if parts <= 2 else limited.dt
-        step = self.method.step(system, state, dt, solver, limited.method_memory)
+        step = take_step(self.method, system, state, dt, solver, limited.method_memory, history)
         if limited.steps == 0:
             check_step(step, self.method)
         after = replace(limited, steps=limited.steps + 1, method_memory=step.memory)

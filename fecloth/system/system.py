@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sparse
@@ -30,6 +30,8 @@ from fecloth.system.state import State, make_state
 from fecloth.terms import protocol
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import traits_of
+
+History = tuple[Any, ...]  # a record, or None, for each term
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,15 +224,72 @@ class System:
         other.__dict__["bound"] = tuple(bound)  # in place of the cached property
         return other
 
-    def over_step(self, step: StepDifference) -> System:
+    def over_step(
+        self, step: StepDifference, history: History | None = None, rates: bool = True
+    ) -> System:
         """The system over a step, with the terms as their `over_step` gives them.
 
-        It is the system itself if no term depends on the step.
+        It is the system itself if no term depends on the step. Without `rates`, as for a method
+        that has no difference for rates over the step, only terms with a record in the `history`
+        are asked.
         """
-        over = [protocol.complete(term.over_step(step)) for term in self.bound]
-        if all(new is old for new, old in zip(over, self.bound, strict=True)):
+        if history is None and not rates:
             return self
-        return self.with_bound(over)
+        records = history or (None,) * len(self.bound)
+        return self._with_changed(
+            term.over_step(step if record is None else replace(step, history=record))
+            if rates or record is not None
+            else term
+            for term, record in zip(self.bound, records, strict=True)
+        )
+
+    # --- the history of terms -------------------------------------------------------------------
+
+    def start_history(self, state: State) -> History | None:
+        """The records that terms keep, in their order, before the first step; None without any."""
+        records = tuple(term.start_history(state.x, state.t) for term in self.bound)
+        return None if all(record is None for record in records) else records
+
+    def with_history(self, history: History | None) -> System:
+        """The system between two steps, whose terms act with their records.
+
+        It is the system itself without a history, or if no term depends on its record there.
+        """
+        if history is None:
+            return self
+        return self._with_changed(
+            term if record is None else term.with_history(record)
+            for term, record in zip(self.bound, history, strict=True)
+        )
+
+    def commit(self, state: State, history: History | None) -> History | None:
+        """The records at the end of a step, of the system over that step.
+
+        `history` are the records at its begin.
+
+        Raises
+        ------
+        InputError
+            For a term that had a record and gives none.
+        """
+        if history is None:
+            return None
+        records = tuple(
+            None if before is None else term.commit(state.x, state.t)
+            for term, before in zip(self.bound, history, strict=True)
+        )
+        for name, before, after in zip(self.names, history, records, strict=True):
+            if before is not None and after is None:
+                what = f"{name}.over_step(step).commit(x, t) = None"
+                raise InputError(what, "must be the record of the term after the step", "System")
+        return records
+
+    def _with_changed(self, bound: Iterable) -> System:
+        """A copy with these terms, or the system itself if they are its own."""
+        bound = tuple(protocol.complete(term) for term in bound)
+        if all(new is old for new, old in zip(bound, self.bound, strict=True)):
+            return self
+        return self.with_bound(bound)
 
     # --- states -------------------------------------------------------------------------------
 

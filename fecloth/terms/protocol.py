@@ -276,9 +276,19 @@ class BoundTerm:
         """The record of a term with history at the start of a run; None for a term without.
 
         It is a frozen dataclass of arrays, marked with `remembered`, so that restart files have
-        it. ``step.history`` of `over_step` is the record at the begin of the step.
+        it. ``step.history`` of `over_step` is the record at the begin of the step; without one a
+        step begins as the first one does. A term with history by itself, whose `energy` and force
+        are asked before a run, acts as with the record of this function there.
         """
         return None
+
+    def with_history(self, record: Any) -> BoundTerm:
+        """The term with its record, between two steps: its energy is what it stores then.
+
+        Methods that need the force at the begin of a step, and the ledger, ask for it. The term
+        itself is right where it then acts without the record, as friction of contact does.
+        """
+        return self
 
     def commit(self, x: np.ndarray, t: float) -> Any:
         """The record after the step that ends at x, asked of what `over_step` returned."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -31,13 +32,19 @@ class StepDifference:
         With `at_mean`: whether tangents must be symmetric, and may be inexact.
     t
         Time at the begin of the step [s].
+    history
+        The record that the term keeps, at the begin of the step; see `BoundTerm.start_history`.
+        None for a term that keeps none, and where a system over a step is made without a history:
+        then the step is the first one.
 
     Examples
     --------
     Backward Euler's difference, ẏ = (y(x) − y(x₀))/dt:
 
     >>> start = np.zeros((3, 3))
-    >>> step = StepDifference(start, dt=0.01, h=0.01, past=((1.0, start),))
+    >>> step = StepDifference.between(start, dt=0.01, t=0.0)
+    >>> step.h, step.past[0][0]
+    (0.01, 1.0)
     """
 
     start: np.ndarray
@@ -47,3 +54,9 @@ class StepDifference:
     at_mean: bool = False
     symmetric: bool = False
     t: float = 0.0
+    history: Any = None
+
+    @classmethod
+    def between(cls, start: np.ndarray, dt: float, t: float) -> StepDifference:
+        """The mean rate over a step of `dt` [s] from x₀ (n, 3) at t: ẏ = (y(x) − y(x₀))/dt."""
+        return cls(start, dt, dt, ((1.0, start),), t=t)

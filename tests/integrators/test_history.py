@@ -1,0 +1,194 @@
+"""What terms remember of earlier steps: handed from step to step, kept, and given back."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from conftest import taut_start
+from support.sliders import Sliders, SlidersOverStep
+
+import fecloth as fc
+from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.runs import restart
+from fecloth.simulation.energy_balance import Balance
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.fixed_step import FixedStep
+from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.time_error import TimeError
+
+TIGHT = fc.Newton(tolerance=1e-11, reuse=False)
+ALL = {**METHODS, **EXPLICIT}
+DT, STEPS = 2e-4, 12
+
+
+@pytest.fixture(scope="module")
+def system(small, isotropic):
+    terms = [fc.StVK(), Sliders(k=20.0, most=0.003), fc.Gravity()]
+    return fc.System(small, isotropic, terms, pins=["left"])
+
+
+def made(name):
+    return ALL[name](beyond_limit=True) if name in EXPLICIT else ALL[name]()
+
+
+def marched(system, method, state, dt=DT, steps=STEPS, **known):
+    solver = {} if method.traits.explicit else {"solver": "direct", "newton": TIGHT}
+    return list(fc.march(system, method, state, dt, steps * DT, **solver, **known))
+
+
+def same(one, other):
+    return np.array_equal(one.place, other.place) and np.array_equal(one.heat, other.heat)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_each_step_begins_with_what_the_one_before_left(name, system):
+    """The record is the return mapping at the end of each step, begun where the last one ended."""
+    start, bound = taut_start(system), system.bound[1]
+    record = bound.start_history(start.x, 0.0)
+    for state, info in marched(system, made(name), start):
+        none, before, _ = info.result.earlier
+        assert none is None
+        assert same(before, record)
+        over = SlidersOverStep(**vars(bound.with_history(record)))
+        record = over.commit(state.x, state.t)
+        assert same(record, info.result.history[1])
+        assert same(record, info.memory.term_history[1])
+    assert record.heat > 0
+    assert np.linalg.norm(record.place - start.x, axis=1).max() > 1e-4
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_run_goes_on_from_a_restart_file_bit_for_bit(name, system, tmp_path):
+    method, start = made(name), taut_start(system)
+    steps = marched(system, method, start)
+    state, info = steps[STEPS // 2]
+    ledger = Ledger.open(system, start)
+    so_far = Balance.open(ledger), TimeError.open(start, 0, ledger), (), {}
+    here = restart.Restart("", "", "", state, info.memory, ledger, *so_far, 0, {}, True, {})
+    found = restart.read(restart.write(tmp_path, here))
+    assert same(found.memory.term_history[1], info.result.history[1])
+    on = marched(system, method, found.state, memory=found.memory)
+    assert len(on) == STEPS - STEPS // 2 - 1
+    for (one, _), (other, _) in zip(on, steps[STEPS // 2 + 1 :], strict=True):
+        assert np.array_equal(one.x, other.x)
+        assert np.array_equal(one.v, other.v)
+    assert same(on[-1][1].result.history[1], steps[-1][1].result.history[1])
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_step_that_is_repeated_gives_the_same(name, system):
+    method, start = made(name), taut_start(system)
+    (state, info), (_, following) = marched(system, method, start, steps=2)
+    solver, _ = fc.solver_for(system, method, DT, "direct", TIGHT)
+    for _ in range(2):
+        step = method.step(
+            system, state, DT, solver, info.memory.method_memory, info.result.history
+        )
+        np.testing.assert_array_equal(step.state.x, following.result.state.x)
+        assert same(step.history[1], following.result.history[1])
+
+
+def test_steps_that_are_rejected_leave_no_trace(system):
+    """A push that the first attempts overlook is taken in shorter steps, from the same record."""
+
+    def push(x, v, t):
+        return np.full_like(x, 100.0 if t > 0.05 else 0.0)
+
+    pushed = replace(system, terms=[*system.terms, fc.UserForce(push)])
+    adaptive = fc.Adaptive(fc.BackwardEuler(), rtol=0.05)
+    start, bound = pushed.rest(), pushed.bound[1]
+    record, rejected = bound.start_history(start.x, 0.0), 0
+    for state, info in fc.march(pushed, adaptive, start, t_end=0.06, newton=TIGHT):
+        record = SlidersOverStep(**vars(bound.with_history(record))).commit(state.x, state.t)
+        assert same(record, info.result.history[1])
+        rejected += info.counts.rejected
+    assert rejected > 0
+
+
+@pytest.mark.parametrize("name", ["backward_euler", "bdf2", "newmark", "generalized_alpha"])
+def test_the_ledger_closes_with_what_slips(name, system):
+    """The energies of methods that account for all of a step's forces, with the heat at its end."""
+    run = {"solver": "direct", "newton": TIGHT}
+    result = fc.run(system, made(name), taut_start(system), 5e-5, STEPS * DT, **run)
+    energies, heat = result.energies, result.energies["dissipated:Sliders"]
+    assert heat[-1] > 1e-5
+    assert (np.diff(heat) >= 0).all()
+    alone = fc.run(
+        replace(system, terms=[fc.StVK(), fc.Gravity()]),
+        made(name),
+        taut_start(system),
+        5e-5,
+        STEPS * DT,
+        **run,
+    )
+    without = abs(alone.energies["remainder"]).max()
+    assert abs(energies["remainder"]).max() < 1.1 * without + 1e-3 * heat[-1]
+
+
+def test_explicit_steps_with_a_history_are_not_fused(system):
+    method = fc.CentralDifference(beyond_limit=True)
+    by_step = marched(system, method, taut_start(system))[-1][0]
+    at_once = fc.run(system, method, taut_start(system), DT, STEPS * DT, rows=1)
+    assert np.array_equal(at_once.state.x, by_step.x)
+    assert len(at_once.times) == STEPS + 1
+
+
+def test_load_steps_remember_each_increment(small, isotropic):
+    """Springs that slip where a strip is drawn by its weight: the ends of many and of few steps
+    are those of the path; with one step all of it is one increment."""
+    terms = [fc.StVK(), Sliders(k=2.0, most=1e-5), fc.Gravity((9.81, 0, 0))]
+    system = fc.System(small, isotropic, terms, pins=["left"])
+    start, bound = system.rest(), system.bound[1]
+    steps = list(fc.march(system, LoadSteps(8), start, t_end=1.0))
+    record = bound.start_history(start.x, 0.0)
+    for state, info in steps:
+        record = SlidersOverStep(**vars(bound.with_history(record))).commit(state.x, 0.0)
+        assert same(record, info.result.history[1])
+    assert record.heat > 0
+    assert abs(record.place - start.x).max() > 0
+    several = fc.equilibrium(system, start, load_steps=8)
+    np.testing.assert_array_equal(several.x, steps[-1][0].x)
+    once = fc.equilibrium(system, start)
+    np.testing.assert_allclose(once.x, several.x, atol=1e-6)  # no node turns back
+    result = fc.run(system, LoadSteps(8), start, t_end=1.0)
+    assert result.energies["dissipated:Sliders"][-1] == pytest.approx(float(record.heat))
+
+
+@dataclass(frozen=True)
+class Old(fc.BackwardEuler):
+    """A method as users wrote it before terms had a history."""
+
+    def step(self, system, state, dt, solver, memory=None):
+        return super().step(system, state, dt, solver, memory)
+
+
+@dataclass(frozen=True)
+class OldOver(fc.ImplicitMidpoint):
+    def over_step(self, system, state, dt):
+        return system
+
+
+@pytest.mark.parametrize("steps", [Old(), OldOver(), FixedStep(Old(), DT), fc.Adaptive(Old())])
+def test_a_method_without_history_is_refused_only_where_a_term_has_one(steps, system):
+    start = taut_start(system)
+    dt = None if steps.traits.chooses_dt else DT
+    said = r"(step|over_step)\(...\): must take an argument `history`: Sliders remembers"
+    with pytest.raises(fc.InputError, match=said):
+        next(fc.march(system, steps, start, dt, 0.01))
+    plain = replace(system, terms=[fc.StVK(), fc.Gravity()])
+    next(fc.march(plain, steps, start, dt, 0.01))
+
+
+def test_a_record_that_is_lost_is_refused(system):
+    class Forgets(SlidersOverStep):
+        def commit(self, x, t):
+            return None
+
+    history = system.start_history(system.rest())
+    assert system.start_history(system.rest())[0] is None
+    over = system.with_bound(
+        Forgets(**vars(term)) if record else term
+        for term, record in zip(system.bound, history, strict=True)
+    )
+    with pytest.raises(fc.InputError, match=r"Sliders.*commit\(x, t\) = None: must be the record"):
+        over.commit(system.rest(), history)
