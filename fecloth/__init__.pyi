@@ -19,10 +19,9 @@ from .integrators.energy_momentum import EnergyMomentum
 from .integrators.explicit import CentralDifference, ForwardEuler, SymplecticEuler
 from .integrators.generalized_alpha import GeneralizedAlpha
 from .integrators.linearly_implicit_euler import LinearlyImplicitEuler
-from .integrators.newmark import Newmark
+from .integrators.newmark import Newmark, WithMemory
 from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
 from .integrators.protocol import MethodTraits
-from .integrators.with_memory import WithMemory
 from .mesh.cloth import Cloth
 from .mesh.grading import Grading
 from .nonlinear.equilibrium import Equilibrium, EquilibriumFailed, equilibrium
