@@ -51,7 +51,7 @@ def test_open_and_close_at_the_solved_q_are_the_step(name, slides, small, isotro
     size = np.linalg.norm(opening.residual(0 * q))
     assert np.linalg.norm(opening.residual(q)) < 1e-10 * size
     if slides:
-        one, other = closed.history[-1], step.history[-1]
+        one, other = closed.history[3], step.history[3]
         np.testing.assert_allclose(one.place, other.place, rtol=0, atol=1e-15)
 
 
@@ -125,4 +125,4 @@ def test_explicit_steps_open_and_close(name, small, isotropic):
     closed = method.close(opening, opening.acceleration())
     np.testing.assert_array_equal(closed.state.x, step.state.x)
     np.testing.assert_array_equal(closed.state.v, step.state.v)
-    np.testing.assert_array_equal(closed.history[-1].place, step.history[-1].place)
+    np.testing.assert_array_equal(closed.history[3].place, step.history[3].place)
