@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.power_laws import predict
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -21,12 +22,10 @@ from fecloth.study.tables import Table
 from fecloth.study.tuning.choices import Choice, problem_with
 from fecloth.study.tuning.curves import cost_curve, error_curve, error_of_finest
 from fecloth.study.tuning.fewer_terms import drop_terms
-from fecloth.study.tuning.prediction import Prediction, cheapest, most_accurate
+from fecloth.study.tuning.prediction import cheapest, most_accurate
 from fecloth.study.tuning.result import Tuned
 from fecloth.study.tuning.sampled_extremes import drop_to_neighbours
-from fecloth.study.tuning.space_errors import Mesh
-from fecloth.study.tuning.time_errors import Rule, TimeErrors
-from fecloth.study.tuning.trials import Bench, Trial
+from fecloth.study.tuning.trials import Bench
 
 STRIP = """
 [cloth]
@@ -143,23 +142,6 @@ def test_seconds_grow_with_a_power_within_its_bounds():
 def test_a_first_run_that_loads_code_costs_as_much_as_a_finer_one():
     curve = cost_curve([1.0, 2.0, 4.0], [7.0, 0.2, 0.4], 0.5, 1.0)
     assert curve(np.array([1.0, 4.0]))[:, 0] == pytest.approx([0.2, 0.4])
-
-
-def predict(space: float, in_time: float) -> Prediction:
-    """Return errors space/x² + in_time/n² and seconds 1e-6 x² n, as measured at three sizes."""
-    x, n = [10.0, 20.0, 40.0], [32.0, 64.0, 128.0]
-    theory = np.array([2.0])
-    row = {"status": "ok", "triangles": 100, "steps": 64, "cpu_seconds": 64e-4}
-    trials = tuple(
-        Trial(Choice("P1", "", 1.0 / s, "bdf2", 64), row | {"triangles": s**2}) for s in x
-    )
-    errors = error_curve(x, [np.array([space / s**2]) for s in x], theory, 0.0)
-    mesh = Mesh(trials[0].choice, errors, cost_curve(x, [1e-6 * s**2 for s in x], 1, 3.2), trials)
-    steps = error_curve(n, [np.array([in_time / s**2]) for s in n], theory, 0.0)
-    seconds = cost_curve(n, [1e-4 * s for s in n], 0.5, 1.0)
-    rule = Rule("bdf2", "steps", steps, seconds, trials)
-    times = TimeErrors((rule,), trials[0], np.zeros(1), trials)
-    return Prediction((mesh,), times, trials[0])
 
 
 @pytest.mark.parametrize(("space", "in_time"), [(1.0, 10.0), (5.0, 1.0), (0.5, 100.0)])

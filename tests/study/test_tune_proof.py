@@ -1,0 +1,156 @@
+"""The proof of a tuned setting, on power laws with plain numbers in place of runs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.power_laws import Listed, PowerLaws, candidate, known_run, listed, predict, trial
+
+from fecloth.study.tuning.choices import Choice
+from fecloth.study.tuning.proof import best_run, prove, verify
+from fecloth.study.tuning.search import Goal
+
+
+def true_error(run):
+    return run.row["value"] - 1.0
+
+
+def runs_of(bench):
+    return [(round(1 / one.choice.h), one.choice.steps) for one in bench.ran]
+
+
+@pytest.mark.parametrize("pattern", ["", "unstructured", "right"])
+@pytest.mark.parametrize(("space", "in_time"), [(1.0, 10.0), (5.0, 1.0), (0.5, 100.0), (1.0, 0.0)])
+def test_the_stated_error_is_the_true_one_of_a_power_law_and_a_little_more(space, in_time, pattern):
+    """A finer run tells (1 − part) of an error; the grid convergence index adds the rest."""
+    prediction, tolerance = predict(space, in_time or 1e-9, pattern), 1e-3
+    bench = PowerLaws(space=space, in_time=in_time)
+    first = Goal(tolerance).candidates(prediction)[0]
+    (run,) = bench.run([first.choice])
+    proof = verify(bench, first, run, [], {})
+    assert true_error(run) <= 1.001 * proof.error < 1.4 * true_error(run)
+
+
+@pytest.mark.parametrize(("space", "in_time"), [(1.0, 10.0), (5.0, 1.0), (0.5, 100.0)])
+@pytest.mark.parametrize("wrong", [1.0, 4.0, 0.25])
+def test_a_proved_error_is_the_true_one_also_after_a_wrong_prediction(space, in_time, wrong):
+    bench, tolerance = PowerLaws(space=wrong * space, in_time=wrong * in_time), 1e-3
+    prediction = predict(space, in_time)
+    proof = prove(bench, prediction, Goal(tolerance), [], {}, known_run(prediction, 10.0, 1.0))
+    assert not proof.why
+    assert proof.error <= tolerance
+    assert true_error(proof.trial) <= 1.001 * proof.error
+
+
+def test_the_errors_of_other_causes_are_added():
+    bench, prediction = PowerLaws(), predict(1.0, 10.0)
+    first = Goal(1e-3).candidates(prediction)[0]
+    (run,) = bench.run([first.choice])
+    alone = verify(bench, first, run, [], {})
+    with_solver = verify(bench, first, run, [], {"solver": np.array([2e-4])})
+    assert with_solver.error == pytest.approx(alone.error + 2e-4, rel=1e-12)
+
+
+@pytest.mark.parametrize(("part", "refined"), [(0.2, False), (0.3125, True)])
+def test_a_cause_of_a_quarter_of_the_error_is_refined_in_the_verifying_run(part, refined):
+    prediction, error = predict(1.0, 10.0), 1e-3
+    for swapped in (False, True):
+        errors = ((1 - part) * error, part * error)
+        of = candidate(prediction, 20.0, 64, *(errors[::-1] if swapped else errors))
+        bench = PowerLaws()
+        verify(bench, of, trial(of.choice, 1 + error), [], {})
+        finer = 1 / bench.ran[-1].choice.h > 21, bench.ran[-1].choice.steps > 65
+        assert finer == ((refined, True) if swapped else (True, refined))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "left", "serves"),
+    [(1.4 * 1.25, 0.3 * 0.8, True), (1.4 * 1.25, 0.3 * 1.25, False), (1.4 * 0.8, 0.3 * 0.8, False)],
+)
+def test_the_best_run_of_the_search_proves_if_it_is_finer_and_accurate(ratio, left, serves):
+    """1.4 times the √triangles, and 0.3 of the tolerance for its own error."""
+    prediction, tolerance = predict(1.0, 1e-9), 1e-3
+    first = Goal(tolerance).candidates(prediction)[0]
+    space = known_run(prediction, ratio * first.edges, left * tolerance)
+    bench = PowerLaws(space=1.0, in_time=0.0)
+    proof = prove(bench, prediction, Goal(tolerance), [], {}, space)
+    assert (proof.finer is space.reference) == serves
+    if serves:
+        own = left * tolerance + true_error(bench.ran[0]) - true_error(space.reference)
+        assert true_error(proof.trial) <= proof.error
+        assert bench.distance(space.reference, bench.ran[0])[0] + left * tolerance == pytest.approx(
+            own, rel=1e-2
+        )
+
+
+def test_three_rounds_of_verifying_runs_are_tried():
+    """Of a problem whose error falls with no refinement; the best run is stated."""
+    values = iter(1 + 1e-3 * np.array([2.0, 1.0, 1.6, 1.0, 2.2, 1.0, 2.0, 1.0, 3.0, 1.0]))
+
+    def change(run):
+        return trial(run.choice, next(values))
+
+    bench, prediction = PowerLaws(change=change), predict(1.0, 10.0)
+    proof = prove(bench, prediction, Goal(1e-3), [], {}, known_run(prediction, 10.0, 1.0))
+    assert len(bench.ran) == 2 * 3
+    assert proof.error > 1e-3
+    assert proof.trial is bench.ran[2]
+    assert set(map(id, bench.ran)) - {id(proof.trial)} <= set(map(id, [*proof.search, proof.finer]))
+
+
+def tried_after(true, others, seconds=5.0):
+    """The settings tried after one that takes longer than predicted, with the proof of all.
+
+    `true` is its stated error, and `others` have the predicted errors and seconds.
+    """
+    settings = {"a": (0.5, 1.0)} | others
+    bench = Listed(settings | {"a": (true / 1.125, seconds)})  # the index adds an eighth
+    prediction = listed(settings)
+    proof = prove(bench, prediction, Goal(1.0), [], {}, known_run(prediction, 1.0, 9.0))
+    assert [one.choice.method for one in bench.ran[:2]] == ["a", "a"]
+    return [one.choice.method for one in bench.ran[2:]], proof
+
+
+@pytest.mark.parametrize(("stated", "tries"), [(0.85 * 0.8, ["b"]), (0.85 * 1.15, [])])
+def test_a_cheaper_setting_is_tried_below_085_of_the_tolerance(stated, tries):
+    ran, proof = tried_after(stated, {"b": (0.2, 2.0)})
+    assert ran == tries
+    assert (proof.trial.choice.method == "b") == bool(tries)
+    assert proof.error <= 1.0
+
+
+@pytest.mark.parametrize(("share", "tries"), [(0.85 * 0.8, ["b"]), (0.85 * 1.25, [])])
+def test_a_cheaper_setting_must_save_15_per_cent(share, tries):
+    assert tried_after(0.5, {"b": (0.2, 2.0)}, seconds=2.0 / share)[0] == tries
+
+
+@pytest.mark.parametrize(("error", "tries"), [(0.9 * 0.8, ["b"]), (0.9 * 1.15, [])])
+def test_a_cheaper_setting_may_take_09_of_the_tolerance(error, tries):
+    assert tried_after(0.5, {"b": (error, 2.0)})[0] == tries
+
+
+def test_four_cheaper_settings_are_tried():
+    """Whose errors are larger than predicted, so that all fail; the first one stays."""
+    others = {name: (0.6, 2.0 + 0.25 * i) for i, name in enumerate("bcdefg")}
+    settings = {"a": (0.5, 1.0)} | others
+    bench = Listed({name: (3.0, s) for name, (_, s) in settings.items()} | {"a": (0.4, 5.0)})
+    prediction = listed(settings)
+    proof = prove(bench, prediction, Goal(1.0), [], {}, known_run(prediction, 1.0, 9.0))
+    assert [one.choice.method for one in bench.ran] == ["a", "a", "b", "c", "d", "e"]
+    assert proof.trial is bench.ran[0]
+
+
+@pytest.mark.parametrize(("times", "chosen"), [(1.2, True), (1.875, False)])
+def test_of_runs_within_half_of_the_least_error_the_cheapest_is_stated(times, chosen):
+    prediction = predict(1.0, 10.0)
+    best = trial(Choice("P1", "", 0.02, "bdf2", 64), 1.0, seconds=1.0)
+    other = trial(Choice("P1", "", 0.05, "bdf2", 64), 1 + 1e-3 * (times - 1), seconds=0.1)
+    space = replace(
+        known_run(prediction, 50.0, 1e-3),
+        reference=best,
+        error=np.array([1e-3]),
+        trials=(best, other),
+    )
+    proof = best_run(PowerLaws(), space, prediction.times, [], {})
+    assert proof.trial is (other if chosen else best)
+    assert proof.why == "it was not verified"
