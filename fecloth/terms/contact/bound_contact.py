@@ -6,7 +6,7 @@ one state and for a step.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,7 @@ from fecloth.terms.contact.shape import Shape
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
-Rubbing = Sequence[tuple[Any, np.ndarray]]  # what slides, a `Sliding`, and its velocities w
+Rubbing = Iterable[tuple[Any, np.ndarray]]  # what slides, a `Sliding`, and its velocities w
 
 
 class BoundContact(BoundTerm):
@@ -105,9 +105,8 @@ class BoundContact(BoundTerm):
 
     def rubbing(self, x: np.ndarray, v: np.ndarray, t: float) -> Rubbing:
         """What slides at one state, with its velocities."""
-        if not self.friction:
-            return ()
-        return [(each, each.slip(each.values(v))) for each in self.lag(x, t, 0.0)]
+        sliding = self.lag(x, t, 0.0) if self.friction else ()
+        return [(each, each.slip(each.values(v))) for each in sliding]
 
     def add_force(self, x, v, t, f) -> None:
         """f += the force of the barrier, and friction [N].
@@ -174,29 +173,25 @@ class ContactOverStep(BoundTerm):
     @cached_property
     def sliding(self) -> Sequence[Sliding]:
         """What slides at the begin of the step."""
-        if not self.contact.friction:
-            return ()
-        return self.contact.lag(self.step.start, self.step.t, self.step.dt)
+        begin = self.step.start, self.step.t, self.step.dt
+        return self.contact.lag(*begin) if self.contact.friction else ()
 
     @cached_property
-    def past(self) -> np.ndarray:
-        """(n, 3) Σ cᵢ xᵢ [m]."""
-        return np.add.reduce([weight * x for weight, x in self.step.past])
+    def past(self) -> Sequence[np.ndarray]:
+        """Σ cᵢ xᵢ [m] at the points of what slides."""
+        past = np.add.reduce([weight * x for weight, x in self.step.past])
+        return [each.values(past) for each in self.sliding]
 
     def rubbing(self, x: np.ndarray) -> Rubbing:
         """What slides, with its velocities by the method's difference."""
-        return self._rubbing(x, self.past, self.step.h)
-
-    def _rubbing(self, x: np.ndarray, past: np.ndarray, h: float) -> Rubbing:
-        """What slides, with its velocities (x − past)/h."""
-        return [
-            (each, each.slip((each.values(x) - each.values(past)) / h)) for each in self.sliding
-        ]
+        begin, h = zip(self.sliding, self.past, strict=True), self.step.h
+        return ((each, each.slip((each.values(x) - past) / h)) for each, past in begin)
 
     def energy(self, x, t) -> float:
         """That of the barrier, and h Σ μ λ f₀(y) [J]."""
-        rates = (self.step.h * each.rate(w) for each, w in self.rubbing(x))
-        return sum(rates, start=self.contact.energy(x, t))
+        rubbing = self.rubbing(x)
+        energy = self.contact.energy(x, t)
+        return sum((self.step.h * each.rate(w) for each, w in rubbing), start=energy)
 
     def add_force(self, x, v, t, f) -> None:
         """f += the force of the barrier at rest, and −μ λ f₁(y)/y w [N]."""
@@ -213,8 +208,10 @@ class ContactOverStep(BoundTerm):
 
     def dissipation(self, x: np.ndarray) -> float:
         """dt Σ μ λ f₁(y) y [J] with the velocity over the step, (x − x₀)/dt."""
-        dt, rubbing = self.step.dt, self._rubbing(x, self.step.start, self.step.dt)
-        return dt * sum(each.power(w) for each, w in rubbing)
+        power, start, dt = 0.0, self.step.start, self.step.dt
+        for each in self.sliding:
+            power += each.power(each.slip((each.values(x) - each.values(start)) / dt))
+        return dt * power
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         return self.contact.rate_bounds(mass)
