@@ -14,7 +14,7 @@ from fecloth.integrators.one_stage import BackwardEuler, ImplicitMidpoint, Stage
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.stage import Stage
-from fecloth.system.records import remembered
+from fecloth.terms.records import remembered
 
 __all__ = [
     "EXPLICIT",

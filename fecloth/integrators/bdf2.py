@@ -14,9 +14,9 @@ from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, hold_stage
 from fecloth.nonlinear.statistics import Counts
-from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import History, System
+from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
 
 

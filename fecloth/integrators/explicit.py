@@ -19,9 +19,9 @@ from fecloth.integrators.numerical_dissipation import explicit_dissipation
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, prescribed_end
 from fecloth.nonlinear.statistics import Counts
-from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import History, System
+from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
 
 # `march` reports a step that overflows, because its values are not finite

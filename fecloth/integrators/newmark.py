@@ -15,9 +15,9 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.stage import Stage, hold_stage
 from fecloth.nonlinear.statistics import Counts
-from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import History, System
+from fecloth.terms.records import remembered
 
 
 class WithMemory:

@@ -19,10 +19,10 @@ from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.arguments import check_system
-from fecloth.system.records import remembered
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
 from fecloth.system.system import History, System
+from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
 
 FAR = 10.0  # extents of the cloth: a mean displacement beyond this means that no pin holds it

@@ -29,8 +29,8 @@ from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Memory
 from fecloth.simulation.time_error import TimeError
-from fecloth.system.records import RECORDS, remembered
 from fecloth.system.state import State
+from fecloth.terms.records import RECORDS, remembered
 
 FORMAT = 6
 FOLDER, PATTERN = "restart", "restart_*.npz"
@@ -171,7 +171,7 @@ def _pack(value, arrays: list):
         return value.item()
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    remedy = "Mark its class with @remembered, from fecloth.system.records."
+    remedy = "Mark its class with @remembered, from fecloth.terms.records."
     raise InputError(f"a {name}", "cannot be written to a restart file", remedy=remedy)
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.simulation.energy_ledger import Ledger, negligible_energy
-from fecloth.system.records import remembered
 from fecloth.system.system import System
+from fecloth.terms.records import remembered
 
 EATEN = 0.2  # fraction of the motion that the method may dissipate without a warning
 TRUSTED = 0.05  # fraction of the energy of deformation; a larger remainder causes a warning

@@ -12,9 +12,9 @@ from fecloth.integrators.fused_steps import Flows
 from fecloth.integrators.numerical_dissipation import has_power_column, load_displacement
 from fecloth.linalg.reductions import dot
 from fecloth.simulation.rigid_motion import rms_without_rigid
-from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.records import remembered
 
 OWN_ERROR = 0.05  # of the work of loads, with which a ledger whose balance closes may err
 CREEP = 1e-6  # mean motion since the start, in extents of the cloth, that counts as rest

@@ -22,9 +22,9 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.simulation.step_times import ChosenSteps
 from fecloth.simulation.within_step import deviation_within_step
-from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import History, System
+from fecloth.terms.records import remembered
 
 SAFETY = 0.9
 SHORTEST, LONGEST = 0.2, 2.0  # of a step to the one before; BDF2 is stable below 1 + √2

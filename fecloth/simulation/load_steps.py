@@ -25,10 +25,10 @@ from fecloth.nonlinear.equilibrium import (
 from fecloth.nonlinear.stage_equation import NewtonFailed
 from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
 from fecloth.simulation.step_times import step_times
-from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.records import remembered
 
 TERMS_TIME = 0.0  # at which loads are evaluated: those of a static scene do not depend on it
 

@@ -30,10 +30,10 @@ from fecloth.simulation.resolve import choose_steps, resolve
 from fecloth.simulation.step_history import StepHistory, needs_history
 from fecloth.simulation.step_times import EARLIER, coarse_clock, targets_after
 from fecloth.system.arguments import check_system
-from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.kinematics import largest_stretch, principal_stretches
+from fecloth.terms.records import remembered
 
 
 @remembered

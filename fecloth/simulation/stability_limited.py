@@ -11,10 +11,10 @@ from fecloth.integrators.protocol import ExplicitIntegrator, MethodTraits, check
 from fecloth.integrators.step import Step
 from fecloth.simulation.step_times import ChosenSteps
 from fecloth.stability.critical_step import critical_dt, estimate
-from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.kinematics import extreme_stretches
+from fecloth.terms.records import remembered
 
 FRACTION = 0.9  # of the limit
 UPDATE_STEPS = 500  # after this number the limit is computed again, at less than 10 % of their cost

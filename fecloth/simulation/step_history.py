@@ -11,9 +11,9 @@ from fecloth.integrators.protocol import MethodTraits, drift_of
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.error_left import StepError
 from fecloth.simulation.rigid_motion import rms_without_rigid, weighted_sum
-from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.records import remembered
 
 
 @remembered

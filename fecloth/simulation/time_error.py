@@ -12,9 +12,9 @@ from fecloth.integrators.protocol import MethodTraits, drift_of
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.rigid_motion import deformation, rms_without_rigid, weighted_sum
-from fecloth.system.records import remembered
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.records import remembered
 
 MEAN = math.pi / 2  # peak of |sin| over its mean
 STILL = 1e-6  # of the cloth's extent: a cloth that has moved by less is at rest

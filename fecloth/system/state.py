@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.errors import InputError, floats, is_number
-from fecloth.system.records import remembered
+from fecloth.terms.records import remembered
 
 
 @remembered

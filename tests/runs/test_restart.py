@@ -30,8 +30,8 @@ from fecloth.runs.recorder import Recorder
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.energy_balance import Balance
-from fecloth.system.records import remembered
 from fecloth.system.state import State
+from fecloth.terms.records import remembered
 
 TEXT = """
 [cloth]

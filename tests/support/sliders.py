@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.system.records import remembered
+from fecloth.terms.records import remembered
 
 
 @remembered
