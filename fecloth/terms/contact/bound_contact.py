@@ -18,9 +18,24 @@ from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.contact.friction import Sliding
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
 
 Rubbing = Iterable[tuple[Any, np.ndarray]]  # what slides, a `Sliding`, and its velocities w
+
+
+@remembered
+@dataclass(frozen=True, eq=False)
+class Touched:
+    """Where the cloth was at the end of the last step: λ and directions of friction are from there.
+
+    Attributes
+    ----------
+    place
+        (n, 3) [m].
+    """
+
+    place: np.ndarray
 
 
 class BoundContact(BoundTerm):
@@ -136,6 +151,9 @@ class BoundContact(BoundTerm):
         """Return zeros: at rest nothing touches."""
         return 0.0, 0.0
 
+    def start_history(self, x: np.ndarray, t: float) -> Touched | None:
+        return Touched(x) if self.friction else None
+
     def over_step(self, step: StepDifference) -> ContactOverStep:
         """The contact over a step: it knows where the step began."""
         return ContactOverStep(self, step)
@@ -145,8 +163,8 @@ class BoundContact(BoundTerm):
 class ContactOverStep(BoundTerm):
     """A contact over a step that ends at x; friction has the potential h Σ μ λ f₀(y).
 
-    λ and the directions of sliding are those at the begin of the step, and the velocity is the
-    method's difference.
+    λ and the directions of sliding are those at the end of the last step, where that was committed,
+    and the velocity is the method's difference.
     """
 
     contact: BoundContact
@@ -172,9 +190,11 @@ class ContactOverStep(BoundTerm):
 
     @cached_property
     def sliding(self) -> Sequence[Sliding]:
-        """What slides at the begin of the step."""
-        begin = self.step.start, self.step.t, self.step.dt
-        return self.contact.lag(*begin) if self.contact.friction else ()
+        """What slides at the begin of the step, where the cloth touched last."""
+        if not self.contact.friction:
+            return ()
+        last = self.step.history or Touched(self.step.start)
+        return self.contact.lag(last.place, self.step.t, self.step.dt)
 
     @cached_property
     def past(self) -> Sequence[np.ndarray]:
@@ -212,6 +232,9 @@ class ContactOverStep(BoundTerm):
         for each in self.sliding:
             power += each.power(each.slip((each.values(x) - each.values(start)) / dt))
         return dt * power
+
+    def commit(self, x: np.ndarray, t: float) -> Touched | None:
+        return self.contact.start_history(x, t)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         return self.contact.rate_bounds(mass)

@@ -1,0 +1,112 @@
+"""Friction has its normal forces and directions from where the last step was committed."""
+
+from dataclasses import replace
+
+import meshio
+import numpy as np
+import pytest
+from conftest import flat
+
+import fecloth as fc
+from fecloth.runs import restart
+from fecloth.simulation.energy_balance import Balance
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.time_error import TimeError
+from fecloth.terms.step_difference import StepDifference
+
+GAP, DT, KAPPA = 2e-3, 2e-3, 30.0  # so soft that it stays in the gap
+FABRIC = fc.Fabric(0.2, 200.0, 0.3, bending_rigidity=1e-5)
+KINDS = ["Obstacle", "MeshObstacle", "SelfContact"]
+
+
+def system_on(kind, folder, friction=0.3):
+    """A sheet that slides on a moving ball, a mesh that turns or another sheet, and its start."""
+    sheet, turn = fc.Cloth.rectangle(0.1, 0.06, 0.03), fc.Rotation((0, 0, 0), (0, 0, 1), "t")
+    x, pins = flat(sheet) + [0, 0, 0.85 * GAP], []
+    if kind == "Obstacle":
+        shape = fc.shapes.Sphere((0.05, 0.03, -1.0), 1.0, motion=("0.1*t", 0, 0), rotate=turn)
+        contact = fc.Obstacle(shape, GAP, friction, KAPPA)
+        x[:, 2] += np.sqrt(1 - ((x[:, :2] - [0.05, 0.03]) ** 2).sum(axis=1)) - 1
+    elif kind == "MeshObstacle":
+        pytest.importorskip("ipctk")
+        corners = np.array([[-0.9, -1, 0], [1, -0.8, 0], [-0.2, 1, 0.0]])
+        meshio.write_points_cells(
+            folder / "table.ply", corners, [("triangle", np.int32([[0, 1, 2]]))]
+        )
+        contact = fc.MeshObstacle(folder / "table.ply", GAP, friction, KAPPA, rotate=turn)
+    else:
+        pytest.importorskip("ipctk")
+        lower = fc.Cloth.rectangle(0.3, 0.2, 0.1)
+        sheet = fc.Cloth.join([sheet, lower], ["upper", "lower"])
+        x = np.vstack([x + [0.083, 0.051, 0], flat(lower)])
+        contact, pins = fc.SelfContact(GAP, friction, stiffness=KAPPA), ["lower"]
+    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity(), contact]
+    system = fc.System(sheet, FABRIC, terms, pins)
+    v = np.tile([0.2, 0.1, 0.0], (len(x), 1))
+    v[system.constraints.nodes] = 0.0
+    return system, system.state(x, v)
+
+
+def marched(system, method, state, steps, **known):
+    options = {"solver": "direct", "newton": fc.Newton(reuse=False), **known}
+    return list(fc.march(system, method, state, DT, steps * DT, **options))
+
+
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_run_goes_on_from_a_restart_file_bit_for_bit(kind, method, tmp_path):
+    system, start = system_on(kind, tmp_path)
+    steps = marched(system, method, start, 8)
+    state, info = steps[3]
+    np.testing.assert_array_equal(info.result.history[-1].place, state.x)
+    assert info.result.over.bound[-1].dissipation(state.x) > 0.0  # it slides
+    ledger = Ledger.open(system, start)
+    so_far = Balance.open(ledger), TimeError.open(start, 0, ledger), (), {}
+    here = restart.Restart("", "", "", state, info.memory, ledger, *so_far, 0, {}, True, {})
+    found = restart.read(restart.write(tmp_path, here))
+    np.testing.assert_array_equal(found.memory.term_history[-1].place, state.x)
+    *_, (end, _) = marched(system, method, found.state, 8, memory=found.memory)
+    np.testing.assert_array_equal(end.x, steps[-1][0].x)
+    np.testing.assert_array_equal(end.v, steps[-1][0].v)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_friction_of_a_repeated_step_is_the_same(kind, tmp_path):
+    """Also after an attempt of another size."""
+    method = fc.BDF2()
+    system, start = system_on(kind, tmp_path)
+    *_, (state, info), (_, following) = marched(system, method, start, 3)
+    solver, _ = fc.solver_for(system, method, DT, "direct", fc.Newton(reuse=False))
+    memory, history = info.memory.method_memory, info.result.history
+    for dt in (0.3 * DT, DT):
+        step = method.step(system, state, dt, solver, memory, history)
+    np.testing.assert_array_equal(step.state.x, following.result.state.x)
+    heats = [each.over.bound[-1].dissipation(step.state.x) for each in (step, following.result)]
+    assert heats[0] == heats[1] > 0.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_friction_is_that_of_the_committed_place(kind, tmp_path):
+    """Of a cloth that was pressed on and has been lifted off since, and the other way round."""
+    system, state = system_on(kind, tmp_path)
+    x, term = state.x, system.bound[-1]
+    free = np.ones((len(x), 1))
+    free[system.constraints.nodes] = 0.0
+    lifted = x + free * [0, 0, GAP]
+    end = x + DT * free * [0.2, 0.1, 0.0]
+    heat = {}
+    for name, place in (("pressed", x), ("lifted", lifted)):
+        step = StepDifference.between(lifted if name == "pressed" else x, DT, 0.0)
+        record = term.start_history(place, 0.0)
+        over = term.over_step(replace(step, history=record))
+        heat[name] = over.dissipation(end)
+        np.testing.assert_array_equal(over.commit(end, DT).place, end)
+    assert heat["pressed"] > 0.0 == heat["lifted"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_friction_there_is_no_history(kind, tmp_path):
+    system, state = system_on(kind, tmp_path, friction=0.0)
+    assert system.start_history(state) is None
+    over = system.bound[-1].over_step(StepDifference.between(state.x, DT, 0.0))
+    assert over.commit(state.x, DT) is None
