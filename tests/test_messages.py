@@ -351,10 +351,6 @@ METHODS = [
     (lambda: march(fc.BDF2(), dt=None), "dt = None: must be a number .*let Adaptive"),
     (lambda: march(fc.BDF2(), dt=-1.0), "dt = -1.0: must be finite and > 0"),
     (lambda: march(t_end=0.0), "t_end = 0.0: must be finite and > 0"),
-    (
-        lambda: march(fc.EnergyMomentum(), bound=system(fc.StVK(), fc.Gas(1e5, 0.1))),
-        "Gas.*Use ImplicitMidpoint",
-    ),
     (lambda: march(fc.EnergyMomentum("exact"), solver="pcg"), "symmetric matrices only"),
     (
         lambda: march(fc.CentralDifference(), 1e-4, system(fc.StVK(), mass="consistent")),

@@ -16,6 +16,8 @@ from fecloth.nonlinear.factor_reuse import FactorReuse
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.system.state import State
 from fecloth.system.system import History, System
+from fecloth.terms.discrete_gradient import DiscreteGradient
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
 FEW = 120  # iterations with the symmetric tangent, each at a fifth of the cost of an exact one
@@ -25,15 +27,16 @@ FEW = 120  # iterations with the symmetric tangent, each at a fifth of the cost 
 class EnergyMomentum(StageMethod):
     """M (v₁ − v₀)/dt = f̄(x₀, x₁), x₁ = x₀ + dt (v₀ + v₁)/2; unknown q = v₁ − v₀.
 
-    f̄ is a discrete gradient, −f̄ · (x₁ − x₀) = U(x₁) − U(x₀), term by term: for membranes quadratic
-    in E the stress of the averaged Green strain at the mean position, for other laws in E and for
-    springs and hinges with the correction of Gonzalez (`membrane_discrete_gradient` and
-    `condition_discrete_gradient` in `fecloth.terms.loops`). Gravity, quadratic bending, tethers,
-    loads and damping act at the mean position, velocity and time. `Gas` and a user's `Condition`
-    are refused.
+    f̄ is a discrete gradient, −f̄ · (x₁ − x₀) = U(x₁) − U(x₀), term by term. Membranes quadratic in E
+    take the stress of the averaged Green strain at the mean position. Other laws in E, springs and
+    hinges have the correction of Gonzalez in each element (`membrane_discrete_gradient` and
+    `condition_discrete_gradient` in `fecloth.terms.loops`). `PlateBending`, `Gas`, a `Condition` and
+    terms of your own have it once for the whole cloth (`fecloth.terms.discrete_gradient`). Gravity,
+    quadratic bending, tethers, loads and damping act at the mean position, velocity and time.
 
     Second order, A-stable, no damping of linear modes of any frequency. Keeps the energy, and
-    linear and angular momentum, to the Newton tolerance, at any step and on nonlinear problems:
+    linear and angular momentum where no load is fixed in space, to the Newton tolerance, at any
+    step and on nonlinear problems:
     where the midpoint rule gains energy this method cannot. What a step does not resolve is
     wrong nevertheless, in phase and shape, and is not damped away; Newton can fail to converge.
 
@@ -47,7 +50,8 @@ class EnergyMomentum(StageMethod):
         1/60 s     2.5 (10, 4.4)       3 (18, 5.9)           7 (45, 8.9)
         1/30 s     2 (30, 7.9)         4 (48, 10)            fails
 
-    Source: Simo and Tarnow (1992), The Discrete Energy–Momentum Method, ZAMP 43.
+    Source: Simo and Tarnow (1992), The Discrete Energy–Momentum Method, ZAMP 43; Gonzalez (1996),
+    Time Integration and Discrete Hamiltonian Systems, J. Nonlinear Sci. 6.
 
     Parameters
     ----------
@@ -122,20 +126,13 @@ class EnergyMomentum(StageMethod):
     def over_step(
         self, system: System, state: State, dt: float, history: History | None = None
     ) -> System:
-        """The system with forces between x₀ and x₁ = 2x − x₀ that do the work of the energies.
+        """The system with forces between x₀ and x₁ = 2x − x₀ that do the work of the energies."""
+        over = system.over_step(self.difference(state, dt), history)
+        mass, t = system.diagonal_mass, state.t + 0.5 * dt
 
-        Raises
-        ------
-        InputError
-            For a term with an energy and no force over a step.
-        """
-        for term in system.bound:
-            if term.has_energy and not term.knows_steps:
-                raise InputError(
-                    f"the term {term.name}",
-                    "has an energy, but no function `over_step`, which this method needs",
-                    "EnergyMomentum",
-                    "Use ImplicitMidpoint or GeneralizedAlpha, or see "
-                    "fecloth.terms.protocol.OverStep",
-                )
-        return system.over_step(self.difference(state, dt), history)
+        def conserve(term: BoundTerm, near: BoundTerm) -> BoundTerm:
+            if near.conserves or not term.has_energy:
+                return near
+            return DiscreteGradient(term, near, state.x, mass, t)
+
+        return system.with_bound(map(conserve, system.bound, over.bound))

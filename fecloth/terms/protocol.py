@@ -110,6 +110,12 @@ class BoundTerm:
         `BackwardEuler` and `BDF2`. The others refuse the term with these words; "" for none.
     needs_difference
         True for a term that methods must refuse which have no difference for rates over the step.
+    conserves
+        True where −f · d is the change of the energy in a motion d, for the force f at its mean, as
+        it is for energies quadratic in x; of what `over_step` gives, for its force at the mean.
+        `EnergyMomentum` corrects the other forces (`fecloth.terms.discrete_gradient`).
+    objective
+        True where no rigid motion of the cloth changes the energy.
     steady_air
         (3,) the velocity [m/s] of the air where it is constant, of a drag in moving air.
     """
@@ -139,6 +145,10 @@ class BoundTerm:
         @property
         def needs_difference(self) -> bool: ...
         @property
+        def conserves(self) -> bool: ...
+        @property
+        def objective(self) -> bool: ...
+        @property
         def steady_air(self) -> np.ndarray | None: ...
 
     else:
@@ -147,6 +157,8 @@ class BoundTerm:
         no_equilibrium = ""
         needs_end = ""
         needs_difference = False
+        conserves = False
+        objective = False
         steady_air = None
 
     # --- force and tangent ------------------------------------------------------------------------
@@ -251,10 +263,11 @@ class BoundTerm:
         """The term over this step, or the term itself where it does not depend on the step.
 
         `BackwardEuler`, `BDF2` and `EnergyMomentum` ask for it; the other methods call the term
-        itself, unless it keeps a history. `EnergyMomentum` needs it of each term with an energy.
+        itself, unless it keeps a history.
         Where ``step.at_mean`` is False, x is the end of the step. An `energy` of what is returned
         is then its potential over the step, −∂energy/∂x its force, so that the step can minimise.
-        Where it is True, x is the mean of both ends, and the force does the work of the energy.
+        Where it is True, x is the mean of both ends, and the force, where it `conserves`, does the
+        work of the energy.
         """
         return self
 
@@ -358,11 +371,6 @@ class BoundTerm:
     def recovers_strain(self) -> bool:
         """Whether it can estimate its error in space."""
         return has_own(self, "strain_error")
-
-    @property
-    def knows_steps(self) -> bool:
-        """Whether it says what it is over a step."""
-        return has_own(self, "over_step")
 
     @property
     def dissipates_over_step(self) -> bool:

@@ -37,6 +37,7 @@ class BoundWinkler:
     name = "Winkler"
     symmetric = has_energy = True
     dissipative = velocity_dependent = False
+    conserves = True  # the energy is quadratic in x
 
     def energy(self, x, t):
         return 0.5 * float(self.k @ x[:, 2] ** 2)
@@ -46,9 +47,6 @@ class BoundWinkler:
 
     def add_tangent(self, x, v, t, wx, wv, J, definite):
         J.values[self.own, 2, 2] += wx * self.k
-
-    def over_step(self, step):
-        return self
 
     def rate_bounds(self, mass):
         return float((self.k / mass).max()), 0.0

@@ -77,7 +77,6 @@ def test_a_term_of_its_own_gets_what_it_lacks(kind):
 
 def test_what_a_term_has_stays():
     term = bind(BoundWinkler(np.ones(2), np.arange(2)))
-    assert term.knows_steps
     assert has_own(term, "energy")
     assert not term.supplies
     assert term.energy(np.ones((2, 3)), 0.0) == 1.0

@@ -15,12 +15,10 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.fold_measure import fold_measure
 from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
-from fecloth.terms.bending.plate_discrete_gradient import PlateOverStep
 from fecloth.terms.bending.plate_stiffness import panel_curvatures
 from fecloth.terms.loops.array_updates import subtract
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.recovered_error import plate_error
-from fecloth.terms.step_difference import StepDifference
 
 At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
 
@@ -152,6 +150,10 @@ class BoundPlate(BoundTerm):
     dissipative = False
     velocity_dependent = False
 
+    @property
+    def objective(self) -> bool:
+        return not len(self.plate.held)  # the normals of clamps do not turn with the cloth
+
     def energy(self, x: np.ndarray, t: float) -> float:
         """½ (μ − μ⁰)ᵀ Q (μ − μ⁰) [J]."""
         return self.plate.energy(x, t, self.rest)
@@ -213,9 +215,3 @@ class BoundPlate(BoundTerm):
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bound of the eigenvalues of M⁻¹K [1/s²] at flat."""
         return self.plate.bound(mass), 0.0
-
-    def over_step(self, step: StepDifference) -> BoundPlate | PlateOverStep:
-        """The plate over a step at whose mean it is evaluated; otherwise itself."""
-        if not step.at_mean:
-            return self
-        return PlateOverStep(self.plate, self.rest, step.start, step.symmetric)

@@ -16,7 +16,6 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.hinge import hinge_stiffness
 from fecloth.terms.loops.array_updates import subtract_product
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True)
@@ -92,6 +91,7 @@ class BoundQuadratic(BoundTerm):
     name = "QuadraticBending"
     symmetric = True
     has_energy = True
+    conserves = True
     dissipative = False
     velocity_dependent = False
 
@@ -115,10 +115,6 @@ class BoundQuadratic(BoundTerm):
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx Q ⊗ I₃."""
         add_mass(self.blocks, self.matrix.data, wx, J.values)
-
-    def over_step(self, step: StepDifference) -> BoundQuadratic:
-        """Itself: over a step its force at the mean does the work of its energy."""
-        return self
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bound of the eigenvalues of M⁻¹K [1/s²]: the largest row sum of |Q|/m."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -175,6 +176,10 @@ class BoundUserCondition(bound_condition.BoundCondition):
     """`Condition` bound to a cloth: the constants of a stencil are the values of C, ∂C and ∂²C."""
 
     functions: Derivatives = field(kw_only=True)
+
+    @cached_property
+    def objective(self) -> bool:
+        return self.functions.is_objective(self.rest[self.nodes])
 
     def table(self, x, t, order) -> np.ndarray:
         """Make rows (m, p) with C of each stencil, for `order` 1 also ∂C, for 2 also ∂²C."""

@@ -15,7 +15,6 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import ACCELERATION
 from fecloth.terms.loops.array_updates import add
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True)
@@ -64,6 +63,7 @@ class BoundGravity(BoundTerm):
     load = True
     symmetric = True
     has_energy = True
+    conserves = True
     dissipative = False
     velocity_dependent = False
 
@@ -79,10 +79,6 @@ class BoundGravity(BoundTerm):
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """Do nothing: the force is constant."""
-
-    def over_step(self, step: StepDifference) -> BoundGravity:
-        """Return itself: the work of the constant force equals the change of the energy."""
-        return self
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         return 0.0, 0.0

@@ -233,6 +233,7 @@ class OverStep(BoundTerm):
     symmetric_elastic: bool
 
     has_energy = False  # at x alone
+    conserves = True
 
     @property
     def name(self) -> str:

@@ -303,6 +303,7 @@ class OverStep(BoundTerm):
     symmetric: bool
 
     has_energy = False  # at x alone
+    conserves = True
     dissipative = False
     velocity_dependent = False
 

@@ -345,6 +345,7 @@ class ReggeOverStep(BoundTerm):
     symmetric: bool
 
     has_energy = False  # at x alone
+    conserves = True
     dissipative = False
     velocity_dependent = False
 

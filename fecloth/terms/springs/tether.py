@@ -14,7 +14,6 @@ from fecloth.mesh.cloth import Cloth, Where
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import DAMPER, LENGTH, PER_WIDTH
 from fecloth.terms.loops import bound_condition
-from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True)
@@ -93,12 +92,10 @@ class BoundTether(bound_condition.BoundCondition):
 
     point: TimeFunction = field(kw_only=True)
 
+    conserves = True
+
     def table(self, x, t, order) -> np.ndarray:
         return np.tile(self.point(t), (len(self.nodes), 1))
-
-    def over_step(self, step: StepDifference) -> BoundTether:
-        """Return itself: the work of its force at the mean is the change of its energy."""
-        return self
 
     def speed(self, t: float) -> np.ndarray:
         """(3,) ṗ [m/s]."""

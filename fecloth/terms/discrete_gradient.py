@@ -1,0 +1,152 @@
+"""A term over a step of energy–momentum: a force whose work is the change of the energy.
+
+From positions x₀ to x₁ = 2x − x₀, with d = x₁ − x₀ and a force f near −∂U/∂x of the mean x,
+
+    f̄ = f − (N / u·d) u,   N = U(x₁) − U(x₀) + f · d
+
+has the work f̄ · d = U(x₀) − U(x₁), whatever the step and the direction u. For f = −∂U/∂x and u = d
+this is the discrete gradient of Gonzalez (1996), Time Integration and Discrete Hamiltonian Systems,
+J. Nonlinear Sci. 6, taken for the cloth as a whole: N is one number, not one of each element. N is
+of third order in d, so f̄ − f of second, and the step keeps its order.
+
+u is d times the mass, like a change of momentum. Where no rigid motion changes U, it is without the
+rigid part of d,
+
+    u_a = m_a (d_a − d̄ − ω × p_a),   p_a = x_a − x̄,   Θω = Σ m p × d,   Θ = Σ m (|p|² I − p pᵀ)
+
+with the means d̄ and x̄ by mass. Then neither f nor u has a resultant or a moment about x, and the
+step keeps linear and angular momentum. Other terms, as loads that are fixed in space, have both,
+and a rigid motion changes U: there u = M d.
+
+The tangent is that of f. It lacks the derivative of N u/(u·d), of second order in d, so that
+Newton's iteration converges linearly, the faster the shorter the step. Where a step turns the cloth
+and hardly deforms it, N and u are small, and N/(u·d) is a quotient of small numbers, for which the
+iteration may fail. So springs and membranes do not use −∂U/∂x for f, but forms of their own for
+which N is zero, or small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fecloth.compiled.jit import Array
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.reductions import dot, mean
+from fecloth.terms.protocol import At, BoundTerm
+
+SHORT = 1e-16  # of u·d, relative to d·M d: at or below it the motion is rigid
+ROUND_OFF = 1e-15  # of N, relative to the energies
+
+
+@dataclass(frozen=True, eq=False)
+class DiscreteGradient(BoundTerm):
+    """A term as it acts over a step from `start` to 2x − start, evaluated at the mean x.
+
+    Attributes
+    ----------
+    term
+        It has the energy.
+    near
+        It has the force f and the tangent: the term, or what its `over_step` gave.
+    start
+        (n, 3) positions x₀ [m].
+    mass
+        (n,) masses of the nodes, all > 0 [kg].
+    t
+        Time of the mean [s]; both energies are of this time.
+    """
+
+    term: BoundTerm
+    near: BoundTerm
+    start: np.ndarray
+    mass: np.ndarray
+    t: float
+
+    has_energy = False  # at x alone
+
+    @property
+    def name(self) -> str:
+        return self.term.name
+
+    @property
+    def symmetric(self) -> bool:
+        return self.near.symmetric
+
+    @property
+    def dissipative(self) -> bool:
+        return self.term.dissipative
+
+    @property
+    def velocity_dependent(self) -> bool:
+        return self.term.velocity_dependent
+
+    @cached_property
+    def energy_before(self) -> float:
+        """U(x₀) [J]."""
+        return self.term.energy(self.start, self.t)
+
+    def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
+        """f += f̄, and damping by the velocity v as at x [N]."""
+        elastic, d = np.zeros_like(f), 2.0 * (x - self.start)
+        self.near.add_force(x, np.zeros_like(v), t, elastic)
+        f += elastic + self.correction(x, d, elastic)
+        if self.velocity_dependent:
+            self.near.add_force(x, v, t, f)
+            f -= elastic
+
+    def correction(self, x: np.ndarray, d: np.ndarray, f: np.ndarray) -> np.ndarray:
+        """−N/(u·d) u (n, 3) [N] for the force f at x, or zero if N or u·d is round-off."""
+        before, after = self.energy_before, self.term.energy(x + 0.5 * d, self.t)
+        momentum = self.mass[:, None] * d
+        u = deformation(self.mass, x, d) if self.term.objective else momentum
+        change, along = after - before + dot(f, d), dot(u, d)
+        if abs(change) <= ROUND_OFF * (abs(before) + abs(after)):
+            return np.zeros_like(f)
+        if along <= SHORT * dot(momentum, d):
+            return np.zeros_like(f)
+        return -change / along * u
+
+    def add_tangent(
+        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
+    ) -> None:
+        """J += wx K + wv D of f."""
+        self.near.add_tangent(x, v, t, wx, wv, J, definite)
+
+    def dense(self, x: np.ndarray, t: float) -> tuple[float, np.ndarray] | None:
+        """The dense part of K."""
+        return self.near.dense(x, t)
+
+    def power(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
+        """Dissipated power [W]."""
+        return self.term.power(x, v, t)
+
+    def commit(self, x: np.ndarray, t: float) -> Any:
+        """The record of the term after the step."""
+        return self.near.commit(x, t)
+
+    def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
+        """Work [J] that moves the normals of clamps: the change of energy by time alone.
+
+        Over the step the normals are those of the mean time, and the forces on the nodes have the
+        work of the energy for these. What is left are the changes before and after that time.
+        """
+        if self.term.work_of_clamps(old, new, stages) == 0.0:
+            return 0.0
+        path = (*old, -1), (old[0], self.t, 1), (new[0], self.t, -1), (*new, 1)
+        return sum(sign * self.term.energy(x, t) for x, t, sign in path)
+
+
+def deformation(mass: np.ndarray, x: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """u (n, 3) [kg m] of a motion d (n, 3) of nodes at x (n, 3), without its rigid part."""
+    p, r = x - mean(mass, x), d - mean(mass, d)
+    products = np.einsum("a,ai,aj->ij", mass, p, p)
+    moment = np.einsum("a,ai->i", mass, np.cross(p, r))
+    inertia = np.trace(products) * np.eye(3) - products
+    omega = np.linalg.lstsq(inertia, moment, rcond=None)[0]  # no ω along a straight line of nodes
+    u: np.ndarray = mass[:, None] * (r - np.cross(omega, p))
+    return u

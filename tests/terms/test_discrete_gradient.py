@@ -1,0 +1,207 @@
+"""Forces over a step from the energy of the whole cloth: their work, their momenta, their size."""
+
+import numpy as np
+import pytest
+from conftest import rough
+from support.over_step import energy_momentum as over_step
+
+import fecloth as fc
+
+FABRIC = fc.Fabric(0.2, 500.0, 0.2, bending_rigidity=(1e-3, 5e-4), bending_poisson_ratio=0.2)
+CLOTH = fc.Cloth.rectangle(0.4, 0.3, h=0.1)
+QUADRATIC = fc.Cloth.rectangle(0.4, 0.3, h=0.15, element="P2")
+EXACT = fc.Newton(tolerance=1e-12)
+
+
+def length(y):
+    """That of a cable through the nodes of a stencil, relative to 0.3 m."""
+    return np.linalg.norm(np.diff(y, axis=1), axis=2).sum(axis=1) / 0.3 - 1.0
+
+
+CABLE = fc.Condition(length, [[0, 5, 9, 12]], 40.0, damping=0.02)
+BOWL = fc.Condition(lambda y: y[:, 0, 0] * y[:, 0, 2] + 1.0, [[3], [4], [7]], 5.0)
+GAS = fc.Gas(300.0, 0.1, ambient=100.0, exponent=1.4)
+OBJECTIVE = [
+    (CLOTH, fc.PlateBending()),
+    (CLOTH, fc.PlateBending(rest=0.4)),
+    (QUADRATIC, fc.PlateBending()),
+    (CLOTH, CABLE),
+]
+IN_SPACE = [(CLOTH, BOWL), (CLOTH, GAS)]
+IDS = [f"{type(term).__name__} on {cloth.element}" for cloth, term in OBJECTIVE + IN_SPACE]
+
+
+def one(cloth, term, size=0.5):
+    """A system of one term, and the ends of a step that turns it by `size` and strains it."""
+    c, s, rng = np.cos(size), np.sin(size), np.random.default_rng(4)
+    start = rough(cloth, rng, 0.02) + [0, 0, 0.3 if term is GAS else 0]
+    turned = start @ [[1, 0, 0], [0, c, s], [0, -s, c]]
+    end = turned + 0.04 * size * rng.standard_normal(start.shape)
+    return fc.System(cloth, FABRIC, [term]), start, end
+
+
+def change(system, start, end):
+    return system.bound[0].energy(end, 0.0) - system.bound[0].energy(start, 0.0)
+
+
+@pytest.mark.parametrize(("cloth", "term"), OBJECTIVE + IN_SPACE, ids=IDS)
+def test_the_work_is_the_change_of_the_energy(cloth, term):
+    system, start, end = one(cloth, term)
+    at, d = system.state((start + end) / 2), end - start
+    f, at_mean = over_step(system, start).force(at), system.force(at)
+    energy = change(system, start, end)
+    assert abs(np.vdot(f, d) + energy) < 1e-12 * np.abs(f * d).sum()
+    assert abs(np.vdot(at_mean, d) + energy) > 1e-4 * abs(energy)
+
+
+@pytest.mark.parametrize(("cloth", "term"), OBJECTIVE, ids=IDS[:4])
+def test_an_objective_energy_has_no_resultant_and_no_moment(cloth, term):
+    system, start, end = one(cloth, term)
+    mean = (start + end) / 2
+    f = over_step(system, start).force(system.state(mean))
+    size = np.abs(f).sum()
+    assert np.linalg.norm(f.sum(axis=0)) < 1e-10 * size  # ∂C of differences is good to 1e-10
+    assert np.linalg.norm(np.cross(mean, f).sum(axis=0)) < 1e-10 * size
+
+
+@pytest.mark.parametrize(("cloth", "term"), OBJECTIVE + IN_SPACE, ids=IDS)
+def test_the_correction_is_along_the_motion_weighted_by_mass(cloth, term):
+    """u by a basis of the six rigid motions, from which d is cleared in the norm of the mass."""
+    system, start, end = one(cloth, term)
+    mean, d, m = (start + end) / 2, end - start, system.diagonal_mass[:, None]
+    f = system.force(system.state(mean))
+    r = d.copy()
+    if (cloth, term) in OBJECTIVE:
+        axes = np.eye(3)
+        rigid = [np.broadcast_to(axis, d.shape) for axis in axes] + [np.cross(a, mean) for a in axes]
+        A = (np.sqrt(m) * np.array(rigid)).reshape(6, -1).T
+        r -= np.tensordot(np.linalg.lstsq(A, (np.sqrt(m) * d).ravel(), rcond=None)[0], rigid, 1)
+    defect = change(system, start, end) + np.vdot(f, d)
+    expected = f - defect / np.vdot(m * r, d) * (m * r)
+    found = over_step(system, start).force(system.state(mean))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("cloth", "term"), OBJECTIVE + IN_SPACE, ids=IDS)
+def test_it_differs_from_the_force_at_the_mean_by_the_square_of_the_step(cloth, term):
+    differences = []
+    for size in (1e-3, 5e-4):
+        system, start, end = one(cloth, term, size)
+        at = system.state((start + end) / 2)
+        differences.append(np.linalg.norm(over_step(system, start).force(at) - system.force(at)))
+    assert np.log2(differences[0] / differences[1]) == pytest.approx(2, abs=0.15)
+
+
+@pytest.mark.parametrize(("cloth", "term"), OBJECTIVE + IN_SPACE, ids=IDS)
+def test_a_step_that_goes_nowhere_has_the_force_and_tangent_of_its_state(cloth, term):
+    system, start, _ = one(cloth, term)
+    over, at = over_step(system, start), system.state(start)
+    np.testing.assert_array_equal(over.force(at), system.force(at))
+    assert abs(over.stiffness(at) - system.stiffness(at)).max() == 0.0
+    for (c, u), (k, w) in zip(over.dense(at), system.dense(at), strict=True):
+        assert c == k
+        np.testing.assert_array_equal(u, w)
+
+
+def test_a_step_that_only_turns_the_cloth_is_not_corrected():
+    """Both N and u are round-off there."""
+    system, start, _ = one(CLOTH, fc.PlateBending(rest=0.4))
+    c, s = np.cos(0.3), np.sin(0.3)
+    end = start @ [[1, 0, 0], [0, c, s], [0, -s, c]]
+    at = system.state((start + end) / 2)
+    f, at_mean = over_step(system, start).force(at), system.force(at)
+    np.testing.assert_allclose(f, at_mean, rtol=0, atol=1e-6 * np.abs(at_mean).max())
+
+
+def test_damping_acts_as_at_the_mean():
+    system, start, end = one(CLOTH, CABLE)
+    v = np.random.default_rng(1).standard_normal(start.shape)
+    mean, over = (start + end) / 2, over_step(system, start)
+    viscous = system.force(system.state(mean, v)) - system.force(system.state(mean))
+    found = over.force(system.state(mean, v)) - over.force(system.state(mean))
+    assert np.abs(viscous).max() > 1e-3
+    np.testing.assert_allclose(found, viscous, rtol=0, atol=1e-12)
+    power = system.bound[0].power(mean, v, 0.0)
+    assert over.bound[0].power(mean, v, 0.0) == power > 0
+
+
+def test_which_energies_no_rigid_motion_changes():
+    pin = fc.Pin("left", clamp=True)
+    clamped = fc.System(CLOTH, FABRIC, [fc.PlateBending()], pins=[pin]).bound[0]
+    found = [one(*case)[0].bound[0].objective for case in OBJECTIVE + IN_SPACE]
+    assert found == [True] * 4 + [False] * 2
+    assert not clamped.objective
+    radius = fc.Condition(lambda y: np.linalg.norm(y, axis=2), [[3], [4]], 1.0)  # no moment
+    shift = fc.Condition(lambda y: y[:, 0, 0] - 2 * y[:, 1, 0], [[3, 4]], 1.0)
+    angle = fc.Condition(lambda y: y[:, 0, 0] - y[:, 1, 0], [[3, 4]], 1.0)  # no resultant
+    assert not any(one(CLOTH, term)[0].bound[0].objective for term in (radius, shift, angle))
+
+
+def fly(terms, cloth=CLOTH, dt=2e-3, t_end=0.05):
+    """A run of a free cloth that turns and is deformed, and its momenta at both ends."""
+    system = fc.System(cloth, FABRIC, terms)
+    X = cloth.X
+    z = 0.3 + 0.5 * X[:, 0] * (X[:, 1] + X[:, 0])
+    x = np.column_stack([1.05 * X[:, 0], 1.03 * X[:, 1], z])
+    start = system.state(x, np.cross([1.0, 5.0, 8.0], x) + [0.5, -0.2, 0.1])
+    result = fc.run(system, fc.EnergyMomentum(), start, dt, t_end, newton=EXACT, solver="direct")
+    return result, momenta(system, start), momenta(system, result.state)
+
+
+def momenta(system, state):
+    p = system.scalar_mass @ state.v
+    return p.sum(axis=0), np.cross(state.x, p).sum(axis=0)
+
+
+UNDAMPED = fc.Condition(length, [[0, 5, 9, 12]], 40.0)
+FLIGHTS = {
+    "plate": [fc.StVK(), fc.PlateBending(rest=0.4)],
+    "cable": [fc.StVK(), UNDAMPED],
+    "bowl": [fc.StVK(), BOWL],
+    "gas": [fc.StVK(), fc.Gas(120.0, 0.036, ambient=100.0)],
+}
+
+
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_a_free_flight_keeps_the_energy_and_what_else_it_must(name):
+    terms = FLIGHTS[name]
+    result, (p0, L0), (p1, L1) = fly(terms)
+    turnover = result.energies["kinetic"].max()
+    assert np.ptp(result.energies[type(terms[1]).__name__]) > 1e-3 * turnover
+    assert np.ptp(result.energies["total"]) < 1e-9 * turnover
+    if name in ("plate", "cable"):
+        assert np.linalg.norm(p1 - p0) < 1e-10 * np.linalg.norm(p0)
+        assert np.linalg.norm(L1 - L0) < 1e-9 * np.linalg.norm(L0)
+    else:  # the load changes them
+        assert np.linalg.norm(p1 - p0) > 1e-2 * np.linalg.norm(p0)
+
+
+def test_a_term_of_ones_own_with_an_energy_is_served():
+    """U = k/4 Σ z⁴ without anything about steps."""
+
+    class Quartic:
+        name, symmetric, has_energy = "Quartic", True, True
+        dissipative = velocity_dependent = False
+
+        def stencil(self, cloth):
+            return np.arange(len(cloth.X))[:, None]
+
+        def bind(self, panel, slots):
+            self.slots = slots(self.stencil(panel.cloth))[:, 0, 0]
+            return self
+
+        def energy(self, x, t):
+            return 100.0 * float(np.sum(x[:, 2] ** 4))
+
+        def add_force(self, x, v, t, f):
+            f[:, 2] -= 400.0 * x[:, 2] ** 3
+
+        def add_tangent(self, x, v, t, wx, wv, J, definite):
+            J.values[self.slots, 2, 2] += wx * 1200.0 * x[:, 2] ** 2
+
+        def rate_bounds(self, mass):
+            return 0.0, 0.0
+
+    result, *_ = fly([fc.StVK(), Quartic()])
+    assert np.ptp(result.energies["Quartic"]) > 0.01 * result.energies["kinetic"].max()
+    assert np.ptp(result.energies["total"]) < 1e-9 * result.energies["kinetic"].max()
