@@ -30,9 +30,10 @@ class EnergyMomentum(StageMethod):
     f̄ is a discrete gradient, −f̄ · (x₁ − x₀) = U(x₁) − U(x₀), term by term. Membranes quadratic in E
     take the stress of the averaged Green strain at the mean position. Other laws in E, springs and
     hinges have the correction of Gonzalez in each element (`membrane_discrete_gradient` and
-    `condition_discrete_gradient` in `fecloth.terms.loops`). `PlateBending`, `Gas`, a `Condition` and
-    terms of your own have it once for the whole cloth (`fecloth.terms.discrete_gradient`). Gravity,
-    quadratic bending, tethers, loads and damping act at the mean position, velocity and time.
+    `condition_discrete_gradient` in `fecloth.terms.loops`). `PlateBending`, `Gas`, a `Condition`
+    and terms of your own have it once for the whole cloth (`fecloth.terms.discrete_gradient`).
+    Gravity, quadratic bending, tethers, loads and damping act at the mean position, velocity and
+    time.
 
     Second order, A-stable, no damping of linear modes of any frequency. Keeps the energy, and
     linear and angular momentum where no load is fixed in space, to the Newton tolerance, at any

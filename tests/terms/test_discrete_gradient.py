@@ -72,8 +72,8 @@ def test_the_correction_is_along_the_motion_weighted_by_mass(cloth, term):
     f = system.force(system.state(mean))
     r = d.copy()
     if (cloth, term) in OBJECTIVE:
-        axes = np.eye(3)
-        rigid = [np.broadcast_to(axis, d.shape) for axis in axes] + [np.cross(a, mean) for a in axes]
+        rigid = [np.broadcast_to(axis, d.shape) for axis in np.eye(3)]
+        rigid += [np.cross(axis, mean) for axis in np.eye(3)]
         A = (np.sqrt(m) * np.array(rigid)).reshape(6, -1).T
         r -= np.tensordot(np.linalg.lstsq(A, (np.sqrt(m) * d).ravel(), rcond=None)[0], rigid, 1)
     defect = change(system, start, end) + np.vdot(f, d)
