@@ -12,6 +12,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.hinges import Hinges
 from fecloth.suggest import did_you_mean
 from fecloth.system.system import System
+from fecloth.terms import TRAITS
 
 _SQUARE, _SKEW = np.eye(2), np.array([[1.0, 0.5], [0.0, np.sqrt(0.75)]])
 _A, _B, _C, _D, _O = (0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 0)
@@ -187,7 +188,7 @@ def bending_note(pattern: str, terms: Iterable[str]) -> str:
     >>> bending_note("right", ["StVK", "HingeBending"])
     'HingeBending on "right" bends along X as 0.80 B (narrow strip) to 1.00 B (wide), at any h'
     """
-    hinge_terms = [name for name in terms if name in ("HingeBending", "QuadraticBending")]
+    hinge_terms = [name for name in terms if name in TRAITS and TRAITS[name].by_pattern]
     if not hinge_terms or pattern not in CELLS:
         return ""
     D = bending_tensor(pattern)

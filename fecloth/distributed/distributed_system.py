@@ -25,13 +25,7 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms import protocol
 from fecloth.terms.springs.springs import KnownSprings
-
-RINGS, RINGS_OF_PLATES = 3, 8  # of triangles around the nodes of a part, for `strain_error` too
-SHARED = (  # terms whose loops run on all processes, or on single nodes
-    *("BaraffWitkin", "BendingDamping", "Drag", "Gravity", "HingeBending", "MassDamping"),
-    *("NeoHookean", "PlateBending", "PointForce", "Pressure", "QuadraticBending", "Springs"),
-    *("StVK", "StrainRateDamping", "TensionField", "TensorCondition", "Tether", "Wind"),
-)
+from fecloth.terms.traits import TermTraits, parameters_of, traits_of
 
 
 class DistributedSystem(System):
@@ -55,8 +49,8 @@ class DistributedSystem(System):
     def parts(self) -> list[Part]:
         """The part of each process."""
         _refuse(self.terms)
-        plates = any(_has_plate(term, self.cloth) for term in self.terms)
-        rings, size = RINGS_OF_PLATES if plates else RINGS, self.link.size
+        rings = max((traits_of(term).reach for term in self.terms), default=TermTraits.reach)
+        size = self.link.size
         owner = find_owners(self.cloth, size)
         return [make_part(self.cloth, owner, rank, rings) for rank in range(size)]
 
@@ -179,18 +173,15 @@ def _in_parts(what: str) -> InputError:
 def _refuse(terms: Sequence) -> None:
     """Raise `InputError` for a term that several processes cannot share."""
     for term in terms:
-        name = type(term).__name__
-        if name not in SHARED or getattr(named, name, None) is not type(term):
+        name, traits = type(term).__name__, traits_of(term)
+        if not traits.shared:
             allowed = "cannot be shared among processes yet"
-            remedy = f"Run on one process, or use only {', '.join(SHARED)}."
+            known = (known for known, each in named.TRAITS.items() if each.shared)
+            remedy = f"Run on one process, or use only {', '.join(known)}."
             raise InputError(name, allowed, "mpiexec", remedy)
-        if name in ("HingeBending", "PlateBending") and isinstance(term.rest, tuple):
+        if traits.kind == "bending" and isinstance(parameters_of(term).get("rest"), tuple):
             allowed = "must be one angle or a text on several processes"
             raise InputError(f"{name} with a rest angle for each hinge", allowed, "mpiexec")
-
-
-def _has_plate(term, cloth: Cloth) -> bool:
-    return type(term).__name__ in ("PlateBending", "BendingDamping")
 
 
 def _couples(term, part: Cloth, cloth: Cloth) -> bool:

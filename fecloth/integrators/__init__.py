@@ -4,6 +4,8 @@ A method of your own needs the names that this package exports; `integrators.pro
 must offer.
 """
 
+from typing import Any
+
 from fecloth.integrators.bdf2 import BDF2
 from fecloth.integrators.energy_momentum import EnergyMomentum
 from fecloth.integrators.explicit import CentralDifference, ForwardEuler, SymplecticEuler
@@ -29,18 +31,24 @@ __all__ = [
     "set_prescribed",
 ]
 
-METHODS = {
+METHODS: dict[str, Any] = {
     "backward_euler": BackwardEuler,
-    "linearly_implicit_euler": LinearlyImplicitEuler,
-    "implicit_midpoint": ImplicitMidpoint,
-    "energy_momentum": EnergyMomentum,
-    "newmark": Newmark,
-    "generalized_alpha": GeneralizedAlpha,
     "bdf2": BDF2,
+    "implicit_midpoint": ImplicitMidpoint,
+    "generalized_alpha": GeneralizedAlpha,
+    "energy_momentum": EnergyMomentum,
+    "linearly_implicit_euler": LinearlyImplicitEuler,
+    "newmark": Newmark,
 }
 
-EXPLICIT = {
-    "forward_euler": ForwardEuler,
+EXPLICIT: dict[str, Any] = {
     "symplectic_euler": SymplecticEuler,
     "central_difference": CentralDifference,
+    "forward_euler": ForwardEuler,
 }
+
+
+def studied_by(study: str) -> tuple[str, ...]:
+    """Return the names of the methods that a study runs if it is not told which."""
+    known = (METHODS | EXPLICIT).items()
+    return tuple(name for name, method in known if study in method().traits.studied)

@@ -9,7 +9,7 @@ import numpy as np
 from fecloth.integrators.newmark import Newmark, WithMemory
 from fecloth.integrators.one_stage import BackwardEuler
 from fecloth.integrators.opening import UNCOUNTED, Opening
-from fecloth.integrators.protocol import MethodTraits
+from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, hold_stage
@@ -45,7 +45,14 @@ class BDF2(WithMemory):
     """
 
     # the error constant is that of constant steps
-    traits = MethodTraits(order=2, error_constant=2 / 9, drift=(2, 1 / 3), has_difference=True)
+    traits = MethodTraits(
+        order=2,
+        error_constant=2 / 9,
+        drift=(2, 1 / 3),
+        has_difference=True,
+        at_infinity=0.0,
+        studied=ALL_STUDIES,
+    )
 
     def stage(self, state: State, dt: float, last: Change) -> Stage:
         """The stage of a step from `state`, after the change that led there."""

@@ -92,7 +92,9 @@ class EnergyMomentum(StageMethod):
     def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
         """A-stable; its matrix is symmetric if the tangents of the forces between states are."""
         symmetric = self.tangent != "exact"
-        return MethodTraits(order=2, symmetric=symmetric, error_constant=1 / 12, drift=(2, 1 / 12))
+        drift = 2, 1 / 12
+        known = MethodTraits(order=2, error_constant=1 / 12, drift=drift, studied=("stability",))
+        return replace(known, symmetric=symmetric)
 
     stage = ImplicitMidpoint.stage
 

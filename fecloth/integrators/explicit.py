@@ -16,7 +16,7 @@ import numpy as np
 from fecloth.compiled.jit import Array, kernel, rounded_kernel
 from fecloth.errors import InputError, flag
 from fecloth.integrators.numerical_dissipation import explicit_dissipation
-from fecloth.integrators.protocol import MethodTraits
+from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
 from fecloth.integrators.step import Step, prescribed_end
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
@@ -196,6 +196,7 @@ class SymplecticEuler(Explicit):
         error_constant=1 / 2,
         drift=(2, 1 / 24),  # that of central differences, started half a step off
         stability=(1 / 4, 1 / 2),
+        studied=("stability",),
     )
     forces_at = 0.0
     beyond_limit: bool = False
@@ -243,7 +244,12 @@ class CentralDifference(Explicit):
     """
 
     constants = MethodTraits(
-        order=2, explicit=True, error_constant=1 / 6, drift=(2, 1 / 24), stability=(1 / 4, 1.0)
+        order=2,
+        explicit=True,
+        error_constant=1 / 6,
+        drift=(2, 1 / 24),
+        stability=(1 / 4, 1.0),
+        studied=ALL_STUDIES,
     )
     forces_at = 0.5
     beyond_limit: bool = False

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from fecloth.errors import InputError, is_number
 from fecloth.integrators.newmark import AccelerationMethod
-from fecloth.integrators.protocol import MethodTraits
+from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
 
 
 @dataclass(frozen=True)
@@ -47,5 +47,11 @@ class GeneralizedAlpha(AccelerationMethod):
         """Error constant β − ½ (α_f − α_m) − 1/6: a is that of a time (α_f − α_m) dt before."""
         alpha_m, alpha_f, beta, _ = self.parameters
         lag = alpha_f - alpha_m
-        drift = 2, 1 / 12 + 3 / 8 * lag**2
-        return MethodTraits(order=2, error_constant=beta - 0.5 * lag - 1 / 6, drift=drift)
+        return MethodTraits(
+            order=2,
+            error_constant=beta - 0.5 * lag - 1 / 6,
+            drift=(2, 1 / 12 + 3 / 8 * lag**2),
+            at_infinity=self.rho_inf,
+            gains=self.rho_inf > 0,
+            studied=ALL_STUDIES,
+        )

@@ -57,7 +57,15 @@ class LinearlyImplicitEuler:
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 6 (their ∂f/∂x is −K).
     """
 
-    traits = MethodTraits(order=1, theta=1.0, error_constant=1 / 2, drift=(1, 1 / 2))
+    traits = MethodTraits(
+        order=1,
+        theta=1.0,
+        error_constant=1 / 2,
+        drift=(1, 1 / 2),
+        at_infinity=0.0,
+        gains=True,
+        studied=("stability",),
+    )
 
     def open(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -174,7 +175,16 @@ class Newmark(AccelerationMethod):
             drift=drift,
             stability=(max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma),
             beyond_limit=self.beyond_limit,
+            at_infinity=self._at_infinity(),
+            gains=True,
         )
+
+    def _at_infinity(self) -> float:
+        """The largest root of β λ² + (½ − 2β + γ) λ + ½ + β − γ = 0, which ω dt → ∞ leaves."""
+        half = 0.5 * (0.5 - 2 * self.beta + self.gamma) / self.beta
+        product = (0.5 + self.beta - self.gamma) / self.beta
+        root = half**2 - product
+        return half + math.sqrt(root) if root > 0 else math.sqrt(product)
 
     @property
     def parameters(self) -> tuple[float, float, float, float]:

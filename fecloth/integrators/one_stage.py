@@ -12,7 +12,7 @@ from fecloth.integrators.numerical_dissipation import (
     work_beyond_dissipation,
 )
 from fecloth.integrators.opening import UNCOUNTED, Opening, newton_step
-from fecloth.integrators.protocol import MethodTraits
+from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, prescribed
@@ -105,7 +105,13 @@ class BackwardEuler(StageMethod):
     """
 
     traits = MethodTraits(
-        order=1, theta=1.0, error_constant=1 / 2, drift=(1, 1 / 2), has_difference=True
+        order=1,
+        theta=1.0,
+        error_constant=1 / 2,
+        drift=(1, 1 / 2),
+        has_difference=True,
+        at_infinity=0.0,
+        studied=ALL_STUDIES,
     )
 
     def stage(self, state: State, dt: float) -> Stage:
@@ -127,7 +133,9 @@ class ImplicitMidpoint(StageMethod):
     Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, section I.1, eq. 1.7.
     """
 
-    traits = MethodTraits(order=2, error_constant=1 / 12, drift=(2, 1 / 12))
+    traits = MethodTraits(
+        order=2, error_constant=1 / 12, drift=(2, 1 / 12), gains=True, studied=ALL_STUDIES
+    )
 
     def stage(self, state: State, dt: float) -> Stage:
         x, zero = state.x + 0.5 * dt * state.v, np.zeros_like(state.v)

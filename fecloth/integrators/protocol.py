@@ -23,6 +23,8 @@ from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.step_difference import StepDifference
 
+ALL_STUDIES = ("chart", "stability", "tune")
+
 
 @dataclass(frozen=True)
 class MethodTraits:
@@ -60,6 +62,13 @@ class MethodTraits:
     has_difference
         Whether the method gives terms its difference for rates over a step; see
         `fecloth.terms.step_difference`. Methods without it refuse a term that needs one.
+    at_infinity
+        ρ∞: the factor by which a step multiplies the amplitude of waves that it does not resolve
+        at all; 1 keeps them, 0 takes them away at once. Explicit methods have none.
+    gains
+        Whether such waves may gain energy in large motions.
+    studied
+        The studies that run the method if they are not told which: "chart", "stability", "tune".
 
     Raises
     ------
@@ -83,6 +92,9 @@ class MethodTraits:
     beyond_limit: bool = True
     chooses_dt: bool = False
     has_difference: bool = False
+    at_infinity: float = 1.0
+    gains: bool = False
+    studied: tuple[str, ...] = ()
 
     def __new__(cls, *values: object, **named: object) -> MethodTraits:
         """Refuse a misspelt trait before the constructor of the dataclass runs."""
@@ -241,7 +253,7 @@ class StepChoice(Integrator, Protocol):
 
 def check_method(method: object, where: str = "march") -> None:
     """Raise `InputError` for an object that is not a method, or that does not state its traits."""
-    if isinstance(method, type) or not hasattr(method, "step"):
+    if not takes_steps(method):
         allowed = "must be a method such as BackwardEuler() or Auto()"
         remedy = "The method comes before the state." if isinstance(method, State) else ""
         raise InputError(f"method {brief(method)}", allowed, where, remedy)
@@ -250,6 +262,27 @@ def check_method(method: object, where: str = "march") -> None:
     if not isinstance(traits, MethodTraits):
         what = f"{type(method).__name__}.traits = {brief(traits)}"
         raise InputError(what, "must be a MethodTraits(order=...)", where)
+
+
+def method_of(steps: Any) -> Any:
+    """The method whose steps are chosen; the object itself if it is a method, or `Auto`."""
+    return getattr(steps, "method", steps)
+
+
+def chooses_method(steps: object) -> bool:
+    """Whether an object chooses the method itself before the first step, as `Auto` does."""
+    return hasattr(steps, "choose")
+
+
+def takes_steps(value: object) -> bool:
+    """Whether a value may be a method at all."""
+    return not isinstance(value, type) and hasattr(value, "step")
+
+
+def is_method(value: object) -> bool:
+    """Whether a value is a method with traits that does not choose its steps."""
+    traits = None if isinstance(value, type) else getattr(value, "traits", None)
+    return isinstance(traits, MethodTraits) and not traits.chooses_dt
 
 
 def check_offers(method: object, names: tuple[str, ...], where: str) -> None:
@@ -313,10 +346,10 @@ def check_terms(system: System, method: Integrator | ChoosesMethod, where: str) 
     """
     if method.traits.has_difference:
         return
-    chosen = getattr(method, "method", method)  # of a method that chooses its steps
+    chosen = method_of(method)
     for term in system.bound:
         if term.needs_end:
-            if hasattr(method, "choose"):
+            if chooses_method(method):
                 return
             what, allowed = f"{term.name} in {chosen!r}", "must be in BackwardEuler or BDF2"
             remedy = 'Take BDF2(), in scenes method = "bdf2", or Auto(), which takes it.'

@@ -9,8 +9,8 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from fecloth.fabric.fabric import Fabric
 from fecloth.system.system import System
-
-BENDING = ("HingeBending", "QuadraticBending", "PlateBending")
+from fecloth.terms import Gravity
+from fecloth.terms.traits import has_kind
 
 
 def wave_speed(fabric: Fabric) -> float:
@@ -30,7 +30,7 @@ def swing_loss(angle: float) -> float:
 
 def gravity_magnitude(system: System) -> float:
     """Magnitude [m/s²] of the sum of all `Gravity` terms."""
-    accelerations = [t.acceleration for t in system.terms if type(t).__name__ == "Gravity"]
+    accelerations = [t.acceleration for t in system.terms if isinstance(t, Gravity)]
     return float(np.linalg.norm(np.sum(accelerations, axis=0))) if accelerations else 0.0
 
 
@@ -50,7 +50,7 @@ def weight_over_stiffness(system: System) -> float:
     cantilever is its length.
     """
     known = [min(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
-    if not (known and set(BENDING) & set(term_types(system))):
+    if not (known and has_kind(system.terms, "bending")):
         return 0.0
     weight = gravity_magnitude(system) * system.total_mass / system.cloth.area
     return weight * unsupported_length(system) ** 3 / min(known)
@@ -69,8 +69,3 @@ def is_surrounded_by_pins(system: System) -> bool:
     except (QhullError, ValueError):  # pins on a line, or too few
         return False
     return bool((hull.equations @ [*X.mean(axis=0), 1.0] <= 1e-12).all())
-
-
-def term_types(system: System) -> list[str]:
-    """Return the class names of the system's terms."""
-    return [type(term).__name__ for term in system.terms]

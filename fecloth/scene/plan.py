@@ -17,6 +17,8 @@ from fecloth.scene.dimensionless import (
 )
 from fecloth.scene.problem import Problem
 from fecloth.scene.wrinkles import mean_edge, wrinkle_length
+from fecloth.simulation.error_control import Adaptive
+from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.pin_warnings import rotation_about_pins
 from fecloth.stability.critical_step import element_bound
 from fecloth.system.system import System
@@ -82,7 +84,8 @@ def _steps(problem: Problem) -> str:
     """Return dt, or how the steps are chosen, in words."""
     if problem.dt:
         return f"dt = {problem.dt:g} s"
-    by = f"rtol = {problem.method.rtol:g}" if hasattr(problem.method, "rtol") else "stability"
+    steps = problem.steps
+    by = f"rtol = {steps.rtol:g}" if isinstance(steps, Adaptive | Auto) else "stability"
     return f'steps chosen by {by}, as dt is left out or "auto",'
 
 

@@ -7,16 +7,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fecloth.integrators.generalized_alpha import GeneralizedAlpha
-from fecloth.integrators.linearly_implicit_euler import LinearlyImplicitEuler
-from fecloth.integrators.newmark import Newmark
-from fecloth.integrators.one_stage import BackwardEuler, ImplicitMidpoint
+from fecloth.integrators.one_stage import BackwardEuler
 from fecloth.scene.dimensionless import (
-    BENDING,
     distance_from_pins,
     gravity_magnitude,
     swing_loss,
-    term_types,
 )
 from fecloth.scene.problem import Problem
 from fecloth.simulation.set_up_warnings import find_set_up_warnings
@@ -25,6 +20,7 @@ from fecloth.stability.critical_step import element_bound
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms import MassDamping
+from fecloth.terms.traits import has_kind, traits_of
 
 POOR = 0.3  # quality of a triangle; 1 is equilateral, 0.87 half a square
 STRAINED = 0.2  # strain of a hanging cloth; measured constants hold for a few per cent
@@ -32,9 +28,6 @@ UNRESOLVED = 20.0  # explicit limits; beyond, fast waves were seen to gain energ
 LOST = 0.01  # part of the amplitude in a step that damping must take from waves
 SHORT = 0.01  # of the explicit limit
 DAMPED = 0.1  # part of the amplitude lost in one swing
-ELASTIC = ("StVK", "NeoHookean", "TensionField")  # terms as stiff as the fabric
-GAINING = (ImplicitMidpoint, LinearlyImplicitEuler, Newmark, GeneralizedAlpha)
-FIRST_ORDER = (BackwardEuler, LinearlyImplicitEuler)
 
 
 def find_warnings(problem: Problem) -> list[str]:
@@ -66,7 +59,7 @@ def _weight(problem: Problem) -> Iterator[str]:
         gravity_magnitude(problem.system),
         distance_from_pins(problem.system),
     )
-    if not (pull and length and set(ELASTIC) & set(term_types(system))):
+    if not (pull and length and any(traits_of(term).as_fabric for term in system.terms)):
         return
     load = pull * length * system.total_mass / system.cloth.area
     strain = load / min(min(fabric.tensile) for fabric in system.panel.fabrics)
@@ -81,7 +74,7 @@ def _weight(problem: Problem) -> Iterator[str]:
 def _flat(problem: Problem) -> Iterator[str]:
     """Warn of a cloth in a plane with forces in that plane only: it cannot buckle out of it."""
     system, state = problem.system, problem.state
-    if not set(BENDING) & set(term_types(system)):
+    if not has_kind(system.terms, "bending"):
         return
     _, extents, axes = np.linalg.svd(state.x - state.x.mean(axis=0), full_matrices=False)
     if extents[2] > 1e-9 * extents[0]:
@@ -107,8 +100,7 @@ def _pushes(problem: Problem) -> Iterator[np.ndarray]:
 def _fast_waves(problem: Problem) -> Iterator[str]:
     """Warn if steps far beyond the explicit limit may feed undamped fast waves."""
     method, system = problem.method, problem.system
-    gains = isinstance(method, GAINING) and getattr(method, "rho_inf", 1.0) > 0
-    if not (gains and problem.dt):
+    if not (method.traits.gains and problem.dt):
         return
     limit, loss = element_bound(system, "central_difference"), _loss(system, problem.dt)
     if problem.dt > UNRESOLVED * limit and loss < LOST:
@@ -157,7 +149,9 @@ def _short_steps(problem: Problem) -> Iterator[str]:
 def _damping(problem: Problem) -> Iterator[str]:
     """Warn if a first-order method will visibly damp the slowest swing."""
     pull, length = gravity_magnitude(problem.system), distance_from_pins(problem.system)
-    if not (isinstance(problem.method, FIRST_ORDER) and problem.dt and pull and length):
+    traits = problem.method.traits
+    damped = traits.order == 1 and traits.at_infinity < 1
+    if not (damped and problem.dt and pull and length):
         return
     rate = math.sqrt(pull / length)
     lost = swing_loss(rate * problem.dt)

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import typing
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Literal
 
 from fecloth import terms
 from fecloth.errors import InputError, brief
 from fecloth.nonlinear.options import Newton
+from fecloth.quantities.rotation import Rotation
 from fecloth.scene.field_types import File
 from fecloth.scene.pieces import Pieces
 from fecloth.scene.pin_table import RotationTable
 from fecloth.scene.shape_tables import Disk, MeshFile, Rectangle
 from fecloth.scene.table_model import one_of, table_of
 from fecloth.terms.contact import shapes
+from fecloth.terms.protocol import is_description
 
 Shape: Any = one_of(
     "shape", {"rectangle": Rectangle, "disk": Disk, "file": MeshFile, "join": Pieces}
@@ -24,16 +28,20 @@ Shape: Any = one_of(
 # --- the tables of dataclasses: their fields are the keys -----------------------------------------
 
 _SHAPES = {name: getattr(shapes, name) for name in shapes.__all__ if name != "Shape"}
-_ROTATE: dict[str, Any] = {"rotate": (RotationTable | None, None)}
+_TURNED: dict[Any, Any] = {Rotation | None: (RotationTable | None, None)}
+
+
+def _more(cls: type, tables: Mapping[Any, Any]) -> dict[str, Any]:
+    """The fields of a class that hold tables of their own, or a file beside the scene."""
+    hints = typing.get_type_hints(cls, include_extras=True)
+    found = ((name, kind) for name, hint in hints.items() for kind in tables if kind == hint)
+    return {name: tables[kind] for name, kind in found}
+
+
 ShapeTable: Any = one_of(
-    "type", {name: table_of(cls, name, **_ROTATE) for name, cls in _SHAPES.items()}
+    "type", {name: table_of(cls, name, **_more(cls, _TURNED)) for name, cls in _SHAPES.items()}
 )
-_MORE: dict[
-    type, dict[str, Any]
-] = {  # fields that hold tables of their own, or a file beside the scene
-    terms.Obstacle: {"shape": (ShapeTable, ...)},
-    terms.MeshObstacle: {"path": (File, ...), **_ROTATE},
-}
+_FIELDS = _TURNED | {shapes.Shape: (ShapeTable, ...), str | Path: (File, ...)}
 
 _LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"]
 _THREADS = int | Literal["auto"]
@@ -41,7 +49,7 @@ SolverTable: Any = table_of(Newton, linear=(_LINEAR, "auto"), threads=(_THREADS,
 _TERMS: dict[str, Any] = {
     name: cls
     for name, cls in ((name, getattr(terms, name)) for name in terms.__all__)
-    if dataclasses.is_dataclass(cls) and hasattr(cls, "bind")
+    if dataclasses.is_dataclass(cls) and is_description(cls)
 }
 
 
@@ -61,11 +69,12 @@ def terms_with(own: Mapping[str, type]) -> Any:
             raise InputError(
                 f"terms: {name!r}", "must not be the name of a term of the package", "load_scene"
             )
-        if not (isinstance(cls, type) and dataclasses.is_dataclass(cls) and hasattr(cls, "bind")):
+        is_class = isinstance(cls, type) and dataclasses.is_dataclass(cls)
+        if not (is_class and is_description(cls)):
             allowed = "must be the class of a term: a dataclass with stencil and bind"
             raise InputError(f"terms: {name!r} = {brief(cls)}", allowed, "load_scene")
     tables = {
-        name: table_of(cls, name, **_MORE.get(cls, {}))
+        name: table_of(cls, name, **_more(cls, _FIELDS))
         for name, cls in (_TERMS | dict(own)).items()
     }
     term = one_of("type", tables)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 
-from fecloth.scene.dimensionless import BENDING, distance_from_pins, gravity_magnitude, term_types
+from fecloth.scene.dimensionless import distance_from_pins, gravity_magnitude
 from fecloth.system.system import System
+from fecloth.terms import TensionField
+from fecloth.terms.traits import has_kind
 
 RESOLVED = 4.0  # fewest edges per wrinkle
 COMPRESSED = 0.1  # part of the area; where less is compressed, wrinkles do not matter
@@ -19,7 +21,7 @@ def wrinkle_length(system: System) -> float:
     length = distance_from_pins(system)
     load = gravity_magnitude(system) * length * system.nodal_mass.sum() / system.cloth.area
     known = [max(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
-    if not (load and known and set(BENDING) & set(term_types(system))):
+    if not (load and known and has_kind(system.terms, "bending")):
         return 0.0
     return 2 * math.sqrt(math.pi) * (max(known) / load) ** 0.25 * math.sqrt(length)
 
@@ -37,14 +39,14 @@ def wrinkle_warning(system: System, t: float, compressed: float) -> str:
     compressed
         Part of the area that is compressed at t [s]; see `compressed_share`.
     """
-    terms = set(term_types(system))
-    if not compressed > COMPRESSED or "TensionField" in terms:
+    taut_only = any(isinstance(term, TensionField) for term in system.terms)
+    if not compressed > COMPRESSED or taut_only:
         return ""
     where = (
         f"wrinkles finer than the mesh: {100 * compressed:.0f} % of the cloth is compressed at "
         f"t = {t:g} s"
     )
-    if not set(BENDING) & terms:
+    if not has_kind(system.terms, "bending"):
         return (
             f"{where}, and without bending stiffness it folds at the size of the triangles; only "
             "taut regions converge. Add PlateBending, or use TensionField"

@@ -13,7 +13,9 @@ from fecloth.integrators.protocol import (
     MethodTraits,
     check_method,
     check_step,
+    is_method,
     take_step,
+    takes_steps,
 )
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.context import SolverContext
@@ -138,10 +140,9 @@ class Adaptive(ChosenSteps):
             allowed = "must be a number > 0 [s], or None"
             raise InputError(f"longest = {self.longest!r}", allowed, "Adaptive")
         method = self.method
-        is_method = not isinstance(method, type) and hasattr(method, "step")
-        if is_method:
+        if takes_steps(method):
             check_method(method, "Adaptive")
-        if not is_method or method.traits.chooses_dt:
+        if not is_method(method):
             allowed = "must be a method such as BDF2(), and none that chooses its own steps"
             raise InputError(f"method {method!r}", allowed, "Adaptive")
         _ = self._stepper, self._error_constant  # raise for methods without a step or an estimate

@@ -16,6 +16,7 @@ from fecloth.integrators.protocol import (
     check_method,
     check_step,
     check_terms,
+    method_of,
     take_step,
 )
 from fecloth.integrators.step import Step
@@ -184,7 +185,7 @@ def march(
         except (NewtonFailed, SolveFailed) as failure:
             raise step_failed(system, state, number, size, failure) from failure
         if number == begin.step + 1:
-            check_step(result, getattr(steps, "method", steps))
+            check_step(result, method_of(steps))
         new = _snap_to_target(result.state, target, size)
         last = new.t == targets[-1]
         if new.t < target and (words := coarse_clock(new.t, new.t - state.t)):

@@ -12,8 +12,8 @@ from fecloth.simulation.plausibility import is_stiff
 from fecloth.system.pins import Pin, Slide
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.traits import has_kind
 
-BENDING = ("HingeBending", "QuadraticBending", "PlateBending")
 TIMES = 101  # times at which a motion is looked at
 DROPPED = 0.01  # part of a motion along its slide that is reported
 REACH = 0.25  # of an edge; a region that covers more was meant to hold more than its one node
@@ -87,9 +87,9 @@ def _is_within_a_side(cloth: Cloth, node: int) -> bool:
 def _free_to_turn(system: System, state: State) -> Iterator[str]:
     """Warn of pins on a line if the load turns a cloth about it that a clamp would hold up."""
     motion = rotation_about_pins(system, state.x)
-    bending = {type(term).__name__ for term in system.terms} & set(BENDING)
+    bends = has_kind(system.terms, "bending")
     rigidities = [max(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
-    if motion is None or not (bending and rigidities) or any(map(is_stiff, system.panel.fabrics)):
+    if motion is None or not (bends and rigidities) or any(map(is_stiff, system.panel.fabrics)):
         return
     if system.panel.clamps is not None:
         return

@@ -17,6 +17,8 @@ import numpy as np
 
 from fecloth.fabric.fabric import Fabric
 from fecloth.mesh.cloth import Cloth
+from fecloth.terms import Gravity, Wind
+from fecloth.terms.traits import traits_of
 
 G = 9.81  # m/s²
 DENSITY = 0.004, 5.0  # kg/m²
@@ -74,17 +76,17 @@ def implausible_terms(terms: Iterable[Any]) -> Iterator[str]:
     """
     for term in terms:
         name = type(term).__name__
-        if name == "Gravity" and (g := float(np.linalg.norm(term.acceleration))) > GRAVITY:
+        if isinstance(term, Gravity) and (g := float(np.linalg.norm(term.acceleration))) > GRAVITY:
             yield (
                 f"Gravity has {g:g} m/s²: on Earth it is 9.81. If you meant cm/s², "
                 f"write {g / 100:g}"
             )
-        if name in ("StrainRateDamping", "BendingDamping") and term.time > DAMPING_TIME:
+        if traits_of(term).damps in ("strain", "bending") and term.time > DAMPING_TIME:
             yield (
                 f"{name} has time = {term.time:g} s: cloth has less than 0.1. If you meant ms, "
                 f"write {term.time / 1000:g}"
             )
-        if name == "Wind" and (speed := _speed(term.velocity)) > AIR_SPEED:
+        if isinstance(term, Wind) and (speed := _speed(term.velocity)) > AIR_SPEED:
             yield (
                 f"Wind blows at {speed:g} m/s: a hurricane has 33. If you meant km/h, write "
                 f"{speed / 3.6:.3g}"

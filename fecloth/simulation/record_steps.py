@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -103,7 +103,7 @@ def _advance(steps, info: StepInfo, next_row: Callable[[StepInfo], Wanted] | Non
     The step `due` for the error in time is always one, and takes the place of a row that is wanted
     shortly before.
     """
-    if next_row is None or not hasattr(steps, "send"):
+    if next_row is None or not isinstance(steps, Generator):
         return next(steps, None)
     wanted = next_row(info)
     if info.step + LATE * (wanted.t - info.t) / info.dt >= due:

@@ -19,21 +19,19 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms import protocol
 from fecloth.terms.contact.bound_obstacle import BoundObstacle, cutting_depth
+from fecloth.terms.traits import has_kind, traits_of
 
-MEMBRANES = ("BaraffWitkin", "NeoHookean", "Springs", "StVK", "TensionField", "TensorCondition")
-ONE_OF_EACH = {  # terms that stand for the same thing: with two of them it counts twice
-    "membranes": MEMBRANES,
-    "bending terms": ("HingeBending", "QuadraticBending", "PlateBending"),
-    "drag terms": ("Drag", "Wind"),
+SEVERAL = {  # of a kind, in words
+    "membrane": "membranes",
+    "bending": "bending terms",
+    "drag": "drag terms",
+    "damping": "dampings",
+    "load": "loads",
+    "contact": "contacts",
 }
-PLACED = (  # may act at several places
-    *("PointForce", "Pressure", "Tether", "UserForce"),
-    *("Obstacle", "MeshObstacle"),
-)
 STRETCH = 0.01  # strain at which the resistance of a system is measured
 RESISTS = 1e-3  # of the fabric's resistance; less is none
 ALIKE = 0.1  # a net of springs within this is as stiff as the fabric
-HINGES = ("HingeBending", "QuadraticBending")
 PATTERN = 0.25  # of its rigidity is what hinges miss by the pattern of the mesh anyway
 OF_HINGES = -1 / 3  # Poisson's ratio of bending on equilateral triangles, and nearly on Gmsh's
 EXHAUSTED = 0.5  # of the ambient pressure; a gas with less lets the cloth collapse
@@ -75,7 +73,7 @@ def _cut_by_obstacles(system: System) -> Iterator[str]:
 def _no_membrane(system: System) -> Iterator[str]:
     """Warn if nothing resists a stretch, though there are terms for more than free fall."""
     names = [type(term).__name__ for term in system.terms]
-    held = len(system.constraints.nodes) or set(names) & set(ONE_OF_EACH["bending terms"])
+    held = len(system.constraints.nodes) or has_kind(system.terms, "bending")
     if not (names and held) or (resistance := _resistance(system)) > RESISTS:
         return
     yield (
@@ -102,7 +100,7 @@ def _resistance(system: System) -> float:
 
 def _counted_twice(system: System) -> Iterator[str]:
     """Warn of terms that stand twice, and of two that stand for one thing."""
-    given = [term for term in system.terms if getattr(term, "stiffness", None) != 0]
+    given = [term for term in system.terms if not (_is_net(term) and term.stiffness == 0)]
     counts = Counter(map(_identity, given))
     for (name, *_), count in counts.items():
         if count > 1:
@@ -110,27 +108,31 @@ def _counted_twice(system: System) -> Iterator[str]:
                 f"{name} stands {count} times among the terms, and their forces add up; "
                 "leave one out, or join them into one"
             )
-    for kind, names in ONE_OF_EACH.items():
-        found = list(dict.fromkeys(n for n in (type(t).__name__ for t in given) if n in names))
+    of_kind: dict[str, dict[str, None]] = {kind: {} for kind in SEVERAL}
+    for term in given:
+        if traits_of(term).exclusive:
+            of_kind.setdefault(traits_of(term).kind, {})[type(term).__name__] = None
+    for kind, found in of_kind.items():
         if len(found) > 1:
+            several = f"{len(found)} {SEVERAL.get(kind, 'terms')} act at once"
             yield (
-                f"{len(found)} {kind} act at once ({', '.join(found)}), and their forces add up; "
+                f"{several} ({', '.join(found)}), and their forces add up; "
                 f"leave {' or '.join(found)} out"
             )
 
 
 def _identity(term: object) -> tuple[str, ...]:
     """Return what two terms share if they stand for the same: their class, of some all values."""
-    name = type(term).__name__
-    several = name in PLACED or name not in terms.__all__
-    return (name, repr(term)) if several else (name,)
+    name, traits = type(term).__name__, traits_of(term)
+    once = traits.exclusive or not traits.several_places
+    return (name,) if once else (name, repr(term))
 
 
 def _springs_of_another_fabric(system: System) -> Iterator[str]:
     """Warn of a net in place of a membrane that is stiffer or softer than the fabric."""
     nets = [b for t, b in zip(system.terms, system.bound, strict=True) if _is_net(t)]
-    others = {type(term).__name__ for term in system.terms} & set(MEMBRANES) - {"Springs"}
-    if not nets or others:
+    others = [term for term in system.terms if not isinstance(term, terms.Springs)]
+    if not nets or has_kind(others, "membrane"):
         return
     fabric = System(system.cloth, system.fabric, [terms.StVK()], grain=system.grain).bound[0]
     ratios = []
@@ -166,7 +168,7 @@ def _ignored_poisson_ratio(system: System) -> Iterator[str]:
 
 def _bending_unknown_to_hinges(system: System) -> Iterator[str]:
     """Warn if the fabric states a plate's constant that hinges do not have."""
-    names = [type(term).__name__ for term in system.terms if type(term).__name__ in HINGES]
+    names = [type(term).__name__ for term in system.terms if traits_of(term).by_pattern]
     if not names:
         return
     for fabric in dict.fromkeys(system.panel.fabrics):

@@ -30,7 +30,8 @@ def longest_step(
         return None
     sizes = np.diff(ends, prepend=t)
     sizes[0] /= 2  # the first step is below SAFETY of what is ahead, and so at most half of it
-    bounds = [float(sizes.max()), getattr(steps, "longest", None) or math.inf]
+    longest = steps.longest if isinstance(steps, Adaptive | Auto) else None
+    bounds = [float(sizes.max()), longest or math.inf]
     if steps.traits.explicit:
         bounds.append(element_bound(system, "central_difference"))
     return min(bounds)

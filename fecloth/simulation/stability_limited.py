@@ -7,7 +7,13 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from fecloth.errors import InputError, SolveFailed, brief
-from fecloth.integrators.protocol import ExplicitIntegrator, MethodTraits, check_step, take_step
+from fecloth.integrators.protocol import (
+    ExplicitIntegrator,
+    MethodTraits,
+    check_step,
+    is_method,
+    take_step,
+)
 from fecloth.integrators.step import Step
 from fecloth.simulation.step_times import ChosenSteps
 from fecloth.stability.critical_step import critical_dt, estimate
@@ -71,8 +77,7 @@ class StabilityLimited(ChosenSteps):
 
     def __post_init__(self):
         method = self.method
-        traits = None if isinstance(method, type) else getattr(method, "traits", None)
-        if traits is None or not (traits.explicit and traits.stability) or traits.chooses_dt:
+        if not (is_method(method) and method.traits.explicit and method.traits.stability):
             allowed = "has no stable step to choose"
             remedy = "Take CentralDifference or SymplecticEuler."
             raise InputError(f"method {brief(self.method)}", allowed, "StabilityLimited", remedy)

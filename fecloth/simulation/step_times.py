@@ -9,6 +9,7 @@ from numbers import Real
 import numpy as np
 
 from fecloth.errors import InputError, floats
+from fecloth.integrators.protocol import chooses_method, method_of
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -71,8 +72,8 @@ class ChosenSteps:
 
     def check(self, system: System) -> None:
         """Raise `InputError` for a system that the method cannot step."""
-        if method := getattr(self, "method", None):  # Auto has none yet
-            check_mass(method, system)
+        if not chooses_method(self):  # Auto has none yet
+            check_mass(method_of(self), system)
 
     def check_start(self, system: System, state: State, insist: str = "") -> None:
         """Nothing to refuse: the steps are chosen so that the method can take them."""

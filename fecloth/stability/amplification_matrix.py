@@ -10,6 +10,7 @@ import numpy as np
 from fecloth.errors import InputError, floats
 from fecloth.fabric.fabric import Fabric
 from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.integrators.protocol import is_method
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.direct import SuperLU
 from fecloth.mesh.cloth import Cloth
@@ -104,8 +105,7 @@ def resolve_method(method):
             raise InputError(f"method = {method!r}", allowed, "stability", remedy)
         method = known[method]
     built = method() if isinstance(method, type) else method
-    traits = getattr(built, "traits", None)
-    if traits is None or traits.chooses_dt:
+    if not is_method(built):
         allowed = "must be a method of one step size such as BDF2(), its class or its name"
         raise InputError(f"method = {method!r}", allowed, "stability")
     return built

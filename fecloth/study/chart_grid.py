@@ -9,7 +9,8 @@ from itertools import product
 from typing import Any
 
 from fecloth.errors import InputError
-from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.integrators import EXPLICIT, METHODS, studied_by
+from fecloth.integrators.protocol import method_of
 from fecloth.scene.scene import Scene
 from fecloth.scene.toml_text import to_toml
 from fecloth.study.levels import Level
@@ -17,18 +18,13 @@ from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
 from fecloth.study.scene_text import scene_of
 from fecloth.study.workload import Workload
 from fecloth.suggest import closest, did_you_mean
+from fecloth.terms import TRAITS
+from fecloth.terms.traits import traits_of
 
 ALL_METHODS: dict[str, Any] = {**METHODS, **EXPLICIT, "auto": None}
-USUAL = (  # methods of a chart, besides the scene's own
-    "backward_euler",
-    "bdf2",
-    "implicit_midpoint",
-    "generalized_alpha",
-    "central_difference",
-    "auto",
-)
+USUAL = (*studied_by("chart"), "auto")  # methods of a chart, besides the scene's own
 ELEMENTS = ("P1", "P2")
-MODELS = ("StVK", "NeoHookean", "TensorCondition", "BaraffWitkin", "TensionField", "Springs")
+MODELS = tuple(name for name, traits in TRAITS.items() if traits.kind == "membrane")
 STEPS = (1.0, 2.0, 4.0)  # dt over that of a case
 TOLERANCES = (1.0, 0.1, 0.01)  # times rtol
 RTOL = 0.1  # 1/s, the largest, where the scene has none
@@ -101,13 +97,15 @@ def make_settings(
 
 def _of_scene(scene: Scene, methods, elements, models) -> list[dict]:
     """Return the combinations of a scene, each with a tolerance where its steps follow one."""
-    model = next((one.type for one in scene.terms if one.type in MODELS), "")
+    own = [table.type for table in scene.terms if traits_of(table.make()).kind == "membrane"]
+    model = own[0] if own else ""
+    known = tuple(dict.fromkeys([*own, *MODELS]))
     element = scene.cloth.element
     if models and not model:
         raise InputError("the terms", f"have none of {', '.join(MODELS)} to replace", "chart")
     chosen = {
         "element": known_names("element", elements or (element, *ELEMENTS), ELEMENTS),
-        "model": known_names("model", models or (model,), MODELS) if model else [""],
+        "model": known_names("model", models or (model,), known) if model else [""],
     }
     if scene.equilibrium:
         if methods:
@@ -168,7 +166,7 @@ def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
     if first.is_static:
         shown["method"] = "equilibrium"
     elif not shown["method"]:
-        shown["method"] = type(getattr(first.steps, "method", first.steps)).__name__
+        shown["method"] = type(method_of(first.steps)).__name__
     parts = [2.0**k for k in range(meshes)] if variant.can_refine("h") else [1.0]
     steps = STEPS if variant.can_refine("dt") and not first.is_static else (1.0,)
     return [Setting(shown, variant, Level(h, dt, None)) for h, dt in product(parts, steps)]
@@ -199,8 +197,9 @@ def change_tables(scene: Scene, names: dict) -> dict[str, Any]:
     if names["element"] != scene.cloth.element:
         data["cloth"]["element"] = names["element"]
         data.pop("mass", None)  # each element has its usual one
-    for i, term in enumerate(data["terms"]):
-        if names["model"] and term["type"] in MODELS and term["type"] != names["model"]:
+    for i, table in enumerate(scene.terms):
+        is_membrane = traits_of(table.make()).kind == "membrane"
+        if names["model"] and is_membrane and table.type != names["model"]:
             data["terms"][i] = {"type": names["model"]}
     if names["method"] != "equilibrium":
         _change_time(data, names)

@@ -8,12 +8,13 @@ import numpy as np
 
 from fecloth.mesh.cloth import Cloth
 from fecloth.study.setups import Setup
+from fecloth.terms import PointForce
 from fecloth.terms.kinematics import principal_stretches
+from fecloth.terms.traits import has_kind, traits_of
 
 SLACK = 0.05  # strain across, relative to that along, below which a cloth is slack across
 ROUND_OFF = 1e-9  # strain
 FOLDED = 0.9  # least stretch below which a cloth has folds or wrinkles
-PATTERN = ("HingeBending", "QuadraticBending")
 
 
 def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray) -> list[str]:
@@ -28,7 +29,7 @@ def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray)
                 f"the pin {name} holds a single point: a membrane has no finite stiffness there, "
                 "and gives way by about log(1/h); pin an area or an edge"
             )
-    if any(name.startswith("PointForce") for name in system.names):
+    if any(isinstance(term, PointForce) for term in system.terms):
         found.append(
             "a PointForce acts on a point, under which the deflection of a membrane grows like "
             "log(1/h); spread it over an area"
@@ -40,7 +41,7 @@ def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray)
             f"a triangle is compressed to {least:.2f} of its length: folds and wrinkles differ "
             "from mesh to mesh" + ("" if bends else ", without bending down to the edge length")
         )
-    if any(name.startswith(PATTERN) for name in system.names):
+    if any(traits_of(term).by_pattern for term in system.terms):
         found.append(
             "the bending of hinges depends on the pattern of the mesh; PlateBending converges on "
             "every mesh"
@@ -66,4 +67,4 @@ def is_slack_across(cloth: Cloth, x: np.ndarray) -> bool:
 
 def has_bending(setup: Setup) -> bool:
     """Whether a term resists bending."""
-    return any("Bending" in name and "Damping" not in name for name in setup.system.names)
+    return has_kind(setup.system.terms, "bending")

@@ -56,7 +56,7 @@ def text_of(
 def digest_of_files(scene: Scene) -> str:
     """Return a hash of the files that the scene reads: an edited mesh makes another case."""
     digest = hashlib.sha256()
-    of_terms = (getattr(term, "path", None) for term in scene.terms)
+    of_terms = (dict(term).get("path") for term in scene.terms)
     of_pieces = getattr(scene.cloth, "paths", ())
     for path in (getattr(scene.cloth, "path", None), scene.start.frame, *of_terms, *of_pieces):
         digest.update(Path(path).read_bytes() if path else b"-")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fecloth.errors import InputError
+from fecloth.integrators import studied_by
 from fecloth.scene.scene import Scene
 from fecloth.study.problems import Problem
 from fecloth.study.ranges import read_ranges
@@ -36,16 +37,6 @@ from fecloth.suggest import closest, did_you_mean
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-USUAL = (  # as many methods as the figure has panels
-    "backward_euler",
-    "bdf2",
-    "implicit_midpoint",
-    "generalized_alpha",
-    "energy_momentum",
-    "linearly_implicit_euler",
-    "symplectic_euler",
-    "central_difference",
-)
 LONGEST_CASE = 120.0  # s
 
 
@@ -156,7 +147,7 @@ def stability(
     >>> found.table["predicted limit"], found.table["measured over predicted"]
     (['8.11 ms', '4.05 ms'], ['0.7–1.4', '0.7–1.4'])
     """
-    chosen = known_methods(USUAL if methods is None else methods)
+    chosen = known_methods(studied_by("stability") if methods is None else methods)
     ranges = read_ranges(over) if over else {}
     combinations = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
     opened = open_first(problem, ranges, {"h": h, "dt": dt}, t_end, (), settings)

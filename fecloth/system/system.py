@@ -98,7 +98,7 @@ class System:
         threads="auto",
     ):
         """Bind the terms and pins; `mass_kind` is what `dataclasses.replace` calls `mass`."""
-        terms = _several(terms, "terms", "StVK()", lambda term: hasattr(term, "bind"))
+        terms = _several(terms, "terms", "StVK()", protocol.is_description)
         pins = _several(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
         mass = mass_kind if mass is None else mass
         mass = cloth.usual_mass if mass is None else mass

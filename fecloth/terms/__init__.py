@@ -3,7 +3,7 @@
 What a user writes is a frozen description with its own parameters only. Its docstring gives the
 formula, then a paragraph that begins with "Source:" and one with "Valid". The page
 studies/laws/laws.md is made of them. `terms.protocol` says what the description and the bound term
-offer, and which abilities a term may have besides.
+offer; `TRAITS` what each term is, by its name.
 
 Shorter than all this are `Condition`, for an energy ½ k C² of some nodes, `UserForce`, for a force
 on each node by itself, and `MembraneLaw`, for a membrane. studies/examples has a term and a law.
@@ -33,6 +33,7 @@ from fecloth.terms.membranes.tension_field import TensionField
 from fecloth.terms.membranes.tensor_condition import TensorCondition
 from fecloth.terms.springs.springs import Springs
 from fecloth.terms.springs.tether import Tether
+from fecloth.terms.traits import traits_of
 
 __all__ = [
     "BaraffWitkin",
@@ -62,3 +63,5 @@ __all__ = [
 
 for _name in __all__:  # lengths, forces, ... may be texts such as "5 mm", as in scenes
     reads_units(globals()[_name])
+
+TRAITS = {_name: traits_of(globals()[_name]) for _name in __all__}

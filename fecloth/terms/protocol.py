@@ -47,9 +47,8 @@ At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
 class Term(Protocol):
     """What a user writes: a frozen dataclass with the parameters of the term.
 
-    It may have `traits`, its `TermTraits`, as a class attribute. Without them the attributes
-    `elements`, `holds_normals` and `no_space_error` are looked for, which say the same as these
-    traits do.
+    It may have `traits`, its `TermTraits`, as a class attribute. Three of them may stand alone: the
+    attributes `elements`, `holds_normals` and, for `space_error`, `no_space_error`.
     """
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
@@ -402,6 +401,11 @@ def has_own(term: BoundTerm, name: str) -> bool:
     """Whether a bound term has a function of its own in place of that of `BoundTerm`."""
     own = getattr(term, name)
     return getattr(own, "__func__", own) is not vars(BoundTerm)[name]
+
+
+def is_description(value: object) -> bool:
+    """Whether a value, or a class, may be the description of a term."""
+    return hasattr(value, "bind")
 
 
 def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:

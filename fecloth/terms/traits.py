@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from fecloth.errors import InputError, brief
 
 KINDS = ("", "membrane", "bending", "damping", "drag", "load", "contact")
+DAMPED = ("", "air", "strain", "bending", "motion")
+PLAIN = {  # traits that a description may state as plain attributes, and their names there
+    "elements": "elements",
+    "holds_normals": "holds_normals",
+    "space_error": "no_space_error",
+}
 
 
 @dataclass(frozen=True)
@@ -24,22 +31,30 @@ class TermTraits:
     exclusive
         Whether it stands for all of its kind, so that two of them count twice.
     several_places
-        Whether it may stand several times among the terms, with other parameters.
+        Whether it may stand several times among the terms, if it is not exclusive.
     shared
         Whether several processes can share it.
+    reach
+        How many rings of triangles around a node its force and its error there depend on.
     cheaper
         The names of terms that may stand in its place on P1, at less cost.
+    as_fabric
+        Whether it is as stiff as the fabric, of a membrane.
     by_pattern
-        Whether its stiffness depends on the pattern of the mesh, so that no refinement converges.
+        Whether it bends with a rigidity that depends on the pattern of the mesh, however fine.
     holds_normals
         Whether clamped pins may hold the normals of the cloth by it.
+    damps
+        By what a term damps, and the numbers that it then has: "motion", with a `rate` c [1/s];
+        "strain" or "bending", with a `time` τ [s]; "air", with those of `Drag`. "" for any other:
+        studies do not predict what it does.
     space_error
         Why `space_error` has no estimate with it, after its name; "" if it has one.
 
     Raises
     ------
     InputError
-        For another kind.
+        For another kind, and for what else a damping cannot damp.
     """
 
     kind: str = ""
@@ -47,33 +62,43 @@ class TermTraits:
     exclusive: bool = False
     several_places: bool = True
     shared: bool = False
+    reach: int = 3
     cheaper: tuple[str, ...] = ()
+    as_fabric: bool = False
     by_pattern: bool = False
     holds_normals: bool = False
+    damps: str = ""
     space_error: str = ""
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            allowed = f"must be one of {', '.join(map(repr, KINDS))}"
-            raise InputError(f"kind = {self.kind!r}", allowed, "TermTraits")
+        for name, known in (("kind", KINDS), ("damps", DAMPED)):
+            value = getattr(self, name)
+            if value not in known:
+                allowed = f"must be one of {', '.join(map(repr, known))}"
+                raise InputError(f"{name} = {value!r}", allowed, "TermTraits")
 
 
 def traits_of(term: Any) -> TermTraits:
-    """The traits of a description or of its class; without them, what its attributes say.
+    """The traits of a description or of its class, with what its plain attributes say.
 
     Raises
     ------
     InputError
         For `traits` that are no `TermTraits`.
     """
-    traits = getattr(term, "traits", None)
-    if traits is None:
-        return TermTraits(
-            elements=getattr(term, "elements", ("P1",)),
-            holds_normals=getattr(term, "holds_normals", False),
-            space_error=getattr(term, "no_space_error", ""),
-        )
+    traits = getattr(term, "traits", TermTraits())
     if not isinstance(traits, TermTraits):
         name = (term if isinstance(term, type) else type(term)).__name__
         raise InputError(f"{name}.traits = {brief(traits)}", "must be a TermTraits(kind=...)", name)
-    return traits
+    said = {trait: getattr(term, name) for trait, name in PLAIN.items() if hasattr(term, name)}
+    return replace(traits, **said) if said else traits
+
+
+def parameters_of(term: Any) -> dict[str, Any]:
+    """The parameters of a description by their names; of one that is no dataclass, none."""
+    return {one.name: getattr(term, one.name) for one in fields(term)} if is_dataclass(term) else {}
+
+
+def has_kind(terms: Iterable[Any], kind: str) -> bool:
+    """Whether a term of a kind is among the descriptions or classes."""
+    return any(traits_of(term).kind == kind for term in terms)

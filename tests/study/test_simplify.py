@@ -449,3 +449,12 @@ def test_the_command(static, tmp_path, capsys):
     for name in ("report.html", "figure.png", "figure.svg"):
         assert (folder / name).stat().st_size > 1000
     assert str(tmp_path) not in (folder / "report.html").read_text()
+
+
+def test_a_membrane_with_a_rest_of_its_own_may_become_springs():
+    cloth = {"element": "P1", "h": 0.1}
+    listed = [{"type": "BaraffWitkin", "rest": [0.9, 1.0]}, {"type": "HingeBending", "rest": 0.1}]
+    data = {"cloth": cloth, "terms": listed, "equilibrium": {}}
+    names = [one.name for one in list_variants(data, Interest(end=("sag",)))]
+    assert "Springs for BaraffWitkin" in names
+    assert "QuadraticBending for HingeBending" not in names

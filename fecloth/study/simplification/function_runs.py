@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
-import fecloth
+from fecloth import terms
 from fecloth.errors import is_number
 from fecloth.mesh.cloth import Cloth
 from fecloth.study.levels import FIRST
@@ -17,9 +17,9 @@ from fecloth.study.setups import Setup
 from fecloth.study.simplification.runs import Original, measure_fastest
 from fecloth.study.simplification.variants import Data, Variant
 from fecloth.study.status import attempt
-from fecloth.terms.traits import traits_of
+from fecloth.terms.traits import parameters_of, traits_of
 
-KINDS = ("without", "springs", "hinges", "quadratic", "strain", "mesh", "dt")  # of its variants
+KINDS = ("without", "cheaper", "strain", "mesh", "dt")  # of its variants
 
 
 def run_function_variant(
@@ -60,10 +60,10 @@ def with_terms(setup: Setup, terms: Sequence[Mapping]) -> Setup:
 
 def _make(term: Mapping, own: Sequence) -> Any:
     if "number" not in term:
-        return getattr(fecloth, term["type"])()
+        return getattr(terms, term["type"])()
     kept = own[term["number"]]
     strain = term.get("strain")
-    return kept if strain == getattr(kept, "strain", None) else replace(kept, strain=strain)
+    return kept if strain == parameters_of(kept).get("strain") else replace(kept, strain=strain)
 
 
 def _unclamped(pin: Any) -> Any:
@@ -131,8 +131,9 @@ class FunctionOriginal(Original):
 def _describe(term: Any, number: int) -> Data:
     """Return what variants need to know of a term."""
     found: Data = {"type": type(term).__name__, "number": number}
-    if isinstance(getattr(term, "strain", None), str):
+    given = parameters_of(term)
+    if isinstance(given.get("strain"), str):
         found["strain"] = term.strain
-    if hasattr(term, "rest"):
+    if "rest" in given:
         found["rest"] = term.rest if isinstance(term.rest, str) else "given"
     return found

@@ -26,13 +26,7 @@ from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 import fecloth as fc
 from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene
-
-FIRST_ORDER = ("BackwardEuler", "LinearlyImplicitEuler", "SymplecticEuler", "ForwardEuler")
-DAMPED = ("BackwardEuler", "LinearlyImplicitEuler", "BDF2")
-BENDING = ("HingeBending", "QuadraticBending", "PlateBending")
-MEMBRANES = ("StVK", "TensorCondition", "BaraffWitkin", "NeoHookean", "TensionField", "Springs")
-AIR = ("Drag", "Wind")
-DAMPINGS = ("MassDamping", "StrainRateDamping", "BendingDamping", "Drag")
+from fecloth.terms.traits import DAMPED, TermTraits, has_kind, traits_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +48,18 @@ class Numbers:
     def term(self, name: str):
         """Return the scene's term of a type, or None."""
         return next((t for t in self.built.system.terms if type(t).__name__ == name), None)
+
+    @cached_property
+    def traits(self) -> dict[str, TermTraits]:
+        """What each term is, by its type."""
+        return {type(term).__name__: traits_of(term) for term in self.built.system.terms}
+
+    @cached_property
+    def dampings(self) -> tuple[str, ...]:
+        """The types of the terms that slow a motion, and do nothing else."""
+        return tuple(
+            name for name, traits in self.traits.items() if traits.damps and name not in self.loads
+        )
 
     @cached_property
     def loads(self) -> dict[str, float]:
@@ -86,8 +92,7 @@ class Numbers:
     @property
     def rigidity(self) -> float:
         """B [N m]; 0 if the scene has no bending term."""
-        bends = any(self.term(name) for name in BENDING)
-        return min(self._fabric.bending) if bends else 0.0
+        return min(self._fabric.bending) if has_kind(self.built.system.terms, "bending") else 0.0
 
     @property
     def _fabric(self):
@@ -174,11 +179,11 @@ class Numbers:
         term = self.term(name)
         if term is None:
             return 0.0
-        if name == "MassDamping":
+        if self.traits[name].damps == "motion":
             return 0.5 * term.rate * self.seconds
-        if name in AIR:
+        if self.traits[name].damps == "air":
             return 0.5 * self.slowing(name) * self.omega * self.seconds
-        share = self.strained if name == "StrainRateDamping" else self.bent
+        share = self.strained if self.traits[name].damps == "strain" else self.bent
         return 0.5 * self.omega**2 * term.time * share * self.seconds
 
     @property
@@ -200,7 +205,7 @@ class Numbers:
         interest = self.scene.interest
         if interest is None or not interest.at_end_only:
             return 1.0
-        return math.exp(-sum(self.decay(name) for name in DAMPINGS))
+        return math.exp(-sum(self.decay(name) for name in self.dampings))
 
     def without_bending(self) -> float:
         """Return π² B/(T L²) across, 8/N for a cantilever, ℓ/L if hung, 0 along."""
@@ -231,14 +236,14 @@ class Numbers:
 
         Multiplied by the fraction of the motion that `steps_leave` and `rest` give.
         """
-        first = type(self.built.method).__name__ in FIRST_ORDER
+        first = self.built.method.traits.order == 1
         each = self.omega * dt / 2 if first else (self.omega * dt) ** 2 / 12
         return min(1.0, each * self.omega * self.seconds) * self.steps_leave(dt) * self.rest
 
     def steps_leave(self, dt: float) -> float:
         """Return the fraction of the slowest motion that numerical damping leaves [-]."""
         beyond = self.omega * dt
-        if beyond < 1 or type(self.built.method).__name__ not in DAMPED:
+        if beyond < 1 or self.built.method.traits.at_infinity > 0:
             return 1.0
         return math.exp(-0.5 * self.seconds / dt * math.log1p(beyond**2))
 
@@ -265,15 +270,16 @@ def table(numbers: Numbers) -> list[dict]:
         ("dt / fastest wave", "dt √(Y/ρ)/h", dt * wave / numbers.h) if dt else None,
         ("dt / slowest period", "dt ω/2π", dt / period) if dt else None,
     ]
-    for name in () if numbers.is_static else AIR:
-        if numbers.term(name):
+    named = () if numbers.is_static else numbers.traits.items()
+    for name, traits in sorted(named, key=lambda pair: DAMPED.index(pair[1].damps)):
+        term = numbers.term(name)
+        if traits.damps == "air":
             load = numbers.loads.get(name) or numbers.slowing(name) * numbers.w
             rows.append((f"{name} / weight", "k u²/(ρ g)", load / g if g else math.inf))
-    for name in () if numbers.is_static else ("StrainRateDamping", "BendingDamping"):
-        if term := numbers.term(name):
+        elif traits.damps == "motion":
+            rows.append((f"{name} · slowest period", "2π c/ω", term.rate * period))
+        elif traits.damps:
             rows.append((f"{name} / slowest period", "τ ω/2π", term.time / period))
-    if not numbers.is_static and (term := numbers.term("MassDamping")):
-        rows.append(("MassDamping · slowest period", "2π c/ω", term.rate * period))
     names = ("number", "formula", "value")
     return [dict(zip(names, row, strict=True)) for row in rows if row]
 

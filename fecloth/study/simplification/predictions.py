@@ -10,9 +10,10 @@ from fecloth.errors import FeclothError
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.error_control import Adaptive
 from fecloth.study.scene_text import scene_of
-from fecloth.study.simplification.numbers import BENDING, DAMPINGS, MEMBRANES, Numbers
+from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.runs import data_of
 from fecloth.study.simplification.variants import Variant
+from fecloth.terms import TRAITS, QuadraticBending
 
 FLAT = 1e-9  # of the size of a cloth: what is out of the plane by round-off
 
@@ -31,15 +32,8 @@ def _predict_change(variant: Variant, numbers: Numbers) -> float | None:
     match variant.kind:
         case "without":
             return _without(variant.by, numbers)
-        case "springs":
-            return numbers.other_membrane()
-        case "hinges":  # carry 0.8 to 1.33 of the rigidity, depending on the mesh
-            return 0.3 * numbers.without_bending()
-        case "quadratic":  # 2 sin²(θ/2) for θ²/2 at the angle of the sharpest bend
-            bend = (
-                numbers.h / numbers.L * (1.0 if numbers.case == "across" else numbers.N ** (1 / 3))
-            )
-            return bend**2 / 12 * min(1.0, numbers.without_bending())
+        case "cheaper":
+            return _cheaper(variant.by, numbers)
         case "mesh":
             return abs(factor**2 - 1) * numbers.mesh_error() + _change_of_reach(variant, numbers)
         case "P1":
@@ -71,16 +65,27 @@ def _change_of_reach(variant: Variant, numbers: Numbers) -> float:
     return abs(other.moved * other.L / (numbers.moved * numbers.L) - 1)
 
 
+def _cheaper(other: str, numbers: Numbers) -> float:
+    """Return the change by another term of the package in place of a membrane or bending term."""
+    if TRAITS[other].kind == "membrane":
+        return numbers.other_membrane()
+    if other == QuadraticBending.__name__:  # 2 sin²(θ/2) for θ²/2 at the angle of the sharpest bend
+        bend = numbers.h / numbers.L * (1.0 if numbers.case == "across" else numbers.N ** (1 / 3))
+        return bend**2 / 12 * min(1.0, numbers.without_bending())
+    return 0.3 * numbers.without_bending()  # hinges carry 0.8 to 1.33 of B, depending on the mesh
+
+
 def _without(name: str, numbers: Numbers) -> float | None:
-    if name in MEMBRANES:
+    kind = numbers.traits[name].kind
+    if kind == "membrane":
         return 1.0
-    if name in BENDING:
+    if kind == "bending":
         return numbers.without_bending()
-    if name in DAMPINGS and numbers.is_static:  # nothing moves
+    if name in numbers.dampings and numbers.is_static:  # nothing moves
         return 0.0
-    if name in DAMPINGS:
+    if name in numbers.dampings:
         fades = 1 - math.exp(-numbers.decay(name))
-        others = sum(numbers.decay(other) for other in DAMPINGS if other != name)
+        others = sum(numbers.decay(other) for other in numbers.dampings if other != name)
         return fades * (math.exp(-others) if numbers.rest < 1 else 1.0)
     if name in numbers.loads and numbers.w:
         return numbers.loads[name] / numbers.w
@@ -92,8 +97,9 @@ def find_limits(numbers: Numbers) -> list[str]:
     scene, built = numbers.scene, numbers.built
     x = built.state.x
     normals = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[1]
-    known = {*MEMBRANES, *BENDING, *DAMPINGS, *numbers.loads}
-    other = sorted({type(term).__name__ for term in built.system.terms} - known)
+    known = {*numbers.dampings, *numbers.loads}
+    known |= {n for n, traits in numbers.traits.items() if traits.kind in ("membrane", "bending")}
+    other = sorted(numbers.traits.keys() - known)
     limits = {
         "no load acts at the start": not numbers.w,
         "nothing is pinned": not len(built.system.constraints.nodes),

@@ -25,6 +25,7 @@ from fecloth.study.setups import Setup, setup_of_scene
 from fecloth.study.simplification.outcome import Outcome
 from fecloth.study.simplification.variants import PATIENCE, Variant, list_variants
 from fecloth.study.status import FAILED, OK, TimeLimit, check_time_limit
+from fecloth.terms.traits import traits_of
 
 ENOUGH = 1.5  # CPU seconds of timing, after which the run is not repeated
 SHORT = 0.5  # CPU seconds that every run may take
@@ -114,7 +115,8 @@ class Original:
     def list_variants(self) -> list[Variant]:
         """List all variants, terms first."""
         texts = tuple(one.text for one in self.quantities)
-        return list_variants(self.data, Interest(quantities=texts))
+        known = {type(t).__name__: traits_of(t) for t in self.problem.first.system.terms}
+        return list_variants(self.data, Interest(quantities=texts), known)
 
     def text(self, data: dict) -> str:
         """Return what the reduced file holds."""

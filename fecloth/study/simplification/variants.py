@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from fecloth.integrators import EXPLICIT
 from fecloth.scene.probe_tables import Interest
 from fecloth.simulation.error_control import Adaptive
+from fecloth.terms import TRAITS
+from fecloth.terms.traits import TermTraits
 
 Data = dict
-MEMBRANES = ("StVK", "TensorCondition", "BaraffWitkin", "NeoHookean", "TensionField")
-CHEAPER_BENDING = {  # on P1: the kind of change, and the term in place of another
-    "PlateBending": {"hinges": "HingeBending", "quadratic": "QuadraticBending"},
-    "HingeBending": {"quadratic": "QuadraticBending"},
-}
 LONG = 1e5  # s, a step of backward Euler in which inertia is negligible
 LARGER = (2, 4)  # times dt, rtol
 COARSER = (1.5, 2.0)  # times h
@@ -34,7 +31,8 @@ class Variant:
     name
         Name in the tables.
     kind, by
-        Input of the prediction: the kind of change, and the type of its term or its factor.
+        Input of the prediction: the kind of change, and its factor or the type of its term: of the
+        one that is left out, or that stands in the place of another.
     slot
         Part of the scene that changes; the reduced scene has at most one change of each part.
     apply
@@ -64,10 +62,12 @@ class Variant:
         return 20.0 if self.kind == "mesh" else 6.0
 
 
-def list_variants(data: Data, interest: Interest) -> list[Variant]:
-    """List all variants of a scene, terms first."""
+def list_variants(
+    data: Data, interest: Interest, known: Mapping[str, TermTraits] = TRAITS
+) -> list[Variant]:
+    """List all variants of a scene, terms first; `known` says what its terms are."""
     element, listed = data["cloth"].get("element", "P1"), data.get("terms", [])
-    found = [one for term in listed for one in variants_of_term(term, element)]
+    found = [v for term in listed for v in variants_of_term(term, element, known[term["type"]])]
     found += [*variants_of_mesh(data), *variants_of_time(data)]
     if interest.at_end_only and "time" in data:
         moved = any(pin.get("motion") or pin.get("rotate") for pin in data.get("pins", []))
@@ -77,13 +77,10 @@ def list_variants(data: Data, interest: Interest) -> list[Variant]:
     return found
 
 
-def variants_of_term(term: Data, element: str) -> Iterator[Variant]:
+def variants_of_term(term: Data, element: str, traits: TermTraits) -> Iterator[Variant]:
     """Yield the scene without a term, and with a cheaper one in its place: as smooth contact."""
-    name, slot = term["type"], f"term {term}"
-    yield Variant(f"without {name}", "without", name, slot, replace_term(term, None))
-    if name in MEMBRANES and element == "P1":
-        springs = replace_term(term, {"type": "Springs"})
-        yield Variant(f"Springs for {name}", "springs", name, slot, springs)
+    name, slot, unclamps = term["type"], f"term {term}", traits.holds_normals
+    yield Variant(f"without {name}", "without", name, slot, replace_term(term, None, unclamps))
     if term.get("friction"):
         smooth = replace_term(term, term | {"friction": 0.0})
         yield Variant(f"no friction of {name}", "friction", name, slot, smooth)
@@ -93,19 +90,19 @@ def variants_of_term(term: Data, element: str) -> Iterator[Variant]:
     if element == "P2" and term.get("strain") == "interpolated":
         pointwise = replace_term(term, term | {"strain": "pointwise"})
         yield Variant(f"pointwise strain of {name}", "strain", name, slot, pointwise)
-    if term.get("rest", "flat") in ("flat", None) and element == "P1":
-        for kind, other in CHEAPER_BENDING.get(name, {}).items():
-            replaced = replace_term(term, {"type": other})
-            yield Variant(f"{other} for {name}", kind, name, slot, replaced)
+    is_flat = traits.kind != "bending" or term.get("rest", "flat") in ("flat", None)
+    if is_flat and element == "P1":
+        for other in traits.cheaper:
+            replaced = replace_term(term, {"type": other}, unclamps)
+            yield Variant(f"{other} for {name}", "cheaper", other, slot, replaced)
 
 
-def replace_term(term: Data, other: Data | None) -> Callable[[Data], Data]:
+def replace_term(term: Data, other: Data | None, unclamps: bool = False) -> Callable[[Data], Data]:
     """Return the change that replaces a term by `other`, or removes it if that is None.
 
     The change also removes the entries of [expect] for the term's columns, and the clamps of pins
-    if the other one cannot hold them.
+    if it `unclamps`.
     """
-    unclamps = term["type"] == "PlateBending"
 
     def apply(data: Data) -> Data:
         if unclamps:

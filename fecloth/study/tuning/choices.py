@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 from fecloth.errors import InputError
-from fecloth.integrators import EXPLICIT
+from fecloth.integrators import EXPLICIT, studied_by
 from fecloth.mesh.grading import Grading
 from fecloth.scene.toml_text import to_toml
 from fecloth.study.chart_grid import ALL_METHODS, ELEMENTS, change_tables, known_names
@@ -15,13 +15,6 @@ from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
 from fecloth.study.scene_text import scene_of
 from fecloth.study.workload import EQUILATERAL, TRIANGLES
 
-METHODS = (  # that are tried, the scene's own besides; the first one that serves comes first
-    "central_difference",
-    "bdf2",
-    "generalized_alpha",
-    "implicit_midpoint",
-    "backward_euler",
-)
 CONTROLLED = "bdf2"  # the method whose steps are also chosen by rtol
 PATTERNS = ("right", "cross", "equilateral", "unstructured")
 
@@ -145,7 +138,14 @@ def methods_to_try(opened: Problem, methods: Sequence[str] | None) -> list[str]:
     if methods:
         return known_names("method", methods, ALL_METHODS)
     own = opened.scene.time.method.type
-    return list(dict.fromkeys([*METHODS, *([own] if own != "auto" else [])]))
+    tried = sorted(studied_by("tune"), key=_preference)
+    return list(dict.fromkeys([*tried, *([own] if own != "auto" else [])]))
+
+
+def _preference(name: str) -> tuple:
+    """Return what decides which method comes first of those that serve: explicit, then damping."""
+    traits = ALL_METHODS[name]().traits
+    return not traits.explicit, -traits.order, traits.at_infinity
 
 
 def problem_with(opened: Problem, choice: Choice) -> Problem:

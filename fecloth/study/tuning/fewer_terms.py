@@ -11,9 +11,11 @@ from fecloth.errors import FeclothError
 from fecloth.scene.toml_text import to_toml
 from fecloth.study.problems import SceneProblem
 from fecloth.study.scene_text import scene_of
-from fecloth.study.simplification.variants import MEMBRANES, Variant, variants_of_term
+from fecloth.study.simplification.variants import Variant, variants_of_term
 from fecloth.study.tuning.choices import Choice
 from fecloth.study.tuning.trials import Bench, Trial
+from fecloth.terms import Springs
+from fecloth.terms.traits import traits_of
 
 SHARE = 0.25  # of the tolerance, for the terms that are left out or replaced
 SAVES = 0.97  # times the seconds: what a change must at most cost to be worth it
@@ -34,9 +36,15 @@ def drop_terms(
     if not full.is_ok:
         return bench, nothing, [], [full]
     data, trials, good = tomllib.loads(bench.opened.scene.to_toml()), [full], []
-    variants = [one for term in data["terms"] for one in variants_of_term(term, choice.element)]
+    known = {type(one).__name__: traits_of(one) for one in bench.opened.first.system.terms}
+    membranes = {name for name, traits in known.items() if traits.kind == "membrane"}
+    variants = [
+        variant
+        for term in data["terms"]
+        for variant in variants_of_term(term, choice.element, known[term["type"]])
+    ]
     for variant in variants:
-        if variant.kind == "without" and variant.by in MEMBRANES:
+        if variant.kind == "without" and variant.by in membranes - {Springs.__name__}:
             continue
         trial = _run(bench, variant.apply(data), choice)
         if trial is None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.errors import FeclothError, InputError
+from fecloth.integrators import METHODS
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.tuning.choices import Choice, meshes_to_try, problem_with
 from fecloth.study.tuning.graded_choices import graded_choices
@@ -24,7 +25,6 @@ TRIES = 5  # finer meshes, until a shape with small parts can be meshed
 MARGIN = 0.75  # part of the tolerance that predicted errors may take
 CALM = 0.2  # part of the tolerance that the steps of the runs on all meshes may take
 KNOWN = 0.3  # part of the tolerance up to which the best mesh's own error need be known
-UNDAMPED = "implicit_midpoint", "newmark"  # keep the waves that only finer meshes have
 EXTRAPOLATED = 2.0  # times the measured √triangles, up to which predictions are trusted
 SHORTEST, TIMES = 60.0, 3.0  # CPU time of the search: s, and times that of the tuned run
 
@@ -94,11 +94,17 @@ def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
 
     fixed = [one for one in times.trials if one.is_ok and not one.choice.rtol]
     fixed = [one for one in fixed if not (one.choice.is_explicit and one.choice.steps)]
-    fixed = [one for one in fixed if one.choice.method not in UNDAMPED] or fixed
+    fixed = [one for one in fixed if not _keeps_waves(one.choice)] or fixed
     served = [one for one in fixed if error(one) <= tolerance]
     served = [one for one in served if not one.choice.is_explicit] or served or fixed
     good = [one for one in served if error(one) <= CALM * tolerance]
     return min(good, key=lambda one: one.seconds) if good else min(served, key=error)
+
+
+def _keeps_waves(choice: Choice) -> bool:
+    """Whether the method leaves waves undamped that its steps do not resolve."""
+    method = METHODS.get(choice.method)
+    return method is not None and method().traits.at_infinity == 1
 
 
 def measure_meshes(

@@ -12,6 +12,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.dihedral_angle import angles, condition
 from fecloth.terms.loops import bound_condition
+from fecloth.terms.traits import TermTraits
 
 CONVEX = (0,)  # one component, whose ∂²θ is indefinite
 
@@ -84,6 +85,15 @@ class HingeBending:
 
     rest: float | tuple[float, ...] | None = None
 
+    traits = TermTraits(
+        kind="bending",
+        exclusive=True,
+        shared=True,
+        cheaper=("QuadraticBending",),
+        by_pattern=True,
+        space_error="bends with a rigidity that depends on the mesh",
+    )
+
     def __post_init__(self):
         if self.rest is None:
             return
@@ -92,8 +102,6 @@ class HingeBending:
             allowed = "must be one angle, or one for each hinge, between -π and π [rad]"
             raise InputError(f"rest = {self.rest!r}", allowed, "HingeBending")
         object.__setattr__(self, "rest", tuple(rest.tolist()) if rest.ndim else float(rest))
-
-    no_space_error = "bends with a rigidity that depends on the mesh"
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.hinges.nodes

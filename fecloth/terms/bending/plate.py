@@ -19,6 +19,7 @@ from fecloth.terms.bending.plate_stiffness import panel_curvatures
 from fecloth.terms.loops.array_updates import subtract
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.recovered_error import plate_error
+from fecloth.terms.traits import TermTraits
 
 At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
 
@@ -83,8 +84,15 @@ class PlateBending:
 
     rest: str | float | tuple[float, ...] = "flat"
 
-    elements = ("P1", "P2")
-    holds_normals = True
+    traits = TermTraits(
+        kind="bending",
+        elements=("P1", "P2"),
+        exclusive=True,
+        shared=True,
+        reach=8,
+        cheaper=("HingeBending", "QuadraticBending"),
+        holds_normals=True,
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rest", check_rest(self.rest, "PlateBending"))

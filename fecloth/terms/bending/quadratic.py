@@ -16,6 +16,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.hinge import hinge_stiffness
 from fecloth.terms.loops.array_updates import subtract_product
 from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,13 @@ class QuadraticBending:
     True
     """
 
-    no_space_error = "bends with a rigidity that depends on the mesh"
+    traits = TermTraits(
+        kind="bending",
+        exclusive=True,
+        shared=True,
+        by_pattern=True,
+        space_error="bends with a rigidity that depends on the mesh",
+    )
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.hinges.nodes

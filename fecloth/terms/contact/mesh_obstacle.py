@@ -21,6 +21,7 @@ from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.surfaces import Triangles
 from fecloth.terms.contact.toolkit import ContactSets
 from fecloth.terms.contact.triangle_contact import BoundTriangleContact
+from fecloth.terms.traits import TermTraits
 
 
 class RigidMesh(Shape):
@@ -83,7 +84,7 @@ class MeshObstacle:
     motion: Annotated[VectorOfTime | None, LENGTH] = None
     rotate: Rotation | None = None
 
-    elements = ("P1", "P2")
+    traits = TermTraits(kind="contact", elements=("P1", "P2"))
 
     def __post_init__(self):
         _ = self._body  # its mistakes are refused where the obstacle is written

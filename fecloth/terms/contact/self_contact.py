@@ -15,6 +15,7 @@ from fecloth.terms.contact import barrier
 from fecloth.terms.contact.friction import CREEP
 from fecloth.terms.contact.toolkit import ContactSets
 from fecloth.terms.contact.triangle_contact import BoundTriangleContact
+from fecloth.terms.traits import TermTraits
 
 FARTHEST = 3.0  # gaps: the shortest edge must have as many
 
@@ -73,7 +74,7 @@ class SelfContact:
     thickness: Annotated[float, LENGTH] = 0.0
     stiffness: Annotated[barrier.Stiffness, PRESSURE] = "auto"
 
-    elements = ("P1", "P2")
+    traits = TermTraits(kind="contact", elements=("P1", "P2"), several_places=False)
 
     def __post_init__(self):
         if not (is_number(self.thickness) and self.thickness >= 0):

@@ -13,6 +13,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.custom.finite_differences import Derivatives, Function
 from fecloth.terms.loops import bound_condition
+from fecloth.terms.traits import TermTraits
 
 RESERVED = ("t", "kinetic", "pins", "numerical", "total", "remainder")  # columns of the ledger
 
@@ -115,7 +116,7 @@ class Condition:
             raise InputError(what, "must be whole numbers (m, k)", self.name, remedy)
         object.__setattr__(self, "nodes", np.ascontiguousarray(stencil, dtype=np.int32))
 
-    elements = ("P1", "P2")
+    traits = TermTraits(elements=("P1", "P2"))
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         low, high = self.nodes.min(), self.nodes.max()

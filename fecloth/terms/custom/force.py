@@ -18,6 +18,7 @@ from fecloth.quantities.formula import Formula
 from fecloth.quantities.units import ACCELERATION, FORCE, PRESSURE
 from fecloth.terms.loops.array_updates import add
 from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.traits import TermTraits
 
 STEP = 1e-5  # m and m/s: the relative error of a central difference is about 1e-10 f'''/f'
 VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
@@ -83,7 +84,7 @@ class UserForce:
         if not callable(self.force):
             _validated_parts(self.force)
 
-    elements = ("P1", "P2")
+    traits = TermTraits(kind="load", elements=("P1", "P2"))
 
     def stencil(self, cloth: Cloth) -> None:
         return None

@@ -23,6 +23,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.terms.custom.law_check import NEAR, VOIGT, check_law
 from fecloth.terms.loops import membrane
 from fecloth.terms.loops.regge_membrane import BoundRegge
+from fecloth.terms.traits import TermTraits
 
 
 class MembraneLaw:
@@ -80,7 +81,13 @@ class MembraneLaw:
     >>> sweeps = fc.verify.check_term(Stiffening(0.1), scales=[1.0])
     """
 
-    elements = ("P1", "P2")
+    traits = TermTraits(
+        kind="membrane",
+        elements=("P1", "P2"),
+        exclusive=True,
+        shared=True,
+        cheaper=("Springs",),
+    )
 
     law: ClassVar[Any] = None  # a static method of a subclass
     strain: ClassVar[str] = "interpolated"  # on P2; a subclass may say "pointwise"

@@ -19,6 +19,7 @@ from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.loops import bound_condition
 from fecloth.terms.loops.array_updates import clear, scale
 from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,14 @@ class BendingDamping:
     tangent: str = "symmetric"
     law: object = None
 
-    elements = ("P1", "P2")
+    traits = TermTraits(
+        kind="damping",
+        elements=("P1", "P2"),
+        several_places=False,
+        shared=True,
+        reach=8,
+        damps="bending",
+    )
 
     def __post_init__(self):
         where = "BendingDamping"

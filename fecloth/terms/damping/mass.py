@@ -19,6 +19,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import RATE
 from fecloth.terms.loops.array_updates import subtract_scaled
 from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,13 @@ class MassDamping:
         if not (is_number(self.rate) and self.rate > 0):
             raise InputError(f"rate = {self.rate!r}", "must be finite and > 0 [1/s]", "MassDamping")
 
-    elements = ("P1", "P2")
+    traits = TermTraits(
+        kind="damping",
+        elements=("P1", "P2"),
+        several_places=False,
+        shared=True,
+        damps="motion",
+    )
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
         return None if cloth.element == "P1" else cloth.stencil

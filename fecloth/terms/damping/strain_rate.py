@@ -32,6 +32,7 @@ from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.membranes.stvk import StVK
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,13 @@ class StrainRateDamping:
         if self.law is not None and not hasattr(self.law, "moduli"):
             raise InputError(f"law = {self.law!r}", "must be a membrane law such as StVK()", where)
 
-    elements = ("P1", "P2")
+    traits = TermTraits(
+        kind="damping",
+        elements=("P1", "P2"),
+        several_places=False,
+        shared=True,
+        damps="strain",
+    )
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil

@@ -20,6 +20,7 @@ from fecloth.terms.loads.pressure import cross, edge
 from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 from fecloth.terms.loops.shared_loop import SharedLoop
 from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.traits import TermTraits
 
 Coefficient = Annotated[float, DENSITY.where(law="quadratic"), RESISTANCE.where(law="linear")]
 
@@ -69,6 +70,8 @@ class Drag:
     tangential: Coefficient = 0.0
     law: str = "quadratic"
     tangent: str = "symmetric"
+
+    traits = TermTraits(kind="drag", exclusive=True, shared=True, damps="air")
 
     def __post_init__(self):
         check_drag(self)

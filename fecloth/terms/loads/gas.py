@@ -17,6 +17,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, PRESSURE, VOLUME
 from fecloth.terms.loads.pressure import add_skew, cross, orientation_signs
 from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,8 @@ class Gas:
     ambient: Annotated[float, PRESSURE] = 101325.0
     exponent: float = 1.0
     origin: Annotated[tuple[float, float, float], LENGTH] = (0.0, 0.0, 0.0)
+
+    traits = TermTraits(kind="load", several_places=False)
 
     def __post_init__(self):
         for name, unit in (("pressure", "Pa"), ("volume", "m³"), ("exponent", "-")):

@@ -15,6 +15,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import ACCELERATION
 from fecloth.terms.loops.array_updates import add
 from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Gravity:
             allowed = "must be three finite numbers [m/s²]"
             raise InputError(f"acceleration = {self.acceleration!r}", allowed, "Gravity")
 
-    elements = ("P1", "P2")
+    traits = TermTraits(kind="load", elements=("P1", "P2"), several_places=False, shared=True)
 
     def stencil(self, cloth: Cloth) -> None:
         return None

@@ -16,6 +16,7 @@ from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import FORCE, LENGTH
 from fecloth.terms.loops.array_updates import add_rows
 from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class PointForce:
     def __post_init__(self):
         vector(self.force, "force", "PointForce")
 
-    elements = ("P1", "P2")
+    traits = TermTraits(kind="load", elements=("P1", "P2"), shared=True)
 
     def stencil(self, cloth: Cloth) -> None:
         return None

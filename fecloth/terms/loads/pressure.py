@@ -21,6 +21,7 @@ from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 from fecloth.terms.loops.green_strain import gradient
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Pressure:
             allowed = 'must be "symmetric" or "exact"'
             raise InputError(f"tangent = {self.tangent!r}", allowed, "Pressure")
 
-    elements = ("P1", "P2")
+    traits = TermTraits(kind="load", elements=("P1", "P2"), shared=True)
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil

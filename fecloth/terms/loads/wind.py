@@ -15,6 +15,7 @@ from fecloth.quantities.units import LENGTH, SPEED
 from fecloth.terms.loads import air_velocity
 from fecloth.terms.loads.air_velocity import Uniform
 from fecloth.terms.loads.drag import BoundDrag, Coefficient, bind_drag, check_drag
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,8 @@ class Wind:
     gusts: float = 0.0
     gust_length: Annotated[float, LENGTH] = 1.0
     seed: int = 0
+
+    traits = TermTraits(kind="drag", exclusive=True, shared=True, damps="air")
 
     def __post_init__(self):
         check_drag(self)

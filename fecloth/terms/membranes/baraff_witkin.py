@@ -15,6 +15,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_VOLUME, PER_WIDTH, TIME
 from fecloth.terms.loops import bound_condition
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,8 @@ class BaraffWitkin:
     area_exponent: float = 0.5
     damping: Annotated[float, TIME] = 0.0
     tangent: str = "symmetric"
+
+    traits = TermTraits(kind="membrane", exclusive=True, shared=True, cheaper=("Springs",))
 
     def __post_init__(self):
         where, p = "BaraffWitkin", self.area_exponent

@@ -14,6 +14,7 @@ from fecloth.terms.loops import membrane
 from fecloth.terms.loops.green_strain import contract
 from fecloth.terms.loops.regge_membrane import BoundRegge
 from fecloth.terms.loops.regge_strain import check_strain
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,14 @@ class StVK:
         """(6,) ℂ = (C11, C22, C66, C12, C16, C26) [N/m]."""
         return fabric.moduli()
 
-    elements = ("P1", "P2")
+    traits = TermTraits(
+        kind="membrane",
+        elements=("P1", "P2"),
+        exclusive=True,
+        shared=True,
+        cheaper=("Springs",),
+        as_fabric=True,
+    )
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil

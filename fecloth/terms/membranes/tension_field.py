@@ -15,6 +15,7 @@ from fecloth.terms.loops import membrane
 from fecloth.terms.loops.green_strain import contract
 from fecloth.terms.loops.regge_membrane import BoundRegge
 from fecloth.terms.loops.regge_strain import check_strain
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,15 @@ class TensionField:
         fabric.isotropic("TensionField")
         return fabric.moduli()
 
-    elements = ("P1", "P2")
-    no_space_error = "leaves the strain across its wrinkles open"
+    traits = TermTraits(
+        kind="membrane",
+        elements=("P1", "P2"),
+        exclusive=True,
+        shared=True,
+        cheaper=("Springs",),
+        as_fabric=True,
+        space_error="leaves the strain across its wrinkles open",
+    )
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil

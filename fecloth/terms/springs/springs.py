@@ -17,6 +17,7 @@ from fecloth.terms.loops import bound_condition
 from fecloth.terms.springs import biquadratic
 from fecloth.terms.springs.networks import Net, edges, structural
 from fecloth.terms.springs.spring_over_step import OVER_STEP
+from fecloth.terms.traits import TermTraits
 
 KINDS = ("structural", "van_gelder", "biquadratic")
 
@@ -93,6 +94,8 @@ class Springs:
     damping: Annotated[float, TIME] = 0.0
     tangent: str = "symmetric"
 
+    traits = TermTraits(kind="membrane", exclusive=True, shared=True)
+
     def __post_init__(self):
         if self.kind not in KINDS:
             raise InputError(
@@ -146,7 +149,7 @@ class KnownSprings:
     damping: float
     tangent: str
 
-    elements = ("P1", "P2")
+    traits = TermTraits(elements=("P1", "P2"))
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return self.nodes

@@ -14,6 +14,7 @@ from fecloth.mesh.cloth import Cloth, Where
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import DAMPER, LENGTH, PER_WIDTH
 from fecloth.terms.loops import bound_condition
+from fecloth.terms.traits import TermTraits
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Tether:
             raise InputError(f"damping = {self.damping!r}", "must be >= 0 [N s/m]", "Tether")
         vector(self.point, "point", "Tether")
 
-    elements = ("P1", "P2")
+    traits = TermTraits(elements=("P1", "P2"), shared=True)
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return np.asarray(cloth.nodes(self.where), dtype=np.int32)[:, None]

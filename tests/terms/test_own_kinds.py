@@ -1,0 +1,220 @@
+"""A user's membrane, bending term, damping and load are served as what their traits say."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from support.own_terms import OWN, Breeze, Ribs, Rubber, Syrup
+
+import fecloth as fc
+from fecloth.distributed.crew import LocalLink
+from fecloth.distributed.distributed_system import DistributedSystem
+from fecloth.scene.plan import plan
+from fecloth.scene.probe_tables import Interest
+from fecloth.scene.run_warnings import find_warnings
+from fecloth.scene.scene import load_scene
+from fecloth.simulation.set_up_warnings import find_set_up_warnings
+from fecloth.study.chart_grid import change_tables
+from fecloth.study.obstacles import find_obstacles
+from fecloth.study.setups import Setup
+from fecloth.study.simplification.numbers import Numbers, table
+from fecloth.study.simplification.predictions import find_limits, predict_change
+from fecloth.study.simplification.variants import list_variants
+from fecloth.terms.traits import TermTraits
+
+FABRIC = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5)
+TERMS = (Rubber(), Ribs(), Syrup(), Breeze())
+TIP = [fc.Probe("tip", "right")]
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.5
+h = 0.25
+pattern = "right"
+
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 1000.0
+bending_rigidity = 1e-5
+
+[[terms]]
+type = "Rubber"
+k = 800.0
+
+[[terms]]
+type = "Ribs"
+
+[[terms]]
+type = "Syrup"
+rate = 2.0
+
+[[terms]]
+type = "Breeze"
+
+[[terms]]
+type = "Gravity"
+
+[[pins]]
+where = "left"
+
+[time]
+method = "bdf2"
+dt = 0.01
+t_end = 0.5
+"""
+
+
+def strip(h, dt=0.01, terms=TERMS, pins=("left",)):
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
+    system = fc.System(cloth, FABRIC, [*terms, fc.Gravity()], pins=list(pins))
+    return cloth, system, fc.BackwardEuler(), system.rest()
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "own.toml"
+    path.write_text(SCENE)
+    return load_scene(path, terms=OWN)
+
+
+@pytest.mark.parametrize("term", [Ribs(), Syrup(), Rubber()])
+def test_their_derivatives_are_checked_as_those_of_the_package(term):
+    fc.verify.check_term(term, scales=[1.0])
+
+
+# --- check and info: the warnings and lines before a run ------------------------------------------
+
+
+def warned(*terms):
+    _, system, _, start = strip(0.25, terms=terms)
+    return " ".join(find_set_up_warnings(system, start, 0.01, 1.0))
+
+
+def test_a_membrane_of_its_own_is_one():
+    assert "no membrane" not in warned(*TERMS)
+    assert "2 membranes act at once (Rubber, StVK)" in warned(*TERMS, fc.StVK())
+    assert "Rubber stands 2 times" in warned(Rubber(1.0), Rubber(2.0))
+
+
+def test_bending_of_its_own_is_bending():
+    assert "2 bending terms act at once (Ribs, PlateBending)" in warned(*TERMS, fc.PlateBending())
+    assert "2 dampings" not in warned(*TERMS, fc.MassDamping(1.0))  # which is not exclusive
+    _, system, _, start = strip(0.25)
+    said = " ".join(find_obstacles(Setup(system, start, None, None, 0.01, 1.0), {}, start.x))
+    assert "without bending" not in said
+    assert "pattern of the mesh" in said
+
+
+def test_a_load_of_its_own_may_act_twice():
+    assert "Breeze" not in warned(*TERMS, Breeze(1.0))
+    assert "Breeze stands 2 times" in warned(*TERMS, Breeze())
+    _, system, *_ = strip(0.25)
+    x = fc.equilibrium(system, system.rest(), load_steps=2).x  # it grows with the loads
+    assert x[-1, 1] > system.rest().x[-1, 1]
+
+
+def test_the_error_in_space_has_the_reason_of_the_traits():
+    _, system, _, start = strip(0.25)
+    assert "Ribs is as stiff as its ribs" in fc.space_error(system, start).reason
+
+
+def test_info_of_a_scene_counts_its_bending(scene):
+    problem = scene.build()
+    lines = "\n".join(plan(problem, "direct"))
+    assert "terms: Rubber, Ribs, Syrup, Breeze, Gravity" in lines
+    assert "ρ g L³/B" in lines or "bending stiffness" in lines
+    assert "no membrane" not in " ".join(find_warnings(problem))
+
+
+# --- chart, simplify and tune ---------------------------------------------------------------------
+
+
+def test_chart_replaces_a_membrane_of_its_own(scene):
+    data = change_tables(scene, {"method": "newmark", "element": "P1", "model": "StVK"})
+    assert [term["type"] for term in data["terms"]] == ["StVK", *list(OWN)[1:], "Gravity"]
+
+
+def own_or_not(h, model="StVK"):
+    return strip(h, terms=[OWN[model]() if model in OWN else fc.StVK(), Breeze()])
+
+
+@pytest.mark.slow
+def test_chart_of_a_function_has_its_models():
+    found = fc.study.chart(
+        *(own_or_not, "tip.x"), models=["Rubber", "StVK"], h=0.25, probes=TIP, meshes=1, t_end=0.02
+    )
+    assert set(found.table["model"]) == {"Rubber", "StVK"}
+
+
+def test_simplify_of_a_function_leaves_out_and_replaces_what_the_traits_say():
+    def light(h, dt=0.01):
+        return strip(h, dt, (Rubber(), Ribs(1e-9), Syrup(1e-9), Breeze()))
+
+    run = {"h": 0.25, "dt": 0.01, "t_end": 0.05, "probes": TIP, "repeats": 1}
+    found = fc.study.simplify(light, "5%", "tip.z", **run)
+    verdicts = {str(row["variant"]): row["verdict"] for row in found.table}
+    assert verdicts.keys() >= {f"without {name}" for name in OWN}
+    assert verdicts.keys() >= {"Springs for Rubber", "QuadraticBending for Ribs"}
+    assert "Syrup" not in found.reduced.splitlines()[0]
+
+
+def test_predictions_of_a_scene_know_its_terms(scene):
+    numbers = Numbers.of(scene)
+    assert numbers.rigidity == 1e-5
+    assert numbers.dampings == ("Syrup",)
+    assert numbers.decay("Syrup") == pytest.approx(0.5 * 2.0 * 0.5)
+    assert numbers.loads.keys() == {"Breeze", "Gravity"}
+    assert ("Syrup · slowest period", "2π c/ω") in {
+        (row["number"], row["formula"]) for row in table(numbers)
+    }
+    assert not [words for words in find_limits(numbers) if "no formula" in words]
+    data = {"cloth": {}, "terms": [{"type": name} for name in OWN], "equilibrium": {}}
+    listed = list_variants(data, Interest(path=("tip",)), numbers.traits)
+    terms_only = [one for one in listed if one.slot.startswith("term")]
+    change = {one.name: predict_change(one, numbers) for one in terms_only}
+    assert change["without Rubber"] == 1.0
+    assert change["without Ribs"] == pytest.approx(min(1.0, numbers.without_bending()))
+    assert change["without Syrup"] == pytest.approx(1 - np.exp(-0.5))
+    assert change["without Breeze"] == pytest.approx(numbers.loads["Breeze"] / numbers.w)
+
+
+@pytest.mark.slow
+def test_tune_chooses_the_mesh_of_a_function_with_them():
+    def pushed(h):
+        cloth = fc.Cloth.rectangle(0.5, 0.5, h, pattern="cross")
+        system = fc.System(cloth, FABRIC, [Rubber(), Ribs(), Breeze(5.0)], pins=["left"])
+        return cloth, system, None, system.rest()
+
+    tuned = fc.tune(pushed, "20%", "path of tip", h=0.125, probes=TIP)
+    assert tuned.proved
+
+
+# --- several processes ----------------------------------------------------------------------------
+
+
+def test_several_processes_share_them():
+    cloth = fc.Cloth.rectangle(6.0, 0.25, 0.1)
+    x, v = np.random.default_rng(1).normal(size=(2, len(cloth.X), 3)) * [[[0.004]], [[0.3]]]
+    x += np.column_stack([*cloth.X.T, 0.05 * np.sin(7 * cloth.X[:, 0])])
+    whole = fc.System(cloth, FABRIC, TERMS, ["left"])
+    apart = DistributedSystem(cloth, FABRIC, TERMS, ["left"], link=LocalLink(2))
+    state = whole.state(x, v)
+    np.testing.assert_allclose(apart.force(state), whole.force(state), rtol=1e-9, atol=1e-11)
+    ours, theirs = apart.energies(state), whole.energies(state)
+    assert ours == pytest.approx(theirs, rel=1e-11)
+    for one, other in zip(apart.bound, whole.bound, strict=True):
+        assert one.power(x, v, 0.0) == pytest.approx(other.power(x, v, 0.0), rel=1e-11)
+
+
+@dataclass(frozen=True)
+class Unshared(Ribs):
+    """Bending that says nothing of several processes."""
+
+    traits = TermTraits(kind="bending")
+
+
+def test_a_term_that_does_not_say_so_is_not_shared():
+    cloth = fc.Cloth.rectangle(6.0, 0.25, 0.1)
+    with pytest.raises(fc.InputError, match="Unshared: cannot be shared among processes yet"):
+        DistributedSystem(cloth, FABRIC, [fc.StVK(), Unshared()], link=LocalLink(2))
