@@ -64,6 +64,39 @@ def test_the_free_part_of_a_way_is_free(distance, way, rng):
     assert part >= min(1.0, 0.6 * distance / way)
 
 
+@pytest.mark.parametrize("distance", [0.5, 3.0])
+def test_the_free_part_keeps_a_tenth_of_the_way_in_reserve(distance):
+    """And another tenth by the collision detection."""
+    cloth, x, over = layers(distance * GAP)
+    way = np.where(over, -5 * distance * GAP, 0.0)[:, None] * [0, 0, 1]
+    assert bound(cloth).sets.free_part(x, x + way) * 5 == pytest.approx(0.9 * 0.9, rel=0.01)
+
+
+@pytest.mark.parametrize(("part", "is_kept"), [(0.8, True), (1.25, False)])
+def test_pairs_are_kept_while_no_node_has_moved_by_a_gap(part, is_kept):
+    cloth, x, _ = layers(4 * GAP)
+    sets = bound(cloth).sets
+    kept, moved = sets.near(x), x.copy()
+    moved[3] += part * GAP * np.array([0.6, 0.0, 0.8])
+    moved += 0.3 - (moved - x).mean(axis=0)  # what all nodes move alike does not count
+    assert (sets.near(moved) is kept) == is_kept
+
+
+@pytest.mark.parametrize(("part", "is_kept"), [(0.8, True), (1.25, False)])
+def test_up_to_eight_pairs_for_each_node_are_kept(part, is_kept):
+    """More of them as more of two sheets lies over each other."""
+    cloth, x, over = layers()
+    for aside in np.linspace(0.1, 0.0, 400):
+        y = x + np.where(over, aside, 0.0)[:, None] * [1.0, 0.0, 0.0]
+        sets = bound(cloth).sets
+        pairs = sets.toolkit.Candidates()
+        pairs.build(sets.mesh, sets.nodes(y), 1.5 * GAP)
+        if len(pairs) >= 8 * part * len(x):
+            break
+    assert len(pairs) < 1.1 * 8 * part * len(x)
+    assert (sets.near(y) is not None) == is_kept
+
+
 def test_many_pairs_are_not_kept(monkeypatch):
     cloth, x, _ = layers()
     monkeypatch.setattr("fecloth.terms.contact.toolkit.CROWDED", 0)

@@ -8,6 +8,8 @@ import pytest
 from conftest import flat
 
 import fecloth as fc
+from fecloth.terms.contact.advance import advance, move_out
+from fecloth.terms.contact.bound_obstacle import cutting_depth
 
 S = fc.shapes
 GAP = 2e-3
@@ -69,3 +71,81 @@ def test_the_shortest_edge_has_three_gaps(part, refused):
     contact = fc.SelfContact(0.7 * gap, thickness=0.3 * gap)
     with refusal("a third of the shortest edge") if refused else nullcontext():
         fc.System(cloth, fc.Fabric(0.2, 100.0), [contact])
+
+
+# --- how far a point may go -----------------------------------------------------------------------
+
+
+def distance_left(shape, d, way):
+    """The distance of a point above z = 0, over the gap, after the way that it may go."""
+    y = np.array([[0.0, 0.0, d * GAP]])
+    (part,) = advance(shape, y, GAP * np.array([way]), 0.0, GAP)
+    return (d + part * way[2]) if part < 1 else -1.0
+
+
+@pytest.mark.parametrize(("d", "left"), [(0.5, 0.1), (1.0, 0.2), (4.0, 0.2)])
+def test_a_point_leaves_a_fifth_of_its_distance_or_of_the_gap(d, left):
+    plane = S.Plane((0, 0, 0), (0, 0, 1))
+    assert distance_left(plane, d, (1.0, 0.0, -9.0)) == pytest.approx(left)
+
+
+@pytest.mark.parametrize(("part", "more"), [(0.8, False), (1.25, True)])
+def test_the_search_for_the_way_ends_at_a_twentieth_of_what_must_be_left(part, more):
+    """Of a shape that is not convex each iteration leaves a third: the slope times 1.5."""
+    room = part * 0.05 * 0.2
+    left = distance_left(S.Sdf("z"), 0.2 + room * 3**5, (0.0, 0.0, -9.0))
+    assert left == pytest.approx(0.2 + (room / 3 if more else room), rel=1e-9)
+
+
+def test_the_search_for_the_way_ends_after_forty_iterations():
+    """Along a surface that is not convex, where the slope promises much less than there is."""
+    y, way = np.array([[0.0, 0.0, 2 * GAP]]), np.array([[1000 * GAP, 0.0, 0.0]])
+    (part,) = advance(S.Sdf("z"), y, way, 0.0, GAP)
+    assert part == pytest.approx(40 * 1.8 / (1.5 * 1000))
+
+
+def test_points_are_moved_out_of_a_shape_that_deforms_in_ten_iterations():
+    """Each halves what is left, as the slope is taken twice as large as it is."""
+
+    class Twice(S.Plane):
+        def slopes(self, y, t):
+            gradient, hessian = super().slopes(y, t)
+            return 2 * gradient, hessian
+
+    plane = Twice((0, 0, 0), (0, 0, 1))
+    (place,) = move_out(plane, np.array([[0.0, 0.0, -1.0]]), np.zeros(1), 0.0)
+    assert place[2] == pytest.approx(-(0.5**10))
+
+
+# --- points of the cloth --------------------------------------------------------------------------
+
+
+def bound_triangle(dip, gap=GAP):
+    """A ball on one triangle, between whose nodes it would dip in by `dip` [gap]."""
+    X = np.array([[0, 0], [0.1, 0], [0.05, 0.08]])
+    cloth = fc.Cloth.from_arrays(X, [[0, 1, 2]])
+    radius = 0.1**2 / (6 * dip * gap) - gap
+    ball = fc.Obstacle(S.Sphere((0, 0, -1), radius), gap, stiffness=1.0)
+    (term,) = fc.System(cloth, fc.Fabric(0.2, 100.0), [ball]).bound
+    parts = round((math.sqrt(1 + 8 * sum(len(one.areas) for one in term.points)) - 3) / 2)
+    return term, cloth, parts
+
+
+@pytest.mark.parametrize(("part", "parts"), [(0.8, 1), (1.25, 2)])
+def test_an_edge_is_divided_where_a_triangle_dips_in_by_a_quarter_of_the_gap(part, parts):
+    assert bound_triangle(0.25 * part)[2] == parts
+
+
+@pytest.mark.parametrize(("needed", "parts", "cuts"), [(7, 7, False), (8, 8, False), (10, 8, True)])
+def test_an_edge_has_eight_parts_at_most_and_the_rest_is_told(needed, parts, cuts):
+    term, cloth, found = bound_triangle(0.25 * (needed - 0.1) ** 2)
+    assert found == parts
+    assert (cutting_depth(term, cloth) > 0) == cuts
+
+
+@pytest.mark.parametrize(("part", "near"), [(0.8, True), (1.25, False)])
+def test_points_of_triangles_are_looked_at_up_to_two_edges_from_their_nodes(part, near):
+    """A point is at most 2 edges from the nearest node of a cloth that is stretched threefold."""
+    points = bound_triangle(0.5)[0].points[1]
+    found = points.candidates(np.full(3, GAP + part * 2 * 0.1), GAP)
+    assert len(found) == (len(points.areas) if near else 0)
