@@ -1,13 +1,22 @@
 """The numbers of `tune` from both sides: at about 0.8 and 1.25 times their value."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from support.power_laws import PowerLaws, listed, trial
+from support.power_laws import PowerLaws, candidate, known_run, listed, predict, trial
 
+import fecloth as fc
 from fecloth.study.problems import SceneProblem, open_problem
+from fecloth.study.tuning import fewer_terms, search, time_errors, timing
 from fecloth.study.tuning.choices import Choice, meshes_to_try, problem_with
+from fecloth.study.tuning.curves import error_curve
+from fecloth.study.tuning.growth import measure_growth
+from fecloth.study.tuning.sampled_extremes import drop_to_neighbours
 from fecloth.study.tuning.search import Goal, shared_run
-from fecloth.study.tuning.time_errors import TimeErrors
+from fecloth.study.tuning.space_errors import Mesh, SpaceErrors, summarise_meshes
+from fecloth.study.tuning.time_errors import TimeErrors, measure_methods
 
 SCENE = """
 [cloth]
@@ -89,3 +98,294 @@ def test_the_steps_of_all_meshes_may_take_a_fifth_of_the_tolerance(part, taken):
     """The cheapest run is taken that is accurate enough, and else a better one."""
     runs, times = measured([1e-5, 0.2 * part * 0.01], seconds=[10.0, 1.0])
     assert shared_run(PowerLaws(), times, 0.01) is runs[taken]
+
+
+# --- curves and predictions -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("order", "taken"), [(0.4, 0.5), (0.625, 0.625), (2.5, 2.0)])
+def test_errors_go_on_with_their_order_from_a_half_to_the_theory(order, taken):
+    errors = [np.array([1.0]), np.array([0.5**order])]
+    curve = error_curve([1.0, 2.0], errors, np.array([2.0]), 0.0)
+    assert curve(np.array([4.0]))[0, 0] == pytest.approx(0.5**order * 0.5**taken)
+    assert curve.order == pytest.approx([taken])
+
+
+def test_the_error_of_one_run_goes_on_with_three_quarters_of_the_theory():
+    curve = error_curve([1.0], [np.array([1.0])], np.array([2.0]), 0.0)
+    assert curve(np.array([2.0]))[0, 0] == pytest.approx(0.5**1.5)
+
+
+def test_sizes_are_looked_for_from_half_to_sixteen_times_the_measured_ones():
+    """And steps from as many as were measured to 64 times as many."""
+    prediction = predict(1.0, 1.0)
+    coarsest = Goal(tolerance=1e9).candidates(prediction)[0]
+    assert (coarsest.edges, coarsest.x) == (pytest.approx(5.0), 32)
+    least = 1 / (16 * 40.0) ** 2 + 1 / (64 * 128.0) ** 2
+    for part, serves in ((1.01, True), (0.99, False)):
+        assert bool(Goal(tolerance=part * least / 0.75).candidates(prediction)) == serves
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_errors_in_time_grow_with_the_nodes_of_which_p2_has_twice_as_many(element):
+    """Of a mesh with 4 times the edges of the coarse one, and a power of 1.5."""
+    prediction = predict(1e-12, 1.0)
+    (mesh,) = prediction.meshes
+    mesh = replace(mesh, choice=replace(mesh.choice, element=element, h=None))
+    prediction = replace(prediction, meshes=(mesh,), growth={("bdf2", "steps"): 1.5})
+    of = Goal(tolerance=1.0).candidates(prediction)[0]
+    finer = 4.0 * (2.0 if element == "P2" else 1.0)  # 40 and 10 √triangles
+    assert of.time[0] == pytest.approx(finer**1.5 / of.x**2)
+
+
+def test_the_lowest_point_is_a_third_of_the_mean_drop_below_a_node_and_a_quarter_at_the_border():
+    cloth = fc.Cloth.rectangle(1.0, 1.0, 0.25, pattern="right")
+    border = cloth.nodes("boundary")
+    inner = next(i for i in range(len(cloth.X)) if np.allclose(cloth.X[i], 0.5))
+    on_border = next(i for i in border if np.allclose(cloth.X[i], [0.5, 0.0]))
+    for node, part in ((inner, 1 / 3), (on_border, 1 / 4)):
+        depth = np.zeros(len(cloth.X))
+        depth[node] = 0.6
+        assert drop_to_neighbours(cloth, depth) == pytest.approx(0.6 * part)
+
+
+# --- meshes ---------------------------------------------------------------------------------------
+
+
+def mesh_runs(values, pattern="", seconds=None):
+    """Runs on meshes of 10, 20, 40, … √triangles with these values."""
+    times = seconds or [None] * len(values)
+    choices = [Choice("P1", pattern, 0.1 * 0.5**k, "bdf2", 64) for k in range(len(values))]
+    return [trial(*each) for each in zip(choices, values, times, strict=True)]
+
+
+@pytest.mark.parametrize(("part", "doubted"), [(0.8, False), (1.25, True)])
+def test_two_kinds_of_meshes_are_doubted_that_differ_by_more_than_their_errors(part, doubted):
+    """Each has the error (d/3) 3 of two runs, d apart; beyond their sum the difference counts."""
+    orders = np.array([[2.0], [2.0]])
+    error = 1e-3 + 2e-3
+    one, other = mesh_runs([1.001, 1.0], "right"), mesh_runs([1.002, 1.0], "cross")
+    other = [trial(run.choice, run.row["value"] + part * error) for run in other]
+    space = summarise_meshes(PowerLaws(), [*one, *other], orders)
+    assert space.reference is one[1]
+    assert space.error == pytest.approx([max(1e-3, (part - 1) * error)])
+    assert space.rival is None  # the disagreement, 0.75e-3, is less than the run's own error
+    far = [trial(run.choice, run.row["value"] + error) for run in other]
+    space = summarise_meshes(PowerLaws(), [*one, *far], orders)
+    assert space.error == pytest.approx([part * error])
+    assert space.rival.choice.pattern == "cross"
+    assert doubted == (part > 1)
+
+
+@pytest.mark.parametrize(("power", "beyond"), [(0.8, 1.0), (1.25, 1.25), (2.56, 2.56), (4.0, 3.2)])
+def test_seconds_of_a_step_grow_with_a_power_of_1_to_3_2(power, beyond):
+    runs = mesh_runs([1.1, 1.0], seconds=[1.0, 2.0**power])
+    (mesh,) = summarise_meshes(PowerLaws(), runs, np.array([[2.0], [2.0]])).meshes
+    ratio = mesh.seconds(np.array([80.0]))[0, 0] / mesh.seconds(np.array([20.0]))[0, 0]
+    assert ratio == pytest.approx(4.0**beyond)
+
+
+@pytest.mark.parametrize(("order", "stalls"), [(0.3 * 0.8, True), (0.3 * 1.25, False)])
+def test_finer_meshes_do_not_help_whose_changes_fall_with_an_order_below_03(order, stalls):
+    changes = 0.1, 0.1 * 0.5**order
+    runs = tuple(mesh_runs([1.0, 1.0 + changes[0], 1.0 + sum(changes)]))
+    mesh = Mesh(runs[0].choice, None, None, runs)
+    space = SpaceErrors((mesh,), runs[-1], np.zeros(1), runs)
+    assert space.stalls(PowerLaws(), 0.01) == stalls
+
+
+@pytest.mark.parametrize(("part", "stalls"), [(0.8, False), (1.25, True)])
+def test_changes_up_to_twice_the_tolerance_may_be_irregular(part, stalls):
+    runs = tuple(mesh_runs([1.0, 1.001, 1.001 + 2 * part * 0.01]))
+    mesh = Mesh(runs[0].choice, None, None, runs)
+    space = SpaceErrors((mesh,), runs[-1], np.zeros(1), runs)
+    assert space.stalls(PowerLaws(), 0.01) == stalls
+
+
+@pytest.mark.parametrize(("part", "refined"), [(0.8, False), (1.25, True)])
+def test_errors_are_trusted_up_to_twice_the_measured_size(part, refined):
+    prediction = predict(1.0, 1.0)
+    of = candidate(prediction, part * 2 * 40.0, 64, 1e-3, 1e-3)
+    space = known_run(prediction, 40.0, 1e-6)
+    mesh = search._next_mesh(space, [of], Goal(0.01))
+    assert mesh is (of.mesh if refined else None)
+
+
+def test_the_first_meshes_have_128_triangles_and_those_of_p2_a_quarter(tmp_path):
+    path = tmp_path / "sheet.toml"
+    path.write_text(SCENE.replace("PATTERN", "right"))
+    choices = {one.element: one.h for one in search.coarse_meshes(open_problem(path), None)[:2]}
+    assert choices == {"P1": pytest.approx(0.125), "P2": pytest.approx(0.25)}
+
+
+# --- errors in time -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def free_steps(monkeypatch):
+    """A motion whose first run has 16 steps."""
+    monkeypatch.setattr(time_errors, "can_choose_steps", lambda opened: True)
+    monkeypatch.setattr(time_errors, "first_steps", lambda opened: 16)
+
+
+def ladder(error_at, tolerance, methods=("newmark",)):
+    """The steps of each method that are run where `error_at(method, n)` is the error in time."""
+
+    def change(run):
+        n = run.choice.steps or 1 / run.choice.rtol
+        return trial(run.choice, 1 + error_at(run.choice.method, n))
+
+    bench = PowerLaws(change=change)
+    measure_methods(bench, Choice("P1", "", 0.1), methods, tolerance, 1e9)
+    steps = {}
+    for run in bench.ran:
+        steps.setdefault(run.choice.method, []).append(run.choice.steps)
+    return steps
+
+
+@pytest.mark.parametrize(("part", "most"), [(0.8, 64), (1.25, 128)])
+def test_regular_errors_of_four_tolerances_need_no_shorter_steps(part, most, free_steps):
+    tolerance = 1e-3
+    error = 4 * part * tolerance
+    assert max(ladder(lambda _, n: error * (64 / n) ** 2, tolerance)["newmark"]) == most
+
+
+@pytest.mark.parametrize(
+    ("falls", "regular"),
+    [(2.5 * 0.8, False), (2.5 * 1.25, True), (7 * 0.8, True), (7 * 1.25, False)],
+)
+def test_errors_are_regular_that_fall_by_2_5_to_7_with_half_of_the_step(falls, regular, free_steps):
+    tolerance = 1e-3
+    change = 3 * 2 * tolerance  # of the last halving: twice the tolerance
+    order = math.log2(falls)
+    error = change / (falls - 1)
+    steps = ladder(lambda _, n: error * (64 / n) ** order, tolerance)["newmark"]
+    assert (max(steps) == 64) == regular
+
+
+@pytest.mark.parametrize(("part", "least"), [(0.8, 8), (1.25, 16)])
+def test_fewer_steps_are_run_until_the_error_is_twice_the_tolerance(part, least, free_steps):
+    tolerance = 1e-3
+
+    def error_at(method, n):
+        size = 1e-6 if method == "newmark" else 2 * part * tolerance
+        return size * (16 / n) ** 2
+
+    steps = ladder(error_at, tolerance, ["newmark", "implicit_midpoint"])
+    assert min(steps["implicit_midpoint"]) == least
+
+
+def test_at_least_four_steps_are_run(free_steps):
+    assert min(ladder(lambda _, n: 1e-9 / n**2, 1e-3)["newmark"]) == 4
+
+
+def growing(power, share=0.5, tolerance=1e-3):
+    """The growth that is found, and the runs for it, where errors in time grow with x^power."""
+    prediction = predict(1.0, 10.0)
+
+    def change(run):
+        x = 1 / run.choice.h
+        return trial(run.choice, 1 + 10.0 / run.choice.steps**2 * (x / 10.0) ** power)
+
+    rule = prediction.times.rules[0]
+    runs = tuple(change(trial(Choice("P1", "", 0.1, "bdf2", n))) for n in (32, 64, 128))
+    exact = trial(Choice("P1", "", 0.1, "bdf2", 128), 1.0)
+    rule = replace(rule, trials=runs)
+    times = TimeErrors((rule,), exact, np.zeros(1), runs)
+    bench = PowerLaws(change=change)
+    of = candidate(prediction, 40.0, 64, (1 - share) * tolerance, share * tolerance)
+    of = replace(of, rule=rule)
+
+    class Given(Goal):
+        def candidates(self, prediction, margin=0.0):
+            return [of]
+
+    found = measure_growth(bench, replace(prediction, times=times), Given(tolerance), [])
+    return found.growth.get(rule.key), bench.ran
+
+
+@pytest.mark.parametrize(("power", "found"), [(0.7, 0.7), (1.6, 1.6), (2.5, 2.0), (-0.5, 0.0)])
+def test_the_growth_of_errors_in_time_is_measured_up_to_the_power_2(power, found):
+    assert growing(power)[0] == pytest.approx(found, abs=1e-6)
+
+
+@pytest.mark.parametrize(("share", "counts"), [(0.2 * 0.8, False), (0.2 * 1.25, True)])
+def test_growth_is_measured_where_errors_in_time_are_a_fifth(share, counts):
+    assert bool(growing(1.0, share=share)[1]) == counts
+
+
+# --- seconds, and terms that are left out ---------------------------------------------------------
+
+
+def timed(others, monkeypatch, linear=None):
+    """What is run to measure seconds, and the best setting afterwards.
+
+    `others` are seconds of further methods over those of the first one, and `linear` seconds with
+    other solvers over those with the problem's own.
+    """
+    monkeypatch.setattr(timing, "shorten", lambda opened, part: opened)
+    base = predict(1.0, 10.0)
+    rule = base.times.rules[0]
+    more = [
+        replace(rule, method=f"m{i}", seconds=rule.seconds.scaled(times))
+        for i, times in enumerate(others)
+    ]
+    prediction = replace(base, times=replace(base.times, rules=(rule, *more)))
+
+    def change(run):
+        name = run.choice.linear
+        times = (linear or {}).get(name, 1.0)
+        return trial(run.choice, 1.0, times * run.seconds)
+
+    bench = PowerLaws(change=change)
+    goal = Goal(1e-3)
+    found = timing.time_candidates(bench, prediction, goal, [])
+    return bench.ran, goal.candidates(found)
+
+
+@pytest.mark.parametrize(("times", "is_run"), [(3 * 0.8, True), (3 * 1.25, False)])
+def test_the_seconds_of_settings_up_to_three_times_the_best_are_measured(
+    times, is_run, monkeypatch
+):
+    ran, _ = timed([times], monkeypatch)
+    assert ("m0" in {run.choice.method for run in ran}) == is_run
+
+
+def test_the_seconds_of_three_settings_are_measured(monkeypatch):
+    ran, _ = timed([1.3, 1.6, 1.9, 2.2], monkeypatch)
+    assert {run.choice.method for run in ran} == {"bdf2", "m0", "m1"}
+
+
+@pytest.mark.parametrize(("times", "name"), [(0.85 * 0.8, "pcg"), (0.85 * 1.15, "")])
+def test_another_linear_solver_must_save_15_per_cent(times, name, monkeypatch):
+    linear = {"pcg": times, "direct": 2.0}
+    _, candidates = timed([], monkeypatch, linear)
+    assert candidates[0].linear == name
+
+
+def without_damping(change, seconds, tmp_path, monkeypatch):
+    """The names of changes where to leave out the damping has this change and these seconds."""
+    path = tmp_path / "sheet.toml"
+    damping = '[[terms]]\ntype = "MassDamping"\nrate = 1.0\n[[pins]]'
+    path.write_text(SCENE.replace("PATTERN", "right").replace("[[pins]]", damping))
+
+    def run(bench, data, choice):
+        if any(term["type"] == "MassDamping" for term in data["terms"]):
+            return trial(choice, 9.0, 9.0)  # another change, which is too large
+        return trial(choice, 1.0 + change, seconds)
+
+    monkeypatch.setattr(fewer_terms, "_run", run)
+    bench = PowerLaws(open_problem(path), change=lambda run: trial(run.choice, 1.0, 1.0))
+    return fewer_terms.drop_terms(bench, Choice("P1", "right", 0.1), 0.01)[2]
+
+
+@pytest.mark.parametrize(("part", "dropped"), [(0.8, True), (1.25, False)])
+def test_a_term_is_left_out_that_changes_a_quarter_of_the_tolerance(
+    part, dropped, tmp_path, monkeypatch
+):
+    assert bool(without_damping(0.25 * part * 0.01, 0.5, tmp_path, monkeypatch)) == dropped
+
+
+@pytest.mark.parametrize(("part", "dropped"), [(0.8, True), (1.02, False)])
+def test_a_term_is_left_out_that_saves_3_per_cent(part, dropped, tmp_path, monkeypatch):
+    assert bool(without_damping(1e-5, 0.97 * part, tmp_path, monkeypatch)) == dropped
