@@ -118,10 +118,10 @@ def test_the_error_of_one_run_goes_on_with_three_quarters_of_the_theory():
 
 def test_sizes_are_looked_for_from_half_to_sixteen_times_the_measured_ones():
     """And steps from as many as were measured to 64 times as many."""
-    prediction = predict(1.0, 1.0)
+    prediction = predict(1.0, 163.84)
     coarsest = Goal(tolerance=1e9).candidates(prediction)[0]
     assert (coarsest.edges, coarsest.x) == (pytest.approx(5.0), 32)
-    least = 1 / (16 * 40.0) ** 2 + 1 / (64 * 128.0) ** 2
+    least = 1 / (16 * 40.0) ** 2 + 163.84 / (64 * 128.0) ** 2  # equal parts
     for part, serves in ((1.01, True), (0.99, False)):
         assert bool(Goal(tolerance=part * least / 0.75).candidates(prediction)) == serves
 
@@ -136,6 +136,19 @@ def test_errors_in_time_grow_with_the_nodes_of_which_p2_has_twice_as_many(elemen
     of = Goal(tolerance=1.0).candidates(prediction)[0]
     finer = 4.0 * (2.0 if element == "P2" else 1.0)  # 40 and 10 √triangles
     assert of.time[0] == pytest.approx(finer**1.5 / of.x**2)
+
+
+@pytest.mark.parametrize(("element", "factor"), [("P1", 1.0), ("P2", 2.0)])
+def test_explicit_steps_grow_with_the_edges_and_p2_has_twice_as_many(element, factor):
+    """On a mesh with 4 times the √triangles of the coarse one."""
+    prediction = predict(1.0, 1e-9)
+    (mesh,), rule = prediction.meshes, prediction.times.rules[0]
+    mesh = replace(mesh, choice=replace(mesh.choice, element=element, h=None))
+    rule = replace(rule, method="central_difference", kind="limit")
+    coarse = trial(Choice("P1", "", 0.1, "central_difference"))
+    times = replace(prediction.times, rules=(rule,))
+    prediction = replace(prediction, meshes=(mesh,), times=times, coarse=coarse)
+    assert Goal(tolerance=1.0).candidates(prediction)[0].x == pytest.approx(4.0 * factor)
 
 
 def test_the_lowest_point_is_a_third_of_the_mean_drop_below_a_node_and_a_quarter_at_the_border():
