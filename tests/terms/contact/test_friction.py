@@ -106,6 +106,26 @@ def test_derivatives_over_a_step(name, way, rng):
         assert abs(K - K.T).max() < 1e-10 * abs(K).max()
 
 
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_power_of_an_obstacle_is_the_change_of_its_energy_in_time(name):
+    """Of a cloth at rest, without friction; with it, its force at the surface does work besides."""
+    cloth, t, e = fc.Cloth.rectangle(0.3, 0.2, h=0.1), 0.4, 1e-6
+    obstacle = fc.Obstacle(SHAPES[name], GAP, 0.0, 200.0)
+    x = near(cloth, obstacle.shape, t)
+    term, rubs = (
+        fc.System(cloth, FABRIC, [each]).bound[0]
+        for each in (obstacle, replace(obstacle, friction=0.7))
+    )
+    change = (term.energy(x, t + e) - term.energy(x, t - e)) / (2 * e)
+    assert term.supplies == obstacle.shape.moves
+    assert term.supply(x, 0 * x, t) == pytest.approx(change, rel=1e-6, abs=1e-12)
+    v, f, push = obstacle.shape.velocity(x, t) + [0.1, 0.2, 0.0], np.zeros_like(x), np.zeros_like(x)
+    rubs.add_force(x, v, t, f)
+    rubs.add_force(x, 0 * x, t, push)
+    work = np.vdot(f - push, obstacle.shape.velocity(x, t))
+    assert rubs.supply(x, v, t) == pytest.approx(change + work, rel=1e-6, abs=1e-12)
+
+
 def test_the_factor_is_the_derivative_of_the_potential():
     y, h = np.linspace(1e-4, 2e-3, 40), 1e-8
     slope = (friction.potential(y + h, 1e-3) - friction.potential(y - h, 1e-3)) / (2 * h)

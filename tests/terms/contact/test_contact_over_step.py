@@ -1,4 +1,4 @@
-"""Friction has its normal forces and directions from where the last step was committed."""
+"""Friction over a step: its derivatives, the velocity of what moves, and what it remembers."""
 
 from dataclasses import replace
 
@@ -8,6 +8,7 @@ import pytest
 from conftest import flat
 
 import fecloth as fc
+from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.runs import restart
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
@@ -21,10 +22,15 @@ KINDS = ["Obstacle", "MeshObstacle", "SelfContact"]
 
 def system_on(kind, folder, friction=0.3):
     """A sheet that slides on a moving ball, a mesh that turns or another sheet, and its start."""
-    sheet, turn = fc.Cloth.rectangle(0.1, 0.06, 0.03), fc.Rotation((0, 0, 0), (0, 0, 1), "t")
+    sheet, turn = (
+        fc.Cloth.rectangle(0.1, 0.06, 0.03),
+        fc.Rotation((0, 0, 0), (0, 0, 1), "t + 9*t**2"),
+    )
     x, pins = flat(sheet) + [0, 0, 0.85 * GAP], []
     if kind == "Obstacle":
-        shape = fc.shapes.Sphere((0.05, 0.03, -1.0), 1.0, motion=("0.1*t", 0, 0), rotate=turn)
+        shape = fc.shapes.Sphere(
+            (0.05, 0.03, -1.0), 1.0, motion=("0.1*t + t**2", 0, 0), rotate=turn
+        )
         contact = fc.Obstacle(shape, GAP, friction, KAPPA)
         x[:, 2] += np.sqrt(1 - ((x[:, :2] - [0.05, 0.03]) ** 2).sum(axis=1)) - 1
     elif kind == "MeshObstacle":
@@ -50,6 +56,45 @@ def system_on(kind, folder, friction=0.3):
 def marched(system, method, state, steps, **known):
     options = {"solver": "direct", "newton": fc.Newton(reuse=False), **known}
     return list(fc.march(system, method, state, DT, steps * DT, **options))
+
+
+@pytest.mark.parametrize("speed", [0.3, 3e-5], ids=["slides", "creeps"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_force_and_tangent_are_derivatives(kind, speed, tmp_path, rng):
+    """The force of the energy over the step, the tangent and the coupling of the force."""
+    system, state = system_on(kind, tmp_path)
+    t, x = 0.3 * DT, state.x
+    over = system.over_step(StepDifference.between(x, DT, t - DT))
+    along, size = rng.standard_normal(x.shape), 1e-9 if speed > 1e-3 else 1e-10
+    end = x + DT * speed * rng.standard_normal(x.shape) * [1, 1, 0.01]
+    if kind != "SelfContact":
+        body = system.bound[-1].body
+        end = end + body.pose(t).to_space(body.pose(t - DT).to_body(x)) - x
+    term, still, force = over.bound[-1], np.zeros_like(x), []
+    for part in (size, -size, 0.0):
+        force.append(np.zeros_like(x))
+        term.add_force(end + part * along, still, t, force[-1])
+    change = term.energy(end + size * along, t) - term.energy(end - size * along, t)
+    assert change / (2 * size) == pytest.approx(-np.vdot(force[2], along), rel=1e-5)
+    J = BlockMatrix.zeros(system.pattern)
+    term.add_tangent(end, still, t, 1.0, 0.0, J, False)
+    coupled = term.coupling(end, still, t, 1.0, 0.0, False)
+    K = J.to_scipy() if coupled is None else J.to_scipy() + coupled
+    expected = K @ along.ravel()
+    error = (force[1] - force[0]).ravel() / (2 * size) - expected
+    assert np.linalg.norm(error) < 1e-5 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("kind", ["Obstacle", "MeshObstacle"])
+def test_a_cloth_that_goes_along_does_not_rub(kind, tmp_path):
+    """On what turns and gets faster: its velocity is the mean over the step."""
+    system, state = system_on(kind, tmp_path)
+    body, t = system.bound[-1].body, 0.1
+    begin = body.pose(t).to_space(body.pose(0.0).to_body(state.x))
+    end = body.pose(t + DT).to_space(body.pose(t).to_body(begin))
+    term = system.bound[-1].over_step(StepDifference.between(begin, DT, t))
+    left_behind = term.dissipation(begin)
+    assert term.dissipation(end) < 1e-12 * left_behind
 
 
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
