@@ -9,7 +9,7 @@ that the node gets, in the order in which one thread would (`SharedLoop`). Sums 
 they are made of blocks of a fixed size, and the sums of the blocks are added in order.
 
 Loops that iterate, as conjugate gradients and explicit steps do, keep their threads from begin to
-end, and these wait for each other: see `thread_meeting`.
+end, and these wait for each other: see `threads`.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ import numpy as np
 
 from fecloth.compiled.jit import Array
 from fecloth.compiled.thread_choice import ThreadChoice
-from fecloth.compiled.thread_meeting import GIVE_UP
-from fecloth.compiled.thread_workers import end_all, workers_of
+from fecloth.compiled.threads import GIVE_UP, end_all, workers_of
 from fecloth.errors import InputError, brief
 
 Result = TypeVar("Result")

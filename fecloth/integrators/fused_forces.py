@@ -9,9 +9,9 @@ import numpy as np
 
 from fecloth.compiled.calls import AnyCall, Call, Calls, JoinedCalls, SharedCall, join
 from fecloth.compiled.jit import Array
-from fecloth.compiled.thread_meeting import meet_again
+from fecloth.compiled.threads import Member, members, wait
 from fecloth.integrators.fused_columns import Column, Moves, subtract_from
-from fecloth.integrators.fused_loops import STOP, copy
+from fecloth.integrators.fused_loops import copy
 from fecloth.system.system import System
 from fecloth.terms.loops.array_updates import BY_ROWS
 
@@ -52,30 +52,32 @@ def compiled_force(term: Any, x: np.ndarray, v: np.ndarray, f: np.ndarray) -> Ca
 
 @dataclass(frozen=True, eq=False)
 class SharedForces:
-    """Forces for several threads, which meet after each call.
+    """Forces for several threads, which wait for each other after each call.
 
     Attributes
     ----------
-    calls
+    calls, members
         Of each thread.
-    meeting, rounds
-        (1,) and (threads, STOP + 1), for `meet`: the round of a thread comes first in its row.
     """
 
     calls: tuple[JoinedCalls, ...]
-    meeting: np.ndarray
-    rounds: np.ndarray
+    members: list[Member]
 
     @classmethod
     def of(cls, calls: Calls, threads: int) -> SharedForces:
         """Divide calls among threads; what cannot be divided is for the first thread."""
-        meeting, rounds = np.zeros(1, np.int64), np.zeros((threads, STOP + 1), np.int64)
-        lists: list[list[Call]] = [[] for _ in range(threads)]
+        all_ = members(threads)
+        lists: list[list[Call]] = [[] for _ in all_]
         for each in calls:
-            for p, own in enumerate(lists):
-                own += _calls_of(each, p, threads)
-                own.append((meet_again, (meeting, threads, rounds[p])))
-        return cls(tuple(map(join, lists)), meeting, rounds)
+            for own, member in zip(lists, all_, strict=True):
+                own += [*_calls_of(each, member.thread, threads), (wait, (member,))]
+        return cls(tuple(map(join, lists)), all_)
+
+    def start(self) -> None:
+        """Let the threads meet for the first time again."""
+        self.members[0].meeting[0] = 0
+        for member in self.members:
+            member.round_[0] = 1
 
 
 def _calls_of(each: AnyCall, p: int, threads: int) -> list[Call]:

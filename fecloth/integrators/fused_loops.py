@@ -5,11 +5,93 @@ Each rounds its operations one by one, as those of `explicit` do.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+
 from fecloth.compiled.calls import call
 from fecloth.compiled.jit import Array, rounded_kernel
-from fecloth.compiled.thread_meeting import meet
+from fecloth.compiled.threads import Member, part_of, wait
 
-STOP = 8  # place in the row of a thread, on another line of the cache than its round
+
+class Fields(NamedTuple):
+    """The arrays over all nodes, which steps change in place.
+
+    Attributes
+    ----------
+    x, v, a
+        (n, 3) positions [m], velocities [m/s] and accelerations [m/s²].
+    ahead, f
+        (n, 3) the velocities v + dt a that the forces of a step see, and the forces [N].
+    mass, inverse_mass
+        (n,) [kg] and (3n,) [1/kg].
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    ahead: np.ndarray
+    f: np.ndarray
+    mass: np.ndarray
+    inverse_mass: np.ndarray
+
+
+class Held(NamedTuple):
+    """The c nodes that pins and slides hold.
+
+    Attributes
+    ----------
+    at, P
+        (c,) ascending nodes, and (c, 3, 3) projectors onto their free directions.
+    path, speed
+        (s, c, 3) displacement over each step [m] and velocity at its end [m/s]; one row for all
+        steps where no pin moves.
+    old, target
+        (3, c, 3) x, v and a at the begin of a step; (c, 3) positions at its end [m].
+    work
+        (1,) done on the cloth so far [J].
+    """
+
+    at: np.ndarray
+    P: np.ndarray
+    path: np.ndarray
+    speed: np.ndarray
+    old: np.ndarray
+    target: np.ndarray
+    work: np.ndarray
+
+    def over(self, steps: slice) -> Held:
+        """The same over some of the steps."""
+        if len(self.path) == 1:
+            return self
+        return self._replace(path=self.path[steps], speed=self.speed[steps])
+
+
+class Pauses(NamedTuple):
+    """What the first thread does between two steps.
+
+    Attributes
+    ----------
+    before, after, look
+        Addresses of calls before and after a step, and of one that fills `stretches`.
+    phase, period
+        After step s it looks if (s + phase) % period = period − 1.
+    least, largest
+        Stretches beyond which no further step is taken.
+    clock, stretches, stop
+        (1,) size of the step [s]; (2,) least and largest stretch; (1,) whether to stop.
+    """
+
+    before: int
+    after: int
+    look: int
+    phase: int
+    period: int
+    least: float
+    largest: float
+    clock: np.ndarray
+    stretches: np.ndarray
+    stop: np.ndarray
 
 
 @rounded_kernel
@@ -74,73 +156,47 @@ def pin_work(
 
 @rounded_kernel
 def take_steps(
-    forces: int,
-    before: int,
-    after: int,
-    look: int,
-    sizes: Array,
-    clock: Array,
-    phase: int,
-    period: int,
-    stretches: Array,
-    least: float,
-    largest: float,
-    at: Array,
-    P: Array,
-    path: Array,
-    speed: Array,
-    mass: Array,
-    pins: Array,
-    old: Array,
-    target: Array,
-    inverse_mass: Array,
-    x: Array,
-    v: Array,
-    a: Array,
-    ahead: Array,
-    f: Array,
-    meeting: Array,
-    rounds: Array,
-    thread: int,
+    forces: int, sizes: Array, pauses: Pauses, held: Held, fields: Fields, member: Member
 ) -> int:
     """Take the steps in place; return their number: fewer if a stretch is beyond its limits.
 
-    Each thread calls it with its number and its own `forces`, and moves its own nodes; `rounds` has
-    a row for each thread. The first thread does what needs all nodes.
+    Each thread calls it with its own `forces`, and moves its own nodes. The first thread does what
+    needs all nodes.
     """
-    threads = len(rounds)
-    begin, end = len(x) * thread // threads, len(x) * (thread + 1) // threads
+    x, v, a, ahead, f, mass, inverse_mass = fields
+    at, P, path, speed, old, target, work = held
+    begin, end = part_of(member, 0, len(x))
     own, of_x = slice(begin, end), slice(3 * begin, 3 * end)
-    round_ = rounds[thread]
+    is_first, stretches, stop = member.thread == 0, pauses.stretches, pauses.stop
     for s in range(len(sizes)):
         dt, row = sizes[s], min(s, len(path) - 1)
-        if thread == 0 and rounds[0, STOP] == 0:
-            clock[0] = dt
-            call(before)
+        if is_first and stop[0] == 0:
+            pauses.clock[0] = dt
+            call(pauses.before)
             for n in range(len(at)):
                 for k in range(3):
                     i = at[n]
                     old[0, n, k], old[1, n, k], old[2, n, k] = x[i, k], v[i, k], a[i, k]
                     target[n, k] = x[i, k] + path[row, n, k]
-        round_[0] = meet(meeting, threads, round_[0])
-        if rounds[0, STOP] != 0:
+        wait(member)
+        if stop[0] != 0:
             return s
         drift(x[own], v[own], a[own], dt, ahead[own], f[own])
-        round_[0] = meet(meeting, threads, round_[0])
+        wait(member)
         if len(at) > 0:
-            if thread == 0:
+            if is_first:
                 set_rows(at, P, target, x)
                 set_rows(at, P, speed[row], ahead)
-            round_[0] = meet(meeting, threads, round_[0])
+            wait(member)
         call(forces)
         turn(f[own], inverse_mass[of_x], dt, v[own], a[own])
-        round_[0] = meet(meeting, threads, round_[0])
-        if thread == 0:
+        wait(member)
+        if is_first:
             set_rows(at, P, speed[row], v)
-            pins[0] += pin_work(at, P, mass, dt, old, x, v, a)
-            call(after)
-            if (s + phase) % period == period - 1:
-                call(look)
-                if not (stretches[0] >= least and stretches[1] <= largest):
-                    rounds[0, STOP] = 1
+            work[0] += pin_work(at, P, mass, dt, old, x, v, a)
+            call(pauses.after)
+            if (s + pauses.phase) % pauses.period == pauses.period - 1:
+                call(pauses.look)
+                if not (stretches[0] >= pauses.least and stretches[1] <= pauses.largest):
+                    stop[0] = 1
     return len(sizes)

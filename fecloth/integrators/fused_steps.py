@@ -15,10 +15,11 @@ import numpy as np
 
 from fecloth.compiled.calls import AnyCall, Calls, JoinedCalls, join
 from fecloth.compiled.team import ALONE, Team
+from fecloth.compiled.threads import ONLY
 from fecloth.integrators.explicit import LastForce
 from fecloth.integrators.fused_columns import Column, Moves, bind_columns
 from fecloth.integrators.fused_forces import SharedForces, force_calls
-from fecloth.integrators.fused_loops import STOP, copy, take_steps
+from fecloth.integrators.fused_loops import Fields, Held, Pauses, copy, take_steps
 from fecloth.integrators.step import Step
 from fecloth.linalg.reductions import dot
 from fecloth.nonlinear.statistics import Counts
@@ -65,9 +66,8 @@ class FusedSteps:
 
     Attributes
     ----------
-    x, v, a, ahead, f
-        (n, 3) positions, velocities, accelerations, the velocities v + dt a that the force of a
-        step sees, and the force.
+    team, fields
+        The threads, and the arrays that steps change.
     calls
         Those of `forces`.
     forces, before, after, look
@@ -80,12 +80,8 @@ class FusedSteps:
     """
 
     system: System
-    x: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    ahead: np.ndarray
-    f: np.ndarray
-    inverse_mass: np.ndarray
+    team: Team
+    fields: Fields
     moves: Moves
     stretches: np.ndarray
     columns: tuple[Column, ...]
@@ -96,15 +92,27 @@ class FusedSteps:
     look: JoinedCalls
 
     @classmethod
-    def bind(cls, system: System) -> FusedSteps | None:
-        """Return the fused steps of a system, or None where a term or a pin needs Python."""
+    def bind(
+        cls, system: System, ledger: bool = True, team: Team | None = None
+    ) -> FusedSteps | None:
+        """Return the fused steps of a system, or None where a term or a pin needs Python.
+
+        Parameters
+        ----------
+        system
+            What moves.
+        ledger
+            Whether the columns of the energy ledger are added up; otherwise `flows` has none.
+        team
+            The threads: those of the system, or `ALONE`.
+        """
         if system.mass_kind != "lumped" or not MotionRows.are_known(system.constraints):
             return None
-        shape = len(system.cloth.X), 3
+        shape, mass = (len(system.cloth.X), 3), system.nodal_mass
         x, v, a, ahead, f, old_x, old_v = np.zeros((7, *shape))
         x[:] = system.rest().x
         moves, stretches = Moves(np.zeros(1), x, old_x, v, old_v, ahead), np.zeros(2)
-        columns = bind_columns(system, shape)
+        columns = bind_columns(system, shape) if ledger else ()
         forces = None if columns is None else force_calls(system, columns, moves, f)
         if columns is None or forces is None:
             return None
@@ -113,23 +121,10 @@ class FusedSteps:
         copies += [(copy, (v, old_v))] if ends else []
         cloth = system.cloth
         data = *cloth.shape, cloth.stencil, cloth.gradients, x, stretches
-        return cls(
-            system,
-            x,
-            v,
-            a,
-            ahead,
-            f,
-            np.repeat(1.0 / system.nodal_mass, 3),
-            moves,
-            stretches,
-            columns,
-            forces,
-            join(forces),
-            join(copies),
-            join(ends),
-            join([(fill_extreme_stretches, data)]),
-        )
+        look = join([(fill_extreme_stretches, data)])
+        fields = Fields(x, v, a, ahead, f, mass, np.repeat(1.0 / mass, 3))
+        joined = join(forces), join(copies), join(ends), look
+        return cls(system, team or system.team, fields, moves, stretches, columns, forces, *joined)
 
     def take(
         self,
@@ -161,126 +156,98 @@ class FusedSteps:
             None if a value is not finite: then nothing is known of these steps.
         """
         rows = MotionRows.of(self.system.constraints, times, sizes)
-        self.x[:], self.v[:], self.a[:] = state.x, state.v, memory.a
-        self.stretches[:], dt = 1.0, float(sizes[0])
-        start, pins, most = self._energy_of_kicks(dt), np.zeros(1), len(sizes) - 1
-        if self.columns:
-            self._start_columns(memory.at)
-        number = self._go(rows, slice(0, most), look, least, largest, pins)
+        held, dt, most = self._held(rows), float(sizes[0]), len(sizes) - 1
+        self._begin_at(state, memory)
+        start, pauses = self._energy_of_kicks(dt), self._pauses(look, least, largest)
+        number = self._go(sizes[:most], held.over(slice(0, most)), pauses)
         before, left = self._left(rows, number)
         step = None
-        if number == most and least <= self.stretches[0] and self.stretches[1] <= largest:
-            self._go(rows, slice(most, None), (0, 2), least, largest, pins)
+        if not pauses.stop[0]:
+            never = pauses._replace(phase=0, period=2)
+            self._go(sizes[most:], held.over(slice(most, None)), never)
             new, last = self._left(rows, most + 1)
             forces = (left.at, left.a), (last.at, last.a)
             step = Step(new, last.at, last, Counts(), accelerations=forces)
-        if not (np.isfinite(self.x).all() and np.isfinite(self.v).all()):
+        if not (np.isfinite(self.fields.x).all() and np.isfinite(self.fields.v).all()):
             return None
         numerical = start - self._energy_of_kicks(dt) - sum(c.unrecorded for c in self.columns)
         flows = Flows(
             {column.name: column.dissipated for column in self.columns if column.dissipates},
             {column.name: column.work for column in self.columns if column.supplies},
-            float(pins[0]),
+            float(held.work[0]),
             numerical,
         )
         return Taken(number, before, left, step, flows)
 
-    def _go(
-        self,
-        rows: MotionRows,
-        part: slice,
-        look: tuple[int, int],
-        least: float,
-        largest: float,
-        pins: np.ndarray,
-    ) -> int:
-        """Take a part of the steps; return their number.
+    def _begin_at(self, state: State, memory: LastForce) -> None:
+        """Take over a state, and the forces of the columns at it."""
+        fields = self.fields
+        fields.x[:], fields.v[:], fields.a[:] = state.x, state.v, memory.a
+        if self.columns:
+            self.moves.old_x[:], fields.ahead[:], fields.f[:] = state.x, memory.at.v, 0.0
+            self.forces()
+        for column in self.columns:
+            column.start()
+        self.stretches[:] = 1.0
+
+    def _held(self, rows: MotionRows) -> Held:
+        """The nodes that are held, over all of the steps."""
+        nodes, projectors = self.system.constraints.nodes, self.system.constraints.projectors
+        before = np.empty((4, len(nodes), 3))
+        fixed = nodes, np.ascontiguousarray(projectors), rows.path, rows.speed
+        return Held(*fixed, before[:3], before[3], np.zeros(1))
+
+    def _pauses(self, look: tuple[int, int], least: float, largest: float) -> Pauses:
+        calls = (joined.address for joined in (self.before, self.after, self.look))
+        arrays = self.moves.clock, self.stretches, np.zeros(1, np.int64)
+        return Pauses(*calls, *look, least, largest, *arrays)
+
+    def _go(self, sizes: np.ndarray, held: Held, pauses: Pauses) -> int:
+        """Take steps; return their number.
 
         With a team they are taken in portions, of which it times each.
         """
-        begin, end, _ = part.indices(len(rows.sizes))
-        (phase, period), done = look, begin
-        while done < end:
-            some = slice(done, done + self._team.portion("steps", end - done))
-            phase_there = phase + done - begin, period
-            done += self._go_on(rows, some, phase_there, least, largest, pins)
-            if done < some.stop:
-                break
-            if not (least <= self.stretches[0] and self.stretches[1] <= largest):
-                break
-        return done - begin
+        done = 0
+        while done < len(sizes) and not pauses.stop[0]:
+            end = done + self._team.portion("steps", len(sizes) - done)
+            there = held.over(slice(done, end)), pauses._replace(phase=pauses.phase + done)
+            done += self._go_on(sizes[done:end], *there)
+        return done
 
-    def _go_on(
-        self,
-        rows: MotionRows,
-        part: slice,
-        look: tuple[int, int],
-        least: float,
-        largest: float,
-        pins: np.ndarray,
-    ) -> int:
+    def _go_on(self, sizes: np.ndarray, held: Held, pauses: Pauses) -> int:
         """Take a portion of steps; return their number."""
-        constraints, team = self.system.constraints, self._team
-        moving = slice(None) if len(rows.path) == 1 else part
-        held = np.empty((4, len(constraints.nodes), 3))
-        data = (
-            *(calls.address for calls in (self.before, self.after, self.look)),
-            rows.sizes[part],
-            self.moves.clock,
-            *look,
-            self.stretches,
-            least,
-            largest,
-            constraints.nodes,
-            np.ascontiguousarray(constraints.projectors),
-            rows.path[moving],
-            rows.speed[moving],
-            self.system.nodal_mass,
-            pins,
-            held[:3],
-            held[3],
-            *(self.inverse_mass, self.x, self.v, self.a, self.ahead, self.f),
-        )
+        data, team = (sizes, pauses, held, self.fields), self._team
 
         def alone() -> int:
-            rounds = np.zeros((1, STOP + 1), np.int64)
-            return take_steps(self.forces.address, *data, np.zeros(1, np.int64), rounds, 0)
+            return take_steps(self.forces.address, *data, ONLY)
 
         def together() -> int:
             shared = self.shared_forces
-            shared.meeting[:], shared.rounds[:], shared.rounds[:, 0] = 0, 0, 1
+            shared.start()
+            addresses, members = [calls.address for calls in shared.calls], shared.members
+            return team.run(
+                lambda p: take_steps(addresses[p], *data, members[p]), members[0].meeting
+            )
 
-            def steps(p: int) -> int:
-                return take_steps(shared.calls[p].address, *data, shared.meeting, shared.rounds, p)
-
-            return team.run(steps, shared.meeting)
-
-        return team.do("steps", alone, together, part.stop - part.start, float)
+        return team.do("steps", alone, together, len(sizes), float)
 
     @property
     def _team(self) -> Team:
-        team = self.system.team
-        return team if team.shares(len(self.x)) else ALONE
+        return self.team if self.team.shares(len(self.fields.mass)) else ALONE
 
     @cached_property
     def shared_forces(self) -> SharedForces:
         """The calls of `forces` for each thread."""
-        return SharedForces.of(self.calls, self.system.team.count)
+        return SharedForces.of(self.calls, self.team.count)
 
     def _left(self, rows: MotionRows, number: int) -> tuple[State, LastForce]:
         """The state and the memory after that many steps."""
-        x = self.x.copy()
-        at = State(float(rows.reached[number - 1]), x, self.ahead.copy())
-        return State(float(rows.times[number]), x, self.v.copy()), LastForce(self.a.copy(), at)
+        x, v, a, ahead = (array.copy() for array in self.fields[:4])
+        at = State(float(rows.reached[number - 1]), x, ahead)
+        return State(float(rows.times[number]), x, v), LastForce(a, at)
 
     def _energy_of_kicks(self, dt: float) -> float:
         """dt²/8 a·M a of the free directions: M Δv · (Δx/dt − v̄) is its decrease in a step."""
-        free = self.system.constraints.project(self.a.copy())
-        return 0.125 * dt * dt * dot(self.a * self.system.nodal_mass[:, None], free)
-
-    def _start_columns(self, at: State) -> None:
-        """Evaluate the forces of the columns at the first state."""
-        self.moves.old_x[:], self.ahead[:], self.f[:] = self.x, at.v, 0.0
-        self.forces()
-        for column in self.columns:
-            column.start()
+        a, mass = self.fields.a, self.fields.mass
+        free = self.system.constraints.project(a.copy())
+        return 0.125 * dt * dt * dot(a * mass[:, None], free)

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.compiled.jit import Array, inner, kernel
-from fecloth.compiled.thread_meeting import Member, part_of, wait
+from fecloth.compiled.threads import Member, part_of, wait
 from fecloth.linalg.aggregation import Aggregates
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.protocol import block_rows

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fecloth.compiled.jit import Array, inner, kernel
-from fecloth.compiled.thread_meeting import Member, part_of, wait
+from fecloth.compiled.threads import Member, part_of, wait
 from fecloth.linalg.reductions import BLOCK, nodes_of, total
 
 CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)

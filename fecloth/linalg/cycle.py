@@ -26,7 +26,7 @@ import numpy as np
 
 from fecloth.compiled.jit import Array, kernel
 from fecloth.compiled.team import SMALL
-from fecloth.compiled.thread_meeting import ONLY, Member, part_of, wait, wait_for_all
+from fecloth.compiled.threads import ONLY, Member, part_of, wait
 from fecloth.linalg.coarse_matrix import add_prolonged, restrict
 from fecloth.linalg.gauss_seidel import (
     permute,
@@ -64,7 +64,7 @@ def correct(levels: list[Level], b: np.ndarray, member: Member) -> np.ndarray:
     if member.threads > 1 and len(b) < SMALL:
         if member.thread == 0:
             correct(levels, b, ONLY)
-        wait_for_all(member)
+        wait(member)
     elif once:
         cycle(levels, b, member)
     else:

@@ -17,7 +17,7 @@ import numpy as np
 
 from fecloth.compiled.jit import Array, inner, kernel
 from fecloth.compiled.team import Team
-from fecloth.compiled.thread_meeting import Member, part_of, wait
+from fecloth.compiled.threads import Member, part_of, wait
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 
 

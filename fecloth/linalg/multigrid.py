@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from fecloth.compiled.thread_meeting import Member
+from fecloth.compiled.threads import Member
 from fecloth.linalg.aggregation import rigid_motions
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.conjugate_gradients import CONVERGED, OUT_OF_ITERATIONS, step

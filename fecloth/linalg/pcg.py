@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from fecloth.compiled.team import ALONE, Team
-from fecloth.compiled.thread_meeting import ONLY, Member, members
+from fecloth.compiled.threads import ONLY, Member, members
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.conjugate_gradients import (

@@ -11,7 +11,7 @@ import fecloth as fc
 from fecloth.compiled.jit import kernel
 from fecloth.compiled.team import Team, number_of_threads
 from fecloth.compiled.thread_choice import ALL, BUDGET, ONE, ThreadChoice
-from fecloth.compiled.thread_meeting import meet
+from fecloth.compiled.threads import members, wait
 from fecloth.errors import InputError
 from fecloth.terms.loops.shared_loop import SharedLoop, divide
 
@@ -39,39 +39,43 @@ def test_auto_means_all_that_numba_may_start(monkeypatch):
 
 
 @kernel
-def sum_up(values, meeting, thread, threads, rounds):
+def sum_up(values, member, rounds):
     """In each round every thread adds up what all have written in the round before."""
-    own, round_ = float(thread + 1), 1
+    own = float(member.thread + 1)
     for _ in range(rounds):
-        values[thread] = own
-        round_ = meet(meeting, threads, round_)
+        values[member.thread] = own
+        wait(member)
         own = 0.0
         for value in values:
             own += 0.5 * value
-        round_ = meet(meeting, threads, round_)
+        wait(member)
     return own
 
 
+def sum_on(team, rounds):
+    """The result of `sum_up` on all threads of a team."""
+    values, all_ = np.zeros(team.count), members(team.count)
+    return team.run(lambda p: sum_up(values, all_[p], rounds), all_[0].meeting)
+
+
 @pytest.mark.parametrize("threads", [1, 2, 3, 5])
-def test_threads_that_meet_see_what_the_others_wrote(threads):
-    values, meeting = np.zeros(threads), np.zeros(1, np.int64)
-    found = Team(threads).run(lambda p: sum_up(values, meeting, p, threads, 50), meeting)
+def test_threads_that_wait_see_what_the_others_wrote(threads):
     expected = 0.5 * threads * (threads + 1) / 2 * (0.5 * threads) ** 49
-    assert found == pytest.approx(expected)
+    assert sum_on(Team(threads), 50) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("failing", [0, 1])
 def test_an_error_in_a_thread_is_raised_and_nobody_waits_for_it(failing):
-    values, meeting = np.zeros(2), np.zeros(1, np.int64)
+    values, all_ = np.zeros(2), members(2)
 
     def part(p):
         if p == failing:
             raise ValueError(f"thread {p}")
-        return sum_up(values, meeting, p, 2, 10)
+        return sum_up(values, all_[p], 10)
 
     team = Team(2)
     with pytest.raises(ValueError, match=f"thread {failing}"):
-        team.run(part, meeting)
+        team.run(part, all_[0].meeting)
     assert team.run(lambda p: p) == 0  # the workers are as before
 
 
@@ -79,10 +83,7 @@ def test_two_python_threads_take_turns():
     team, found = Team(3), []
 
     def go():
-        values, meeting = np.zeros(3), np.zeros(1, np.int64)
-        for _ in range(20):
-            meeting[0] = 0
-            found.append(team.run(lambda p: sum_up(values, meeting, p, 3, 10), meeting))
+        found.extend(sum_on(team, 10) for _ in range(20))
 
     callers = [threading.Thread(target=go) for _ in range(3)]
     for caller in callers:

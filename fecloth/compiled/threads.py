@@ -1,13 +1,17 @@
-"""Threads of a loop that wait for each other, and who waits for a thread to begin or to end.
+"""The threads of a process, and how those that share a loop wait for each other.
 
 Loops that iterate, as conjugate gradients and explicit steps do, keep their threads from begin to
-end. The threads wait for each other by `meet`: a thread that waits gives its core to others after
+end. The threads wait for each other by `wait`: a thread that waits gives its core to others after
 a microsecond, so that on a busy machine it does not keep the core from the thread it waits for.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from functools import cache
+from queue import SimpleQueue
+from threading import Lock, Thread
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,23 +52,6 @@ _yield_name = "SwitchToThread" if sys.platform == "win32" else "sched_yield"
 _give_core: Any = types.ExternalFunction(_yield_name, types.int32())
 
 
-@inner
-def meet(meeting: Array, threads: int, round_: int) -> int:
-    """Wait until all threads have come to this round, from 1 on; return the next round.
-
-    `meeting` is an array of one int64, zero before the first round. What a thread wrote before is
-    seen by the others afterwards.
-    """
-    if threads > 1:
-        _arrive(meeting)
-        looks = 0
-        while _look(meeting) < threads * round_:
-            looks += 1
-            if looks % SPIN == 0:
-                _give_core()
-    return round_ + 1
-
-
 class Member(NamedTuple):
     """One of the threads that share a loop, for kernels.
 
@@ -73,7 +60,7 @@ class Member(NamedTuple):
     thread, threads
         Number of this thread, from 0 on, and of all.
     meeting, round_
-        (1,) int64 for `meet`: the counter of all threads, and the round of this one.
+        (1,) int64: the counter of all threads, and the round of this one, from 1 on.
     """
 
     thread: int
@@ -91,16 +78,20 @@ def members(threads: int) -> list[Member]:
 ONLY = members(1)[0]  # a thread that shares its loop with none
 
 
-@inner
-def wait(member: Member) -> None:
-    """Wait until all threads have come here."""
-    member.round_[0] = meet(member.meeting, member.threads, member.round_[0])
-
-
 @kernel
-def wait_for_all(member: Member) -> None:
-    """As `wait`, for Python."""
-    wait(member)
+def wait(member: Member) -> None:
+    """Wait until all threads have come here; for kernels and for Python.
+
+    What a thread wrote before is seen by the others afterwards.
+    """
+    if member.threads > 1:
+        _arrive(member.meeting)
+        arrivals, looks = member.threads * member.round_[0], 0
+        while _look(member.meeting) < arrivals:
+            looks += 1
+            if looks % SPIN == 0:
+                _give_core()
+        member.round_[0] += 1
 
 
 @inner
@@ -111,12 +102,6 @@ def part_of(member: Member, begin: int, end: int) -> tuple[int, int]:
 
 
 @kernel
-def meet_again(meeting: Array, threads: int, round_: Array) -> None:
-    """As `meet`, for an array with the round of this thread."""
-    round_[0] = meet(meeting, threads, round_[0])
-
-
-@kernel
 def attend(counter: Array, known: int) -> None:
     """Return when the counter is no longer the known number, or after 0.1 ms."""
     for look in range(ATTENTIVE * SPIN):
@@ -124,3 +109,56 @@ def attend(counter: Array, known: int) -> None:
             return
         if look % SPIN == SPIN - 1:
             _give_core()
+
+
+class Worker:
+    """A thread that makes one call after another.
+
+    It takes 60 µs to wake a thread that sleeps, as long as the forces of 3000 triangles. So it, and
+    who waits for it, look at a counter for 0.1 ms before they sleep.
+    """
+
+    def __init__(self) -> None:
+        self._tasks: SimpleQueue = SimpleQueue()
+        self._errors: SimpleQueue = SimpleQueue()
+        self._begun, self._ended = np.zeros((2, 1), np.int64)
+        Thread(target=self._serve, name="fecloth", daemon=True).start()
+
+    def begin(self, task: Callable[[], object]) -> None:
+        """Let the thread make a call."""
+        self._tasks.put(task)
+        self._begun[0] += 1
+
+    def end(self) -> BaseException | None:
+        """Wait for the end of the call; return its error, if any."""
+        attend(self._ended, self._begun[0] - 1)
+        error: BaseException | None = self._errors.get()
+        return error
+
+    def _serve(self) -> None:
+        calls = 0
+        while True:
+            error: BaseException | None = None
+            try:
+                self._tasks.get()()
+            except BaseException as raised:  # for the caller
+                error = raised
+            calls += 1
+            self._errors.put(error)
+            self._ended[0] = calls
+            attend(self._begun, calls)
+
+
+def end_all(workers: list[Worker]) -> list[BaseException | None]:
+    """Wait for all workers; if that is interrupted, the next call gets others."""
+    try:
+        return [worker.end() for worker in workers]
+    except BaseException:
+        workers_of.cache_clear()
+        raise
+
+
+@cache
+def workers_of(process: int, count: int) -> tuple[list[Worker], Lock]:
+    """The threads of a process besides the caller's, and who may use them."""
+    return [Worker() for _ in range(count)], Lock()

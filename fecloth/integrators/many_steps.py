@@ -1,0 +1,121 @@
+"""Many steps of central differences in one call, without any record."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from threading import Lock
+
+import numpy as np
+
+from fecloth import validation
+from fecloth.compiled.team import ALONE, number_of_threads
+from fecloth.errors import InputError, StepFailed
+from fecloth.integrators.explicit import LastForce, acceleration
+from fecloth.integrators.fused_forces import compiled_force
+from fecloth.integrators.fused_steps import FusedSteps
+from fecloth.system.arguments import check_system
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+AT_ONCE = 2**14  # steps whose times and motion of pins are kept as arrays
+NO_LOOK = 0, 2**62  # at stretches, see `FusedSteps.take`
+
+
+def many_steps(system: System, state: State, dt: float, steps: int, threads: int = 1) -> State:
+    """Take many steps of `CentralDifference`; return the last state, equal to round-off.
+
+    No energies are added up, no stretches are looked at, and Python makes one call for all steps.
+    The end has v and x of the same time, so the next call goes on as if there had been no end.
+
+    Source: as for `CentralDifference`.
+
+    Parameters
+    ----------
+    system, state
+        What moves, and its start: x (n, 3) [m], v (n, 3) [m/s].
+    dt, steps
+        Step [s], the same for all, and their number.
+    threads
+        Of the processor that share the work; the result is the same to the last bit. Cores that
+        other processes keep busy take longer than one, as the threads wait for each other in each
+        step.
+
+    Raises
+    ------
+    InputError
+        For a term or a pin that needs Python in each step, a consistent mass, or a wrong number of
+        threads.
+    StepFailed
+        If the end is not finite, as beyond the limit on dt (see `critical_dt`); its `state` is
+        the start, the only state stored.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
+    >>> system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
+    >>> end = many_steps(system, system.rest(), dt=1e-4, steps=100)
+    >>> slow = list(fc.march(system, fc.CentralDifference(), system.rest(), 1e-4, 0.01))[-1][0]
+    >>> bool(abs(end.x - slow.x).max() < 1e-14)
+    True
+    """
+    check_system(system, state, "many_steps")
+    if not (isinstance(steps, int) and steps >= 1):
+        raise InputError(f"steps = {steps!r}", "must be a whole number >= 1", "many_steps")
+    validation.number("dt", dt, 0.0, "many_steps")
+    number_of_threads(threads, "many_steps")
+    fused, turns = _bound(system, threads)
+    with turns, np.errstate(over="ignore", invalid="ignore"):
+        end = _take_all(fused, state, float(dt), steps)
+    if end is None:
+        raise StepFailed(
+            f"{steps} steps of dt = {dt:g} s from t = {state.t:g} s end at values that are not "
+            "finite. Take a dt below that of critical_dt.",
+            state=state,
+        )
+    return end
+
+
+def _take_all(fused: FusedSteps, start: State, dt: float, steps: int) -> State | None:
+    """The end of all steps; None if it is not finite."""
+    v = fused.system.constraints.hold(start.v, np.zeros_like(start.v))
+    state = State(start.t, start.x, v)
+    memory = LastForce(acceleration(fused.system, state), state)
+    for done in range(0, steps, AT_ONCE):
+        times = start.t + dt * np.arange(done, min(done + AT_ONCE, steps) + 1)
+        taken = fused.take(
+            state, memory, times, np.full(len(times) - 1, dt), (0, 2**62), 0.0, np.inf
+        )
+        if taken is None or taken.step is None:
+            return None
+        state, memory = taken.step.state, taken.step.memory
+    return state
+
+
+@lru_cache(
+    maxsize=1
+)  # calls follow one another, and it takes as long as 500 steps of 2,000 triangles
+def _bound(system: System, threads: int | str) -> tuple[FusedSteps, Lock]:
+    """The fused steps of a system, and who may use them."""
+    if threads not in (1, system.threads):
+        system = replace(system, threads=threads)
+    fused = FusedSteps.bind(system, ledger=False, team=ALONE if threads == 1 else None)
+    if fused is None:
+        raise _refused(system)
+    return fused, Lock()
+
+
+def _refused(system: System) -> InputError:
+    """What needs Python in each step."""
+    remedy = "Use march with CentralDifference()."
+    if system.mass_kind != "lumped":
+        return InputError(f"mass = {system.mass_kind!r}", "must be 'lumped'", "many_steps", remedy)
+    x, v, f = np.zeros((3, len(system.cloth.X), 3))
+    for name, term in zip(system.names, system.bound, strict=True):
+        if compiled_force(term, x, v, f) is None:
+            allowed = "must be compiled, and not change with time"
+            return InputError(f"term {name}", allowed, "many_steps", remedy)
+    turned = [name for name, (pin, _) in system.constraints.groups.items() if pin.rotate]
+    return InputError(f"pin {turned[0]!r}", "must not rotate", "many_steps", remedy)
