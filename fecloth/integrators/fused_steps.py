@@ -28,6 +28,8 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import fill_extreme_stretches
 
+NO_LOOK = 0, 2**62  # at stretches: after no step
+
 
 @dataclass(frozen=True)
 class Flows:
@@ -163,12 +165,12 @@ class FusedSteps:
         before, left = self._left(rows, number)
         step = None
         if not pauses.stop[0]:
-            never = pauses._replace(phase=0, period=2)
+            never = self._pauses(NO_LOOK, least, largest)
             self._go(sizes[most:], held.over(slice(most, None)), never)
             new, last = self._left(rows, most + 1)
             forces = (left.at, left.a), (last.at, last.a)
             step = Step(new, last.at, last, Counts(), accelerations=forces)
-        if not (np.isfinite(self.fields.x).all() and np.isfinite(self.fields.v).all()):
+        if not self._is_finite:
             return None
         numerical = start - self._energy_of_kicks(dt) - sum(c.unrecorded for c in self.columns)
         flows = Flows(
@@ -178,6 +180,19 @@ class FusedSteps:
             numerical,
         )
         return Taken(number, before, left, step, flows)
+
+    def advance(
+        self, state: State, memory: LastForce, times: np.ndarray, sizes: np.ndarray
+    ) -> tuple[State, LastForce] | None:
+        """Take the steps as `take` does, without any record or look; None as there."""
+        rows = MotionRows.of(self.system.constraints, times, sizes)
+        self._begin_at(state, memory)
+        self._go(sizes, self._held(rows), self._pauses(NO_LOOK, 0.0, np.inf))
+        return self._left(rows, len(sizes)) if self._is_finite else None
+
+    @property
+    def _is_finite(self) -> bool:
+        return bool(np.isfinite(self.fields.x).all() and np.isfinite(self.fields.v).all())
 
     def _begin_at(self, state: State, memory: LastForce) -> None:
         """Take over a state, and the forces of the columns at it."""
@@ -198,7 +213,7 @@ class FusedSteps:
         return Held(*fixed, before[:3], before[3], np.zeros(1))
 
     def _pauses(self, look: tuple[int, int], least: float, largest: float) -> Pauses:
-        calls = (joined.address for joined in (self.before, self.after, self.look))
+        calls = self.before.address, self.after.address, self.look.address
         arrays = self.moves.clock, self.stretches, np.zeros(1, np.int64)
         return Pauses(*calls, *look, least, largest, *arrays)
 

@@ -19,7 +19,6 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 AT_ONCE = 2**14  # steps whose times and motion of pins are kept as arrays
-NO_LOOK = 0, 2**62  # at stretches, see `FusedSteps.take`
 
 
 def many_steps(system: System, state: State, dt: float, steps: int, threads: int = 1) -> State:
@@ -85,12 +84,10 @@ def _take_all(fused: FusedSteps, start: State, dt: float, steps: int) -> State |
     memory = LastForce(acceleration(fused.system, state), state)
     for done in range(0, steps, AT_ONCE):
         times = start.t + dt * np.arange(done, min(done + AT_ONCE, steps) + 1)
-        taken = fused.take(
-            state, memory, times, np.full(len(times) - 1, dt), (0, 2**62), 0.0, np.inf
-        )
-        if taken is None or taken.step is None:
+        end = fused.advance(state, memory, times, np.full(len(times) - 1, dt))
+        if end is None:
             return None
-        state, memory = taken.step.state, taken.step.memory
+        state, memory = end
     return state
 
 
