@@ -14,10 +14,12 @@ end, and these wait for each other: see `threads`.
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeVar
 
@@ -25,7 +27,6 @@ import numba
 import numpy as np
 
 from fecloth.compiled.jit import Array
-from fecloth.compiled.thread_choice import ThreadChoice
 from fecloth.compiled.threads import GIVE_UP, end_all, workers_of
 from fecloth.errors import InputError, brief
 
@@ -57,13 +58,96 @@ def number_of_threads(threads: Any, where: str = "System") -> int:
     return int(threads)
 
 
+ONE, ALL = False, True  # thread or threads
+TRIALS = 3  # calls of each that a calibration compares
+GAIN = 0.95  # all threads must take less than this share of the time of one
+WORST = 2.0  # times the time of one thread: then all threads are given up at once
+BUDGET = 0.03  # of the time of a loop, for calibrations
+LEAST_LOSS = 2.0, 4e-3  # what a calibration counts at least: of a call, and [s]
+SHORTEST = 1e-4  # [s] of a unit of work, below which one thread does it
+PORTION = 2e-3  # [s] of the units that are timed at once
+MOST_UNITS = 64  # in a portion
+
+
+@dataclass
+class ThreadChoice:
+    """Whether a loop runs on one thread or on all (``threads="auto"``), by a calibration.
+
+    On an idle machine two threads halve the time of a long loop; on a busy one they wait for each
+    other, and a loop of 2,000 triangles took 20 to 500 times as long. So a few calls of each are
+    timed in turn, after one of each that sets up the loop, and the faster does the loop from then
+    on: all threads with their mean, as they are slow where one of them is interrupted, and one
+    thread with its shortest time. The loop is calibrated again when a call on all threads takes
+    twice as long as one thread did, and when what the calibration has lost is 3 % of the time
+    since. So a machine that becomes busy, or idle, is noticed.
+
+    Attributes
+    ----------
+    best, spent
+        The mode between calibrations, and the seconds of all calls in each mode.
+
+    Examples
+    --------
+    >>> choice, seconds = ThreadChoice(), {ONE: 2.0, ALL: 1.0}
+    >>> for call in range(100):
+    ...     mode = choice.ask()
+    ...     choice.tell(mode, seconds[mode])
+    >>> choice.best is ALL, choice.spent[ONE] < 0.2 * choice.spent[ALL]
+    (True, True)
+    """
+
+    best: bool = ONE
+    spent: dict[bool, float] = field(default_factory=lambda: {ONE: 0.0, ALL: 0.0})
+    usual: float = 0.0  # of one thread [s a unit]
+    _times: dict[bool, list[float]] = field(default_factory=lambda: {ONE: [], ALL: []})
+    _set_up: set[bool] = field(default_factory=set)
+    _lost: float = 0.0  # by the calibration [s]
+    _rest: float = 0.0  # until the next one [s]
+
+    def ask(self) -> bool:
+        """Return the mode of the next call."""
+        if self._rest > 0:
+            return self.best
+        return len(self._times[ALL]) < len(self._times[ONE])
+
+    def tell(self, mode: bool, seconds: float, units: float = 1.0) -> None:
+        """Record a call with so many units of work."""
+        self.spent[mode] += seconds
+        if self._rest > 0:
+            is_busy = mode == ALL and seconds > WORST * units * self.usual
+            self._rest = 0.0 if is_busy else self._rest - seconds
+            return
+        self._lost += max(0.0, seconds - units * self.usual) if mode == ALL else 0.0
+        if mode in self._set_up:
+            self._times[mode].append(seconds / units)
+            self.usual = min(self._times[ONE])
+            self._conclude(units)
+        self._set_up.add(mode)
+
+    def _conclude(self, units: float) -> None:
+        """End the calibration if enough is known."""
+        all_, limit = self._times[ALL], WORST * self.usual
+        is_slow = self.usual < SHORTEST or any(each > limit for each in all_)
+        if len(all_) < TRIALS and not is_slow:
+            return
+        self.best = not is_slow and sum(all_) / len(all_) < GAIN * self.usual
+        part, least = LEAST_LOSS
+        self._rest = max(self._lost, part * units * self.usual, least) / BUDGET
+        self._lost, self._times = 0.0, {ONE: [], ALL: []}
+
+    @property
+    def portion(self) -> int:
+        """Units of work to do in the next call of a loop that iterates."""
+        return min(MOST_UNITS, math.ceil(PORTION / self.usual)) if self.usual else 1
+
+
 class Team:
     """The threads of a system.
 
     Parameters
     ----------
     threads
-        A number; or "auto": one or all, whichever was faster lately, see `thread_choice`.
+        A number; or "auto": one or all, whichever is faster, see `ThreadChoice`.
     clock
         Time [s], for "auto".
     """
@@ -96,7 +180,6 @@ class Team:
         name: object,
         alone: Callable[[], Result],
         together: Callable[[], Result],
-        units: float = 1.0,
         count: Callable[[Result], float] = lambda result: 1.0,
     ) -> Result:
         """Return alone(), or together(), which calls `run`; both must have the same result.
@@ -105,9 +188,8 @@ class Team:
         ----------
         name
             Of the loop, whose times are compared.
-        units, count
-            Of work to which the time is proportional: at most `units`, and count(result) after the
-            call.
+        count
+            Units of work to which the time is proportional, from the result.
         """
         if self.count == 1:
             return alone()
@@ -115,7 +197,7 @@ class Team:
             self.has_shared = True
             return together()
         choice = self.choices.setdefault(name, ThreadChoice())
-        on_all, begin = choice.ask(units), self.clock()
+        on_all, begin = choice.ask(), self.clock()
         result = together() if on_all else alone()
         choice.tell(on_all, self.clock() - begin, max(1.0, count(result)))
         return result
@@ -207,8 +289,8 @@ class Team:
     @property
     def used(self) -> int:
         """Threads that were used: all, or one if most of the time was spent with one."""
-        on_all = sum(choice.on_all for choice in self.choices.values())
-        alone = sum(choice.spent for choice in self.choices.values()) - on_all
+        spent = [choice.spent for choice in self.choices.values()]
+        alone, on_all = (sum(each[mode] for each in spent) for mode in (ONE, ALL))
         return self.count if self.has_shared or on_all > alone else 1
 
 

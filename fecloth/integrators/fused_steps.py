@@ -244,7 +244,7 @@ class FusedSteps:
                 lambda p: take_steps(addresses[p], *data, members[p]), members[0].meeting
             )
 
-        return team.do("steps", alone, together, len(sizes), float)
+        return team.do("steps", alone, together, float)
 
     @property
     def _team(self) -> Team:

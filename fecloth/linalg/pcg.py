@@ -106,7 +106,7 @@ class PCG:
             all_ = members(team.count)
             return team.run(lambda p: loop(all_[p]), all_[0].meeting)
 
-        return team.do(self.name, lambda: loop(ONLY), together, limit, lambda result: result[0])
+        return team.do(self.name, lambda: loop(ONLY), together, lambda result: result[0])
 
     def _loop(
         self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int, member: Member

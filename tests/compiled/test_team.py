@@ -9,8 +9,17 @@ import pytest
 
 import fecloth as fc
 from fecloth.compiled.jit import kernel
-from fecloth.compiled.team import Team, number_of_threads
-from fecloth.compiled.thread_choice import ALL, BUDGET, ONE, ThreadChoice
+from fecloth.compiled.team import (
+    ALL,
+    GAIN,
+    ONE,
+    SHORTEST,
+    TRIALS,
+    WORST,
+    Team,
+    ThreadChoice,
+    number_of_threads,
+)
 from fecloth.compiled.threads import members, wait
 from fecloth.errors import InputError
 from fecloth.terms.loops.shared_loop import SharedLoop, divide
@@ -205,10 +214,40 @@ def test_calls_that_vary_do_not_make_auto_slow(auto, rng):
 def test_the_unit_of_work_is_what_counts():
     choice = ThreadChoice()
     for units in (1, 8, 3, 5) * 30:
-        mode = choice.ask(units)
+        mode = choice.ask()
         choice.tell(mode, units * {ONE: 1.0, ALL: 0.5}[mode], units)
     assert choice.best is ALL
-    assert choice.lost < 2 * BUDGET * choice.spent
+    assert choice.spent[ONE] < 0.3 * choice.spent[ALL]
+
+
+@pytest.mark.parametrize(("ratio", "expected"), [(0.8 * GAIN, ALL), (1.25 * GAIN, ONE)])
+def test_the_gain_decides(ratio, expected):
+    choice, modes = ThreadChoice(), []
+    for _ in range(20):
+        modes.append(choice.ask())
+        choice.tell(modes[-1], {ONE: 1.0, ALL: ratio}[modes[-1]])
+    assert modes[: 2 + 2 * TRIALS] == [ONE, ONE, ALL, *[ALL, ONE] * (TRIALS - 1), ALL]
+    assert set(modes[2 + 2 * TRIALS :]) == {expected}
+
+
+@pytest.mark.parametrize(("seconds", "tried"), [(0.8 * SHORTEST, False), (1.25 * SHORTEST, True)])
+def test_a_short_loop_is_left_to_one_thread(seconds, tried):
+    choice, modes = ThreadChoice(), []
+    for _ in range(100):
+        modes.append(choice.ask())
+        choice.tell(modes[-1], seconds)
+    assert (ALL in modes) == tried
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(0.8, 1), (1.25, 0)])
+def test_a_call_that_takes_too_long_begins_a_calibration(factor, expected):
+    choice = ThreadChoice()
+    for _ in range(20):
+        mode = choice.ask()
+        choice.tell(mode, {ONE: 1.0, ALL: 0.5}[mode])
+    assert choice.best is ALL
+    choice.tell(ALL, factor * WORST)
+    assert choice.ask() == bool(expected)
 
 
 def test_one_thread_does_all_where_there_is_only_one(monkeypatch):
