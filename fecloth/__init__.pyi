@@ -78,6 +78,8 @@ from .terms.contact import shapes
 from .terms.custom.condition import Condition
 from .terms.custom.membrane_law import MembraneLaw
 from .terms.loops.green_strain import contract
+from .terms.protocol import BoundTerm
+from .terms.traits import TermTraits
 
 __version__: str
 
@@ -88,6 +90,7 @@ __all__ = [
     "BackwardEuler",
     "BaraffWitkin",
     "BendingDamping",
+    "BoundTerm",
     "CentralDifference",
     "Cloth",
     "Condition",
@@ -145,6 +148,7 @@ __all__ = [
     "System",
     "TensionField",
     "TensorCondition",
+    "TermTraits",
     "Tether",
     "Tuned",
     "UserForce",

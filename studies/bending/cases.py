@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse.linalg import eigsh, spsolve
 
 import fecloth as fc
+from fecloth.terms.traits import traits_of
 from studies.bending.meshes import disk, on_sides, rectangle, square
 from studies.references import plates
 
@@ -96,7 +97,7 @@ def clamped(term, cloth: fc.Cloth, rim: np.ndarray, factor: float, centre: float
     Hinges have no clamp: two rows of nodes are held, and the plate begins half-way between them,
     so the cloth is larger by the `factor`.
     """
-    if hasattr(term, "holds_normals"):
+    if traits_of(term).holds_normals:
         system = fc.System(cloth, FABRIC, [term], [fc.Pin(np.flatnonzero(rim), clamp=True)])
         return cloth, deflection(system, uniform_load(cloth), rim)
     cloth = moved_out(cloth, factor, centre)
@@ -128,7 +129,7 @@ def corner_twist(term, element: str, pattern: str, n: int) -> float:
 def heavy_strip(term, element: str, pattern: str, n: int) -> float:
     """Error of drop over width of a clamped strip that hangs: rotations of up to 60°."""
     fabric = fc.Fabric(1.0, RATIO, bending_rigidity=1.0)
-    begin = 0.0 if hasattr(term, "holds_normals") else 0.5 / n
+    begin = 0.0 if traits_of(term).holds_normals else 0.5 / n
     cloth = rectangle(1.0 + begin, WIDTH, 1 / n, pattern, element)
     left = cloth.X[:, 0] < 1e-9
     held = next_to(cloth, left) if begin else left

@@ -7,8 +7,6 @@ from scipy import sparse
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import add_mass, find_entries
-from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.traits import TermTraits
 
 # --- a membrane -----------------------------------------------------------------------------------
 
@@ -38,7 +36,7 @@ class Ribs:
 
     k: float = 1e-5
 
-    traits = TermTraits(
+    traits = fc.TermTraits(
         kind="bending",
         exclusive=True,
         shared=True,
@@ -59,7 +57,7 @@ class Ribs:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundRibs(BoundTerm):
+class BoundRibs(fc.BoundTerm):
     matrix: sparse.csr_matrix
     blocks: np.ndarray
     panel: object
@@ -89,7 +87,7 @@ class Syrup:
 
     rate: float = 1.0
 
-    traits = TermTraits(kind="damping", exclusive=True, shared=True, damps="motion")
+    traits = fc.TermTraits(kind="damping", exclusive=True, shared=True, damps="motion")
 
     def stencil(self, cloth):
         return None
@@ -133,7 +131,7 @@ class Breeze:
 
     push: float = 0.5
 
-    traits = TermTraits(kind="load", shared=True)
+    traits = fc.TermTraits(kind="load", shared=True)
 
     def stencil(self, cloth):
         return None
@@ -143,7 +141,7 @@ class Breeze:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundBreeze(BoundTerm):
+class BoundBreeze(fc.BoundTerm):
     force: np.ndarray
     name = "Breeze"
     load = symmetric = has_energy = True

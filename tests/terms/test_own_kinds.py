@@ -20,7 +20,6 @@ from fecloth.study.setups import Setup
 from fecloth.study.simplification.numbers import Numbers, table
 from fecloth.study.simplification.predictions import find_limits, predict_change
 from fecloth.study.simplification.variants import list_variants
-from fecloth.terms.traits import TermTraits
 
 FABRIC = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5)
 TERMS = (Rubber(), Ribs(), Syrup(), Breeze())
@@ -211,7 +210,7 @@ def test_several_processes_share_them():
 class Unshared(Ribs):
     """Bending that says nothing of several processes."""
 
-    traits = TermTraits(kind="bending")
+    traits = fc.TermTraits(kind="bending")
 
 
 def test_a_term_that_does_not_say_so_is_not_shared():
