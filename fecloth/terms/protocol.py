@@ -82,9 +82,9 @@ class Term(Protocol):
 class BoundTerm:
     """A term for one mesh; it must not change after it was made.
 
-    A term must have `name`, `symmetric`, `has_energy`, `dissipative`, `velocity_dependent`,
-    `add_force`, `add_tangent` and `rate_bounds`; `energy` if it has one, and `power` if it is
-    dissipative. All else does nothing here.
+    A term must have `name`, `symmetric`, `has_energy`, `add_force`, `add_tangent` and
+    `rate_bounds`; `energy` if it has one, and `power` if it is dissipative; without this base also
+    `dissipative` and `velocity_dependent`. All else does nothing here.
 
     Attributes
     ----------
@@ -151,6 +151,8 @@ class BoundTerm:
         def steady_air(self) -> np.ndarray | None: ...
 
     else:
+        dissipative = False
+        velocity_dependent = False
         load = False
         stores_strain = True
         no_equilibrium = ""
@@ -450,10 +452,9 @@ def bound(term: Term, panel: Panel, slots: Callable) -> BoundTerm:
 
 
 def _lacks(made: Any, name: str) -> bool:
-    """Whether an object has no attribute of a name but what `BoundTerm` has."""
-    if not hasattr(made, name):
-        return True
-    return isinstance(made, BoundTerm) and name in vars(BoundTerm) and not has_own(made, name)
+    """Whether an object has no attribute of a name, or only the function of `BoundTerm`."""
+    is_function = callable(vars(BoundTerm).get(name))
+    return not hasattr(made, name) or (is_function and not has_own(made, name))
 
 
 def complete(made: Any) -> BoundTerm:

@@ -78,6 +78,21 @@ class TermTraits:
                 raise InputError(f"{name} = {value!r}", allowed, "TermTraits")
 
 
+BOTH = ("P1", "P2")
+MEMBRANE = TermTraits(
+    "membrane", BOTH, exclusive=True, shared=True, cheaper=("Springs",)
+)  # any law
+OF_FABRIC = replace(MEMBRANE, as_fabric=True)
+BENDING = TermTraits("bending", exclusive=True, shared=True)
+HINGES = replace(
+    BENDING, by_pattern=True, space_error="bends with a rigidity that depends on the mesh"
+)
+DRAG = TermTraits("drag", exclusive=True, shared=True, damps="air")
+DAMPING = TermTraits("damping", BOTH, several_places=False, shared=True)
+LOAD = TermTraits("load", BOTH, shared=True)
+CONTACT = TermTraits("contact", BOTH)
+
+
 def traits_of(term: Any) -> TermTraits:
     """The traits of a description or of its class, with what its plain attributes say.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.dihedral_angle import angles, condition
 from fecloth.terms.loops import bound_condition
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import HINGES
 
 CONVEX = (0,)  # one component, whose ∂²θ is indefinite
 
@@ -85,14 +85,7 @@ class HingeBending:
 
     rest: float | tuple[float, ...] | None = None
 
-    traits = TermTraits(
-        kind="bending",
-        exclusive=True,
-        shared=True,
-        cheaper=("QuadraticBending",),
-        by_pattern=True,
-        space_error="bends with a rigidity that depends on the mesh",
-    )
+    traits = replace(HINGES, cheaper=("QuadraticBending",))
 
     def __post_init__(self):
         if self.rest is None:

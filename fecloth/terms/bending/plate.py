@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from fecloth.terms.bending.plate_stiffness import panel_curvatures
 from fecloth.terms.loops.array_updates import subtract
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.recovered_error import plate_error
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import BENDING, BOTH
 
 At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
 
@@ -84,11 +84,9 @@ class PlateBending:
 
     rest: str | float | tuple[float, ...] = "flat"
 
-    traits = TermTraits(
-        kind="bending",
-        elements=("P1", "P2"),
-        exclusive=True,
-        shared=True,
+    traits = replace(
+        BENDING,
+        elements=BOTH,
         reach=8,
         cheaper=("HingeBending", "QuadraticBending"),
         holds_normals=True,
@@ -155,8 +153,6 @@ class BoundPlate(BoundTerm):
     name = "PlateBending"
     symmetric = True
     has_energy = True
-    dissipative = False
-    velocity_dependent = False
 
     @property
     def objective(self) -> bool:

@@ -16,7 +16,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.hinge import hinge_stiffness
 from fecloth.terms.loops.array_updates import subtract_product
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import HINGES
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,7 @@ class QuadraticBending:
     True
     """
 
-    traits = TermTraits(
-        kind="bending",
-        exclusive=True,
-        shared=True,
-        by_pattern=True,
-        space_error="bends with a rigidity that depends on the mesh",
-    )
+    traits = HINGES
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.hinges.nodes
@@ -99,8 +93,6 @@ class BoundQuadratic(BoundTerm):
     symmetric = True
     has_energy = True
     conserves = True
-    dissipative = False
-    velocity_dependent = False
 
     @cached_property
     def blocks(self) -> np.ndarray:

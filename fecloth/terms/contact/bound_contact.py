@@ -172,8 +172,6 @@ class ContactOverStep(BoundTerm):
 
     symmetric = True
     has_energy = True
-    dissipative = False
-    velocity_dependent = False
     stores_strain = False
 
     @property

@@ -21,7 +21,7 @@ from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.surfaces import Triangles
 from fecloth.terms.contact.toolkit import ContactSets
 from fecloth.terms.contact.triangle_contact import BoundTriangleContact
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import CONTACT
 
 
 class RigidMesh(Shape):
@@ -84,7 +84,7 @@ class MeshObstacle:
     motion: Annotated[VectorOfTime | None, LENGTH] = None
     rotate: Rotation | None = None
 
-    traits = TermTraits(kind="contact", elements=("P1", "P2"))
+    traits = CONTACT
 
     def __post_init__(self):
         _ = self._body  # its mistakes are refused where the obstacle is written

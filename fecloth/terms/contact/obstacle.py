@@ -16,7 +16,7 @@ from fecloth.terms.contact.bound_obstacle import BoundObstacle
 from fecloth.terms.contact.friction import CREEP
 from fecloth.terms.contact.points import MOST, divisions, points_of
 from fecloth.terms.contact.shape import Shape
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import CONTACT
 
 LARGEST_GAP = 0.1  # of the extent of the cloth
 
@@ -79,7 +79,7 @@ class Obstacle:
     friction: float = 0.0
     stiffness: Annotated[barrier.Stiffness, PRESSURE] = "auto"
 
-    traits = TermTraits(kind="contact", elements=("P1", "P2"))
+    traits = CONTACT
 
     def __post_init__(self):
         if not isinstance(self.shape, Shape):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -15,7 +15,7 @@ from fecloth.terms.contact import barrier
 from fecloth.terms.contact.friction import CREEP
 from fecloth.terms.contact.toolkit import ContactSets
 from fecloth.terms.contact.triangle_contact import BoundTriangleContact
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import CONTACT
 
 FARTHEST = 3.0  # gaps: the shortest edge must have as many
 
@@ -74,7 +74,7 @@ class SelfContact:
     thickness: Annotated[float, LENGTH] = 0.0
     stiffness: Annotated[barrier.Stiffness, PRESSURE] = "auto"
 
-    traits = TermTraits(kind="contact", elements=("P1", "P2"), several_places=False)
+    traits = replace(CONTACT, several_places=False)
 
     def __post_init__(self):
         if not (is_number(self.thickness) and self.thickness >= 0):

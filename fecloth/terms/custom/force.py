@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -18,7 +18,7 @@ from fecloth.quantities.formula import Formula
 from fecloth.quantities.units import ACCELERATION, FORCE, PRESSURE
 from fecloth.terms.loops.array_updates import add
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import LOAD
 
 STEP = 1e-5  # m and m/s: the relative error of a central difference is about 1e-10 f'''/f'
 VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
@@ -84,7 +84,7 @@ class UserForce:
         if not callable(self.force):
             _validated_parts(self.force)
 
-    traits = TermTraits(kind="load", elements=("P1", "P2"))
+    traits = replace(LOAD, shared=False)
 
     def stencil(self, cloth: Cloth) -> None:
         return None
@@ -145,7 +145,6 @@ class BoundUserForce(BoundTerm):
     name = "UserForce"
     load = True
     has_energy = False
-    dissipative = False
     velocity_dependent = True
 
     def _value(self, x, v, t) -> np.ndarray:

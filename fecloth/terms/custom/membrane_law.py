@@ -24,7 +24,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.terms.custom.finite_differences import WEIGHTS
 from fecloth.terms.loops import membrane
 from fecloth.terms.loops.regge_membrane import BoundRegge
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import MEMBRANE
 
 
 class MembraneLaw:
@@ -82,13 +82,7 @@ class MembraneLaw:
     >>> sweeps = fc.verify.check_term(Stiffening(0.1), scales=[1.0])
     """
 
-    traits = TermTraits(
-        kind="membrane",
-        elements=("P1", "P2"),
-        exclusive=True,
-        shared=True,
-        cheaper=("Springs",),
-    )
+    traits = MEMBRANE
 
     law: ClassVar[Any] = None  # a static method of a subclass
     strain: ClassVar[str] = "interpolated"  # on P2; a subclass may say "pointwise"

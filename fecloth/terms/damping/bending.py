@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -19,7 +19,7 @@ from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.loops import bound_condition
 from fecloth.terms.loops.array_updates import clear, scale
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import DAMPING
 
 
 @dataclass(frozen=True)
@@ -56,14 +56,7 @@ class BendingDamping:
     tangent: str = "symmetric"
     law: object = None
 
-    traits = TermTraits(
-        kind="damping",
-        elements=("P1", "P2"),
-        several_places=False,
-        shared=True,
-        reach=8,
-        damps="bending",
-    )
+    traits = replace(DAMPING, reach=8, damps="bending")
 
     def __post_init__(self):
         where = "BendingDamping"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
 
@@ -19,7 +19,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import RATE
 from fecloth.terms.loops.array_updates import subtract_scaled
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import DAMPING
 
 
 @dataclass(frozen=True)
@@ -53,13 +53,7 @@ class MassDamping:
         if not (is_number(self.rate) and self.rate > 0):
             raise InputError(f"rate = {self.rate!r}", "must be finite and > 0 [1/s]", "MassDamping")
 
-    traits = TermTraits(
-        kind="damping",
-        elements=("P1", "P2"),
-        several_places=False,
-        shared=True,
-        damps="motion",
-    )
+    traits = replace(DAMPING, damps="motion")
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
         return None if cloth.element == "P1" else cloth.stencil

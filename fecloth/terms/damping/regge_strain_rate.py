@@ -127,7 +127,6 @@ class ReggeRateOverStep(BoundTerm):
     symmetric = True
     has_energy = True  # the potential over the step
     dissipative = False  # `dissipation` is its account
-    velocity_dependent = False
 
     @cached_property
     def _membrane(self) -> BoundRegge:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated, Any
 
@@ -32,7 +32,7 @@ from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.membranes.stvk import StVK
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import DAMPING
 
 
 @dataclass(frozen=True)
@@ -113,13 +113,7 @@ class StrainRateDamping:
         if self.law is not None and not hasattr(self.law, "moduli"):
             raise InputError(f"law = {self.law!r}", "must be a membrane law such as StVK()", where)
 
-    traits = TermTraits(
-        kind="damping",
-        elements=("P1", "P2"),
-        several_places=False,
-        shared=True,
-        damps="strain",
-    )
+    traits = replace(DAMPING, damps="strain")
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil

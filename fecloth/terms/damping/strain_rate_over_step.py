@@ -48,7 +48,6 @@ class StrainRateOverStep(BoundTerm):
     symmetric = True
     has_energy = True  # Ψ
     dissipative = False  # `dissipation` is its account
-    velocity_dependent = False
 
     @property
     def name(self) -> str:

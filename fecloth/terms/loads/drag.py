@@ -20,7 +20,7 @@ from fecloth.terms.loads.pressure import cross, edge
 from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 from fecloth.terms.loops.shared_loop import SharedLoop
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import DRAG
 
 Coefficient = Annotated[float, DENSITY.where(law="quadratic"), RESISTANCE.where(law="linear")]
 
@@ -71,7 +71,7 @@ class Drag:
     law: str = "quadratic"
     tangent: str = "symmetric"
 
-    traits = TermTraits(kind="drag", exclusive=True, shared=True, damps="air")
+    traits = DRAG
 
     def __post_init__(self):
         check_drag(self)

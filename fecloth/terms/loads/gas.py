@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
 
@@ -17,7 +17,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, PRESSURE, VOLUME
 from fecloth.terms.loads.pressure import add_skew, cross, orientation_signs
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import LOAD
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Gas:
     exponent: float = 1.0
     origin: Annotated[tuple[float, float, float], LENGTH] = (0.0, 0.0, 0.0)
 
-    traits = TermTraits(kind="load", several_places=False)
+    traits = replace(LOAD, elements=("P1",), several_places=False, shared=False)
 
     def __post_init__(self):
         for name, unit in (("pressure", "Pa"), ("volume", "m³"), ("exponent", "-")):
@@ -100,8 +100,6 @@ class BoundGas(BoundTerm):
     load = True
     symmetric = True
     has_energy = True
-    dissipative = False
-    velocity_dependent = False
 
     @cached_property
     def slots(self) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -15,7 +15,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import ACCELERATION
 from fecloth.terms.loops.array_updates import add
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import LOAD
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Gravity:
             allowed = "must be three finite numbers [m/s²]"
             raise InputError(f"acceleration = {self.acceleration!r}", allowed, "Gravity")
 
-    traits = TermTraits(kind="load", elements=("P1", "P2"), several_places=False, shared=True)
+    traits = replace(LOAD, several_places=False)
 
     def stencil(self, cloth: Cloth) -> None:
         return None
@@ -65,8 +65,6 @@ class BoundGravity(BoundTerm):
     symmetric = True
     has_energy = True
     conserves = True
-    dissipative = False
-    velocity_dependent = False
 
     def energy(self, x, t) -> float:
         """−Σ f_a · x_a [J]."""

@@ -16,7 +16,7 @@ from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import FORCE, LENGTH
 from fecloth.terms.loops.array_updates import add_rows
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import LOAD
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class PointForce:
     def __post_init__(self):
         vector(self.force, "force", "PointForce")
 
-    traits = TermTraits(kind="load", elements=("P1", "P2"), shared=True)
+    traits = LOAD
 
     def stencil(self, cloth: Cloth) -> None:
         return None
@@ -86,8 +86,6 @@ class BoundPointForce(BoundTerm):
     load = True
     symmetric = True
     has_energy = False
-    dissipative = False
-    velocity_dependent = False
 
     def supply(self, x, v, t) -> float:
         """Power F · v of the force [W]."""

@@ -21,7 +21,7 @@ from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 from fecloth.terms.loops.green_strain import gradient
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import LOAD
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Pressure:
             allowed = 'must be "symmetric" or "exact"'
             raise InputError(f"tangent = {self.tangent!r}", allowed, "Pressure")
 
-    traits = TermTraits(kind="load", elements=("P1", "P2"), shared=True)
+    traits = LOAD
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
@@ -131,8 +131,6 @@ class BoundPressure(BoundTerm):
     name = "Pressure"
     load = True
     has_energy = False
-    dissipative = False
-    velocity_dependent = False
 
     @property
     def nodes(self) -> np.ndarray:

@@ -15,7 +15,7 @@ from fecloth.quantities.units import LENGTH, SPEED
 from fecloth.terms.loads import air_velocity
 from fecloth.terms.loads.air_velocity import Uniform
 from fecloth.terms.loads.drag import BoundDrag, Coefficient, bind_drag, check_drag
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import DRAG
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Wind:
     gust_length: Annotated[float, LENGTH] = 1.0
     seed: int = 0
 
-    traits = TermTraits(kind="drag", exclusive=True, shared=True, damps="air")
+    traits = DRAG
 
     def __post_init__(self):
         check_drag(self)

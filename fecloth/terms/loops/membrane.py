@@ -240,8 +240,6 @@ class BoundMembrane(BoundTerm):
 
     symmetric = True
     has_energy = True
-    dissipative = False
-    velocity_dependent = False
 
     @cached_property
     def slots(self) -> np.ndarray:

@@ -304,8 +304,6 @@ class OverStep(BoundTerm):
 
     has_energy = False  # at x alone
     conserves = True
-    dissipative = False
-    velocity_dependent = False
 
     @property
     def name(self) -> str:

@@ -267,8 +267,6 @@ class BoundRegge(BoundTerm):
 
     symmetric = True
     has_energy = True
-    dissipative = False
-    velocity_dependent = False
 
     @cached_property
     def slots(self) -> np.ndarray:
@@ -346,8 +344,6 @@ class ReggeOverStep(BoundTerm):
 
     has_energy = False  # at x alone
     conserves = True
-    dissipative = False
-    velocity_dependent = False
 
     @property
     def name(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -15,7 +15,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_VOLUME, PER_WIDTH, TIME
 from fecloth.terms.loops import bound_condition
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import MEMBRANE
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class BaraffWitkin:
     damping: Annotated[float, TIME] = 0.0
     tangent: str = "symmetric"
 
-    traits = TermTraits(kind="membrane", exclusive=True, shared=True, cheaper=("Springs",))
+    traits = replace(MEMBRANE, elements=("P1",))
 
     def __post_init__(self):
         where, p = "BaraffWitkin", self.area_exponent

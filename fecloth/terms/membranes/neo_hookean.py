@@ -17,7 +17,7 @@ from fecloth.quantities.units import PER_WIDTH
 from fecloth.terms.loops import membrane
 from fecloth.terms.loops.regge_membrane import BoundRegge
 from fecloth.terms.loops.regge_strain import check_strain
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import OF_FABRIC
 
 KINDS = ("incompressible", "compressible")
 
@@ -118,14 +118,7 @@ class NeoHookean:
         lam = 2 * mu if self.kind == "incompressible" else lam
         return np.array([lam + 2 * mu, lam + 2 * mu, mu, lam, 0.0, 0.0])
 
-    traits = TermTraits(
-        kind="membrane",
-        elements=("P1", "P2"),
-        exclusive=True,
-        shared=True,
-        cheaper=("Springs",),
-        as_fabric=True,
-    )
+    traits = OF_FABRIC
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil

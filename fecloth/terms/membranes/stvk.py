@@ -14,7 +14,7 @@ from fecloth.terms.loops import membrane
 from fecloth.terms.loops.green_strain import contract
 from fecloth.terms.loops.regge_membrane import BoundRegge
 from fecloth.terms.loops.regge_strain import check_strain
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import OF_FABRIC
 
 
 @dataclass(frozen=True)
@@ -57,14 +57,7 @@ class StVK:
         """(6,) ℂ = (C11, C22, C66, C12, C16, C26) [N/m]."""
         return fabric.moduli()
 
-    traits = TermTraits(
-        kind="membrane",
-        elements=("P1", "P2"),
-        exclusive=True,
-        shared=True,
-        cheaper=("Springs",),
-        as_fabric=True,
-    )
+    traits = OF_FABRIC
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil

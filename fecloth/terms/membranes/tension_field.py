@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from fecloth.terms.loops import membrane
 from fecloth.terms.loops.green_strain import contract
 from fecloth.terms.loops.regge_membrane import BoundRegge
 from fecloth.terms.loops.regge_strain import check_strain
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import OF_FABRIC
 
 
 @dataclass(frozen=True)
@@ -71,15 +71,7 @@ class TensionField:
         fabric.isotropic("TensionField")
         return fabric.moduli()
 
-    traits = TermTraits(
-        kind="membrane",
-        elements=("P1", "P2"),
-        exclusive=True,
-        shared=True,
-        cheaper=("Springs",),
-        as_fabric=True,
-        space_error="leaves the strain across its wrinkles open",
-    )
+    traits = replace(OF_FABRIC, space_error="leaves the strain across its wrinkles open")
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil

@@ -16,7 +16,7 @@ from fecloth.quantities.units import PER_WIDTH
 from fecloth.terms.loops import membrane
 from fecloth.terms.loops.regge_membrane import BoundRegge
 from fecloth.terms.loops.regge_strain import check_strain
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import MEMBRANE
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,7 @@ class TensorCondition:
         """(6,) ℂ = (C11, C22, C66, C12, C16, C26) [N/m]; the fabric's own are not used."""
         return np.array([4 * self.k, 4 * self.k, 2 * self.k, 0.0, 0.0, 0.0])
 
-    traits = TermTraits(
-        kind="membrane",
-        elements=("P1", "P2"),
-        exclusive=True,
-        shared=True,
-        cheaper=("Springs",),
-    )
+    traits = MEMBRANE
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil

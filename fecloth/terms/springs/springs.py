@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -17,7 +17,7 @@ from fecloth.terms.loops import bound_condition
 from fecloth.terms.springs import biquadratic
 from fecloth.terms.springs.networks import Net, edges, structural
 from fecloth.terms.springs.spring_over_step import OVER_STEP
-from fecloth.terms.traits import TermTraits
+from fecloth.terms.traits import MEMBRANE, TermTraits
 
 KINDS = ("structural", "van_gelder", "biquadratic")
 
@@ -94,7 +94,7 @@ class Springs:
     damping: Annotated[float, TIME] = 0.0
     tangent: str = "symmetric"
 
-    traits = TermTraits(kind="membrane", exclusive=True, shared=True)
+    traits = replace(MEMBRANE, elements=("P1",), cheaper=())
 
     def __post_init__(self):
         if self.kind not in KINDS:
