@@ -108,6 +108,20 @@ def test_a_damped_motion_is_judged_rightly(name, ratio):
     assert 0.5 < said / true < 3
 
 
+def test_the_first_derivative_stands_for_all_the_time_before():
+    """A motion with t³, whose third derivative is constant: the error is that of all its time."""
+    system, ((shape, _), *_) = bar()
+    rest, method, dt = system.rest().x, fc.ImplicitMidpoint(), 0.01
+    ledger = SimpleNamespace(deforming=1.0, kinetic=1.0, lost_inside=0.0, lost_outside=0.0)
+    q, constant = method.traits.drift or (2, method.traits.error_constant)
+    error = TimeError.open(fc.State(0.0, rest, 0 * rest), 0, ledger)
+    for step in range(1, 7):
+        state = fc.State(step * dt, rest + SIZE * (step * dt) ** 3 * shape, 0 * rest)
+        error = error.sampled(system, method.traits, state, step, ledger)
+        exact = math.pi / 2 * constant * dt**q * 6 * SIZE * step * dt if step > q else 0.0
+        assert error.length == pytest.approx(exact, rel=1e-6)
+
+
 @pytest.mark.parametrize("where", ["inside", "outside"])
 def test_an_error_is_forgotten_as_fast_as_the_damped_mode_that_made_it(where):
     """e = κ dt^q ω^p A t exp(−γ t) of the mode A exp(−γ t) cos ωt, largest at t = 1/γ.

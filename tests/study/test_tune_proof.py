@@ -1,13 +1,15 @@
 """The proof of a tuned setting, on power laws with plain numbers in place of runs."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.power_laws import Listed, PowerLaws, candidate, known_run, listed, predict, trial
 
+from fecloth.study.tuning import proof as proof_module
 from fecloth.study.tuning.choices import Choice
-from fecloth.study.tuning.proof import best_run, prove, verify
+from fecloth.study.tuning.proof import Proof, best_run, prove, scaled, verify
 from fecloth.study.tuning.search import Goal
 
 
@@ -40,6 +42,52 @@ def test_a_proved_error_is_the_true_one_also_after_a_wrong_prediction(space, in_
     assert not proof.why
     assert proof.error <= tolerance
     assert true_error(proof.trial) <= 1.001 * proof.error
+
+
+def test_what_a_node_may_miss_of_the_lowest_point_is_added(monkeypatch):
+    monkeypatch.setattr(proof_module, "unsampled", lambda bench, run: np.array([3e-4]))
+    bench, prediction = PowerLaws(), predict(1.0, 10.0)
+    first = Goal(1e-3).candidates(prediction)[0]
+    (run,) = bench.run([first.choice])
+    with_it = verify(bench, first, run, [], {}).error
+    monkeypatch.undo()
+    assert with_it == pytest.approx(verify(bench, first, run, [], {}).error + 3e-4, rel=1e-12)
+
+
+@pytest.mark.parametrize(("wrong", "others"), [(4.0, 4.0), (0.25, 1.0)])
+def test_an_error_in_space_above_the_prediction_holds_for_all_meshes_of_the_element(wrong, others):
+    prediction = predict(1.0, 10.0)
+    (mesh,) = prediction.meshes
+    cross = replace(mesh, choice=replace(mesh.choice, pattern="cross"))
+    second = replace(mesh, choice=replace(mesh.choice, element="P2"))
+    prediction = replace(prediction, meshes=(mesh, cross, second))
+    of = candidate(prediction, 20.0, 64, 1e-3, 1e-3)
+    parts = {"space": wrong * of.space, "time": of.time}
+    proof = Proof(trial(of.choice, seconds=3 * of.seconds), of, None, parts, ())
+    after = scaled(prediction, proof)
+    at = np.array([20.0])
+    ratios = [float((m.errors(at) / mesh.errors(at))[0, 0]) for m in after.meshes]
+    assert ratios == pytest.approx([wrong, others, 1.0])
+    assert after.factors[of.key] == pytest.approx(3.0)
+
+
+def test_halfway_between_two_settings_is_their_geometric_mean():
+    prediction = predict(1.0, 10.0)
+    one = candidate(prediction, 40.0, 400, 1e-3, 4e-3)
+    other = candidate(prediction, 10.0, 100, 4e-3, 1e-3)
+    proofs = [Proof(trial(of.choice, seconds=of.seconds), of, None, {}, ()) for of in (one, other)]
+    middle = proof_module._between(*proofs)
+    assert (middle.edges, middle.x) == (pytest.approx(20.0), 200)
+    assert (middle.space, middle.time) == (pytest.approx([2e-3]), pytest.approx([2e-3]))
+    assert middle.seconds == pytest.approx(math.sqrt(one.seconds * other.seconds))
+
+
+def test_the_error_of_a_cheaper_setting_has_the_error_of_the_verifying_run():
+    """Stated 0.5 of the first: half of its error 4/9 to the verifying run, which has the rest."""
+    _, proof = tried_after(0.5, {"b": (0.6, 2.0)})
+    own = 0.5 - 0.5 * 0.5 / 1.125
+    assert proof.trial.choice.method == "b"
+    assert proof.error == pytest.approx(0.6 - 0.5 * 0.5 / 1.125 + own)
 
 
 def test_the_errors_of_other_causes_are_added():

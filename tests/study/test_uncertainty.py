@@ -94,6 +94,33 @@ def test_the_uncertainty_has_the_scatter_of_the_fit_by_hand():
     assert found.uncertainty == pytest.approx(1.25 * 0.1**2 + 2e-4 + last, rel=1e-4)
 
 
+def test_a_scatter_of_coarse_levels_counts_less_by_hand():
+    """Weights 1/h with the mean 1; σ is that of the fit with them, which is the smaller one."""
+    sizes = np.array([0.4, 0.3, 0.2, 0.1])
+    power, root = sizes**2, np.sqrt(4 / sizes / np.sum(1 / sizes))
+    seen = np.column_stack([np.ones(4), power, power * np.log(sizes)])
+    scatter = 2e-4 * np.linalg.svd((seen * root[:, None]).T)[2][3] / root
+    found = estimate_uncertainty(sizes, 5 + power + scatter, theory=2)
+    assert found.scatter == pytest.approx(2e-4, rel=1e-4)
+    by_hand = 1.25 * 0.1**2 + 2e-4 + abs(scatter[-1])
+    assert found.uncertainty == pytest.approx(by_hand, rel=1e-4)
+
+
+def test_an_order_below_a_half_is_fitted_with_both_powers_by_hand():
+    """Of h − 0.6 h² the observed order is too low; the fit of h and h² is exact, with F = 3."""
+    found = estimate_uncertainty(H4, 5 + H4 - 0.6 * H4**2, theory=2)
+    assert found.order < 0.5
+    assert found.limit == pytest.approx(5)
+    assert found.uncertainty == pytest.approx(3 * (0.1 - 0.6 * 0.1**2))
+
+
+def test_a_last_change_above_one_of_the_changes_before_is_scatter():
+    """It diverges where the last change is above all others."""
+    for last, behaviour in ((0.15, "monotone"), (0.25, "diverging")):
+        values = 1 + np.cumsum([0.0, 0.2, 0.05, last])
+        assert estimate_uncertainty(H4, values, theory=2).behaviour == behaviour
+
+
 def test_the_uncertainty_of_a_fit_that_shows_scatter_only_by_hand():
     """U = 3 σ/Δ (|φ_fit(h₁) − φ₀| + σ + |φ₁ − φ_fit(h₁)|); five degrees of freedom."""
     sizes = np.linspace(1.0, 0.3, 8)

@@ -143,6 +143,14 @@ def test_an_edge_has_eight_parts_at_most_and_the_rest_is_told(needed, parts, cut
     assert (cutting_depth(term, cloth) > 0) == cuts
 
 
+def test_what_is_told_is_how_deep_a_part_dips_into_a_ball():
+    """The centre of an equilateral triangle whose corners lie on the ball, a gap farther out."""
+    term, cloth, _ = bound_triangle(0.25 * 9.9**2)
+    radius, edge = 0.1**2 / (6 * 0.25 * 9.9**2 * GAP), 0.1 / 8
+    exact = radius - math.sqrt(radius**2 - edge**2 / 3)
+    assert cutting_depth(term, cloth) == pytest.approx(exact, rel=0.05)
+
+
 @pytest.mark.parametrize(("part", "near"), [(0.8, True), (1.25, False)])
 def test_points_of_triangles_are_looked_at_up_to_two_edges_from_their_nodes(part, near):
     """A point is at most 2 edges from the nearest node of a cloth that is stretched threefold."""
