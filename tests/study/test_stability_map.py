@@ -9,8 +9,8 @@ import pytest
 import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
+from fecloth.integrators import studied_by
 from fecloth.study.stability_figure import MOST_PANELS
-from fecloth.study.stability_map import USUAL
 from fecloth.study.stability_runs import energy_made
 from fecloth.study.stability_words import describe_best, describe_range, range_of
 
@@ -156,4 +156,4 @@ def test_the_command(scene, tmp_path, capsys):
     assert len(list(csv.DictReader((folder / "runs.csv").open()))) == 4
     assert (folder / "figure.png").exists()
     assert "central_difference holds the longest step" in capsys.readouterr().out
-    assert len(USUAL) == MOST_PANELS
+    assert len(studied_by("stability")) == MOST_PANELS
