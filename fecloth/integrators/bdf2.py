@@ -8,7 +8,7 @@ import numpy as np
 
 from fecloth.integrators.newmark import Newmark, WithMemory
 from fecloth.integrators.one_stage import BackwardEuler
-from fecloth.integrators.opening import UNCOUNTED, Opening
+from fecloth.integrators.opening import UNCOUNTED, Opening, ending
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.context import SolverContext
@@ -115,7 +115,7 @@ class BDF2(WithMemory):
             ends=(opening.system, begin),
             a=a,
             share=1.0,
-            **opening.ending(new),
+            **ending(opening, new),
         )
 
     def _close_first(self, opening: Opening, q: np.ndarray, counts: Counts) -> Step:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fecloth.compiled.jit import Array, kernel, rounded_kernel
 from fecloth.errors import InputError, flag
 from fecloth.integrators.numerical_dissipation import explicit_dissipation
+from fecloth.integrators.opening import ending
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
 from fecloth.integrators.step import Step, prescribed_end
 from fecloth.nonlinear.statistics import Counts
@@ -28,8 +29,7 @@ from fecloth.terms.step_difference import StepDifference
 quiet = np.errstate(over="ignore", invalid="ignore")
 
 
-@dataclass(frozen=True, eq=False)
-class ExplicitOpening:
+class ExplicitOpening(NamedTuple):
     """An explicit step that is open: ``method.open(system, state, dt, memory, history)``.
 
     ``method.close(opening, a)`` is the `Step` to the `acceleration` a (n, 3) [m/s²].
@@ -66,14 +66,9 @@ class ExplicitOpening:
         """M⁻¹ f (n, 3) [m/s²] at the state `at`."""
         return acceleration(self.over, self.at)
 
-    def ending(self, new: State) -> dict[str, Any]:
-        """The fields that the `Step` to the state `new` has of its opening."""
-        return {
-            "counts": Counts(seconds={"force": time.perf_counter() - self.opened}),
-            "over": self.over,
-            "history": self.over.commit(new, self.history),
-            "earlier": self.history,
-        }
+    def counts(self) -> Counts:
+        """The counts of a step that closes now."""
+        return Counts(seconds={"force": time.perf_counter() - self.opened})
 
 
 class Explicit:
@@ -211,7 +206,7 @@ def _euler(opening: ExplicitOpening, a: np.ndarray, new_velocity: float) -> Step
     x, v = np.empty((2, *begin.x.shape))
     move(begin.x, begin.v, a, dt, new_velocity, x, v)
     new = set_held(opening.system, State(begin.t + dt, x, v), opening.end)
-    return Step(new, begin, None, **opening.ending(new))
+    return Step(new, begin, None, opening.counts(), **ending(opening, new))
 
 
 @remembered
@@ -282,12 +277,14 @@ class CentralDifference(Explicit):
         kick(opening.begin.v, last.a, a, opening.dt, v)
         opening.system.constraints.set_held(v, opening.end.v)
         new, forces = State(at.t, at.x, v), ((last.at, last.a), (at, a))
-        memory = LastForce(a, at)
-        return Step(new, at, memory, accelerations=forces, **opening.ending(new))
+        memory, counts = LastForce(a, at), opening.counts()
+        return Step(new, at, memory, counts, accelerations=forces, **ending(opening, new))
 
 
 def over_explicit_step(system: System, state: State, dt: float, history: History | None) -> System:
     """The system over a step, for terms with a record in the history."""
+    if history is None:
+        return system
     difference = StepDifference.between(state.x, dt, state.t)
     return system.over_step(difference, history, rates=False)
 

@@ -8,30 +8,51 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.errors import IndefiniteMatrix
-from fecloth.integrators.one_stage import BackwardEuler, StageMethod
-from fecloth.integrators.opening import UNCOUNTED, Opening
+from fecloth.integrators.one_stage import StageMethod
+from fecloth.integrators.opening import UNCOUNTED, ending
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.stage import prescribed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import History, System
+from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True, eq=False)
-class LinearOpening(Opening):
-    """A step of `LinearlyImplicitEuler` that is open: its residual is linear in q = Δv."""
+class LinearOpening:
+    """A step of `LinearlyImplicitEuler` that is open: its residual is linear in q.
+
+    q (n, 3) [m/s] is Δv of the free directions, and the fields are those of `Opening`, besides:
+
+    Attributes
+    ----------
+    held
+        (n, 3) Δv of the held directions: what moves x to its prescribed end.
+    """
+
+    system: System
+    over: System
+    begin: State
+    end: State
+    dt: float
+    guess: np.ndarray | None
+    history: History | None
+    held: np.ndarray
+
+    @property
+    def inertial(self) -> np.ndarray:
+        """(n, 3) Δv of the held directions that their inertia has: what the pins prescribe."""
+        dv, constraints = np.zeros_like(self.begin.v), self.over.constraints
+        dv[constraints.nodes] = constraints.held_part(self.end.v - self.begin.v)
+        return dv
 
     def residual(self, q: np.ndarray) -> np.ndarray:
-        """R(q) = M a − f(x₀, v₀) + dt K v + D (v − v₀) along the free directions, (n, 3) [N].
-
-        v = v₀ + Δv and a = Δv/dt, but of what the pins hold as they prescribe it.
-        """
+        """R(q) = M Δv/dt − f(x₀, v₀) + dt K (v₀ + Δv) + D Δv of the free directions (n, 3) [N]."""
         system, begin = self.over, self.begin
-        _, v, a = self.stage.at(q)
+        v, a = begin.v + (q + self.held), (q + self.inertial) / self.dt
         K, D = (BlockMatrix.zeros(system.pattern) for _ in range(2))
         system.assemble(K, begin, wx=self.dt)
         system.assemble(D, begin, wv=1.0)
@@ -77,19 +98,21 @@ class LinearlyImplicitEuler:
         solver: SolverContext | None = None,
     ) -> LinearOpening:
         """Open a step from `state` over `dt` [s]; its unknown q is Δv of the free directions."""
-        end, difference = prescribed_end(system, state, dt), BackwardEuler().difference(state, dt)
+        end, constraints = prescribed_end(system, state, dt), system.constraints
+        difference = StepDifference.between(state.x, dt, state.t)
         over = system.over_step(difference, history, rates=False)
-        stage = prescribed(system, BackwardEuler().stage(state, dt), state, dt, end)
-        return LinearOpening(self, system, over, stage, state, end, dt, memory, memory, history)
+        held = np.zeros_like(state.v)
+        held[constraints.nodes] = constraints.held_part((end.x - state.x) / dt - state.v)
+        return LinearOpening(system, over, state, end, dt, memory, history, held)
 
-    def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
+    def close(self, opening: LinearOpening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
         """The step to the change q (n, 3) of the velocity: v₁ = v₀ + q, x₁ = x₀ + dt v₁."""
         begin, end, dt = opening.begin, opening.end, opening.dt
-        dv = q + _held_change(opening)
+        dv = q + opening.held
         v = begin.v + dv
         new = set_prescribed(opening.system, State(begin.t + dt, begin.x + dt * v, v), end)
         at_stage = State(new.t, new.x, v)  # the velocity that moved x, also at the pins
-        return Step(new, at_stage, dv, counts, **opening.ending(new))
+        return Step(new, at_stage, dv, counts, **ending(opening, new))
 
     def step(
         self,
@@ -118,28 +141,18 @@ class LinearlyImplicitEuler:
     numerical = StageMethod.numerical
 
 
-def _held_change(opening: Opening) -> np.ndarray:
-    """Δv (n, 3) of the held directions: what moves x to its prescribed end."""
-    begin, constraints = opening.begin, opening.system.constraints
-    dv, way = np.zeros_like(begin.v), opening.end.x - begin.x
-    dv[constraints.nodes] = constraints.held_part(way / opening.dt - begin.v)
-    return dv
-
-
 def _velocity_change(
-    opening: Opening, solver: SolverContext, definite: bool
+    opening: LinearOpening, solver: SolverContext, definite: bool
 ) -> tuple[np.ndarray, Counts]:
     """Δv of the free directions from the linearised step, and the counts."""
     began = time.perf_counter()
     system, begin, dt = opening.over, opening.begin, opening.dt
-    (linear, J), nodes = solver.matrix_solver(), system.constraints.nodes
-    dv, inertial = _held_change(opening), np.zeros_like(begin.v)
-    inertial[nodes] = system.constraints.held_part(opening.end.v - begin.v)
+    (linear, J), dv = solver.matrix_solver(), opening.held
     system.assemble(J, begin, wx=dt, definite=definite)
     dense = system.dense(begin)
     b = system.force(begin) - J @ begin.v - _times(system, dense, dt, begin.v)
     system.add_tangents(J, begin, wv=1.0, definite=definite)
-    b -= J @ dv + _times(system, dense, dt, dv) + system.scalar_mass @ (inertial / dt)
+    b -= J @ dv + _times(system, dense, dt, dv) + system.scalar_mass @ (opening.inertial / dt)
     system.add_tangents(J, begin, wa=1.0 / dt)
     system.project(J)
     seconds = {"assemble": time.perf_counter() - began}

@@ -9,7 +9,7 @@ import numpy as np
 
 from fecloth.errors import InputError, flag, is_number
 from fecloth.integrators.numerical_dissipation import memory_dissipation
-from fecloth.integrators.opening import UNCOUNTED, Opening, newton_step
+from fecloth.integrators.opening import UNCOUNTED, Opening, ending, newton_step
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, blend, prescribed_end, set_prescribed
 from fecloth.nonlinear.context import SolverContext
@@ -115,7 +115,7 @@ class AccelerationMethod(WithMemory):
             ends=(opening.system, begin),
             a=a_stage if self.share is None else (new.v - begin.v) / dt,
             share=self.share,
-            **opening.ending(new),
+            **ending(opening, new),
         )
 
     def _moved(self, begin: State, end: State, dt: float, a: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from fecloth.integrators.numerical_dissipation import (
     stiffness_product,
     work_beyond_dissipation,
 )
-from fecloth.integrators.opening import UNCOUNTED, Opening, newton_step
+from fecloth.integrators.opening import UNCOUNTED, Opening, ending, newton_step
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.context import SolverContext
@@ -73,7 +73,7 @@ class StageMethod:
         x, v, a = stage.at(q)
         new = State(begin.t + dt, stage.x_end + stage.w_end * q, begin.v + dt * a)
         new = set_prescribed(opening.system, new, opening.end)
-        return Step(new, State(stage.t, x, v), q, counts, **opening.ending(new))
+        return Step(new, State(stage.t, x, v), q, counts, **ending(opening, new))
 
     step = newton_step
 

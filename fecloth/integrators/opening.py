@@ -85,10 +85,11 @@ class Opening:
         self.equation.assemble(q, exact, J)
         return self.equation.couple(q, exact, J)
 
-    def ending(self, new: State) -> dict[str, Any]:
-        """The fields that the `Step` to the state `new` has of its opening."""
-        history = self.over.commit(new, self.history)
-        return {"over": self.over, "history": history, "earlier": self.history}
+
+def ending(opening: Any, new: State) -> dict[str, Any]:
+    """The fields that the `Step` to the state `new` has of its opening, of any kind."""
+    history = opening.over.commit(new, opening.history)
+    return {"over": opening.over, "history": history, "earlier": opening.history}
 
 
 def newton_step(

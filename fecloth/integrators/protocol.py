@@ -316,8 +316,9 @@ def take_step(
     history: History | None = None,
 ) -> Step:
     """One step of a method, which needs to take a history only if there is one."""
-    known = () if history is None else (history,)
-    return method.step(system, state, dt, solver, memory, *known)
+    if history is None:
+        return method.step(system, state, dt, solver, memory)
+    return method.step(system, state, dt, solver, memory, history)
 
 
 def check_history(system: System, method: Any, history: History | None) -> None:

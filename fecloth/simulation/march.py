@@ -196,7 +196,7 @@ def march(
         if is_informed:
             history = history.after(system, steps.traits, state, new)
         after = Memory(number, begin.start, result.memory, history, result.history)
-        result = replace(result, state=new)
+        result = result if new is result.state else replace(result, state=new)
         info = StepInfo(number, new.t, new.t - state.t, state, result, after, skipped)
         state, last_memory, records = new, result.memory, result.history
         wanted = yield state, info
@@ -220,7 +220,8 @@ def refuse_arguments(system, method, state, newton, most_stretch):
 
 def _snap_to_target(state, target, size):
     """Return the state with t exactly at the target if it differs by round-off only."""
-    return replace(state, t=target) if abs(target - state.t) <= 1e-9 * size else state
+    differs = 0.0 < abs(target - state.t) <= 1e-9 * size
+    return replace(state, t=target) if differs else state
 
 
 def _problem(system, state, most_stretch, check_stretch):

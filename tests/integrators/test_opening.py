@@ -105,7 +105,7 @@ def test_the_tangent_is_the_derivative_of_the_residual(name, small, isotropic, r
     state, memory, _, _ = second_step(system, kind())
     opening = method.open(system, state, DT, memory)
     project = system.constraints.project
-    wx = opening.stage.wx
+    wx = opening.stage.wx if hasattr(opening, "stage") else DT
     q = project(1e-3 / wx * rng.standard_normal(state.x.shape))
     d = project(1e-6 / wx * rng.standard_normal(state.x.shape))
     J = opening.tangent(q, BlockMatrix.zeros(system.pattern))
