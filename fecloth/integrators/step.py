@@ -46,6 +46,8 @@ class Step:
     history, earlier
         The records that terms keep, after and before the step (`System.start_history`); None
         without any.
+    size
+        The size [s] that a choice of steps asked of the method, if it was not that of `march`.
     """
 
     state: State
@@ -59,6 +61,7 @@ class Step:
     share: float | None = None
     history: History | None = None
     earlier: History | None = None
+    size: float | None = None
 
     def around(self, system: System) -> tuple[System, System]:
         """The system with the history of its terms before, and after the step."""

@@ -194,6 +194,7 @@ class Adaptive(ChosenSteps):
         for rejected in range(RETRIES):
             if not state.t + dt > state.t:  # below the round-off of the time
                 break
+            size = dt
             try:
                 step = take_step(
                     self._stepper, system, state, dt, solver, control.method_memory, history
@@ -212,7 +213,8 @@ class Adaptive(ChosenSteps):
                 if error <= 1:
                     proposed = self._next_dt(dt, control, error)
                     after = Control(proposed, error, a, t, step.memory)
-                    return replace(step, memory=after, counts=replace(tried, rejected=rejected))
+                    counts = replace(tried, rejected=rejected)
+                    return replace(step, memory=after, counts=counts, size=step.size or size)
             shorter = SAFETY * error ** (-1 / self.traits.order) if error > 0 else SHORTEST
             dt *= min(SAFETY, max(SHORTEST, shorter)) if math.isfinite(error) else SHORTEST
         raise NewtonFailed(

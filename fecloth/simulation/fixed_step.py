@@ -1,4 +1,4 @@
-"""Steps of one size."""
+"""Steps of one size, and steps whose sizes are given one by one."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from numbers import Real
 
 import numpy as np
 
-from fecloth.errors import InputError
-from fecloth.integrators.protocol import Integrator, MethodTraits, take_step
+from fecloth.errors import InputError, brief, floats
+from fecloth.integrators.protocol import Integrator, MethodTraits, check_step, take_step
 from fecloth.integrators.step import Step
 from fecloth.simulation.stability_limited import refuse_unstable
-from fecloth.simulation.step_times import check_mass, step_times
+from fecloth.simulation.step_times import ChosenSteps, check_mass, given_times, step_times
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
+from fecloth.terms.records import remembered
 
 
 @dataclass(frozen=True)
@@ -79,3 +80,83 @@ class FixedStep:
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step, by the method's own formula."""
         return self.method.numerical(system, old, step)
+
+
+@remembered
+@dataclass(frozen=True, eq=False)
+class GivenMemory:
+    """The memory of `GivenSteps`: the number of steps so far, and the memory of the method."""
+
+    number: int
+    method_memory: object = None
+
+
+@dataclass(frozen=True, repr=False)
+class GivenSteps(ChosenSteps):
+    """A method with steps of given sizes, as the ``StepInfo.size`` of another run.
+
+    Given the sizes, stops and end of a run of `Adaptive`, it repeats that run bit for bit, if the
+    solver keeps nothing of the attempts that were rejected there (`Newton(reuse=False)` with a
+    direct one).
+
+    Parameters
+    ----------
+    method
+        The method that takes them.
+    sizes
+        Of all steps, in order [s].
+
+    Raises
+    ------
+    InputError
+        For sizes that are no numbers > 0.
+    """
+
+    method: Integrator
+    sizes: tuple[float, ...]
+
+    def __post_init__(self):
+        sizes = floats("dt", self.sizes, "march")
+        if sizes.ndim != 1 or not len(sizes) or not (np.isfinite(sizes) & (sizes > 0)).all():
+            allowed = "must be a number, or a list of at least one, finite and > 0 [s]"
+            raise InputError(f"dt = {brief(self.sizes)}", allowed, "march")
+        object.__setattr__(self, "sizes", tuple(sizes.tolist()))
+
+    @cached_property
+    def traits(self) -> MethodTraits:
+        """Those of the method; `march` takes no other dt."""
+        return replace(self.method.traits, chooses_dt=True)
+
+    def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
+        """Return the end of every step, at which the stops and `t_end` must lie."""
+        return given_times(t, self.sizes, t_end, stops)
+
+    def check_start(self, system: System, state: State, insist: str = "") -> None:
+        """Raise `InputError` if the first step is beyond the stability limit."""
+        refuse_unstable(system, self.method, state, self.sizes[0], insist)
+
+    def step(
+        self,
+        system: System,
+        state: State,
+        horizon: float,
+        solver,
+        memory: GivenMemory | None = None,
+        history: History | None = None,
+    ) -> Step:
+        """One step of the method, of the next size."""
+        memory = memory or GivenMemory(0)
+        size, last = self.sizes[memory.number], memory.method_memory
+        step = take_step(self.method, system, state, size, solver, last, history)
+        if memory.number == 0:
+            check_step(step, self.method)
+        after = GivenMemory(memory.number + 1, step.memory)
+        return replace(step, memory=after, size=size)
+
+    def numerical(self, system: System, old: State, step: Step) -> float:
+        """Numerical dissipation [J] of a step, by the method's own formula."""
+        return self.method.numerical(system, old, step)
+
+    def __repr__(self) -> str:
+        least, most = min(self.sizes), max(self.sizes)
+        return f"GivenSteps({self.method!r}, {len(self.sizes)} of {least:g} to {most:g} s)"

@@ -95,6 +95,11 @@ class StepInfo:
         return Counts(seconds={"force": self.skipped.seconds}).plus(self.result.counts)
 
     @property
+    def size(self) -> float:
+        """The size [s] for which the method was asked, which differs from `dt` by round-off."""
+        return self.result.size or self.dt
+
+    @property
     def number(self) -> int:
         """Of the steps since the one yielded before."""
         return 1 + (self.skipped.number if self.skipped else 0)
@@ -104,7 +109,7 @@ def march(
     system: System,
     method,
     state: State,
-    dt: float | None = None,
+    dt: float | Sequence[float] | None = None,
     t_end: float | None = None,
     *,
     stops: Sequence[float] = (),
@@ -125,8 +130,9 @@ def march(
         What moves, the integrator, and the start; the pins start from where `state` has them.
     dt
         Step [s]. All steps are dt, except that those before a stop or `t_end` are shortened to
-        end there. None for `Adaptive`, which chooses its steps, and for explicit methods, which
-        then take 0.9 of their largest stable step (`StabilityLimited`).
+        end there. A list or an array has the size of each step; then `t_end` may be left out, and
+        the stops must be ends of steps. None for `Adaptive`, which chooses its steps, and for
+        explicit methods, which then take 0.9 of their largest stable step (`StabilityLimited`).
     t_end, stops
         End time, and times between at which a step must end [s].
     solver

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError, brief
@@ -16,7 +18,7 @@ from fecloth.linalg import select
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.error_control import Adaptive
-from fecloth.simulation.fixed_step import FixedStep
+from fecloth.simulation.fixed_step import FixedStep, GivenSteps
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.stability_limited import StabilityLimited
@@ -82,13 +84,15 @@ def resolve(
 
 
 def choose_steps(
-    method, dt: float | None, tolerances: Mapping[str, float] | None = None
+    method,
+    dt: float | Sequence[float] | None,
+    tolerances: Mapping[str, float] | None = None,
 ) -> StepChoice | Auto:
     """Decide which steps a run takes; a method that chooses its own is returned unchanged.
 
-    They have the size `dt`. Where that is None, an explicit method goes near its stability limit
-    (`StabilityLimited`) unless `tolerances` has `rtol` or `atol`. With a mapping, even an empty
-    one, any other method is controlled by its error (`Adaptive`).
+    They have the size `dt`, or each its own of a list. Where that is None, an explicit method goes
+    near its stability limit (`StabilityLimited`) unless `tolerances` has `rtol` or `atol`. With a
+    mapping, even an empty one, any other method is controlled by its error (`Adaptive`).
 
     Raises
     ------
@@ -107,6 +111,8 @@ def choose_steps(
         return StabilityLimited(method)
     if dt is None and tolerances is not None:
         return Adaptive(method, **tolerances)
+    if isinstance(dt, list | tuple | np.ndarray):
+        return GivenSteps(method, tuple(dt))
     return FixedStep(method, dt)  # type: ignore[arg-type]  # it refuses None
 
 

@@ -128,7 +128,7 @@ def run(
     system: System,
     method,
     state: State,
-    dt: float | None = None,
+    dt: float | Sequence[float] | None = None,
     t_end: float | None = None,
     *,
     stops: Sequence[float] = (),

@@ -111,7 +111,7 @@ class StabilityLimited(ChosenSteps):
         if limited.steps == 0:
             check_step(step, self.method)
         after = replace(limited, steps=limited.steps + 1, method_memory=step.memory)
-        return replace(step, memory=after)
+        return replace(step, memory=after, size=dt)
 
     def _limit(self, system: System, state: State) -> float:
         return FRACTION * estimate(system, state, self.method)

@@ -15,6 +15,7 @@ from fecloth.system.system import System
 
 MOST_STEPS = 10**8  # whose end times alone take 0.8 GB
 COARSEST = 1e-3  # rounding of the time, relative to a step
+SAME = 1e-9  # of a step: times that are not farther apart are the same
 EARLIER = "Start earlier, as at t_start = 0, or take a larger dt."
 
 
@@ -32,7 +33,7 @@ def end_times(t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.
         allowed = f"must lie in the run, from {t:g} to {t_end:g} s"
         raise InputError(f"stops: {outside[0]:g}", allowed, "march")
     times = np.concatenate([[t], stops[(stops > t) & (stops < t_end)], [t_end]])
-    apart = np.diff(times) > 1e-9 * (t_end - t)  # closer times are the same
+    apart = np.diff(times) > SAME * (t_end - t)
     return np.append(times[1:-1][apart[:-1] & apart[1:]], t_end)
 
 
@@ -49,6 +50,42 @@ def step_times(t: float, dt: float, t_end: float | None, stops: Sequence[float] 
         pieces.append(t + dt * np.arange(1, steps + 1))
         pieces[-1][-1] = t = target
     return np.concatenate(pieces)
+
+
+def given_times(
+    t: float, sizes: Sequence[float], t_end: float | None, stops: Sequence[float] = ()
+) -> np.ndarray:
+    """Return the end time of every step of these sizes; by default the last one is `t_end`.
+
+    Raises
+    ------
+    InputError
+        For stops, or an end, at which no step ends.
+
+    Examples
+    --------
+    >>> given_times(0.0, [0.1, 0.2, 0.1], 0.4, stops=[0.3]).tolist()
+    [0.1, 0.3, 0.4]
+    """
+    if problem := coarse_clock(max(abs(t), abs(t + sum(sizes))), min(sizes)):
+        raise InputError(f"dt = {min(sizes):g} s", problem, "march", EARLIER)
+    last = float(np.add.accumulate([t, *sizes])[-1]) if t_end is None else t_end
+    targets, ends = end_times(t, last, stops), []
+    for size in sizes:
+        ends.append(t + size)
+        near = targets[np.argmin(abs(targets - ends[-1]))]
+        if abs(near - ends[-1]) <= SAME * size:
+            ends[-1] = float(near)
+        t = ends[-1]
+    missed = np.setdiff1d(targets, ends)
+    if last in missed or ends[-1] != last:
+        allowed = f"must be the end of the last step, at {ends[-1]:.9g} s, or be left out"
+        raise InputError(f"t_end = {last:.9g}", f"with a list dt: {allowed}", "march")
+    if len(missed):
+        nearest = min(ends, key=lambda end: abs(end - missed[0]))
+        allowed = f"must be at the end of a step of the list dt; the nearest is {nearest:.9g} s"
+        raise InputError(f"stops: {missed[0]:.9g} s", allowed, "march")
+    return np.array(ends)
 
 
 def coarse_clock(t: float, dt: float) -> str:

@@ -1,0 +1,95 @@
+"""Steps whose sizes are given: they repeat a run whose steps were chosen."""
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.simulation.fixed_step import GivenSteps
+
+EXACT = fc.Newton(tolerance=1e-9, reuse=False)
+
+
+@pytest.fixture(scope="module")
+def system():
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    terms = [fc.StVK(), fc.StrainRateDamping(2e-3), fc.Gravity()]
+    return fc.System(cloth, fc.Fabric(0.2, 1000.0), terms, pins=["left"])
+
+
+def taken(system, method, dt=None, t_end=0.2, **known):
+    solver = {} if method.traits.explicit else {"solver": "direct", "newton": EXACT}
+    return list(fc.march(system, method, system.rest(), dt, t_end, **solver, **known))
+
+
+def same(one, other):
+    return one.t == other.t and np.array_equal(one.x, other.x) and np.array_equal(one.v, other.v)
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        fc.Adaptive(fc.BDF2(), rtol=1e-2),
+        fc.Adaptive(fc.ImplicitMidpoint(), rtol=3e-2),
+        fc.Adaptive(fc.GeneralizedAlpha(), rtol=1e-2),
+        fc.Adaptive(fc.CentralDifference(), rtol=1e-2),
+        fc.CentralDifference(),
+    ],
+    ids=str,
+)
+def test_a_run_with_chosen_steps_is_repeated_bit_for_bit(method, system):
+    stops = [0.03, 0.11]
+    chosen = taken(system, method, stops=stops)
+    sizes = [info.size for _, info in chosen]
+    assert np.ptp(sizes) > 0
+    inner = getattr(method, "method", method)
+    again = taken(system, inner, sizes, stops=stops)
+    assert len(again) == len(chosen)
+    for (one, _), (other, info) in zip(chosen, again, strict=True):
+        assert same(one, other)
+        assert info.size in sizes
+    without_end = taken(system, inner, np.array(sizes), None, stops=stops)
+    assert np.array_equal(without_end[-1][0].x, chosen[-1][0].x)
+
+
+def test_it_goes_on_from_its_memory(system):
+    sizes = 1e-3 * (1 + np.arange(12) % 3)
+    steps = taken(system, fc.BDF2(), sizes, None)
+    state, info = steps[4]
+    on = list(
+        fc.march(system, fc.BDF2(), state, sizes, solver="direct", newton=EXACT, memory=info.memory)
+    )
+    assert len(on) == 7
+    assert same(on[-1][0], steps[-1][0])
+
+
+def test_a_run_ends_at_the_sum_of_its_steps(system):
+    sizes = [1e-3, 2e-3, 3e-3]
+    result = fc.run(system, fc.BackwardEuler(), system.rest(), sizes, solver="direct")
+    assert result.times == pytest.approx([0.0, 1e-3, 3e-3, 6e-3])
+    assert repr(result.method) == "GivenSteps(BackwardEuler(), 3 of 0.001 to 0.003 s)"
+    equal = fc.run(system, fc.BackwardEuler(), system.rest(), [2e-3] * 5, 0.01, solver="direct")
+    fixed = fc.run(system, fc.BackwardEuler(), system.rest(), 2e-3, 0.01, solver="direct")
+    np.testing.assert_allclose(equal.state.x, fixed.state.x, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"dt": []}, r"dt = \[\]|dt = \(\): must be a number, or a list of at least one"),
+        ({"dt": [1e-3, 0.0]}, "must be a number, or a list of at least one, finite and > 0"),
+        ({"dt": [1e-3, "soon"]}, "dt"),
+        ({"dt": [[1e-3]]}, "must be a number, or a list"),
+        ({"dt": [1e-3] * 3, "t_end": 4e-3}, "t_end = 0.004.*end of the last step, at 0.003 s"),
+        ({"dt": [1e-3] * 3, "t_end": 2e-3}, "t_end = 0.002.*end of the last step, at 0.003 s"),
+        ({"dt": [1e-3] * 3, "stops": [1.5e-3]}, "stops: 0.0015 s.*nearest is 0.00[12] s"),
+    ],
+)
+def test_sizes_that_do_not_meet_the_times_are_refused(arguments, said, system):
+    with pytest.raises(fc.InputError, match=said):
+        fc.run(system, fc.BackwardEuler(), system.rest(), **arguments)
+
+
+def test_an_explicit_list_beyond_the_limit_is_refused(system):
+    with pytest.raises(fc.InputError, match="must be at most .* beyond it CentralDifference"):
+        fc.run(system, fc.CentralDifference(), system.rest(), [0.1, 0.1])
+    assert GivenSteps(fc.CentralDifference(), (1e-4,)).traits.explicit
