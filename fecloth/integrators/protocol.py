@@ -210,13 +210,13 @@ class ChoosesMethod(Protocol):
 class StepChoice(Integrator, Protocol):
     """A method together with the choice of its steps: `traits.chooses_dt` is True.
 
-    Its ``step(system, state, horizon, solver, memory)`` takes one step of any size up to
+    Its ``step(system, state, horizon, solver, memory, history)`` takes one step of any size up to
     `horizon` [s]; the time of the state that it returns says how long it was. Its traits are
     ``replace(method.traits, chooses_dt=True)``, and its memory contains that of the method.
 
-    `FixedStep`, `StabilityLimited` and `Adaptive` of `fecloth.simulation` are such values, and
-    `simulation.resolve.choose_steps` decides between them. The base `ChosenSteps` has all but
-    `traits`, `step` and `numerical` of a value whose steps are not fixed.
+    `FixedStep`, `GivenSteps`, `StabilityLimited` and `Adaptive` of `fecloth.simulation` are such
+    values, and `simulation.resolve.choose_steps` decides between them. The base `ChosenSteps` has
+    all but `method`, `traits` and `step` of a value whose steps are not fixed.
     """
 
     @property

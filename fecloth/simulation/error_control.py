@@ -152,10 +152,6 @@ class Adaptive(ChosenSteps):
         """Those of the method, with chosen steps, which stay below an explicit method's limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
-    def numerical(self, system: System, old: State, step: Step) -> float:
-        """Numerical dissipation [J] of a step, by the method's own formula."""
-        return self.method.numerical(system, old, step)
-
     def start(self, system: System, state: State, longest: float) -> Control:
         """Choose the first step so that its error, estimated by differences, is the allowed one.
 

@@ -14,14 +14,14 @@ from fecloth.errors import InputError, brief, floats
 from fecloth.integrators.protocol import Integrator, MethodTraits, check_step, take_step
 from fecloth.integrators.step import Step
 from fecloth.simulation.stability_limited import refuse_unstable
-from fecloth.simulation.step_times import ChosenSteps, check_mass, given_times, step_times
+from fecloth.simulation.step_times import ChosenSteps, given_times, step_times
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.records import remembered
 
 
 @dataclass(frozen=True)
-class FixedStep:
+class FixedStep(ChosenSteps):
     """A method with steps of one size, shortened only to end at a stop or at the end.
 
     Parameters
@@ -38,7 +38,7 @@ class FixedStep:
     """
 
     method: Integrator
-    dt: float
+    dt: float  # type: ignore[assignment]  # None in the base, which fixes no size
 
     def __post_init__(self):
         if not isinstance(self.dt, Real) or isinstance(self.dt, bool):
@@ -67,19 +67,11 @@ class FixedStep:
         """Raise `InputError` if dt is beyond the stability limit; see `refuse_unstable`."""
         refuse_unstable(system, self.method, state, self.dt, insist)
 
-    def check(self, system: System) -> None:
-        """Raise `InputError` for a system that the method cannot step."""
-        check_mass(self.method, system)
-
     def step(
         self, system: System, state: State, horizon: float, solver, memory=None, history=None
     ) -> Step:
         """One step of the method, to the next end of a step."""
         return take_step(self.method, system, state, horizon, solver, memory, history)
-
-    def numerical(self, system: System, old: State, step: Step) -> float:
-        """Numerical dissipation [J] of a step, by the method's own formula."""
-        return self.method.numerical(system, old, step)
 
 
 @remembered
@@ -152,10 +144,6 @@ class GivenSteps(ChosenSteps):
             check_step(step, self.method)
         after = GivenMemory(memory.number + 1, step.memory)
         return replace(step, memory=after, size=size)
-
-    def numerical(self, system: System, old: State, step: Step) -> float:
-        """Numerical dissipation [J] of a step, by the method's own formula."""
-        return self.method.numerical(system, old, step)
 
     def __repr__(self) -> str:
         least, most = min(self.sizes), max(self.sizes)

@@ -87,10 +87,6 @@ class StabilityLimited(ChosenSteps):
         """Those of the method, with steps chosen below its limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
-    def numerical(self, system: System, old: State, step: Step) -> float:
-        """Numerical dissipation [J] of a step, by the method's own formula."""
-        return self.method.numerical(system, old, step)
-
     def step(
         self,
         system: System,

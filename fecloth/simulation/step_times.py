@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
 from fecloth.errors import InputError, floats
 from fecloth.integrators.protocol import chooses_method, method_of
+from fecloth.integrators.step import Step
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -99,8 +101,9 @@ def coarse_clock(t: float, dt: float) -> str:
 
 
 class ChosenSteps:
-    """Base of values whose steps have no fixed size; see `integrators.protocol.StepChoice`."""
+    """Base of choices of steps, by default of no fixed size: `integrators.protocol.StepChoice`."""
 
+    method: Any
     dt: None = None
 
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
@@ -111,6 +114,10 @@ class ChosenSteps:
         """Raise `InputError` for a system that the method cannot step."""
         if not chooses_method(self):  # Auto has none yet
             check_mass(method_of(self), system)
+
+    def numerical(self, system: System, old: State, step: Step) -> float:
+        """Numerical dissipation [J] of a step, by the method's own formula."""
+        return self.method.numerical(system, old, step)
 
     def check_start(self, system: System, state: State, insist: str = "") -> None:
         """Nothing to refuse: the steps are chosen so that the method can take them."""

@@ -13,7 +13,7 @@ Numer. Anal. 14, 1006–1021.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import fecloth as fc
 from fecloth import integrators
@@ -38,15 +38,16 @@ class SDIRK2(integrators.WithMemory):  # the memory serves the energy balance
     gamma = 1 - math.sqrt(0.5)  # error constant: coefficient of z³ in R(z) minus that in exp z
     traits = integrators.MethodTraits(order=2, error_constant=3 * gamma**2 - 2 * gamma**3 - 1 / 6)
 
-    def step(self, system, state, dt, solver, memory=None):
+    def step(self, system, state, dt, solver, memory=None, history=None):
         euler, h, rest = Theta(1.0), self.gamma * dt, (1 - self.gamma) * dt
-        a = euler.step(system, state, h, solver, memory)
+        a = euler.step(system, state, h, solver, memory, history)
         x, v = state.x + rest * a.state.v, state.v + rest / h * (a.state.v - state.v)
         end = integrators.prescribed_end(system, state, rest)
         middle = integrators.set_prescribed(system, fc.State(state.t + rest, x, v), end)
-        b = euler.step(system, middle, h, solver, a.memory)
+        b = euler.step(system, middle, h, solver, a.memory, history)  # what terms remember at y₀
         counts, slope = a.counts.plus(b.counts), (b.state.v - middle.v) / h
-        return integrators.Step(b.state, b.state, b.memory, counts, ends=(system, state), a=slope)
+        ends = system.with_history(history), state
+        return replace(b, balanced_at=b.state, counts=counts, ends=ends, a=slope)
 
 
 if __name__ == "__main__":
