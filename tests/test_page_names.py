@@ -13,6 +13,7 @@ from support.pages import NAMES, ROOT, SPANS, anchors, read
 
 import fecloth as fc
 from fecloth.cli import main as cli
+from fecloth.integrators.opening import Opening
 from fecloth.quantities import formula_functions
 from fecloth.scene import table_model
 from fecloth.simulation.march import StepInfo
@@ -20,6 +21,7 @@ from fecloth.simulation.march import StepInfo
 # what a call or a name in a code span may begin with, beside fecloth's own
 ROOTS = {"system": fc.System, "cloth": fc.Cloth, "fabric": fc.Fabric, "state": fc.State}
 ROOTS |= {"result": fc.Result, "info": StepInfo, "StepInfo": StepInfo}
+ROOTS |= {"method": fc.Newmark, "opening": Opening}
 ROOTS |= {"fc": fc, "fecloth": fc, "C": None, "frequency": None}  # frequency(2) is a quantity
 ROOTS |= dict.fromkeys((*dir(builtins), *formula_functions.FUNCTIONS))
 TEXT = "\n".join(map(read, NAMES))
