@@ -133,9 +133,11 @@ class EnergyMomentum(StageMethod):
         over = system.over_step(self.difference(state, dt), history)
         mass, t = system.diagonal_mass, state.t + 0.5 * dt
 
-        def conserve(term: BoundTerm, near: BoundTerm) -> BoundTerm:
+        def conserve(term: BoundTerm, near: BoundTerm, record: object) -> BoundTerm:
             if near.conserves or not term.has_energy:
                 return near
-            return DiscreteGradient(term, near, state.x, mass, t)
+            of_step = term if record is None else near
+            return DiscreteGradient(of_step, near, state.x, mass, t)
 
-        return system.with_bound(map(conserve, system.bound, over.bound))
+        records = history or (None,) * len(system.bound)
+        return system.with_bound(map(conserve, system.bound, over.bound, records))

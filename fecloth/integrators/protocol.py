@@ -325,7 +325,7 @@ def check_history(system: System, method: Any, history: History | None) -> None:
     """Raise `InputError` if terms keep a history, and a function of the method takes none."""
     if history is None:
         return
-    chosen = getattr(method, "method", method)  # of a method that chooses its steps
+    chosen = method_of(method)
     for each, name in ((method, "step"), (chosen, "step"), (chosen, "over_step")):
         function = getattr(each, name, None)
         if function is not None and "history" not in signature(function).parameters:

@@ -50,7 +50,7 @@ class DiscreteGradient(BoundTerm):
     Attributes
     ----------
     term
-        It has the energy.
+        It has the energy: of a term with a history `near`, whose energy has the heat of the step.
     near
         It has the force f and the tangent: the term, or what its `over_step` gave.
     start
@@ -124,6 +124,14 @@ class DiscreteGradient(BoundTerm):
     def power(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
         """Dissipated power [W]."""
         return self.term.power(x, v, t)
+
+    @property
+    def dissipates_over_step(self) -> bool:
+        return self.near.dissipates_over_step
+
+    def dissipation(self, x: np.ndarray) -> float:
+        """Energy [J] dissipated in the step that ends at x."""
+        return self.near.dissipation(x)
 
     def commit(self, x: np.ndarray, t: float) -> Any:
         """The record of the term after the step."""

@@ -105,24 +105,21 @@ def test_steps_that_are_rejected_leave_no_trace(system):
     assert rejected > 0
 
 
-@pytest.mark.parametrize("name", ["backward_euler", "bdf2", "newmark", "generalized_alpha"])
+@pytest.mark.parametrize(
+    "name", ["backward_euler", "bdf2", "newmark", "generalized_alpha", "energy_momentum"]
+)
 def test_the_ledger_closes_with_what_slips(name, system):
-    """The energies of methods that account for all of a step's forces, with the heat at its end."""
+    """The remainder is that of a run without the term, but for a thousandth of the heat."""
     run = {"solver": "direct", "newton": TIGHT}
-    result = fc.run(system, made(name), taut_start(system), 5e-5, STEPS * DT, **run)
-    energies, heat = result.energies, result.energies["dissipated:Sliders"]
+    alone = replace(system, terms=[fc.StVK(), fc.Gravity()])
+    energies, without = (
+        fc.run(each, made(name), taut_start(each), 5e-5, STEPS * DT, **run).energies
+        for each in (system, alone)
+    )
+    heat, least = energies["dissipated:Sliders"], abs(without["remainder"]).max()
     assert heat[-1] > 1e-5
     assert (np.diff(heat) >= 0).all()
-    alone = fc.run(
-        replace(system, terms=[fc.StVK(), fc.Gravity()]),
-        made(name),
-        taut_start(system),
-        5e-5,
-        STEPS * DT,
-        **run,
-    )
-    without = abs(alone.energies["remainder"]).max()
-    assert abs(energies["remainder"]).max() < 1.1 * without + 1e-3 * heat[-1]
+    assert abs(energies["remainder"]).max() < 1.1 * least + 1e-3 * heat[-1]
 
 
 def test_explicit_steps_with_a_history_are_not_fused(system):
