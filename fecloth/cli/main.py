@@ -253,10 +253,7 @@ def _run(options) -> int:
 
     if count_processes() == 1:
         return _run_one(options)
-    from fecloth.distributed.guard import start_guarded
-
     use_one_thread()
-    start_guarded()
     from fecloth.distributed.launch import run_on_all
 
     return run_on_all(lambda make_system: _run_one(options, make_system))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
 
 from fecloth.distributed.part_system import PartDescription
 from fecloth.distributed.partition import Part
-from fecloth.distributed.worker import Worker
+from fecloth.distributed.worker import ABILITIES, Worker
+from fecloth.terms.step_difference import StepDifference
 
 
 class Link(Protocol):
@@ -78,11 +79,15 @@ class Crew:
             self.link.each("forget", [(keys,)] * len(self.parts))
         return self.link.each(name, [arguments(part) for part in self.parts])
 
-    def total(self, name: str, *arguments: Any) -> float:
-        """The sum of what the workers return."""
-        return float(sum(self.call(name, *arguments)))
+    def ask(self, key: Any, name: str, *arguments: Any) -> Any:
+        """What an ability of a term, one of `ABILITIES`, returns for the whole cloth."""
+        ability = ABILITIES[name]
+        self.place(*arguments[: ability.placed])
+        others = arguments[ability.placed :]
+        shares = self.each("ask", lambda part: (key, name, cut(others, part.nodes)))
+        return ability.gather(self.parts, shares)
 
-    def place(self, x: np.ndarray, v: np.ndarray | None = None) -> None:
+    def place(self, x: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
         """Give each worker positions, and velocities, where they are not what it has."""
         for name, y in (("x", x), ("v", v)):
             if y is None or np.array_equal(self.placed.get(name, np.empty(0)), y):
@@ -96,3 +101,14 @@ class Crew:
         for part, own in zip(self.parts, rows, strict=True):
             out[part.own_nodes] += own
         return out
+
+
+def cut(value: Any, nodes: np.ndarray) -> Any:
+    """What a part needs of an argument: of arrays the rows of its nodes."""
+    if isinstance(value, np.ndarray):
+        return value[nodes]
+    if isinstance(value, tuple | list):
+        return tuple(cut(each, nodes) for each in value)
+    if isinstance(value, StepDifference):
+        return replace(value, start=cut(value.start, nodes), past=cut(value.past, nodes))
+    return value

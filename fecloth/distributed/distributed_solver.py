@@ -7,6 +7,7 @@ import time
 import numpy as np
 
 from fecloth.distributed.crew import Crew
+from fecloth.distributed.petsc_solver import TooManyIterations
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.protocol import SolveInfo
@@ -121,11 +122,3 @@ class DistributedSolver:
             return b[part.own_nodes], rtol, start
 
         return self.crew.each("solve", own)
-
-
-class TooManyIterations(SolveFailed):
-    """The iteration was given up."""
-
-
-class SpoiledPreconditioner(IndefiniteMatrix):
-    """The preconditioner, and perhaps the matrix, is not positive definite."""

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
+from typing import Any
 
 from fecloth.distributed.distributed_system import DistributedSystem
-from fecloth.distributed.mpi_link import MpiLink, abort, load, work
-from fecloth.errors import FeclothError
+from fecloth.distributed.part_system import PartDescription
+from fecloth.distributed.worker import Worker
+from fecloth.errors import FeclothError, InputError
 
 MakeSystem = Callable[..., DistributedSystem]
+FAILED = 3  # exit status of a run whose processes cannot go on
+LONGEST_NAP = 1e-3  # [s] between two looks for a call: a process that waits leaves its core
 
 
 def run_on_all(run: Callable[[MakeSystem], int]) -> int:
@@ -40,3 +48,109 @@ def run_on_all(run: Callable[[MakeSystem], int]) -> int:
         raise
     link.end()
     return status
+
+
+def load() -> Any:
+    """The communicator of all processes, for Python objects with large arrays.
+
+    Raises
+    ------
+    InputError
+        Without mpi4py or petsc4py.
+    """
+    try:
+        with suppress(ImportError):
+            import dolfinx_solver  # noqa: F401  # this wheel's libraries must be loaded first
+        import petsc4py  # noqa: F401
+        from mpi4py import MPI
+        from mpi4py.util import pkl5
+    except ImportError as error:
+        what, allowed = f"a run on several processes: {error}", "needs mpi4py and petsc4py"
+        remedy = "fecloth/distributed/README.md says how to install them."
+        raise InputError(what, allowed, "mpiexec", remedy) from error
+    return pkl5.Intracomm(MPI.COMM_WORLD)
+
+
+class MpiLink:
+    """A `Link` from the first process of a communicator."""
+
+    def __init__(self, comm: Any):
+        self.comm, self.size = comm, comm.size
+        self.here: Worker | None = None
+
+    def begin(self, descriptions: Sequence[PartDescription]) -> Worker:
+        """Make one worker of each description, and return that of this process."""
+        self.each("", [(one,) for one in descriptions])
+        assert self.here is not None
+        return self.here
+
+    def each(self, name: str, arguments: Sequence[tuple]) -> list:
+        """What the function `name` of each worker returns for its own arguments.
+
+        Raises
+        ------
+        FeclothError
+            The first error of a worker.
+        """
+        for rank in range(1, self.size):
+            self.comm.send((name, arguments[rank]), dest=rank)
+        self.here, here = _perform(self.comm, self.here, name, arguments[0])
+        replies = [here, *(self.comm.recv(source=rank) for rank in range(1, self.size))]
+        error = next((reply for reply in replies if isinstance(reply, FeclothError)), None)
+        if error is None:
+            return replies
+        del replies, here  # its traceback has this frame, and would keep it and all arrays
+        try:
+            raise error
+        finally:
+            del error
+
+    def end(self) -> None:
+        """Let the other processes end."""
+        for rank in range(1, self.size):
+            self.comm.send(("end", ()), dest=rank)
+
+
+def work(comm: Any) -> None:
+    """Do what the first process asks, until it says "end"."""
+    worker: Worker | None = None
+    while True:
+        _wait(comm)
+        name, arguments = comm.recv(source=0)
+        if name == "end":
+            return
+        worker, reply = _perform(comm, worker, name, arguments)
+        comm.send(reply, dest=0)
+
+
+def _perform(comm: Any, worker: Worker | None, name: str, arguments: tuple) -> tuple:
+    """The worker, new for the name "", and its reply: a value, or an error of fecloth.
+
+    Any other error ends all processes, as they would wait for this one for ever.
+    """
+    try:
+        if not name:
+            if worker:
+                worker.close()
+            return Worker(*arguments), None
+        return worker, getattr(worker, name)(*arguments)
+    except FeclothError as failure:
+        return worker, failure
+    except BaseException as error:
+        abort(comm, error)
+        raise
+
+
+def abort(comm: Any, error: BaseException) -> None:
+    """Print an error, and end all processes with status 3."""
+    traceback.print_exception(error)
+    print(f"failed: process {comm.rank} ended all: {error!r}", file=sys.stderr, flush=True)
+    comm.Abort(FAILED)
+
+
+def _wait(comm: Any) -> None:
+    """Return when there is a call; sleep longer the longer there is none."""
+    nap = 1e-6
+    while not comm.iprobe(source=0):
+        time.sleep(nap)
+        nap = min(2 * nap, LONGEST_NAP)

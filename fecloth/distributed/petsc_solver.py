@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.distributed.distributed_solver import SpoiledPreconditioner, TooManyIterations
 from fecloth.distributed.partition import Part
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.block_matrix import BlockMatrix
@@ -47,8 +46,16 @@ ROWS = 20_000  # of nodes whose blocks are copied at once
 LOST = 2.0  # times rtol: what the true residual may be above that of the recurrence
 
 
+class TooManyIterations(SolveFailed):
+    """The iteration was given up."""
+
+
+class SpoiledPreconditioner(IndefiniteMatrix):
+    """The preconditioner, and perhaps the matrix, is not positive definite."""
+
+
 def load() -> Any:
-    """The module PETSc of petsc4py, initialised; `mpi_link.load` has loaded what it needs."""
+    """The module PETSc of petsc4py, initialised; `launch.load` has loaded what it needs."""
     import petsc4py
 
     petsc4py.init(["fecloth", "-no_signal_handler"])

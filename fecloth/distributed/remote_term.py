@@ -1,57 +1,73 @@
-"""The whole cloth as the first process sees it, with terms whose loops run on all processes."""
+"""A term of the whole cloth as the first process sees it, whose loops run on all processes."""
 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import count
+from types import FunctionType
 from typing import Any
 
-import numpy as np
-
-from fecloth.distributed.crew import Crew
-from fecloth.distributed.worker import cut_step
+from fecloth.distributed.crew import Crew, cut
+from fecloth.distributed.worker import ABILITIES
+from fecloth.errors import InputError
 from fecloth.terms.protocol import BoundTerm, has_own
 from fecloth.terms.step_difference import StepDifference
 
+OFFERED = {*ABILITIES, "add_force", "add_tangent", "over_step"}
+NOT_NEEDED = {"here", "nbytes", "force_calls"}  # on several processes
 _new_keys = count()
 
 
-@dataclass(frozen=True, eq=False)
-class RemoteTerm:
+def _on_all(name: str) -> Any:
+    """One of `ABILITIES`, asked of all processes."""
+    return lambda self, *arguments: self.crew.ask(self.key, name, *arguments)
+
+
+def _as_here(name: str) -> Any:
+    """What the term says of itself on this process."""
+    return property(lambda self: getattr(self.near, name))
+
+
+class RemoteTerm(BoundTerm):
     """A bound term of the whole cloth; each process has it bound to a part.
 
-    It has the abilities that the term has on this process, as far as they are functions here, and
-    the plain attributes of that. What the term has not does nothing here either.
-
-    Attributes
+    Parameters
     ----------
     crew, key
         The processes, and the name of the term there.
     near
         The term as it is bound to the part of this process.
+
+    Raises
+    ------
+    InputError
+        For a term with an ability that several processes do not offer.
     """
 
-    crew: Crew
-    key: Any
-    near: Any
+    def __init__(self, crew: Crew, key: Any, near: BoundTerm):
+        self.crew, self.key, self.near = crew, key, near
+        own = (name for name, each in vars(BoundTerm).items() if isinstance(each, FunctionType))
+        for name in own:
+            if name not in OFFERED | NOT_NEEDED and has_own(near, name):
+                allowed = "is not offered by several processes"
+                raise InputError(f"{name} of {near.name}", allowed, "mpiexec", "Run on one.")
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        value = getattr(self.near, name)
-        if not callable(value):
-            return value
-        if not has_own(self.near, name):
-            return vars(BoundTerm)[name].__get__(self)
-        if name not in ABILITIES:
-            raise AttributeError(f"{name} of {self.near.name} is not offered by several processes")
-        return ABILITIES[name].__get__(self)
+    name, symmetric, load = map(_as_here, ("name", "symmetric", "load"))
+    has_energy, dissipative = map(_as_here, ("has_energy", "dissipative"))
+    velocity_dependent, stores_strain = map(_as_here, ("velocity_dependent", "stores_strain"))
+    no_equilibrium, needs_end = map(_as_here, ("no_equilibrium", "needs_end"))
+    needs_difference, steady_air = map(_as_here, ("needs_difference", "steady_air"))
+    supplies, has_stress = map(_as_here, ("supplies", "has_stress"))
+    recovers_strain, knows_steps = map(_as_here, ("recovers_strain", "knows_steps"))
+    dissipates_over_step = _as_here("dissipates_over_step")
 
-    def here(self) -> BoundTerm:
-        """The term as it is bound to the part of this process."""
-        return self.near
+    energy, power, supply = map(_on_all, ("energy", "power", "supply"))
+    dissipation, work_of_clamps = map(_on_all, ("dissipation", "work_of_clamps"))
+    rate_bounds, strain_error = map(_on_all, ("rate_bounds", "strain_error"))
+
+    def add_stress(self, x, out) -> None:
+        """Out += the stress of all triangles."""
+        out += self.crew.ask(self.key, "add_stress", x)
 
     def add_force(self, x, v, t, f) -> None:
         """f += the force [N]."""
@@ -63,81 +79,17 @@ class RemoteTerm:
         self.crew.place(x, v)
         self.crew.call("add_tangent", self.key, t, wx, wv, definite)
 
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """The largest bounds of all parts."""
-        bounds = self.crew.each("rate_bounds", lambda part: (self.key, mass[part.nodes]))
-        return max(b[0] for b in bounds), max(b[1] for b in bounds)
+    def over_step(self, step: StepDifference) -> BoundTerm:
+        """The term over a step, which each process keeps until the last one forgets it."""
+        crew = self.crew
+        if self.near.over_step(cut(step, crew.parts[0].nodes)) is self.near:
+            return self
+        new = "step", next(_new_keys)
+        crew.each("over_step", lambda part: (self.key, new, cut(step, part.nodes)))
+        over = RemoteTerm(crew, new, crew.here.terms[new])
+        weakref.finalize(over, crew.forgotten.append, new)
+        return over
 
-
-def _energy(self: RemoteTerm, x, t) -> float:
-    self.crew.place(x)
-    return self.crew.total("energy", self.key, t)
-
-
-def _power(self: RemoteTerm, x, v, t) -> float:
-    self.crew.place(x, v)
-    return self.crew.total("power", self.key, t)
-
-
-def _supply(self: RemoteTerm, x, v, t) -> float:
-    self.crew.place(x, v)
-    return self.crew.total("supply", self.key, t)
-
-
-def _dissipation(self: RemoteTerm, x) -> float:
-    self.crew.place(x)
-    return self.crew.total("dissipation", self.key)
-
-
-def _add_stress(self: RemoteTerm, x, out) -> None:
-    self.crew.place(x)
-    _gather_cells(self.crew, self.crew.call("stress", self.key), out)
-
-
-def _strain_error(self: RemoteTerm, x, t) -> np.ndarray:
-    self.crew.place(x)
-    error = np.zeros(sum(map(len, rows := self.crew.call("strain_error", self.key, t))))
-    _gather_cells(self.crew, rows, error)
-    return error
-
-
-def _gather_cells(crew: Crew, rows: Sequence[np.ndarray], out: np.ndarray) -> None:
-    """out += the rows of the triangles that count in each part."""
-    for part, own in zip(crew.parts, rows, strict=True):
-        out[part.cells[part.counted(part.triangles)]] += own
-
-
-def _work_of_clamps(self: RemoteTerm, old, new, stages) -> float:
-    def cut(part) -> tuple:
-        def at(place):
-            return place[0][part.nodes], place[1]
-
-        return self.key, at(old), at(new), [at(stage) for stage in stages]
-
-    return float(sum(self.crew.each("work_of_clamps", cut)))
-
-
-def _over_step(self: RemoteTerm, step: StepDifference) -> RemoteTerm:
-    crew = self.crew
-    if self.near.over_step(cut_step(step, crew.parts[0].nodes)) is self.near:
-        return self
-    new = "step", next(_new_keys)
-    crew.each("over_step", lambda part: (self.key, new, cut_step(step, part.nodes)))
-    over = RemoteTerm(crew, new, crew.here.terms[new])
-    weakref.finalize(over, crew.forgotten.append, new)
-    return over
-
-
-ABILITIES: dict[str, Callable] = {
-    "energy": _energy,
-    "power": _power,
-    "supply": _supply,
-    "dissipation": _dissipation,
-    "add_stress": _add_stress,
-    "strain_error": _strain_error,
-    "work_of_clamps": _work_of_clamps,
-    "over_step": _over_step,
-}
-
-
-__all__ = ["ABILITIES", "RemoteTerm"]
+    def here(self) -> BoundTerm:
+        """The term as it is bound to the part of this process."""
+        return self.near

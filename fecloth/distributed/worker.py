@@ -3,18 +3,72 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from fecloth.distributed.part_system import PartDescription
+from fecloth.distributed.partition import Part
+from fecloth.distributed.petsc_solver import PetscSolver
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.runs.environment import peak_memory
 from fecloth.terms.step_difference import StepDifference
 
 Rows = np.ndarray
+
+
+# --- what the processes return together -----------------------------------------------------------
+
+
+def total(parts: Sequence[Part], shares: Sequence[float]) -> float:
+    """The sum of numbers."""
+    return float(sum(shares))
+
+
+def largest(parts: Sequence[Part], shares: Sequence[tuple]) -> tuple:
+    """The largest of each number of tuples."""
+    return tuple(max(numbers) for numbers in zip(*shares, strict=True))
+
+
+def cells(parts: Sequence[Part], shares: Sequence[Rows]) -> Rows:
+    """The rows of all triangles, each from the part where it counts."""
+    out = np.zeros((sum(map(len, shares)), *shares[0].shape[1:]))
+    for part, own in zip(parts, shares, strict=True):
+        out[part.cells[part.counted(part.triangles)]] = own
+    return out
+
+
+@dataclass(frozen=True)
+class Ability:
+    """How an ability of a bound term is asked of all processes.
+
+    Attributes
+    ----------
+    gather
+        Makes the whole of what the parts return.
+    placed
+        Number of its first arguments, x and v, that each process has: `Worker.place_x`.
+    width
+        Columns of the array of triangles to which it adds, its last argument; 0: it returns.
+    """
+
+    gather: Callable[[Sequence[Part], Sequence], Any]
+    placed: int = 1
+    width: int = 0
+
+
+ABILITIES = {
+    "energy": Ability(total),
+    "power": Ability(total, placed=2),
+    "supply": Ability(total, placed=2),
+    "dissipation": Ability(total),
+    "work_of_clamps": Ability(total, placed=0),
+    "rate_bounds": Ability(largest, placed=0),
+    "strain_error": Ability(cells),
+    "add_stress": Ability(cells, width=4),
+}
 
 
 class Worker:
@@ -29,7 +83,7 @@ class Worker:
         self.part, self.system = description.part, description.make()
         self.terms: dict[Any, Any] = dict(enumerate(self.system.bound))
         self.x = self.v = np.zeros((len(self.part.nodes), 3))
-        self.solver: Any = None
+        self.solver: Any = None  # a `PetscSolver` from `create_solver` on
         self._matrix: BlockMatrix | None = None
         cells = self.part.counted(self.system.cloth.triangles)
         self.own_cells = np.flatnonzero(cells)
@@ -60,34 +114,16 @@ class Worker:
             self.terms[key].add_force(self.x, self.v, t, f)
         return f[self.part.own]
 
-    def energy(self, key, t: float) -> float:
-        return float(self.terms[key].energy(self.x, t))
-
-    def power(self, key, t: float) -> float:
-        return float(self.terms[key].power(self.x, self.v, t))
-
-    def supply(self, key, t: float) -> float:
-        return float(self.terms[key].supply(self.x, self.v, t))
-
-    def dissipation(self, key) -> float:
-        return float(self.terms[key].dissipation(self.x))
-
-    def work_of_clamps(self, key, old, new, stages) -> float:
-        return float(self.terms[key].work_of_clamps(old, new, stages))
-
-    def stress(self, key) -> Rows:
-        """What the term adds to the stress of frames, of the triangles that count here."""
-        out = np.zeros((len(self.part.cells), 4))
-        self.terms[key].add_stress(self.x, out)
-        return out[self.own_cells]
-
-    def strain_error(self, key, t: float) -> Rows:
-        error: np.ndarray = self.terms[key].strain_error(self.x, t)
-        return error[self.own_cells]
-
-    def rate_bounds(self, key, mass: np.ndarray) -> tuple[float, float]:
-        bounds: tuple[float, float] = self.terms[key].rate_bounds(mass)
-        return bounds
+    def ask(self, key, name: str, arguments: tuple) -> Any:
+        """What one of the `ABILITIES` of a term returns for the part."""
+        ability, function = ABILITIES[name], getattr(self.terms[key], name)
+        placed = (self.x, self.v)[: ability.placed]
+        if ability.width:
+            out = np.zeros((len(self.part.cells), ability.width))
+            function(*placed, *arguments, out)
+        else:
+            out = function(*placed, *arguments)
+        return out[self.own_cells] if ability.gather is cells else out
 
     def reaction_limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Nodes of the whole cloth, and their limits, of `ReactionLimits`."""
@@ -126,8 +162,6 @@ class Worker:
     def create_solver(self, kind: str, symmetric: bool, owned: Sequence[int], numbers) -> None:
         """Make the part's share of the solver, or another one; see `PetscSolver`."""
         if self.solver is None:
-            from fecloth.distributed.petsc_solver import PetscSolver
-
             self.solver = PetscSolver(self.part, self.matrix, owned, numbers)
         self.solver.begin(kind, symmetric)
 
@@ -154,9 +188,3 @@ class Worker:
             "peak_memory_MB": peak_memory(),
             "cpu_seconds": time.process_time(),
         }
-
-
-def cut_step(step: StepDifference, nodes) -> StepDifference:
-    """A step with the rows of some nodes."""
-    past = tuple((weight, x[nodes]) for weight, x in step.past)
-    return replace(step, start=step.start[nodes], past=past)
