@@ -83,3 +83,15 @@ def test_the_power_of_friction_is_its_force_times_the_velocity(kind, tmp_path):
     term.add_force(x, 0 * v, 0.0, rests)
     assert term.power(x, v, 0.0) == pytest.approx(-np.vdot(slides - rests, v), rel=1e-12)
     assert term.power(x, v, 0.0) > 0.0
+
+
+@pytest.mark.parametrize("shape", ["z - 0.1*t", "2*z - 0.2*t"])
+def test_a_shape_that_deforms_works_at_the_speed_of_its_surface(shape):
+    """A floor that rises at 0.1 m/s, as a formula: the force across times 0.1 m/s."""
+    cloth = fc.Cloth.rectangle(0.1, 0.05, 0.05, "right")
+    floor = fc.Obstacle(fc.shapes.Sdf(shape), GAP, stiffness=KAPPA)
+    (term,) = fc.System(cloth, FABRIC, [floor]).bound
+    x, f = flat(cloth) + [0, 0, 0.01 + 0.2 * GAP], np.zeros((len(cloth.X), 3))
+    term.add_force(x, 0 * x, 0.1, f)
+    assert f[:, 2].sum() > 0
+    assert term.supply(x, 0 * x, 0.1) == pytest.approx(0.1 * f[:, 2].sum(), rel=1e-9)
