@@ -185,7 +185,7 @@ def test_tune_chooses_the_mesh_of_a_function_with_them():
         system = fc.System(cloth, FABRIC, [Rubber(), Ribs(), Breeze(5.0)], pins=["left"])
         return cloth, system, None, system.rest()
 
-    tuned = fc.tune(pushed, "20%", "path of tip", h=0.125, probes=TIP)
+    tuned = fc.tune(pushed, "20%", "tip.y", h=0.125, probes=TIP)
     assert tuned.proved
 
 
