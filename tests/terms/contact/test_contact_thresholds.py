@@ -140,6 +140,7 @@ def test_an_edge_is_divided_where_a_triangle_dips_in_by_a_quarter_of_the_gap(par
 def test_an_edge_has_eight_parts_at_most_and_the_rest_is_told(needed, parts, cuts):
     term, cloth, found = bound_triangle(0.25 * (needed - 0.1) ** 2)
     assert found == parts
+    assert sum(one.areas.sum() for one in term.points) == pytest.approx(cloth.area)
     assert (cutting_depth(term, cloth) > 0) == cuts
 
 
