@@ -12,6 +12,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.dihedral_angle import angles, condition
 from fecloth.terms.loops import bound_condition
+from fecloth.terms.loops.rigid_condition import RigidCondition
 from fecloth.terms.traits import HINGES
 
 CONVEX = (0,)  # one component, whose ∂²θ is indefinite
@@ -99,7 +100,7 @@ class HingeBending:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.hinges.nodes
 
-    def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition:
+    def bind(self, panel: Panel, slots) -> RigidCondition:
         hinges = panel.cloth.hinges
         rest = np.atleast_1d(0.0 if self.rest is None else self.rest)
         if rest.size not in (1, len(hinges.nodes)):
@@ -153,7 +154,7 @@ def bind(name, panel, slots, rest, stiffness, damping, tangent="symmetric"):
     nodes = panel.cloth.hinges.nodes
     data = nodes, np.broadcast_to(rest, len(nodes))[:, None], stiffness, damping
     bound = bound_condition.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)
-    return bound_condition.RigidCondition(**vars(bound))
+    return RigidCondition(**vars(bound))
 
 
 KERNELS = bound_condition.kernels(condition)

@@ -22,8 +22,7 @@ from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.custom.finite_differences import WEIGHTS
-from fecloth.terms.loops import membrane
-from fecloth.terms.loops.regge_membrane import BoundRegge
+from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.traits import MEMBRANE
 
 
@@ -98,7 +97,7 @@ class MembraneLaw:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane | BoundRegge:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         name, constants = type(self).__name__, panel.each(self._row)
         moduli = panel.each(lambda fabric: _raise_eigenvalues(self.moduli(fabric)))
         try:
@@ -178,10 +177,10 @@ def _compile_law(law: Callable) -> Callable:
 
 
 @cache
-def _kernels(law: Callable) -> membrane.MembraneKernels:
+def _kernels(law: Callable) -> membrane_loops.Kernels:
     """Compile the entry points of a law."""
     exact = inner(insert(floating_point, law=_compile_law(law)))
-    return membrane.kernels(exact, inner(insert(definite, law=exact)))
+    return membrane_loops.kernels(exact, inner(insert(definite, law=exact)))
 
 
 VOIGT = ((0, 3, 4), (3, 1, 5), (4, 5, 2))  # ℂ as a matrix on (E11, E22, 2 E12)

@@ -16,8 +16,8 @@ from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.hinge import HingeBending, bind, hinge_stiffness
 from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
-from fecloth.terms.loops import bound_condition
 from fecloth.terms.loops.array_updates import clear, scale
+from fecloth.terms.loops.rigid_condition import RigidCondition
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.traits import DAMPING
 
@@ -76,7 +76,7 @@ class BendingDamping:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.edge_slopes.pairs if self._is_plate(cloth) else cloth.hinges.nodes
 
-    def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition | BoundPlateDamping:
+    def bind(self, panel: Panel, slots) -> RigidCondition | BoundPlateDamping:
         if self._is_plate(panel.cloth):
             angles = bind_angles(panel, slots, "BendingDamping")
             return BoundPlateDamping(angles, self.time, self.tangent == "symmetric")

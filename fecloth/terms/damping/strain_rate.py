@@ -9,27 +9,18 @@ from typing import Annotated, Any
 import numpy as np
 
 from fecloth.compiled.calls import Call, Calls
-from fecloth.compiled.jit import inner, kernel
+from fecloth.compiled.jit import Array
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import TIME
-from fecloth.terms.damping.regge_strain_rate import BoundReggeRate
-from fecloth.terms.damping.strain_rate_over_step import StrainRateOverStep
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
-from fecloth.terms.loops.green_strain import (
-    clamp,
-    contract,
-    gradient,
-    scatter_force,
-    scatter_mixed,
-    scatter_symmetric,
-    strain_rate,
-)
-from fecloth.terms.loops.regge_strain import ReggeStrain, check_strain, is_interpolated
+from fecloth.terms.loops.membrane import BoundMembrane, PointwiseStrain, strain_of
+from fecloth.terms.loops.membrane_loops import Kernels
+from fecloth.terms.loops.regge_strain import ReggeStrain, check_strain
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
-from fecloth.terms.membranes.stvk import StVK
+from fecloth.terms.membranes import stvk
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import DAMPING
@@ -48,15 +39,18 @@ class StrainRateDamping:
         ∂d/∂v = −Bᵀ τℂ₀ B                                       symmetric
         ∂d/∂x = −(S_v ⊗ I) − Bᵀ τℂ₀ B(Ḟ)                        the last part is not symmetric
 
-    "step" takes the method's own difference of E over the step (`strain_rate_over_step`):
+    "step" takes the method's own difference of E over the step, Ė = (E − E*)/h:
 
         backward Euler   Ė = (E₁ − E₀)/dt
         BDF2             Ė = (3E₁ − 4E₀ + E₋₁)/(2dt),    or that for steps of changing size
 
     It is zero where the step turns the cloth by any angle, while sym(FᵀḞ) at the end of a step that
     turns it by φ is about −φ²/(2dt). It has a potential, h/2 Σ w Ė : S_v with h = dt and 2dt/3, so
-    that the step minimises if the other terms have energies, and its tangent is symmetric. Both
-    forms are the same as dt → 0, to the order of the method. In the midpoint rule and
+    that the step minimises if the other terms have energies, and its tangent is symmetric. It is
+    the energy of `StVK` with the moduli τℂ₀/h and the rest strain E* = Σ cᵢ E(xᵢ). The step
+    dissipates Σ w (E₁ − E₀) : τℂ₀ : (E₁ − E₀)/dt, never a negative energy.
+
+    Both forms are the same as dt → 0, to the order of the method. In the midpoint rule and
     `EnergyMomentum` they are the same at any dt: there sym(FᵀḞ) is (E₁ − E₀)/dt.
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13; here for the
@@ -118,28 +112,29 @@ class StrainRateDamping:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> BoundStrainRate | BoundReggeRate:
-        law: Any = self.law or StVK()  # `__post_init__` requires its `moduli`
+    def bind(self, panel: Panel, slots) -> BoundStrainRate:
+        law: Any = self.law or stvk.StVK()  # `__post_init__` requires its `moduli`
         viscosity = panel.each(lambda fabric: self.time * law.moduli(fabric))
-        symmetric = self.tangent == "symmetric"
-        if is_interpolated(self.strain, panel):
-            strain = ReggeStrain.of_panel(panel)
-            return BoundReggeRate(panel, slots, viscosity, symmetric, self.rate, strain)
-        return BoundStrainRate(panel, slots, viscosity, symmetric, self.rate)
+        strain, symmetric = strain_of(panel, self.strain), self.tangent == "symmetric"
+        loop = SharedLoop.of(panel, panel.cloth.stencil)
+        return BoundStrainRate(panel, slots, viscosity, symmetric, self.rate, strain, loop)
 
 
 @dataclass(frozen=True, eq=False)
 class BoundStrainRate(BoundTerm):
     """`StrainRateDamping` on a cloth; `viscosity` (m, 6) is τ ℂ₀ [N s/m] in each triangle.
 
-    Its own functions are those of rate = "velocity"; `over_step` has those of "step".
+    Its own functions are those of rate = "velocity"; `over_step` has those of "step". The loops are
+    the ones of `StVK` with the rate of the strain, whose energy is half of the power.
     """
 
     panel: Panel
     find_slots: FindSlots
     viscosity: np.ndarray
     symmetric: bool
-    rate: str | None = None
+    rate: str | None
+    strain: PointwiseStrain | ReggeStrain
+    loop: SharedLoop
 
     name = "StrainRateDamping"
     has_energy = False
@@ -149,28 +144,26 @@ class BoundStrainRate(BoundTerm):
     @cached_property
     def slots(self) -> np.ndarray:
         """(m, k, k) blocks of the triangles in the matrix."""
-        return self.find_slots(self.panel.cloth.stencil)
+        return self.find_slots(self.loop.nodes)
 
     @property
     def needs_difference(self) -> bool:
         """Whether a method without a difference over the step must refuse it."""
         return self.rate == "step"
 
+    @property
+    def is_pointwise(self) -> bool:
+        return isinstance(self.strain, PointwiseStrain)
+
     @cached_property
-    def loop(self) -> SharedLoop:
-        """The loop over the triangles."""
-        return SharedLoop.of(self.panel, self.panel.cloth.stencil)
+    def kernels(self) -> Kernels:
+        """The loops of the rate."""
+        return stvk.KERNELS.rate if self.is_pointwise else stvk.KERNELS.regge_rate
 
-    @property
-    def elements(self) -> tuple:
+    @cached_property
+    def elements(self) -> tuple[Array, ...]:
         """The arrays with a row for each triangle; tangents take `slots` after the first."""
-        cloth, gradients = self.panel.cloth, self.panel.gradients
-        return cloth.stencil, gradients, cloth.weights, self.viscosity
-
-    @property
-    def data(self) -> tuple:
-        """What every kernel takes first."""
-        return *self.panel.cloth.shape, *self.elements
+        return *self.strain.elements, self.viscosity
 
     def over_step(self, step: StepDifference) -> StrainRateOverStep | BoundStrainRate:
         """The damping with the method's difference of E, or itself for rate = "velocity"."""
@@ -180,14 +173,16 @@ class BoundStrainRate(BoundTerm):
 
     def power(self, x, v, t) -> float:
         """Dissipated power Σ w Ė : S_v [W]."""
-        shape = self.panel.cloth.shape
-        return self.loop.total(lambda part: (power, (*shape, *cut(self.elements, part), x, v)))
+        shape, energy = self.strain.shape, self.kernels.energy
+        return 2.0 * self.loop.total(
+            lambda part: (energy, (*shape, *cut(self.elements, part), v, x))
+        )
 
     def _force(self, x, v, part, f) -> Call:
-        return add_force, (*self.panel.cloth.shape, *cut(self.elements, part), x, v, f)
+        return self.kernels.add_force, (*self.strain.shape, *cut(self.elements, part), v, x, f)
 
     def add_force(self, x, v, t, f) -> None:
-        """f −= Σ w F S_v G_a [N]."""
+        """f −= Σ w S_v : ∂E/∂x [N]."""
         self.loop.add(partial(self._force, x, v), f)
 
     def force_calls(self, x, v, t, f) -> Calls:
@@ -195,78 +190,69 @@ class BoundStrainRate(BoundTerm):
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""
-        weights: tuple[float, ...]
-        add, weights = add_exact, (wx, wv)
-        if self.symmetric or definite:
-            add, weights = add_symmetric, (wx, wv, 0.0 if definite else -np.inf)
-        shape, (nodes, *others) = self.panel.cloth.shape, self.elements
-        arrays = nodes, self.slots, *others
+        nodes, *arrays = self.elements
+        arrays, add = [nodes, self.slots, *arrays], self.kernels.add_mixed_tangent
+        weights: tuple = v, wx, wv, 0.0 if self.symmetric else wx
+        if self.is_pointwise and (definite or self.symmetric):
+            add, weights = self.kernels.add_tangent, (wx, wv, 0.0 if definite else -np.inf)
+        elif definite:
+            add, weights = self.kernels.add_definite_tangent, (wx, wv)
+            arrays += self.strain.definite_arrays
+        shape, others = self.strain.shape, (v, x, *weights)
         self.loop.add_blocks(
-            lambda part, values: (add, (*shape, *cut(arrays, part), x, v, *weights, values)), J
+            lambda part, values: (add, (*shape, *cut(arrays, part), *others, values)), J
         )
+
+    def nbytes(self, explicit: bool) -> int:
+        return self.strain.nbytes
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest."""
         return 0.0, membrane_bound(self.panel, self.viscosity, mass)
 
 
-@inner
-def viscous_stress(c, F, H):
-    """Viscous stress S_v = τ ℂ₀ : Ė, and strain rate Ė."""
-    rate = strain_rate(F, H)
-    return contract((c[0], c[1], c[2], c[3], c[4], c[5]), rate), rate
+@dataclass(frozen=True, eq=False)
+class StrainRateOverStep(BoundTerm):
+    """`StrainRateDamping` over a step that ends at x: a membrane with the rest strain E*."""
 
+    damping: BoundStrainRate
+    step: StepDifference
 
-@kernel
-def power(per_node, per_point, nodes, G, w, c, x, v):
-    """Σ w Ė : S_v."""
-    total = 0.0
-    for e in range(len(nodes)):
-        for q in range(len(per_point)):
-            F, H = gradient(per_node, nodes, G, e, q, x), gradient(per_node, nodes, G, e, q, v)
-            S, rate = viscous_stress(c[e], F, H)
-            total += w[e, q] * (S[0] * rate[0] + S[1] * rate[1] + 2.0 * S[2] * rate[2])
-    return total
+    name = "StrainRateDamping"
+    symmetric = True
+    has_energy = True  # the potential over the step
+    dissipative = False  # `dissipation` is its account
+    velocity_dependent = False
 
+    @cached_property
+    def membrane(self) -> BoundMembrane:
+        """The membrane of the moduli τℂ₀/h whose rest strain is E*."""
+        return self._membrane(self.step.h, self.step.past)
 
-@kernel
-def add_force(per_node, per_point, nodes, G, w, c, x, v, f):
-    """d_a = −Σ w F S_v G_a."""
-    for e in range(len(nodes)):
-        for q in range(len(per_point)):
-            F, H = gradient(per_node, nodes, G, e, q, x), gradient(per_node, nodes, G, e, q, v)
-            S, _ = viscous_stress(c[e], F, H)
-            scatter_force(per_node, nodes, G, e, q, w[e, q], F, S, f)
+    def _membrane(self, h: float, past: tuple[tuple[float, Array], ...]) -> BoundMembrane:
+        damping, moduli = self.damping, self.damping.viscosity / h
+        strain = replace(damping.strain, rest=np.zeros_like(damping.strain.rest))
+        kernels = stvk.KERNELS if damping.is_pointwise else stvk.KERNELS.regge
+        data = damping.panel, lambda nodes: damping.slots, moduli, moduli, strain, damping.loop
+        return BoundMembrane(self.name, kernels, *data).less(past)
 
+    def energy(self, x: np.ndarray, t: float) -> float:
+        """h/2 Σ w Ė : τℂ₀ : Ė [J], the potential over the step."""
+        return self.membrane.energy(x, t)
 
-@kernel
-def add_symmetric(per_node, per_point, nodes, slots, G, w, c, x, v, wx, wv, floor, J):
-    """J_ab += w (wv B_aᵀ τℂ₀ B_b + wx (G_a · S_v G_b) I₃)."""
-    for e in range(len(nodes)):
-        ce = c[e]
-        C = (wv * ce[0], wv * ce[1], wv * ce[2], wv * ce[3], wv * ce[4], wv * ce[5])
-        for q in range(len(per_point)):
-            F, H = gradient(per_node, nodes, G, e, q, x), gradient(per_node, nodes, G, e, q, v)
-            S, _ = viscous_stress(ce, F, H)
-            S = clamp((wx * S[0], wx * S[1], wx * S[2]), floor)
-            scatter_symmetric(per_node, slots, G, e, q, w[e, q], F, S, C, J)
+    def dissipation(self, x: np.ndarray) -> float:
+        """Σ w (E₁ − E₀) : τℂ₀ : (E₁ − E₀)/dt [J], dissipated in the step."""
+        step = self.step
+        return 2.0 * self._membrane(step.dt, ((1.0, step.start),)).energy(x, 0.0)
 
+    def add_force(self, x, v, t, f) -> None:
+        """f −= Σ w S_v : ∂E/∂x [N]."""
+        self.membrane.add_force(x, v, t, f)
 
-@kernel
-def add_exact(per_node, per_point, nodes, slots, G, w, c, x, v, wx, wv, J):
-    """J_ab += w (B_a(F)ᵀ τℂ₀ B_b(wv F + wx Ḟ) + wx (G_a · S_v G_b) I₃)."""
-    for e in range(len(nodes)):
-        ce = c[e]
-        for q in range(len(per_point)):
-            F, H = gradient(per_node, nodes, G, e, q, x), gradient(per_node, nodes, G, e, q, v)
-            S, _ = viscous_stress(ce, F, H)
-            mixed = (
-                wv * F[0] + wx * H[0],
-                wv * F[1] + wx * H[1],
-                wv * F[2] + wx * H[2],
-                wv * F[3] + wx * H[3],
-                wv * F[4] + wx * H[4],
-                wv * F[5] + wx * H[5],
-            )
-            S = (wx * S[0], wx * S[1], wx * S[2])
-            scatter_mixed(per_node, slots, G, e, q, w[e, q], F, mixed, S, ce, J)
+    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """J += wx K; `definite` clamps the stresses of the geometric part at zero."""
+        self.membrane.add_tangent(x, v, t, wx, wv, J, definite)
+
+    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
+        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest."""
+        return self.damping.rate_bounds(mass)[1] / self.step.h, 0.0

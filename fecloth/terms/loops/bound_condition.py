@@ -18,11 +18,10 @@ from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.terms.loops import condition, condition_discrete_gradient
 from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
-from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels, OverStep
+from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels
 from fecloth.terms.loops.eigenvalue_bounds import bound_from_squares, squared_norms
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.step_difference import StepDifference
 
 
 class ConditionKernels(NamedTuple):
@@ -194,17 +193,6 @@ class BoundCondition(BoundTerm):
             yield values.reshape(s, k, k, 3, 3)
 
 
-@dataclass(frozen=True, eq=False)
-class RigidCondition(BoundCondition):
-    """Conditions that no rigid motion changes."""
-
-    def over_step(self, step: StepDifference) -> OverStep | RigidCondition:
-        """The conditions over a step at whose mean they are evaluated; otherwise themselves."""
-        if not (step.at_mean and self.has_energy):
-            return self
-        return OverStep(self, step.start, step.symmetric)
-
-
 def bind(
     name: str,
     kernels: ConditionKernels,
@@ -220,7 +208,8 @@ def bind(
 ) -> BoundCondition:
     """Bind a family of conditions to the stencils `nodes` of a panel.
 
-    For conditions that no rigid motion changes, make a `RigidCondition` of the result.
+    For conditions that no rigid motion changes, make a `RigidCondition` of the result
+    (`rigid_condition`).
 
     Parameters
     ----------

@@ -21,13 +21,11 @@ turns by φ, but the force jumps there, by the order of φ² k_s C̄.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fecloth.compiled.jit import Array, Zeros, inner, specialise
-from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.loops.condition import gather
 from fecloth.terms.loops.rigid_motion import (
     differentiate_deformation,
@@ -35,11 +33,6 @@ from fecloth.terms.loops.rigid_motion import (
     remove_rigid_part,
     subtract_mean,
 )
-from fecloth.terms.loops.shared_loop import cut
-from fecloth.terms.protocol import BoundTerm
-
-if TYPE_CHECKING:
-    from fecloth.terms.loops.bound_condition import BoundCondition, RigidCondition
 
 SHORT = 1e-16  # of s, relative to Σ |p|²
 
@@ -222,62 +215,3 @@ def kernels(condition: Callable[..., Any]) -> DiscreteGradientKernels:
     """Compile the entry points of a family over a step."""
     templates = add_force, add_tangent, add_symmetric_tangent
     return DiscreteGradientKernels(*(specialise(each, condition=condition) for each in templates))
-
-
-@dataclass(frozen=True, eq=False)
-class OverStep(BoundTerm):
-    """Conditions as they act over a step from `start` to 2x − start; their damping acts at x."""
-
-    condition: RigidCondition
-    start: np.ndarray
-    symmetric_elastic: bool
-
-    has_energy = False  # at x alone
-    conserves = True
-
-    @property
-    def name(self) -> str:
-        return self.condition.name
-
-    @property
-    def symmetric(self) -> bool:
-        return self.symmetric_elastic and self.condition.symmetric
-
-    @property
-    def dissipative(self) -> bool:
-        return self.condition.dissipative
-
-    @property
-    def velocity_dependent(self) -> bool:
-        return self.condition.velocity_dependent
-
-    @property
-    def _damping(self) -> BoundCondition:
-        return replace(self.condition, stiffness=np.zeros_like(self.condition.stiffness))
-
-    def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
-        """f_a −= ḡ_a k_s C̄ + ∂C_a k_d Ċ [N]."""
-        bound, add = self.condition, self.condition.kernels.over_step.add_force
-        arrays = bound.nodes, bound.constants, bound.stiffness
-        bound.loop.add(
-            lambda part, f: (add, (*bound.shape, *cut(arrays, part), self.start, x, f)), f
-        )
-        if self.dissipative:
-            self._damping.add_force(x, v, t, f)
-
-    def add_tangent(
-        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
-    ) -> None:
-        """J += wx K + wv D."""
-        bound, kernels = self.condition, self.condition.kernels.over_step
-        weights: tuple[float, ...] = (float(wx),)
-        add = kernels.add_tangent
-        if self.symmetric_elastic or definite:
-            add, weights = kernels.add_symmetric_tangent, (float(wx), bool(definite))
-        arrays = bound.nodes, bound.slots, bound.constants, bound.stiffness
-        others = self.start, x, *weights
-        bound.loop.add_blocks(
-            lambda part, values: (add, (*bound.shape, *cut(arrays, part), *others, values)), J
-        )
-        if self.dissipative:
-            self._damping.add_tangent(x, v, t, wx, wv, J, definite)

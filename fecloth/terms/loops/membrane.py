@@ -1,14 +1,7 @@
-"""The membrane loop: every law in the Green strain runs through these few kernels.
+"""A membrane law bound to a cloth, with the strain that the element has.
 
-A law is a compiled function ``law(E, c) -> (W, S, ℂ)`` of the Green strain
-E = (E11, E22, E12) and the constants c of the triangle, in the Voigt order (11, 22, 12) with the
-engineering shear 2 E12:
-
-    W    energy per reference area [J/m²]
-    S    second Piola–Kirchhoff stress resultant ∂W/∂E = (S11, S22, S12) [N/m]
-    ℂ    tangent moduli ∂S/∂E = (C11, C22, C66, C12, C16, C26) [N/m]
-
-The loop forms, for the nodes a of each triangle and each quadrature point of weight w,
+The law's energy, force and tangent are sums over the triangles and their quadrature points of
+weight w (`membrane_loops`). With the pointwise strain these are
 
     F = Σ x_a ⊗ G_a        (3, 2)        deformation gradient, G_a = ∂N_a/∂X
     E = (FᵀF − I)/2        (2, 2)        Green strain
@@ -17,9 +10,7 @@ The loop forms, for the nodes a of each triangle and each quadrature point of we
     K_ab = Σ w (B_aᵀ ℂ B_b + (G_a · S G_b) I₃)            stiffness, δE = Σ B_a δx_a
 
 (Bonet and Wood 2008, Nonlinear Continuum Mechanics for Finite Element Analysis, sections 9.3
-and 9.4.) Nothing here assumes three nodes or one quadrature point: `per_node` and `per_point` are
-tuples with one zero for each node and each point, so that the compiler knows their number and
-unrolls the loops (three times faster than a count read from an array).
+and 9.4.) `regge_strain` has those of the interpolated strain.
 
 Which laws are the same material at small strain, that is have one ℂ at F = a rotation, for a
 fabric of Y and ν (tests/terms/membranes/test_tension_field.py checks each line):
@@ -38,32 +29,21 @@ Y e/(1 − ν²) if ν > 0, e < 0 nothing, and the shear E12 = e the stress Y e/
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
 from fecloth.compiled.calls import Call, Calls
-from fecloth.compiled.jit import Array, Zeros, specialise
+from fecloth.compiled.jit import Array
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.recovery import CONSTANT, QUADRATIC, Samples
 from fecloth.terms.kinematics import deformation_gradient
-from fecloth.terms.loops import membrane_discrete_gradient, regge_membrane
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
-from fecloth.terms.loops.green_strain import (
-    Six,
-    Three,
-    clamp,
-    gradient,
-    green_strain,
-    scatter_force,
-    scatter_symmetric,
-)
-from fecloth.terms.loops.membrane_discrete_gradient import DiscreteGradientKernels, OverStep
-from fecloth.terms.loops.regge_membrane import BoundRegge, ReggeKernels
+from fecloth.terms.loops.membrane_loops import Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.protocol import BoundTerm
@@ -71,148 +51,44 @@ from fecloth.terms.recovered_error import green_strains, membrane_error
 from fecloth.terms.step_difference import StepDifference
 
 
-def law(E: Three, c: Array) -> tuple[float, Three, Six]:
-    """Return W, S (3,) and ℂ (6,) at E (3,); `kernels` puts a law in place of this one."""
-    raise NotImplementedError
+@dataclass(frozen=True, eq=False)
+class PointwiseStrain:
+    """The Green strain at the quadrature points of a panel, along warp and weft.
 
-
-def energy(
-    per_node: Zeros, per_point: Zeros, nodes: Array, G: Array, w: Array, c: Array, x: Array
-) -> float:
-    """Σ w W [J]."""
-    total = 0.0
-    for e in range(len(nodes)):
-        for q in range(len(per_point)):
-            W, _, _ = law(green_strain(gradient(per_node, nodes, G, e, q, x)), c[e])
-            total += w[e, q] * W
-    return total
-
-
-def add_force(
-    per_node: Zeros,
-    per_point: Zeros,
-    nodes: Array,
-    G: Array,
-    w: Array,
-    c: Array,
-    x: Array,
-    f: Array,
-) -> None:
-    """f_a −= Σ w P G_a."""
-    for e in range(len(nodes)):
-        for q in range(len(per_point)):
-            F = gradient(per_node, nodes, G, e, q, x)
-            _, S, _ = law(green_strain(F), c[e])
-            scatter_force(per_node, nodes, G, e, q, w[e, q], F, S, f)
-
-
-def add_tangent(
-    per_node: Zeros,
-    per_point: Zeros,
-    nodes: Array,
-    slots: Array,
-    G: Array,
-    w: Array,
-    c: Array,
-    x: Array,
-    scale: float,
-    floor: float,
-    J: Array,
-) -> None:
-    """J += scale · K, with the stress of the geometric part clamped from below at `floor`."""
-    for e in range(len(nodes)):
-        for q in range(len(per_point)):
-            F = gradient(per_node, nodes, G, e, q, x)
-            _, S, C = law(green_strain(F), c[e])
-            scatter_symmetric(per_node, slots, G, e, q, scale * w[e, q], F, clamp(S, floor), C, J)
-
-
-def add_stress(
-    per_node: Zeros,
-    per_point: Zeros,
-    nodes: Array,
-    G: Array,
-    w: Array,
-    c: Array,
-    x: Array,
-    out: Array,
-) -> None:
-    """out[e] += (S11, S22, S12, W), the means over the triangle."""
-    for e in range(len(nodes)):
-        area = 0.0
-        for q in range(len(per_point)):
-            area += w[e, q]
-        for q in range(len(per_point)):
-            W, S, _ = law(green_strain(gradient(per_node, nodes, G, e, q, x)), c[e])
-            share = w[e, q] / area
-            out[e, 0] += share * S[0]
-            out[e, 1] += share * S[1]
-            out[e, 2] += share * S[2]
-            out[e, 3] += share * W
-
-
-def add_moduli(
-    per_node: Zeros,
-    per_point: Zeros,
-    nodes: Array,
-    G: Array,
-    w: Array,
-    c: Array,
-    x: Array,
-    out: Array,
-) -> None:
-    """out[e] += ℂ (6,), the mean over the triangle."""
-    for e in range(len(nodes)):
-        area = 0.0
-        for q in range(len(per_point)):
-            area += w[e, q]
-        for q in range(len(per_point)):
-            _, _, C = law(green_strain(gradient(per_node, nodes, G, e, q, x)), c[e])
-            for k in range(6):
-                out[e, k] += w[e, q] / area * C[k]
-
-
-class MembraneKernels(NamedTuple):
-    """The entry points of a law, each a template above compiled with the law."""
-
-    energy: Callable[..., float]
-    add_force: Callable[..., None]
-    add_tangent: Callable[..., None]
-    add_definite_tangent: Callable[..., None]
-    add_stress: Callable[..., None]
-    add_moduli: Callable[..., None]  # of the definite law
-    over_step: DiscreteGradientKernels
-    regge: ReggeKernels
-
-
-def kernels(
-    law: Callable[..., Any],
-    definite_law: Callable[..., Any] | None = None,
-    is_quadratic: bool = False,
-) -> MembraneKernels:
-    """Compile the entry points of a law; each is compiled at its first call, or read from disk.
-
-    Parameters
+    Attributes
     ----------
-    law
-        The compiled function (see above).
-    definite_law
-        The same law with ℂ positive semi-definite, for the definite tangent. Default: `law`,
-        whose ℂ must then be semi-definite everywhere.
-    is_quadratic
-        W is quadratic in E, so that the average stress over a step does the work of the energy.
+    panel
+        The cloth with its fabrics.
+    rest
+        (m, points, 3) what `Kernels.rested` subtract from E.
     """
-    definite_law = law if definite_law is None else definite_law
-    return MembraneKernels(
-        specialise(energy, law=law),
-        specialise(add_force, law=law),
-        specialise(add_tangent, law=law),
-        specialise(add_tangent, law=definite_law),
-        specialise(add_stress, law=law),
-        specialise(add_moduli, law=definite_law),
-        membrane_discrete_gradient.kernels(law, definite_law, is_quadratic),
-        regge_membrane.kernels(law, definite_law),
-    )
+
+    panel: Panel
+    rest: np.ndarray
+
+    nbytes = 0  # of arrays of its own
+    definite_arrays: ClassVar[tuple[Array, ...]] = ()  # that the definite tangent takes besides
+
+    @classmethod
+    def of_panel(cls, panel: Panel) -> PointwiseStrain:
+        """The strain without rest."""
+        return cls(panel, np.broadcast_to(0.0, (*panel.cloth.weights.shape, 3)))
+
+    @property
+    def shape(self) -> tuple[Any, ...]:
+        """A zero for each node, and a zero for each point."""
+        return self.panel.cloth.shape
+
+    @property
+    def elements(self) -> tuple[Array, Array, Array]:
+        """Nodes (m, k), gradients (m, points, k, 2) and weights (m, points)."""
+        cloth = self.panel.cloth
+        return cloth.stencil, self.panel.gradients, cloth.weights
+
+    def sampled(self, x: Array) -> tuple[Array, Samples]:
+        """E (m, q, 3) at the points of samples."""
+        F = deformation_gradient(self.panel.cloth, x, self.panel.gradients)
+        return green_strains(F), CONSTANT if self.panel.cloth.element == "P1" else QUADRATIC
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,57 +98,57 @@ class BoundMembrane(BoundTerm):
     Attributes
     ----------
     kernels
-        The law's entry points.
+        The law's entry points for its strain.
     panel, find_slots
         As `bind` of a term gets them; the matrix is not looked at before the first tangent.
     constants
         (m, p) constants of the law in each triangle.
     moduli
         (m, 6) ℂ at E = 0 [N/m], for the bound on the frequency.
+    strain
+        The strain of the panel.
+    loop
+        The loop over the triangles.
     """
 
     name: str
-    kernels: MembraneKernels
+    kernels: Kernels
     panel: Panel
     find_slots: FindSlots
     constants: np.ndarray
     moduli: np.ndarray
+    strain: PointwiseStrain | ReggeStrain
+    loop: SharedLoop
 
     symmetric = True
     has_energy = True
+    objective = True
 
     @cached_property
     def slots(self) -> np.ndarray:
         """(m, k, k) blocks of the triangles in the matrix."""
-        return self.find_slots(self.panel.cloth.stencil)
+        return self.find_slots(self.loop.nodes)
 
     @cached_property
-    def loop(self) -> SharedLoop:
-        """The loop over the triangles."""
-        return SharedLoop.of(self.panel, self.panel.cloth.stencil)
-
-    @property
     def elements(self) -> tuple[Any, ...]:
         """The arrays with a row for each triangle; tangents take `slots` after the first."""
-        cloth, gradients = self.panel.cloth, self.panel.gradients
-        return cloth.stencil, gradients, cloth.weights, self.constants
+        return *self.strain.elements, self.constants, self.strain.rest
 
     @property
     def data(self) -> tuple[Any, ...]:
         """What every entry point takes first."""
-        return *self.panel.cloth.shape, *self.elements
+        return *self.strain.shape, *self.elements
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """Σ w W [J]."""
-        shape, add = self.panel.cloth.shape, self.kernels.energy
+        shape, add = self.strain.shape, self.kernels.energy
         return self.loop.total(lambda part: (add, (*shape, *cut(self.elements, part), x)))
 
     def _force(self, x: Array, part: slice, f: Array) -> Call:
-        shape = self.panel.cloth.shape
-        return self.kernels.add_force, (*shape, *cut(self.elements, part), x, f)
+        return self.kernels.add_force, (*self.strain.shape, *cut(self.elements, part), x, f)
 
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
-        """f −= Σ w P G_a [N]."""
+        """f −= Σ w S : ∂E/∂x [N]."""
         self.loop.add(partial(self._force, x), f)
 
     def force_calls(self, x: Array, v: Array, t: float, f: Array) -> Calls:
@@ -282,13 +158,23 @@ class BoundMembrane(BoundTerm):
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
         """J += wx K; `definite` clamps the stress of the geometric part at zero."""
-        add, floor = self.kernels.add_tangent, -math.inf
-        if definite:
-            add, floor = self.kernels.add_definite_tangent, 0.0
-        shape, (nodes, *others) = self.panel.cloth.shape, self.elements
-        arrays = nodes, self.slots, *others
+        if not definite:
+            self._add_blocks(self.kernels.add_tangent, (x, wx, wx, -math.inf), J)
+            return
+        add, more = self.kernels.add_definite_tangent, self.strain.definite_arrays
+        self._add_blocks(add, (x, wx, wx) if more else (x, wx, wx, 0.0), J, more)
+
+    def add_mixed_tangent(self, x: Array, v: Array, scale: float, J: BlockMatrix) -> None:
+        """J += scale Σ w (∂E/∂x : ℂ : ∂E/∂x at x + v + S : ∂²E/∂x²), which is not symmetric."""
+        self._add_blocks(self.kernels.add_mixed_tangent, (x, v, scale, scale, scale), J)
+
+    def _add_blocks(
+        self, add: Any, others: tuple[Any, ...], J: BlockMatrix, more: tuple[Array, ...] = ()
+    ) -> None:
+        nodes, *own, rest = self.elements
+        shape, arrays = self.strain.shape, (nodes, self.slots, *own, *more, rest)
         self.loop.add_blocks(
-            lambda part, values: (add, (*shape, *cut(arrays, part), x, wx, floor, values)), J
+            lambda part, values: (add, (*shape, *cut(arrays, part), *others, values)), J
         )
 
     def add_stress(self, x: Array, out: Array) -> None:
@@ -301,35 +187,144 @@ class BoundMembrane(BoundTerm):
 
     def sampled_strain(self, x: Array) -> tuple[Array, Array, Samples]:
         """E (m, q, 3) at the points of samples, ℂ (m, 6) [N/m], and the samples."""
-        cloth, moduli = self.panel.cloth, np.zeros((len(self.moduli), 6))
+        moduli = np.zeros((len(self.moduli), 6))
         self.kernels.add_moduli(*self.data, x, moduli)
-        F = deformation_gradient(cloth, x, self.panel.gradients)
-        samples = CONSTANT if cloth.element == "P1" else QUADRATIC
-        return green_strains(F), moduli, samples
+        E, samples = self.strain.sampled(x)
+        return E, moduli, samples
+
+    def nbytes(self, explicit: bool) -> int:
+        return self.strain.nbytes
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest and of M⁻¹D [1/s]."""
         return membrane_bound(self.panel, self.moduli, mass), 0.0
 
-    def over_step(self, step: StepDifference) -> OverStep | BoundMembrane:
+    def less(self, strains: Iterable[tuple[float, Array]]) -> BoundMembrane:
+        """The membrane of the strain E − Σ c E(y), for ((c, y (n, 3)), …)."""
+        rest, shape, kernels = self.strain.rest.copy(), self.strain.shape, self.kernels
+        nodes, A, *_, old = self.elements
+
+        def add(weight: float, y: Array, part: slice) -> Call:
+            others = weight, y, rest[part]
+            return kernels.add_strain, (*shape, *cut((nodes, A, old), part), *others)
+
+        for weight, y in strains:
+            self.loop.each(partial(add, weight, y))
+        strain = replace(self.strain, rest=rest)
+        return replace(
+            self, kernels=kernels.rested, find_slots=lambda nodes: self.slots, strain=strain
+        )
+
+    def over_step(self, step: StepDifference) -> BoundTerm:
         """The membrane over a step at whose mean it is evaluated; otherwise itself."""
-        return OverStep(self, step.start, step.symmetric) if step.at_mean else self
+        if not step.at_mean:
+            return self
+        kind = OverStep if isinstance(self.strain, PointwiseStrain) else OverMeanStrain
+        return kind(self, step.start, step.symmetric)
+
+
+@dataclass(frozen=True, eq=False)
+class OverStep(BoundTerm):
+    """A membrane of the pointwise strain over a step from `start` to 2x − start."""
+
+    membrane: BoundMembrane
+    start: np.ndarray
+    symmetric: bool
+
+    has_energy = False  # at x alone
+    conserves = True
+
+    @property
+    def name(self) -> str:
+        return self.membrane.name
+
+    def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
+        """f −= Σ w F S̄ G_a [N]."""
+        membrane, start = self.membrane, self.start
+        add, (*elements, _) = membrane.kernels.over_step.add_force, membrane.elements
+        shape = membrane.strain.shape
+        membrane.loop.add(lambda part, f: (add, (*shape, *cut(elements, part), start, x, f)), f)
+
+    def add_tangent(
+        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
+    ) -> None:
+        """J += wx K; the symmetric one has both B at x, the definite one S̄ clamped at zero."""
+        membrane, kernels = self.membrane, self.membrane.kernels.over_step
+        others: tuple[Any, ...] = self.start, x, float(wx)
+        add = kernels.add_tangent
+        if definite:
+            add, others = kernels.add_definite_tangent, (*others, 0.0)
+        elif self.symmetric:
+            add, others = kernels.add_symmetric_tangent, (*others, -math.inf)
+        shape, (nodes, *rest, _) = membrane.strain.shape, membrane.elements
+        arrays = nodes, membrane.slots, *rest
+        membrane.loop.add_blocks(
+            lambda part, values: (add, (*shape, *cut(arrays, part), *others, values)), J
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class OverMeanStrain(BoundTerm):
+    """A membrane of E_h over a step from `start` to 2x − start, with the mean of the end's strains.
+
+    E_h is quadratic in x. So the stress S(Ē) of the mean Ē = ½ (E₀ + E₁) with ∂E/∂x at the mean x
+    does the work of an energy quadratic in E. It is that of the membrane at x with a rest strain
+    for which E is Ē there.
+    """
+
+    membrane: BoundMembrane
+    start: np.ndarray
+    symmetric: bool
+
+    has_energy = False  # at x alone
+
+    @property
+    def name(self) -> str:
+        return self.membrane.name
+
+    @property
+    def conserves(self) -> bool:
+        return self.membrane.kernels.is_quadratic
+
+    def at(self, x: Array) -> BoundMembrane:
+        """The membrane whose strain at x is Ē."""
+        ends = (-0.5, self.start), (-0.5, 2.0 * x - self.start)
+        return self.membrane.less(((1.0, x), *ends))
+
+    def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
+        """f −= Σ w S(Ē) : ∂E/∂x [N]."""
+        self.at(x).add_force(x, v, t, f)
+
+    def add_tangent(
+        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
+    ) -> None:
+        """J += wx K; the symmetric one has both ∂E/∂x at x, the exact one the second at the end."""
+        if definite or self.symmetric:
+            self.at(x).add_tangent(x, v, t, wx, wv, J, definite)
+        else:
+            self.at(x).add_mixed_tangent(x, x - self.start, float(wx), J)
 
 
 def bind(
     name: str,
-    kernels: MembraneKernels,
+    kernels: Kernels,
     constants: np.ndarray,
     moduli: np.ndarray,
     panel: Panel,
     slots: FindSlots,
     strain: object = "interpolated",
-) -> BoundMembrane | BoundRegge:
+) -> BoundMembrane:
     """Bind a law with its constants (m, p) and moduli (m, 6) to a panel.
 
     On P2 the law takes the Regge-interpolated strain, unless `strain` is "pointwise".
     """
-    if is_interpolated(strain, panel):
-        interpolated = ReggeStrain.of_panel(panel)
-        return BoundRegge(name, kernels.regge, panel, slots, constants, moduli, interpolated)
-    return BoundMembrane(name, kernels, panel, slots, constants, moduli)
+    loop = SharedLoop.of(panel, panel.cloth.stencil)
+    own = kernels.regge if is_interpolated(strain, panel) else kernels
+    its_strain = strain_of(panel, strain)
+    return BoundMembrane(name, own, panel, slots, constants, moduli, its_strain, loop)
+
+
+def strain_of(panel: Panel, strain: object) -> PointwiseStrain | ReggeStrain:
+    """The strain of a panel with the option `strain`."""
+    kind = ReggeStrain if is_interpolated(strain, panel) else PointwiseStrain
+    return kind.of_panel(panel)

@@ -26,15 +26,12 @@ K is not symmetric, as B is taken at two places.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fecloth.compiled.jit import Array, Zeros, inner, specialise
-from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.loops.green_strain import (
     Rows,
     Six,
@@ -50,11 +47,6 @@ from fecloth.terms.loops.green_strain import (
     scatter_mixed,
     scatter_symmetric,
 )
-from fecloth.terms.loops.shared_loop import cut
-from fecloth.terms.protocol import BoundTerm
-
-if TYPE_CHECKING:
-    from fecloth.terms.loops.membrane import BoundMembrane
 
 SMALL = 1e-12  # e : e
 
@@ -292,44 +284,3 @@ def kernels(
         specialise(add_symmetric_tangent, law=law),
         specialise(add_symmetric_tangent, law=definite_law),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class OverStep(BoundTerm):
-    """A membrane as it acts over a step from `start` to 2x − start."""
-
-    membrane: BoundMembrane
-    start: np.ndarray
-    symmetric: bool
-
-    has_energy = False  # at x alone
-    conserves = True
-
-    @property
-    def name(self) -> str:
-        return self.membrane.name
-
-    def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
-        """f −= Σ w F S̄ G_a [N]."""
-        shape, elements = self.membrane.panel.cloth.shape, self.membrane.elements
-        add, start = self.membrane.kernels.over_step.add_force, self.start
-        self.membrane.loop.add(
-            lambda part, f: (add, (*shape, *cut(elements, part), start, x, f)), f
-        )
-
-    def add_tangent(
-        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
-    ) -> None:
-        """J += wx K; the symmetric one has both B at x, the definite one S̄ clamped at zero."""
-        kernels, start = self.membrane.kernels.over_step, self.start
-        weights: tuple[float, ...] = (float(wx),)
-        add = kernels.add_tangent
-        if definite:
-            add, weights = kernels.add_definite_tangent, (float(wx), 0.0)
-        elif self.symmetric:
-            add, weights = kernels.add_symmetric_tangent, (float(wx), -math.inf)
-        shape, (nodes, *others) = self.membrane.panel.cloth.shape, self.membrane.elements
-        arrays = nodes, self.membrane.slots, *others
-        self.membrane.loop.add_blocks(
-            lambda part, values: (add, (*shape, *cut(arrays, part), start, x, *weights, values)), J
-        )

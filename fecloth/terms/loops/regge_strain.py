@@ -25,12 +25,14 @@ and with the stress S̃ = (S11, S22, 2 S12) and the moduli ℂ̃ = ∂S̃/∂E
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from fecloth.compiled.jit import Array, inner
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
+from fecloth.mesh.recovery import LINEAR, Samples
 from fecloth.terms.loops.green_strain import Six, Three
 
 NODES, POINTS = 6, 3
@@ -83,6 +85,25 @@ class ReggeStrain:
     slopes: np.ndarray
     gradients: np.ndarray
     samples: np.ndarray
+
+    @property
+    def shape(self) -> tuple[Any, ...]:
+        """A zero for each node, and a zero for each point."""
+        return (0,) * NODES, (0,) * POINTS
+
+    @property
+    def elements(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes, forms and weights."""
+        return self.nodes, self.forms, self.weights
+
+    @property
+    def definite_arrays(self) -> tuple[np.ndarray, ...]:
+        """What the definite tangent takes besides."""
+        return self.slopes, self.gradients, self.samples
+
+    def sampled(self, x: np.ndarray) -> tuple[np.ndarray, Samples]:
+        """E_h (m, 3, 3) at the points of samples."""
+        return self.values(x), LINEAR
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """(m, 3 points, 3) E_h at positions x (n, 3), as E11, E22, E12."""
@@ -200,14 +221,6 @@ def contract_rows(B: Array, u: Array) -> Three:
             E22 += B[1, b, c] * u[b, c]
             E12 += B[2, b, c] * u[b, c]
     return E11, E22, E12
-
-
-@inner
-def strain(A: Array, rest: Array, u: Array, B: Array) -> Three:
-    """Return E_h at a point and fill B."""
-    fill_rows(A, u, B)
-    E = contract_rows(B, u)
-    return 0.5 * E[0] - rest[0], 0.5 * E[1] - rest[1], 0.5 * E[2] - rest[2]
 
 
 @inner

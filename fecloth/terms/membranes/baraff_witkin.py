@@ -15,6 +15,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_VOLUME, PER_WIDTH, TIME
 from fecloth.terms.loops import bound_condition
+from fecloth.terms.loops.rigid_condition import RigidCondition
 from fecloth.terms.traits import MEMBRANE
 
 
@@ -152,7 +153,7 @@ class BaraffWitkin:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundBaraffWitkin(bound_condition.RigidCondition):
+class BoundBaraffWitkin(RigidCondition):
     """`BaraffWitkin` on a cloth; constants aᵖ, b_u, b_v, and the gradients (3, 2) row by row."""
 
     def add_stress(self, x, out) -> None:

@@ -14,8 +14,7 @@ from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_WIDTH
-from fecloth.terms.loops import membrane
-from fecloth.terms.loops.regge_membrane import BoundRegge
+from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.loops.regge_strain import check_strain
 from fecloth.terms.traits import OF_FABRIC
 
@@ -123,7 +122,7 @@ class NeoHookean:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane | BoundRegge:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         constants, moduli = panel.each(self.constants), panel.each(self.moduli)
         data = constants, moduli, panel, slots
         return membrane.bind("NeoHookean", KERNELS[self.kind], *data, self.strain)
@@ -207,6 +206,6 @@ def convex_compressible(E, c):
 
 
 KERNELS = {
-    "incompressible": membrane.kernels(incompressible),
-    "compressible": membrane.kernels(compressible, definite_law=convex_compressible),
+    "incompressible": membrane_loops.kernels(incompressible),
+    "compressible": membrane_loops.kernels(compressible, definite_law=convex_compressible),
 }

@@ -10,9 +10,8 @@ from fecloth.compiled.jit import inner
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
-from fecloth.terms.loops import membrane
+from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.loops.green_strain import contract
-from fecloth.terms.loops.regge_membrane import BoundRegge
 from fecloth.terms.loops.regge_strain import check_strain
 from fecloth.terms.traits import OF_FABRIC
 
@@ -62,7 +61,7 @@ class StVK:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane | BoundRegge:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         C = panel.each(self.moduli)
         return membrane.bind("StVK", KERNELS, C, C, panel, slots, self.strain)
 
@@ -76,4 +75,4 @@ def law(E, c):
     return W, S, C
 
 
-KERNELS = membrane.kernels(law, is_quadratic=True)
+KERNELS = membrane_loops.kernels(law, is_quadratic=True)

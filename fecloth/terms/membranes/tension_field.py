@@ -11,9 +11,8 @@ from fecloth.compiled.jit import inner
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
-from fecloth.terms.loops import membrane
+from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.loops.green_strain import contract
-from fecloth.terms.loops.regge_membrane import BoundRegge
 from fecloth.terms.loops.regge_strain import check_strain
 from fecloth.terms.traits import OF_FABRIC
 
@@ -76,7 +75,7 @@ class TensionField:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane | BoundRegge:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         constants, moduli = panel.each(self.constants), panel.each(self.moduli)
         data = constants, moduli, panel, slots
         return membrane.bind("TensionField", KERNELS, *data, self.strain)
@@ -126,4 +125,4 @@ def wrinkled(E1, E2, c, s, Y):
     return 0.5 * T * E1, (T * N11, T * N22, T * N12), C
 
 
-KERNELS = membrane.kernels(law)
+KERNELS = membrane_loops.kernels(law)

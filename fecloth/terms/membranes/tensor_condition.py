@@ -13,8 +13,7 @@ from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_WIDTH
-from fecloth.terms.loops import membrane
-from fecloth.terms.loops.regge_membrane import BoundRegge
+from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.loops.regge_strain import check_strain
 from fecloth.terms.traits import MEMBRANE
 
@@ -60,7 +59,7 @@ class TensorCondition:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane | BoundRegge:
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         k, moduli = panel.each(lambda fabric: np.array([self.k])), panel.each(self.moduli)
         return membrane.bind("TensorCondition", KERNELS, k, moduli, panel, slots, self.strain)
 
@@ -75,4 +74,4 @@ def law(E, c):
     return W, S, (4.0 * k, 4.0 * k, 2.0 * k, 0.0, 0.0, 0.0)
 
 
-KERNELS = membrane.kernels(law, is_quadratic=True)
+KERNELS = membrane_loops.kernels(law, is_quadratic=True)

@@ -15,9 +15,10 @@ from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.terms.loops import bound_condition
+from fecloth.terms.loops.rigid_condition import RigidCondition
 
 
-def bind(panel: Panel, slots, damping: float, tangent: str) -> bound_condition.RigidCondition:
+def bind(panel: Panel, slots, damping: float, tangent: str) -> RigidCondition:
     """Bind the springs of all triangles, each condition damped with k_d = `damping` k."""
     cloth = panel.cloth
     corners = cloth.X[cloth.stencil]
@@ -40,7 +41,7 @@ def bind(panel: Panel, slots, damping: float, tangent: str) -> bound_condition.R
         damping * k,
         tangent=tangent,
     )
-    return bound_condition.RigidCondition(**vars(bound))
+    return RigidCondition(**vars(bound))
 
 
 def _lame(fabric: Fabric) -> np.ndarray:

@@ -14,6 +14,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_WIDTH, TIME
 from fecloth.terms.loops import bound_condition
+from fecloth.terms.loops.rigid_condition import RigidCondition
 from fecloth.terms.springs import biquadratic
 from fecloth.terms.springs.networks import Net, edges, structural
 from fecloth.terms.springs.spring_over_step import OVER_STEP
@@ -127,7 +128,7 @@ class Springs:
             return net.van_gelder_stiffness(panel)
         return net.structural_stiffness(panel, (self.stiffness, self.shear, self.bend))
 
-    def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition:
+    def bind(self, panel: Panel, slots) -> RigidCondition:
         if self.kind == "biquadratic":
             return biquadratic.bind(panel, slots, self.damping, self.tangent)
         return self.known(panel).bind(panel, slots)
@@ -154,7 +155,7 @@ class KnownSprings:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return self.nodes
 
-    def bind(self, panel: Panel, slots) -> bound_condition.RigidCondition:
+    def bind(self, panel: Panel, slots) -> RigidCondition:
         bound = bound_condition.bind(
             "Springs",
             KERNELS,
@@ -167,7 +168,7 @@ class KnownSprings:
             self.damping * self.k,
             tangent=self.tangent,
         )
-        return bound_condition.RigidCondition(**vars(bound))
+        return RigidCondition(**vars(bound))
 
 
 @inner
