@@ -22,8 +22,8 @@ class Over:
     step: StepDifference
 
     @property
-    def elements(self):
-        return self.term.elements
+    def traits(self):
+        return self.term.traits
 
     def stencil(self, cloth):
         return self.term.stencil(cloth)
