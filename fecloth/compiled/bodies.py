@@ -55,8 +55,9 @@ def insert_bodies(template: Any, functions: Mapping[str, Callable]) -> Any:
 def _definition(function: FunctionType) -> ast.FunctionDef:
     """The syntax tree of a function, without annotations, decorators and docstring."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
-    if not isinstance(tree, ast.FunctionDef):
-        raise TypeError(f"{function.__qualname__} is not a plain function")
+    if not isinstance(tree, ast.FunctionDef) or tree.name != function.__name__:
+        what = "is not a plain function, or its file has changed since it was imported"
+        raise TypeError(f"{function.__qualname__} {what}")
     ast.increment_lineno(tree, function.__code__.co_firstlineno - 1)
     tree.decorator_list, tree.returns = [], None
     for argument in tree.args.args:
@@ -87,7 +88,7 @@ class _Bodies:
         return result
 
     def _body(self, call: ast.Call, statement: ast.stmt) -> list[ast.stmt]:
-        key = call.func.id  # type: ignore[attr-defined]  # `expand` has looked
+        key = call.func.id  # type: ignore[attr-defined]  # expand has looked
         function: Any = self.functions[key]
         tree = copy.deepcopy(_definition(function))
         parameters = [argument.arg for argument in tree.args.args]
