@@ -58,8 +58,8 @@ class RemoteTerm(BoundTerm):
     no_equilibrium, needs_end = map(_as_here, ("no_equilibrium", "needs_end"))
     needs_difference, steady_air = map(_as_here, ("needs_difference", "steady_air"))
     supplies, has_stress = map(_as_here, ("supplies", "has_stress"))
-    recovers_strain, knows_steps = map(_as_here, ("recovers_strain", "knows_steps"))
-    dissipates_over_step = _as_here("dissipates_over_step")
+    recovers_strain, objective = map(_as_here, ("recovers_strain", "objective"))
+    dissipates_over_step, conserves = map(_as_here, ("dissipates_over_step", "conserves"))
 
     energy, power, supply = map(_on_all, ("energy", "power", "supply"))
     dissipation, work_of_clamps = map(_on_all, ("dissipation", "work_of_clamps"))
