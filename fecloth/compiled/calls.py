@@ -47,17 +47,10 @@ _numbers = count()
 
 @dataclass(frozen=True, eq=False)
 class JoinedCalls:
-    """A compiled function that makes several calls.
+    """A compiled function that makes several calls."""
 
-    Attributes
-    ----------
-    address
-        Of the function, for `call` in a kernel.
-    kept
-        What must live as long as the function: its code, the kernels and the arrays.
-    """
-
-    address: int
+    address: int  # of the function, for `call` in a kernel
+    # What must live as long as the function: its code, the kernels and the arrays.
     kept: tuple[Any, ...]
 
     def __call__(self) -> None:

@@ -81,11 +81,6 @@ class ThreadChoice:
     twice as long as one thread did, and when what the calibration has lost is 3 % of the time
     since. So a machine that becomes busy, or idle, is noticed.
 
-    Attributes
-    ----------
-    best, spent
-        The mode between calibrations, and the seconds of all calls in each mode.
-
     Examples
     --------
     >>> choice, seconds = ThreadChoice(), {ONE: 2.0, ALL: 1.0}
@@ -96,6 +91,7 @@ class ThreadChoice:
     (True, True)
     """
 
+    # The mode between calibrations, and the seconds of all calls in each mode.
     best: bool = ONE
     spent: dict[bool, float] = field(default_factory=lambda: {ONE: 0.0, ALL: 0.0})
     usual: float = 0.0  # of one thread [s a unit]

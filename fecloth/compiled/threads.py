@@ -53,18 +53,12 @@ _give_core: Any = types.ExternalFunction(_yield_name, types.int32())
 
 
 class Member(NamedTuple):
-    """One of the threads that share a loop, for kernels.
+    """One of the threads that share a loop, for kernels."""
 
-    Attributes
-    ----------
-    thread, threads
-        Number of this thread, from 0 on, and of all.
-    meeting, round_
-        (1,) int64: the counter of all threads, and the round of this one, from 1 on.
-    """
-
+    # Number of this thread, from 0 on, and of all.
     thread: int
     threads: int
+    # (1,) int64: the counter of all threads, and the round of this one, from 1 on.
     meeting: np.ndarray
     round_: np.ndarray
 

@@ -46,19 +46,12 @@ class LocalLink:
 
 @dataclass(eq=False)
 class Crew:
-    """The workers of a cloth.
+    """The workers of a cloth."""
 
-    Attributes
-    ----------
-    link, parts
-        How they are called, and the part of each.
-    here
-        The worker of this process.
-    """
-
+    # How they are called, and the part of each.
     link: Link
     parts: Sequence[Part]
-    here: Worker
+    here: Worker  # the worker of this process
     placed: dict[str, np.ndarray] = field(default_factory=dict)
     forgotten: list = field(default_factory=list)
 

@@ -22,28 +22,17 @@ class Part:
 
     The forces and the tangent at the nodes that it owns are those of the whole cloth. At the
     others, its ghosts, they are not, as triangles are missing there.
-
-    Attributes
-    ----------
-    corners, triangles
-        (k, 2) coordinates [m], and (m, 3) corners as numbers of the part.
-    nodes, cells
-        Numbers of its nodes and triangles in the whole cloth; those of its corners ascend.
-    is_own
-        Whether it owns each of its nodes.
-    regions
-        Named triangles of the part.
-    element
-        "P1" or "P2".
     """
 
+    # (k, 2) coordinates [m], and (m, 3) corners as numbers of the part.
     corners: np.ndarray
     triangles: np.ndarray
+    # Numbers of its nodes and triangles in the whole cloth; those of its corners ascend.
     nodes: np.ndarray
     cells: np.ndarray
-    is_own: np.ndarray
-    regions: dict[str, np.ndarray]
-    element: str
+    is_own: np.ndarray  # whether it owns each of its nodes
+    regions: dict[str, np.ndarray]  # named triangles of the part
+    element: str  # "P1" or "P2"
 
     def cloth(self) -> Cloth:
         """The part as a cloth, with regions but without named nodes."""

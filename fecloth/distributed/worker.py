@@ -42,20 +42,12 @@ def cells(parts: Sequence[Part], shares: Sequence[Rows]) -> Rows:
 
 @dataclass(frozen=True)
 class Ability:
-    """How an ability of a bound term is asked of all processes.
+    """How an ability of a bound term is asked of all processes."""
 
-    Attributes
-    ----------
-    gather
-        Makes the whole of what the parts return.
-    placed
-        Number of its first arguments, x and v, that each process has: `Worker.place_x`.
-    width
-        Columns of the array of triangles to which it adds, its last argument; 0: it returns.
-    """
-
-    gather: Callable[[Sequence[Part], Sequence], Any]
+    gather: Callable[[Sequence[Part], Sequence], Any]  # makes the whole of what the parts return
+    # Number of its first arguments, x and v, that each process has: `Worker.place_x`.
     placed: int = 1
+    # Columns of the array of triangles to which it adds, its last argument; 0: it returns.
     width: int = 0
 
 

@@ -18,21 +18,12 @@ from fecloth.mesh.cloth import Cloth
 
 @dataclass(frozen=True, eq=False)
 class Clamps:
-    """Edges of the boundary at which pins hold the normal of the cloth.
+    """Edges of the boundary at which pins hold the normal of the cloth."""
 
-    Attributes
-    ----------
-    half_edges
-        (c,) half-edges of ``cloth.edge_slopes.edges``.
-    start
-        (n, 3) positions at which the run starts; the normals there are held [m].
-    moved
-        ``moved(points, t)``: points (c, 3) of the start, one for each edge, as the pins have moved
-        them at the time t [s]. None: the pins do not move.
-    """
-
-    half_edges: np.ndarray
-    start: np.ndarray
+    half_edges: np.ndarray  # (c,) half-edges of ``cloth.edge_slopes.edges``
+    start: np.ndarray  # (n, 3) positions at which the run starts; the normals there are held [m]
+    # ``moved(points, t)``: points (c, 3) of the start, one for each edge, as the pins have moved
+    # them at the time t [s]. None: the pins do not move.
     moved: Callable[[np.ndarray, float], np.ndarray] | None = None
 
 

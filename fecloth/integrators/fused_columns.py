@@ -16,53 +16,34 @@ POWER, LAST, PATH, WORK = 0, 1, 2, 3  # places in `Column.sums`; from 4 on the i
 
 @dataclass(frozen=True, eq=False)
 class Moves:
-    """The arrays of a step, which all columns share.
+    """The arrays of a step, which all columns share."""
 
-    Attributes
-    ----------
-    clock
-        (1,) size of the step [s].
-    x, old_x, v, old_v
-        (n, 3) positions [m] and velocities [m/s] now, and at the begin of the step.
-    ahead
-        (n, 3) the velocities that the forces see.
-    """
-
-    clock: np.ndarray
+    clock: np.ndarray  # (1,) size of the step [s]
+    # (n, 3) positions [m] and velocities [m/s] now, and at the begin of the step.
     x: np.ndarray
     old_x: np.ndarray
     v: np.ndarray
     old_v: np.ndarray
-    ahead: np.ndarray
+    ahead: np.ndarray  # (n, 3) the velocities that the forces see
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """The part d of a term's force that the ledger has in columns, at both ends of a step.
+    """The part d of a term's force that the ledger has in columns, at both ends of a step."""
 
-    Attributes
-    ----------
-    name, dissipates, supplies
-        Of the term; whether it has a column of dissipation, and one of work.
-    by_power
-        Whether its columns are integrals of power; otherwise of force along a displacement.
-    air
-        (3,) velocity of the air [m/s], against which it dissipates.
-    base, force, last
-        (n, 3) the force without d; d now; d at the begin of the step.
-    sums
-        (10,): ∫ d · v; d · v at the last stage; the means of d · Δx and d · dt v̄; ∫ Σ d and Σ d at
-        the last stage.
-    """
-
+    # Of the term; whether it has a column of dissipation, and one of work.
     name: str
     dissipates: bool
     supplies: bool
+    # Whether its columns are integrals of power; otherwise of force along a displacement.
     by_power: bool
-    air: np.ndarray
+    air: np.ndarray  # (3,) velocity of the air [m/s], against which it dissipates
+    # (n, 3) the force without d; d now; d at the begin of the step.
     base: np.ndarray
     force: np.ndarray
     last: np.ndarray
+    # (10,): ∫ d · v; d · v at the last stage; the means of d · Δx and d · dt v̄; ∫ Σ d and Σ d at
+    # the last stage.
     sums: np.ndarray
 
     def at_force(self, f: np.ndarray, moves: Moves) -> Call:

@@ -52,14 +52,9 @@ def compiled_force(term: Any, x: np.ndarray, v: np.ndarray, f: np.ndarray) -> Ca
 
 @dataclass(frozen=True, eq=False)
 class SharedForces:
-    """Forces for several threads, which wait for each other after each call.
+    """Forces for several threads, which wait for each other after each call."""
 
-    Attributes
-    ----------
-    calls, members
-        Of each thread.
-    """
-
+    # Of each thread.
     calls: tuple[JoinedCalls, ...]
     members: list[Member]
 

@@ -15,50 +15,34 @@ from fecloth.compiled.threads import Member, part_of, wait
 
 
 class Fields(NamedTuple):
-    """The arrays over all nodes, which steps change in place.
+    """The arrays over all nodes, which steps change in place."""
 
-    Attributes
-    ----------
-    x, v, a
-        (n, 3) positions [m], velocities [m/s] and accelerations [m/s²].
-    ahead, f
-        (n, 3) the velocities v + dt a that the forces of a step see, and the forces [N].
-    mass, inverse_mass
-        (n,) [kg] and (3n,) [1/kg].
-    """
-
+    # (n, 3) positions [m], velocities [m/s] and accelerations [m/s²].
     x: np.ndarray
     v: np.ndarray
     a: np.ndarray
+    # (n, 3) the velocities v + dt a that the forces of a step see, and the forces [N].
     ahead: np.ndarray
     f: np.ndarray
+    # (n,) [kg] and (3n,) [1/kg].
     mass: np.ndarray
     inverse_mass: np.ndarray
 
 
 class Held(NamedTuple):
-    """The c nodes that pins and slides hold.
+    """The c nodes that pins and slides hold."""
 
-    Attributes
-    ----------
-    at, P
-        (c,) ascending nodes, and (c, 3, 3) projectors onto their free directions.
-    path, speed
-        (s, c, 3) displacement over each step [m] and velocity at its end [m/s]; one row for all
-        steps where no pin moves.
-    old, target
-        (3, c, 3) x, v and a at the begin of a step; (c, 3) positions at its end [m].
-    work
-        (1,) done on the cloth so far [J].
-    """
-
+    # (c,) ascending nodes, and (c, 3, 3) projectors onto their free directions.
     at: np.ndarray
     P: np.ndarray
+    # (s, c, 3) displacement over each step [m] and velocity at its end [m/s]; one row for all steps
+    # where no pin moves.
     path: np.ndarray
     speed: np.ndarray
+    # (3, c, 3) x, v and a at the begin of a step; (c, 3) positions at its end [m].
     old: np.ndarray
     target: np.ndarray
-    work: np.ndarray
+    work: np.ndarray  # (1,) done on the cloth so far [J]
 
     def over(self, steps: slice) -> Held:
         """The same over some of the steps."""
@@ -68,27 +52,19 @@ class Held(NamedTuple):
 
 
 class Pauses(NamedTuple):
-    """What the first thread does between two steps.
+    """What the first thread does between two steps."""
 
-    Attributes
-    ----------
-    before, after, look
-        Addresses of calls before and after a step, and of one that fills `stretches`.
-    phase, period
-        After step s it looks if (s + phase) % period = period − 1.
-    least, largest
-        Stretches beyond which no further step is taken.
-    clock, stretches, stop
-        (1,) size of the step [s]; (2,) least and largest stretch; (1,) whether to stop.
-    """
-
+    # Addresses of calls before and after a step, and of one that fills `stretches`.
     before: int
     after: int
     look: int
+    # After step s it looks if (s + phase) % period = period − 1.
     phase: int
     period: int
+    # Stretches beyond which no further step is taken.
     least: float
     largest: float
+    # (1,) size of the step [s]; (2,) least and largest stretch; (1,) whether to stop.
     clock: np.ndarray
     stretches: np.ndarray
     stop: np.ndarray

@@ -43,51 +43,30 @@ class Flows:
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """Steps that were taken.
+    """Steps that were taken."""
 
-    Attributes
-    ----------
-    number, state, memory
-        Of the steps before the last one; where they end.
-    step
-        The last one; None if a stretch was beyond its limits before.
-    flows
-        Of all of them.
-    """
-
+    # Of the steps before the last one; where they end.
     number: int
     state: State
     memory: LastForce
-    step: Step | None
-    flows: Flows
+    step: Step | None  # the last one; None if a stretch was beyond its limits before
+    flows: Flows  # of all of them
 
 
 @dataclass(frozen=True, eq=False)
 class FusedSteps:
-    """A system ready for `take`: its compiled force, and the arrays on which that works.
-
-    Attributes
-    ----------
-    team, fields
-        The threads, and the arrays that steps change.
-    calls
-        Those of `forces`.
-    forces, before, after, look
-        Calls that add the forces, those at the begin and the end of a step for the columns of the
-        ledger, and one that fills `stretches` (2,): the least and the largest.
-    columns
-        Of the ledger.
-    moves
-        What the columns need of a step.
-    """
+    """A system ready for `take`: its compiled force, and the arrays on which that works."""
 
     system: System
+    # The threads, and the arrays that steps change.
     team: Team
     fields: Fields
-    moves: Moves
+    moves: Moves  # what the columns need of a step
     stretches: np.ndarray
-    columns: tuple[Column, ...]
-    calls: Calls
+    columns: tuple[Column, ...]  # of the ledger
+    calls: Calls  # those of `forces`
+    # Calls that add the forces, those at the begin and the end of a step for the columns of the
+    # ledger, and one that fills `stretches` (2,): the least and the largest.
     forces: JoinedCalls
     before: JoinedCalls
     after: JoinedCalls

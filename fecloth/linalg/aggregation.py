@@ -19,17 +19,10 @@ DEPENDENT = 1e-10  # of a motion's size: where orthogonalisation leaves less, no
 
 @dataclass(frozen=True)
 class Aggregates:
-    """Disjoint groups of neighbours that cover all nodes of a pattern.
+    """Disjoint groups of neighbours that cover all nodes of a pattern."""
 
-    Attributes
-    ----------
-    of_node
-        (n,) int32 aggregate of each node.
-    starts, members
-        Aggregate a has the nodes members[starts[a]] … members[starts[a + 1] − 1], ascending.
-    """
-
-    of_node: np.ndarray
+    of_node: np.ndarray  # (n,) int32 aggregate of each node
+    # Aggregate a has the nodes members[starts[a]] … members[starts[a + 1] − 1], ascending.
     starts: np.ndarray
     members: np.ndarray
 

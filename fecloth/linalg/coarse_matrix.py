@@ -26,30 +26,20 @@ class Transfer:
 
     P has a block of 3×6 for a node and an aggregate, A P too. Pᵀ A P has four blocks of 3×3 for
     two aggregates: its "nodes" 2a and 2a + 1 are the first and the last three motions of a.
-
-    Attributes
-    ----------
-    aggregates
-        The aggregates of the pattern of A.
-    indptr, indices
-        P by rows.
-    starts, rows, entries
-        P by columns: row and number of the blocks of each aggregate.
-    product_indptr, product_indices
-        A P by rows.
-    coarse
-        Pattern of Pᵀ A P.
     """
 
-    aggregates: Aggregates
+    aggregates: Aggregates  # the aggregates of the pattern of A
+    # P by rows.
     indptr: np.ndarray
     indices: np.ndarray
+    # P by columns: row and number of the blocks of each aggregate.
     starts: np.ndarray
     rows: np.ndarray
     entries: np.ndarray
+    # A P by rows.
     product_indptr: np.ndarray
     product_indices: np.ndarray
-    coarse: BlockPattern
+    coarse: BlockPattern  # pattern of Pᵀ A P
 
     @classmethod
     def of(cls, pattern: BlockPattern, aggregates: Aggregates) -> Transfer:

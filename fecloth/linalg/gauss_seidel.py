@@ -28,23 +28,14 @@ class SweepOrder:
     For place q of the order, blocks indptr[q] … indptr[q + 1] − 1 are those in columns of earlier
     colours, and indptr[n + q] … indptr[n + q + 1] − 1 those of later ones: L and U are apart in
     memory. Those on the diagonal are left out.
-
-    Attributes
-    ----------
-    nodes, places
-        (n,) int32 node at each place, and place of each node.
-    starts
-        (colours + 1,) int32 first place of each colour, and n.
-    indptr
-        (2n + 1,) int32.
-    indices, slots
-        (b − n,) int32 place of the column of these blocks, and their numbers in the pattern.
     """
 
+    # (n,) int32 node at each place, and place of each node.
     nodes: np.ndarray
     places: np.ndarray
-    starts: np.ndarray
-    indptr: np.ndarray
+    starts: np.ndarray  # (colours + 1,) int32 first place of each colour, and n
+    indptr: np.ndarray  # (2n + 1,) int32
+    # (b − n,) int32 place of the column of these blocks, and their numbers in the pattern.
     indices: np.ndarray
     slots: np.ndarray
 

@@ -42,30 +42,18 @@ class Grid:
 
 @dataclass(frozen=True)
 class Level:
-    """A matrix and what a cycle needs of it.
-
-    Attributes
-    ----------
-    A
-        The matrix.
-    values
-        (b − n, 3, 3) its blocks beside the diagonal, by colours. Those of the finest level are in
-        single precision, as are P and `columns`: reading them from memory takes most of the time.
-    inverse
-        (n, 6) inverses of the diagonal blocks, by colours.
-    P, columns
-        (p, 3, 6) the blocks of the prolongator by rows and, once more, by columns.
-    work
-        (5, n, 3) work arrays.
-    """
+    """A matrix and what a cycle needs of it."""
 
     grid: Grid
-    A: BlockMatrix
+    A: BlockMatrix  # the matrix
+    # (b − n, 3, 3) its blocks beside the diagonal, by colours. Those of the finest level are in
+    # single precision, as are P and `columns`: reading them from memory takes most of the time.
     values: np.ndarray
-    inverse: np.ndarray
+    inverse: np.ndarray  # (n, 6) inverses of the diagonal blocks, by colours
+    # (p, 3, 6) the blocks of the prolongator by rows and, once more, by columns.
     P: np.ndarray
     columns: np.ndarray
-    work: np.ndarray
+    work: np.ndarray  # (5, n, 3) work arrays
 
     @classmethod
     def of(

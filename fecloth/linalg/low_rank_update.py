@@ -19,21 +19,13 @@ class LowRankUpdate:
     Sherman–Morrison–Woodbury formula: with y = A⁻¹ b and Z = A⁻¹ U,
     x = y − Z (1/c + Uᵀ Z)⁻¹ Uᵀ y.
     Source: Hager (1989), Updating the Inverse of a Matrix, eq. 2.
-
-    Attributes
-    ----------
-    U, Z
-        (3n, k) the vectors u, and the solutions of A z = u.
-    small
-        (k, k) the matrix 1/c + Uᵀ Z.
-    infos
-        The `SolveInfo` of each of these solves.
     """
 
+    # (3n, k) the vectors u, and the solutions of A z = u.
     U: np.ndarray
     Z: np.ndarray
-    small: np.ndarray
-    infos: tuple[SolveInfo, ...]
+    small: np.ndarray  # (k, k) the matrix 1/c + Uᵀ Z
+    infos: tuple[SolveInfo, ...]  # the `SolveInfo` of each of these solves
 
     @classmethod
     def prepare(cls, solver: LinearSolver, updates: Updates, rtol: float) -> LowRankUpdate:

@@ -18,13 +18,6 @@ class MatrixLayout:
 
     Explicit methods form no matrix, and pay for none.
 
-    Attributes
-    ----------
-    n
-        Number of nodes.
-    stencils
-        (m, k) nodes that the terms couple, one array for each term.
-
     Examples
     --------
     >>> layout = MatrixLayout(3, (np.array([[0, 2]], dtype=np.int32),))
@@ -34,8 +27,8 @@ class MatrixLayout:
     [[[0, 1], [3, 4]]]
     """
 
-    n: int
-    stencils: Sequence[np.ndarray]
+    n: int  # number of nodes
+    stencils: Sequence[np.ndarray]  # (m, k) nodes that the terms couple, one array for each term
     _shared: WeakValueDictionary[int, np.ndarray] = field(
         default_factory=WeakValueDictionary, init=False, repr=False
     )

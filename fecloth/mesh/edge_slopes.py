@@ -32,18 +32,11 @@ IMAGES = 1e-11  # φ̂ below it is zero: the two triangles are images of each ot
 
 @dataclass(frozen=True, eq=False)
 class EdgeSlopes:
-    """The slopes α of the half-edges of a mesh as a linear function C of its hinge angles θ.
+    """The slopes α of the half-edges of a mesh as a linear function C of its hinge angles θ."""
 
-    Attributes
-    ----------
-    edges
-        The half-edges.
-    region
-        (m,) equal where two triangles lie in the same named regions. Only between others may the
-        material change.
-    """
-
-    edges: HalfEdges
+    edges: HalfEdges  # the half-edges
+    # (m,) equal where two triangles lie in the same named regions. Only between others may the
+    # material change.
     region: np.ndarray
 
     @cached_property

@@ -32,26 +32,13 @@ CENTROID_RULE = (np.array([[1 / 3], [1 / 3]]), np.array([0.5]))
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """A triangular element.
+    """A triangular element."""
 
-    Attributes
-    ----------
-    name
-        "P1" or "P2".
-    shapes
-        scikit-fem's element.
-    degree
-        Degree of the shape functions. A mass matrix needs a rule of twice this degree.
-    rule
-        Points and weights of the quadrature of the energy.
-    parts
-        Triangles between neighbouring nodes, in VTK's order of the nodes (`oriented_cells`).
-    """
-
-    name: str
-    shapes: skfem.Element
-    degree: int
-    rule: tuple[np.ndarray, np.ndarray]
+    name: str  # "P1" or "P2"
+    shapes: skfem.Element  # scikit-fem's element
+    degree: int  # Degree of the shape functions. A mass matrix needs a rule of twice this degree.
+    rule: tuple[np.ndarray, np.ndarray]  # points and weights of the quadrature of the energy
+    # Triangles between neighbouring nodes, in VTK's order of the nodes (`oriented_cells`).
     parts: tuple[tuple[int, int, int], ...]
 
     @cached_property

@@ -17,26 +17,14 @@ _MAX_LISTED = 5  # items in an error message
 
 @dataclass(frozen=True, eq=False)
 class FlatMesh:
-    """A flat triangle mesh with named sets.
+    """A flat triangle mesh with named sets."""
 
-    Attributes
-    ----------
-    X : (n, 2) float64
-        Node coordinates [m].
-    triangles : (m, 3) int32
-        Node indices of each triangle, all counter-clockwise.
-    node_sets
-        Name to sorted unique node indices.
-    edge_sets
-        Name to (k, 2) node pairs of the edges in the named curve, lower index first.
-    triangle_sets
-        Name to sorted unique triangle indices.
-    """
-
-    X: np.ndarray
-    triangles: np.ndarray
-    node_sets: dict[str, np.ndarray]
+    X: np.ndarray  # node coordinates [m]
+    triangles: np.ndarray  # node indices of each triangle, all counter-clockwise
+    node_sets: dict[str, np.ndarray]  # name to sorted unique node indices
+    # Name to (k, 2) node pairs of the edges in the named curve, lower index first.
     edge_sets: dict[str, np.ndarray]
+    # Name to sorted unique triangle indices.
     triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod

@@ -13,21 +13,11 @@ from fecloth.mesh.hinges import Hinges
 
 @dataclass(frozen=True, eq=False)
 class HalfEdges:
-    """The edges of each triangle: half-edge 3 t + i leads from corner i of triangle t to the next.
+    """The edges of each triangle: half-edge 3 t + i leads from corner i of t to the next corner."""
 
-    Attributes
-    ----------
-    X
-        (n, 2) node coordinates [m].
-    triangles
-        (m, 3) corners, counter-clockwise.
-    hinges
-        The interior edges of the same triangles.
-    """
-
-    X: np.ndarray
-    triangles: np.ndarray
-    hinges: Hinges
+    X: np.ndarray  # (n, 2) node coordinates [m]
+    triangles: np.ndarray  # (m, 3) corners, counter-clockwise
+    hinges: Hinges  # the interior edges of the same triangles
 
     @classmethod
     def from_triangles(cls, X: np.ndarray, triangles: np.ndarray) -> HalfEdges:

@@ -14,25 +14,13 @@ class Hinges:
 
     A hinge is the edge from its node 0 to its node 1. Node 2 is the opposite corner of the triangle
     to the left of 0 → 1, and node 3 the opposite corner of the triangle to the right.
-
-    Attributes
-    ----------
-    nodes
-        (h, 4) int32 node indices.
-    sides
-        (h, 2) indices of the left and the right triangle.
-    vector
-        (h, 2) vector from node 0 to node 1 in the reference plane [m].
-    areas
-        (h, 2) reference areas of the two triangles [m²].
-    feet
-        (h, 2) feet of the heights from nodes 2 and 3 on the edge: 0 at node 0, 1 at node 1.
     """
 
-    nodes: np.ndarray
-    sides: np.ndarray
-    vector: np.ndarray
-    areas: np.ndarray
+    nodes: np.ndarray  # (h, 4) int32 node indices
+    sides: np.ndarray  # (h, 2) indices of the left and the right triangle
+    vector: np.ndarray  # (h, 2) vector from node 0 to node 1 in the reference plane [m]
+    areas: np.ndarray  # (h, 2) reference areas of the two triangles [m²]
+    # (h, 2) feet of the heights from nodes 2 and 3 on the edge: 0 at node 0, 1 at node 1.
     feet: np.ndarray
 
     @classmethod

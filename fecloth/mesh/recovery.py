@@ -27,25 +27,14 @@ SINGULAR = 1e-9  # pivot below which the points do not tell a coefficient
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Where a field is given in each triangle, and where the smooth one is compared with it.
+    """Where a field is given in each triangle, and where the smooth one is compared with it."""
 
-    Attributes
-    ----------
-    degree
-        Of the polynomials.
-    points
-        (q, 3) barycentric coordinates of the given values.
-    rule, weights
-        (r, 3) points of comparison, and their shares (r,) of the area.
-    extend
-        (r, q) the given field at them from its values at the `points`.
-    """
-
-    degree: int
-    points: np.ndarray
+    degree: int  # of the polynomials
+    points: np.ndarray  # (q, 3) barycentric coordinates of the given values
+    # (r, 3) points of comparison, and their shares (r,) of the area.
     rule: np.ndarray
     weights: np.ndarray
-    extend: np.ndarray
+    extend: np.ndarray  # (r, q) the given field at them from its values at the `points`
 
 
 THREE = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6

@@ -17,18 +17,10 @@ _QUADRATIC = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # in VTK's order of `
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Flat triangles between the nodes of a cloth: those of P1, four of each triangle of P2.
+    """Flat triangles between the nodes of a cloth: those of P1, four of each triangle of P2."""
 
-    Attributes
-    ----------
-    triangles
-        (s, 3) nodes.
-    sides
-        (h, 2) the two triangles at each interior edge.
-    """
-
-    triangles: np.ndarray
-    sides: np.ndarray
+    triangles: np.ndarray  # (s, 3) nodes
+    sides: np.ndarray  # (h, 2) the two triangles at each interior edge
 
     @classmethod
     def of(cls, cloth: Cloth) -> Surface:
@@ -71,17 +63,6 @@ class Enclosure:
     A cap has the triangles between the edges of a rim and the mean of its nodes. So the volume of
     a dome is that between the dome and the plane of its rim.
 
-    Attributes
-    ----------
-    triangles
-        (m, 3) oriented corners.
-    rim
-        (r, 2) edges that have a triangle on one side only, in the direction of that triangle.
-    centre
-        (rims, n) matrix from nodal positions to the mean of each rim.
-    part
-        (r,) rim of each edge.
-
     Examples
     --------
     >>> x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
@@ -90,10 +71,11 @@ class Enclosure:
     [1.0, 1.0]
     """
 
-    triangles: np.ndarray
+    triangles: np.ndarray  # (m, 3) oriented corners
+    # (r, 2) edges that have a triangle on one side only, in the direction of that triangle.
     rim: np.ndarray
-    centre: sparse.csr_matrix
-    part: np.ndarray
+    centre: sparse.csr_matrix  # (rims, n) matrix from nodal positions to the mean of each rim
+    part: np.ndarray  # (r,) rim of each edge
 
     @classmethod
     def of(cls, triangles: np.ndarray, nodes: int) -> Enclosure:

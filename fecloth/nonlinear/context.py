@@ -16,24 +16,15 @@ from fecloth.nonlinear.options import Newton
 
 @dataclass(eq=False)
 class SolverContext:
-    """The solvers that steps share; every step changes their state.
+    """The solvers that steps share; every step changes their state."""
 
-    Attributes
-    ----------
-    linear, matrix
-        The linear solver, and the matrix that each iteration fills; None for explicit methods.
-    options
-        Newton's.
-    factor_reuse
-        The record of the factor that the linear solver holds from an earlier iteration.
-    step_error
-        The error in time of the next step, for the tolerance "auto"; None where it is not known.
-    """
-
+    # The linear solver, and the matrix that each iteration fills; None for explicit methods.
     linear: LinearSolver | None
     matrix: BlockMatrix | None
-    options: Newton
+    options: Newton  # newton's
+    # The record of the factor that the linear solver holds from an earlier iteration.
     factor_reuse: FactorReuse = field(default_factory=FactorReuse)
+    # The error in time of the next step, for the tolerance "auto"; None where it is not known.
     step_error: StepError | None = None
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:

@@ -25,24 +25,14 @@ TOLERANCE, RESTARTS = 1e-11, 100  # of ARPACK: relative residual, and the most r
 
 @dataclass(frozen=True, eq=False)
 class Eigenpairs:
-    """Solutions of K u = λ M u, the least λ first.
+    """Solutions of K u = λ M u, the least λ first."""
 
-    Attributes
-    ----------
-    values
-        (count,) λ, ascending.
-    vectors
-        (count, n, 3) u with u · M u = 1; zero in the held directions. The largest component is
-        positive.
-    zero
-        |λ| that is not larger may be round-off.
-    asymmetry
-        ‖K − Kᵀ‖ / ‖K + Kᵀ‖ of the free directions: these are the solutions for ½ (K + Kᵀ).
-    """
-
-    values: np.ndarray
+    values: np.ndarray  # (count,) λ, ascending
+    # (count, n, 3) u with u · M u = 1; zero in the held directions. The largest component is
+    # positive.
     vectors: np.ndarray
-    zero: float
+    zero: float  # |λ| that is not larger may be round-off
+    # ‖K − Kᵀ‖ / ‖K + Kᵀ‖ of the free directions: these are the solutions for ½ (K + Kᵀ).
     asymmetry: float
 
 
@@ -80,29 +70,15 @@ def least_eigenpairs(system: System, state: State, count: int, unit_mass=False) 
 
 @dataclass(frozen=True, eq=False)
 class _Pencil:
-    """K and M at a state.
-
-    Attributes
-    ----------
-    stiffness
-        The symmetric part of K without its parts of low rank, all nodes.
-    updates
-        (c, u) of these parts, in the free directions.
-    mass
-        (f, f) M of the free directions.
-    scale
-        The mean of |K| over that of M, by their diagonals.
-    asymmetry
-        As for `Eigenpairs`.
-    """
+    """K and M at a state."""
 
     system: System
-    stiffness: BlockMatrix
-    updates: list[tuple[float, np.ndarray]]
+    stiffness: BlockMatrix  # the symmetric part of K without its parts of low rank, all nodes
+    updates: list[tuple[float, np.ndarray]]  # (c, u) of these parts, in the free directions
     nodal: sparse.csr_matrix
-    mass: sparse.csr_matrix
-    scale: float
-    asymmetry: float
+    mass: sparse.csr_matrix  # (f, f) M of the free directions
+    scale: float  # the mean of |K| over that of M, by their diagonals
+    asymmetry: float  # as for `Eigenpairs`
 
     @classmethod
     def at(cls, system: System, state: State, unit_mass: bool) -> _Pencil:

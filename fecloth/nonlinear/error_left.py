@@ -37,24 +37,14 @@ class ErrorLeft:
         θ / (1 − θ) × the last length
 
     Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, section IV.8.
-
-    Attributes
-    ----------
-    unit
-        dt wv.
-    in_time
-        The error in time of the step [m]; 0 where it is not known.
-    length
-        Of the last correction [m].
-    error
-        The error left [m]. It is infinite after fewer than two iterations, where the corrections
-        grow, after a shortened step, and where mass was added to the matrix: then the corrections
-        are short because they are held back.
     """
 
-    unit: float = 1.0
-    in_time: float = 0.0
-    length: float = 0.0
+    unit: float = 1.0  # dt wv
+    in_time: float = 0.0  # the error in time of the step [m]; 0 where it is not known
+    length: float = 0.0  # of the last correction [m]
+    # The error left [m]. It is infinite after fewer than two iterations, where the corrections
+    # grow, after a shortened step, and where mass was added to the matrix: then the corrections are
+    # short because they are held back.
     error: float = math.inf
 
     def correct(self, system: System, correction: np.ndarray, whole: bool) -> None:

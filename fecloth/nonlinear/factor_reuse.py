@@ -19,24 +19,16 @@ LONGEST_WAIT = 64
 
 @dataclass
 class FactorReuse:
-    """The record of a factor for reuse; the linear solver holds the factor itself.
+    """The record of a factor for reuse; the linear solver holds the factor itself."""
 
-    Attributes
-    ----------
-    key
-        The system, the weights and the definiteness of the factor's matrix; None without a factor.
-    number
-        `prepared` of the linear solver when it made the factor; a later one replaces it.
-    steps, solves
-        Steps since then, and iterations in them.
-    failures, wait
-        Consecutive failures of reuse, and the number of new factors before the next attempt.
-    """
-
+    # The system, the weights and the definiteness of the factor's matrix; None without a factor.
     key: tuple | None = None
+    # `prepared` of the linear solver when it made the factor; a later one replaces it.
     number: int = 0
+    # Steps since then, and iterations in them.
     steps: int = 0
     solves: int = 0
+    # Consecutive failures of reuse, and the number of new factors before the next attempt.
     failures: int = 0
     wait: int = 0
 

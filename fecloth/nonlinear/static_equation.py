@@ -39,16 +39,10 @@ class EquilibriumFailed(FeclothError):
 
 @dataclass(frozen=True, eq=False)
 class StaticEquation:
-    """R = −f at positions x, with the loads times `load`; J = K + σ M.
-
-    Attributes
-    ----------
-    start
-        The state from which the solution is sought; its v is 0.
-    """
+    """R = −f at positions x, with the loads times `load`; J = K + σ M."""
 
     system: System
-    start: State
+    start: State  # the state from which the solution is sought; its v is 0
     load: float = 1.0
 
     wx = 1.0

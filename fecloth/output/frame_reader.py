@@ -120,19 +120,11 @@ def clip_to_drawable(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """The frames of a run's folder, read one at a time.
-
-    Attributes
-    ----------
-    times
-        Times of the frames [s].
-    read
-        Function from i to frame i, a `Frame`.
-    """
+    """The frames of a run's folder, read one at a time."""
 
     folder: Path
-    times: tuple[float, ...]
-    read: Callable[[int], Frame]
+    times: tuple[float, ...]  # times of the frames [s]
+    read: Callable[[int], Frame]  # function from i to frame i, a `Frame`
 
     @classmethod
     def open(cls, folder: str | Path) -> Series:

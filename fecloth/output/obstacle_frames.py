@@ -43,21 +43,11 @@ def find_obstacles(system: System, x: np.ndarray, t: float) -> Obstacles | None:
 
 @dataclass(eq=False)
 class ObstacleFrames:
-    """Writes the obstacles of a system beside the frames of a run.
+    """Writes the obstacles of a system beside the frames of a run."""
 
-    Attributes
-    ----------
-    folder
-        Of the run.
-    system
-        Whose terms are asked for obstacles.
-    around
-        (n, 3) positions about which endless obstacles are drawn [m].
-    """
-
-    folder: Path
-    system: System
-    around: np.ndarray
+    folder: Path  # of the run
+    system: System  # whose terms are asked for obstacles
+    around: np.ndarray  # (n, 3) positions about which endless obstacles are drawn [m]
     listed: list[tuple[str, float]] = field(default_factory=list)
     last: Obstacles | None = None
 

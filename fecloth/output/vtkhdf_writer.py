@@ -47,15 +47,6 @@ SHARED = ("PartOffsets", "CellOffsets", "ConnectivityIdOffsets")
 class HdfFrames:
     """Appends states to one file; the same use as `output.Frames`.
 
-    Attributes
-    ----------
-    path
-        The file, replaced by the first frame.
-    cloth, system
-        What is shown; without a system, no stress and no energy.
-    times
-        Times of the frames written so far [s].
-
     Examples
     --------
     >>> import tempfile
@@ -71,10 +62,11 @@ class HdfFrames:
     3 (27, 3)
     """
 
-    path: Path
+    path: Path  # the file, replaced by the first frame
+    # What is shown; without a system, no stress and no energy.
     cloth: Cloth
     system: System | None = None
-    times: list[float] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)  # times of the frames written so far [s]
 
     def __post_init__(self):
         h5py()  # refuse a missing package before the first step

@@ -62,28 +62,19 @@ Closure = Callable[[Sequence[Any]], Any]
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """The operations that the closures are made of.
+    """The operations that the closures are made of."""
 
-    Attributes
-    ----------
-    number
-        Type of the constants.
-    functions, binary, compare
-        By name, and by the type of the operator in the syntax tree.
-    negate, every, some
-        Truth values: not a, all of a list, any of a list.
-    for_numbers
-        Whether variables and constants are Python's floats: then constant parts are evaluated once,
-        and of where(condition, a, b) only the part that is chosen.
-    """
-
-    number: type
+    number: type  # type of the constants
+    # By name, and by the type of the operator in the syntax tree.
     functions: Mapping[str, Callable[..., Any]]
     binary: Mapping[type[ast.operator], Callable[..., Any]]
     compare: Mapping[type[ast.cmpop], Callable[..., Any]]
+    # Truth values: not a, all of a list, any of a list.
     negate: Callable[..., Any]
     every: Callable[..., Any]
     some: Callable[..., Any]
+    # Whether variables and constants are Python's floats: then constant parts are evaluated once,
+    # and of where(condition, a, b) only the part that is chosen.
     for_numbers: bool
 
 

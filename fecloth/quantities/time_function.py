@@ -23,20 +23,12 @@ DIFFERENCE_STEP = 1e-5  # s; the difference quotient of a function is then good 
 
 @dataclass(frozen=True)
 class TimeFunction:
-    """A value that changes in time, ``value(t)``, always finite.
+    """A value that changes in time, ``value(t)``, always finite."""
 
-    Attributes
-    ----------
-    parts
-        A function of t, or numbers and formulas.
-    shape
-        Shape of the value; () for a number.
-    name, where
-        What errors call it, as in "Pressure: p(0.3) = nan".
-    """
-
+    # A function of t, or numbers and formulas.
     parts: Callable[[float], ArrayLike] | tuple[float | Formula, ...]
-    shape: tuple[int, ...]
+    shape: tuple[int, ...]  # shape of the value; () for a number
+    # What errors call it, as in "Pressure: p(0.3) = nan".
     name: str
     where: str
 

@@ -22,17 +22,10 @@ _INCH, _FOOT, _POUND = 0.0254, 0.3048, 0.45359237  # [m], [kg]: the agreement of
 
 @dataclass(frozen=True, eq=False)
 class Dimension:
-    """The units that a quantity may have.
+    """The units that a quantity may have."""
 
-    Attributes
-    ----------
-    units
-        Name of each unit → its value in SI; the first one is the SI unit.
-    only
-        Other fields and their values, if the quantity has this dimension only with these values.
-    """
-
-    units: Mapping[str, float]
+    units: Mapping[str, float]  # name of each unit → its value in SI; the first one is the SI unit
+    # Other fields and their values, if the quantity has this dimension only with these values.
     only: tuple[tuple[str, object], ...] = ()
 
     @property

@@ -41,44 +41,28 @@ FREE = ("title", "expect", "interest")  # keys that do not change a run
 @remembered
 @dataclass(frozen=True, eq=False)
 class Restart:
-    """A run between two steps.
+    """A run between two steps."""
 
-    Attributes
-    ----------
-    scene
-        The resolved scene.
-    start
-        `digest` of the mesh and the start.
-    method
-        The method that takes the steps, as text; for "auto" the chosen one.
-    state, memory, ledger
-        After the last step.
-    balance, time_error, warnings, counts
-        The energy balance, the error in time, the warnings since the first step, and counts of the
-        recorder so far.
-    frames, tables
-        Number of frames, and the bytes of each table.
-    exact
-        Whether a run continued from it equals the unbroken one bit for bit: the solver held no
-        factor, or dropped it here.
-    made_on
-        Versions and threads.
-    """
-
-    scene: str
-    start: str
-    method: str
+    scene: str  # the resolved scene
+    start: str  # `digest` of the mesh and the start
+    method: str  # the method that takes the steps, as text; for "auto" the chosen one
+    # After the last step.
     state: State
     memory: Memory
     ledger: Ledger
+    # The energy balance, the error in time, the warnings since the first step, and counts of the
+    # recorder so far.
     balance: Balance
     time_error: TimeError
     warnings: tuple[str, ...]
     counts: Mapping[str, float]
+    # Number of frames, and the bytes of each table.
     frames: int
     tables: Mapping[str, int]
+    # Whether a run continued from it equals the unbroken one bit for bit: the solver held no
+    # factor, or dropped it here.
     exact: bool
-    made_on: Mapping[str, str]
+    made_on: Mapping[str, str]  # versions and threads
 
 
 # --- one file -------------------------------------------------------------------------------------

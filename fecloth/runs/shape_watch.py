@@ -22,19 +22,13 @@ APART = {True: 150, False: 6}  # fewest steps between two counts, explicit or no
 
 @dataclass(frozen=True, eq=False)
 class ShapeWatch:
-    """Computes the columns of a frame in strains.csv, and the warnings that follow from them.
+    """Computes the columns of a frame in strains.csv, and the warnings that follow from them."""
 
-    Attributes
-    ----------
-    system, surface
-        The system, and its cloth as a surface of flat triangles.
-    apart
-        Least number of steps between two counts of intersections; infinite for no counts. A count
-        takes as long as about fifteen explicit steps, or half an implicit one.
-    """
-
+    # The system, and its cloth as a surface of flat triangles.
     system: System
     surface: Surface
+    # Least number of steps between two counts of intersections; infinite for no counts. A count
+    # takes as long as about fifteen explicit steps, or half an implicit one.
     apart: float
 
     @classmethod

@@ -45,27 +45,17 @@ def refuse_unknown(
 
 @dataclass(frozen=True)
 class Verdict:
-    """A line of ``fecloth check``: the value of a column and the expected one.
+    """A line of ``fecloth check``: the value of a column and the expected one."""
 
-    Attributes
-    ----------
-    name, at
-        Column and time [s]; the end of the run if the scene gives no time.
-    value, expected, tolerance
-        In the column's unit; `tolerance` is the allowed difference.
-    unit
-        Of `at`: " s", or " of the loads" of a static scene.
-    passed
-        Whether ``|value − expected| <= tolerance``.
-    """
-
+    # Column and time [s]; the end of the run if the scene gives no time.
     name: str
     at: float
+    # In the column's unit; `tolerance` is the allowed difference.
     value: float
     expected: float
     tolerance: float
-    passed: bool
-    unit: str = " s"
+    passed: bool  # whether ``|value − expected| <= tolerance``
+    unit: str = " s"  # of `at`: " s", or " of the loads" of a static scene
 
     def __str__(self) -> str:
         return (

@@ -36,26 +36,13 @@ SLIGHT = 1e-3  # of the way of a motion; less does not matter beside its uniform
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """Something that depends on time.
+    """Something that depends on time."""
 
-    Attributes
-    ----------
-    name
-        What the warning calls it.
-    values
-        Function of times (m,) that returns (m, k).
-    most
-        Largest number of times.
-    moves
-        Whether it is a motion, of which a uniform one counts as none.
-    samples
-        Fractions of a step at which `Adaptive` looks at it.
-    """
-
-    name: str
-    values: Callable[[np.ndarray], np.ndarray]
-    most: int
-    moves: bool = False
+    name: str  # what the warning calls it
+    values: Callable[[np.ndarray], np.ndarray]  # function of times (m,) that returns (m, k)
+    most: int  # largest number of times
+    moves: bool = False  # whether it is a motion, of which a uniform one counts as none
+    # Fractions of a step at which `Adaptive` looks at it.
     samples: np.ndarray = field(default_factory=lambda: LOADS)
 
 

@@ -22,26 +22,18 @@ UNSOLVED = 1e-10  # of the energies, of the whole motion too: what Newton's tole
 @remembered
 @dataclass(frozen=True)
 class Balance:
-    """The energy balance of the steps so far.
+    """The energy balance of the steps so far."""
 
-    Attributes
-    ----------
-    start, steps
-        Time of the start [s], and number of steps.
-    largest
-        Largest `Ledger.deformation` that three steps in a row have reached [J]. One step's spike,
-        such as that of a pin that jumps, does not count.
-    last, before
-        `Ledger.deformation` after the last step and the one before [J].
-    off, least
-        Number of steps in a row whose remainder was too large, and the least of these [J].
-    """
-
+    # Time of the start [s], and number of steps.
     start: float
     steps: int = 0
+    # Largest `Ledger.deformation` that three steps in a row have reached [J]. One step's spike,
+    # such as that of a pin that jumps, does not count.
     largest: float = 0.0
+    # `Ledger.deformation` after the last step and the one before [J].
     last: float = 0.0
     before: float = 0.0
+    # Number of steps in a row whose remainder was too large, and the least of these [J].
     off: int = 0
     least: float = math.inf
 

@@ -39,25 +39,14 @@ FAR = 10.0  # largest first step, in multiples of the flight that estimates its 
 @remembered
 @dataclass(frozen=True, eq=False)
 class Control:
-    """The memory of `Adaptive`.
+    """The memory of `Adaptive`."""
 
-    Attributes
-    ----------
-    dt
-        The step to try next [s].
-    error
-        Error of the last step over the allowed one, at most 1.
-    a, t
-        (n, 3) mean acceleration [m/s²] of the last step, and the time of its middle [s].
-    method_memory
-        The memory of the method itself.
-    """
-
-    dt: float
-    error: float
+    dt: float  # the step to try next [s]
+    error: float  # error of the last step over the allowed one, at most 1
+    # (n, 3) mean acceleration [m/s²] of the last step, and the time of its middle [s].
     a: np.ndarray
     t: float
-    method_memory: object = None
+    method_memory: object = None  # the memory of the method itself
 
 
 @dataclass(frozen=True)

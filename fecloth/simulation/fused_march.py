@@ -48,45 +48,25 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class Skipped:
-    """Steps that were taken without a stop.
+    """Steps that were taken without a stop."""
 
-    Attributes
-    ----------
-    number
-        Of the steps.
-    state, memory
-        After them.
-    step
-        The step after them, if it is known too.
-    flows
-        What the energy ledger adds up over all of these.
-    seconds
-        Wall time.
-    """
-
-    number: int
+    number: int  # of the steps
+    # After them.
     state: State
     memory: object
-    step: Step | None
-    flows: Flows
-    seconds: float
+    step: Step | None  # the step after them, if it is known too
+    flows: Flows  # what the energy ledger adds up over all of these
+    seconds: float  # wall time
 
 
 @dataclass(frozen=True, eq=False)
 class FusedMarch:
-    """A choice of steps whose steps may be fused.
+    """A choice of steps whose steps may be fused."""
 
-    Attributes
-    ----------
-    steps, fused
-        The choice of steps, and the system's fused steps.
-    most_stretch
-        As for `march`.
-    """
-
+    # The choice of steps, and the system's fused steps.
     steps: FixedStep | StabilityLimited
     fused: FusedSteps
-    most_stretch: float
+    most_stretch: float  # as for `march`
 
     @classmethod
     def bind(cls, system: System, steps: StepChoice, most_stretch: float) -> FusedMarch | None:

@@ -28,21 +28,11 @@ DECISIVE = 5.0  # a method that is cheaper by this factor ends the trial
 
 @dataclass(frozen=True)
 class Trial:
-    """The cost of a method over a whole run, predicted from its first steps.
+    """The cost of a method over a whole run, predicted from its first steps."""
 
-    Attributes
-    ----------
-    method
-        Ready for `march`.
-    dt
-        Mean step in the second half of the trial [s].
-    seconds
-        Wall seconds for the run, less compilation; infinite if it failed.
-    """
-
-    method: Adaptive
-    dt: float
-    seconds: float
+    method: Adaptive  # ready for `march`
+    dt: float  # mean step in the second half of the trial [s]
+    seconds: float  # wall seconds for the run, less compilation; infinite if it failed
 
     def __str__(self) -> str:
         name = type(self.method.method).__name__

@@ -39,34 +39,20 @@ _TEXT = re.compile(
 class Quantity:
     """A quantity of interest, as `parse_quantity` reads it from a text.
 
-        [max | min | path of | period of | frequency of] NAME [in L2 | in H1] [at TIME]
-        frequency(k)
-
-    Attributes
-    ----------
-    text
-        The text; it names the quantity in tables.
-    name
-        A column ("tip.z", "sag", "energy.StVK"), a vector ("tip", "reaction.left"), a field
-        ("displacement"), or "" for the frequency of a mode and for a function.
-    how
-        "value" (at a time), "max", "min", "path", "period", "frequency", "mode" or "function".
-    at
-        Time of the value [s]; None for the end.
-    norm
-        "l2" or "h1" of a field, else "".
-    mode
-        Number k of the mode, from 1.
-    function
-        The user's function of the result of a run, which returns a number.
+    [max | min | path of | period of | frequency of] NAME [in L2 | in H1] [at TIME]
+    frequency(k)
     """
 
-    text: str
+    text: str  # the text; it names the quantity in tables
+    # A column ("tip.z", "sag", "energy.StVK"), a vector ("tip", "reaction.left"), a field
+    # ("displacement"), or "" for the frequency of a mode and for a function.
     name: str = ""
+    # "value" (at a time), "max", "min", "path", "period", "frequency", "mode" or "function".
     how: str = "value"
-    at: float | None = None
-    norm: str = ""
-    mode: int = 0
+    at: float | None = None  # time of the value [s]; None for the end
+    norm: str = ""  # "l2" or "h1" of a field, else ""
+    mode: int = 0  # number k of the mode, from 1
+    # The user's function of the result of a run, which returns a number.
     function: Callable[..., float] | None = None
 
     def __str__(self) -> str:

@@ -20,30 +20,16 @@ COMPONENTS = "xyz"
 
 @dataclass(frozen=True, eq=False)
 class RunRecord:
-    """What quantities are computed from: the columns of a run and the fields at its end.
+    """What quantities are computed from: the columns of a run and the fields at its end."""
 
-    Attributes
-    ----------
-    times
-        (s + 1,) [s].
-    columns
-        Column → (s + 1,), as in energies.csv and observed.csv.
-    cloth, fields
-        The cloth, and "displacement" [m] and "velocity" [m/s] (n, 3) at the end.
-    probes
-        Names of the probes: their size is that of their displacement.
-    frequencies
-        Of the modes, lowest first [Hz].
-    values
-        Values of functions of the result, by the text of the quantity.
-    """
-
-    times: np.ndarray
-    columns: Mapping[str, np.ndarray]
+    times: np.ndarray  # (s + 1,) [s]
+    columns: Mapping[str, np.ndarray]  # column → (s + 1,), as in energies.csv and observed.csv
+    # The cloth, and "displacement" [m] and "velocity" [m/s] (n, 3) at the end.
     cloth: Cloth | None = None
     fields: Mapping[str, np.ndarray] = field(default_factory=dict)
-    probes: tuple[str, ...] = ()
-    frequencies: tuple[float, ...] = ()
+    probes: tuple[str, ...] = ()  # names of the probes: their size is that of their displacement
+    frequencies: tuple[float, ...] = ()  # of the modes, lowest first [Hz]
+    # Values of functions of the result, by the text of the quantity.
     values: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod

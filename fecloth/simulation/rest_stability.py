@@ -13,18 +13,10 @@ from fecloth.system.system import System
 
 @dataclass(frozen=True)
 class RestStability:
-    """The least eigenvalue of K on the free directions of an equilibrium.
+    """The least eigenvalue of K on the free directions of an equilibrium."""
 
-    Attributes
-    ----------
-    least
-        [N/m]; NaN if it was not found.
-    zero
-        Size up to which it may be round-off [N/m].
-    """
-
-    least: float
-    zero: float
+    least: float  # [N/m]; NaN if it was not found
+    zero: float  # size up to which it may be round-off [N/m]
 
     @classmethod
     def of(cls, system: System, state: State) -> RestStability:

@@ -32,25 +32,14 @@ LONGER = 1.05  # largest growth of a step: the cloth may become as stiff again
 @remembered
 @dataclass(frozen=True, eq=False)
 class LimitMemory:
-    """The memory of `StabilityLimited`.
+    """The memory of `StabilityLimited`."""
 
-    Attributes
-    ----------
-    dt
-        The step [s].
-    steps
-        Steps since the limit was computed.
-    least, largest
-        Extreme principal stretches of all triangles so far.
-    method_memory
-        The memory of the method itself.
-    """
-
-    dt: float
-    steps: int
+    dt: float  # the step [s]
+    steps: int  # steps since the limit was computed
+    # Extreme principal stretches of all triangles so far.
     least: float
     largest: float
-    method_memory: object = None
+    method_memory: object = None  # the memory of the method itself
 
 
 @dataclass(frozen=True)

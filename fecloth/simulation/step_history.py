@@ -29,17 +29,10 @@ class StepHistory:
 
     as a mass-weighted root mean square over the nodes without its rigid part. The derivative is a
     divided difference of the last q + 1 accelerations of the free directions.
-
-    Attributes
-    ----------
-    times
-        Of the middle of these steps [s].
-    accelerations
-        (n, 3) each [m/s²].
     """
 
-    times: tuple[float, ...] = ()
-    accelerations: tuple[np.ndarray, ...] = ()
+    times: tuple[float, ...] = ()  # of the middle of these steps [s]
+    accelerations: tuple[np.ndarray, ...] = ()  # (n, 3) each [m/s²]
 
     def after(self, system: System, traits: MethodTraits, old: State, new: State) -> StepHistory:
         """Return the history after a step between these states."""

@@ -19,21 +19,13 @@ NOTHING = 1e-6  # of the fabric's stiffness; less compression is none
 
 @dataclass(frozen=True)
 class Shape:
-    """The shape of a cloth at one time.
+    """The shape of a cloth at one time."""
 
-    Attributes
-    ----------
-    least_stretch, largest_stretch
-        Principal stretches of all triangles [-].
-    inverted
-        Triangles that are turned over against all their neighbours.
-    intersecting
-        Pairs of triangles that pass through each other; None if it was not counted.
-    """
-
+    # Principal stretches of all triangles [-].
     least_stretch: float
     largest_stretch: float
-    inverted: int
+    inverted: int  # triangles that are turned over against all their neighbours
+    # Pairs of triangles that pass through each other; None if it was not counted.
     intersecting: int | None
 
     @classmethod

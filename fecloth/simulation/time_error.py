@@ -63,34 +63,20 @@ class TimeError:
     so that positions are needed every τ only, which grows with time. (For τ, dt is that of the
     present, so that a short motion after a long rest is not passed over.) The largest e so far
     over the largest displacement is the relative error.
-
-    Attributes
-    ----------
-    start
-        That before the first step.
-    recent
-        The last p + 1 samples.
-    lag
-        κ ∫ dt^q dt up to the last of them [s^p].
-    length, largest
-        e there, and the largest e [m].
-    speed
-        Largest rms speed of the samples [m/s], where it is needed: see `relative_error`.
-    moved, looked
-        Largest rms displacement [m], and the time of the last look at it [s].
-    due
-        The step of the next sample.
     """
 
-    start: Sample
-    recent: tuple[Sample, ...]
-    lag: float = 0.0
+    start: Sample  # that before the first step
+    recent: tuple[Sample, ...]  # the last p + 1 samples
+    lag: float = 0.0  # κ ∫ dt^q dt up to the last of them [s^p]
+    # e there, and the largest e [m].
     length: float = 0.0
     largest: float = 0.0
+    # Largest rms speed of the samples [m/s], where it is needed: see `relative_error`.
     speed: float = 0.0
+    # Largest rms displacement [m], and the time of the last look at it [s].
     moved: float = 0.0
     looked: float = 0.0
-    due: int = 0
+    due: int = 0  # the step of the next sample
 
     @classmethod
     def open(cls, state: State, step: int, ledger: Ledger) -> TimeError:

@@ -33,17 +33,11 @@ P2_COST = 4.0  # nodes of P2 over those of P1 on the same triangles
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """One setting of a problem.
+    """One setting of a problem."""
 
-    Attributes
-    ----------
-    names
-        Its cells in the table: method, element, model, and rtol [1/s] where it has one.
-    problem, level
-        What runs; None and the reason in `refusal` where the problem refuses the combination.
-    """
-
+    # Its cells in the table: method, element, model, and rtol [1/s] where it has one.
     names: dict[str, str | float]
+    # What runs; None and the reason in `refusal` where the problem refuses the combination.
     problem: Problem | None
     level: Level
     refusal: str = ""

@@ -20,34 +20,19 @@ from fecloth.study.workload import LONGEST, Workload, check_size
 
 @dataclass(frozen=True)
 class Runs:
-    """How the cases of a study run.
+    """How the cases of a study run."""
 
-    Attributes
-    ----------
-    cache
-        Folder whose `cache` stores each finished case, for the next time; None for none.
-    jobs, scheduler
-        Processes of this machine, or the address of a Dask scheduler.
-    time_limit
-        Longest time of a case [s].
-    most_seconds
-        Predicted time above which the study does not start [s]; None for no limit.
-    fresh
-        Run every case, even if its result is stored.
-    timed
-        Measure CPU seconds that can be compared, see `measure`.
-    quiet
-        Print neither the size of all cases nor a line for each.
-    """
-
+    # Folder whose `cache` stores each finished case, for the next time; None for none.
     cache: str | Path | None = None
+    # Processes of this machine, or the address of a Dask scheduler.
     jobs: int = 1
     scheduler: str | None = None
-    time_limit: float | None = None
+    time_limit: float | None = None  # longest time of a case [s]
+    # Predicted time above which the study does not start [s]; None for no limit.
     most_seconds: float | None = LONGEST
-    fresh: bool = False
-    timed: bool = False
-    quiet: bool = False
+    fresh: bool = False  # run every case, even if its result is stored
+    timed: bool = False  # measure CPU seconds that can be compared, see `measure`
+    quiet: bool = False  # print neither the size of all cases nor a line for each
 
     def __post_init__(self):
         if not (isinstance(self.jobs, int) and self.jobs >= 1):

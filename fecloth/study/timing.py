@@ -9,22 +9,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Seconds:
-    """Duration of a call.
+    """Duration of a call."""
 
-    Attributes
-    ----------
-    wall, cpu
-        Wall-clock and processor time of the fastest call, each [s].
-    first
-        Wall-clock time of the first call [s], which compiles and does not count.
-    value
-        Result of the last call.
-    """
-
+    # Wall-clock and processor time of the fastest call, each [s].
     wall: float
     cpu: float
-    first: float
-    value: object = None
+    first: float  # wall-clock time of the first call [s], which compiles and does not count
+    value: object = None  # result of the last call
 
     @property
     def compiling(self) -> float:

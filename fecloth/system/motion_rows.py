@@ -11,21 +11,15 @@ from fecloth.system.constraints import Constraints
 
 @dataclass(frozen=True, eq=False)
 class MotionRows:
-    """What `Constraints.target` adds in each of several steps.
+    """What `Constraints.target` adds in each of several steps."""
 
-    Attributes
-    ----------
-    times, sizes, reached
-        (s + 1,) begin and ends of the steps, (s,) their sizes, and (s,) begin plus size [s], which
-        may differ from the end by round-off.
-    path, speed
-        (s, c, 3) displacement over each step [m] and velocity at its end [m/s] of the constrained
-        nodes; one row for all steps where no pin moves.
-    """
-
+    # (s + 1,) begin and ends of the steps, (s,) their sizes, and (s,) begin plus size [s], which
+    # may differ from the end by round-off.
     times: np.ndarray
     sizes: np.ndarray
     reached: np.ndarray
+    # (s, c, 3) displacement over each step [m] and velocity at its end [m/s] of the constrained
+    # nodes; one row for all steps where no pin moves.
     path: np.ndarray
     speed: np.ndarray
 

@@ -18,20 +18,12 @@ TINY = 1e-9  # relative size of a singular value that counts as zero
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Nodes that terms connect, and the constrained ones among them.
+    """Nodes that terms connect, and the constrained ones among them."""
 
-    Attributes
-    ----------
-    nodes, held
-        Nodes of the piece, ascending (a slice if they are all), and those that pins or slides
-        hold.
-    outside
-        (h, 3, 3) projectors I − P onto the held directions of each held node.
-    """
-
+    # Nodes of the piece, ascending (a slice if they are all), and those that pins or slides hold.
     nodes: np.ndarray | slice
     held: np.ndarray
-    outside: np.ndarray
+    outside: np.ndarray  # (h, 3, 3) projectors I − P onto the held directions of each held node
 
     def rigid_velocity(self, x, p, mass, mass_x, held_v) -> np.ndarray:
         """(k, 3) velocity of the piece as a rigid body, at its nodes [m/s].

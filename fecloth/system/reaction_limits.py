@@ -20,17 +20,10 @@ class ReactionLimits:
     that is held at a strain of 1 % would hide every force of the cloth in it. What the cloth can do
     to a node is at most about Σ ‖K_ij‖ l_ij over the nodes j that move, at a distance l_ij: its
     stiffness at rest times a strain of 1.
-
-    Attributes
-    ----------
-    nodes
-        (k,) nodes of triangles held whole; none in most systems.
-    most
-        (k,) [N].
     """
 
-    nodes: np.ndarray
-    most: np.ndarray
+    nodes: np.ndarray  # (k,) nodes of triangles held whole; none in most systems
+    most: np.ndarray  # (k,) [N]
 
     @classmethod
     def of(

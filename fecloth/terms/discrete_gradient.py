@@ -45,27 +45,14 @@ ROUND_OFF = 1e-15  # of N, relative to the energies
 
 @dataclass(frozen=True, eq=False)
 class DiscreteGradient(BoundTerm):
-    """A term as it acts over a step from `start` to 2x − start, evaluated at the mean x.
+    """A term as it acts over a step from `start` to 2x − start, evaluated at the mean x."""
 
-    Attributes
-    ----------
-    term
-        It has the energy: of a term with a history `near`, whose energy has the heat of the step.
-    near
-        It has the force f and the tangent: the term, or what its `over_step` gave.
-    start
-        (n, 3) positions x₀ [m].
-    mass
-        (n,) masses of the nodes, all > 0 [kg].
-    t
-        Time of the mean [s]; both energies are of this time.
-    """
-
+    # It has the energy: of a term with a history `near`, whose energy has the heat of the step.
     term: BoundTerm
-    near: BoundTerm
-    start: np.ndarray
-    mass: np.ndarray
-    t: float
+    near: BoundTerm  # it has the force f and the tangent: the term, or what its `over_step` gave
+    start: np.ndarray  # (n, 3) positions x₀ [m]
+    mass: np.ndarray  # (n,) masses of the nodes, all > 0 [kg]
+    t: float  # time of the mean [s]; both energies are of this time
 
     has_energy = False  # at x alone
 

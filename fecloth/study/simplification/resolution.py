@@ -15,27 +15,17 @@ WORDS = {"mesh": "mesh", "dt": "time step", "rtol": "tolerance of the steps"}
 
 @dataclass(frozen=True)
 class Resolution:
-    """The error of a scene by one of its sizes.
+    """The error of a scene by one of its sizes."""
 
-    Attributes
-    ----------
-    kind
-        "mesh", "dt" or "rtol".
-    error, quantity
-        Estimated relative error, and the quantity whose error needs the smallest size.
-    size, needed
-        h [m], dt [s] or rtol of the scene, and the value at which the error would be within the
-        tolerance.
-    failure
-        Why the error is unknown, or "".
-    """
-
-    kind: str
+    kind: str  # "mesh", "dt" or "rtol"
+    # Estimated relative error, and the quantity whose error needs the smallest size.
     error: float
     quantity: str
+    # h [m], dt [s] or rtol of the scene, and the value at which the error would be within the
+    # tolerance.
     size: float
     needed: float
-    failure: str = ""
+    failure: str = ""  # why the error is unknown, or ""
 
     @property
     def is_resolved(self) -> bool:

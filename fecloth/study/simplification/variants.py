@@ -24,29 +24,19 @@ PATIENCE = 3.0  # times the seconds of the full scene; a slower variant saves no
 
 @dataclass(frozen=True)
 class Variant:
-    """A change of a scene.
+    """A change of a scene."""
 
-    Attributes
-    ----------
-    name
-        Name in the tables.
-    kind, by
-        Input of the prediction: the kind of change, and its factor or the type of its term: of the
-        one that is left out, or that stands in the place of another.
-    slot
-        Part of the scene that changes; the reduced scene has at most one change of each part.
-    apply
-        Function from the tables of a scene to those of the simpler scene.
-    is_check
-        True for a refinement, which shows whether the scene itself is resolved. It is compared,
-        but not taken.
-    """
-
-    name: str
+    name: str  # name in the tables
+    # Input of the prediction: the kind of change, and its factor or the type of its term: of the
+    # one that is left out, or that stands in the place of another.
     kind: str
     by: Any
+    # Part of the scene that changes; the reduced scene has at most one change of each part.
     slot: str
+    # Function from the tables of a scene to those of the simpler scene.
     apply: Callable[[Data], Data]
+    # True for a refinement, which shows whether the scene itself is resolved. It is compared, but
+    # not taken.
     is_check: bool = False
 
     @property

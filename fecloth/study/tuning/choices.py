@@ -21,34 +21,21 @@ PATTERNS = ("right", "cross", "equilateral", "unstructured")
 
 @dataclass(frozen=True)
 class Choice:
-    """One setting.
+    """One setting."""
 
-    Attributes
-    ----------
-    element, pattern
-        "P1" or "P2"; the pattern of the mesh, "" where it has none.
-    h
-        Edge length [m]; None for the mesh of the problem.
-    method, steps, rtol
-        The method, and its number of equal steps or its tolerance [1/s]. Without both, explicit
-        methods go near their stability limit. "" is the method of the problem.
-    linear
-        The linear solver; "" for that of the problem.
-    sharper
-        Divides a fixed tolerance of the nonlinear solver; None for the solver of the problem.
-    grading
-        Places with smaller triangles; () for those of the problem.
-    """
-
+    # "P1" or "P2"; the pattern of the mesh, "" where it has none.
     element: str = ""
     pattern: str = ""
-    h: float | None = None
+    h: float | None = None  # edge length [m]; None for the mesh of the problem
+    # The method, and its number of equal steps or its tolerance [1/s]. Without both, explicit
+    # methods go near their stability limit. "" is the method of the problem.
     method: str = ""
     steps: int | None = None
     rtol: float | None = None
-    linear: str = ""
+    linear: str = ""  # the linear solver; "" for that of the problem
+    # Divides a fixed tolerance of the nonlinear solver; None for the solver of the problem.
     sharper: float | None = None
-    grading: tuple[Grading, ...] = ()
+    grading: tuple[Grading, ...] = ()  # places with smaller triangles; () for those of the problem
 
     @property
     def is_explicit(self) -> bool:

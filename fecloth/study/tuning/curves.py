@@ -19,27 +19,13 @@ STALLED = 0.3  # observed order below which refinement does not help
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Values y at sizes x, with powers of x between and beyond them.
+    """Values y at sizes x, with powers of x between and beyond them."""
 
-    Attributes
-    ----------
-    x
-        (k,) increasing sizes, as √triangles or the number of steps.
-    y
-        (k, q) positive values.
-    slope
-        Power of x beyond the largest x.
-    below
-        Power of x below the smallest x.
-    order
-        (q,) orders of errors over all runs, see `clear_orders`.
-    """
-
-    x: np.ndarray
-    y: np.ndarray
-    slope: np.ndarray | float
-    below: np.ndarray | float
-    order: np.ndarray | float = LOWEST
+    x: np.ndarray  # (k,) increasing sizes, as √triangles or the number of steps
+    y: np.ndarray  # (k, q) positive values
+    slope: np.ndarray | float  # power of x beyond the largest x
+    below: np.ndarray | float  # power of x below the smallest x
+    order: np.ndarray | float = LOWEST  # (q,) orders of errors over all runs, see `clear_orders`
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Return (m, q) values at (m,) sizes."""

@@ -53,31 +53,20 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Errors and seconds of all meshes and methods.
+    """Errors and seconds of all meshes and methods."""
 
-    Attributes
-    ----------
-    meshes, times
-        What was measured.
-    coarse
-        The run that the measurements of methods and meshes share.
-    other
-        Error that no mesh and no step changes: of the solver and of left-out terms.
-    factors
-        Measured over predicted seconds, by `Candidate.key`.
-    linear
-        The fastest linear solver, by `Candidate.key`.
-    growth
-        Power of √triangles with which errors in time grow, by method and kind of rule: finer meshes
-        have shorter waves.
-    """
-
+    # What was measured.
     meshes: Sequence[Mesh]
     times: TimeErrors
-    coarse: Trial
+    coarse: Trial  # the run that the measurements of methods and meshes share
+    # Error that no mesh and no step changes: of the solver and of left-out terms.
     other: float = 0.0
+    # Measured over predicted seconds, by `Candidate.key`.
     factors: Mapping[tuple, float] = field(default_factory=dict)
+    # The fastest linear solver, by `Candidate.key`.
     linear: Mapping[tuple, str] = field(default_factory=dict)
+    # Power of √triangles with which errors in time grow, by method and kind of rule: finer meshes
+    # have shorter waves.
     growth: Mapping[tuple, float] = field(default_factory=dict)
 
     def best(self, is_allowed: Callable, rank: Callable) -> list[Candidate]:

@@ -29,28 +29,15 @@ CHEAPER = 0.85  # times the seconds: what a cheaper setting should at most cost
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """A tuned run, its predicted candidate, its error by causes, and the verifying run.
+    """A tuned run, its predicted candidate, its error by causes, and the verifying run."""
 
-    Attributes
-    ----------
-    trial, candidate
-        The run, and what was predicted of it.
-    finer
-        The verifying run; None if it failed.
-    parts
-        The error by its cause, (q,) each.
-    search
-        All runs but the last verifying one.
-    why
-        Why the error is not known; "" if it is.
-    """
-
+    # The run, and what was predicted of it.
     trial: Trial
     candidate: Candidate | None
-    finer: Trial | None
-    parts: dict[str, np.ndarray]
-    search: tuple[Trial, ...]
-    why: str = ""
+    finer: Trial | None  # the verifying run; None if it failed
+    parts: dict[str, np.ndarray]  # the error by its cause, (q,) each
+    search: tuple[Trial, ...]  # all runs but the last verifying one
+    why: str = ""  # why the error is not known; "" if it is
 
     @property
     def error(self) -> float:

@@ -25,22 +25,14 @@ DISTRUST = 1.0  # times the estimated errors: two elements further apart are not
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """An element with a pattern: errors in space and seconds of a step over √triangles.
+    """An element with a pattern: errors in space and seconds of a step over √triangles."""
 
-    Attributes
-    ----------
-    choice
-        The element, the pattern and h of its coarsest run, with the steps of all its runs.
-    errors, seconds
-        Curves over √triangles.
-    trials
-        The runs, coarse to fine.
-    """
-
+    # The element, the pattern and h of its coarsest run, with the steps of all its runs.
     choice: Choice
+    # Curves over √triangles.
     errors: Curve
     seconds: Curve
-    trials: tuple[Trial, ...]
+    trials: tuple[Trial, ...]  # the runs, coarse to fine
 
     def choose(self, edges: float) -> Choice:
         """Return the choice whose mesh has about `edges`² triangles."""

@@ -39,24 +39,16 @@ POWERS = {"steps": (0.5, 1.0), "rtol": (0.3, 1.0), "limit": (1.0, 1.0)}  # of se
 
 @dataclass(frozen=True, eq=False)
 class Rule:
-    """A method with its steps: errors in time and seconds on the coarse mesh.
+    """A method with its steps: errors in time and seconds on the coarse mesh."""
 
-    Attributes
-    ----------
-    method, kind
-        The method, and what `x` is: "steps", "rtol" (x = 1/rtol), "limit" (x = 1: the steps
-        follow the mesh; 2 for half of that step), or "static".
-    errors, seconds
-        Curves over x.
-    trials
-        The runs.
-    """
-
+    # The method, and what `x` is: "steps", "rtol" (x = 1/rtol), "limit" (x = 1: the steps follow
+    # the mesh; 2 for half of that step), or "static".
     method: str
     kind: str
+    # Curves over x.
     errors: Curve
     seconds: Curve
-    trials: tuple[Trial, ...]
+    trials: tuple[Trial, ...]  # the runs
 
     @property
     def key(self) -> tuple[str, str]:

@@ -20,25 +20,14 @@ from fecloth.terms.loops.shared_loop import SharedLoop, cut
 
 @dataclass(frozen=True, eq=False)
 class CoupledRows:
-    """The blocks of each row e of Q: of the four nodes of e with all nodes of its row.
+    """The blocks of each row e of Q: of the four nodes of e with all nodes of its row."""
 
-    Attributes
-    ----------
-    place
-        (entries of Q, 4) which of the row's nodes are those of the entry's hinge.
-    start, width
-        (h,) first slot of each row, and the number of its nodes u.
-    slots
-        The blocks, 4 u for each row; −1 where the node of e is held in space.
-    own
-        (h,) the entry of Q on the diagonal of each row.
-    """
-
-    place: np.ndarray
+    place: np.ndarray  # (entries of Q, 4) which of the row's nodes are those of the entry's hinge
+    # (h,) first slot of each row, and the number of its nodes u.
     start: np.ndarray
     width: np.ndarray
-    slots: np.ndarray
-    own: np.ndarray
+    slots: np.ndarray  # the blocks, 4 u for each row; −1 where the node of e is held in space
+    own: np.ndarray  # (h,) the entry of Q on the diagonal of each row
 
     @property
     def nbytes(self) -> int:
@@ -111,35 +100,19 @@ def clamped_gradient(corners: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class PlateAngles:
-    """The hinge angles of a cloth, and the matrix that couples them.
+    """The hinge angles of a cloth, and the matrix that couples them."""
 
-    Attributes
-    ----------
-    nodes
-        (h, 4) nodes of the hinges; −1 for one that is held in space.
-    held
-        (c, 3) positions of those at the start [m].
-    moved
-        ``moved(held, t)``: their positions at the time t, or None where they stay.
-    stiffness
-        (h, h) Q [N m].
-    flat_gradient
-        (h, 4) ∂θ/∂z about flat [1/m].
-    find_slots, pairs, n
-        For `rows`: as `bind` of a term gets it, the stencil of the term, and the number of nodes.
-    panel
-        The cloth with its fabrics.
-    """
-
-    nodes: np.ndarray
-    held: np.ndarray
+    nodes: np.ndarray  # (h, 4) nodes of the hinges; −1 for one that is held in space
+    held: np.ndarray  # (c, 3) positions of those at the start [m]
+    # ``moved(held, t)``: their positions at the time t, or None where they stay.
     moved: Callable[[np.ndarray, float], np.ndarray] | None
-    stiffness: sparse.csr_matrix
-    flat_gradient: np.ndarray
+    stiffness: sparse.csr_matrix  # (h, h) Q [N m]
+    flat_gradient: np.ndarray  # (h, 4) ∂θ/∂z about flat [1/m]
+    # For `rows`: as `bind` of a term gets it, the stencil of the term, and the number of nodes.
     find_slots: FindSlots
     pairs: np.ndarray
     n: int
-    panel: Panel
+    panel: Panel  # the cloth with its fabrics
 
     @cached_property
     def rows(self) -> CoupledRows:

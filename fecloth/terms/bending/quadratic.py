@@ -73,21 +73,12 @@ class QuadraticBending:
 
 @dataclass(frozen=True, eq=False)
 class BoundQuadratic(BoundTerm):
-    """`QuadraticBending` on a cloth.
+    """`QuadraticBending` on a cloth."""
 
-    Attributes
-    ----------
-    matrix
-        (n, n) Q of one component [N/m].
-    find_slots
-        Finds the blocks of its entries in the system matrix, at the first tangent.
-    panel
-        The cloth with its fabrics.
-    """
-
-    matrix: sparse.csr_matrix
+    matrix: sparse.csr_matrix  # (n, n) Q of one component [N/m]
+    # Finds the blocks of its entries in the system matrix, at the first tangent.
     find_slots: FindSlots
-    panel: Panel
+    panel: Panel  # the cloth with its fabrics
 
     name = "QuadraticBending"
     symmetric = True

@@ -27,15 +27,9 @@ Rubbing = Iterable[tuple[Any, np.ndarray]]  # what slides, a `Sliding`, and its 
 @remembered
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """Where the cloth was at the end of the last step: λ and directions of friction are from there.
+    """Where the cloth was at the end of the last step: friction has its λ and directions there."""
 
-    Attributes
-    ----------
-    place
-        (n, 3) [m].
-    """
-
-    place: np.ndarray
+    place: np.ndarray  # (n, 3) [m]
 
 
 class BoundContact(BoundTerm):

@@ -26,24 +26,15 @@ NAMED = 5  # nodes that an error names
 
 @dataclass(frozen=True, eq=False)
 class BoundObstacle(BoundContact):
-    """`Obstacle` on a cloth.
+    """`Obstacle` on a cloth."""
 
-    Attributes
-    ----------
-    shape, gap, stiffness, friction
-        Of the obstacle; the stiffness is a number.
-    creep
-        Speed of sliding [m/s] from which friction has its full value.
-    points
-        On which it acts.
-    """
-
+    # Of the obstacle; the stiffness is a number.
     shape: Shape
     gap: float
     stiffness: float
     friction: float
-    creep: float
-    points: tuple[Points, ...]
+    creep: float  # speed of sliding [m/s] from which friction has its full value
+    points: tuple[Points, ...]  # on which it acts
 
     name = "Obstacle"
 

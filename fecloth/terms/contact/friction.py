@@ -75,27 +75,13 @@ class Sliding(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SlidingPoints:
-    """Points of one kind that slide on an obstacle.
+    """Points of one kind that slide on an obstacle."""
 
-    Attributes
-    ----------
-    at
-        The points that touch.
-    limit
-        (p,) μ λ [N].
-    n
-        (p, 3) normals of the obstacle.
-    surface
-        (p, 3) velocity of the obstacle [m/s].
-    eps
-        Speed from which friction has its full value [m/s].
-    """
-
-    at: Contacts
-    limit: np.ndarray
-    n: np.ndarray
-    surface: np.ndarray
-    eps: float
+    at: Contacts  # the points that touch
+    limit: np.ndarray  # (p,) μ λ [N]
+    n: np.ndarray  # (p, 3) normals of the obstacle
+    surface: np.ndarray  # (p, 3) velocity of the obstacle [m/s]
+    eps: float  # speed from which friction has its full value [m/s]
 
     def values(self, of_nodes: np.ndarray) -> np.ndarray:
         return self.at.points.values(of_nodes, self.at.which)

@@ -51,28 +51,15 @@ class NodePoints:
 
 @dataclass(frozen=True, eq=False)
 class TrianglePoints:
-    """Points inside triangles and their edges.
+    """Points inside triangles and their edges."""
 
-    Attributes
-    ----------
-    triangles
-        (p,) the triangle of each point.
-    shape_functions
-        (p, k) values of the shape functions of its nodes.
-    areas
-        (p,) [m²].
-    stencil, size
-        (m, k) nodes of each triangle, and (m,) its longest edge [m].
-    find_slots
-        As of `Term.bind`.
-    """
-
-    triangles: np.ndarray
-    shape_functions: np.ndarray
-    areas: np.ndarray
+    triangles: np.ndarray  # (p,) the triangle of each point
+    shape_functions: np.ndarray  # (p, k) values of the shape functions of its nodes
+    areas: np.ndarray  # (p,) [m²]
+    # (m, k) nodes of each triangle, and (m,) its longest edge [m].
     stencil: np.ndarray
     size: np.ndarray
-    find_slots: FindSlots
+    find_slots: FindSlots  # as of `Term.bind`
 
     @cached_property
     def slots(self) -> np.ndarray:
@@ -107,22 +94,13 @@ Points = NodePoints | TrianglePoints
 
 
 class Contacts(NamedTuple):
-    """Points of one kind that an obstacle pushes.
+    """Points of one kind that an obstacle pushes."""
 
-    Attributes
-    ----------
-    points, which
-        The points, and (p,) the numbers of those nearer than the gap.
-    y
-        (p, 3) their places in the frame of the shape.
-    d
-        (p,) their distances [m].
-    """
-
+    # The points, and (p,) the numbers of those nearer than the gap.
     points: Points
     which: np.ndarray
-    y: np.ndarray
-    d: np.ndarray
+    y: np.ndarray  # (p, 3) their places in the frame of the shape
+    d: np.ndarray  # (p,) their distances [m]
 
 
 def divisions(shape: Shape, gap: float, cloth: Cloth) -> int:

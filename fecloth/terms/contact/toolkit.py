@@ -35,24 +35,15 @@ class ContactSets:
 
     Those at the positions asked for last are kept. So are all pairs that are nearer than three
     gaps, if they are few: while no node has moved by a gap since then, no others can touch.
-
-    Attributes
-    ----------
-    toolkit, mesh, potential
-        ipctk, and its collision mesh and barrier potential.
-    triangles
-        (s, 3) of the cloth.
-    fixed
-        (k, 3) nodes of the fixed mesh [m].
-    gap, thickness
-        [m].
     """
 
+    # ipctk, and its collision mesh and barrier potential.
     toolkit: Any
     mesh: Any
     potential: Any
-    triangles: np.ndarray
-    fixed: np.ndarray
+    triangles: np.ndarray  # (s, 3) of the cloth
+    fixed: np.ndarray  # (k, 3) nodes of the fixed mesh [m]
+    # [m].
     gap: float
     thickness: float
     _last: tuple[np.ndarray, Any] | None = field(default=None, repr=False)

@@ -21,25 +21,14 @@ NAMED = 5  # pairs of triangles that an error names
 
 @dataclass(frozen=True, eq=False)
 class SlidingTriangles:
-    """Pairs of triangles that slide on each other; velocities are those of all nodes (n, 3).
+    """Pairs of triangles that slide on each other; velocities are those of all nodes (n, 3)."""
 
-    Attributes
-    ----------
-    sets, lagged
-        The contacts, and the toolkit's own with their normal forces and directions.
-    surface
-        (n, 3) velocity of the fixed mesh [m/s].
-    R
-        (3, 3) rotation of the fixed mesh; None if it does not turn.
-    eps
-        Speed from which friction has its full value [m/s].
-    """
-
+    # The contacts, and the toolkit's own with their normal forces and directions.
     sets: ContactSets
     lagged: Any
-    surface: np.ndarray | float
-    R: np.ndarray | None
-    eps: float
+    surface: np.ndarray | float  # (n, 3) velocity of the fixed mesh [m/s]
+    R: np.ndarray | None  # (3, 3) rotation of the fixed mesh; None if it does not turn
+    eps: float  # speed from which friction has its full value [m/s]
 
     def values(self, of_nodes: np.ndarray) -> np.ndarray:
         return of_nodes
@@ -80,25 +69,15 @@ def _turn_matrix(K: sparse.csr_matrix, R: np.ndarray | None) -> sparse.csr_matri
 
 @dataclass(frozen=True, eq=False)
 class BoundTriangleContact(BoundContact):
-    """`SelfContact` or `MeshObstacle` on a cloth.
+    """`SelfContact` or `MeshObstacle` on a cloth."""
 
-    Attributes
-    ----------
-    name
-        Of the term.
-    sets
-        The contacts at positions of the cloth.
-    friction, creep
-        μ, and the speed of sliding [m/s] from which friction has its full value.
-    body
-        What moves and turns the fixed mesh of the sets; None where it stands still. All contact is
-        computed in the frame of this body.
-    """
-
-    name: str
-    sets: ContactSets
+    name: str  # of the term
+    sets: ContactSets  # the contacts at positions of the cloth
+    # μ, and the speed of sliding [m/s] from which friction has its full value.
     friction: float
     creep: float
+    # What moves and turns the fixed mesh of the sets; None where it stands still. All contact is
+    # computed in the frame of this body.
     body: Shape | None = None
 
     symmetric = True

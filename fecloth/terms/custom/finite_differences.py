@@ -18,26 +18,15 @@ Function = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Derivatives:
-    """C, ∂C and ∂²C of the stencils, from the functions of the user.
+    """C, ∂C and ∂²C of the stencils, from the functions of the user."""
 
-    Attributes
-    ----------
-    value, gradient, hessian
-        The user's functions, or None.
-    size
-        (m,) of each stencil [m].
-    r
-        Number of components of C.
-    name
-        Of the term, for errors.
-    """
-
+    # The user's functions, or None.
     value: Function
     gradient: Function | None
     hessian: Function | None
-    size: np.ndarray
-    r: int
-    name: str
+    size: np.ndarray  # (m,) of each stencil [m]
+    r: int  # number of components of C
+    name: str  # of the term, for errors
 
     def C(self, y: np.ndarray) -> np.ndarray:
         """(m, r)."""

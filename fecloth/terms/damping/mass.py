@@ -100,20 +100,11 @@ class BoundMassDamping(BoundTerm):
 
 @dataclass(frozen=True, eq=False)
 class BoundConsistentMassDamping(BoundTerm):
-    """`MassDamping` on a cloth of P2 triangles with a consistent mass.
+    """`MassDamping` on a cloth of P2 triangles with a consistent mass."""
 
-    Attributes
-    ----------
-    rate
-        α [1/s].
-    matrix
-        (n, n) α M [N s/m].
-    find_slots
-        Finds the blocks of its entries in the system's matrix, at the first tangent.
-    """
-
-    rate: float
-    matrix: sparse.csr_matrix
+    rate: float  # α [1/s]
+    matrix: sparse.csr_matrix  # (n, n) α M [N s/m]
+    # Finds the blocks of its entries in the system's matrix, at the first tangent.
     find_slots: FindSlots
     panel: Panel
 

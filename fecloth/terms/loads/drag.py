@@ -112,23 +112,13 @@ def bind_drag(drag, wind: AirVelocity, panel: Panel, slots, bound_class: type[Bo
 
 @dataclass(frozen=True, eq=False)
 class BoundDrag(BoundTerm):
-    """`Drag` on a cloth.
-
-    Attributes
-    ----------
-    wind
-        Velocity of the air.
-    law
-        (k_n, k_t, whether the law is quadratic).
-    symmetric
-        Whether the tangent has only the symmetric part D.
-    """
+    """`Drag` on a cloth."""
 
     panel: Panel
     find_slots: FindSlots
-    wind: AirVelocity
-    law: tuple[float, float, bool]
-    symmetric: bool
+    wind: AirVelocity  # velocity of the air
+    law: tuple[float, float, bool]  # (k_n, k_t, whether the law is quadratic)
+    symmetric: bool  # whether the tangent has only the symmetric part D
 
     name = "Drag"
     has_energy = False

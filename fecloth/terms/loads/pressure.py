@@ -108,25 +108,15 @@ def orientation_signs(cloth: Cloth) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class BoundPressure(BoundTerm):
-    """`Pressure` on a cloth of P1 triangles.
-
-    Attributes
-    ----------
-    signs
-        (m,) 1 or −1, see `orientation_signs`.
-    rest
-        (n, 3) positions of the flat cloth [m].
-    panel
-        The cloth with its fabrics.
-    """
+    """`Pressure` on a cloth of P1 triangles."""
 
     p: TimeFunction
     loop: SharedLoop
-    signs: np.ndarray
+    signs: np.ndarray  # (m,) 1 or −1, see `orientation_signs`
     find_slots: FindSlots
     symmetric: bool
-    rest: np.ndarray
-    panel: Panel
+    rest: np.ndarray  # (n, 3) positions of the flat cloth [m]
+    panel: Panel  # the cloth with its fabrics
 
     name = "Pressure"
     load = True

@@ -32,17 +32,10 @@ BLOCKS = 8  # whose sums make up a sum over elements
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Elements that a thread does in one call.
+    """Elements that a thread does in one call."""
 
-    Attributes
-    ----------
-    span
-        The elements.
-    nodes
-        The thread's own nodes that they touch, if they touch nodes of others too; else None.
-    """
-
-    span: slice
+    span: slice  # the elements
+    # The thread's own nodes that they touch, if they touch nodes of others too; else None.
     nodes: np.ndarray | None = None
 
 

@@ -15,24 +15,12 @@ EDGE, WARP, WEFT, SHEAR, BEND = range(5)
 
 @dataclass(frozen=True, eq=False)
 class Net:
-    """A network of springs between pairs of nodes.
+    """A network of springs between pairs of nodes."""
 
-    Attributes
-    ----------
-    nodes
-        (m, 2) int32.
-    vectors
-        (m, 2) from node 0 to node 1 in the reference plane [m].
-    kind
-        (m,) EDGE (of no class), WARP or WEFT (stretch along X or Y), SHEAR or BEND.
-    sides
-        (m, 2) the triangles whose area the spring has a share in; −1: none.
-    """
-
-    nodes: np.ndarray
-    vectors: np.ndarray
-    kind: np.ndarray
-    sides: np.ndarray
+    nodes: np.ndarray  # (m, 2) int32
+    vectors: np.ndarray  # (m, 2) from node 0 to node 1 in the reference plane [m]
+    kind: np.ndarray  # (m,) EDGE (of no class), WARP or WEFT (stretch along X or Y), SHEAR or BEND
+    sides: np.ndarray  # (m, 2) the triangles whose area the spring has a share in; −1: none
 
     def sum_over_sides(self, values: np.ndarray) -> np.ndarray:
         """Sum values (m,) of triangles over the one or two at each spring: (s,)."""
