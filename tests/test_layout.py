@@ -32,6 +32,32 @@ def imports_of(source: Path) -> set[str]:
     return packages
 
 
+def files_imported_by(source: Path, package: Path) -> set[Path]:
+    """Files of a package that a file imports, also inside functions and for annotations alone."""
+    files = set()
+    for node in ast.walk(ast.parse(source.read_bytes())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        else:
+            continue
+        files |= {package.parent.joinpath(*name.split(".")).with_suffix(".py") for name in names}
+    return {file for file in files if file.is_file() and file.is_relative_to(package)}
+
+
+def files_in_circles(package: Path) -> set[Path]:
+    """Files that import themselves by way of others: what is left without all the others."""
+    imports = {source: files_imported_by(source, package) for source in package.rglob("*.py")}
+    while free := {source for source, needed in imports.items() if not needed}:
+        imports = {s: needed - free for s, needed in imports.items() if s not in free}
+    needed_by_others = set().union(*imports.values(), set())
+    while idle := imports.keys() - needed_by_others:
+        imports = {s: needed for s, needed in imports.items() if s not in idle}
+        needed_by_others = set().union(*imports.values(), set())
+    return set(imports)
+
+
 def package_of(source: Path) -> str:
     return source.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
@@ -56,6 +82,26 @@ def test_the_test_sees_an_import_that_climbs(tmp_path):
     climbing = tmp_path / "climbing.py"
     climbing.write_text("def f():\n    from fecloth.scene.scene import load\n")
     assert imports_of(climbing) == {"scene"}
+
+
+def test_no_two_files_import_each_other():
+    assert files_in_circles(PACKAGE) == set()
+
+
+def test_the_test_of_circles_sees_imports_in_functions_and_for_annotations(tmp_path):
+    package = tmp_path / "fecloth"
+    package.mkdir()
+    texts = {
+        "first": "def f():\n    from fecloth.second import g\n",
+        "second": "if TYPE_CHECKING:\n    from fecloth import third\n",
+        "third": "import fecloth.first\n",
+        "needed": "",
+        "user": "from fecloth.first import f\nfrom fecloth.needed import x\n",
+    }
+    for name, text in texts.items():
+        (package / f"{name}.py").write_text(text)
+    circle = {"first", "second", "third"}
+    assert {file.stem for file in files_in_circles(package)} == circle
 
 
 def test_dir_shows_only_the_public_names():
