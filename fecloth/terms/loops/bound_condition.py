@@ -50,41 +50,23 @@ def kernels(family: Callable[..., Any]) -> ConditionKernels:
 
 @dataclass(frozen=True, eq=False)
 class BoundCondition(BoundTerm):
-    """Conditions of one family on a cloth, made by `bind`.
-
-    Attributes
-    ----------
-    kernels
-        The family's entry points.
-    shape
-        (per_node, convex), as the kernels take them.
-    nodes, find_slots
-        (m, k) int32 nodes of each stencil, and what finds their blocks at the first tangent.
-    constants
-        (m, p) constants of each stencil.
-    stiffness, damping
-        (m, r, r) k_s and k_d.
-    rest
-        (n, 3) positions at which `rate_bounds` is taken.
-    hessian
-        "exact" or "gauss_newton" (without ∂²C).
-    tangent
-        Of the damping: "symmetric" (without its non-symmetric part) or "exact".
-    team, counted
-        The threads that share the loops, and which elements count in sums, as in `Panel`.
-    """
+    """Conditions of one family on a cloth, made by `bind`."""
 
     name: str
-    kernels: ConditionKernels
-    shape: tuple[Zeros, Zeros]
+    kernels: ConditionKernels  # the family's entry points
+    shape: tuple[Zeros, Zeros]  # (per_node, convex), as the kernels take them
+    # (m, k) int32 nodes of each stencil, and what finds their blocks at the first tangent.
     nodes: np.ndarray
     find_slots: FindSlots
-    constants: np.ndarray
+    constants: np.ndarray  # (m, p) constants of each stencil
+    # (m, r, r) k_s and k_d.
     stiffness: np.ndarray
     damping: np.ndarray
-    rest: np.ndarray
-    hessian: str = "exact"
+    rest: np.ndarray  # (n, 3) positions at which `rate_bounds` is taken
+    hessian: str = "exact"  # "exact" or "gauss_newton" (without ∂²C)
+    # Of the damping: "symmetric" (without its non-symmetric part) or "exact".
     tangent: str = "symmetric"
+    # The threads that share the loops, and which elements count in sums, as in `Panel`.
     team: Team = ALONE
     counted: Callable[[np.ndarray], np.ndarray] | None = None
 

@@ -53,18 +53,10 @@ from fecloth.terms.step_difference import StepDifference
 
 @dataclass(frozen=True, eq=False)
 class PointwiseStrain:
-    """The Green strain at the quadrature points of a panel, along warp and weft.
+    """The Green strain at the quadrature points of a panel, along warp and weft."""
 
-    Attributes
-    ----------
-    panel
-        The cloth with its fabrics.
-    rest
-        (m, points, 3) what `Kernels.rested` subtract from E.
-    """
-
-    panel: Panel
-    rest: np.ndarray
+    panel: Panel  # the cloth with its fabrics
+    rest: np.ndarray  # (m, points, 3) what `Kernels.rested` subtract from E
 
     nbytes = 0  # of arrays of its own
     definite_arrays: ClassVar[tuple[Array, ...]] = ()  # that the definite tangent takes besides
@@ -93,32 +85,17 @@ class PointwiseStrain:
 
 @dataclass(frozen=True, eq=False)
 class BoundMembrane(BoundTerm):
-    """An elastic membrane law bound to a cloth, as a `System` calls it.
-
-    Attributes
-    ----------
-    kernels
-        The law's entry points for its strain.
-    panel, find_slots
-        As `bind` of a term gets them; the matrix is not looked at before the first tangent.
-    constants
-        (m, p) constants of the law in each triangle.
-    moduli
-        (m, 6) ℂ at E = 0 [N/m], for the bound on the frequency.
-    strain
-        The strain of the panel.
-    loop
-        The loop over the triangles.
-    """
+    """An elastic membrane law bound to a cloth, as a `System` calls it."""
 
     name: str
-    kernels: Kernels
+    kernels: Kernels  # the law's entry points for its strain
+    # As `bind` of a term gets them; the matrix is not looked at before the first tangent.
     panel: Panel
     find_slots: FindSlots
-    constants: np.ndarray
-    moduli: np.ndarray
-    strain: PointwiseStrain | ReggeStrain
-    loop: SharedLoop
+    constants: np.ndarray  # (m, p) constants of the law in each triangle
+    moduli: np.ndarray  # (m, 6) ℂ at E = 0 [N/m], for the bound on the frequency
+    strain: PointwiseStrain | ReggeStrain  # the strain of the panel
+    loop: SharedLoop  # the loop over the triangles
 
     symmetric = True
     has_energy = True

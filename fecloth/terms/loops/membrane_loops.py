@@ -212,24 +212,15 @@ class Kernels:
 
     Each is a template above, made when it is first asked for, and compiled at its first call, or
     read from disk.
-
-    Attributes
-    ----------
-    law
-        The compiled function (see above).
-    definite_law
-        The same law with ℂ positive semi-definite, for the definite tangent.
-    is_quadratic
-        W is quadratic in E, so that the stress of the mean of two strains does the work of the
-        energy between them.
-    kind
-        The kind of strain.
     """
 
-    law: Callable[..., Any]
+    law: Callable[..., Any]  # the compiled function (see above)
+    # The same law with ℂ positive semi-definite, for the definite tangent.
     definite_law: Callable[..., Any]
+    # W is quadratic in E, so that the stress of the mean of two strains does the work of the energy
+    # between them.
     is_quadratic: bool
-    kind: Kind = field(default_factory=lambda: POINTWISE)
+    kind: Kind = field(default_factory=lambda: POINTWISE)  # the kind of strain
 
     @cached_property
     def energy(self) -> Callable[..., float]:

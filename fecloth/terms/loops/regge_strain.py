@@ -58,33 +58,15 @@ def is_interpolated(strain: object, panel: Panel) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class ReggeStrain:
-    """E_h of the triangles of a panel, along warp and weft.
+    """E_h of the triangles of a panel, along warp and weft."""
 
-    Attributes
-    ----------
-    nodes
-        (m, 6) nodes of each triangle, as in ``cloth.stencil``.
-    forms
-        (m, 3 points, 3, 6, 6) A [1/m²].
-    weights
-        (m, 3) w [m²].
-    rest
-        (m, 3 points, 3) E⁰, for which the flat cloth has no strain.
-    slopes
-        (m, 6, 6) ∂N_a/∂t at the six Gauss points of the edges [1/m].
-    gradients
-        (m, 3, 6, 2) ∂N_a/∂X at the three points [1/m].
-    samples
-        (m, 9, 9) E_h at the three points from the six t · E t and the mean of E.
-    """
-
-    nodes: np.ndarray
-    forms: np.ndarray
-    weights: np.ndarray
-    rest: np.ndarray
-    slopes: np.ndarray
-    gradients: np.ndarray
-    samples: np.ndarray
+    nodes: np.ndarray  # (m, 6) nodes of each triangle, as in ``cloth.stencil``
+    forms: np.ndarray  # (m, 3 points, 3, 6, 6) A [1/m²]
+    weights: np.ndarray  # (m, 3) w [m²]
+    rest: np.ndarray  # (m, 3 points, 3) E⁰, for which the flat cloth has no strain
+    slopes: np.ndarray  # (m, 6, 6) ∂N_a/∂t at the six Gauss points of the edges [1/m]
+    gradients: np.ndarray  # (m, 3, 6, 2) ∂N_a/∂X at the three points [1/m]
+    samples: np.ndarray  # (m, 9, 9) E_h at the three points from the six t · E t and the mean of E
 
     @property
     def shape(self) -> tuple[Any, ...]:
