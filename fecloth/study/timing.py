@@ -9,13 +9,22 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Seconds:
-    """Duration of a call."""
+    """Duration of a call.
 
-    # Wall-clock and processor time of the fastest call, each [s].
+    Attributes
+    ----------
+    wall, cpu
+        Wall-clock and processor time of the fastest call, each [s].
+    first
+        Wall-clock time of the first call [s], which compiles and does not count.
+    value
+        Result of the last call.
+    """
+
     wall: float
     cpu: float
-    first: float  # wall-clock time of the first call [s], which compiles and does not count
-    value: object = None  # result of the last call
+    first: float
+    value: object = None
 
     @property
     def compiling(self) -> float:

@@ -40,19 +40,35 @@ ROUND_OFF = 1e-11  # relative to the values; what solvers leave
 
 @dataclass(frozen=True)
 class Estimate:
-    """What successive values say of their limit."""
+    """What successive values say of their limit.
 
-    value: float  # the value of the finest level
-    limit: float  # the extrapolated value φ₀; that of the finest level where there is none
-    uncertainty: float  # U, in the unit of the values: the exact limit is expected in value ± U
-    # Observed and theoretical order; the observed one is NaN where the values have none.
+    Attributes
+    ----------
+    value
+        The value of the finest level.
+    limit
+        The extrapolated value φ₀; that of the finest level where there is none.
+    uncertainty
+        U, in the unit of the values: the exact limit is expected in value ± U.
+    order, theory
+        Observed and theoretical order; the observed one is NaN where the values have none.
+    behaviour
+        "monotone", "oscillating", "diverging" or "constant" (equal to round-off).
+    scatter, data_range
+        σ of the fit, 0 with three levels, and Δ; σ ≥ Δ says that the fit shows scatter only.
+    procedure
+        Name of the procedure.
+    """
+
+    value: float
+    limit: float
+    uncertainty: float
     order: float
     theory: float
-    behaviour: str  # "monotone", "oscillating", "diverging" or "constant" (equal to round-off)
-    # σ of the fit, 0 with three levels, and Δ; σ ≥ Δ says that the fit shows scatter only.
+    behaviour: str
     scatter: float
     data_range: float
-    procedure: str  # name of the procedure
+    procedure: str
 
 
 def estimate_uncertainty(
