@@ -15,13 +15,7 @@ WIDTH = 100
 
 
 def describe_terms(name: str) -> list[str]:
-    """Return lines about the term of this name, or with "" one line for each term.
-
-    Raises
-    ------
-    InputError
-        For a name that no term has.
-    """
+    """Return lines about the term of this name, or with "" one line for each term."""
     tables = term_tables()
     if not name:
         wide = max(map(len, tables))

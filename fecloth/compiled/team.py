@@ -42,11 +42,6 @@ def number_of_threads(threads: Any, where: str = "System") -> int:
     """Number of threads for "auto", which means all that Numba may start, or a number.
 
     Numba may start one on each core that the process may use, or ``NUMBA_NUM_THREADS``.
-
-    Raises
-    ------
-    InputError
-        For anything but "auto" and a whole number from 1 to 256.
     """
     if isinstance(threads, str) and threads == "auto":
         config: Any = numba.config  # its types lack the settings

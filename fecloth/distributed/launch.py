@@ -25,11 +25,6 @@ def run_on_all(run: Callable[[MakeSystem], int]) -> int:
     """Return the exit status of run(make_system) on the first process, and 0 on the others.
 
     What is no error of fecloth ends all processes with status 3.
-
-    Raises
-    ------
-    InputError
-        Without mpi4py or petsc4py.
     """
     comm = load()
     if comm.rank:
@@ -51,13 +46,7 @@ def run_on_all(run: Callable[[MakeSystem], int]) -> int:
 
 
 def load() -> Any:
-    """The communicator of all processes, for Python objects with large arrays.
-
-    Raises
-    ------
-    InputError
-        Without mpi4py or petsc4py.
-    """
+    """The communicator of all processes, for Python objects with large arrays."""
     try:
         with suppress(ImportError):
             import dolfinx_solver  # noqa: F401  # this wheel's libraries must be loaded first

@@ -79,11 +79,6 @@ def find_owners(cloth: Cloth, count: int) -> np.ndarray:
 
     To 8 processes they own equal ranges of the corners, whose numbers follow a narrow band; beyond
     pymetis divides the mesh. The midpoint of an edge belongs to the process of its lesser end.
-
-    Raises
-    ------
-    InputError
-        For fewer corners than processes, and more than 8 processes without pymetis.
     """
     corners = int(cloth.triangles.max()) + 1
     if count > corners:

@@ -37,11 +37,6 @@ class RemoteTerm(BoundTerm):
         The processes, and the name of the term there.
     near
         The term as it is bound to the part of this process.
-
-    Raises
-    ------
-    InputError
-        For a term with an ability that several processes do not offer.
     """
 
     def __init__(self, crew: Crew, key: Any, near: BoundTerm):

@@ -84,12 +84,6 @@ class Panel:
             One fabric, or the name of each region → its fabric.
         grain
             Angle from the X axis to the warp [rad], or the name of each region → its angle.
-
-        Raises
-        ------
-        InputError
-            For an unknown region, a triangle that is in no region or in several, a value that is
-            not a `Fabric`, or an angle that is not finite.
         """
         fabrics, region = _by_region(cloth, fabric, "fabric")
         for value in fabrics:

@@ -59,13 +59,7 @@ from fecloth.suggest import did_you_mean
 
 
 def constants(name: str) -> dict:
-    """Constants of a preset as keyword arguments of `Fabric`.
-
-    Raises
-    ------
-    InputError
-        For an unknown name.
-    """
+    """Constants of a preset as keyword arguments of `Fabric`."""
     name = name if isinstance(name, str) else repr(name)  # a scene may have any type here
     if name not in _fabrics():
         allowed = f"must be one of {', '.join(names())}"

@@ -59,13 +59,7 @@ class BlockPattern:
         return all(np.array_equal(a, b) for a, b in pairs)
 
     def slots(self, stencil: np.ndarray) -> np.ndarray:
-        """(m, k, k) int32 block of each pair (stencil[e, a], stencil[e, b]).
-
-        Raises
-        ------
-        InputError
-            For a pair that is not in the pattern.
-        """
+        """(m, k, k) int32 block of each pair (stencil[e, a], stencil[e, b])."""
         m, k = stencil.shape
         slots = np.empty((m, k, k), np.int32)
         missing = _find_slots(self.indptr, self.indices, stencil, slots)

@@ -51,14 +51,7 @@ def choose(pattern: BlockPattern, symmetric: bool) -> tuple[Pardiso | SuperLU | 
 
 
 def create(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG | Multigrid:
-    """Create the solver with one of the `NAMES`; "direct" is PARDISO if available, else SuperLU.
-
-    Raises
-    ------
-    InputError
-        For an unknown name, for "pcg" and "multigrid" with a matrix that is not symmetric, and for
-        "pardiso" without the MKL.
-    """
+    """Create the solver with one of the `NAMES`; "direct" is PARDISO if available, else SuperLU."""
     what, where = f"solver {name!r}", "linalg.select.create"
     if name not in NAMES:
         raise InputError(what, f"must be one of {', '.join(NAMES)}", where)

@@ -8,13 +8,7 @@ from fecloth.errors import MeshError
 
 
 def flatten(xyz: np.ndarray, where: str) -> np.ndarray:
-    """In-plane coordinates (n, 2) of points (n, 3) that lie in one plane.
-
-    Raises
-    ------
-    MeshError
-        If a point is farther from the plane than 1e-9 of the extent.
-    """
+    """In-plane coordinates (n, 2) of points (n, 3) that lie in one plane."""
     extent = np.ptp(xyz, axis=0)
     allowed = 1e-9 * np.linalg.norm(extent)
     for normal_axis, plane_axes in ((2, [0, 1]), (1, [0, 2]), (0, [1, 2])):

@@ -104,11 +104,6 @@ def check_geo(text: str, where: str) -> str:
     files or processes, SetFactory, DefineConstant, arithmetic, If, and For with bounds that are
     numbers.
 
-    Raises
-    ------
-    MeshError
-        For any other command, with its name and line.
-
     Examples
     --------
     >>> print(check_geo("Point(1) = {0, 0, 0}; // origin", "a.geo"), end="")

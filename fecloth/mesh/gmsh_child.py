@@ -41,11 +41,6 @@ def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
         The file, for messages.
     time_limit
         Seconds after which the process is killed.
-
-    Raises
-    ------
-    InputError, MeshError
-        Those of `from_geo` and `from_msh`; and if the process takes longer, or ends without a mesh.
     """
     if not (is_number(time_limit) and time_limit > 0):
         raise InputError(f"time_limit = {time_limit!r}", "must be finite and > 0 [s]", where)

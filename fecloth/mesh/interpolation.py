@@ -43,11 +43,6 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray, nearest: in
     ----------
     nearest : int
         Number of triangles, by the distance of their centroids, that are searched first.
-
-    Raises
-    ------
-    MeshError
-        For a point whose distance from the nearest triangle exceeds the longest edge of it.
     """
     if not np.isfinite(points).all():
         bad = int(np.argmin(np.isfinite(points).all(axis=1)))

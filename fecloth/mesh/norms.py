@@ -99,13 +99,7 @@ def load(cloth, density, order: int) -> np.ndarray:
 
 
 def at_points(function, basis, shape, name: str) -> np.ndarray:
-    """Values (m, q, ...) of ``function(X (p, 2)) -> (p, ...)`` at the quadrature points.
-
-    Raises
-    ------
-    InputError
-        If a value is not finite, or the shape is not (p, *shape); `shape` None allows any.
-    """
+    """Values (m, q, ...) of ``function(X (p, 2)) -> (p, ...)`` at the quadrature points."""
     points = basis.global_coordinates()  # (2, m, q)
     flat = points.reshape(2, -1).T
     values = np.asarray(function(flat), dtype=float)

@@ -67,16 +67,6 @@ def read(
     nodes. In ``.msh`` 2.2 a triangle occurs several times if its surface is in several groups; it
     is read once.
 
-    Raises
-    ------
-    InputError
-        For ``h`` that is not positive and finite, larger than the sheet, or used with a file that
-        is not ``.geo``.
-    MeshError
-        For a file that is missing or unreadable, commands of a ``.geo`` file that are not allowed,
-        meshing that takes too long, cells other than triangles, lines and points, empty groups, and
-        every error of `FlatMesh.from_arrays`. Messages use the numbers of the file.
-
     Examples
     --------
     >>> import pathlib, tempfile
@@ -166,14 +156,7 @@ def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
 
 
 def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read a surface in space: nodes (n, 3), of which equal ones are united, and triangles (m, 3).
-
-    Raises
-    ------
-    MeshError
-        For a file that meshio cannot read, without triangles, or with coordinates that are not
-        finite.
-    """
+    """Read a surface in space: nodes (n, 3), equal ones united, and triangles (m, 3)."""
     path, where = Path(path), str(path)
     if not path.is_file():
         raise MeshError("no such file", where=where)

@@ -199,13 +199,7 @@ def _check(system, state, load_steps, tolerance, max_iterations, solver, report)
 def static_context(
     system: System, tolerance: float, max_iterations: int, solver: str
 ) -> SolverContext:
-    """Return the direct solver with its matrix, and Newton's options, for `solve_static`.
-
-    Raises
-    ------
-    InputError
-        For a term without a unique equilibrium, such as friction.
-    """
+    """Return the direct solver with its matrix, and Newton's options, for `solve_static`."""
     for name, term in zip(system.names, system.bound, strict=True):
         if reason := term.no_equilibrium:
             remedy = "Let the motion come to rest in BackwardEuler or BDF2, or set friction = 0."

@@ -36,13 +36,7 @@ class DiskFull(WriteError):
 
 
 def replace_file(path: Path, data: bytes) -> None:
-    """Replace a file in one go: a reader finds all old bytes or all new ones.
-
-    Raises
-    ------
-    InputError
-        If the system refuses; the old file is then untouched.
-    """
+    """Replace a file in one go: a reader finds all old bytes or all new ones."""
     with replacing(path) as part:
         part.write_bytes(data)
 
@@ -52,11 +46,6 @@ def append_in_place(path: Path, data: bytes, tail: int) -> None:
 
     A killed process leaves the file as it was or with all the new bytes. The cost does not depend
     on the size of the file.
-
-    Raises
-    ------
-    InputError
-        If the system refuses; the file then has its old bytes.
     """
     with writing(path), path.open("r+b", buffering=0) as stream:
         place = stream.seek(-tail, os.SEEK_END)
@@ -106,11 +95,6 @@ def lock_folder(path: Path) -> Iterator[None]:
     """Lock a run's folder against other runs, by a lock on the file `LOCK` in it.
 
     The lock ends with the process, however that ends. On a drive without locks it does nothing.
-
-    Raises
-    ------
-    InputError
-        If another run holds the lock.
     """
     lock = FileLock(path / LOCK, timeout=0)
     with writing(path):

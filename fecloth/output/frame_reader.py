@@ -81,13 +81,7 @@ FIELDS = {
 
 
 def field_values(frame: Frame, name: str) -> np.ndarray:
-    """Return the values of a field, one per node (n,) or per triangle (m,).
-
-    Raises
-    ------
-    InputError
-        If there is no such field, or the frame does not hold its array.
-    """
+    """Return the values of a field, one per node (n,) or per triangle (m,)."""
     if name not in FIELDS:
         allowed = f"must be one of {', '.join(FIELDS)}"
         raise InputError(f"field {name!r}", allowed, remedy=did_you_mean(name, FIELDS))
@@ -128,13 +122,7 @@ class Series:
 
     @classmethod
     def open(cls, folder: str | Path) -> Series:
-        """Open the series of a folder that `fecloth run` wrote.
-
-        Raises
-        ------
-        InputError
-            If it has no frames, or they cannot be read.
-        """
+        """Open the series of a folder that `fecloth run` wrote."""
         folder = Path(folder)
         listed, single = folder / "run.vtu.series", folder / "run.vtkhdf"
         if listed.is_file():

@@ -80,11 +80,6 @@ class HdfFrames:
         """Append a frame; returns the file.
 
         `arrays` are the point and cell data, where `frame_arrays.fields` has made them already.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be written.
         """
         shown = arrays or (self.system and fields(self.system, state))
         points, cells = shown or kinematics(self.cloth, state)
@@ -96,13 +91,7 @@ class HdfFrames:
         return self.path
 
     def keep(self, times: Sequence[float]) -> None:
-        """Continue after the frames of these times, the first of the file; remove later ones.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be read, or has other frames.
-        """
+        """Continue after the frames of these times, the first of the file; remove later ones."""
         remedy = "Restore it, or run the scene again with --overwrite."
         try:
             with _more(self.path) as file:

@@ -24,11 +24,6 @@ from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
 def changing(path: Path) -> Iterator[io.RawIOBase]:
     """Yield the file to read and write; it changes when the block ends without an error.
 
-    Raises
-    ------
-    InputError
-        If the system refuses; the file is then unchanged, or `recover` completes it.
-
     Examples
     --------
     >>> import tempfile

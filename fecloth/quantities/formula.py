@@ -39,11 +39,6 @@ class Formula:
     condition
         Whether the value must be true or false instead of a number.
 
-    Raises
-    ------
-    InputError
-        For anything else; the message shows the part that is refused and the names allowed.
-
     Examples
     --------
     >>> Formula("0.1*sin(2*pi*t)", variables=("t",))(t=0.25)
@@ -67,34 +62,17 @@ class Formula:
         return Formula, (self.text, self.variables, self.condition)
 
     def __call__(self, **values: ArrayLike) -> float | np.ndarray:
-        """Value at the variables, broadcast against each other; a float if all are scalars.
-
-        Raises
-        ------
-        InputError
-            If a value is not finite; the message shows it and the variables there.
-        """
+        """Value at the variables, broadcast against each other; a float if all are scalars."""
         return self._value(values)
 
     def at(self, *numbers: float) -> float:
-        """Value at one float for each variable, in their order: in a third of a call's time.
-
-        Raises
-        ------
-        InputError
-            If the value is not finite.
-        """
+        """Value at one float for each variable, in their order: in a third of a call's time."""
         return self._value.at(numbers)
 
     def derivative(self, variable: str) -> Derivative:
         """The exact derivative by a variable, to be called as the formula itself.
 
         On a kink or a jump it is the derivative on one side of it, and 0 for abs at 0.
-
-        Raises
-        ------
-        InputError
-            For a name that is no variable, and for a condition.
 
         Examples
         --------

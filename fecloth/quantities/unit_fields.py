@@ -31,14 +31,7 @@ class Measured:
 def in_si(
     values: Mapping[str, Any], fields: Mapping[str, Measured], refuse_other_text: bool = True
 ) -> dict[str, Any]:
-    """The values, with each text that is a number with a unit replaced by its value in SI.
-
-    Raises
-    ------
-    InputError
-        For a unit that the field does not take, and for other text where a number must stand,
-        unless the caller refuses that itself.
-    """
+    """The values, with each text that is a number with a unit replaced by its value in SI."""
     known = {key: field.default for key, field in fields.items()} | dict(values)
     read = dict(values)
     for key, value in values.items():

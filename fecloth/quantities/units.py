@@ -130,11 +130,6 @@ def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> flo
     other
         What else is allowed, for the error message, such as ", or a formula".
 
-    Raises
-    ------
-    InputError
-        For text that is not a number with a unit, and for a unit that is not in the table.
-
     Examples
     --------
     >>> quantity("areal_density", "150 g/m^2", AREAL)

@@ -74,11 +74,6 @@ class RunFolder:
         overwrite
             Remove what fecloth writes into a run's folder, and nothing else: frames, the lists
             that name them, tables, summary, resolved scene and log.
-
-        Raises
-        ------
-        InputError
-            If the folder is not empty and `overwrite` is not set, or cannot be made.
         """
         path = Path(path)
         cls.refuse(path, overwrite)
@@ -89,13 +84,7 @@ class RunFolder:
 
     @classmethod
     def reopen(cls, path: str | Path, tables: Mapping[str, int]) -> RunFolder:
-        """Return the folder of a run to continue; each table is truncated to its number of bytes.
-
-        Raises
-        ------
-        InputError
-            If a table is missing or shorter; nothing is changed then.
-        """
+        """Return the folder of a run to continue; each table is cut to its number of bytes."""
         folder = cls(Path(path), dict(tables))
         for name, size in tables.items():
             file = folder.path / f"{name}.csv"

@@ -93,13 +93,7 @@ def files(folder: Path) -> list[Path]:
 
 
 def read(path: Path) -> Restart:
-    """Return the record of one file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or is incomplete.
-    """
+    """Return the record of one file."""
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             members = {name: file[name] for name in file.files}
@@ -181,13 +175,7 @@ def _unpack(value, arrays: list):
 
 
 def find(folder: Path) -> Restart:
-    """Return the newest readable restart of a run, an exact one if there is any.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Return the newest readable restart of a run, an exact one if there is any."""
     found, broken = [], None
     for path in files(folder):
         try:

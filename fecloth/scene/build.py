@@ -77,11 +77,6 @@ def build(scene: SceneData, cloth: Cloth, make_system: Callable[..., System] = S
     """Bind the terms and pins to the cloth, place the start, check the method.
 
     `make_system` takes the arguments of `System`.
-
-    Raises
-    ------
-    SceneError
-        As `Scene.build` says.
     """
     at = partial(errors_at, where=scene.source)
     state = _start(scene, cloth, at)

@@ -24,11 +24,6 @@ def override(data: dict, overrides: Iterable[str]) -> dict:
     ``time.dt=5 ms``, are read as strings. If a name replaces a table, as in ``fabric = "silk"``,
     an override of one key leaves the other keys to the name.
 
-    Raises
-    ------
-    SceneError
-        For an override that cannot be read, or a key inside a value that is no table.
-
     Examples
     --------
     >>> override({"time": {"dt": 0.1}, "terms": [{"k": 1}]}, ["time.dt=0.2", "terms.0.k=3"])

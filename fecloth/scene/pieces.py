@@ -84,13 +84,7 @@ class Pieces(Table):
 
 
 def join_pieces(data: dict) -> dict:
-    """Return the data of a scene with [cloths.NAME] as the pieces of its [cloth].
-
-    Raises
-    ------
-    InputError
-        If it has a [cloth] besides.
-    """
+    """Return the data of a scene with [cloths.NAME] as the pieces of its [cloth]."""
     if "cloths" not in data:
         return data
     if "cloth" in data:

@@ -186,13 +186,6 @@ class Scene(Table):
         """Mesh the cloth (unless given), bind the terms and pins, place the start.
 
         `make_system` takes the arguments of `System`.
-
-        Raises
-        ------
-        SceneError
-            For a mesh that cannot be read, a set or region that it does not have, regions that
-            overlap or leave a gap, pins that share a node, a formula that is not finite where it
-            is needed, an unknown name in [expect].
         """
         return build(self, self.mesh() if cloth is None else cloth, make_system)
 

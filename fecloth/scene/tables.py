@@ -58,11 +58,6 @@ def terms_with(own: Mapping[str, type]) -> Any:
 
     A term may hold another term (the law of a damping), so the tables refer to their union by the
     name "Term", which is resolved at the end.
-
-    Raises
-    ------
-    InputError
-        For an own type with a name of the package, or that is no dataclass with a `bind`.
     """
     for name, cls in own.items():
         if name in _TERMS:

@@ -15,13 +15,7 @@ LARGEST = 1_000_000  # bytes; larger files are no scenes
 
 
 def read(path: str | Path) -> dict:
-    """Return the tables of a TOML file.
-
-    Raises
-    ------
-    SceneError
-        For a path that is no readable file, and for text that is not TOML, with the line.
-    """
+    """Return the tables of a TOML file."""
     path = Path(path)
     content = text(path)
     try:

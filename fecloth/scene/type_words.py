@@ -35,13 +35,7 @@ def dimensions(field: FieldInfo) -> list[Dimension]:
 
 
 def in_si(table: dict, fields: Mapping[str, FieldInfo]) -> dict:
-    """Return the table with each text that is a number with a unit replaced by its SI value.
-
-    Raises
-    ------
-    InputError
-        For a unit that the key does not allow.
-    """
+    """Return the table with each text that is a number with a unit replaced by its SI value."""
     measured = {
         key: Measured(field.annotation, tuple(dimensions(field)), field.default)
         for key, field in fields.items()

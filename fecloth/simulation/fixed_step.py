@@ -30,11 +30,6 @@ class FixedStep(ChosenSteps):
         The method that takes them.
     dt
         The step [s].
-
-    Raises
-    ------
-    InputError
-        For a dt that is no number > 0.
     """
 
     method: Integrator
@@ -97,11 +92,6 @@ class GivenSteps(ChosenSteps):
         The method that takes them.
     sizes
         Of all steps, in order [s].
-
-    Raises
-    ------
-    InputError
-        For sizes that are no numbers > 0.
     """
 
     method: Integrator

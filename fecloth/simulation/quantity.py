@@ -105,11 +105,6 @@ class Quantity:
 def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
     """Return the quantity of a text, or of a function of the result of a run.
 
-    Raises
-    ------
-    InputError
-        For a text outside the grammar.
-
     Examples
     --------
     >>> parse_quantity("max tip.z").how, parse_quantity("tip.z at 30 ms").at

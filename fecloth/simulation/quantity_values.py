@@ -163,11 +163,6 @@ def signal_period(times: np.ndarray, values: np.ndarray, name: str = "the signal
     level, needs three passages; with only two, T is twice the time between them. The level is
     midway between the extremes or, with three passages, the mean over whole periods.
 
-    Raises
-    ------
-    InputError
-        If the signal has fewer than four samples or passes its middle less than twice.
-
     Examples
     --------
     >>> t = np.linspace(0, 3, 40)

@@ -93,12 +93,6 @@ def choose_steps(
     They have the size `dt`, or each its own of a list. Where that is None, an explicit method goes
     near its stability limit (`StabilityLimited`) unless `tolerances` has `rtol` or `atol`. With a
     mapping, even an empty one, any other method is controlled by its error (`Adaptive`).
-
-    Raises
-    ------
-    InputError
-        For a dt that is no number > 0, or given besides a choice; without it, for an implicit
-        method without tolerances.
     """
     check_method(method)
     if method.traits.chooses_dt:

@@ -55,11 +55,6 @@ class StabilityLimited(ChosenSteps):
     ----------
     method
         `CentralDifference()` or `SymplecticEuler()`.
-
-    Raises
-    ------
-    InputError
-        For a method without such a limit.
     """
 
     method: ExplicitIntegrator

@@ -59,11 +59,6 @@ def given_times(
 ) -> np.ndarray:
     """Return the end time of every step of these sizes; by default the last one is `t_end`.
 
-    Raises
-    ------
-    InputError
-        For stops, or an end, at which no step ends.
-
     Examples
     --------
     >>> given_times(0.0, [0.1, 0.2, 0.1], 0.4, stops=[0.3]).tolist()

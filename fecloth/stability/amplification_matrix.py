@@ -90,13 +90,7 @@ def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
 
 
 def resolve_method(method):
-    """Return a method object from a method, its class or its name.
-
-    Raises
-    ------
-    InputError
-        For anything else, and for a method that chooses its steps.
-    """
+    """Return a method object from a method, its class or its name."""
     known = {**METHODS, **EXPLICIT}
     if isinstance(method, str):
         if method not in known:

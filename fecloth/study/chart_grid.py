@@ -72,13 +72,7 @@ def make_settings(
     models: Sequence[str] | None,
     meshes: int,
 ) -> list[Setting]:
-    """Return the settings of all combinations, each on its meshes and with its steps.
-
-    Raises
-    ------
-    InputError
-        For an unknown name, or if the problem refuses every combination.
-    """
+    """Return the settings of all combinations, each on its meshes and with its steps."""
     if isinstance(opened, SceneProblem):
         combinations = _of_scene(opened.scene, methods, elements, models)
     else:

@@ -19,12 +19,6 @@ def run_on_cluster(cases, scheduler: str, time_limit: float | None) -> Iterator[
 
     The workers need fecloth installed, and the file of the study under the same path; they import
     the study's function from that file.
-
-    Raises
-    ------
-    InputError
-        If `distributed` is not installed, the scheduler does not answer or has no worker, or a
-        worker cannot import fecloth or has other sources.
     """
     require_packages("distributed")
     from distributed import as_completed

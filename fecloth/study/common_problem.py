@@ -39,13 +39,7 @@ class CommonProblem:
         return space_order(quantity, self.first), time
 
     def choose_quantities(self, asked: Asked | Sequence[Asked] | None) -> tuple[Quantity, ...]:
-        """Return the quantities that are asked for, or the problem's own.
-
-        Raises
-        ------
-        InputError
-            For one that the run does not have, and for modes beside quantities of a motion.
-        """
+        """Return the quantities that are asked for, or the problem's own."""
         several = isinstance(asked, Sequence) and not isinstance(asked, str)
         listed: Any = self.quantities if asked is None else asked if several else (asked,)
         found = tuple(parse_quantity(one) for one in listed)

@@ -71,11 +71,6 @@ def choose_gradings(
         Its edge length [m].
     least_saved
         Share of the triangles that all gradings together must save; else there are none.
-
-    Raises
-    ------
-    InputError
-        Without an estimate of the error in space.
     """
     error, cloth = space_error(setup.system, state), setup.cloth
     if error.reason:

@@ -42,11 +42,6 @@ def make_levels(
     With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors of both
     keep their share.
 
-    Raises
-    ------
-    InputError
-        For another word than "h", "dt" and "both", less than three levels, a ratio below 1.1.
-
     Examples
     --------
     >>> make_levels("both", 3, 2.0, space_order=2, time_order=1)[1:]

@@ -22,11 +22,6 @@ def draw_modes(cloth: Cloth, frequencies: np.ndarray, shapes: np.ndarray) -> Fig
 
     The colour is the displacement along the direction in which the mode moves most, relative to
     the largest one.
-
-    Raises
-    ------
-    InputError
-        Without Matplotlib.
     """
     count = min(len(shapes), MOST)
     columns, rows = min(count, COLUMNS), math.ceil(count / COLUMNS)

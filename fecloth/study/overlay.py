@@ -51,13 +51,7 @@ class Overlay:
 
 
 def overlay_arrays(cloth: Cloth, x: np.ndarray, other: Cloth, other_x: np.ndarray) -> Arrays:
-    """Return `other` and `difference` (n, 3) at the nodes of `cloth`, by material points.
-
-    Raises
-    ------
-    MeshError
-        If a node does not lie on the other cloth.
-    """
+    """Return `other` and `difference` (n, 3) at the nodes of `cloth`, by material points."""
     positions = other.interpolator(cloth.X) @ other_x
     return {"other": positions, "difference": positions - x}
 

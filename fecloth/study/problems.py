@@ -23,13 +23,7 @@ def open_problem(
     probes: Sequence[Probe] = (),
     settings: Mapping[str, object] | None = None,
 ) -> Problem:
-    """Return the problem of a scene, its path, or a function; see `converge`.
-
-    Raises
-    ------
-    InputError
-        For anything else, and for h, dt, t_end, probes or settings besides a scene.
-    """
+    """Return the problem of a scene, its path, or a function; see `converge`."""
     if isinstance(problem, Scene | str | Path):
         named = {"h": h, "dt": dt, "t_end": t_end, "probes": probes or None, **(settings or {})}
         given = [name for name, value in named.items() if value is not None]

@@ -16,11 +16,6 @@ MOST = 10_000  # values
 def parse_range(text: str) -> tuple[str, list]:
     """Return the key and its values: a:b:log:n, a:b:lin:n, or a list with commas.
 
-    Raises
-    ------
-    InputError
-        For a text in another form.
-
     Examples
     --------
     >>> parse_range("fabric.tensile_stiffness=10:1000:log:3")

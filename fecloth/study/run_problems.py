@@ -50,13 +50,7 @@ class Point:
 
 
 def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST) -> None:
-    """Refuse a scene that would take too long, before its mesh is made.
-
-    Raises
-    ------
-    InputError
-        If the predicted time of one run on this level is above that of all.
-    """
+    """Refuse a scene that would take too long, before its mesh is made."""
     if isinstance(opened, SceneProblem) and runs.most_seconds is not None:
         size = opened.workload(level)
         if size.seconds > runs.most_seconds:
@@ -68,11 +62,6 @@ def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Ru
 
     A function that other processes cannot import, and a function as quantity, run in this process
     and are not stored.
-
-    Raises
-    ------
-    InputError
-        If the predicted time is too long, or two functions are quantities.
     """
     functions = [one.function for one in quantities if one.function]
     if len(functions) > 1:

@@ -65,13 +65,7 @@ def setup_of_function(
     probes: tuple[Probe, ...] = (),
     sharper: float | None = 1.0,
 ) -> Setup:
-    """Call the user's function with the settings that it takes and return its setup.
-
-    Raises
-    ------
-    InputError
-        If it does not return cloth, system, method and start, or takes no such setting.
-    """
+    """Call the user's function with the settings that it takes and return its setup."""
     name = getattr(function, "__name__", "problem")
     if "grading" in settings:  # from JSON
         entries: Any = settings["grading"]
@@ -92,13 +86,7 @@ def setup_of_function(
 
 
 def accepted(function: Callable, settings: Mapping[str, object]) -> dict[str, object]:
-    """Return the settings that a function takes; h and dt may be left out by it.
-
-    Raises
-    ------
-    InputError
-        For another setting that it does not take.
-    """
+    """Return the settings that a function takes; h and dt may be left out by it."""
     parameters = inspect.signature(function).parameters
     if any(one.kind is inspect.Parameter.VAR_KEYWORD for one in parameters.values()):
         return dict(settings)

@@ -179,11 +179,6 @@ def stability(
 def known_methods(names: Sequence[str]) -> list[str]:
     """Return the names as a scene writes them, each once; capitals do not count.
 
-    Raises
-    ------
-    InputError
-        For an unknown one, and without any.
-
     Examples
     --------
     >>> known_methods(["BDF2", "CentralDifference"])

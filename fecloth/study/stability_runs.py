@@ -63,13 +63,7 @@ class Run:
 
 
 def span_of(setup: Setup) -> float:
-    """Return the time of a run [s].
-
-    Raises
-    ------
-    InputError
-        For an equilibrium, which has no steps.
-    """
+    """Return the time of a run [s]."""
     if setup.is_static or setup.t_end is None:
         remedy = "Give [time] in a scene, t_end to a function's problem."
         raise InputError("an equilibrium", "has no steps in time", "stability", remedy)

@@ -8,11 +8,6 @@ from fecloth.errors import InputError
 def read_tolerance(value: float | str) -> float:
     """Return a relative tolerance, of a number or of a text such as "1%" or "0.01".
 
-    Raises
-    ------
-    InputError
-        Unless it lies between 0 and 100 %.
-
     Examples
     --------
     >>> read_tolerance("1%"), read_tolerance("0.5 %"), read_tolerance(0.02)

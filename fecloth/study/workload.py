@@ -109,13 +109,7 @@ def check_size(
     where: str,
     remedy: str = "most_seconds = None, as a command --yes, runs it anyway.",
 ) -> None:
-    """Print the size of a study before it begins: cases, triangles, steps and predicted time.
-
-    Raises
-    ------
-    InputError
-        If the predicted time is above `most_seconds`.
-    """
+    """Print the size of a study before it begins: cases, triangles, steps and predicted time."""
     seconds = sum(case.seconds for case in cases) / jobs
     count = "1 case" if len(cases) == 1 else f"{len(cases)} cases"
     size = (

@@ -16,12 +16,6 @@ def check_system(system: object, state: object, where: str) -> None:
     ----------
     where
         The function whose arguments they are.
-
-    Raises
-    ------
-    InputError
-        If they are swapped or of other types, or the state belongs to another cloth, has lists in
-        it, or numbers that are not finite; or the cloth is inside an obstacle.
     """
     if not isinstance(system, System):
         remedy = "The state comes second." if isinstance(system, State) else ""

@@ -15,13 +15,7 @@ from fecloth.system.state import State
 
 
 def find_clamps(constraints: Constraints, cloth: Cloth, start: State) -> Clamps | None:
-    """The clamped edges of the pins, held as they are at the start; None without a clamped pin.
-
-    Raises
-    ------
-    InputError
-        For a clamped pin that holds no edge of the boundary.
-    """
+    """The clamped edges of the pins, held as they are at the start; None without a clamped pin."""
     groups = [group for group in constraints.groups.values() if group[0].clamp]
     if not groups:
         return None

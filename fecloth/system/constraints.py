@@ -115,13 +115,7 @@ class Constraints:
         return [_MovedGroup(pin, nodes) for pin, nodes in groups if pin.moves]
 
     def free(self, n: int) -> np.ndarray:
-        """The degrees of freedom 3 i + c of a cloth of n nodes that no pin constrains.
-
-        Raises
-        ------
-        InputError
-            If a node slides in a direction that is no coordinate axis.
-        """
+        """The degrees of freedom 3 i + c of a cloth of n nodes that no pin constrains."""
         diagonal = np.einsum("cii->ci", self.projectors)
         oblique = np.flatnonzero(((diagonal > 1e-12) & (diagonal < 1 - 1e-12)).any(axis=1))
         if len(oblique):

@@ -37,13 +37,7 @@ class Motion:
 
     @classmethod
     def read(cls, parts: Sequence[str | float], name: str = "motion") -> Motion:
-        """The motion of three formulas or numbers; `name` is what errors call it.
-
-        Raises
-        ------
-        InputError
-            For anything but three, and for a formula that is refused.
-        """
+        """The motion of three formulas or numbers; `name` is what errors call it."""
         if isinstance(parts, str) or not isinstance(parts, Sequence) or len(parts) != 3:
             raise _refused(parts, name)
         if not all(is_number(part) or isinstance(part, str) for part in parts):
@@ -67,13 +61,7 @@ class Motion:
         return self._stack(self._derivatives, t)
 
     def check(self, times: np.ndarray) -> None:
-        """Refuse a motion without a finite value, or velocity, at the times (m,) of a run [s].
-
-        Raises
-        ------
-        InputError
-            With the formula, its value and the time.
-        """
+        """Refuse a motion without a finite value, or velocity, at the times (m,) of a run [s]."""
         self(times)
         start, later = times[0], times[1:]
         try:

@@ -24,13 +24,7 @@ class State:
 
 
 def make_state(nodes: int, x, v=None, t: float = 0.0, where: str = "System.state") -> State:
-    """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero by default.
-
-    Raises
-    ------
-    InputError
-        For arrays of another shape, and for values that are not finite.
-    """
+    """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero by default."""
     shape = nodes, 3
     x = floats("x", x, where)
     v = np.zeros(shape) if v is None else floats("v", v, where)

@@ -18,11 +18,6 @@ def remembered(cls: C) -> C:
     records. The memory of an integrator, whose arrays are (n, 3), and the record of a term that
     keeps a history need this mark; without it, a run with restart files is refused.
 
-    Raises
-    ------
-    InputError
-        For a class that is not a frozen dataclass, and for the name of another marked class.
-
     Examples
     --------
     >>> from dataclasses import dataclass

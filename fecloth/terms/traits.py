@@ -94,13 +94,7 @@ CONTACT = TermTraits("contact", BOTH)
 
 
 def traits_of(term: Any) -> TermTraits:
-    """The traits of a description or of its class, with what its plain attributes say.
-
-    Raises
-    ------
-    InputError
-        For `traits` that are no `TermTraits`.
-    """
+    """The traits of a description or of its class, with what its plain attributes say."""
     traits = getattr(term, "traits", TermTraits())
     if not isinstance(traits, TermTraits):
         name = (term if isinstance(term, type) else type(term)).__name__

@@ -30,13 +30,7 @@ def square_side(X: np.ndarray) -> float:
 
 
 def material_coordinates(frame: Frame) -> np.ndarray:
-    """Return the material coordinates (n, 2) of a frame's nodes [m].
-
-    Raises
-    ------
-    InputError
-        If the frames have no displacement.
-    """
+    """Return the material coordinates (n, 2) of a frame's nodes [m]."""
     if "displacement" not in frame.point_data:
         remedy = "`fecloth run` and `write_vtk` write it."
         raise InputError(f"field {CHECKS!r}", "needs frames with a displacement", remedy=remedy)

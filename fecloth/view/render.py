@@ -90,11 +90,6 @@ def render(
         Frames per second; by default real time, within `FPS`.
     time
         Time of a .png [s]: the nearest frame; by default the last frame.
-
-    Raises
-    ------
-    InputError
-        If there are no frames, or the field, suffix, size or rate is not supported.
     """
     target = Path(target)
     _check_arguments(target, field, size, fps, time)

@@ -78,13 +78,7 @@ def ground_of(low: np.ndarray, high: np.ndarray, obstacles: Iterable[Obstacles |
 
 
 def write_view(folder: str | Path) -> Path:
-    """Write ``folder``/view.html, which opens at the last frame, and return its path.
-
-    Raises
-    ------
-    InputError
-        If the folder has no frames.
-    """
+    """Write ``folder``/view.html, which opens at the last frame, and return its path."""
     series = Series.open(folder)
     fields = shown_fields(series.read(0))
     frames = select_frames(series, len(fields))

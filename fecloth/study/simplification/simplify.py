@@ -119,13 +119,7 @@ def simplify(
 def open_original(
     opened: Problem, quantity, tolerance: float, runs: Runs, repeats: int
 ) -> Original:
-    """Return the problem with the quantities that count, and how it is run.
-
-    Raises
-    ------
-    InputError
-        For quantities that cannot be compared between scenes.
-    """
+    """Return the problem with the quantities that count, and how it is run."""
     refuse_huge(opened, runs)
     chosen = opened.choose_quantities(quantity)
     if any(one.function for one in chosen):

@@ -106,13 +106,7 @@ def _same_triangles(own: Choice, pattern: str) -> float | None:
 
 
 def methods_to_try(opened: Problem, methods: Sequence[str] | None) -> list[str]:
-    """Return the methods of a problem; [""] where there is none to choose.
-
-    Raises
-    ------
-    InputError
-        For an unknown method, and for methods of an equilibrium.
-    """
+    """Return the methods of a problem; [""] where there is none to choose."""
     if span_of(opened) is None:
         if methods:
             remedy = "Leave the methods out."

@@ -111,13 +111,7 @@ class HingeBending:
 
 
 def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
-    """Stiffness k = B(φ) l²/(A₁ + A₂) (h,) of the hinges [N m], for the term `where`.
-
-    Raises
-    ------
-    InputError
-        If a fabric has no bending rigidity.
-    """
+    """Stiffness k = B(φ) l²/(A₁ + A₂) (h,) of the hinges [N m], for the term `where`."""
 
     def roots(fabric):
         if fabric.bending is None:

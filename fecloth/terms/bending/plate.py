@@ -106,13 +106,7 @@ class PlateBending:
 
 
 def check_rest(rest, where: str):
-    """Rest angles as a text, a number or a tuple.
-
-    Raises
-    ------
-    InputError
-        For another text, and for angles that are not between −π and π.
-    """
+    """Rest angles as a text, a number or a tuple."""
     if isinstance(rest, str):
         if rest in ("flat", "start"):
             return rest

@@ -12,13 +12,7 @@ from fecloth.mesh.edge_slopes import EdgeSlopes, turn_curvature
 
 
 def plate_rigidity(panel: Panel, where: str) -> np.ndarray:
-    """(m, 3, 3) D of each triangle [N m], in X and Y, for the term `where`.
-
-    Raises
-    ------
-    InputError
-        If a fabric has no bending rigidity.
-    """
+    """(m, 3, 3) D of each triangle [N m], in X and Y, for the term `where`."""
 
     def constants(fabric: Fabric) -> np.ndarray:
         if fabric.bending is None:

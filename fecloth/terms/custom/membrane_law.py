@@ -191,13 +191,7 @@ TOLERANCE = 1e-5  # relative to the largest entry
 
 
 def check_law(law: Callable, c: np.ndarray, name: str) -> tuple:
-    """Check the law of the term `name` for the constants c; return W, S and ℂ at E = 0.
-
-    Raises
-    ------
-    InputError
-        For a result of another shape, or not finite at E = 0, and for wrong derivatives near it.
-    """
+    """Check the law of the term `name` for the constants c; return W, S and ℂ at E = 0."""
     if not callable(law) or inspect.ismethod(law):
         allowed = "must be a function of E and c, under @staticmethod"
         raise InputError(f"law = {brief(law)}", allowed, name)

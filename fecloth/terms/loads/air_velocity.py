@@ -41,13 +41,7 @@ class Field:
     function: Callable[[np.ndarray, float], np.ndarray]
 
     def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
-        """Velocity (m, 3) [m/s], or (1, 3) if the function returns (3,).
-
-        Raises
-        ------
-        InputError
-            If the function returns another shape or numbers that are not finite.
-        """
+        """Velocity (m, 3) [m/s], or (1, 3) if the function returns (3,)."""
         u = np.atleast_2d(np.asarray(self.function(x, t), dtype=float))
         if u.shape not in ((1, 3), x.shape) or not np.isfinite(u).all():
             allowed = f"must be finite and of shape (3,) or {x.shape}"
@@ -135,13 +129,7 @@ AirVelocity = Uniform | Field | Gusts
 
 
 def velocity_field(velocity, where: str) -> Uniform | Field:
-    """Create a velocity field from three numbers, three formulas, or a function u(x, t).
-
-    Raises
-    ------
-    InputError
-        For anything else.
-    """
+    """Create a velocity field from three numbers, three formulas, or a function u(x, t)."""
     if callable(velocity):
         return Field(velocity)
     with contextlib.suppress(InputError):
