@@ -11,6 +11,8 @@ import pytest
 
 import fecloth as fc
 
+collect_ignore = ["support/sliders.py"]  # its record would be marked under two names
+
 
 @pytest.fixture(scope="session")
 def sheet():

@@ -34,8 +34,8 @@ def insert_bodies(template: Any, functions: Mapping[str, Callable]) -> Any:
 
     Examples
     --------
-    >>> from fecloth.terms.loops import green_strain, membrane_loops
-    >>> made = insert_bodies(membrane_loops.energy, green_strain.POINTWISE)
+    >>> from fecloth.terms.loops import kinds_of_strain, membrane_loops
+    >>> made = insert_bodies(membrane_loops.energy, kinds_of_strain.POINTWISE)
     >>> made.__qualname__, "gradient" in made.__code__.co_names
     ('energy-load_nothing-no_scratch-pointwise_strain', True)
     """

@@ -114,8 +114,8 @@ class GivenSteps(ChosenSteps):
         return given_times(t, self.sizes, t_end, stops)
 
     def check_start(self, system: System, state: State, insist: str = "") -> None:
-        """Raise `InputError` if the first step is beyond the stability limit."""
-        refuse_unstable(system, self.method, state, self.sizes[0], insist)
+        """Raise `InputError` if the longest step is beyond the stability limit at the start."""
+        refuse_unstable(system, self.method, state, max(self.sizes), insist)
 
     def step(
         self,

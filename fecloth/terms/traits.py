@@ -9,6 +9,7 @@ from typing import Any
 from fecloth.errors import InputError, brief
 
 KINDS = ("", "membrane", "bending", "damping", "drag", "load", "contact")
+BOTH = ("P1", "P2")
 DAMPED = ("", "air", "strain", "bending", "motion")
 PLAIN = {  # traits that a description may state as plain attributes, and their names there
     "elements": "elements",
@@ -54,7 +55,7 @@ class TermTraits:
     Raises
     ------
     InputError
-        For another kind, and for what else a damping cannot damp.
+        For another kind or element, and for what else a damping cannot damp.
     """
 
     kind: str = ""
@@ -76,9 +77,15 @@ class TermTraits:
             if value not in known:
                 allowed = f"must be one of {', '.join(map(repr, known))}"
                 raise InputError(f"{name} = {value!r}", allowed, "TermTraits")
+        if (
+            isinstance(self.elements, str)
+            or not set(self.elements) <= set(BOTH)
+            or not self.elements
+        ):
+            allowed = 'must be ("P1",), ("P2",) or ("P1", "P2")'
+            raise InputError(f"elements = {self.elements!r}", allowed, "TermTraits")
 
 
-BOTH = ("P1", "P2")
 MEMBRANE = TermTraits(
     "membrane", BOTH, exclusive=True, shared=True, cheaper=("Springs",)
 )  # any law
