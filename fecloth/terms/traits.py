@@ -77,11 +77,7 @@ class TermTraits:
             if value not in known:
                 allowed = f"must be one of {', '.join(map(repr, known))}"
                 raise InputError(f"{name} = {value!r}", allowed, "TermTraits")
-        if (
-            isinstance(self.elements, str)
-            or not set(self.elements) <= set(BOTH)
-            or not self.elements
-        ):
+        if tuple(self.elements) not in (("P1",), ("P2",), BOTH, BOTH[::-1]):
             allowed = 'must be ("P1",), ("P2",) or ("P1", "P2")'
             raise InputError(f"elements = {self.elements!r}", allowed, "TermTraits")
 

@@ -51,6 +51,13 @@ def test_a_run_with_chosen_steps_is_repeated_bit_for_bit(method, system):
     assert np.array_equal(without_end[-1][0].x, chosen[-1][0].x)
 
 
+def test_a_list_with_one_step_beyond_the_stability_limit_is_refused(system):
+    limit = fc.critical_dt(system, system.rest(), fc.CentralDifference())
+    with pytest.raises(fc.InputError, match="beyond it CentralDifference is unstable"):
+        taken(system, fc.CentralDifference(), [0.1 * limit, 1.25 * limit], None)
+    assert len(taken(system, fc.CentralDifference(), [0.1 * limit, 0.8 * limit], None)) == 2
+
+
 def test_it_goes_on_from_its_memory(system):
     sizes = 1e-3 * (1 + np.arange(12) % 3)
     steps = taken(system, fc.BDF2(), sizes, None)

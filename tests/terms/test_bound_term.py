@@ -132,3 +132,6 @@ def test_traits_are_those_of_the_class_or_of_plain_attributes():
         traits_of(Wrong())
     with pytest.raises(fc.InputError, match="kind = 'bend': must be one of"):
         TermTraits(kind="bend")
+    for elements in ("P1", ("P3",), ()):
+        with pytest.raises(fc.InputError, match="elements = .*: must be "):
+            TermTraits(elements=elements)
