@@ -118,7 +118,7 @@ if hasattr(fc, "many_steps"):
 damping = [fc.StVK(), fc.StrainRateDamping(1e-3), fc.Gravity()]
 for name in ("BackwardEuler", "BDF2", "ImplicitMidpoint", "Newmark", "EnergyMomentum"):
     for element, mesh in on.items():
-        if hasattr(fc, name):
+        if hasattr(fc, name) and not (element and name == "EnergyMomentum"):  # needs shorter steps
             damped = fc.System(mesh, fabric, damping, pins=["left"])
             method = getattr(fc, name)()
             parts[f"damped step, {name}{element}"] = implicit("pcg", method, damped)
