@@ -95,7 +95,7 @@ def test_a_tree_is_compared_with_itself(tmp_path):
     command = [*MODULE, "studies.benchmarks", "--against", str(ROOT), "--quick", "-o", output]
     done = subprocess.run(command, capture_output=True, text=True, timeout=200, cwd=ROOT)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count(" force ") == done.stdout.count(" tangent ") == 7
+    assert done.stdout.count(" force ") == done.stdout.count(" tangent ") == 8
 
 
 @pytest.mark.study
