@@ -1,4 +1,4 @@
-"""The threads of a process, and how those that share a loop wait for each other.
+"""The threads of a process, and how threads that share a loop wait for each other.
 
 Loops that iterate, as conjugate gradients and explicit steps do, keep their threads from begin to
 end. The threads wait for each other by `wait`: a thread that waits gives its core to others after

@@ -85,7 +85,7 @@ class BDF2(WithMemory):
     ) -> Opening:
         """Open a step from `state` over `dt` [s] after the one that left this memory; q = v₁ − v₀.
 
-        The first step is that of another method. With contact it is of first order, which leaves
+        The first step is a step of another method. With contact it is of first order, which leaves
         this method of second order: the friction and the push at its begin are not to be relied
         on, as a cloth that stands still may be held by any friction below the limit.
         """

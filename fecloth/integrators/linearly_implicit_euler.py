@@ -25,7 +25,7 @@ from fecloth.terms.step_difference import StepDifference
 class LinearOpening:
     """A step of `LinearlyImplicitEuler` that is open: its residual is linear in q.
 
-    q (n, 3) [m/s] is Δv of the free directions, and the fields are those of `Opening`, besides:
+    q (n, 3) [m/s] is Δv of the free directions, and it has the fields of `Opening`, besides:
 
     Attributes
     ----------

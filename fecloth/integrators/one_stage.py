@@ -60,7 +60,7 @@ class StageMethod:
         history: History | None = None,
         solver: SolverContext | None = None,
     ) -> Opening:
-        """Open a step from `state` over `dt` [s]; its unknown q is that of `stage`."""
+        """Open a step from `state` over `dt` [s]; its unknown q is the unknown of `stage`."""
         end = prescribed_end(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
         known = () if history is None else (history,)  # which an older class may not take

@@ -138,7 +138,7 @@ class LoadSteps:
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Energy [J] that the slow motion from one equilibrium to the next takes away.
 
-        The energies and the work in the ledger are those of the full loads. Of a step that was
+        The energies and the work in the ledger are for the full loads. Of a step that was
         halved, what terms with a history dissipated before the last part is in it.
         """
         start, end = step.around(system)

@@ -124,7 +124,7 @@ def methods_to_try(opened: Problem, methods: Sequence[str] | None) -> list[str]:
 
 
 def _preference(name: str) -> tuple:
-    """Return what decides which method comes first of those that serve: explicit, then damping."""
+    """Return the sort key of a method: explicit first, then by high order, then by damping."""
     traits = ALL_METHODS[name]().traits
     return not traits.explicit, -traits.order, traits.at_infinity
 
