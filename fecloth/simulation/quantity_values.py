@@ -27,7 +27,7 @@ class RunRecord:
     # The cloth, and "displacement" [m] and "velocity" [m/s] (n, 3) at the end.
     cloth: Cloth | None = None
     fields: Mapping[str, np.ndarray] = field(default_factory=dict)
-    probes: tuple[str, ...] = ()  # of these, the size is the size of their displacement
+    probes: tuple[str, ...] = ()  # names of probes: their size is the length of the displacement
     frequencies: tuple[float, ...] = ()  # of the modes, lowest first [Hz]
     # Values of functions of the result, by the text of the quantity.
     values: Mapping[str, float] = field(default_factory=dict)
