@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import sparse
+from support.sliders import Sliders
 
 import fecloth as fc
 from fecloth.distributed import distributed_system
@@ -211,3 +212,15 @@ def test_what_cannot_be_shared_is_refused_by_name(term):
     cloth = fc.Cloth.rectangle(1.0, 0.8, 0.4, "right")
     with pytest.raises(InputError, match=type(term).__name__):
         DistributedSystem(cloth, EVEN, [fc.StVK(), term], link=LocalLink(2))
+
+
+def test_a_term_with_a_history_that_couples_nodes_is_refused_by_name():
+    class SharedSliders(Sliders):
+        traits = fc.TermTraits(shared=True)
+
+        def stencil(self, cloth):
+            return cloth.stencil
+
+    cloth = fc.Cloth.rectangle(1.0, 0.8, 0.4, "right")
+    with pytest.raises(InputError, match="history of Sliders.*several processes"):
+        _ = DistributedSystem(cloth, EVEN, [SharedSliders()], link=LocalLink(2)).bound
