@@ -1,11 +1,29 @@
 """Cases in other processes."""
 
 import os
+import signal
+import subprocess
+import sys
 import time
 
+import pytest
 from support.study_functions import fail_or_return, four_cases, read_thread_limits, square
 
 from fecloth import study
+from fecloth.study.cases import Case
+from fecloth.study.processes import run_in_processes
+
+INTERRUPTED = """
+import os, sys, time
+from fecloth import study
+
+def sleep(x: int, folder: str) -> dict:
+    open(f"{folder}/{os.getpid()}.process", "w").close()
+    time.sleep(60)
+
+if __name__ == "__main__":
+    study.run_cases([{"x": x, "folder": sys.argv[1]} for x in range(4)], sleep, None, jobs=2)
+"""
 
 
 def test_processes_give_the_same_rows(tmp_path):
@@ -36,3 +54,33 @@ def test_a_process_has_one_thread(tmp_path):
     rows = study.run_cases([{"name": n} for n in names], read_thread_limits, tmp_path, jobs=2)
     assert [(row["threads"], row["numba"]) for row in rows] == 4 * [("1", 1)]
     assert dict(os.environ) == before
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
+def test_ctrl_c_stops_the_processes(tmp_path):
+    (tmp_path / "script.py").write_text(INTERRUPTED)
+    command = [sys.executable, str(tmp_path / "script.py"), str(tmp_path)]
+    running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    end = time.monotonic() + 60
+    while len(begun := list(tmp_path.glob("*.process"))) < 2:
+        assert running.poll() is None
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    running.send_signal(signal.SIGINT)
+    assert "KeyboardInterrupt" in running.communicate(timeout=20)[1]
+    for file in begun:
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(file.stem), 0)
+
+
+def test_a_file_that_cannot_be_imported_is_an_error_of_the_study(tmp_path):
+    cases = [Case({}, str(tmp_path / "missing.py"), "run")]
+    with pytest.raises(ModuleNotFoundError, match="missing"):
+        list(run_in_processes(cases, 1, None))
+
+
+def test_a_process_that_cannot_start_is_an_error_of_the_study(tmp_path):
+    (tmp_path / "stops.py").write_text("import os\nos._exit(3)\n")
+    cases = [Case({}, str(tmp_path / "stops.py"), "run")]
+    with pytest.raises(RuntimeError, match="could not start"):
+        list(run_in_processes(cases, 1, None))
