@@ -18,16 +18,13 @@ from fecloth.simulation.quantity_values import RunRecord, relative_difference
 from fecloth.study.measured_runs import measure
 from fecloth.study.scene_text import scene_of
 from fecloth.study.setups import setup_of_scene
-from fecloth.study.simplification import outcome as outcomes
 from fecloth.study.simplification.numbers import Numbers
-from fecloth.study.simplification.outcome import Outcome
+from fecloth.study.simplification.outcome import Findings, Outcome, find_resolutions
 from fecloth.study.simplification.predictions import find_limits, predict_change
-from fecloth.study.simplification.resolution import find_resolutions
+from fecloth.study.simplification.result import make_verdict
 from fecloth.study.simplification.runs import data_of
-from fecloth.study.simplification.search import combine_variants, sort_candidates
-from fecloth.study.simplification.simplify import simplify
+from fecloth.study.simplification.simplify import combine_variants, simplify
 from fecloth.study.simplification.variants import FINER, Variant, list_variants
-from fecloth.study.simplification.words import make_verdict
 from fecloth.study.tolerance import read_tolerance
 
 STUDIES = Path(__file__).parents[2] / "studies"
@@ -233,10 +230,10 @@ def judge(kind_changes, tolerance=0.01):
     ]
     checks = [trial for trial in found if trial[0].is_check]
     resolutions = find_resolutions(checks, SIZES, ORDERS, tolerance)
-    unresolved = {one.kind for one in resolutions if not one.is_resolved}
-    verdicts = {v.name: outcomes.judge(v, found, tolerance, unresolved) for v, _ in found}
-    taken = {variant.name for variant in sort_candidates(found, tolerance, unresolved)}
-    words = make_verdict(found, tolerance, resolutions, "", None)
+    findings = Findings(found, tolerance, resolutions)
+    verdicts = {variant.name: findings.judge(variant, outcome) for variant, outcome in found}
+    taken = {variant.name for variant in findings.candidates()}
+    words = make_verdict(findings, "", None)
     return verdicts, words.splitlines(), taken
 
 
@@ -326,8 +323,9 @@ def test_the_size_that_would_do_has_the_error_of_the_tolerance(order):
 def test_a_failing_variant_is_no_candidate():
     variant = list_variants(data_of(load_scene(SCENES / "taut.toml")), Interest(end=("sag",)))[0]
     failed = (variant, Outcome("x", "failed", "it broke"))
-    assert sort_candidates([failed], 0.01, set()) == []
-    assert outcomes.judge(variant, [failed], 0.01, set()) == "needed"
+    findings = Findings([failed], 0.01)
+    assert findings.candidates() == []
+    assert findings.judge(*failed) == "needed"
 
 
 STATIC = """

@@ -21,11 +21,11 @@ from fecloth.study.scene_text import scene_of
 from fecloth.study.tables import Table
 from fecloth.study.tuning.choices import Choice, problem_with
 from fecloth.study.tuning.curves import cost_curve, error_curve, error_of_finest
-from fecloth.study.tuning.fewer_terms import drop_terms
 from fecloth.study.tuning.prediction import cheapest, most_accurate
 from fecloth.study.tuning.result import Tuned
-from fecloth.study.tuning.sampled_extremes import drop_to_neighbours
+from fecloth.study.tuning.space_errors import drop_to_neighbours
 from fecloth.study.tuning.trials import Bench
+from fecloth.study.tuning.tune import drop_terms
 
 STRIP = """
 [cloth]

@@ -9,7 +9,17 @@ from support.power_laws import Listed, PowerLaws, candidate, known_run, listed, 
 
 from fecloth.study.tuning import proof as proof_module
 from fecloth.study.tuning.choices import Choice
-from fecloth.study.tuning.proof import Proof, best_run, prove, scaled, verify
+from fecloth.study.tuning.proof import (
+    Proof,
+    best_run,
+    between,
+    corrected,
+    finer_choice,
+    prove,
+    stated,
+    untried,
+    verify,
+)
 from fecloth.study.tuning.search import Goal
 
 
@@ -29,7 +39,7 @@ def test_the_stated_error_is_the_true_one_of_a_power_law_and_a_little_more(space
     bench = PowerLaws(space=space, in_time=in_time)
     first = Goal(tolerance).candidates(prediction)[0]
     (run,) = bench.run([first.choice])
-    proof = verify(bench, first, run, [], {})
+    proof = verify(bench, first, run, {})
     assert true_error(run) <= 1.001 * proof.error < 1.4 * true_error(run)
 
 
@@ -49,9 +59,9 @@ def test_what_a_node_may_miss_of_the_lowest_point_is_added(monkeypatch):
     bench, prediction = PowerLaws(), predict(1.0, 10.0)
     first = Goal(1e-3).candidates(prediction)[0]
     (run,) = bench.run([first.choice])
-    with_it = verify(bench, first, run, [], {}).error
+    with_it = verify(bench, first, run, {}).error
     monkeypatch.undo()
-    assert with_it == pytest.approx(verify(bench, first, run, [], {}).error + 3e-4, rel=1e-12)
+    assert with_it == pytest.approx(verify(bench, first, run, {}).error + 3e-4, rel=1e-12)
 
 
 @pytest.mark.parametrize(("wrong", "others"), [(4.0, 4.0), (0.25, 1.0)])
@@ -63,8 +73,8 @@ def test_an_error_in_space_above_the_prediction_holds_for_all_meshes_of_the_elem
     prediction = replace(prediction, meshes=(mesh, cross, second))
     of = candidate(prediction, 20.0, 64, 1e-3, 1e-3)
     parts = {"space": wrong * of.space, "time": of.time}
-    proof = Proof(trial(of.choice, seconds=3 * of.seconds), of, None, parts, ())
-    after = scaled(prediction, proof)
+    proof = Proof(trial(of.choice, seconds=3 * of.seconds), of, None, parts)
+    after = corrected(prediction, proof)
     at = np.array([20.0])
     ratios = [float((m.errors(at) / mesh.errors(at))[0, 0]) for m in after.meshes]
     assert ratios == pytest.approx([wrong, others, 1.0])
@@ -75,8 +85,8 @@ def test_halfway_between_two_settings_is_their_geometric_mean():
     prediction = predict(1.0, 10.0)
     one = candidate(prediction, 40.0, 400, 1e-3, 4e-3)
     other = candidate(prediction, 10.0, 100, 4e-3, 1e-3)
-    proofs = [Proof(trial(of.choice, seconds=of.seconds), of, None, {}, ()) for of in (one, other)]
-    middle = proof_module._between(*proofs)
+    proofs = [Proof(trial(of.choice, seconds=of.seconds), of, None, {}) for of in (one, other)]
+    (middle,) = between(*proofs)
     assert (middle.edges, middle.x) == (pytest.approx(20.0), 200)
     assert (middle.space, middle.time) == (pytest.approx([2e-3]), pytest.approx([2e-3]))
     assert middle.seconds == pytest.approx(math.sqrt(one.seconds * other.seconds))
@@ -94,8 +104,8 @@ def test_the_errors_of_other_causes_are_added():
     bench, prediction = PowerLaws(), predict(1.0, 10.0)
     first = Goal(1e-3).candidates(prediction)[0]
     (run,) = bench.run([first.choice])
-    alone = verify(bench, first, run, [], {})
-    with_solver = verify(bench, first, run, [], {"solver": np.array([2e-4])})
+    alone = verify(bench, first, run, {})
+    with_solver = verify(bench, first, run, {"solver": np.array([2e-4])})
     assert with_solver.error == pytest.approx(alone.error + 2e-4, rel=1e-12)
 
 
@@ -106,7 +116,7 @@ def test_a_cause_of_a_quarter_of_the_error_is_refined_in_the_verifying_run(part,
         errors = ((1 - part) * error, part * error)
         of = candidate(prediction, 20.0, 64, *(errors[::-1] if swapped else errors))
         bench = PowerLaws()
-        verify(bench, of, trial(of.choice, 1 + error), [], {})
+        verify(bench, of, trial(of.choice, 1 + error), {})
         finer = 1 / bench.ran[-1].choice.h > 21, bench.ran[-1].choice.steps > 65
         assert finer == ((refined, True) if swapped else (True, refined))
 
@@ -202,3 +212,77 @@ def test_of_runs_within_half_of_the_least_error_the_cheapest_is_stated(times, ch
     proof = best_run(PowerLaws(), space, prediction.times, [], {})
     assert proof.trial is (other if chosen else best)
     assert proof.why == "it was not verified"
+
+
+@pytest.mark.parametrize("seconds", [6.0, 100.0])
+def test_no_setting_is_run_twice(seconds):
+    """Both take so much longer than predicted that they still look cheaper afterwards."""
+    bench = Listed({"a": (0.4, 50.0), "b": (0.2, seconds)})
+    prediction = listed({"a": (0.5, 0.4), "b": (0.2, 0.5)})
+    proof = prove(bench, prediction, Goal(1.0), [], {}, known_run(prediction, 1.0, 9.0))
+    assert [one.choice.method for one in bench.ran] == ["a", "a", "b"]
+    assert proof.trial.choice.method == ("b" if seconds < 50.0 else "a")
+
+
+def test_a_setting_halfway_to_a_tried_one_that_is_one_of_both_is_not_run():
+    """With 100 and 99 steps on one mesh the setting halfway has 100 again."""
+    prediction = predict(1.0, 10.0)
+    fine, coarse = (candidate(prediction, 40.0, n, 1e-3, 1e-3) for n in (100, 99))
+    proofs = [Proof(trial(of.choice), of, None, {}) for of in (fine, coarse)]
+    (middle,) = between(*proofs)
+    assert middle.choice == fine.choice
+    assert untried([middle], proofs) == []
+    assert untried([middle], proofs[1:]) == [middle]
+
+
+@pytest.mark.parametrize(
+    ("errors", "taken"), [((3.0, 2.0, 0.9), 2), ((3.0, 1.1, 1.2), 1), ((1.2, 1.1), 1)]
+)
+def test_the_last_attempt_is_stated_or_the_most_accurate_where_it_misses_the_tolerance(
+    errors, taken
+):
+    attempts = [Proof(None, None, None, {"space": np.array([e])}) for e in errors]
+    assert stated(attempts, Goal(1.0)) is attempts[taken]
+
+
+@pytest.mark.parametrize(("goal", "met"), [(Goal(1.0), (True, False)), (Goal(budget=2.0), (1, 0))])
+def test_a_proof_meets_a_tolerance_by_its_error_and_a_budget_by_its_seconds(goal, met):
+    run = trial(Choice(h=0.1), seconds=2.0)
+    for part, is_met in zip((0.8, 1.25), met, strict=True):
+        of_error = Proof(run, None, None, {"space": np.array([part])})
+        of_seconds = Proof(trial(run.choice, seconds=2.0 * part), None, None, {})
+        proof = of_error if math.isfinite(goal.tolerance) else of_seconds
+        assert proof.meets(goal) == bool(is_met)
+
+
+@pytest.mark.parametrize(
+    ("method", "kind", "x", "h", "refined"),
+    [
+        ("bdf2", "steps", 64, 0.05, {"space", "time"}),
+        ("bdf2", "rtol", 100.0, 0.05, {"space", "time"}),
+        ("central_difference", "limit", 1.0, 0.05, {"space"}),
+        ("central_difference", "limit", 1.0, None, {"time"}),
+        ("bdf2", "steps", 64, None, {"time"}),
+    ],
+)
+def test_a_verifying_run_refines_what_can_be_refined(method, kind, x, h, refined):
+    """Errors in space and time are equal; explicit steps at their limit follow the mesh."""
+    prediction = predict(1.0, 10.0)
+    of = candidate(prediction, 20.0, x, 1e-3, 1e-3, seconds=1.0)
+    mesh = replace(of.mesh, choice=replace(of.mesh.choice, h=h))
+    of = replace(of, mesh=mesh, rule=replace(of.rule, method=method, kind=kind))
+    choice, left = finer_choice(of)
+    assert set(left) == refined
+    assert ((choice.h or 0) < (of.choice.h or 0)) == ("space" in refined)
+    if kind == "rtol":
+        assert choice.rtol == pytest.approx(of.choice.rtol / 4)
+    elif "time" in refined:
+        assert choice.steps == 2 * (of.choice.steps or 1)
+
+
+@pytest.mark.parametrize(("ratio", "factor"), [(4.0, 4.0), (6.25, 5.0), (0.25, 0.25), (0.16, 0.2)])
+def test_predicted_seconds_are_corrected_up_to_five_times(ratio, factor):
+    prediction = predict(1.0, 10.0)
+    of = candidate(prediction, 20.0, 64, 1e-3, 1e-3)
+    proof = Proof(trial(of.choice, seconds=ratio * of.seconds), of, None, {"space": of.space})
+    assert corrected(prediction, proof).factors[of.key] == pytest.approx(factor)

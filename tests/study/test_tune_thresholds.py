@@ -9,13 +9,18 @@ from support.power_laws import PowerLaws, candidate, known_run, listed, predict,
 
 import fecloth as fc
 from fecloth.study.problems import SceneProblem, open_problem
-from fecloth.study.tuning import fewer_terms, search, time_errors, timing
+from fecloth.study.tuning import corrections, search, time_errors
+from fecloth.study.tuning import tune as tune_module
 from fecloth.study.tuning.choices import Choice, meshes_to_try, problem_with
+from fecloth.study.tuning.corrections import measure_growth
 from fecloth.study.tuning.curves import error_curve
-from fecloth.study.tuning.growth import measure_growth
-from fecloth.study.tuning.sampled_extremes import drop_to_neighbours
 from fecloth.study.tuning.search import Goal, shared_run
-from fecloth.study.tuning.space_errors import Mesh, SpaceErrors, summarise_meshes
+from fecloth.study.tuning.space_errors import (
+    Mesh,
+    SpaceErrors,
+    drop_to_neighbours,
+    summarise_meshes,
+)
 from fecloth.study.tuning.time_errors import TimeErrors, measure_methods
 
 SCENE = """
@@ -98,6 +103,62 @@ def test_the_steps_of_all_meshes_may_take_a_fifth_of_the_tolerance(part, taken):
     """The cheapest run is taken that is accurate enough, and else a better one."""
     runs, times = measured([1e-5, 0.2 * part * 0.01], seconds=[10.0, 1.0])
     assert shared_run(PowerLaws(), times, 0.01) is runs[taken]
+
+
+METHODS_IN_SPACE = {
+    # Errors over the tolerance, seconds, and the method that all meshes take.
+    "damped, though slower": ({"bdf2": (0.1, 9.0), "newmark": (0.1, 1.0)}, "bdf2"),
+    "undamped, where no other": (
+        {"newmark": (0.1, 1.0), "implicit_midpoint": (0.1, 2.0)},
+        "newmark",
+    ),
+    "damped, even if inaccurate": ({"bdf2": (3.0, 9.0), "newmark": (0.1, 1.0)}, "bdf2"),
+    "implicit": ({"bdf2": (0.5, 9.0), "central_difference": (0.1, 1.0)}, "bdf2"),
+    "explicit, where alone accurate": (
+        {"bdf2": (1.25, 9.0), "central_difference": (0.8, 1.0)},
+        "central_difference",
+    ),
+    "explicit, if all are inaccurate and it the least": (
+        {"bdf2": (3.0, 1.0), "central_difference": (1.25, 9.0)},
+        "central_difference",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", METHODS_IN_SPACE)
+def test_the_steps_of_all_meshes_follow_the_rules_in_their_order(case):
+    settings, taken = METHODS_IN_SPACE[case]
+    runs = [
+        trial(
+            Choice("P1", "", 0.1, name, None if name == "central_difference" else 64),
+            1 + 0.01 * error,
+            seconds,
+        )
+        for name, (error, seconds) in settings.items()
+    ]
+    exact = trial(Choice("P1", "", 0.1, "exact", 64, rtol=1e-3), 1.0)
+    times = TimeErrors((), exact, np.zeros(1), (*runs, exact))
+    assert shared_run(PowerLaws(), times, 0.01).choice.method == taken
+
+
+def test_rules_are_kept_in_their_order_and_passed_over_where_none_is_left():
+    numbers = [1, 2, 3, 4, 6]
+    rules = [lambda n: n % 2 == 0, lambda n: n > 6, lambda n: n > 3, lambda n: n % 3 == 0]
+    assert search.prefer(numbers, by=rules) == [6]
+    assert search.prefer(numbers, by=[]) == numbers
+    assert search.prefer(numbers, by=[lambda n: n > 9]) == numbers
+
+
+@pytest.mark.parametrize(("part", "is_known"), [(0.8, True), (1.25, False)])
+def test_the_best_mesh_is_refined_until_its_error_is_three_tenths_of_the_tolerance(part, is_known):
+    prediction = predict(1.0, 1.0)
+    of = candidate(prediction, 40.0, 64, 1e-3, 1e-3)
+    space = known_run(prediction, 40.0, part * 0.3 * 0.01)
+    assert search.next_mesh(space, [of], Goal(0.01)) is (None if is_known else of.mesh)
+    rival = replace(space, rival=replace(of.mesh))
+    expected = None if is_known else rival.rival
+    assert search.next_mesh(rival, [of], Goal(0.01)) is expected
+    assert search.next_mesh(space, [], Goal(0.01)) is of.mesh
 
 
 # --- curves and predictions -----------------------------------------------------------------------
@@ -220,7 +281,7 @@ def test_errors_are_trusted_up_to_twice_the_measured_size(part, refined):
     prediction = predict(1.0, 1.0)
     of = candidate(prediction, part * 2 * 40.0, 64, 1e-3, 1e-3)
     space = known_run(prediction, 40.0, 1e-6)
-    mesh = search._next_mesh(space, [of], Goal(0.01))
+    mesh = search.next_mesh(space, [of], Goal(0.01))
     assert mesh is (of.mesh if refined else None)
 
 
@@ -336,7 +397,7 @@ def timed(others, monkeypatch, linear=None):
     `others` are seconds of further methods over those of the first one, and `linear` seconds with
     other solvers over those with the problem's own.
     """
-    monkeypatch.setattr(timing, "shorten", lambda opened, part: opened)
+    monkeypatch.setattr(corrections, "shorten", lambda opened, part: opened)
     base = predict(1.0, 10.0)
     rule = base.times.rules[0]
     more = [
@@ -352,7 +413,7 @@ def timed(others, monkeypatch, linear=None):
 
     bench = PowerLaws(change=change)
     goal = Goal(1e-3)
-    found = timing.time_candidates(bench, prediction, goal, [])
+    found = corrections.time_candidates(bench, prediction, goal, [])
     return bench.ran, goal.candidates(found)
 
 
@@ -387,9 +448,9 @@ def without_damping(change, seconds, tmp_path, monkeypatch):
             return trial(choice, 9.0, 9.0)  # another change, which is too large
         return trial(choice, 1.0 + change, seconds)
 
-    monkeypatch.setattr(fewer_terms, "_run", run)
+    monkeypatch.setattr(tune_module, "run_tables", run)
     bench = PowerLaws(open_problem(path), change=lambda run: trial(run.choice, 1.0, 1.0))
-    return fewer_terms.drop_terms(bench, Choice("P1", "right", 0.1), 0.01)[2]
+    return tune_module.drop_terms(bench, Choice("P1", "right", 0.1), 0.01)[2]
 
 
 @pytest.mark.parametrize(("part", "dropped"), [(0.8, True), (1.25, False)])

@@ -1,44 +1,38 @@
-"""What the run of a simpler scene gave, and the verdict on it."""
+"""What the runs of simpler scenes gave: their changes, the errors of the scene, the verdicts."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fecloth.study.simplification.variants import Variant
 from fecloth.study.status import OK
+from fecloth.study.tolerance import in_percent
 
 LOST, NOISE = 0.05, 0.02  # fraction of the seconds, and seconds: smaller differences are noise
+SIZES = {  # words, name and unit of what a check refines, by its kind
+    "mesh": ("mesh", "h", " m"),
+    "dt": ("time step", "dt", " s"),
+    "rtol": ("tolerance of the steps", "rtol", " 1/s"),
+}
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The run of a simpler scene beside that of the scene.
+    """The run of a simpler scene beside the run of the scene."""
 
-    Attributes
-    ----------
-    name, status, cause
-        Of the variant, of its run, and of the failure.
-    changes
-        Relative change of each quantity, by its text.
-    seconds, saved
-        CPU seconds of the run, and the part of the scene's seconds that it saves.
-    triangles, steps
-        Numbers of both.
-    predicted
-        The change that its dimensionless numbers predict; None if they do not.
-    """
-
+    # Name of the variant, status of its run, and cause of a failure.
     name: str
     status: str
     cause: str = ""
-    changes: Mapping[str, float] = field(default_factory=dict)
+    changes: Mapping[str, float] = field(default_factory=dict)  # relative, of each quantity
+    # CPU seconds of the run, and the part of the scene's seconds that it saves.
     seconds: float = math.nan
     saved: float = math.nan
     triangles: int | None = None
     steps: int | None = None
-    predicted: float | None = None
+    predicted: float | None = None  # the change by dimensionless numbers; None if they give none
 
     @property
     def is_ok(self) -> bool:
@@ -65,36 +59,154 @@ class Outcome:
         """The quantity that changes most."""
         return max(self.changes, key=lambda name: self.changes[name], default="")
 
+    @property
+    def saving_per_change(self) -> float:
+        """The saving per change, by which variants are sorted; without saving it is ≤ 0."""
+        return self.saved / max(self.change, 1e-12) if self.saved > 0 else self.saved
+
 
 Trial = tuple[Variant, Outcome]
 
 
-def judge(
-    variant: Variant, found: Sequence[Trial], tolerance: float, unresolved: Collection[str]
-) -> str:
-    """Return the verdict on a variant; `unresolved` are the kinds of sizes with a large error."""
-    (outcome,) = [one for other, one in found if other is variant]
-    if variant.is_check:
-        return "not resolved" if variant.kind in unresolved else "resolved"
-    if not outcome.is_ok or outcome.change > tolerance:
-        return "needed"
-    if reliable_change(variant, found, unresolved) > tolerance:
-        return "by chance"
-    return "not needed, saves nothing" if outcome.is_slower else "not needed"
+# --- errors of the scene itself -------------------------------------------------------------------
 
 
-def reliable_change(variant: Variant, found: Sequence[Trial], unresolved: Collection[str]) -> float:
-    """Return the largest change by a variant and by the smaller changes of the same size.
+@dataclass(frozen=True)
+class Resolution:
+    """The error of a scene by one of its sizes, from half of h, half of dt or less rtol."""
 
-    A mesh of 2 h that changes less than one of 1.5 h does so by chance, and so does any other
-    mesh if the scene itself is not resolved.
+    kind: str  # "mesh", "dt" or "rtol"
+    # Estimated relative error, and the quantity whose error needs the smallest size.
+    error: float
+    quantity: str
+    # h [m], dt [s] or rtol of the scene, and the value at which the error would be within the
+    # tolerance.
+    size: float
+    needed: float
+    failure: str = ""  # why the error is unknown, or ""
+
+    @property
+    def is_resolved(self) -> bool:
+        """Whether the error is within the tolerance."""
+        return self.needed >= self.size
+
+    def __str__(self) -> str:
+        """Return the error in words, and which size would do."""
+        what, name, unit = SIZES[self.kind]
+        if self.failure:
+            return f"whether the {what} is resolved is not known: {self.failure}"
+        text = f"the error of the {what} is about {in_percent(self.error)} ({self.quantity})"
+        if self.is_resolved:
+            return text
+        needed = f"{name} of about {round_down(self.needed):g}{unit}"
+        return f"{text}; {needed} in place of {self.size:g}{unit} would do"
+
+
+def find_resolutions(
+    checks: Sequence[Trial],
+    sizes: Mapping[str, float],
+    orders: Mapping[str, Mapping[str, float]],
+    tolerance: float,
+) -> list[Resolution]:
+    """Return the error by each size that was refined.
+
+    A refinement by r that changes a quantity by c shows the error c/(1 − r^−p) for the order p
+    (Richardson 1911); the size for the tolerance t is the present size times (t/error)^(1/p).
+
+    Parameters
+    ----------
+    sizes
+        Of the scene, by kind.
+    orders
+        Of each quantity, by kind and text.
     """
-    if variant.kind in unresolved:
-        return math.inf
-    same = [
-        outcome.change
-        for other, outcome in found
-        if other is variant
-        or (other.is_size and other.kind == variant.kind and other.by <= variant.by)
-    ]
-    return max(same)
+    return [_resolution(*check, sizes, orders, tolerance) for check in checks]
+
+
+def _resolution(variant: Variant, outcome: Outcome, sizes, orders, tolerance: float) -> Resolution:
+    kind, size = variant.kind, sizes[variant.kind]
+    if not outcome.is_ok:
+        cause = (outcome.cause.splitlines() or [outcome.status])[0]
+        return Resolution(kind, math.nan, "", size, 0.0, f"{variant.name}: {cause}")
+    resolutions = []
+    for text, change in outcome.changes.items():
+        order = orders[kind][text]
+        error = change / (1 - variant.by**order)
+        needed = size * (tolerance / error) ** (1 / order) if error else math.inf
+        resolutions.append(Resolution(kind, error, text, size, needed))
+    return min(resolutions, key=lambda resolution: resolution.needed)
+
+
+def round_down(value: float) -> float:
+    """Return a number with two digits that is not larger.
+
+    Examples
+    --------
+    >>> round_down(0.02379), round_down(0.05)
+    (0.023, 0.05)
+    """
+    if not 0 < value < math.inf:
+        return value
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.floor(value / unit + 1e-9) * unit:.2g}")
+
+
+# --- verdicts -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All variants with their outcomes, and the errors of the scene itself."""
+
+    trials: Sequence[Trial]
+    tolerance: float
+    resolutions: Sequence[Resolution] = ()
+
+    @property
+    def unresolved(self) -> set[str]:
+        """The kinds of sizes whose error is above the tolerance."""
+        return {each.kind for each in self.resolutions if not each.is_resolved}
+
+    @property
+    def ranked(self) -> list[Trial]:
+        """The variants, the smallest change first."""
+        return sorted(self.trials, key=lambda trial: trial[1].change)
+
+    def judge(self, variant: Variant, outcome: Outcome) -> str:
+        """Return the verdict on a variant."""
+        if variant.is_check:
+            return "not resolved" if variant.kind in self.unresolved else "resolved"
+        if not outcome.is_ok or outcome.change > self.tolerance:
+            return "needed"
+        if self.reliable_change(variant, outcome) > self.tolerance:
+            return "by chance"
+        return "not needed, saves nothing" if outcome.is_slower else "not needed"
+
+    def reliable_change(self, variant: Variant, outcome: Outcome) -> float:
+        """Return the largest change by a variant and by the smaller changes of the same size.
+
+        A mesh of 2 h that changes less than one of 1.5 h does so by chance, and so does any other
+        mesh if the scene itself is not resolved.
+        """
+        if variant.kind in self.unresolved:
+            return math.inf
+        smaller = [
+            result.change
+            for other, result in self.trials
+            if variant.is_size and other.kind == variant.kind and other.by <= variant.by
+        ]
+        return max([outcome.change, *smaller])
+
+    def candidates(self) -> list[Variant]:
+        """Return the variants within the tolerance, the greatest saving per change first.
+
+        A replacement must save time; a dropped term need not. Larger triangles and steps are
+        candidates only if the scene itself is resolved.
+        """
+
+        def is_worth(variant: Variant, outcome: Outcome) -> bool:
+            saves = outcome.saved > LOST or (variant.kind == "without" and not outcome.is_slower)
+            return saves and self.reliable_change(variant, outcome) <= self.tolerance
+
+        able = [(v, o) for v, o in self.trials if o.is_ok and not v.is_check and is_worth(v, o)]
+        return [variant for variant, _ in sorted(able, key=lambda t: -t[1].saving_per_change)]

@@ -1,8 +1,8 @@
-"""The result of `simplify`: what a scene does not need, and the reduced scene."""
+"""The result of `simplify`: what a scene does not need, in words, as a table and as a figure."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,13 +12,14 @@ import numpy as np
 from fecloth.output.atomic_files import replace_file
 from fecloth.study.figures import COLOURS, new_figure
 from fecloth.study.result import StudyResult
-from fecloth.study.simplification.words import COMBINED, REDUCED
+from fecloth.study.simplification.outcome import Findings, Outcome, Resolution
 from fecloth.study.tables import Table
 from fecloth.study.tolerance import in_percent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+COMBINED, REDUCED = "combined", "reduced scene"
 LEAST, MOST = 1e-5, 300.0  # %, limits of the axis of changes
 SHADES = {"needed": COLOURS[1], "by chance": COLOURS[1], "resolved": "0.6", "not resolved": "0.6"}
 
@@ -110,3 +111,115 @@ def _seconds(row: Mapping) -> str:
     if seconds >= 0:
         return f"saves {seconds:.2g} s ({part:.0f} %)"
     return f"takes {-seconds:.2g} s more"
+
+
+# --- the table and the words ----------------------------------------------------------------------
+
+
+def make_table(
+    findings: Findings, attempts: Sequence[tuple[Outcome, bool]], final: Outcome | None
+) -> Table:
+    """Return a row for each variant, by its change; then the combinations and the reduced scene."""
+    rows = [_row(outcome, findings.judge(v, outcome)) for v, outcome in findings.ranked]
+    joint = [(outcome, fits) for outcome, fits in attempts if " + " in outcome.name]
+    rows += [_row(outcome, f"{COMBINED}{'' if fits else ', not taken'}") for outcome, fits in joint]
+    return Table((*rows, *([_row(final, REDUCED)] if final else [])))
+
+
+def _row(outcome: Outcome, verdict: str) -> dict:
+    line: dict = {"variant": outcome.name, "verdict": verdict}
+    if outcome.predicted is not None:
+        line["predicted [%]"] = 100 * outcome.predicted
+    line |= {"change [%]": 100 * outcome.change if outcome.is_ok else None}
+    line |= {f"{name} [%]": 100 * change for name, change in outcome.changes.items()}
+    if outcome.is_ok:
+        line |= {"seconds saved": outcome.whole - outcome.seconds, "saved [%]": 100 * outcome.saved}
+        line |= {"cpu_seconds": outcome.seconds}
+        line |= {"triangles": outcome.triangles, "steps": outcome.steps}
+    line["status"] = outcome.status
+    if outcome.cause:
+        line["cause"] = outcome.cause.splitlines()[0]
+    return line
+
+
+def make_verdict(
+    findings: Findings, reduced: str, final: Outcome | None, file: str = "reduced.toml"
+) -> str:
+    """Return the answer in words: first what is not resolved, then what is not needed."""
+    lines = [
+        f"not known whether it is resolved: {each}"
+        if each.failure
+        else f"not resolved to {in_percent(findings.tolerance)}: {each}"
+        for each in findings.resolutions
+        if not each.is_resolved
+    ]
+    lines += [f"{head}: {', '.join(items)}" for head, items in _groups(findings) if items]
+    if final is None:
+        lines.append("nothing simpler was found")
+    elif not final.is_ok:
+        lines.append(f"{file} fails: {final.cause}")
+    else:
+        saves = f"{'saves' if final.saved >= 0 else 'adds'} {in_percent(abs(final.saved))}"
+        change = f"{final.of} by {in_percent(final.change)}"
+        lines.append(f"{file}: {reduced}; it changes {change} and {saves} of the seconds")
+    return "\n".join(lines)
+
+
+def _groups(findings: Findings) -> list[tuple[str, list[str]]]:
+    """Return the items of the verdict by their heading."""
+    gone, cheaper, needed, larger = (list[str]() for _ in range(4))
+    for variant, outcome in findings.ranked:
+        if variant.is_check:
+            continue
+        verdict, left_out = findings.judge(variant, outcome), variant.kind == "without"
+        is_ok = outcome.is_ok
+        change = (
+            f"changes {outcome.of} by {in_percent(outcome.change)}" if is_ok else outcome.status
+        )
+        if left_out and verdict in ("needed", "by chance"):
+            needed.append(str(variant.by))
+        elif left_out:
+            costs = in_percent(outcome.saved) if outcome.saved > 0 else "none"
+            gone.append(f"{variant.by} ({change}, costs {costs} of the seconds)")
+        elif verdict in ("needed", "by chance"):
+            larger.append(f"{variant.name} ({change})")
+        elif verdict == "not needed" and outcome.saved > 0:
+            cheaper.append(f"{variant.name} ({change}, saves {in_percent(outcome.saved)})")
+    return [
+        ("not needed", gone or ["none of the terms"]),
+        ("can be cheaper", cheaper),
+        ("needed", needed),
+        ("changes too much", larger),
+    ]
+
+
+def describe_resolved(resolutions: Sequence[Resolution], has_h: bool) -> list[str]:
+    """Return sentences on the errors of the scene itself that are within the tolerance."""
+    resolved = [str(each) for each in resolutions if each.is_resolved]
+    lines = [f"Resolved: {'; '.join(resolved)}."] if resolved else []
+    if not has_h:
+        lines.append("Whether the mesh is resolved is not known: the scene has no cloth.h.")
+    return lines
+
+
+def describe_predictions(findings: Findings, limits: Sequence[str]) -> str:
+    """Return how far the predictions hold: by their assumptions, and against what was measured."""
+    known = [
+        (outcome, outcome.predicted)
+        for _, outcome in findings.trials
+        if outcome.is_ok and outcome.predicted is not None
+    ]
+    if not known:
+        return f"No predictions: {'; '.join(limits) or 'no variant has a formula'}."
+    tolerance = findings.tolerance
+    wrong = [
+        f"{outcome.name} (predicted {in_percent(size)}, measured {in_percent(outcome.change)})"
+        for outcome, size in known
+        if (size > tolerance) != (outcome.change > tolerance)
+    ]
+    holds = f". Beware: {'; '.join(limits)}" if limits else ", as here"
+    return (
+        "The predictions are orders of magnitude, for a cloth that starts flat and at rest under "
+        f"steady loads{holds}. Against the runs, {len(known) - len(wrong)} of {len(known)} lie on "
+        f"the right side of the tolerance{'; not so ' if wrong else ''}{', '.join(wrong)}."
+    )

@@ -22,19 +22,24 @@ from fecloth.study.run_problems import Runs, refuse_huge
 from fecloth.study.simplification.function_runs import FunctionOriginal
 from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.numbers import table as table_of_numbers
-from fecloth.study.simplification.outcome import Trial
+from fecloth.study.simplification.outcome import (
+    LOST,
+    NOISE,
+    Findings,
+    Outcome,
+    Trial,
+    find_resolutions,
+)
 from fecloth.study.simplification.predictions import find_limits, predict_change
-from fecloth.study.simplification.resolution import Resolution, find_resolutions
-from fecloth.study.simplification.result import Simplification
-from fecloth.study.simplification.runs import Original
-from fecloth.study.simplification.search import combine_variants, sort_candidates
-from fecloth.study.simplification.variants import Variant
-from fecloth.study.simplification.words import (
+from fecloth.study.simplification.result import (
+    Simplification,
     describe_predictions,
     describe_resolved,
     make_table,
     make_verdict,
 )
+from fecloth.study.simplification.runs import Original
+from fecloth.study.simplification.variants import Variant
 from fecloth.study.tables import Table
 from fecloth.study.tolerance import read_tolerance
 from fecloth.study.workload import LONGEST, Workload, check_size
@@ -110,10 +115,10 @@ def simplify(
     numbers = Numbers.of(scene) if scene else None
     checks = run_variants(original, [one for one in tried if one.is_check], numbers)
     resolutions = find_resolutions(checks, _sizes_now(original.data), _orders(original), chosen)
-    for one in resolutions:
-        print(one, file=sys.stderr, flush=True)
-    found = checks + run_variants(original, [one for one in tried if not one.is_check], numbers)
-    return summarise(original, found, resolutions, numbers, folder)
+    for resolution in resolutions:
+        print(resolution, file=sys.stderr, flush=True)
+    trials = checks + run_variants(original, [one for one in tried if not one.is_check], numbers)
+    return summarise(original, Findings(trials, chosen, resolutions), numbers, folder)
 
 
 def open_original(
@@ -163,27 +168,45 @@ def run_variants(
 ) -> list[Trial]:
     """Run each variant alone; return it with what its run gave and its prediction."""
     scenes = [(one.name, one.apply(original.data), one.patience) for one in tried]
+    predicted = [predict_change(one, numbers) if numbers else None for one in tried]
     return [
-        (variant, replace(outcome, predicted=_predict(variant, numbers)))
-        for variant, outcome in zip(tried, original.run(scenes), strict=True)
+        (variant, replace(outcome, predicted=change))
+        for variant, outcome, change in zip(tried, original.run(scenes), predicted, strict=True)
     ]
 
 
-def _predict(variant: Variant, numbers: Numbers | None) -> float | None:
-    return None if numbers is None else predict_change(variant, numbers)
+def combine_variants(
+    original: Original, candidates: Sequence[Variant]
+) -> tuple[dict, list[tuple[Outcome, bool]]]:
+    """Combine variants greedily; return the tables of the last scene, and all attempts.
+
+    Of two changes to the same part the later one wins if it saves more or drops a term. An
+    attempt is a run, and whether it was taken.
+    """
+    chosen: dict[str, Variant] = {}
+    data, seconds, attempts = original.data, original.full["cpu_seconds"], []
+    for variant in candidates:
+        before, drops = chosen.get(variant.slot), variant.kind == "without"
+        if before and before.kind == "without":
+            continue
+        trial = {**chosen, variant.slot: variant}
+        simpler = original.data
+        for each in trial.values():
+            simpler = each.apply(simpler)
+        outcome = original.run_one(" + ".join(each.name for each in trial.values()), simpler)
+        most = (1 + LOST if drops or not before else 1 - LOST) * seconds + NOISE * drops
+        fits = outcome.change <= original.tolerance and outcome.seconds <= most
+        attempts.append((outcome, fits))
+        if fits:
+            chosen, data, seconds = trial, simpler, outcome.seconds
+    return data, attempts
 
 
 def summarise(
-    original: Original,
-    found: list[Trial],
-    resolutions: list[Resolution],
-    numbers: Numbers | None,
-    folder: str | Path | None,
+    original: Original, findings: Findings, numbers: Numbers | None, folder: str | Path | None
 ) -> Simplification:
     """Combine the variants, run the reduced scene, and return the result."""
-    chosen = original.tolerance
-    unresolved = {one.kind for one in resolutions if not one.is_resolved}
-    data, attempts = combine_variants(original, sort_candidates(found, chosen, unresolved))
+    data, attempts = combine_variants(original, findings.candidates())
     taken = [outcome.name for outcome, fits in attempts if fits]
     text, file, final = original.text(data), original.reduced_file, None
     if taken:  # read from its text, as the user will
@@ -195,11 +218,11 @@ def summarise(
     has_h = "h" in original.data["cloth"]
     return Simplification(
         title=original.name,
-        verdict=make_verdict(found, chosen, resolutions, taken[-1] if taken else "", final, file),
-        table=make_table(found, chosen, unresolved, attempts, final),
-        tolerance=chosen,
-        quantities=tuple(one.text for one in original.quantities),
-        resolved=not unresolved,
+        verdict=make_verdict(findings, taken[-1] if taken else "", final, file),
+        table=make_table(findings, attempts, final),
+        tolerance=original.tolerance,
+        quantities=tuple(quantity.text for quantity in original.quantities),
+        resolved=not findings.unresolved,
         scene=None if folder is None else Path(folder) / file,
         reduced=text,
         file=file,
@@ -207,7 +230,7 @@ def summarise(
         saved=final.saved if final else 0.0,
         numbers=Table(tuple(table_of_numbers(numbers)) if numbers else ()),
         remarks=(
-            *describe_resolved(resolutions, has_h),
-            describe_predictions(found, chosen, limits),
+            *describe_resolved(findings.resolutions, has_h),
+            describe_predictions(findings, limits),
         ),
     )

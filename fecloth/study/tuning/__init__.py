@@ -1,7 +1,12 @@
 """`fecloth.tune`: the cheapest setting of a problem that meets a tolerance, and its proof.
 
-`choices` are the settings, `trials` their runs, `curves` the errors and seconds between measured
-runs; `time_errors` and `space_errors` measure what the error is made of, `prediction` chooses by
-it, `proof` runs the choice beside a finer one, `reasons` say why none can be proved, and `tune`
-puts these in order.
+choices      the settings, and `graded_choices` on graded meshes
+trials       their runs
+curves       errors and seconds between and beyond measured runs
+time_errors, space_errors   what the error is made of
+prediction   the best setting by these errors and seconds, and `corrections` from short runs
+search       the runs that the prediction needs, and why no setting can be proved
+proof        the best setting beside a finer one
+result       the result: its words, its table, its figure
+tune         the study
 """

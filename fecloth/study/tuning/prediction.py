@@ -72,19 +72,32 @@ class Prediction:
     def best(self, is_allowed: Callable, rank: Callable) -> list[Candidate]:
         """Return the best candidate of each mesh and rule, the best of all first.
 
-        `is_allowed` and `rank` take arrays of errors and seconds. Of those whose rank is the least
-        but for `NOISE`, the one with the least error comes first: errors have no noise.
+        `is_allowed` and `rank` take arrays of errors and seconds. Of candidates whose ranks differ
+        by less than `NOISE`, the most accurate comes first: errors have no noise.
         """
 
-        def place(one: Candidate) -> float:
-            return float(rank(one.error + self.other, one.seconds))
+        def place(candidate: Candidate) -> float:
+            return float(rank(candidate.error + self.other, candidate.seconds))
 
         tried = [self._best_of(mesh, rule, is_allowed, rank) for mesh, rule in self.pairs()]
-        found = [one for one in tried if one is not None]
-        limit = NOISE * min(map(place, found), default=0.0)
-        near = [one for one in found if place(one) <= limit]
-        far = [one for one in found if place(one) > limit]
-        return sorted(near, key=lambda one: one.error) + sorted(far, key=place)
+        allowed = [candidate for candidate in tried if candidate is not None]
+        limit = NOISE * min(map(place, allowed), default=0.0)
+
+        def order(candidate: Candidate) -> tuple[bool, float]:
+            is_close = place(candidate) <= limit
+            return not is_close, candidate.error if is_close else place(candidate)
+
+        return sorted(allowed, key=order)
+
+    def with_seconds(self, candidate: Candidate, seconds: float) -> Prediction:
+        """Return the prediction with the measured seconds of a candidate."""
+        factor = self.factors.get(candidate.key, 1.0) * seconds / candidate.seconds
+        return replace(self, factors={**self.factors, candidate.key: factor})
+
+    def without(self, rule: Rule) -> Prediction:
+        """Return the prediction without a rule."""
+        rules = tuple(other for other in self.times.rules if other.key != rule.key)
+        return replace(self, times=replace(self.times, rules=rules))
 
     def pairs(self) -> list[tuple[Mesh, Rule]]:
         """Return all meshes with all rules.
@@ -124,15 +137,15 @@ class Prediction:
         if not len(allowed):
             return None
         ranks = rank(error[allowed], seconds[allowed])
-        near = allowed[ranks <= NOISE * ranks.min()]
-        k = near[np.argmin(error[near])]
+        close = allowed[ranks <= NOISE * ranks.min()]
+        k = close[np.argmin(error[close])]
         sizes, linear = (float(at_edges[k]), float(at_x[k])), self.linear.get(key, "")
         return Candidate(mesh, rule, *sizes, space[k], in_time[k], float(seconds[k]), linear)
 
     def error_in_time(self, trial: Trial) -> np.ndarray:
         """Return the (q,) predicted error in time of a run on any mesh."""
         key, rules = key_of(trial.choice), self.times.rules
-        rule = next((one for one in rules if one.key == key), rules[0])
+        rule = next((rule for rule in rules if rule.key == key), rules[0])
         finer = max(trial.edges / self.coarse.edges, 1.0)
         in_time = rule.errors(np.array([size_of(trial.choice)]))[0]
         return in_time * finer ** self.growth.get(rule.key, 0.0)

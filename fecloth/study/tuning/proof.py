@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.study.problems import Problem
 from fecloth.study.tuning.choices import Choice
 from fecloth.study.tuning.prediction import Candidate, Prediction
-from fecloth.study.tuning.sampled_extremes import unsampled
 from fecloth.study.tuning.search import KNOWN, Goal
-from fecloth.study.tuning.space_errors import SpaceErrors
+from fecloth.study.tuning.space_errors import SpaceErrors, unsampled
 from fecloth.study.tuning.time_errors import TimeErrors
 from fecloth.study.tuning.trials import Bench, Trial, spent
 from fecloth.study.uncertainty import SAFE
@@ -22,27 +20,54 @@ FINER = 1.4  # times the √triangles of a tuned run: at least those of the veri
 COUNTS = 0.25  # part of the error from which a cause is refined in the verifying run
 ROUNDS = 3  # verifying runs at most
 LOOSE = 0.85  # times the tolerance: below this error a cheaper setting is tried
-NEARLY = 1.5  # times the least error: runs that are as good
+NEARLY = 1.5  # times the least error: runs that are as accurate
 TRIES, CLOSE = 4, 0.9  # of cheaper settings; part of the tolerance that their errors may take
 CHEAPER = 0.85  # times the seconds: what a cheaper setting should at most cost
+SLOWER = 5.0  # measured over predicted seconds, that a prediction is corrected by at most
 
 
 @dataclass(frozen=True, eq=False)
 class Proof:
     """A tuned run, its predicted candidate, its error by causes, and the verifying run."""
 
-    # The run, and what was predicted of it.
     trial: Trial
-    candidate: Candidate | None
+    candidate: Candidate | None  # None if the run was not predicted
     finer: Trial | None  # the verifying run; None if it failed
-    parts: dict[str, np.ndarray]  # the error by its cause, (q,) each
-    search: tuple[Trial, ...]  # all runs but the last verifying one
+    parts: Mapping[str, np.ndarray]  # the error by its cause, (q,) each
     why: str = ""  # why the error is not known; "" if it is
+    search: tuple[Trial, ...] = ()  # all runs but the verifying one
 
     @property
     def error(self) -> float:
         """The largest error of a quantity, of all causes together."""
         return float(sum(self.parts.values(), np.zeros(1)).max())
+
+    def meets(self, goal: Goal) -> bool:
+        """Whether error and seconds are as asked for."""
+        return self.error <= goal.tolerance and self.trial.seconds <= goal.budget
+
+
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """What says how large the error of a run is."""
+
+    bench: Bench
+    goal: Goal
+    other: Mapping[str, np.ndarray]  # errors that no mesh and no step changes, by cause, (q,) each
+    # The best run of the search, and its own error, (q,).
+    reference: Trial
+    left: np.ndarray
+
+    def attempt(self, candidate: Candidate, trial: Trial) -> Proof:
+        """Return the error of a run, beside the best run of the search if that one serves.
+
+        It must be finer, and its own error small; otherwise a finer setting is run.
+        """
+        is_finer = self.reference.edges >= FINER * trial.edges
+        is_known = self.left.max() <= KNOWN * self.goal.scale
+        if is_finer and is_known:
+            return beside(self, candidate, trial)
+        return verify(self.bench, candidate, trial, self.other)
 
 
 def prove(
@@ -50,129 +75,145 @@ def prove(
     prediction: Prediction,
     goal: Goal,
     search: Sequence[Trial],
-    other: dict,
+    other: Mapping[str, np.ndarray],
     space: SpaceErrors,
 ) -> Proof | None:
     """Run the best candidate beside a finer one; try again where it is far off.
 
     Return None if no candidate can meet the goal.
     """
-    found: Proof | None = None
-    best: Proof | None = None
-    search = list(search)
     left = space.error + prediction.error_in_time(space.reference)
+    judge = Judge(bench, goal, other, space.reference, left)
+    attempts: list[Proof] = []
+    runs: Sequence[Trial] = list(search)
     for _ in range(ROUNDS):
-        candidates = goal.candidates(prediction)
-        if not candidates or (found and spent(search) > goal.limit(candidates)):
+        candidates = untried(goal.candidates(prediction), attempts)
+        if not candidates:
             break
-        first = candidates[0]
-        trial = bench.run([first.choice], timed=True)[0]
+        if attempts and spent(others(runs, attempts[-1])) > goal.limit(candidates):
+            break
+        (trial,) = bench.run([candidates[0].choice], timed=True)
+        runs = [*runs, trial]
         if not trial.is_ok:
-            search.append(trial)
-            prediction = without(prediction, first)
+            prediction = prediction.without(candidates[0].rule)
             continue
-        if found and found.finer:
-            search.append(found.finer)
-        found = _known(bench, first, trial, search, other, space.reference, left, goal)
-        found = found or verify(bench, first, trial, search, other)
-        search.append(trial)
-        met = found.error <= goal.tolerance and trial.seconds <= goal.budget
-        if found.why or met:
+        proof = judge.attempt(candidates[0], trial)
+        attempts.append(proof)
+        runs = [*runs, proof.finer] if proof.finer else runs
+        if proof.why or proof.meets(goal):
             break
-        prediction = scaled(prediction, found)
-        best = found if best is None or found.error < best.error else best
-    if best and found and found.error > max(best.error, goal.tolerance):
-        last = [found.finer] if found.finer else []
-        found = replace(best, search=(*found.search, *last))
-    if found and not found.why and found.error < LOOSE * goal.tolerance < math.inf:
-        found = _cheaper(bench, prediction, goal, found)
-    return found
-
-
-def _known(
-    bench: Bench,
-    candidate: Candidate,
-    trial: Trial,
-    search: Sequence[Trial],
-    other: dict,
-    reference: Trial,
-    left: np.ndarray,
-    goal: Goal,
-) -> Proof | None:
-    """Return the error beside the best run of the search, if that is finer and accurate enough.
-
-    `left` are its own errors, (q,).
-    """
-    if reference.edges < FINER * trial.edges or left.max() > KNOWN * goal.scale:
+        prediction = corrected(prediction, proof)
+    if not attempts:
         return None
-    parts = _divide(bench.distance(reference, trial) + left, candidate) | other
-    before = [one for one in search if one is not reference]
-    return Proof(trial, candidate, reference, parts, (*before, trial))
+    proof = stated(attempts, goal)
+    if not proof.why and proof.error < LOOSE * goal.tolerance < math.inf:
+        proof, runs = cheaper(judge, prediction, proof, runs)
+    return replace(proof, search=others(runs, proof))
 
 
-def _divide(total: np.ndarray, candidate: Candidate) -> dict[str, np.ndarray]:
-    """Return an error divided in those of space and time, as they were predicted."""
+def others(runs: Sequence[Trial], proof: Proof) -> tuple[Trial, ...]:
+    """Return the runs but the verifying one."""
+    return tuple(run for run in runs if run is not proof.finer)
+
+
+def untried(candidates: Sequence[Candidate], proofs: Iterable[Proof]) -> list[Candidate]:
+    """Return the candidates whose settings were not run yet."""
+    tried = {proof.candidate.choice for proof in proofs if proof.candidate}
+    return [candidate for candidate in candidates if candidate.choice not in tried]
+
+
+def stated(attempts: Sequence[Proof], goal: Goal) -> Proof:
+    """Return the last attempt, or the one with the least error where the last is not enough."""
+    if attempts[-1].error <= goal.tolerance:
+        return attempts[-1]
+    return min(attempts, key=lambda proof: proof.error)
+
+
+def beside(judge: Judge, candidate: Candidate, trial: Trial) -> Proof:
+    """Return the error of a run as its distance to the reference, plus the error of that run."""
+    total = judge.bench.distance(judge.reference, trial) + judge.left
+    parts = divided(total, candidate) | dict(judge.other)
+    return Proof(trial, candidate, judge.reference, parts)
+
+
+def divided(total: np.ndarray, candidate: Candidate) -> dict[str, np.ndarray]:
+    """Return an error divided in space and time, as the parts were predicted."""
     if candidate.rule.kind == "static":
         return {"space": total}
     both = candidate.space + candidate.time
     return {"space": total * candidate.space / both, "time": total * candidate.time / both}
 
 
+# --- a verifying run ------------------------------------------------------------------------------
+
+
 def verify(
-    bench: Bench, candidate: Candidate, trial: Trial, search: Sequence[Trial], other: dict
+    bench: Bench, candidate: Candidate, trial: Trial, other: Mapping[str, np.ndarray]
 ) -> Proof:
-    """Run a finer setting and return the error of the run by its causes."""
-    fractions = {
-        "space": candidate.space.max() / (candidate.error + 1e-300),
-        "time": candidate.time.max() / (candidate.error + 1e-300),
-    }
-    refined = [name for name, size in fractions.items() if size >= COUNTS]
-    choice, left = finer_choice(bench.opened, candidate, refined or ["space"])
-    finer = bench.run([choice])[0]
-    parts = {"space": candidate.space, "time": candidate.time} | other
-    if candidate.rule.kind == "static":
-        del parts["time"]
-    known = (*search, trial)
+    """Run a finer setting and return the error of the run by its causes.
+
+    With the part ε of an error that is left in the finer run, the distance d of both is (1 − ε) of
+    the error: this is d (1 + ε/(1 − ε)), where the second term has a factor of safety.
+    """
+    choice, left = finer_choice(candidate)
+    (finer,) = bench.run([choice])
+    in_time = {} if candidate.rule.kind == "static" else {"time": candidate.time}
+    parts = {"space": candidate.space, **in_time, **other}
     if not finer.is_ok:
         cause = str(finer.row["cause"]).splitlines()[0]
         why = f"the verifying run ({choice}) failed: {cause}"
-        return Proof(trial, candidate, None, parts, known, why)
-    change, part = bench.distance(finer, trial), np.max(list(left.values()), axis=0)
+        return Proof(trial, candidate, None, parts, why)
+    part = np.max(list(left.values()), axis=0)
+    change = bench.distance(finer, trial)
     total = change * (1 + SAFE * part / (1 - part)) + unsampled(bench, finer)
-    share = sum((parts[name] for name in left), np.zeros(len(total)))
-    for name in left:
-        parts[name] = total * parts[name] / share
-    return Proof(trial, candidate, finer, parts, known)
+    predicted = sum((parts[name] for name in left), np.zeros(len(total)))
+    parts |= {name: total * parts[name] / predicted for name in left}
+    return Proof(trial, candidate, finer, parts)
 
 
-def finer_choice(
-    opened: Problem, candidate: Candidate, refined: Sequence[str]
-) -> tuple[Choice, dict[str, np.ndarray]]:
-    """Return the finer choice, and the part of each refined error that should be left in it."""
+def finer_choice(candidate: Candidate) -> tuple[Choice, dict[str, np.ndarray]]:
+    """Return the choice of a verifying run, and the part of each refined error left in it.
+
+    It refines each cause that counts; if none of these can be refined, the mesh, or the steps.
+    """
+    least = COUNTS * max(candidate.error, 1e-300)
     choice = candidate.choice
-    left: dict[str, np.ndarray] = {}
-    if "space" in refined and choice.h:
-        ratio = 2.0 if choice.pattern not in ("", "unstructured") else math.sqrt(2)
-        choice = replace(choice, h=choice.h / ratio)
-        left["space"] = ratio**-candidate.mesh.errors.order
-    if "time" in refined and choice.rtol:
-        choice = replace(choice, rtol=choice.rtol / 4)
-        left["time"] = 4.0**-candidate.rule.errors.order
-    elif "time" in refined and candidate.rule.kind in ("steps", "limit"):
-        steps = choice.steps or 0
-        if steps:
-            choice = replace(choice, steps=2 * steps)
-            left["time"] = 2.0**-candidate.rule.errors.order
-    if not left and choice.h:
-        return finer_choice(opened, candidate, ["space"])
+    refined = {}
+    if candidate.time.max() >= least:
+        refined["time"] = _shorter_steps(candidate)
+    if candidate.space.max() >= least or refined.get("time") is None:
+        refined["space"] = _finer_mesh(candidate)
+    left = {}
+    for name, finer in refined.items():
+        if finer is not None:
+            changes, left[name] = finer
+            choice = replace(choice, **changes)
     if not left:
-        return replace(choice, steps=2 * (choice.steps or 1)), {
-            "time": 0.5 * np.ones(len(candidate.time))
-        }
+        steps = 2 * (choice.steps or 1)
+        return replace(choice, steps=steps), {"time": 0.5 * np.ones(len(candidate.time))}
     return choice, left
 
 
-def scaled(prediction: Prediction, proof: Proof) -> Prediction:
+def _finer_mesh(candidate: Candidate) -> tuple[dict, np.ndarray] | None:
+    """Return the change of the choice, and the part of the error that is left; None without h."""
+    choice = candidate.choice
+    if not choice.h:
+        return None
+    ratio = 2.0 if choice.pattern not in ("", "unstructured") else math.sqrt(2)
+    return {"h": choice.h / ratio}, ratio**-candidate.mesh.errors.order
+
+
+def _shorter_steps(candidate: Candidate) -> tuple[dict, np.ndarray] | None:
+    """Return the change of the choice, and the part left; None where steps follow the mesh."""
+    choice, order = candidate.choice, candidate.rule.errors.order
+    if choice.rtol:
+        return {"rtol": choice.rtol / 4}, 4.0**-order
+    if choice.steps:
+        return {"steps": 2 * choice.steps}, 2.0**-order
+    return None
+
+
+def corrected(prediction: Prediction, proof: Proof) -> Prediction:
     """Return the prediction with the measured error and the measured seconds of a tuned run.
 
     An error in space that is larger than predicted holds for all meshes of that element.
@@ -181,92 +222,105 @@ def scaled(prediction: Prediction, proof: Proof) -> Prediction:
     assert candidate is not None
     space = proof.parts["space"] / candidate.space
     in_time = proof.parts.get("time", candidate.time) / candidate.time
-    ratio = float(np.clip(proof.trial.seconds / candidate.seconds, 0.2, 5.0))
-    larger = np.maximum(space, 1.0)
+
+    def correction(mesh) -> np.ndarray | float:
+        if mesh.choice.element != candidate.choice.element:
+            return 1.0
+        return space if mesh is candidate.mesh else np.maximum(space, 1.0)
+
     meshes = tuple(
-        replace(one, errors=one.errors.scaled(space if one is candidate.mesh else larger))
-        if one.choice.element == candidate.choice.element
-        else one
-        for one in prediction.meshes
+        replace(mesh, errors=mesh.errors.scaled(correction(mesh))) for mesh in prediction.meshes
     )
     rules = tuple(
-        replace(one, errors=one.errors.scaled(in_time)) if one is candidate.rule else one
-        for one in prediction.times.rules
+        replace(rule, errors=rule.errors.scaled(in_time)) if rule is candidate.rule else rule
+        for rule in prediction.times.rules
     )
-    key = candidate.key
-    factor = prediction.factors.get(key, 1.0) * ratio
+    ratio = float(np.clip(proof.trial.seconds / candidate.seconds, 1 / SLOWER, SLOWER))
     times = replace(prediction.times, rules=rules)
-    factors = {**prediction.factors, key: factor}
-    return replace(prediction, meshes=meshes, times=times, factors=factors)
+    prediction = prediction.with_seconds(candidate, ratio * candidate.seconds)
+    return replace(prediction, meshes=meshes, times=times)
 
 
-def best_run(bench: Bench, space: SpaceErrors, times: TimeErrors, search, other: dict) -> Proof:
-    """Return the cheapest of the most accurate runs so far, where the goal cannot be met."""
-
-    def error_in_space(one: Trial) -> np.ndarray:
-        apart = bench.distance(space.reference, one) if one is not space.reference else 0.0
-        return apart + space.error
-
-    good = [one for one in space.trials if one.is_ok]
-    least = min(float(error_in_space(one).max()) for one in good)
-    near = [one for one in good if error_in_space(one).max() <= NEARLY * least]
-    trial = min(near, key=lambda one: one.seconds)
-    rule = trial.choice.method, trial.choice.steps
-    same = [one for one in times.trials if (one.choice.method, one.choice.steps) == rule]
-    shared = same[0] if same else times.reference
-    parts = {"space": error_in_space(trial), **other}
-    if shared.choice.method:
-        parts["time"] = bench.distance(times.reference, shared) + times.error
-    return Proof(trial, None, None, parts, tuple(search), "it was not verified")
+# --- cheaper settings, and the best run where nothing is proved -----------------------------------
 
 
-def without(prediction: Prediction, candidate: Candidate) -> Prediction:
-    """Return the prediction without a rule whose run failed, if others are left."""
-    rules = tuple(one for one in prediction.times.rules if one is not candidate.rule)
-    return replace(prediction, times=replace(prediction.times, rules=rules))
+def cheaper(
+    judge: Judge, prediction: Prediction, proof: Proof, runs: Sequence[Trial]
+) -> tuple[Proof, Sequence[Trial]]:
+    """Try cheaper settings beside the verifying run; return the cheapest proof, and all runs."""
+    assert proof.finer is not None
+    both = proof.parts["space"] + proof.parts.get("time", 0.0)
+    left = np.maximum(both - judge.bench.distance(proof.finer, proof.trial), 0.0)
+    judge = replace(judge, reference=proof.finer, left=left)
+    tried = [proof]
+    for _ in range(TRIES):
+        candidates, prediction = next_candidates(judge.goal, prediction, proof, tried)
+        if not candidates or candidates[0].seconds > CHEAPER * proof.trial.seconds:
+            break
+        if spent(others(runs, proof)) + candidates[0].seconds > judge.goal.limit(candidates):
+            break
+        (trial,) = judge.bench.run([candidates[0].choice], timed=True)
+        runs = [*runs, trial]
+        if not trial.is_ok:
+            break
+        tried.append(beside(judge, candidates[0], trial))
+        if tried[-1].error <= judge.goal.tolerance and trial.seconds < proof.trial.seconds:
+            proof = tried[-1]
+    return proof, runs
 
 
-def _cheaper(bench: Bench, prediction: Prediction, goal: Goal, found: Proof) -> Proof:
-    """Try cheaper settings by the corrected prediction; the verifying run is their reference.
+def next_candidates(
+    goal: Goal, prediction: Prediction, proof: Proof, tried: Sequence[Proof]
+) -> tuple[list[Candidate], Prediction]:
+    """Return the settings to try next, the best first, and the prediction that the latest corrects.
 
     After a setting whose error is too large, one halfway to it is tried, or another method.
     """
-    assert found.finer is not None
-    reference, last = found.finer, found
-    both = found.parts["space"] + found.parts.get("time", 0.0)
-    left = np.maximum(both - bench.distance(reference, found.trial), 0.0)
-    other = {name: one for name, one in found.parts.items() if name not in ("space", "time")}
-    for _ in range(TRIES):
-        failed = last.error > goal.tolerance
-        halfway = _between(found, last) if failed else None
-        if failed and last.candidate and not halfway:  # another method, which does worse here
-            prediction = without(prediction, last.candidate)
-        else:
-            prediction = scaled(prediction, last)
-        candidates = [halfway] if halfway else goal.candidates(prediction, CLOSE)
-        if not candidates or candidates[0].seconds > CHEAPER * found.trial.seconds:
-            break
-        if spent(found.search) + candidates[0].seconds > goal.limit(candidates):
-            break
-        trial = bench.run([candidates[0].choice], timed=True)[0]
-        found = replace(found, search=(*found.search, trial))
-        if not trial.is_ok:
-            break
-        parts = _divide(bench.distance(reference, trial) + left, candidates[0]) | other
-        last = Proof(trial, candidates[0], reference, parts, found.search)
-        if last.error <= goal.tolerance and trial.seconds < found.trial.seconds:
-            found = last
-    return found
+    latest = tried[-1]
+    assert latest.candidate is not None
+    if latest.error <= goal.tolerance:
+        prediction = corrected(prediction, latest)
+    elif halfway := untried(between(proof, latest), tried):
+        return halfway, corrected(prediction, latest)
+    else:
+        prediction = prediction.without(latest.candidate.rule)
+    return untried(goal.candidates(prediction, CLOSE), tried), prediction
 
 
-def _between(found: Proof, failed: Proof) -> Candidate | None:
-    """Return the setting halfway between two of the same mesh and method; None for others."""
-    one, other = found.candidate, failed.candidate
-    if one is None or other is None or one.key != other.key or one.linear != other.linear:
-        return None
-    sizes = ("edges", "space", "time")
-    middle = {name: np.sqrt(getattr(one, name) * getattr(other, name)) for name in sizes}
-    x = math.sqrt(one.x * other.x)
-    x = math.ceil(x) if one.rule.kind == "steps" else x
-    seconds = math.sqrt(found.trial.seconds * failed.trial.seconds)
-    return replace(one, x=x, seconds=seconds, **middle)
+def between(proof: Proof, failed: Proof) -> list[Candidate]:
+    """Return the setting halfway between two of the same mesh and method; none for others."""
+    cheap, fine = failed.candidate, proof.candidate
+    if cheap is None or fine is None or (cheap.key, cheap.linear) != (fine.key, fine.linear):
+        return []
+    sizes = ("edges", "x", "space", "time")
+    middle = {name: np.sqrt(getattr(fine, name) * getattr(cheap, name)) for name in sizes}
+    middle["x"] = math.ceil(middle["x"]) if fine.rule.kind == "steps" else float(middle["x"])
+    seconds = math.sqrt(proof.trial.seconds * failed.trial.seconds)
+    return [replace(fine, seconds=seconds, **middle)]
+
+
+def best_run(
+    bench: Bench,
+    space: SpaceErrors,
+    times: TimeErrors,
+    search: Sequence[Trial],
+    other: Mapping[str, np.ndarray],
+) -> Proof:
+    """Return the cheapest of the most accurate runs so far, where the goal cannot be met."""
+
+    def error_in_space(trial: Trial) -> np.ndarray:
+        return bench.distance(space.reference, trial) + space.error
+
+    def is_accurate(trial: Trial) -> bool:
+        return error_in_space(trial).max() <= NEARLY * least
+
+    able = [trial for trial in space.trials if trial.is_ok]
+    least = min(float(error_in_space(trial).max()) for trial in able)
+    trial = min(filter(is_accurate, able), key=lambda trial: trial.seconds)
+    rule = trial.choice.method, trial.choice.steps
+    same = (run for run in times.trials if (run.choice.method, run.choice.steps) == rule)
+    shared = next(same, times.reference)
+    parts = {"space": error_in_space(trial), **other}
+    if shared.choice.method:
+        parts["time"] = bench.distance(times.reference, shared) + times.error
+    return Proof(trial, None, None, parts, "it was not verified", tuple(search))

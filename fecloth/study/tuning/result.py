@@ -1,22 +1,37 @@
-"""The result of `tune`: the tuned setting, its error, its cost, and whether these are proved."""
+"""The result of `tune`: the tuned setting, its error, its cost, its proof, and all runs."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fecloth.output.atomic_files import replace_file
 from fecloth.study.figures import COLOURS, MARKERS, new_figure, use_plain_ticks
+from fecloth.study.problems import SceneProblem
 from fecloth.study.result import StudyResult
+from fecloth.study.tables import Table
 from fecloth.study.tolerance import in_percent
+from fecloth.study.tuning.choices import text_with
+from fecloth.study.tuning.proof import Proof
+from fecloth.study.tuning.search import Goal
+from fecloth.study.tuning.trials import Bench, Trial, each_once, spent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OTHER_TERMS = "other terms"  # runs of another model, which the figure leaves out
+
+COLUMNS = {  # of a setting: names in `Choice` and in the table
+    "element": "element",
+    "pattern": "pattern",
+    "h": "h [m]",
+    "method": "method",
+    "rtol": "rtol [1/s]",
+    "linear": "solver",
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,3 +134,107 @@ def _is_shown(row: Mapping[str, Any]) -> bool:
 def _series(row: Mapping[str, Any]) -> str:
     """Return method and element, by which the runs differ in the figure."""
     return f"{row.get('method') or ''} {row.get('element') or ''}".strip() or "runs"
+
+
+# --- from a proof ---------------------------------------------------------------------------------
+
+
+def summarise(
+    bench: Bench, goal: Goal, proof: Proof, dropped: Sequence[str], folder: str | Path | None
+) -> Tuned:
+    """Return the result; write tuned.toml."""
+    trial, opened = proof.trial, bench.opened
+    proved = proof.meets(goal) and not proof.why
+    text = text_with(opened, trial.choice) if isinstance(opened, SceneProblem) else ""
+    scene = None
+    if folder is not None and text:
+        scene = Path(folder) / "tuned.toml"
+        scene.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(scene, text.encode())
+    return Tuned(
+        title=opened.name,
+        verdict=_verdict(proof, goal, proved),
+        table=table_of_runs(bench, proof),
+        error=proof.error,
+        seconds=trial.seconds,
+        predicted=proof.candidate.seconds if proof.candidate else math.nan,
+        proved=proved,
+        tolerance=goal.tolerance if math.isfinite(goal.tolerance) else math.nan,
+        budget=goal.budget if math.isfinite(goal.budget) else math.nan,
+        quantities=tuple(quantity.text for quantity in bench.quantities),
+        parts={name: float(part.max()) for name, part in proof.parts.items()},
+        settings=_settings(trial),
+        text=text,
+        scene=scene,
+        search_seconds=spent(proof.search),
+        remarks=(f"Changed terms: {', '.join(dropped)}.",) if dropped else (),
+    )
+
+
+def _verdict(proof: Proof, goal: Goal, proved: bool) -> str:
+    """Return the answer in words: proved, or not proved and why, and what can be had."""
+    size = "unknown" if math.isnan(proof.error) else in_percent(proof.error)
+    has = f"{proof.trial.choice}: estimated error {size}, CPU time {proof.trial.seconds:.2g} s"
+    if math.isfinite(goal.budget):
+        allowed = f"{goal.budget:g} s"
+        missed = f"it takes longer than {allowed}"
+    else:
+        allowed = in_percent(goal.tolerance)
+        missed = f"no verified setting has an error below {allowed}"
+    if proved:
+        return f"proved: {has} (allowed: {allowed})"
+    return f"not proved: {proof.why or missed}. What can be had: {has}"
+
+
+def _settings(trial: Trial) -> dict[str, Any]:
+    choice, row = trial.choice, trial.row
+    values: dict[str, Any] = {"element": row["element"], "pattern": choice.pattern, "h": choice.h}
+    values |= {"method": choice.method, "rtol": choice.rtol}
+    if math.isfinite(row["step"]):
+        values["dt"] = row["step"]
+    return {name: value for name, value in values.items() if value}
+
+
+# --- the table ------------------------------------------------------------------------------------
+
+
+def table_of_runs(bench: Bench, proof: Proof) -> Table:
+    """Return a row for each run, with the largest error that it may have.
+
+    This is its distance to the verifying run plus the error that is left in that one; for the
+    tuned run it is the estimated error.
+    """
+    finer = proof.finer
+    left = proof.error - float(bench.distance(finer, proof.trial).max()) if finer else math.nan
+    rows = []
+    for trial in each_once([*proof.search, proof.trial, *([finer] if finer else [])]):
+        row: dict[str, Any] = {"run": _purpose(bench, trial, proof)}
+        row |= {title: getattr(trial.choice, name) or None for name, title in COLUMNS.items()}
+        row["graded"] = "yes" if trial.choice.grading else None
+        row["status"] = trial.row["status"]
+        if trial.is_ok:
+            row |= {name: trial.row[name] for name in ("triangles", "steps")}
+            row["CPU s"] = trial.seconds
+            if trial is proof.trial:
+                row["error %"] = 100 * proof.error
+            elif finer and trial.records:  # not of runs that only measure seconds
+                apart = float(bench.distance(finer, trial).max())
+                row["error %"] = 100 * (apart + max(left, 0.0))
+        rows.append(row)
+    used = {name for row in rows for name, value in row.items() if value is not None}
+    return Table(tuple({name: row[name] for name in row if name in used} for row in rows))
+
+
+def _purpose(bench: Bench, trial: Trial, proof: Proof) -> str:
+    """Return in words what a run was for."""
+    if trial is proof.trial:
+        return "tuned"
+    if trial is proof.finer:
+        return "verifying"
+    if trial.is_ok and not trial.records:
+        return "timing"
+    if isinstance(bench.opened, SceneProblem) and "point" in trial.row:
+        terms = trial.row["point"].problem.scene.terms
+        if terms != bench.opened.scene.terms:
+            return OTHER_TERMS
+    return "sharper solver" if trial.choice.sharper else "search"

@@ -1,9 +1,9 @@
-"""The short runs that show what the error of a problem is made of."""
+"""The short runs that show what the error of a problem is made of, and whether they suffice."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,22 +11,25 @@ import numpy as np
 from fecloth.errors import FeclothError, InputError
 from fecloth.integrators import METHODS
 from fecloth.study.problems import FunctionProblem, Problem
+from fecloth.study.tolerance import in_percent
 from fecloth.study.tuning.choices import Choice, meshes_to_try, problem_with
 from fecloth.study.tuning.graded_choices import graded_choices
 from fecloth.study.tuning.prediction import Candidate, Prediction, cheapest, most_accurate
 from fecloth.study.tuning.space_errors import Mesh, SpaceErrors, summarise_meshes
 from fecloth.study.tuning.time_errors import TimeErrors
 from fecloth.study.tuning.trials import Bench, Trial, spent
-from fecloth.study.workload import count_triangles
+from fecloth.study.workload import count_triangles, in_words
 
 COARSE = 128  # triangles of the first runs
 P2_COARSER = 2.0  # h of P2 over that of P1 in the first runs: these have as many nodes
-TRIES = 5  # finer meshes, until a shape with small parts can be meshed
+TRIES, RATIO = 5, 1.6  # finer meshes until a shape with small parts can be meshed; their ratio
 MARGIN = 0.75  # part of the tolerance that predicted errors may take
+IN_TIME = 0.9  # part of the budget that predicted seconds may take
 CALM = 0.2  # part of the tolerance that the steps of the runs on all meshes may take
 KNOWN = 0.3  # part of the tolerance up to which the best mesh's own error need be known
 EXTRAPOLATED = 2.0  # times the measured √triangles, up to which predictions are trusted
 SHORTEST, TIMES = 60.0, 3.0  # CPU time of the search: s, and times that of the tuned run
+SHARE = 0.7  # part of the time left that the next mesh may take
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class Goal:
     def candidates(self, prediction: Prediction, margin: float = MARGIN) -> list[Candidate]:
         """Return the predicted candidates, the best first; `margin` is a part of the tolerance."""
         if math.isfinite(self.budget):
-            return most_accurate(prediction, 0.9 * self.budget)
+            return most_accurate(prediction, IN_TIME * self.budget)
         return cheapest(prediction, margin * self.tolerance)
 
     def limit(self, candidates: Sequence[Candidate]) -> float:
@@ -52,6 +55,19 @@ class Goal:
         if math.isfinite(self.budget):
             return max(SHORTEST, TIMES * self.budget)
         return max(SHORTEST, TIMES * candidates[0].seconds if candidates else 0.0)
+
+
+def prefer(trials: Sequence[Trial], by: Sequence[Callable[[Trial], bool]]) -> list[Trial]:
+    """Return the trials that keep the rules, the first rule first.
+
+    A rule that none of the trials left keeps is passed over.
+    """
+    for rule in by:
+        trials = list(filter(rule, trials)) or trials
+    return list(trials)
+
+
+# --- the first meshes and the steps of all meshes -------------------------------------------------
 
 
 def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
@@ -64,15 +80,14 @@ def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choic
     else:
         triangles = count_triangles(opened.scene)
     by = math.sqrt(triangles / COARSE)
-    scaled = [_scaled(one, by) for one in listed]
-    for _ in range(TRIES):
+    for k in range(TRIES + 1):
+        scaled = [_scaled(choice, by / RATIO**k) for choice in listed]
         try:
             problem_with(opened, scaled[0]).first  # noqa: B018  # raises if it is too coarse
-            return scaled
+            break
         except FeclothError:
-            by /= 1.6
-            scaled = [_scaled(one, by) for one in listed]
-    return scaled  # whose run says why it is refused
+            continue
+    return scaled  # if none can be meshed, the run of the last says why
 
 
 def _scaled(choice: Choice, by: float) -> Choice:
@@ -82,106 +97,177 @@ def _scaled(choice: Choice, by: float) -> Choice:
 
 
 def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
-    """Return the run whose steps all meshes take: the cheapest that is accurate enough in time.
+    """Return the run whose steps all meshes take.
 
-    Methods that damp the shortest waves are preferred: the others keep those that each finer mesh
-    adds and that their steps do not resolve. So are implicit ones, because explicit ones lump the
-    mass of P2.
+    Methods that damp the shortest waves are preferred: the others keep the waves that each finer
+    mesh adds and that their steps do not resolve. So are implicit methods, because explicit ones
+    lump the mass of P2. Of runs whose error in time is small beside the tolerance the cheapest is
+    taken; if there is none, the most accurate.
     """
 
-    def error(one: Trial) -> float:
-        return float((bench.distance(times.reference, one) + times.error).max())
+    def error(trial: Trial) -> float:
+        return float((bench.distance(times.reference, trial) + times.error).max())
 
-    fixed = [one for one in times.trials if one.is_ok and not one.choice.rtol]
-    fixed = [one for one in fixed if not (one.choice.is_explicit and one.choice.steps)]
-    fixed = [one for one in fixed if not _keeps_waves(one.choice)] or fixed
-    served = [one for one in fixed if error(one) <= tolerance]
-    served = [one for one in served if not one.choice.is_explicit] or served or fixed
-    good = [one for one in served if error(one) <= CALM * tolerance]
-    return min(good, key=lambda one: one.seconds) if good else min(served, key=error)
+    def damps_short_waves(trial: Trial) -> bool:
+        method = METHODS.get(trial.choice.method)
+        return method is None or method().traits.at_infinity != 1
+
+    def is_accurate(trial: Trial) -> bool:
+        return error(trial) <= tolerance
+
+    def is_accurate_and_implicit(trial: Trial) -> bool:
+        return is_accurate(trial) and not trial.choice.is_explicit
+
+    def is_calm(trial: Trial) -> bool:
+        return error(trial) <= CALM * tolerance
+
+    able = [trial for trial in times.trials if trial.is_ok and _fits_all_meshes(trial.choice)]
+    rules = [damps_short_waves, is_accurate, is_accurate_and_implicit, is_calm]
+    preferred = prefer(able, by=rules)
+    return min(preferred, key=_seconds if is_calm(preferred[0]) else error)
 
 
-def _keeps_waves(choice: Choice) -> bool:
-    """Whether the method leaves waves undamped that its steps do not resolve."""
-    method = METHODS.get(choice.method)
-    return method is not None and method().traits.at_infinity == 1
+def _fits_all_meshes(choice: Choice) -> bool:
+    """Whether the steps are equal, and not half of a stability limit, which the mesh changes."""
+    return not choice.rtol and not (choice.is_explicit and choice.steps)
+
+
+def _seconds(trial: Trial) -> float:
+    return trial.seconds
+
+
+# --- finer meshes ---------------------------------------------------------------------------------
 
 
 def measure_meshes(
-    bench: Bench,
-    meshes: Sequence[Choice],
-    times: TimeErrors,
-    coarse: Trial,
-    goal: Goal,
+    bench: Bench, meshes: Sequence[Choice], times: TimeErrors, coarse: Trial, goal: Goal
 ) -> tuple[SpaceErrors, Prediction]:
     """Refine all meshes once, then those that matter, until the choice among them is known."""
     orders = np.array([orders_of(bench, meshes, element) for element in ("P1", "P2")])
-    steps = {key: getattr(coarse.choice, key) for key in ("method", "steps", "rtol")}
-    started = [replace(one, **steps) for one in meshes]
-    trials = [coarse]
-    listed = [one for one in started if one.mesh != coarse.choice.mesh]
-    trials += bench.run(listed)
-    if coarse.choice.h is None:
-        return _summarise(bench, trials, orders, times, coarse)
-    graded = graded_choices(bench.opened, trials)
-    trials += bench.run(graded)
-    started += graded
-    served = {one.choice.mesh for one in trials if one.is_ok}
-    trials += bench.run([_finer(one, 2.0) for one in started if one.mesh in served])
+    trials, started = _first_meshes(bench, meshes, coarse)
+    if coarse.choice.h is not None:
+        able = {trial.choice.mesh for trial in trials if trial.is_ok}
+        trials += bench.run([_half(choice) for choice in started if choice.mesh in able])
     while True:
-        space, prediction = _summarise(bench, trials, orders, times, coarse)
+        space = summarise_meshes(bench, trials, orders)
+        prediction = Prediction(space.meshes, times, coarse)
         candidates = goal.candidates(prediction)
-        allowed = goal.limit(candidates) - spent([*times.trials, *trials])
-        mesh = _next_mesh(space, candidates, goal)
-        if (
-            mesh is None
-            or _seconds_of_next(mesh, coarse) > 0.7 * allowed
-            or space.stalls(bench, goal.scale)
-        ):
+        seconds_left = goal.limit(candidates) - spent([*times.trials, *trials])
+        mesh = next_mesh(space, candidates, goal) if coarse.choice.h is not None else None
+        if mesh is None or space.stalls(bench, goal.scale):
             return space, prediction
-        found = bench.within(allowed).run([_finer(mesh.trials[-1].choice, 2.0)])
-        trials += found
-        if not found[0].is_ok:
+        if seconds_of_next(mesh, coarse) > SHARE * seconds_left:
             return space, prediction
+        trials += bench.within(seconds_left).run([_half(mesh.trials[-1].choice)])
+        if not trials[-1].is_ok:
+            return space, prediction
+
+
+def _first_meshes(
+    bench: Bench, meshes: Sequence[Choice], coarse: Trial
+) -> tuple[list[Trial], list[Choice]]:
+    """Run all meshes with the steps of the coarse run; return the runs, and what was tried."""
+    steps = {key: getattr(coarse.choice, key) for key in ("method", "steps", "rtol")}
+    started = [replace(mesh, **steps) for mesh in meshes]
+    trials = [coarse]
+    trials += bench.run([choice for choice in started if choice.mesh != coarse.choice.mesh])
+    if coarse.choice.h is None:
+        return trials, started
+    graded = graded_choices(bench.opened, trials)
+    return trials + bench.run(graded), started + graded
 
 
 def orders_of(bench: Bench, meshes: Sequence[Choice], element: str) -> list[float]:
     """Return the theoretical orders of the quantities in h; of P1 where P2 is not tried."""
-    chosen = next((one for one in meshes if one.element == element), meshes[0])
+    chosen = next((mesh for mesh in meshes if mesh.element == element), meshes[0])
     try:
         problem = problem_with(bench.opened, chosen)
-        return [problem.orders(one)[0] for one in bench.quantities]
+        return [problem.orders(quantity)[0] for quantity in bench.quantities]
     except InputError:  # the terms refuse the element
         return [2.0] * len(bench.quantities)
 
 
-def _summarise(bench: Bench, trials, orders, times, coarse) -> tuple[SpaceErrors, Prediction]:
-    space = summarise_meshes(bench, trials, orders)
-    return space, Prediction(space.meshes, times, coarse)
-
-
-def _finer(choice: Choice, ratio: float) -> Choice:
+def _half(choice: Choice) -> Choice:
+    """Return the choice with half of h."""
     assert choice.h is not None
-    return replace(choice, h=float(f"{choice.h / ratio:.6g}"))
+    return replace(choice, h=float(f"{choice.h / 2:.6g}"))
 
 
-def _next_mesh(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -> Mesh | None:
+def next_mesh(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -> Mesh | None:
     """Return the mesh to refine next; None if no run is needed.
 
-    It is the best known one, the one that it disagrees with, or one far from what was run.
+    While no setting should meet the goal, or the error of the best run is not known well enough,
+    it is the mesh that the best one disagrees with, or the best one. Then it is the mesh of the
+    first candidate, if that is far finer than what was run.
     """
-    best = min(space.meshes, key=lambda one: float(one.errors.y[-1].max()))
     if not candidates or space.error.max() > KNOWN * goal.scale:
-        return space.rival or best
+        return space.rival or space.most_accurate
     first = candidates[0]
-    is_near = first.edges <= EXTRAPOLATED * first.mesh.errors.x[-1]
-    return None if is_near else first.mesh
+    return first.mesh if is_extrapolated(first) else None
 
 
-def _seconds_of_next(mesh: Mesh, coarse: Trial) -> float:
-    """Predict the seconds of the next finer mesh."""
-    last = mesh.trials[-1]
+def is_extrapolated(candidate: Candidate) -> bool:
+    """Whether a setting is so much finer than the runs of its mesh that these predict little."""
+    return candidate.edges > EXTRAPOLATED * candidate.mesh.errors.x[-1]
+
+
+def seconds_of_next(mesh: Mesh, coarse: Trial) -> float:
+    """Predict the seconds of the next finer mesh; explicit steps are halved with h."""
+    finest = mesh.trials[-1]
     more = 2.0 if coarse.choice.is_explicit else 1.0
-    ratio = max(last.edges / mesh.trials[-2].edges, 2.0) if len(mesh.trials) > 1 else 2.0
-    per_step = float(mesh.seconds(np.array([ratio * last.edges]))[0, 0])
-    return more * last.steps * per_step
+    ratio = max(finest.edges / mesh.trials[-2].edges, 2.0) if len(mesh.trials) > 1 else 2.0
+    per_step = float(mesh.seconds(np.array([ratio * finest.edges]))[0, 0])
+    return more * finest.steps * per_step
+
+
+# --- why no setting can be proved -----------------------------------------------------------------
+
+
+def obstacle_of(
+    bench: Bench, space: SpaceErrors, prediction: Prediction, goal: Goal, most: float | None
+) -> str:
+    """Return why no setting can be proved; "" if one may be. `most` is the longest run [s]."""
+    if space.reference.choice.h is None:
+        return (
+            "the mesh has no h, so it is not refined, and its error in space counts as 100 %; "
+            "a .geo file with h in [cloth] can be refined"
+        )
+    if space.stalls(bench, goal.scale):
+        return f"finer meshes do not come closer to each other{_causes(space)}"
+    candidates = goal.candidates(prediction)
+    if not candidates:
+        return _why_none(space, prediction, goal)
+    first, known = candidates[0], float(space.error.max())
+    if first.seconds > (most or math.inf):
+        return f"{first.choice} should meet it, in about {in_words(first.seconds)}: too long"
+    if known > goal.tolerance and is_extrapolated(first):
+        return (
+            f"the best meshes that were run still differ by {in_percent(known)}; {first.choice} "
+            f"may meet it, in about {in_words(first.seconds)}"
+        )
+    return ""
+
+
+def _why_none(space: SpaceErrors, prediction: Prediction, goal: Goal) -> str:
+    """Return why no setting is predicted to meet the goal: its time, the solver or the mesh."""
+    if math.isfinite(goal.budget):
+        return f"no setting is predicted to take less than {goal.budget:g} s"
+    allowed = MARGIN * goal.tolerance
+    if prediction.other > allowed:
+        left = in_percent(prediction.other)
+        return f"the tolerance of the solver and changed terms alone make an error of {left}"
+    mesh = space.most_accurate
+    error = mesh.errors.y[-1]
+    if error.max() <= allowed:
+        return "the error in time of all methods is predicted to be larger"
+    finer = float(((error / allowed) ** (1 / mesh.errors.order)).max())
+    return (
+        f"it needs a mesh about {finer:.2g} times finer than {mesh.trials[-1].choice}, the finest "
+        f"that the time of the search allows{_causes(space)}"
+    )
+
+
+def _causes(space: SpaceErrors) -> str:
+    """Return what may keep the scene from converging."""
+    causes = list(space.reference.row["obstacles"])
+    return f": {'; '.join(causes)}" if causes else ""

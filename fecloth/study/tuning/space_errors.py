@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fecloth.mesh.cloth import Cloth
+from fecloth.simulation.quantity_values import size_of
 from fecloth.study.tuning.choices import Choice
 from fecloth.study.tuning.curves import (
     STALLED,
@@ -16,11 +18,13 @@ from fecloth.study.tuning.curves import (
     error_of_finest,
     grouped,
 )
-from fecloth.study.tuning.sampled_extremes import unsampled
-from fecloth.study.tuning.trials import Bench, Trial
+from fecloth.study.tuning.trials import ZERO, Bench, Trial
 
 POWERS = 1.0, 3.2  # of the seconds of a step over √triangles
 DISTRUST = 1.0  # times the estimated errors: two elements further apart are not yet converged
+IRREGULAR = 2.0  # times the tolerance: changes up to this one may be irregular
+INSIDE, BORDER = 1 / 3, 1 / 4  # of the mean drop to the neighbours
+PARTS = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))  # of a P2 triangle: corners, then midpoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,31 +42,27 @@ class Mesh:
         """Return the choice whose mesh has about `edges`² triangles."""
         if self.choice.h is None:
             return self.choice
-        measured = [one.edges for one in self.trials]
-        sizes = [one.choice.h * one.edges for one in self.trials if one.choice.h is not None]
+        measured = [trial.edges for trial in self.trials]
+        sizes = [trial.choice.h * trial.edges for trial in self.trials if trial.choice.h]
         size = np.exp(np.interp(np.log(edges), np.log(measured), np.log(sizes)))
         return replace(self.choice, h=float(f"{size / edges:.4g}"))
 
 
 @dataclass(frozen=True, eq=False)
 class SpaceErrors:
-    """The meshes that serve, and the best known run.
-
-    Attributes
-    ----------
-    meshes, trials
-        The meshes, and all runs.
-    reference, error
-        The best known run, and its own error, (q,).
-    rival
-        The other mesh if the error is mostly what the two best meshes differ by; else None.
-    """
+    """The meshes that serve, and the best known run."""
 
     meshes: tuple[Mesh, ...]
-    reference: Trial
-    error: np.ndarray
-    trials: tuple[Trial, ...]
+    reference: Trial  # the best known run
+    error: np.ndarray  # its own error, (q,)
+    trials: tuple[Trial, ...]  # all runs
+    # The other mesh if the error is mostly what the two best meshes differ by.
     rival: Mesh | None = None
+
+    @property
+    def most_accurate(self) -> Mesh:
+        """The mesh whose finest run has the least error."""
+        return min(self.meshes, key=lambda mesh: float(mesh.errors.y[-1].max()))
 
     def stalls(self, bench: Bench, tolerance: float) -> bool:
         """Whether there is a kind of mesh of which finer ones do not come closer to each other.
@@ -70,54 +70,47 @@ class SpaceErrors:
         The last change counts if it is above twice the tolerance. It is compared with the change
         before, of this or of another kind, because one of them may be small by accident.
         """
-        pairs = [one.trials[-3:-1] for one in self.meshes if len(one.trials) > 2]
-        pairs += [one.trials for one in self.meshes if len(one.trials) == 2]
+        runs_of_kinds = [mesh.trials for mesh in self.meshes if len(mesh.trials) > 1]
+        pairs = [runs[-3:-1] if len(runs) > 2 else runs for runs in runs_of_kinds]
         before = max((float(bench.distance(b, a).max()) for a, b in pairs), default=0.0)
-        for runs in (one.trials for one in self.meshes if len(one.trials) > 2):
-            apart = bench.distance(runs[-1], runs[-2]) - unsampled(bench, runs[-2])
-            change = float(apart.max())
-            ratio = runs[-1].edges / runs[-2].edges
-            if change > 2 * tolerance and change > before * ratio**-STALLED:
+        for *_, coarser, finest in (runs for runs in runs_of_kinds if len(runs) > 2):
+            change = float((bench.distance(finest, coarser) - unsampled(bench, coarser)).max())
+            falls = (finest.edges / coarser.edges) ** -STALLED
+            if change > IRREGULAR * tolerance and change > before * falls:
                 return True
         return False
 
 
 def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) -> SpaceErrors:
-    """Return the curves of all meshes: distances to the best run, plus the error of that.
+    """Return the curves of all meshes: distances to the best run, plus the error of that run.
 
     `orders` are the theoretical orders in h of the quantities on P1 and on P2, (2, q).
     """
-    good = [one for one in trials if one.is_ok]
-    kinds = grouped(good, lambda one: one.choice.mesh, lambda one: one.edges)
-    finest = [(runs[-1], _own_error(bench, runs, _theory(runs, orders))) for runs in kinds]
-    reference, own = min(finest, key=lambda pair: pair[1].max())
-    others = [pair for pair in finest if pair[0] is not reference]
-    other = min(others, key=lambda pair: pair[1].max(), default=None)
+    able = [trial for trial in trials if trial.is_ok]
+    kinds = grouped(able, lambda trial: trial.choice.mesh, lambda trial: trial.edges)
+    theory = [orders[int(runs[0].choice.element == "P2")] for runs in kinds]
+    finest = [(runs[-1], _own_error(bench, runs, p)) for runs, p in zip(kinds, theory, strict=True)]
+    ranked = sorted(finest, key=lambda pair: pair[1].max())
+    reference, own = ranked[0]
+    other = ranked[1] if len(ranked) > 1 else None
     error = np.maximum(own, _disagreement(bench, reference, own, other))
     meshes = []
-    for runs in kinds:
-        x = [one.edges for one in runs]
-        apart = [
-            bench.distance(reference, one) if one is not reference else 0 * error for one in runs
-        ]
-        errors = error_curve(x, apart, _theory(runs, orders), error)
-        seconds = cost_curve(x, [one.seconds / one.steps for one in runs], *POWERS)
+    for runs, order in zip(kinds, theory, strict=True):
+        x = [trial.edges for trial in runs]
+        errors = error_curve(x, [bench.distance(reference, t) for t in runs], order, error)
+        seconds = cost_curve(x, [trial.seconds / trial.steps for trial in runs], *POWERS)
         meshes.append(Mesh(runs[0].choice, errors, seconds, tuple(runs)))
     rival = None
     if other is not None and error.max() > own.max():
-        rival = next(one for one in meshes if one.trials[-1] is other[0])
+        rival = next(mesh for mesh in meshes if mesh.trials[-1] is other[0])
     return SpaceErrors(tuple(meshes), reference, error, tuple(trials), rival)
-
-
-def _theory(runs: Sequence[Trial], orders: np.ndarray) -> np.ndarray:
-    return orders[int(runs[0].choice.element == "P2")]
 
 
 def _own_error(bench: Bench, runs: Sequence[Trial], theory: np.ndarray) -> np.ndarray:
     """Return the error of the finest run of a mesh; 1 of a single run."""
     if len(runs) < 2:
         return np.ones(len(theory))
-    sizes = [one.edges for one in runs]
+    sizes = [trial.edges for trial in runs]
     return error_of_finest(bench.distance, runs, sizes, theory) + unsampled(bench, runs[-1])
 
 
@@ -131,3 +124,37 @@ def _disagreement(
     apart = bench.distance(reference, trial)
     expected = DISTRUST * (error + its_error)
     return np.where(apart > expected, apart - expected, 0.0)
+
+
+# --- how far the lowest point of a cloth may lie beyond its lowest node ---------------------------
+
+
+def unsampled(bench: Bench, trial: Trial) -> np.ndarray:
+    """Return (q,) relative errors of `sag` because it is taken at a node; 0 of other quantities.
+
+    Two meshes may have nodes equally near to the lowest point by accident, so that their values
+    agree although both are wrong. Where the cloth is round, −½ κ r² about its lowest point, the
+    nodes around any node lie ½ κ h² deeper on average than it, and the lowest point is at most
+    h/√3 from a node: a third of this drop. On the border it is h/2: a quarter.
+    """
+    errors = np.zeros(len(bench.quantities))
+    for k, (quantity, record) in enumerate(zip(bench.quantities, trial.records, strict=True)):
+        if quantity.name == "sag":
+            depth = -np.array(trial.row["displacement"])[:, 2]
+            drop = drop_to_neighbours(trial.cloth, depth)
+            errors[k] = drop / max(size_of(quantity, record), ZERO)
+    return errors
+
+
+def drop_to_neighbours(cloth: Cloth, depth: np.ndarray) -> float:
+    """Return how far the largest of (n,) values at the nodes may lie below the cloth's largest."""
+    lowest = int(np.argmax(depth))
+    triangles = cloth.stencil
+    if triangles.shape[1] == 6:
+        triangles = np.concatenate([triangles[:, part] for part in PARTS])
+    around = np.unique(triangles[(triangles == lowest).any(axis=1)])
+    border = cloth.nodes("boundary")
+    is_inside = lowest not in border
+    around = around if is_inside else np.intersect1d(around, border)
+    part = INSIDE if is_inside else BORDER
+    return part * float(depth[lowest] - depth[around[around != lowest]].mean())

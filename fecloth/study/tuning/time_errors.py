@@ -99,7 +99,7 @@ def measure_methods(
     explicit = [one for one in methods if one in EXPLICIT]
     implicit = [one for one in methods if one not in EXPLICIT and one != "auto"]
     trials = _ladder(bench, mesh, implicit[0], tolerance, limit / 2) if implicit else []
-    steps = [one.steps for one in trials if one.is_ok]
+    steps = [trial.steps for trial in trials if trial.is_ok]
     trials += _explicit_runs(bench, mesh, explicit, MORE * steps[-1] if steps else LONG)
     _require(trials)
     trials += _other_methods(bench, mesh, implicit, trials, tolerance, limit)
@@ -119,7 +119,7 @@ def can_choose_steps(opened: Problem) -> bool:
 
 
 def _require(trials: Sequence[Trial]) -> None:
-    if not any(one.is_ok for one in trials):
+    if not any(trial.is_ok for trial in trials):
         cause = str(trials[0].row["cause"]).splitlines()[0] if trials else "nothing was run"
         raise StudyFailed(f"no run on a coarse mesh reached its end; the first: {cause}")
 
@@ -188,7 +188,7 @@ def _other_methods(
     limit: float,
 ) -> list[Trial]:
     """Run all implicit methods with as many steps as the first one and fewer, and by rtol."""
-    ladder = [one for one in known if one.choice.method in implicit and one.is_ok]
+    ladder = [run for run in known if run.choice.method in implicit and run.is_ok]
     if not ladder:
         return []
     first, best = ladder[0].choice.steps or 1, ladder[-1]
@@ -218,22 +218,20 @@ def _fewer_steps(
 
 
 def _summarise(bench: Bench, trials: Sequence[Trial]) -> TimeErrors:
-    """Return the curves of all rules: distances to the best run, plus the error of that.
+    """Return the curves of all rules: distances to the best run, plus the error of that run.
 
     The best run is the finest one of its rule whose own error is least.
     """
-    good = [one for one in trials if one.is_ok]
-    listed = grouped(good, lambda one: key_of(one.choice), lambda one: size_of(one.choice))
+    able = [trial for trial in trials if trial.is_ok]
+    listed = grouped(able, lambda one: key_of(one.choice), lambda one: size_of(one.choice))
     finest = [(runs[-1], _own_error(bench, runs)) for runs in listed]
     reference, error = min(finest, key=lambda pair: pair[1].max())
     rules = []
     for runs in listed:
-        x, key = [size_of(one.choice) for one in runs], key_of(runs[0].choice)
-        apart = [
-            bench.distance(reference, one) if one is not reference else 0 * error for one in runs
-        ]
+        x, key = [size_of(trial.choice) for trial in runs], key_of(runs[0].choice)
+        apart = [bench.distance(reference, trial) for trial in runs]
         errors = error_curve(x, apart, np.full(len(error), _theory(runs)), error)
-        seconds = cost_curve(x, [one.seconds for one in runs], *POWERS[key[1]])
+        seconds = cost_curve(x, [trial.seconds for trial in runs], *POWERS[key[1]])
         rules.append(Rule(*key, errors, seconds, tuple(runs)))
     return TimeErrors(tuple(rules), reference, error, tuple(trials))
 
@@ -245,7 +243,7 @@ def _own_error(bench: Bench, runs: Sequence[Trial]) -> np.ndarray:
         known = finest.row["time_error"] if finest.choice.is_explicit else 1.0
         return np.full(len(finest.records), max(np.nan_to_num(known, nan=1.0), LEAST))
     return error_of_finest(
-        bench.distance, runs, [size_of(one.choice) for one in runs], _theory(runs)
+        bench.distance, runs, [size_of(trial.choice) for trial in runs], _theory(runs)
     )
 
 

@@ -121,6 +121,8 @@ class Bench:
 
     def distance(self, a: Trial, b: Trial) -> np.ndarray:
         """Return (q,) distances of the quantities of `b` from those of `a`, relative to `a`."""
+        if a is b:
+            return np.zeros(len(self.quantities))
         pairs = zip(self.quantities, a.records, b.records, strict=True)
         apart = [difference_of(one, x, y) / max(size_of(one, x), ZERO) for one, x, y in pairs]
         return np.nan_to_num(np.maximum(apart, LEAST), nan=np.inf)

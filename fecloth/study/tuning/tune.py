@@ -4,36 +4,46 @@ from __future__ import annotations
 
 import math
 import sys
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from fecloth.errors import InputError
-from fecloth.output.atomic_files import replace_file
+import numpy as np
+
+from fecloth.errors import FeclothError, InputError
 from fecloth.quantities.units import TIME
 from fecloth.quantities.units import quantity as read_quantity
 from fecloth.scene.scene import Scene
+from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.problems import SceneProblem, open_problem
 from fecloth.study.run_problems import Runs
-from fecloth.study.tolerance import in_percent, read_tolerance
-from fecloth.study.tuning.choices import Choice, methods_to_try, span_of, text_with
-from fecloth.study.tuning.fewer_terms import drop_terms
-from fecloth.study.tuning.growth import measure_growth
-from fecloth.study.tuning.proof import Proof, best_run, prove
-from fecloth.study.tuning.reasons import obstacle_of
-from fecloth.study.tuning.result import Tuned
-from fecloth.study.tuning.run_table import table_of_runs
-from fecloth.study.tuning.search import Goal, coarse_meshes, measure_meshes, shared_run
+from fecloth.study.scene_text import scene_of
+from fecloth.study.simplification.variants import Variant, variants_of_term
+from fecloth.study.tolerance import read_tolerance
+from fecloth.study.tuning.choices import Choice, methods_to_try, span_of
+from fecloth.study.tuning.corrections import measure_growth, time_candidates
+from fecloth.study.tuning.proof import best_run, prove
+from fecloth.study.tuning.result import Tuned, summarise
+from fecloth.study.tuning.search import (
+    Goal,
+    coarse_meshes,
+    measure_meshes,
+    obstacle_of,
+    shared_run,
+)
 from fecloth.study.tuning.time_errors import measure_methods
-from fecloth.study.tuning.timing import time_candidates
-from fecloth.study.tuning.trials import Bench, Trial, spent
+from fecloth.study.tuning.trials import Bench, Trial
 from fecloth.study.workload import LONGEST
+from fecloth.terms import Springs
+from fecloth.terms.traits import traits_of
 
 SEARCH = 40.0  # s, CPU time for the runs of all methods
 STEPS = 128  # of the runs that compare terms
+SHARE = 0.25  # of the tolerance, for the terms that are left out or replaced
+SAVES = 0.97  # times the seconds: what a change must at most cost to be worth it
 SHARPER = 100.0  # divides the solver's tolerance in the run that shows its error
 
 
@@ -124,27 +134,26 @@ def tune(
     bench = Bench(opened, quantities, runs)
     names = methods_to_try(opened, methods)
     meshes = coarse_meshes(opened, elements)
-    other: dict = {}
+    other: dict[str, np.ndarray] = {}
     dropped: list[str] = []
-    before: list[Trial] = []
+    search: list[Trial] = []
     if model:
         _say("terms: what they change on a coarse mesh")
-        bench, other["model"], dropped, before = _reduce(bench, meshes[0], goal)
+        bench, other["model"], dropped, search = _reduce(bench, meshes[0], goal)
     _say("errors in time: all methods on a coarse mesh")
     times = measure_methods(bench, meshes[0], names, goal.scale, SEARCH)
     coarse = shared_run(bench, times, goal.scale)
     bench.check_sizes(coarse)
     _say("errors in space: all meshes with the same steps")
     space, prediction = measure_meshes(bench, meshes, times, coarse, goal)
-    search = [*before, *times.trials, *space.trials]
+    search += [*times.trials, *space.trials]
     sharper = _sharper_run(bench, coarse)
     if sharper is not None:
         search.append(sharper)
         other["solver"] = bench.distance(sharper, coarse)
-    added = sum((float(one.max()) for one in other.values()), 0.0)
-    prediction = replace(prediction, other=added)
+    prediction = replace(prediction, other=sum(float(part.max()) for part in other.values()))
+    proof = None
     why = obstacle_of(bench, space, prediction, goal, most_seconds)
-    found = None
     if not why:
         _say("seconds of the best settings: short runs")
         prediction = measure_growth(bench, prediction, goal, search)
@@ -152,11 +161,11 @@ def tune(
         why = obstacle_of(bench, space, prediction, goal, most_seconds)
     if not why:
         _say("proof: the best setting beside a finer one")
-        found = prove(bench, prediction, goal, search, other, space)
-        why = found.why if found else "no setting that should meet it ran to its end"
-    if found is None:
-        found = best_run(bench, space, times, search, other)
-    return _summarise(bench, goal, replace(found, why=why), dropped, folder)
+        proof = prove(bench, prediction, goal, search, other, space)
+        why = proof.why if proof else "no setting that should meet it ran to its end"
+    if proof is None:
+        proof = replace(best_run(bench, space, times, search, other), why=why)
+    return summarise(bench, goal, proof, dropped, folder)
 
 
 def _say(phase: str) -> None:
@@ -192,60 +201,71 @@ def _sharper_run(bench: Bench, coarse: Trial) -> Trial | None:
     return trial if trial.is_ok else None
 
 
-def _summarise(
-    bench: Bench, goal: Goal, found: Proof, dropped: Sequence[str], folder: str | Path | None
-) -> Tuned:
-    """Return the result; write tuned.toml."""
-    trial, opened = found.trial, bench.opened
-    met = found.error <= goal.tolerance and trial.seconds <= goal.budget
-    proved = met and not found.why
-    text = text_with(opened, trial.choice) if isinstance(opened, SceneProblem) else ""
-    scene = None
-    if folder is not None and text:
-        scene = Path(folder) / "tuned.toml"
-        scene.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(scene, text.encode())
-    verifying = [found.finer] if found.finer else []
-    return Tuned(
-        title=opened.name,
-        verdict=_verdict(found, goal, proved),
-        table=table_of_runs(bench, found),
-        error=found.error,
-        seconds=trial.seconds,
-        predicted=found.candidate.seconds if found.candidate else math.nan,
-        proved=proved,
-        tolerance=goal.tolerance if math.isfinite(goal.tolerance) else math.nan,
-        budget=goal.budget if math.isfinite(goal.budget) else math.nan,
-        quantities=tuple(one.text for one in bench.quantities),
-        parts={name: float(part.max()) for name, part in found.parts.items()},
-        settings=_settings(trial),
-        text=text,
-        scene=scene,
-        search_seconds=spent([one for one in found.search if one not in verifying]),
-        remarks=(f"Changed terms: {', '.join(dropped)}.",) if dropped else (),
-    )
+# --- terms that a scene does not need -------------------------------------------------------------
 
 
-def _verdict(found: Proof, goal: Goal, proved: bool) -> str:
-    """Return the answer in words: proved, or not proved and why, and what can be had."""
-    size = "unknown" if math.isnan(found.error) else in_percent(found.error)
-    has = f"{found.trial.choice}: estimated error {size}, CPU time {found.trial.seconds:.2g} s"
-    timed = math.isfinite(goal.budget)
-    allowed = f"{goal.budget:g} s" if timed else in_percent(goal.tolerance)
-    if proved:
-        return f"proved: {has} (allowed: {allowed})"
-    why = found.why or (
-        f"it takes longer than {allowed}"
-        if timed
-        else f"no verified setting has an error below {allowed}"
-    )
-    return f"not proved: {why}. What can be had: {has}"
+def drop_terms(
+    bench: Bench, choice: Choice, tolerance: float
+) -> tuple[Bench, np.ndarray, list[str], list[Trial]]:
+    """Leave out terms, or replace them by cheaper ones, as long as their changes are small.
+
+    Return the reduced problem, (q,) its change of the quantities, the names of the changes and
+    all runs; the runs take `choice`. Membranes are replaced, but not left out: in free fall they
+    change nothing, and a cloth without a membrane is none.
+    """
+    assert isinstance(bench.opened, SceneProblem)
+    (full,) = bench.run([choice], timed=True)
+    total = np.zeros(len(bench.quantities))
+    trials = [full]
+    if not full.is_ok:
+        return bench, total, [], trials
+    data = tomllib.loads(bench.opened.scene.to_toml())
+
+    def change_by(variant: Variant) -> tuple[np.ndarray, float]:
+        """Return the change by a variant of the present data, infinite if it fails; its seconds."""
+        trial = run_tables(bench, variant.apply(data), choice)
+        trials.extend([trial] if trial else [])
+        if trial is None or not trial.is_ok:
+            return np.full(len(total), np.inf), math.inf
+        return bench.distance(full, trial), trial.seconds
+
+    worth = []
+    for variant in _variants(bench.opened, data["terms"], choice.element):
+        change, seconds = change_by(variant)
+        if change.max() <= SHARE * tolerance and seconds < SAVES * full.seconds:
+            worth.append((seconds, variant))
+    taken: dict[str, Variant] = {}
+    for _, variant in sorted(worth, key=lambda pair: pair[0]):
+        if variant.slot in taken:
+            continue
+        change, _ = change_by(variant)
+        if change.max() <= SHARE * tolerance:
+            data, total = variant.apply(data), change
+            taken[variant.slot] = variant
+    reduced = _with_tables(bench, data)
+    return reduced, total, [variant.name for variant in taken.values()], trials
 
 
-def _settings(trial: Trial) -> dict[str, Any]:
-    choice, row = trial.choice, trial.row
-    values: dict[str, Any] = {"element": row["element"], "pattern": choice.pattern, "h": choice.h}
-    values |= {"method": choice.method, "rtol": choice.rtol}
-    if math.isfinite(row["step"]):
-        values["dt"] = row["step"]
-    return {name: value for name, value in values.items() if value}
+def _variants(opened: SceneProblem, terms: Sequence[dict], element: str) -> list[Variant]:
+    """Return the variants of all terms, but those that leave out a membrane."""
+    known = {type(term).__name__: traits_of(term) for term in opened.first.system.terms}
+    membranes = {name for name, traits in known.items() if traits.kind == "membrane"}
+    kept = membranes - {Springs.__name__}
+    listed = [v for term in terms for v in variants_of_term(term, element, known[term["type"]])]
+    return [one for one in listed if not (one.kind == "without" and one.by in kept)]
+
+
+def _with_tables(bench: Bench, data: dict) -> Bench:
+    """Return the bench with the scene of some tables."""
+    assert isinstance(bench.opened, SceneProblem)
+    scene = scene_of(to_toml(data), bench.opened.scene.trusts_geo)
+    return replace(bench, opened=SceneProblem(scene, bench.opened.name))
+
+
+def run_tables(bench: Bench, data: dict, choice: Choice) -> Trial | None:
+    """Run the scene of some tables; None if it is refused."""
+    try:
+        changed = _with_tables(bench, data)
+    except FeclothError:
+        return None
+    return changed.run([choice], timed=True)[0]

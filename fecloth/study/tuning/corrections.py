@@ -1,0 +1,129 @@
+"""Short runs of the best candidates, which correct the predicted errors in time and seconds."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+
+from fecloth.scene.toml_text import to_toml
+from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
+from fecloth.study.scene_text import scene_of
+from fecloth.study.tuning.choices import span_of
+from fecloth.study.tuning.prediction import Candidate, Prediction
+from fecloth.study.tuning.search import Goal
+from fecloth.study.tuning.time_errors import Rule
+from fecloth.study.tuning.trials import Bench, Trial
+
+BEST = 3  # candidates that are looked at
+COUNTS = 0.2  # part of the predicted error from which the error in time matters
+MOST = 2.0  # power of √triangles
+CLOSE = 3.0  # times the seconds of the best one, up to which others are candidates
+FEWEST, PART = 12, 0.05  # steps of a short run, and its part of the whole one
+LINEAR = "pcg", "direct"  # solvers that are tried besides the problem's own
+FASTER = 0.85  # times the seconds, for another solver to be taken
+
+
+def measure_growth(
+    bench: Bench, prediction: Prediction, goal: Goal, search: list[Trial]
+) -> Prediction:
+    """Return the prediction with the growth of the errors in time of the best candidates.
+
+    Finer meshes have shorter waves, so that errors in time grow. Each rule runs on a mesh with half
+    of h beside the most accurate implicit one, as on the coarse mesh. Rules that are not measured
+    get the largest power. The runs are added to `search`.
+    """
+    times = prediction.times
+    candidates = [of for of in goal.candidates(prediction)[:BEST] if _errs_in_time(of)]
+    implicit = [
+        trial
+        for trial in times.trials
+        if trial.is_ok and trial.choice.steps and not trial.choice.is_explicit
+    ]
+    if not candidates or not implicit or prediction.coarse.choice.h is None:
+        return prediction
+    reference = min(implicit, key=lambda run: float(bench.distance(times.reference, run).max()))
+    finest = _on_finer_mesh(bench, reference)
+    search.append(finest)
+    growth = dict(prediction.growth)
+    for candidate in candidates:
+        trial = _nearest(candidate.rule, candidate.x)
+        if trial is reference or not finest.is_ok:
+            continue
+        finer = _on_finer_mesh(bench, trial)
+        search.append(finer)
+        if finer.is_ok:
+            before = float(bench.distance(reference, trial).max())
+            after = float(bench.distance(finest, finer).max())
+            power = math.log(after / before) / math.log(finer.edges / trial.edges)
+            growth[candidate.rule.key] = float(np.clip(power, 0.0, MOST))
+    most = max(growth.values(), default=0.0)
+    others = {rule.key: most for rule in times.rules if rule.kind in ("steps", "rtol")}
+    return replace(prediction, growth=others | growth)
+
+
+def _errs_in_time(candidate: Candidate) -> bool:
+    """Whether steps are chosen whose error is a part of the whole that counts."""
+    is_chosen = candidate.rule.kind in ("steps", "rtol")
+    return is_chosen and candidate.time.max() > COUNTS * candidate.error
+
+
+def _on_finer_mesh(bench: Bench, trial: Trial) -> Trial:
+    choice = replace(trial.choice, h=float(f"{(trial.choice.h or 1) / 2:.6g}"))
+    return bench.run([choice])[0]
+
+
+def _nearest(rule: Rule, x: float) -> Trial:
+    """Return the run of a rule whose size is nearest to x."""
+    apart = np.abs(np.log(rule.errors.x / x))
+    return rule.trials[int(np.argmin(apart))]
+
+
+def time_candidates(
+    bench: Bench, prediction: Prediction, goal: Goal, search: list[Trial]
+) -> Prediction:
+    """Return the prediction with measured seconds of the best candidates and the fastest solver.
+
+    Their short runs are added to `search`. Steps that follow rtol are not measured, because the
+    steps of the beginning say little of the others.
+    """
+    fixed = [of for of in goal.candidates(prediction) if of.rule.kind in ("steps", "limit")]
+    for candidate in fixed[:BEST]:
+        if candidate.seconds <= CLOSE * fixed[0].seconds:
+            seconds = _seconds(bench, candidate, search)
+            prediction = prediction.with_seconds(candidate, seconds)
+    first = next(iter(goal.candidates(prediction)), None)
+    if not first or first.rule.kind != "steps" or isinstance(bench.opened, FunctionProblem):
+        return prediction
+    tried = {name: _seconds(bench, replace(first, linear=name), search) for name in LINEAR}
+    name = min(tried, key=lambda name: tried[name])
+    if tried[name] >= FASTER * first.seconds:
+        return prediction
+    return replace(prediction.with_seconds(first, tried[name]), linear={first.key: name})
+
+
+def _seconds(bench: Bench, candidate: Candidate, search: list[Trial]) -> float:
+    """Return the seconds of a candidate from a short run; infinite if that fails."""
+    choice = candidate.choice
+    steps = choice.steps or FEWEST / PART
+    part = min(max(PART, FEWEST / steps), 1.0)
+    short = replace(bench, opened=shorten(bench.opened, part), quantities=())
+    if choice.steps:
+        choice = replace(choice, steps=max(round(part * choice.steps), 1))
+    (trial,) = short.run([choice], timed=True)
+    search.append(trial)
+    return trial.seconds / part if trial.is_ok else math.inf
+
+
+def shorten(opened: Problem, part: float) -> Problem:
+    """Return the beginning of a run."""
+    span = span_of(opened)
+    assert span is not None
+    if isinstance(opened, FunctionProblem):
+        return replace(opened, t_end=part * span)
+    data = tomllib.loads(opened.scene.to_toml())
+    data = {key: value for key, value in data.items() if key not in ("interest", "expect")}
+    data["time"]["t_end"] = opened.scene.time.t_start + part * span
+    return SceneProblem(scene_of(to_toml(data), opened.scene.trusts_geo), opened.name)
