@@ -320,6 +320,56 @@ def test_the_size_that_would_do_has_the_error_of_the_tolerance(order):
     assert "is not known: h × 0.5: Newton's method failed" in str(found)
 
 
+def outcome_of(seconds, whole, name="x"):
+    return Outcome(name, "ok", changes={"sag": 1e-3}, seconds=seconds, saved=1 - seconds / whole)
+
+
+@pytest.mark.parametrize(("part", "slower"), [(0.8, False), (1.25, True)])
+def test_a_run_is_slower_that_takes_five_per_cent_and_20_ms_more(part, slower):
+    for seconds, whole in ((1000.0 + part * 50.0, 1000.0), (1e-3 + part * 0.02, 1e-3)):
+        outcome = outcome_of(seconds, whole)
+        assert outcome.whole == pytest.approx(whole)
+        assert outcome.is_slower == slower
+        findings = Findings([(Variant("x", "without", "x", "x", dict), outcome)], 0.01)
+        assert findings.judge(*findings.trials[0]).endswith("saves nothing") == slower
+        assert bool(findings.candidates()) != slower  # a term may go that saves nothing
+
+
+@pytest.mark.parametrize(("saved", "is_candidate"), [(0.05 * 0.8, False), (0.05 * 1.25, True)])
+def test_a_cheaper_term_must_save_five_per_cent(saved, is_candidate):
+    variant = Variant("y for x", "cheaper", "y", "x", dict)
+    findings = Findings([(variant, outcome_of(1 - saved, 1.0))], 0.01)
+    assert bool(findings.candidates()) == is_candidate
+
+
+@pytest.mark.parametrize(
+    ("kinds", "seconds", "fits"),
+    [
+        ("without", 1.0 + 0.07 * 0.8, True),  # 5 % and 20 ms
+        ("without", 1.0 + 0.07 * 1.25, False),
+        ("cheaper", 1.0 + 0.05 * 0.8, True),
+        ("cheaper", 1.0 + 0.05 * 1.25, False),
+        ("cheaper cheaper", 1.0 - 0.05 * 1.25, True),  # in place of the first, which takes 1 s
+        ("cheaper cheaper", 1.0 - 0.05 * 0.8, False),
+        ("without cheaper", 0.1, None),  # what is left out is not replaced
+    ],
+)
+def test_a_change_is_taken_that_costs_nothing_and_a_second_one_of_its_part_that_saves(
+    kinds, seconds, fits
+):
+    names = [f"{kind} {k}" for k, kind in enumerate(kinds.split())]
+    spent = dict.fromkeys(names, 1.0) | {names[-1]: seconds}
+
+    def run_one(name, data):
+        return outcome_of(spent[name], 1.0, name)
+
+    original = SimpleNamespace(data={}, full={"cpu_seconds": 1.0}, tolerance=0.01, run_one=run_one)
+    variants = [Variant(name, name.split()[0], "x", "x", lambda data: data) for name in names]
+    _, attempts = combine_variants(original, variants)
+    taken = {outcome.name: fits for outcome, fits in attempts}
+    assert taken.get(names[-1]) == fits
+
+
 def test_a_failing_variant_is_no_candidate():
     variant = list_variants(data_of(load_scene(SCENES / "taut.toml")), Interest(end=("sag",)))[0]
     failed = (variant, Outcome("x", "failed", "it broke"))

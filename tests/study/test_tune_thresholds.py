@@ -8,6 +8,7 @@ import pytest
 from support.power_laws import PowerLaws, candidate, known_run, listed, predict, trial
 
 import fecloth as fc
+from fecloth.errors import FeclothError
 from fecloth.study.problems import SceneProblem, open_problem
 from fecloth.study.tuning import corrections, search, time_errors
 from fecloth.study.tuning import tune as tune_module
@@ -103,6 +104,45 @@ def test_the_steps_of_all_meshes_may_take_a_fifth_of_the_tolerance(part, taken):
     """The cheapest run is taken that is accurate enough, and else a better one."""
     runs, times = measured([1e-5, 0.2 * part * 0.01], seconds=[10.0, 1.0])
     assert shared_run(PowerLaws(), times, 0.01) is runs[taken]
+
+
+@pytest.mark.parametrize(("part", "refined"), [(0.8, True), (1.25, False)])
+def test_a_finer_mesh_may_take_seven_tenths_of_the_time_left(part, refined, monkeypatch):
+    """Of a minute, for a problem of which no setting should meet the tolerance yet."""
+    monkeypatch.setattr(search, "seconds_of_next", lambda mesh, coarse: part * 0.7 * 60.0)
+    monkeypatch.setattr(search, "orders_of", lambda bench, meshes, element: [2.0])
+    monkeypatch.setattr(search, "graded_choices", lambda opened, trials: [])
+    bench, prediction = PowerLaws(), predict(1.0, 10.0)
+    coarse = trial(Choice("P1", "", 0.1, "bdf2", 64), 1 + 0.01)
+    goal, meshes = Goal(1e-3), [Choice("P1", "", 0.1)]
+    search.measure_meshes(bench, meshes, prediction.times, coarse, goal)
+    assert [run.choice.h for run in bench.ran][:1] == [0.05]
+    assert (len(bench.ran) > 1) == refined
+
+
+@pytest.mark.parametrize(("method", "factor"), [("bdf2", 1.0), ("central_difference", 2.0)])
+def test_explicit_steps_are_twice_as_many_on_half_of_h(method, factor):
+    """A run of 64 steps on 40 √triangles is followed by one on 80."""
+    (mesh,) = predict(1.0, 10.0).meshes
+    seconds = search.seconds_of_next(mesh, trial(Choice("P1", "", 0.1, method)))
+    assert seconds == pytest.approx(factor * 64 * 1e-6 * 80**2)
+
+
+@pytest.mark.parametrize("refused", [0, 2, 9])
+def test_meshes_that_cannot_be_made_are_refined_five_times_by_1_6(refused, tmp_path, monkeypatch):
+    path, tried = tmp_path / "sheet.toml", []
+    path.write_text(SCENE.replace("PATTERN", "right"))
+
+    def problem(opened, choice):
+        tried.append(choice.h)
+        if len(tried) <= refused:
+            raise FeclothError("too coarse")
+        return problem_with(opened, choice)
+
+    monkeypatch.setattr(search, "problem_with", problem)
+    first = search.coarse_meshes(open_problem(path), ["P1"])[0]
+    assert tried == pytest.approx([0.125 / 1.6**k for k in range(min(refused, 5) + 1)], rel=1e-2)
+    assert first.h == tried[-1]
 
 
 METHODS_IN_SPACE = {
