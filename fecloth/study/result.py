@@ -3,27 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fecloth.output.atomic_files import replace_file
 from fecloth.study.tables import Table
+from fecloth.view.templates import render
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>
-body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; }}
-table {{ border-collapse: collapse; font-size: 14px; display: block; overflow-x: auto; }}
-th, td {{ border-bottom: 1px solid #ddd; padding: 0.3rem 0.7rem; text-align: right; }}
-img {{ max-width: 100%; }}
-</style></head><body>
-<h1>{title}</h1>
-{body}
-</body></html>
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,20 +51,17 @@ class StudyResult:
         drawing = self.figure()
         for kind in ("png", "svg"):
             drawing.savefig(folder / f"figure.{kind}", dpi=160)
-        picture = '<p><img src="figure.svg" alt="The figure of this study"></p>'
-        body = "\n".join([self._words(), picture, self.table._repr_html_()])
-        page = PAGE.format(title=escape(self.title), body=body)
-        replace_file(folder / "report.html", page.encode())
+        replace_file(folder / "report.html", (self._fill("study.html") + "\n").encode())
         return folder / "report.html"
 
     def _repr_html_(self) -> str:
         """Return verdict, notes and table, for notebooks."""
-        return f"<h3>{escape(self.title)}</h3>{self._words()}{self.table._repr_html_()}"
+        return self._fill("study_in_notebook.html")
 
-    def _words(self) -> str:
+    def _fill(self, template: str) -> str:
         lines = [*self.verdict.splitlines(), *self.notes()]
-        first = f"<p><strong>{escape(lines[0])}</strong></p>"
-        return "\n".join([first, *(f"<p>{escape(line)}</p>" for line in lines[1:])])
+        table = self.table._repr_html_()
+        return render(template, {"title": self.title, "lines": lines, "table": table})
 
 
 def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:

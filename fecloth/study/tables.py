@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
 from fecloth.study.reports import markdown_table, write_csv
+from fecloth.view.templates import render
 
 Cell = float | int | str | bool | None
 UNITS = {"h": "m", "dt": "s", "cpu_seconds": "s"}  # of columns, added to their names when shown
@@ -55,12 +55,8 @@ class Table(Sequence[Mapping[str, Cell]]):
 
     def _repr_html_(self) -> str:
         """Return an HTML table."""
-        head = "".join(f"<th>{escape(_head(name))}</th>" for name in self.columns)
-        body = "".join(
-            f"<tr>{''.join(f'<td>{_text(row.get(name))}</td>' for name in self.columns)}</tr>"
-            for row in self.rows
-        )
-        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        rows = [[_text(row.get(name)) for name in self.columns] for row in self.rows]
+        return render("table.html", {"head": map(_head, self.columns), "rows": rows})
 
 
 def _head(column: str) -> str:
@@ -70,4 +66,4 @@ def _head(column: str) -> str:
 def _text(value: Cell) -> str:
     if value is None:
         return ""
-    return escape(f"{value:.4g}" if isinstance(value, float) else str(value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

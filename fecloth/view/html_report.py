@@ -7,13 +7,11 @@ from its tables by page/report.html; needs NumPy alone.
 
 from __future__ import annotations
 
-import html
 import json
 import math
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from string import Template
 
 import numpy as np
 
@@ -31,11 +29,6 @@ PHASES = ("mesh", "bind", "compile", "choose", "assemble", "factor", "solve", "r
 
 TABLES = ("steps", "energies", "observed", "strains")
 
-NOTE = Template('<p class="$kind">$text</p>')
-TILE = Template("<div><b>$text</b><span>$name</span></div>")
-ROW = Template("<tr><td>$name</td><td>$text</td></tr>")
-BAR = Template('<span>$name</span><i style="width:$width%"></i><span>$text</span>')
-
 
 def write_report(
     folder: Path, summary: Mapping, frame: Frame, obstacles: Obstacles | None = None
@@ -51,37 +44,25 @@ def write_report(
     """
     tables = {name: read_table(folder / f"{name}.csv") for name in TABLES}
     data = pack_frames([frame], shown_fields(frame), summary.get("unit", " s"), [obstacles])
-    parts = {
-        "warnings": _fill_each(NOTE, _warnings(folder, summary)),
-        "tiles": _fill_each(TILE, _named(_tiles(summary, tables))),
-        "charts": "\n".join(_static_charts(tables) if _is_static(summary) else _charts(tables)),
-        "bars": _fill_each(BAR, _bars(summary["seconds"])),
-        "numbers": _fill_each(ROW, _named(_numbers(summary))),
-    }
-    words = {
+    charts = _static_charts(tables) if _is_static(summary) else _charts(tables)
+    values = {
         "title": title_of(folder),
         "status": summary["status"] + (", with warnings" if doubtful(summary) else ""),
         "badge": "warned" if doubtful(summary) else summary["status"],
         "note": _subtitle(summary),
         "model": _model(folder),
+        "warnings": _warnings(folder, summary),
+        "tiles": _tiles(summary, tables),
+        "charts": charts,
         "spent": f"Where {summary['seconds']['total']:.3g} s went",
+        "bars": _bars(summary["seconds"]),
         "scene": _text(folder / "scene.resolved.toml"),
+        "numbers": _numbers(summary),
     }
-    page = fill_template("report.html", data, parts, **words)
+    page = fill_template("report.html", data, values)
     file = folder / "report.html"
     replace_file(file, page.encode())
     return file
-
-
-def _fill_each(template: Template, rows: Iterable[Mapping[str, str]]) -> str:
-    """Fill the template with each row, its texts escaped."""
-    return "".join(
-        template.substitute({key: html.escape(text) for key, text in row.items()}) for row in rows
-    )
-
-
-def _named(texts: Mapping[str, str]) -> Iterator[dict[str, str]]:
-    return ({"name": name, "text": text} for name, text in texts.items())
 
 
 def _text(file: Path) -> str:

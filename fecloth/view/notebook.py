@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
 
 import numpy as np
 
 from fecloth.view.svg_chart import chart
-
-STYLE = """<style>
-.fecloth { display: flex; flex-wrap: wrap; gap: 1em }
-.fecloth figure { margin: 0; width: 460px }
-.fecloth svg text { font: 11px sans-serif; fill: currentColor }
-.fecloth .grid line { stroke: #8884 }
-.fecloth .key i { display: inline-block; width: .8em; height: .8em; margin: 0 .3em 0 .8em }
-</style>"""
+from fecloth.view.templates import render
 
 
 def result_figures(
@@ -37,4 +29,4 @@ def result_figures(
     }
     figures = chart("Energies", curves, "t [s]", "energy [J]")
     figures += chart("Probes", heights, "t [s]", "z, sag [m]")
-    return f'{STYLE}<p>{html.escape(title)}</p><div class="fecloth">{figures}</div>'
+    return render("notebook.html", {"title": title, "figures": figures})

@@ -6,7 +6,6 @@ that no peak is lost.
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.output.frame_reader import drawable
+from fecloth.view.templates import render
 
 WIDTH, HEIGHT = 460, 230
 LEFT, RIGHT, TOP, BOTTOM = 72, 22, 12, 36
@@ -47,17 +47,18 @@ def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = F
         return ""
     xs, ys = (np.concatenate([curve[i] for curve in curves.values()]) for i in (0, 1))
     up, across = _axis(np.nanmin(ys), np.nanmax(ys), 5, log), _tight_axis(xs.min(), xs.max())
-    body = [_grid(across, up, log), _axis_labels(x, y)]
-    for colour, (name, curve) in zip(_colours(len(curves)), curves.items(), strict=True):
-        path = _path(_place(across, curve[0], 0), _place(up, curve[1], 1))
-        stroke = f'stroke="{colour}" stroke-width="1.8" fill="none" stroke-linejoin="round"'
-        stroke += ' stroke-linecap="round"'
-        body.append(f'<path d="{path}" {stroke}><title>{html.escape(name)}</title></path>')
-    return (
-        f"<figure><figcaption>{html.escape(title)}</figcaption>{_legend(list(curves))}"
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{html.escape(title)}">'
-        f"{''.join(body)}</svg></figure>"
-    )
+    drawn = [
+        {
+            "name": name,
+            "colour": COLOURS[i % len(COLOURS)],
+            "path": _path(_place(across, px, 0), _place(up, py, 1)),
+        }
+        for i, (name, (px, py)) in enumerate(curves.items())
+    ]
+    at = {"left": LEFT, "right": WIDTH - RIGHT, "top": TOP, "bottom": HEIGHT - BOTTOM}
+    ticks = {"across": _ticks(across, 0), "up": _ticks(up, 1, log)}
+    words = {"title": title, "x": x, "y": y, "width": WIDTH, "height": HEIGHT}
+    return render("chart.html", {"curves": drawn, **at, **ticks, **words})
 
 
 def _points_to_draw(x, y, log):
@@ -127,28 +128,16 @@ def _place(axis, values, way):
     return LEFT + share * (WIDTH - LEFT - RIGHT)
 
 
-def _grid(across, up, log):
-    parts = []
-    for px, value in zip(_place(across, across.ticks, 0), across.ticks, strict=True):
-        parts.append(f'<line x1="{px:.1f}" x2="{px:.1f}" y1="{TOP}" y2="{HEIGHT - BOTTOM}"/>')
-        label = f'<text x="{px:.1f}" y="{HEIGHT - BOTTOM + 15}" text-anchor="middle">'
-        parts.append(f"{label}{_number(value, across)}</text>")
-    for py, value in zip(_place(up, up.ticks, 1), up.ticks, strict=True):
-        parts.append(f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{py:.1f}" y2="{py:.1f}"/>')
-        label = f'<text x="{LEFT - 5}" y="{py + 4:.1f}" text-anchor="end">'
-        shown = _number(10.0**value) if log else _number(value, up)
-        parts.append(f"{label}{shown}</text>")
-    return f'<g class="grid">{"".join(parts)}</g>'
-
-
-def _axis_labels(x, y):
-    middle = (TOP + HEIGHT - BOTTOM) / 2
-    return (
-        f'<text x="{(LEFT + WIDTH - RIGHT) / 2}" y="{HEIGHT - 4}" text-anchor="middle">'
-        f"{html.escape(x)}</text>"
-        f'<text transform="translate(11 {middle}) rotate(-90)" text-anchor="middle">'
-        f"{html.escape(y)}</text>"
-    )
+def _ticks(axis: Axis, way: int, log: bool = False) -> list[dict[str, str]]:
+    """Return where the lines and the labels of an axis are, and the labels."""
+    return [
+        {
+            "at": f"{at:.1f}",
+            "text_at": f"{at + 4:.1f}",
+            "label": _number(10.0**value) if log else _number(value, axis),
+        }
+        for at, value in zip(_place(axis, axis.ticks, way), axis.ticks, strict=True)
+    ]
 
 
 def _number(value: float, axis: Axis | None = None) -> str:
@@ -160,17 +149,3 @@ def _number(value: float, axis: Axis | None = None) -> str:
     text = f"{0.0 if abs(value) < 1e-15 else value:.{digits}g}"
     mantissa, _, exponent = text.partition("e")
     return f"{mantissa}e{int(exponent)}".replace("-", "−") if exponent else text.replace("-", "−")
-
-
-def _colours(count):
-    return [COLOURS[i % len(COLOURS)] for i in range(count)]
-
-
-def _legend(names):
-    if len(names) < 2:
-        return ""
-    entries = zip(_colours(len(names)), names, strict=True)
-    marks = "".join(
-        f'<span><i style="background:{c}"></i>{html.escape(n)}</span>' for c, n in entries
-    )
-    return f'<p class="key">{marks}</p>'

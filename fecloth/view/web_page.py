@@ -8,10 +8,8 @@ the file of a long run would exceed `MOST_BYTES`, it contains every k-th frame a
 from __future__ import annotations
 
 import base64
-import html
 import json
 import math
-import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,6 +31,7 @@ from fecloth.output.frame_reader import (
 )
 from fecloth.output.obstacle_frames import Obstacles, read_obstacles
 from fecloth.view import checker_pattern
+from fecloth.view.templates import render, unescaped
 
 MOST_BYTES = 60e6
 SHOWN = (
@@ -89,7 +88,7 @@ def write_view(folder: str | Path) -> Path:
     note = f"{count} frame{'s' * (count > 1)}, {data['cells']} triangles"
     if len(frames) < len(series.times):
         note += f" (of {len(series.times)} frames: the page with all would be too large)"
-    page = fill_template("view.html", data, title=title_of(series.folder), note=note)
+    page = fill_template("view.html", data, {"title": title_of(series.folder), "note": note})
     file = series.folder / "view.html"
     replace_file(file, page.encode())
     return file
@@ -137,20 +136,14 @@ def _scene_of(folder: Path) -> dict:
 # --- the page -------------------------------------------------------------------------------------
 
 
-def fill_template(
-    template: str, data: dict, parts: Mapping[str, str] | None = None, **words: str
-) -> str:
-    """Return a template of page/ with style, script and data filled in.
-
-    `parts` are HTML and are inserted unchanged; `words` are escaped.
-    """
+def fill_template(template: str, data: dict, values: Mapping[str, object]) -> str:
+    """Return a template of page/ with style, script, data and the values, which are escaped."""
     script = part("viewer.js").replace("VIRIDIS;", f"{json.dumps(VIRIDIS)};")
     script = script.replace("CHECKED;", f"{json.dumps(checker_pattern.SHADES)};")
     plain = json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
     pieces = {"style": part("page.css"), "cloth": part("cloth.html"), "script": script}
-    pieces |= {"data": plain, **(parts or {})}
-    pieces |= {key: html.escape(word) for key, word in words.items()}
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: pieces[found[1]], part(template))
+    whole = {name: unescaped(text) for name, text in {**pieces, "data": plain}.items()}
+    return render(template, {**whole, **values}) + "\n"
 
 
 def part(name: str) -> str:
