@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.compiled.jit import Array, kernel
+from fecloth.compiled.jit import Array, inner, kernel
 from fecloth.compiled.team import ALONE, Team
 from fecloth.errors import InputError
 
@@ -160,13 +160,25 @@ def _find_slots(indptr: Array, indices: Array, stencil: Array, slots: Array) -> 
     for e in range(m):
         for a in range(k):
             i = stencil[e, a]
-            row = indices[indptr[i] : indptr[i + 1]]
             for b in range(k):
-                s = np.searchsorted(row, stencil[e, b])
-                if s == len(row) or row[s] != stencil[e, b]:
+                s = find_sorted(indices, indptr[i], indptr[i + 1], stencil[e, b])
+                if s < 0:
                     return e
-                slots[e, a, b] = indptr[i] + s
+                slots[e, a, b] = s
     return -1
+
+
+@inner
+def find_sorted(numbers: Array, begin: int, end: int, number: int) -> int:
+    """Place of a number among the ascending numbers[begin:end], or −1."""
+    stop = end
+    while begin < end:
+        middle = (begin + end) // 2
+        if numbers[middle] < number:
+            begin = middle + 1
+        else:
+            end = middle
+    return begin if begin < stop and numbers[begin] == number else -1
 
 
 @kernel

@@ -145,7 +145,11 @@ def _fit(X, triangles, node, points, values, start, entries, pairs, least, size,
                 a = triangles[entries[e], i]
                 far += (X[a, 0] - x0) ** 2 + (X[a, 1] - y0) ** 2
         length = np.sqrt(far / (3 * (last - first)))
-        gram[:], right[:] = 0.0, 0.0
+        for i in range(d):  # one by one: slices would take longer to compile than all the rest
+            for j in range(d):
+                gram[i, j] = 0.0
+            for c in range(columns):
+                right[i, c] = 0.0
         count = (last - first) * len(points)
         for e in range(first, last):
             t = entries[e]
@@ -162,7 +166,10 @@ def _fit(X, triangles, node, points, values, start, entries, pairs, least, size,
                         right[i, c] += terms[i] * values[t, q, c] / count
         few = count <= d and least > 0.0
         poor[p] = _solve(gram, right, least ** (1 if d == 3 else 2)) or few
-        size[s], fit[s] = length, right
+        size[s] = length
+        for i in range(d):
+            for c in range(columns):
+                fit[s, i, c] = right[i, c]
 
 
 @kernel

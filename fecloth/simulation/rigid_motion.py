@@ -32,8 +32,9 @@ def _products(w, x, y):
         for k in range(3):
             a[k] += w[i] * x[i, k]
             b[k] += w[i] * y[i, k]
-    a /= total
-    b /= total
+    for k in range(3):
+        a[k] /= total
+        b[k] /= total
     for i in range(len(w)):
         for j in range(3):
             for k in range(3):
@@ -63,8 +64,9 @@ def rms_without_rigid(w, x, y):
         for k in range(3):
             centre[k] += w[i] * x[i, k]
             mean[k] += w[i] * y[i, k]
-    centre /= mass
-    mean /= mass
+    for k in range(3):
+        centre[k] /= mass
+        mean[k] /= mass
     inertia, moment, total = np.zeros((3, 3)), np.zeros(3), 0.0
     for i in range(len(w)):
         r0, r1, r2 = x[i, 0] - centre[0], x[i, 1] - centre[1], x[i, 2] - centre[2]

@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth.compiled.jit import inner, kernel
+from fecloth.linalg.block_matrix import find_sorted
 from fecloth.terms.bending.dihedral_angle import angle, arms, cross, gradient, hessian, side
 from fecloth.terms.bending.fold_measure import measure
 
@@ -105,6 +106,15 @@ def add_force(nodes, indptr, indices, Q, change, g, f):
                     f[i, c] -= m * g[e, a, c]
 
 
+@inner
+def widest(width):
+    """The largest of the widths, or 0."""
+    most = 0
+    for each in width:
+        most = max(most, each)
+    return most
+
+
 @kernel
 def add_products(indptr, indices, Q, place, start, width, slots, left, right, scale, J):
     """J += scale Σ left_ea Q_ef right_fbᵀ.
@@ -113,7 +123,7 @@ def add_products(indptr, indices, Q, place, start, width, slots, left, right, sc
     hinge f, and the blocks of node a of e with them are slots[start[e] + a width[e] …]. Either is
     −1 for a node that is held in space.
     """
-    y = np.empty((width.max() if len(width) else 0, 3))
+    y = np.empty((widest(width), 3))
     for e in range(len(width)):
         u = width[e]
         for b in range(u):
@@ -224,7 +234,7 @@ def fill_rows(nodes, indptr, indices, block_ptr, block_nodes, blocks, start, wid
     """
     n = len(block_ptr) - 1
     last, position = np.full(n, -1), np.zeros(n, np.int64)
-    row = np.empty(width.max() if len(width) else 0, np.int64)
+    row = np.empty(widest(width), np.int64)
     for e in range(len(nodes)):
         u = 0
         for s in range(indptr[e], indptr[e + 1]):
@@ -242,9 +252,8 @@ def fill_rows(nodes, indptr, indices, block_ptr, block_nodes, blocks, start, wid
             for b in range(u):
                 slots[first + b] = -1
                 if i >= 0:
-                    begin, end = block_ptr[i], block_ptr[i + 1]
-                    found = begin + np.searchsorted(block_nodes[begin:end], row[b])
-                    if found == end or block_nodes[found] != row[b]:
+                    pair = find_sorted(block_nodes, block_ptr[i], block_ptr[i + 1], row[b])
+                    if pair < 0:
                         return e
-                    slots[first + b] = blocks[found]
+                    slots[first + b] = blocks[pair]
     return -1

@@ -1,0 +1,99 @@
+"""What is compiled with an empty cache, and at what price."""
+
+import gc
+import os
+import subprocess
+import sys
+
+import pytest
+from numba.core import event
+from numba.core.errors import TypingError
+
+from fecloth.compiled.jit import inner, kernel
+
+SCENE = """
+import fecloth as fc
+
+cloth = fc.Cloth.rectangle(0.4, 0.5, h=0.1, pattern="right")
+fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
+system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending(), fc.Gravity()], pins=["top"])
+fc.run(system, fc.BDF2(), system.rest(), dt=0.005, t_end=0.05)
+"""
+KERNELS = {
+    # the terms
+    "membrane_loops": {"energy", "add_force", "add_tangent", "add_moduli"},
+    "plate_loops": {"add_curvatures", "add_force", "add_measures", "add_products"}
+    | {"count_row_nodes", "fill_gradients", "fill_rows", "sum_products"},
+    "fold_measure": {"measures"},
+    "dihedral_angle": {"angles"},
+    # Newton's equations
+    "block_matrix": {"_find_slots", "add_mass"},
+    "conjugate_gradients": {"conjugate_gradients"},
+    "diagonal_blocks": {"invert_blocks"},
+    "protocol": {"residual"},
+    "reductions": {"dot", "squared_norm", "weighted_dot"},
+    "constraints": {"_project", "_set_held"},
+    "threads": {"wait"},
+    # the errors in time and space, and the shape
+    "recovery": {"_fit", "_add_blend"},
+    "rigid_motion": {"_distance", "_products", "rms_without_rigid", "weighted_sum"},
+    "kinematics": {"_extreme_stretches"},
+    "intersections": {"_crossing"},
+    "probes": {"_area"},
+}
+
+
+@pytest.mark.slow
+def test_a_scene_compiles_what_it_names_and_nothing_else(tmp_path):
+    """Each entry point has a file in the cache: `module.function-line.python.nbi`."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", SCENE], env=environment, check=True)
+    compiled = {}
+    for file in tmp_path.rglob("*.nbi"):
+        module, _, function = file.name.partition("-")[0].partition(".")
+        compiled.setdefault(module, set()).add(function)
+    assert compiled == KERNELS
+
+
+@inner
+def square(a):
+    return a * a
+
+
+@kernel
+def square_plus_one(a):
+    return square(a) + 1
+
+
+def test_an_inner_function_has_a_wrapper_for_python_only_if_python_calls_it():
+    assert square_plus_one(2.0) == 5.0
+    machine_code = square.overloads[square.signatures[0]]
+    assert not any("wrapper" in line for line in machine_code.library.get_llvm_str().split())
+    assert (square(3.0), square(3), square(a=4.0)) == (9.0, 9, 16.0)
+    assert square_plus_one(5.0) == 26.0
+    with pytest.raises(TypingError):
+        square("a")
+
+
+class Watch(event.Listener):
+    def __init__(self):
+        self.thresholds = set()
+
+    def on_start(self, event):
+        self.thresholds.add(gc.get_threshold()[0])
+
+    def on_end(self, event):
+        pass
+
+
+def test_garbage_is_collected_seldom_during_a_compilation_only():
+    def double(a):
+        return 2 * a
+
+    before = gc.get_threshold()
+    with event.install_listener("numba:compile", Watch()) as watch:
+        assert inner(double)(2) == 4
+    assert watch.thresholds == {50_000}
+    with pytest.raises(TypingError):
+        inner(double)(None)
+    assert gc.get_threshold() == before
