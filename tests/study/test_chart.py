@@ -1,6 +1,5 @@
 """`chart`: the front, errors against a known limit, rows of failures, the figure, the command."""
 
-import csv
 import io
 import itertools
 import math
@@ -8,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from matplotlib.text import Text
+from support.rundirs import rows_of
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -231,7 +231,7 @@ def test_the_command(scene, tmp_path, capsys):
     folder = tmp_path / "out"
     words = ["--quantity", "middle.z", "--methods", "bdf2", "--elements", "P1", "-o", str(folder)]
     assert cli.main(["chart", str(scene), *words, "--meshes", "1"]) == 0
-    rows = list(csv.DictReader((folder / "results.csv").open()))
+    rows = rows_of(folder / "results.csv")
     assert [row["method"] for row in rows] == ["BDF2"] * 3
     assert (folder / "figure.png").exists()
     printed = capsys.readouterr()

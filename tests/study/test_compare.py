@@ -1,10 +1,9 @@
 """`compare`: known differences, other meshes, time steps, rows of failures, overlays, command."""
 
-import csv
-
 import meshio
 import numpy as np
 import pytest
+from support.rundirs import rows_of
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -259,7 +258,7 @@ def test_the_command_overlays_two_runs(two_runs, tmp_path, capsys):
     assert len(frames) == len(sorted((a / "frames").glob("*.vtu")))
     assert abs(first.point_data["difference"]).max() < 1e-12  # one start
     middle = np.flatnonzero(np.all(last.point_data["reference"][:, :2] == [0.5, 0.0625], axis=1))
-    rows = [list(csv.DictReader((folder / "observed.csv").open()))[-1] for folder in (a, b)]
+    rows = [rows_of(folder / "observed.csv")[-1] for folder in (a, b)]
     moved = float(rows[1]["middle.z"]) - float(rows[0]["middle.z"])
     assert last.point_data["difference"][middle, 2] == pytest.approx(moved, rel=0.1)
 
@@ -279,7 +278,7 @@ def test_the_command(scene, tmp_path, capsys):
     out = capsys.readouterr().out
     assert "tip.x: Springs is 0.8" in out
     assert "first.pvd" in out
-    rows = list(csv.DictReader((folder / "results.csv").open()))
+    rows = rows_of(folder / "results.csv")
     assert [row["variant"] for row in rows] == ["StVK", "Springs"]
     assert (folder / "report.html").exists()
     assert cli.main(["compare", str(scene)]) == 2

@@ -1,12 +1,12 @@
 """`simplify`: changes of results, variants, predictions, resolution, the reduced scene."""
 
-import csv
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.rundirs import rows_of
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -490,7 +490,7 @@ def test_the_command(static, tmp_path, capsys):
     assert cli.main(arguments) == 0
     first = capsys.readouterr().out.splitlines()[0]
     assert first.startswith("not resolved to 0.1 %: the error of the mesh is about")
-    rows = list(csv.DictReader((folder / "results.csv").open()))
+    rows = rows_of(folder / "results.csv")
     assert {row["verdict"] for row in rows} >= {"needed", "not needed", "not resolved"}
     assert all(row["status"] == "ok" for row in rows if row["verdict"] != "needed")
     load_scene(folder / "reduced.toml").build()

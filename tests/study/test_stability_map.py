@@ -1,10 +1,10 @@
 """`stability`: measured limits against known ones, ranges and ties, mistakes, the command."""
 
-import csv
 import math
 
 import numpy as np
 import pytest
+from support.rundirs import rows_of
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -150,10 +150,10 @@ def test_the_command(scene, tmp_path, capsys):
     folder = tmp_path / "out"
     over = ["--over", "fabric.areal_density=-1,0.2", "--methods", "central_difference"]
     assert cli.main(["stability", str(scene), *over, "-o", str(folder)]) == 3
-    rows = list(csv.DictReader((folder / "results.csv").open()))
+    rows = rows_of(folder / "results.csv")
     assert rows[0]["measured over predicted"] in ("0.7–1.4", "0.71–1.4")
     assert rows[1]["status"] == "refused"
-    assert len(list(csv.DictReader((folder / "runs.csv").open()))) == 4
+    assert len(rows_of(folder / "runs.csv")) == 4
     assert (folder / "figure.png").exists()
     assert "central_difference holds the longest step" in capsys.readouterr().out
     assert len(studied_by("stability")) == MOST_PANELS

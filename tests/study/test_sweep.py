@@ -1,9 +1,8 @@
 """`sweep`: values of keys, rows, refused values, the command."""
 
-import csv
-
 import numpy as np
 import pytest
+from support.rundirs import rows_of
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -111,7 +110,7 @@ def test_the_command(scene, tmp_path, capsys):
     over = ["--over", "fabric.tensile_stiffness=5:500:log:3"]
     folder = tmp_path / "out"
     assert cli.main(["sweep", str(scene), *over, "--quantity", "sag", "-o", str(folder)]) == 0
-    rows = list(csv.DictReader((folder / "results.csv").open()))
+    rows = rows_of(folder / "results.csv")
     assert [row["fabric.tensile_stiffness"] for row in rows] == ["5.0", "50.0", "500.0"]
     assert "sag" in rows[0]
     assert (folder / "report.html").exists()

@@ -1,5 +1,6 @@
 """What the folder of a run holds, to be compared with that of another run."""
 
+import csv
 import dataclasses
 import json
 from pathlib import Path
@@ -7,6 +8,12 @@ from pathlib import Path
 import pytest
 
 from fecloth.runs import restart
+
+
+def rows_of(file):
+    """The rows of a CSV file as texts by the names of its columns."""
+    with open(file, newline="") as stream:
+        return list(csv.DictReader(stream))
 
 
 def written(folder):
