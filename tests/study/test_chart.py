@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 from support.rundirs import rows_of
+from support.scene_texts import STRING
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -17,34 +18,9 @@ from fecloth.study.chart_result import Chart, describe_chart, find_front
 from fecloth.study.convergence import Convergence
 from fecloth.study.tables import Table
 
-SCENE = """
-title = "a string"
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.25
-h = 0.25
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 100.0
-[[terms]]
-type = "StVK"
-[[pins]]
-where = "left"
-[[pins]]
-where = "right"
-[start]
-position = ["1.1 * X", "Y", "0"]
-velocity = ["0", "0", "1e-3 * sin(pi * X)"]
-[time]
-method = "implicit_midpoint"
-dt = 0.01
-t_end = 0.1
-[[probes]]
-name = "middle"
-point = [0.5, 0.125]
-"""
+SCENE = '\ntitle = "a string"' + STRING.replace("h = 0.125", "h = 0.25").replace(
+    '"sin', '"1e-3 * sin'
+)
 
 
 @pytest.fixture

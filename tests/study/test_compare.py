@@ -4,6 +4,7 @@ import meshio
 import numpy as np
 import pytest
 from support.rundirs import rows_of
+from support.scene_texts import STRIP
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -12,31 +13,7 @@ from fecloth.study.overlay import Overlay
 from studies.references.closed_forms import hanging_strip_tip
 
 Y = 20.0
-SCENE = """
-title = "a strip"
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.25
-h = 0.125
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 20.0
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-acceleration = [9.81, 0, 0]
-[[pins]]
-where = "left"
-[equilibrium]
-[[probes]]
-name = "tip"
-where = "right"
-[interest]
-end = ["tip.x"]
-"""
+SCENE = '\ntitle = "a strip"' + STRIP
 SWING = """
 [cloth]
 shape = "rectangle"

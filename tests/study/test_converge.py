@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from support.scene_texts import STRING
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -22,33 +23,7 @@ from fecloth.study.uncertainty import estimate_uncertainty
 from studies.references.closed_forms import hanging_strip_tip
 
 TIP = [fc.Probe("tip", "right")]
-SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.25
-h = 0.125
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 100.0
-[[terms]]
-type = "StVK"
-[[pins]]
-where = "left"
-[[pins]]
-where = "right"
-[start]
-position = ["1.1 * X", "Y", "0"]
-velocity = ["0", "0", "sin(pi * X)"]
-[time]
-method = "implicit_midpoint"
-dt = 0.01
-t_end = 0.1
-[[probes]]
-name = "middle"
-point = [0.5, 0.125]
-"""
+SCENE = STRING
 
 
 def strip(h, element="P1"):

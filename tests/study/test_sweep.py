@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from support.rundirs import rows_of
+from support.scene_texts import STRIP
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -11,30 +12,7 @@ from fecloth.study.ranges import parse_range
 from studies.references.closed_forms import hanging_strip_tip
 
 TIP = [fc.Probe("tip", "right")]
-SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.25
-h = 0.125
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 20.0
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-acceleration = [9.81, 0, 0]
-[[pins]]
-where = "left"
-[equilibrium]
-[[probes]]
-name = "tip"
-where = "right"
-[interest]
-end = ["tip.x", "sag"]
-"""
+SCENE = STRIP.replace('"tip.x"', '"tip.x", "sag"')
 
 
 def strip(h, stiffness, power=0):
