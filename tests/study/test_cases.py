@@ -83,15 +83,17 @@ def test_results_that_may_change_are_not_stored(tmp_path):
     assert [is_stored(how) for how in hows] == [True, True, False, False]
 
 
-def test_a_late_case_runs_again_only_with_a_longer_limit(tmp_path):
-    def seconds(limit):
-        begin = time.perf_counter()
-        study.run_cases([{"how": "ticking"}], fail_or_return, tmp_path, time_limit=limit)
-        return time.perf_counter() - begin
+def test_a_late_case_runs_again_only_with_a_longer_limit(tmp_path, monkeypatch):
+    looks, check = [], study.check_time_limit
+    monkeypatch.setattr(study, "check_time_limit", lambda: looks.append(1) or check())
 
-    assert seconds(0.3) >= 0.3
-    assert seconds(0.2) < 0.2
-    assert seconds(0.4) >= 0.4
+    def runs(limit):
+        looks.clear()
+        rows = study.run_cases([{"how": "ticking"}], fail_or_return, tmp_path, time_limit=limit)
+        assert [row["status"] for row in rows] == ["time limit"]
+        return len(looks) > 0
+
+    assert [runs(limit) for limit in (0.3, 0.2, 0.4)] == [True, False, True]
 
 
 def test_the_key_depends_on_settings_function_and_source(tmp_path):

@@ -39,13 +39,11 @@ def test_processes_give_the_same_rows(tmp_path):
 
 def test_late_and_dead_processes_are_replaced(tmp_path):
     hows = ("slow", "killed", "step", "no")
-    begin = time.perf_counter()
-    rows = study.run_cases(
+    rows = study.run_cases(  # the slow one would sleep for an hour
         [{"how": how} for how in hows], fail_or_return, tmp_path, jobs=2, time_limit=0.5
     )
     assert [row["status"] for row in rows] == ["time limit", "killed", "failed", "ok"]
     assert "code -9" in rows[1]["cause"]
-    assert time.perf_counter() - begin < 50
 
 
 def test_a_process_has_one_thread(tmp_path):
