@@ -5,10 +5,10 @@ from __future__ import annotations
 import textwrap
 
 from fecloth.errors import InputError
-from fecloth.scene import docstrings
-from fecloth.scene.key_reference import fields, meanings, term_tables
+from fecloth.scene.key_reference import fields
 from fecloth.scene.table_model import Made
-from fecloth.scene.type_words import phrase
+from fecloth.scene.tables import TERM_TABLES
+from fecloth.scene.type_words import meaning, phrase
 from fecloth.suggest import did_you_mean
 
 WIDTH = 100
@@ -16,15 +16,14 @@ WIDTH = 100
 
 def describe_terms(name: str) -> list[str]:
     """Return lines about the term of this name, or with "" one line for each term."""
-    tables = term_tables()
+    tables = TERM_TABLES
     if not name:
         wide = max(map(len, tables))
         return [f"{key:<{wide}}  {', '.join(fields(tables[key]))}".rstrip() for key in tables]
     if name not in tables:
         allowed = f"must be one of {', '.join(tables)}"
         raise InputError(f"--terms {name}", allowed, "", did_you_mean(name, list(tables)))
-    text = docstrings.text(tables[name].makes)
-    lines = ["[[terms]]", f'type = "{name}"', "", *text.split("\n")]
+    lines = ["[[terms]]", f'type = "{name}"', "", *(tables[name].__doc__ or "").split("\n")]
     return lines + [line for key in fields(tables[name]) for line in _describe(tables[name], key)]
 
 
@@ -32,6 +31,5 @@ def _describe(table: type[Made], key: str) -> list[str]:
     """Return the key, what it takes, its default and its meaning."""
     field = table.model_fields[key]
     usual = "required" if field.is_required() else f"default {field.default!r}"
-    words = meanings(table)[key]
-    meaning = textwrap.wrap(words, WIDTH, initial_indent="    ", subsequent_indent="    ")
-    return ["", f"{key}: {phrase(field)}; {usual}", *meaning]
+    words = textwrap.wrap(meaning(field), WIDTH, initial_indent="    ", subsequent_indent="    ")
+    return ["", f"{key}: {phrase(field)}; {usual}", *words]

@@ -20,12 +20,13 @@ class Rotation:
     Parameters
     ----------
     point
-        p (3,), a point of the axis [m]. With a motion u of the pin the axis goes through p + u(t).
+        A point p of the axis, three numbers [m]. With a motion u of the pin the axis goes through
+        p + u(t).
     axis
-        (3,) its direction, of any length.
+        Direction of the axis, three numbers. Its length does not matter.
     angle
-        Angle [rad] as a formula of t [s], such as ``"2*pi*t"``, or as a function ``angle(t)``.
-        Only its changes count. The turn is right-handed about the axis.
+        Angle [rad], a formula of t [s] such as ``"2*pi*t"``; in Python also a function
+        ``angle(t)``. Only its changes count. The turn is right-handed about the axis.
 
     Raises
     ------

@@ -21,8 +21,11 @@ class EquilibriumTable(Table):
     """
 
     tolerance: float = Field(1e-9, ge=1e-13, lt=1)
+    """On the sum of all forces, relative to them."""
     load_steps: int = Field(1, ge=1)
+    """Equal steps in which the loads grow to their value."""
     max_iterations: int = Field(200, ge=1)
+    """Newton iterations of a load step after which it has failed."""
 
     unit: ClassVar[str] = " of the loads"  # of t
     t_start: ClassVar[float] = 0.0

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-from pydantic import model_validator
+from pydantic import BaseModel, model_validator
 
 from fecloth.errors import InputError, brief
 from fecloth.fabric import presets
@@ -16,14 +16,25 @@ from fecloth.scene.table_model import table_of
 _FabricFields: Any = table_of(Fabric)  # a base class made at run time
 
 
+class Shorthands(BaseModel, use_attribute_docstrings=True):
+    """Keys of [fabric] that constants replace when it is read."""
+
+    preset: str | None = None
+    """Name of a published fabric, which gives the constants that are left out."""
+    kes: dict | None = None
+    """What a KES-F instrument prints; see `fecloth/fabric/README.md`."""
+    fast: dict | None = None
+    """What a FAST instrument prints; see `fecloth/fabric/README.md`."""
+
+
 class FabricTable(_FabricFields):
-    """A fabric's constants; ``preset``, ``kes`` or ``fast`` gives those that are left out.
+    """A fabric's constants; ``preset``, ``kes`` or ``fast`` gives the constants that are left out.
 
     The fields of `kes` and `fast` are those of `Fabric.from_kes` and `Fabric.from_fast`, in the
     units of the instruments, with `load` and `tensile` among them.
     """
 
-    shorthands: ClassVar = ("preset", "kes", "fast")
+    shorthands: ClassVar = Shorthands.model_fields
 
     @model_validator(mode="before")
     @classmethod

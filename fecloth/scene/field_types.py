@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, ValidationInfo, WithJsonSchema
 
 from fecloth.errors import InputError
 from fecloth.quantities.formula import Formula
@@ -26,7 +26,9 @@ def formula_text(*variables: str, condition: bool = False) -> Any:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         return repr(value) if number and not condition else value
 
-    return Annotated[str, BeforeValidator(text), AfterValidator(check)]
+    kinds = "string" if condition else ["number", "string"]
+    schema = WithJsonSchema({"type": kinds})
+    return Annotated[str, BeforeValidator(text), AfterValidator(check), schema]
 
 
 def _check_name(name: str) -> str:

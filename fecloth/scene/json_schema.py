@@ -2,7 +2,7 @@
 
 Pydantic describes the tables as they are after reading. A file may also write a quantity as text
 with a unit, a method or a fabric by its name, and a single expectation without a list; the schema
-allows these too.
+allows these, too.
 """
 
 from __future__ import annotations
@@ -12,12 +12,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from fecloth.fabric import presets
-from fecloth.scene.fabric_table import FabricTable
+from fecloth.scene.fabric_table import Shorthands
 from fecloth.scene.scene import Scene
 from fecloth.scene.table_model import Table
-from fecloth.scene.type_words import dimensions, phrase
-
-FORMULAS = ("motion", "position", "velocity")  # keys with formulas, which may also be numbers
+from fecloth.scene.time_table import METHOD_TABLES
+from fecloth.scene.type_words import dimensions
 
 
 def json_schema() -> str:
@@ -25,78 +24,63 @@ def json_schema() -> str:
     schema = _without_null(Scene.model_json_schema())
     tables = schema["$defs"]
     for model in subclasses(Table):
-        if model.__name__ in tables:
-            _describe(tables[model.__name__], model)
+        properties = tables.get(model.__name__, {}).get("properties", {})
+        for key in properties:
+            if dimensions(model.model_fields[key]):
+                properties[key] = _allow_units(properties[key])
     _allow_names(schema, tables)
     return json.dumps(schema, indent=2, ensure_ascii=False)
 
 
 def subclasses(cls: type) -> Iterator[type[Any]]:
     """Yield all classes that derive from this one."""
-    one: type[Any]
-    for one in cls.__subclasses__():
-        yield one
-        yield from subclasses(one)
+    derived: type[Any]
+    for derived in cls.__subclasses__():
+        yield derived
+        yield from subclasses(derived)
 
 
-def _describe(table: dict[str, Any], model: type[Table]) -> None:
-    """Say what each key takes, and allow text with a unit and numbers as formulas."""
-    for key, field in model.model_fields.items():
-        one: Any = table["properties"][key]
-        one["description"] = phrase(field)
-        if dimensions(field):
-            one = _also(one, "number", "string")
-        if key in FORMULAS:
-            one = _also(one, "string", "number")
-        table["properties"][key] = one
-
-
-def _also(schema: Any, found: str, other: str) -> Any:
-    """Return the schema with `other` allowed wherever it has the type `found`."""
+def _allow_units(schema: Any) -> Any:
+    """Return the schema of a key with text allowed in place of each number."""
     if isinstance(schema, list):
-        return [_also(one, found, other) for one in schema]
+        return [_allow_units(item) for item in schema]
     if not isinstance(schema, dict):
         return schema
-    if schema.get("type") == found and "const" not in schema and "enum" not in schema:
-        outer = {key: schema[key] for key in ("title", "default", "description") if key in schema}
-        inner = {key: value for key, value in schema.items() if key not in outer}
-        return outer | {"anyOf": [inner, {"type": other}]}
-    return {key: _also(value, found, other) for key, value in schema.items()}
+    if schema.get("type") == "number":
+        return schema | {"type": ["number", "string"]}
+    return {key: _allow_units(value) for key, value in schema.items()}
 
 
 def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
     """Allow names of methods and fabrics, shorthands of [fabric], one expectation, [cloths]."""
+    scene, fabric = schema["properties"], tables["FabricTable"]
     method = tables["Time"]["properties"]["method"]
-    names = [tables[_name(one)]["properties"]["type"]["const"] for one in method["oneOf"]]
-    method["anyOf"] = [{"enum": names}, *method.pop("oneOf")]
-    fabric, published = tables["FabricTable"], {"enum": list(presets.names())}
-    fabric["properties"] |= {"preset": published, "kes": {"type": "object"}}
-    fabric["properties"]["fast"] = {"type": "object"}
-    needed = {"required": fabric.pop("required")}
-    fabric["anyOf"] = [needed, *({"required": [key]} for key in FabricTable.shorthands)]
+    method["anyOf"] = [{"enum": list(METHOD_TABLES)}, *method.pop("oneOf")]
+    published = {"enum": list(presets.names())}
+    shorthands = _without_null(Shorthands.model_json_schema())["properties"]
+    fabric["properties"] |= shorthands | {"preset": shorthands["preset"] | published}
+    fabric["anyOf"] = [
+        {"required": keys} for keys in (fabric.pop("required"), *([key] for key in shorthands))
+    ]
     one_fabric = {"anyOf": [{"$ref": "#/$defs/FabricTable"}, published]}
-    schema["properties"]["fabric"] = one_fabric
-    schema["properties"]["fabrics"]["additionalProperties"] = one_fabric
-    several = schema["properties"]["expect"]["additionalProperties"]
+    scene["fabric"] = {"description": scene["fabric"]["description"], **one_fabric}
+    scene["fabrics"]["additionalProperties"] = one_fabric
+    several = scene["expect"]["additionalProperties"]
     either = {"anyOf": [{"$ref": "#/$defs/Expectation"}, several]}
-    schema["properties"]["expect"]["additionalProperties"] = either
-    schema["properties"]["cloths"] = tables["Pieces"]["properties"]["pieces"]
+    scene["expect"]["additionalProperties"] = either
+    scene["cloths"] = tables["Pieces"]["properties"]["pieces"]
     schema["oneOf"] = [{"required": ["cloth"]}, {"required": ["cloths"]}]
     del schema["required"]
-
-
-def _name(reference: dict[str, str]) -> str:
-    return reference["$ref"].rsplit("/", 1)[1]
 
 
 def _without_null(schema: Any) -> Any:
     """The schema without null, which TOML does not have."""
     if isinstance(schema, list):
-        return [_without_null(one) for one in schema]
+        return [_without_null(item) for item in schema]
     if not isinstance(schema, dict):
         return schema
     schema = {key: _without_null(value) for key, value in schema.items() if value is not None}
-    choices = [one for one in schema.get("anyOf", ()) if one != {"type": "null"}]
+    choices = [choice for choice in schema.get("anyOf", ()) if choice != {"type": "null"}]
     if len(choices) == 1:
         return {key: value for key, value in schema.items() if key != "anyOf"} | choices[0]
     return schema | {"anyOf": choices} if choices else schema

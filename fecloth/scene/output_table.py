@@ -16,25 +16,31 @@ from fecloth.simulation.record_steps import ROWS
 
 
 class Output(Table):
-    """Frames: their approximate number, or the seconds or steps between two of them.
+    """Which frames, restart files and rows a run writes.
 
-    `restart_steps` or `restart_every` ask for restart files: at the start, every that many steps
-    or seconds of the motion, and at the end. An explicit run of more steps than `rows` has about
-    that many rows in its tables, evenly spread, and those that the error in time needs, where no
-    term and no pin needs Python.
+    With `restart_steps` or `restart_every` there are restart files at the start and the end, too.
+    Where a term or a pin needs Python, each step of an explicit run has a row.
     """
 
     frames: int | None = Field(default=None, ge=1)
+    """Number of frames, about; 50 where no spacing is given."""
     every: Annotated[float | None, TIME] = Field(default=None, gt=0)
+    """In place of `frames`: time between two frames [s]."""
     every_steps: int | None = Field(default=None, ge=1)
-    format: Literal["vtu", "vtkhdf"] = Field(
-        default="vtu", description="a file a frame, or one for all"
-    )
+    """In place of `frames`: steps between two frames."""
+    format: Literal["vtu", "vtkhdf"] = "vtu"
+    """A file for each frame (vtu), or one for all (vtkhdf)."""
     restart_steps: int | None = Field(default=None, ge=1)
+    """Steps between two restart files."""
     restart_every: Annotated[float | None, TIME] = Field(default=None, gt=0)
+    """In place of `restart_steps`: time of the motion between two restart files [s]."""
     rows: int = Field(default=ROWS, ge=1)
+    """Rows of the tables of a long explicit run, evenly spread; more where the error in time needs
+    them."""
     intersections: bool = True
+    """Whether the pairs of triangles that intersect are counted at frames."""
     error_density: bool = False
+    """Whether frames have the error in space of each triangle."""
 
     @model_validator(mode="before")
     @classmethod

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import create_model, model_validator
+from pydantic import Field, create_model, model_validator
 
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.gmsh_child import TIME_LIMIT
-from fecloth.scene.shape_tables import Disk, MeshFile, Rectangle
+from fecloth.scene.shape_tables import Disk, Kind, MeshFile, Rectangle
 from fecloth.scene.start_table import Start
 from fecloth.scene.table_model import Table, one_of
 
-_START = {"start": (Start, Start(plane="xy"))}
+_START = {"start": (Start, Field(Start(plane="xy"), description="Where the piece starts."))}
 Piece: Any = one_of(
     "shape",
     {
-        name: create_model(f"{cls.__name__}Piece", __base__=cls, **_START)  # type: ignore[call-overload]  # of dict
+        name: create_model(
+            f"{cls.__name__}Piece",
+            __base__=cls,
+            __cls_kwargs__={"use_attribute_docstrings": False},
+            **_START,
+        )  # type: ignore[call-overload]  # of dict
         for name, cls in (("rectangle", Rectangle), ("disk", Disk), ("file", MeshFile))
     },
 )
@@ -27,8 +32,9 @@ Piece: Any = one_of(
 class Pieces(Table):
     """``shape = "join"``: several pieces, each with its shape, sets and start."""
 
-    shape: Literal["join"]
+    shape: Annotated[Literal["join"], Kind]
     pieces: dict[str, Piece]
+    """A table for each piece, as [cloths.NAME] or [cloth.pieces.NAME], see above."""
 
     h: ClassVar[None] = None  # each piece has its own
     grading: ClassVar[tuple] = ()

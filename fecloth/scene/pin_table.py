@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 from pydantic import PrivateAttr, model_validator
@@ -14,7 +14,7 @@ from fecloth.quantities.formula import Formula
 from fecloth.quantities.rotation import Rotation
 from fecloth.quantities.units import LENGTH
 from fecloth.scene.field_types import Name, OfTime, OfTimeAndPlace, Vector, Where
-from fecloth.scene.table_model import Made, Table, require_exactly_one
+from fecloth.scene.table_model import Table, require_exactly_one, table_of
 from fecloth.system.pins import Pin, Slide
 
 
@@ -31,32 +31,33 @@ class Region:
         return np.asarray(self.formula(X=X[:, 0], Y=X[:, 1]))
 
 
-class RotationTable(Made):
-    """A turn about an axis through a point, by an angle that depends on t."""
-
-    makes: ClassVar[type] = Rotation
-
-    point: Annotated[Vector, LENGTH] = (0.0, 0.0, 0.0)
-    axis: Vector
-    angle: OfTime
+RotationTable: Any = table_of(
+    Rotation,
+    point=(Annotated[Vector, LENGTH], (0.0, 0.0, 0.0)),
+    axis=(Vector, ...),
+    angle=(OfTime, ...),
+)
 
 
 class PinTable(Table):
-    """Nodes of a set (`where`) or with ``inside`` true, held fixed or moved by formulas of t.
-
-    The formulas may also depend on X and Y of each node. With a `direction` the nodes slide along
-    that line, with a `normal` in that plane. A `clamp` also holds the normal of the cloth along the
-    edges of the boundary that the pin covers; `rotate` turns the nodes, and the normals of a clamp.
-    """
+    """Nodes that are held fixed, moved, or free to slide along a line or in a plane."""
 
     where: str | None = None
+    """A node set of the mesh."""
     inside: Where | None = None
+    """In place of `where`: a condition of X and Y."""
     motion: tuple[OfTimeAndPlace, OfTimeAndPlace, OfTimeAndPlace] | None = None
+    """Three formulas of t, X and Y of each node [m]; only their changes count. Left out: fixed."""
     name: Name | None = None
+    """Name of the reaction's columns."""
     direction: Vector | None = None
+    """The nodes slide along this line."""
     normal: Vector | None = None
+    """The nodes slide in the plane across this vector."""
     clamp: bool = False
+    """Hold also the normal of the cloth along the edges of the boundary that the pin covers."""
     rotate: RotationTable | None = None
+    """Turn the nodes, and the normals of a clamp: a table, see below."""
 
     _pin: Pin = PrivateAttr()
 

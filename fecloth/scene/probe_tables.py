@@ -20,8 +20,11 @@ class ProbeTable(Table):
     """A named path: the mean of a node set, or a material point (X, Y) [m]."""
 
     name: Name
+    """Name of the columns."""
     where: str | None = None
+    """A node set, whose mean position is recorded."""
     point: Annotated[tuple[float, float] | None, LENGTH] = None
+    """In place of `where`: a material point (X, Y) [m]."""
 
     @model_validator(mode="after")
     def _one_place(self):
@@ -38,9 +41,13 @@ class Expectation(Table):
     """A value within a relative or absolute tolerance, at the end or at a time [s]."""
 
     value: float
+    """The expected value, in SI."""
     relative: float | None = Field(None, gt=0)
+    """Tolerance relative to the value."""
     absolute: float | None = Field(None, gt=0)
+    """In place of `relative`: tolerance in the unit of the value."""
     at: Annotated[float | None, TIME] = Field(None, ge=0)
+    """Time [s]; left out: the end."""
 
     @model_validator(mode="before")
     @classmethod
@@ -69,15 +76,17 @@ class Expectation(Table):
 class Interest(Table):
     """The quantities for which a scene is run, and by which studies compare runs.
 
-    `quantities` are texts in the grammar of `Quantity`, such as ``"max tip.z"``. The other keys
-    are short for them: values at the `end`, a `path` over the run, the `period` of a swing. With
-    values at the end alone the motion before it does not matter.
+    With values at the end alone the motion before it does not matter.
     """
 
     quantities: tuple[str, ...] = ()
+    """Quantities in their grammar, see above, as in ["max tip.z"]."""
     end: tuple[str, ...] = ()
+    """Short for values at the end: "tip.z"; also displacement, the field."""
     path: tuple[str, ...] = ()
+    """Short for "path of NAME": columns whose course over the run matters."""
     period: tuple[str, ...] = ()
+    """Short for "period of NAME": columns whose period of swing matters."""
 
     @model_validator(mode="after")
     def _refuse_empty(self):

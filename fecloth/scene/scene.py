@@ -40,28 +40,42 @@ from fecloth.system.system import System
 class Scene(Table):
     """A checked scene file: its tables with all defaults.
 
-    `fabric` is that of the whole cloth, or `fabrics` has one for each region, as in
-    [fabrics.body]; `grain_degrees` is the angle of the warp from X, one or by region. The default
-    of `mass` is "lumped", on a cloth of element "P2" "consistent".
     Two scenes are equal if their tables are equal, whatever their files.
     """
 
     title: str | None = None
-    mass: Literal["lumped", "consistent"] = "lumped"  # "consistent" for P2, see below
+    """A name for reports."""
+    mass: Literal["lumped", "consistent"] = "lumped"  # "consistent" for P2: see `_lists_as_tuples`
+    """How the mass is put on the nodes. The default for P2 is "consistent". Explicit methods need
+    "lumped"."""
     cloth: tables.Shape
+    """The cloth: shape and mesh."""
     fabric: FabricTable | None = None
+    """The fabric of the whole cloth: a table, or the name of a published fabric."""
     fabrics: dict[str, FabricTable] | None = None
+    """In place of `fabric`: a fabric for each region, as in [fabrics.body]."""
     grain_degrees: float | dict[str, float] = 0.0
+    """Angle from X to the warp [degrees]: a number, or a number for each region."""
     terms: tuple[tables.Term, ...] = ()
+    """Forces and energies, as [[terms]]; a scene has the terms that it names, and no others."""
     pins: tuple[PinTable, ...] = ()
+    """What holds or moves nodes, as [[pins]]."""
     start: Start = Start(plane="xy")
+    """Where the cloth starts."""
     time: Time = None  # type: ignore[assignment]  # None with [equilibrium]: use `schedule`
+    """Method, step and duration of a motion."""
     equilibrium: EquilibriumTable | None = None
+    """In place of `time`: the scene is static."""
     solver: tables.SolverTable = tables.SolverTable()
+    """Newton's iteration and the linear solver."""
     output: Output = Output(frames=50)
+    """When frames and restart files are written."""
     probes: tuple[ProbeTable, ...] = ()
+    """Points whose path is recorded, as [[probes]]."""
     expect: dict[str, Expectations] = Field({})
+    """What `fecloth check` verifies: names of columns, each with an expectation."""
     interest: Interest | None = None
+    """The quantities of interest: what studies compare."""
 
     _source: str = PrivateAttr("scene")
     _text: str = PrivateAttr("")
@@ -239,5 +253,5 @@ def _scene(terms: Mapping[str, type]) -> type[Scene]:
     """Return the class of scenes that may also have these terms."""
     if not terms:
         return Scene
-    term: Any = tables.terms_with(terms)
+    term: Any = tables.terms_with(terms)[1]
     return create_model("Scene", __base__=Scene, terms=(tuple[term, ...], ()))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
 
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.gmsh_child import TIME_LIMIT
@@ -12,20 +14,31 @@ from fecloth.scene.error_words import MESH_FILE
 from fecloth.scene.field_types import File, Length
 from fecloth.scene.table_model import Table, table_of
 
-Element = Literal["P1", "P2"]
 GradingTable: Any = table_of(Grading)
+Kind = Field(description="The kind of cloth.")
+Element = Annotated[
+    Literal["P1", "P2"], Field(description="Linear (P1) or quadratic (P2) triangles.")
+]
+Gradings = Annotated[
+    tuple[GradingTable, ...],
+    Field(description="Places with smaller triangles, as [[cloth.grading]], see below."),
+]
 
 
 class Rectangle(Table):
     """``shape = "rectangle"``: [0, width] × [0, height], meshed with edge length h [m]."""
 
-    shape: Literal["rectangle"]
+    shape: Annotated[Literal["rectangle"], Kind]
     width: Length
+    """Length along X, the warp [m]."""
     height: Length
+    """Length along Y, the weft [m]."""
     h: Length
+    """Edge length of the triangles [m]."""
     pattern: str = "unstructured"
+    """"unstructured" (by Gmsh), "right", "cross" or "equilateral"."""
     element: Element = "P1"
-    grading: tuple[GradingTable, ...] = ()
+    grading: Gradings = ()
 
     def cloth(self) -> Cloth:
         sizes = self.width, self.height, self.h
@@ -35,11 +48,13 @@ class Rectangle(Table):
 class Disk(Table):
     """``shape = "disk"``: around the origin, meshed with edge length h [m]."""
 
-    shape: Literal["disk"]
+    shape: Annotated[Literal["disk"], Kind]
     radius: Length
+    """Radius [m]; the middle is the origin."""
     h: Length
+    """Edge length of the triangles [m]."""
     element: Element = "P1"
-    grading: tuple[GradingTable, ...] = ()
+    grading: Gradings = ()
 
     def cloth(self) -> Cloth:
         return Cloth.disk(self.radius, self.h, self.element, _made(self.grading))
@@ -48,16 +63,15 @@ class Disk(Table):
 class MeshFile(Table):
     """``shape = "file"``: a mesh, or a .geo file with an edge length h [m]."""
 
-    shape: Literal["file"]
+    shape: Annotated[Literal["file"], Kind]
     path: File
+    """A .geo, .msh, .vtu or other mesh file, relative to the scene."""
     h: Annotated[float | None, LENGTH] = None
+    """Edge length of a .geo file [m]."""
     element: Element = "P1"
-    grading: tuple[GradingTable, ...] = ()
+    grading: Gradings = ()
 
-    @classmethod
-    def meanings(cls) -> dict[str, str]:
-        """Return how a mesh file is named, also for the key that is tried by mistake."""
-        return {"path": MESH_FILE, "file": MESH_FILE}
+    remedies: ClassVar = {"file": MESH_FILE}
 
     def cloth(self, trust: bool = False, time_limit: float = TIME_LIMIT) -> Cloth:
         reading = self.element, trust, time_limit, _made(self.grading)

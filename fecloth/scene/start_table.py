@@ -21,7 +21,9 @@ class Rotation(Table):
     """A turn about an axis through the origin, right-handed."""
 
     axis: Vector
+    """The axis of the turn."""
     degrees: float
+    """The angle, right-handed."""
 
     @model_validator(mode="after")
     def _axis_has_a_direction(self):
@@ -38,17 +40,20 @@ class Rotation(Table):
 
 
 class Start(Table):
-    """The start: flat in a plane, by formulas of X and Y, or from a frame of an earlier run.
-
-    `rotate` is applied first, then `shift`; `velocity` is not rotated.
-    """
+    """The start: flat in a plane, by formulas of X and Y, or from a frame of an earlier run."""
 
     plane: Literal["xy", "xz", "yz"] | None = None
+    """Flat in this plane, warp and weft along its axes. The default is xy."""
     position: tuple[OfPlace, OfPlace, OfPlace] | None = None
+    """In place of `plane`: three formulas of X and Y [m]."""
     frame: File | None = None
+    """In place of `plane`: a frame of an earlier run, with its velocity."""
     rotate: Rotation | None = None
+    """A turn about an axis through the origin."""
     shift: Annotated[Vector | None, LENGTH] = None
+    """A translation after the turn [m]."""
     velocity: tuple[OfPlace, OfPlace, OfPlace] | None = None
+    """Three formulas of X and Y [m/s]. `rotate` does not turn the velocity."""
 
     @model_validator(mode="before")
     @classmethod

@@ -1,12 +1,15 @@
 """Pydantic models of the tables of a scene; every mistake becomes a `SceneError`.
 
 A number may be text with a unit if the type of its key names a dimension, as in
-``Annotated[float, LENGTH]``; see `units`. The model has it in SI.
+``Annotated[float, LENGTH]``; see `units`. The model has it in SI. What a key means is the string
+below its field; the page of scenes, the JSON schema and messages take it from there.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import re
 import typing
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, ForwardRef, Literal, Union
@@ -15,6 +18,7 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Discriminator,
+    Field,
     PrivateAttr,
     Tag,
     ValidationError,
@@ -22,11 +26,11 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 
 from fecloth.errors import InputError
-from fecloth.scene import docstrings
 from fecloth.scene.error_words import shorten
-from fecloth.scene.type_words import holds_tables, in_si, options, phrase, writable
+from fecloth.scene.type_words import holds_tables, in_si, meaning, options, phrase, writable
 from fecloth.suggest import did_you_mean
 
 
@@ -39,27 +43,23 @@ class Table(BaseModel):
         frozen=True,
         allow_inf_nan=False,
         arbitrary_types_allowed=True,
+        use_attribute_docstrings=True,
     )
 
-    shorthands: ClassVar[tuple[str, ...]] = ()  # keys that are replaced by others before
-
-    @classmethod
-    def meanings(cls) -> dict[str, str]:
-        """Return what keys mean, where a docstring says it."""
-        return {}
+    shorthands: ClassVar[dict[str, FieldInfo]] = {}
+    """Keys that others replace before the fields are read."""
+    remedies: ClassVar[Mapping[str, str]] = {}
+    """What to write in place of a key that is tried by mistake."""
 
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
-        fields = cls.model_fields
-        if refusals := _unknown(data, fields, cls.shorthands, cls.meanings()) or _missing(
-            data, fields, cls.meanings()
-        ):
+        if refusals := _unknown(data, cls) or _missing(data, cls):
             refusals[0].also = tuple(refusals[1:])
             raise refusals[0]
-        return in_si(data, fields)
+        return in_si(data, cls.model_fields)
 
     @field_validator("*", mode="wrap")
     @classmethod
@@ -76,10 +76,8 @@ class Table(BaseModel):
             raise InputError("", f"must be {phrase(field)}", "", remedy) from None
 
 
-def _unknown(
-    data: dict, fields: Mapping, shorthands: tuple[str, ...], meanings: Mapping[str, str]
-) -> list[InputError]:
-    known = (*fields, *shorthands)
+def _unknown(data: dict, table: type[Table]) -> list[InputError]:
+    known = (*table.model_fields, *table.shorthands)
     at_top = {"title", "mass", "fabric", "grain_degrees"}  # TOML puts a late one into a table
     allowed = f"unknown key; the keys are {', '.join(known)}"
     return [
@@ -89,17 +87,17 @@ def _unknown(
             "",
             f"Write {key} before the first table."
             if key in at_top
-            else meanings.get(key) or did_you_mean(key, known),
+            else table.remedies.get(key) or did_you_mean(key, known),
         )
         for key, value in data.items()
-        if key not in fields
+        if key not in table.model_fields
     ]
 
 
-def _missing(data: dict, fields: Mapping, meanings: Mapping[str, str]) -> list[InputError]:
+def _missing(data: dict, table: type[Table]) -> list[InputError]:
     return [
-        InputError(f"{key} is missing", f"must be {phrase(field)}", "", meanings.get(key, ""))
-        for key, field in fields.items()
+        InputError(f"{key} is missing", f"must be {phrase(field)}", "", meaning(field))
+        for key, field in table.model_fields.items()
         if field.is_required() and key not in data
     ]
 
@@ -113,10 +111,6 @@ class Made(Table):
     makes: ClassVar[type]
 
     _object: Any = PrivateAttr()
-
-    @classmethod
-    def meanings(cls) -> dict[str, str]:
-        return docstrings.parameters(cls.makes)
 
     @model_validator(mode="after")
     def _make_object(self):
@@ -134,9 +128,11 @@ class Made(Table):
 def table_of(cls: type, name: str = "", **more) -> type[Made]:
     """Return the table of a dataclass: its fields are the keys; with a name, `type` is that name.
 
-    A field annotated ``object`` holds another term, such as the law of a damping. Functions are
-    removed from the types of fields.
+    The text of the table and the meanings of its keys are those of the dataclass's docstring. A
+    field annotated ``object`` holds another term, such as the law of a damping. Functions are
+    removed from the types of fields. `more` has types and defaults that replace those of fields.
     """
+    text, meanings = parts_of_docstring(cls)
     hints = typing.get_type_hints(cls, include_extras=True)
     fields: dict[str, Any] = {"type": (Literal[name], ...)} if name else {}
     for field in sorted(dataclasses.fields(cls), key=lambda field: field.kw_only is True):
@@ -148,9 +144,36 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
         if field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
         fields[field.name] = (hint, ... if default is dataclasses.MISSING else default)
-    model = create_model(f"{cls.__name__}Table", __base__=Made, **(fields | more))
+    described: dict[str, Any] = {
+        key: (hint, Field(default, description=meanings.get(key)))
+        for key, (hint, default) in (fields | more).items()
+    }
+    model = create_model(
+        f"{cls.__name__}Table",
+        __base__=Made,
+        __doc__=text,
+        __cls_kwargs__={"use_attribute_docstrings": False},  # it has no source to look into
+        **described,
+    )
     model.makes = cls
     return model
+
+
+def parts_of_docstring(cls: type) -> tuple[str, dict[str, str]]:
+    """Return the text before the first section, and what Parameters says of each name.
+
+    Examples
+    --------
+    >>> from fecloth import Gravity
+    >>> parts_of_docstring(Gravity)[1]
+    {'acceleration': 'g, three components [m/s²].'}
+    """
+    text, *sections = re.split(r"\n\n(\w+)\n-{4,}\n", inspect.getdoc(cls) or "")
+    parameters = dict(zip(sections[::2], sections[1::2], strict=True)).get("Parameters", "")
+    items = re.findall(r"^(\S.*)\n((?:(?: {4}.*)?(?:\n|$))+)", parameters, re.MULTILINE)
+    return text.strip(), {
+        name: " ".join(words.split()) for names, words in items for name in names.split(", ")
+    }
 
 
 def one_of(key: str, tables: Mapping[str, type[Table]]) -> Any:

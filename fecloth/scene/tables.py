@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+from pydantic import ConfigDict
+
 from fecloth import terms
 from fecloth.errors import InputError, brief
 from fecloth.nonlinear.options import Newton
@@ -16,7 +18,7 @@ from fecloth.scene.field_types import File
 from fecloth.scene.pieces import Pieces
 from fecloth.scene.pin_table import RotationTable
 from fecloth.scene.shape_tables import Disk, MeshFile, Rectangle
-from fecloth.scene.table_model import one_of, table_of
+from fecloth.scene.table_model import Made, one_of, table_of
 from fecloth.terms.contact import shapes
 from fecloth.terms.protocol import is_description
 
@@ -38,14 +40,24 @@ def _more(cls: type, tables: Mapping[Any, Any]) -> dict[str, Any]:
     return {name: tables[kind] for name, kind in found}
 
 
-ShapeTable: Any = one_of(
-    "type", {name: table_of(cls, name, **_more(cls, _TURNED)) for name, cls in _SHAPES.items()}
-)
+SHAPE_TABLES = {name: table_of(cls, name, **_more(cls, _TURNED)) for name, cls in _SHAPES.items()}
+ShapeTable: Any = one_of("type", SHAPE_TABLES)
 _FIELDS = _TURNED | {shapes.Shape: (ShapeTable, ...), str | Path: (File, ...)}
 
-_LINEAR = Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"]
-_THREADS = int | Literal["auto"]
-SolverTable: Any = table_of(Newton, linear=(_LINEAR, "auto"), threads=(_THREADS, "auto"))
+_NewtonFields: Any = table_of(Newton)  # a base class made at run time
+
+
+class SolverTable(_NewtonFields):
+    """Newton's iteration, the linear solver, and threads."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+    linear: Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"] = "auto"
+    """The linear solver."""
+    threads: int | Literal["auto"] = "auto"
+    """Threads that share all loops: a number, or "auto"."""
+
+
 _TERMS: dict[str, Any] = {
     name: cls
     for name, cls in ((name, getattr(terms, name)) for name in terms.__all__)
@@ -53,8 +65,8 @@ _TERMS: dict[str, Any] = {
 }
 
 
-def terms_with(own: Mapping[str, type]) -> Any:
-    """Return the type of a [[terms]] table, for the package's terms and the user's own.
+def terms_with(own: Mapping[str, type]) -> tuple[dict[str, type[Made]], Any]:
+    """Return the tables of the package's terms and the user's own by name, and their union.
 
     A term may hold another term (the law of a damping), so the tables refer to their union by the
     name "Term", which is resolved at the end.
@@ -75,7 +87,9 @@ def terms_with(own: Mapping[str, type]) -> Any:
     term = one_of("type", tables)
     for table in tables.values():
         table.model_rebuild(_types_namespace={"Term": term})
-    return term
+    return tables, term
 
 
-Term: Any = terms_with({})
+TERM_TABLES: dict[str, type[Made]]
+Term: Any
+TERM_TABLES, Term = terms_with({})

@@ -26,27 +26,31 @@ class AutoMethod(Table):
     type: Literal["auto"]
 
 
-_MethodTable: Any = one_of(
-    "type", {name: table_of(cls, name) for name, cls in _METHODS.items()} | {"auto": AutoMethod}
-)
+METHOD_TABLES = {name: table_of(cls, name) for name, cls in _METHODS.items()} | {"auto": AutoMethod}
+_MethodTable: Any = one_of("type", METHOD_TABLES)
 
 
 class Time(Table):
-    """The method and its step dt, from t_start to t_end [s].
+    """The method and its steps.
 
-    Without a method and dt, both are chosen: `method` is "auto".
-    With ``dt = "auto"`` explicit methods take 0.9 of their largest stable step. With `rtol` [1/s]
-    or `atol` [m/s], and for implicit methods always, the error determines the steps, up to
-    `longest` [s]; see `Adaptive`.
+    With ``dt = "auto"`` explicit methods take 0.9 of their largest stable step. With `rtol` or
+    `atol`, and for implicit methods always, the error determines the steps; see `Adaptive`.
     """
 
-    method: _MethodTable = Field(None, description=", ".join([*_METHODS, "auto"]))
+    method: _MethodTable = None
+    """The name of a method, or a table { type = name, … }. Without `method` and `dt`, "auto"."""
     dt: Annotated[Annotated[float, Field(gt=0)] | Literal["auto"], TIME] = "auto"
+    """The step [s]; "auto": chosen, see `fecloth/integrators/README.md`."""
     t_end: Annotated[float, TIME]
+    """The end [s]."""
     t_start: Annotated[float, TIME] = 0.0
+    """The start [s]."""
     rtol: Annotated[float | None, RATE] = Field(None, ge=0)
+    """Error of the chosen steps, relative to the cloth's size [1/s]."""
     atol: Annotated[float | None, SPEED] = Field(None, ge=0)
+    """Error of the chosen steps [m/s]."""
     longest: Annotated[float | None, TIME] = Field(None, gt=0)
+    """The longest chosen step [s]; see `Adaptive`."""
 
     unit: ClassVar[str] = " s"
 

@@ -50,6 +50,7 @@ _WORDS = {  # singular and plural
     int: ("a whole number", "whole numbers"),
     str: ("a string", "strings"),
     bool: ("true or false", "true or false"),
+    dict: ("a table", "tables"),
 }
 _LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
@@ -57,8 +58,13 @@ _LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 def phrase(field: FieldInfo) -> str:
     """Describe the values of a field, e.g. "a finite number > 0 [s]"."""
     kinds = _words(field.annotation) + _limits(field.metadata)
-    inside = field.description or " or ".join(one.si for one in dimensions(field))
-    return f"{kinds} [{inside}]" if inside else kinds
+    units = " or ".join(dimension.si for dimension in dimensions(field))
+    return f"{kinds} [{units}]" if units else kinds
+
+
+def meaning(field: FieldInfo) -> str:
+    """Return what the key means, on one line: the string below the field."""
+    return " ".join((field.description or "").split())
 
 
 def _limits(metadata) -> str:

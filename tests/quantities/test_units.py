@@ -180,7 +180,7 @@ PLAIN = {  # numbers without a unit
     *("FabricTable.poisson_ratio", "FabricTable.bending_poisson_ratio"),
     *("WindTable.gusts", "GasTable.exponent", "GradingTable.power"),
     *("BaraffWitkinTable.rest", "BaraffWitkinTable.area_exponent"),
-    *("NewtonTable.tolerance", "NewtonTable.forcing", "EquilibriumTable.tolerance"),
+    *("SolverTable.tolerance", "SolverTable.forcing", "EquilibriumTable.tolerance"),
     "GeneralizedAlphaTable.rho_inf",
     *("NewmarkTable.beta", "NewmarkTable.gamma"),
     *("HingeBendingTable.rest", "PlateBendingTable.rest"),
@@ -227,8 +227,6 @@ def documented(cls, key):
     """The units in square brackets that a class's docstring has for a parameter."""
     entry = rf"^    (?:\w+, )*{key}(?:, \w+)*\n((?:        .*\n|\n)+)"
     text = re.search(entry, f"{cls.__doc__}\n", re.MULTILINE)[1]
-    if "As for `Drag`" in text:
-        return documented(fc.Drag, key)
     spelt = str.maketrans({"²": "^2", "³": "^3", " ": "*"})
     inside = ", ".join(re.findall(r"\[(.*?)\]", text))
     return {unit.translate(spelt) for unit in re.split(r", |; | or | for ", inside)}

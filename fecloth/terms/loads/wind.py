@@ -41,8 +41,13 @@ class Wind:
         u: three numbers [m/s], formulas of x, y, z [m] and t [s] as text, or a function
         ``u(x, t)`` of all centroids (m, 3) that returns (m, 3), or (3,) for uniform wind. The
         exact tangent computes ∂u/∂x by central differences over 2e-5 m.
-    normal, tangential, law, tangent
-        As for `Drag`.
+    normal, tangential
+        k_n and k_t as of `Drag`, >= 0. Linear: [Pa s/m]. Quadratic: [Pa s²/m²], equal to ½ ρ C:
+        `normal` is 0.7 for a square plate and 1.2 for a long plate.
+    law
+        "quadratic" or "linear".
+    tangent
+        "symmetric" or "exact", see `Drag`.
     gusts
         Turbulence intensity: the standard deviation of each component divided by the mean speed.
         With gusts `velocity` must be three numbers. The field is described in
