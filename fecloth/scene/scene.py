@@ -174,16 +174,20 @@ class Scene(Table):
 
     # --- to text ------------------------------------------------------------------------------
 
+    def to_tables(self) -> dict:
+        """Return the tables with all defaults and absolute paths, as TOML reads them."""
+        data = self.model_dump(exclude_none=True)
+        if self.time and len(data["time"]["method"]) == 1:
+            data["time"]["method"] = data["time"]["method"]["type"]
+        data["expect"] = {k: v[0] if len(v) == 1 else v for k, v in data["expect"].items()}
+        return toml_text.without_empty(data)
+
     def to_toml(self) -> str:
         """Return the scene as TOML with all defaults; it loads again to an equal scene.
 
         Paths are absolute, so that the text can be in any folder.
         """
-        data = self.model_dump(exclude_none=True)
-        if self.time and len(data["time"]["method"]) == 1:
-            data["time"]["method"] = data["time"]["method"]["type"]
-        data["expect"] = {k: v[0] if len(v) == 1 else v for k, v in data["expect"].items()}
-        return toml_text.to_toml(data)
+        return toml_text.to_toml(self.to_tables())
 
     # --- to objects ---------------------------------------------------------------------------
 
@@ -238,14 +242,26 @@ def load_scene(
     path, overrides = Path(path), tuple(overrides)
     data = override(toml_text.read(path), overrides)
     source = f"{path} with {', '.join(overrides)}" if overrides else str(path)
+    kind, text = _scene(terms or {}), toml_text.text(path)
+    return _check(kind, data, source, text, (trust_geo, mesh_time), path.parent)
+
+
+def scene_of(tables: dict, trust_geo: bool = False) -> Scene:
+    """Check the tables of a scene whose paths are absolute; errors name no file."""
+    return _check(Scene, toml_text.without_empty(tables), "", "", (trust_geo, TIME_LIMIT), Path())
+
+
+def _check(
+    kind: type[Scene], data: dict, source: str, text: str, reading: tuple[bool, float], folder: Path
+) -> Scene:
+    """Return the scene of these tables, which were read from the text of the source."""
     with errors_at("", source):
         data = join_pieces(data)
     try:
-        scene = _scene(terms or {}).model_validate(data, context={"folder": path.parent})
+        scene = kind.model_validate(data, context={"folder": folder})
     except ValidationError as error:
-        raise scene_error(error, data, source, toml_text.text(path)) from None
-    scene._source, scene._reading = source, (trust_geo, mesh_time)
-    scene._text = toml_text.text(path)
+        raise scene_error(error, data, source, text) from None
+    scene._source, scene._text, scene._reading = source or "the scene", text, reading
     return scene
 
 

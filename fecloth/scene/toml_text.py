@@ -89,14 +89,15 @@ def to_toml(data: dict) -> str:
     dt = 0.01
     <BLANKLINE>
     """
-    return tomli_w.dumps(_without_empty(data))
+    return tomli_w.dumps(without_empty(data))
 
 
-def _without_empty(value):
+def without_empty(value):
+    """Return the value without None and empty ones in its tables, with lists for tuples."""
     if isinstance(value, dict):
-        return {key: _without_empty(item) for key, item in value.items() if not _is_empty(item)}
+        return {key: without_empty(item) for key, item in value.items() if not _is_empty(item)}
     if isinstance(value, list | tuple):
-        return [_without_empty(item) for item in value]
+        return [without_empty(item) for item in value]
     return value
 
 

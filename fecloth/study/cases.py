@@ -24,7 +24,7 @@ Number = float | int | str | bool | None
 
 
 INTERRUPTED = "with cases to run; run it again to go on: finished cases are stored"
-HIDDEN = ("path", "digest", "content", "text")  # settings that say nothing to a reader
+HIDDEN = ("path", "digest", "content", "text", "tables")  # settings that say nothing to a reader
 
 
 def describe_settings(settings: Mapping) -> str:

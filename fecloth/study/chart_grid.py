@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -12,11 +11,10 @@ from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT, METHODS, studied_by
 from fecloth.integrators.protocol import method_of
 from fecloth.scene.scene import Scene
-from fecloth.scene.toml_text import to_toml
-from fecloth.study.levels import Level
+from fecloth.study.change import Change
+from fecloth.study.levels import FIRST, Level
 from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
-from fecloth.study.scene_text import scene_of
-from fecloth.study.workload import Workload
+from fecloth.study.run_problems import Point, refused
 from fecloth.suggest import closest, did_you_mean
 from fecloth.terms import TRAITS
 from fecloth.terms.traits import traits_of
@@ -37,32 +35,16 @@ class Setting:
 
     # Its cells in the table: method, element, model, and rtol [1/s] where it has one.
     names: dict[str, str | float]
-    # What runs; None and the reason in `refusal` where the problem refuses the combination.
-    problem: Problem | None
-    level: Level
-    refusal: str = ""
-
-    @property
-    def words(self) -> str:
-        """The setting in words, for the progress lines."""
-        first = ", ".join(str(value) for value in self.names.values() if value)
-        return f"{first}, {self.level}" if str(self.level) != "the first level" else first
+    run: Point | dict  # what runs; a row with the reason where it is refused
 
     def sizes(self) -> dict[str, float]:
         """Return h [m] and dt [s], as far as they are known before the run."""
-        if self.problem is None:
+        if not isinstance(self.run, Point):
             return {}
-        h, first = self.problem.h, self.problem.first
-        dt = None if first.is_static else first.steps.dt
-        found = {"h": h and h / self.level.h, "dt": dt and dt / self.level.dt}
-        return {name: value for name, value in found.items() if value}
-
-    def size(self) -> Workload:
-        """Predict the size of its run."""
-        assert self.problem is not None
-        size = self.problem.workload(self.level)
-        factor = P2_COST if self.names["element"] == "P2" else 1.0
-        return replace(size, triangles=factor * size.triangles)
+        problem, level = self.run.problem, self.run.level
+        dt = None if problem.is_static else problem.first.steps.dt
+        sizes = {"h": problem.h and problem.h / level.h, "dt": dt and dt / level.dt}
+        return {name: value for name, value in sizes.items() if value}
 
 
 def make_settings(
@@ -77,9 +59,10 @@ def make_settings(
         combinations = _of_scene(opened.scene, methods, elements, models)
     else:
         combinations = _of_function(opened, methods, elements, models)
-    settings = [one for names in combinations for one in _settings(opened, names, meshes)]
-    if not any(one.problem for one in settings):
-        raise InputError(opened.name, f"refuses every setting: {settings[0].refusal}", "chart")
+    settings = [made for names in combinations for made in _settings(opened, names, meshes)]
+    refusals = [setting.run["cause"] for setting in settings if isinstance(setting.run, dict)]
+    if len(refusals) == len(settings):
+        raise InputError(opened.name, f"refuses every setting: {refusals[0]}", "chart")
     return settings
 
 
@@ -120,23 +103,23 @@ def _rules(scene: Scene, method: str) -> list[dict]:
 
 def _of_function(opened: FunctionProblem, methods, elements, models) -> list[dict]:
     """Return the combinations of a function's arguments `method`, `element` and `model`."""
-    given = {"method": methods, "element": elements, "model": models}
+    chosen = {"method": methods, "element": elements, "model": models}
     if methods and opened.t_end is None:
         raise InputError(f"methods = {methods!r}", "an equilibrium has no method", "chart")
-    known = {name: list(values) if values else [""] for name, values in given.items()}
-    return [dict(zip(known, one, strict=True)) for one in product(*known.values())]
+    listed = product(*(list(values) if values else [""] for values in chosen.values()))
+    return [dict(zip(chosen, names, strict=True)) for names in listed]
 
 
 def known_names(what: str, names: Sequence[str], known: Iterable[str]) -> list[str]:
     """Return the names as the scene writes them, each once; capitals do not count."""
-    found = []
+    written: dict[str, None] = {}
     for name in names:
         close = closest(name, known)
         if not close or _plain(close) != _plain(name):
             allowed = f"must be one of {', '.join(known)}"
             raise InputError(f"{what} {name!r}", allowed, remedy=did_you_mean(name, known))
-        found.append(close)
-    return list(dict.fromkeys(found))
+        written[close] = None
+    return list(written)
 
 
 def _plain(name: str) -> str:
@@ -145,19 +128,30 @@ def _plain(name: str) -> str:
 
 def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
     """Return a setting for each mesh and step; one with the reason if the problem refuses it."""
+    shown = _shown(names)
     try:
-        variant = change(opened, names)
+        variant = opened.changed(change_names(opened, names))
         first = variant.first
     except InputError as error:
-        return [Setting(_shown(names), None, Level(), str(error).splitlines()[0])]
-    shown = _shown(names) | {"element": first.cloth.element}
+        return [Setting(shown, refused(error))]
+    shown["element"] = first.cloth.element
     if first.is_static:
         shown["method"] = "equilibrium"
     elif not shown["method"]:
         shown["method"] = type(method_of(first.steps)).__name__
     parts = [2.0**k for k in range(meshes)] if variant.can_refine("h") else [1.0]
     steps = STEPS if variant.can_refine("dt") and not first.is_static else (1.0,)
-    return [Setting(shown, variant, Level(h, dt, None)) for h, dt in product(parts, steps)]
+    levels = [Level(h, dt, None) for h, dt in product(parts, steps)]
+    return [Setting(shown, _point(shown, variant, level)) for level in levels]
+
+
+def _point(shown: dict, variant: Problem, level: Level) -> Point:
+    """Return what runs, with the setting in words and its predicted size."""
+    words = ", ".join(str(value) for value in shown.values() if value)
+    words += f", {level}" if str(level) != str(FIRST) else ""
+    size = variant.workload(level)
+    factor = P2_COST if shown["element"] == "P2" else 1.0
+    return Point(variant, level, words, replace(size, triangles=factor * size.triangles))
 
 
 def _shown(names: dict) -> dict:
@@ -168,40 +162,35 @@ def _shown(names: dict) -> dict:
     return {"method": method} | rest
 
 
-def change(opened: Problem, names: dict) -> Problem:
-    """Return the problem with another method, element, model, tolerance or dt."""
+def change_names(opened: Problem, names: dict) -> Change:
+    """Return the change to another method, element, model, tolerance or dt."""
     if isinstance(opened, FunctionProblem):
-        given = {key: value for key, value in names.items() if value}
-        return replace(opened, settings={**opened.settings, **given})
+        return Change(values={key: value for key, value in names.items() if value})
     scene = opened.scene
-    return SceneProblem(
-        scene_of(to_toml(change_tables(scene, names)), scene.trusts_geo), opened.name
-    )
+
+    def edit(tables: dict) -> dict:
+        if names["element"] != scene.cloth.element:
+            tables["cloth"]["element"] = names["element"]
+            tables.pop("mass", None)  # each element has its usual one
+        for i, table in enumerate(scene.terms):
+            is_membrane = traits_of(table.make()).kind == "membrane"
+            if names["model"] and is_membrane and table.type != names["model"]:
+                tables["terms"][i] = {"type": names["model"]}
+        if names["method"] != "equilibrium":
+            _change_time(tables, names)
+        return tables
+
+    return Change(edits=(edit,))
 
 
-def change_tables(scene: Scene, names: dict) -> dict[str, Any]:
-    """Return the tables of a scene with another method, element, model, tolerance or dt."""
-    data = tomllib.loads(scene.to_toml())
-    if names["element"] != scene.cloth.element:
-        data["cloth"]["element"] = names["element"]
-        data.pop("mass", None)  # each element has its usual one
-    for i, table in enumerate(scene.terms):
-        is_membrane = traits_of(table.make()).kind == "membrane"
-        if names["model"] and is_membrane and table.type != names["model"]:
-            data["terms"][i] = {"type": names["model"]}
-    if names["method"] != "equilibrium":
-        _change_time(data, names)
-    return data
-
-
-def _change_time(data: dict, names: dict) -> None:
+def _change_time(tables: dict, names: dict) -> None:
     """Set method and steps; explicit methods take their stable step and a lumped mass."""
-    time = data["time"]
+    time = tables["time"]
     own = time.get("method", "auto")
     if names["method"] != (own if isinstance(own, str) else own["type"]):
         time["method"] = names["method"]
     if names["method"] in EXPLICIT:
-        data["mass"] = "lumped"
+        tables["mass"] = "lumped"
     if names["method"] in EXPLICIT or "rtol" in names:
         time["dt"] = "auto"
     if time.get("dt", "auto") == "auto" or "dt" in names:

@@ -14,14 +14,20 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of, value_of
-from fecloth.study.chart_grid import Setting, change, make_settings
+from fecloth.study.chart_grid import Setting, change_names, make_settings
 from fecloth.study.chart_result import Chart, describe_chart, find_front
 from fecloth.study.convergence import Convergence
 from fecloth.study.levels import Level
-from fecloth.study.measured_runs import record_of
 from fecloth.study.problems import Problem, SceneProblem, open_problem
 from fecloth.study.refinement import refine_problem
-from fecloth.study.run_problems import Point, Runs, refuse_huge, run_points
+from fecloth.study.run_problems import (
+    Point,
+    Runs,
+    check_points,
+    record_at,
+    refuse_huge,
+    run_or_skip,
+)
 from fecloth.study.status import OK
 from fecloth.study.tables import Table
 from fecloth.study.workload import LONGEST, in_words
@@ -130,11 +136,12 @@ def chart(
     listed = make_settings(opened, methods, elements, models, meshes)
     limit = find_limit(opened, chosen, levels, runs)
     if limit is None:
-        table = Table(tuple(_line(one, None, chosen, None) for one in listed))
+        table = Table(tuple(_line(setting, None, chosen, None) for setting in listed))
         verdict = "not known: the limit of this problem was not found; see `converge`"
         return Chart(title=opened.name, verdict=verdict, table=table)
     rows = _run(listed, chosen, replace(runs, time_limit=time_limit, timed=True))
-    lines = [_line(one, row, chosen, limit) for one, row in zip(listed, rows, strict=True)]
+    pairs = zip(listed, rows, strict=True)
+    lines = [_line(setting, row, chosen, limit) for setting, row in pairs]
     on_front = find_front(lines)
     table = Table(tuple({**line, "on front": i in on_front} for i, line in enumerate(lines)))
     return Chart(
@@ -158,8 +165,7 @@ def find_limit(opened: Problem, quantity: Quantity, levels: int, runs: Runs) -> 
     found, rows = refine_problem(problem, quantity, refine, levels, RATIO, runs)
     if found.estimate is None:
         return None
-    cloth = problem.cloth_of(rows[-1]["point"].level, quantity)
-    return Limit(found, quantity, record_of(rows[-1], quantity, cloth, problem.probes))
+    return Limit(found, quantity, record_at(rows[-1], quantity))
 
 
 def _for_limit(opened: Problem) -> Problem:
@@ -174,41 +180,37 @@ def _for_limit(opened: Problem) -> Problem:
         return opened
     dt = (time.t_end - time.t_start) / STEPS_OF_LIMIT if time.dt == "auto" else time.dt
     names = {"method": "bdf2", "element": scene.cloth.element, "model": "", "dt": dt}
-    return change(opened, names)
+    return opened.changed(change_names(opened, names))
 
 
 def _run(listed: Sequence[Setting], quantity: Quantity, runs: Runs) -> list[Mapping]:
     """Return a row for each setting; refused and too long ones do not run."""
-    rows: list[Mapping] = []
-    points = {}
-    for i, one in enumerate(listed):
-        if one.problem is None:
-            rows.append({"status": "refused", "cause": one.refusal})
-            continue
-        seconds = one.size().seconds
-        too_long = runs.time_limit is not None and seconds > runs.time_limit
-        rows.append({"status": "skipped", "cause": f"predicted: about {in_words(seconds)}"})
-        if not too_long:
-            points[i] = Point(one.problem, one.level, one.words, one.size())
-    if points:
-        for i, row in zip(points, run_points(list(points.values()), [quantity], runs), strict=True):
-            rows[i] = row
-    return rows
+    able = [_skip_long(setting.run, runs.time_limit or math.inf) for setting in listed]
+    if points := [run for run in able if isinstance(run, Point)]:
+        check_points(points, runs)
+    return run_or_skip(able, [quantity], runs)
+
+
+def _skip_long(run: Point | dict, limit: float) -> Point | dict:
+    """Return a run, or a row in place of one that is predicted to take longer than the limit."""
+    if isinstance(run, Point) and run.size.seconds > limit:
+        cause = f"predicted: about {in_words(run.size.seconds)}"
+        return {"status": "skipped", "cause": cause}
+    return run
 
 
 def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limit | None) -> dict:
     """Return the row of the table for one setting."""
     line: dict[str, Any] = setting.names | setting.sizes()
-    if row is None or limit is None or setting.problem is None or row["status"] != OK:
+    if row is None or limit is None or row["status"] != OK:
         status = row or {"status": "not run", "cause": ""}
         return line | {"status": status["status"], "cause": str(status["cause"]).split("\n")[0]}
-    cloth = setting.problem.cloth_of(setting.level, quantity)
     line.setdefault("h", row["edge"])
     if math.isfinite(row["step"]):
         line["dt"] = float(f"{row['step']:.9g}")  # without the round-off of times
     line |= {"triangles": row["triangles"], "steps": row["steps"], "seconds": row["cpu_seconds"]}
     try:
-        error = limit.error(record_of(row, quantity, cloth, setting.problem.probes))
+        error = limit.error(record_at(row, quantity))
     except InputError as refusal:  # as where a signal has no period
         return line | {"status": "no value", "cause": str(refusal).splitlines()[0]}
     line |= {"error": error, "uncertainty": limit.found.uncertainty}

@@ -29,8 +29,8 @@ from fecloth.study.levels import Level
 from fecloth.study.overlay import Overlay
 from fecloth.study.problems import Problem, open_problem
 from fecloth.study.ranges import read_ranges
-from fecloth.study.refinement import is_number, levels_to_run, record_at, summarise
-from fecloth.study.run_problems import Point, Runs, refuse_huge, run_points
+from fecloth.study.refinement import is_number, levels_to_run, summarise
+from fecloth.study.run_problems import Point, Runs, check_points, record_at, refuse_huge, run_points
 from fecloth.study.status import OK, REFUSED
 from fecloth.study.tables import Table
 from fecloth.study.variants import describe_failure, make_variants, name_variant, open_first
@@ -194,6 +194,7 @@ def _run(opened: Mapping, plans: Mapping, quantity: Quantity, runs: Runs) -> dic
         for name, levels in plans.items()
         for level in levels
     ]
+    check_points(points, runs)
     rows = iter(run_points(points, [quantity], runs))
     return {name: [next(rows) for _ in levels] for name, levels in plans.items()}
 

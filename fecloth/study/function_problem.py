@@ -1,11 +1,11 @@
-"""A user's function of h and dt that a study refines."""
+"""A user's function of h and dt that a study changes and refines."""
 
 from __future__ import annotations
 
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -16,10 +16,18 @@ from fecloth.mesh.grading import Grading
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.study import measured_runs
-from fecloth.study.common_problem import CommonProblem, quantities_of
+from fecloth.study.change import Change
 from fecloth.study.fingerprint import source_hash
 from fecloth.study.levels import REFINED, Level
-from fecloth.study.setups import Setup, setup_of_function
+from fecloth.study.problem import CommonProblem, quantities_of
+from fecloth.study.setups import (
+    Setup,
+    accepted,
+    describe_term,
+    setup_of_function,
+    table_of_grading,
+    with_terms,
+)
 from fecloth.study.workload import STEPS, Workload
 
 STATIC = 20  # iterations of an equilibrium, for the predicted time
@@ -33,8 +41,11 @@ class FunctionProblem(CommonProblem):
     h: float | None
     dt: float | None
     t_end: float | None
-    given: tuple[Probe, ...] = ()
+    placed: tuple[Probe, ...] = ()
     settings: Mapping[str, object] = field(default_factory=dict)
+    terms: list[dict] | None = None  # in place of the function's own, as `describe_term` has them
+    sharper: float | None = None  # divides the tolerance of the solver; None for its own
+
     rtol: ClassVar[float] = 0.0  # of steps that the function's method chooses: not known
     interest: ClassVar[tuple[Quantity, ...]] = ()
 
@@ -45,11 +56,16 @@ class FunctionProblem(CommonProblem):
     @property
     def probes(self) -> tuple[str, ...]:
         """Names of the probes."""
-        return tuple(probe.name for probe in self.given)
+        return tuple(probe.name for probe in self.placed)
+
+    @property
+    def span(self) -> float | None:
+        """Length of the run [s]; None of an equilibrium."""
+        return self.t_end
 
     @cached_property
     def first(self) -> Setup:  # type: ignore[override]  # computed when it is first needed
-        return self.setup(Level())
+        return self.setup()
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:  # type: ignore[override]  # read only
@@ -87,53 +103,76 @@ class FunctionProblem(CommonProblem):
         if self.t_end is None and refine != "h":
             raise InputError("t_end is missing", "an equilibrium has no dt", self.name)
 
+    @cached_property
+    def tables(self) -> dict:
+        """What edits can change, in the form of a scene's tables."""
+        first = self.first
+        cloth: dict = {"element": first.cloth.element} | ({} if self.h is None else {"h": self.h})
+        terms = [describe_term(term, i) for i, term in enumerate(first.system.terms)]
+        tables = {"cloth": cloth, "terms": terms, "output": {}}
+        if first.is_static:
+            return tables | {"equilibrium": {}}
+        if self.dt is None:  # the method chooses its steps
+            return tables | {"time": {"dt": "auto", "method": "auto"}}
+        return tables | {"time": {"dt": self.dt, "t_end": self.t_end, "method": "auto"}}
+
+    def changed(self, change: Change) -> FunctionProblem:
+        """Return the problem with a change: other arguments, or other terms, h and dt."""
+        sizes: dict[str, Any] = {k: change.values[k] for k in ("h", "dt") if k in change.values}
+        rest = {key: value for key, value in change.values.items() if key not in sizes}
+        accepted(self.function, rest)
+        if change.edits:
+            tables = replace(change, values={}).apply(self.tables)
+            sizes |= {"h": tables["cloth"].get("h"), "terms": tables["terms"]}
+            sizes |= {"dt": tables["time"]["dt"]} if self.dt is not None else {}
+        return replace(self, settings={**self.settings, **rest}, **sizes)
+
+    def refined(self, level: Level) -> FunctionProblem:
+        """Return a level of the problem; a refined dt divides the run into equal steps."""
+        h, dt = self.h and self.h / level.h, self.dt
+        if dt is not None and self.t_end is not None:
+            dt = self.t_end / round(math.ceil(self.t_end / dt - 1e-9) * level.dt)
+        return replace(self, h=h, dt=dt, sharper=level.sharper)
+
     def graded(self, gradings: Sequence[Grading]) -> FunctionProblem:
         """Return the problem with the argument `grading`, as JSON's types."""
         if "grading" not in inspect.signature(self.function).parameters:
             remedy = "Pass it on, as in fc.Cloth.rectangle(1.0, 1.0, h, grading=grading)."
             needed = "needs a function with the argument grading"
             raise InputError("grade = True", needed, self.name, remedy)
-        entries = [{k: v for k, v in asdict(one).items() if v is not None} for one in gradings]
-        entries = [
-            one | {"point": list(one["point"])} if "point" in one else one for one in entries
-        ]
-        return replace(self, settings={**self.settings, "grading": entries})
+        return self.changed(Change(values={"grading": list(map(table_of_grading, gradings))}))
 
-    def sizes(self, level: Level) -> tuple[dict[str, object], float | None]:
-        """Return the settings of the function, with h and dt, and dt."""
+    def arguments(self) -> tuple[dict[str, object], float | None]:
+        """Return the arguments of the function, with h and dt, and dt, of equal steps."""
         settings, dt = dict(self.settings), self.dt
         if self.h is not None:
-            settings["h"] = self.h / level.h
-        if dt is not None and self.t_end is not None:
-            dt = self.t_end / round(math.ceil(self.t_end / dt - 1e-9) * level.dt)
+            settings["h"] = self.h
         if dt is not None:
+            if self.t_end is not None:
+                dt = self.t_end / math.ceil(self.t_end / dt - 1e-9)
             settings["dt"] = dt
         return settings, dt
 
-    def setup(self, level: Level) -> Setup:
-        """Call the function for a level."""
-        settings, dt = self.sizes(level)
+    def setup(self) -> Setup:
+        """Call the function, and put other terms in place of its own."""
+        settings, dt = self.arguments()
         run = self.function, settings, dt, self.t_end
-        return setup_of_function(*run, self.given, level.sharper)
+        made = setup_of_function(*run, self.placed, self.sharper)
+        return made if self.terms is None else with_terms(made, self.terms)
 
     runner = staticmethod(measured_runs.run_function)
 
     @property
     def is_importable(self) -> bool:
         """Whether other processes can import the function and know its probes."""
-        names = all(isinstance(probe.where, str | None) for probe in self.given)
+        names = all(isinstance(probe.where, str | None) for probe in self.placed)
         return names and _importable(self.function) is not None
 
-    def case(self, level: Level, recorded: list[str], modes: int) -> dict[str, object]:
-        """Return the arguments of `runner` for a level."""
-        more = {"recorded": recorded, "modes": modes, "sharper": level.sharper}
-        return self.reference(level) | more
-
-    def reference(self, level: Level) -> dict[str, Any]:
-        """Return where a process finds the function, and its arguments for a level."""
+    def case(self) -> dict[str, object]:
+        """Return the arguments of `runner` that say what the problem is: the same, the same run."""
         file, name = _importable(self.function) or "", self.function.__name__
         measured_runs.known_functions[file, name] = self.function
-        settings, dt = self.sizes(level)
+        settings, dt = self.arguments()
         return {
             "path": file,
             "name": name,
@@ -141,12 +180,14 @@ class FunctionProblem(CommonProblem):
             "settings": settings,
             "dt": dt,
             "t_end": self.t_end,
-            "probes": [[p.name, p.where, list(p.point) if p.point else None] for p in self.given],
+            "probes": [[p.name, p.where, list(p.point) if p.point else None] for p in self.placed],
+            "terms": self.terms,
+            "sharper": self.sharper,
         }
 
-    def cloth_of(self, level: Level, quantity: Quantity) -> Cloth | None:
-        """Return the cloth of a level where the quantity needs it."""
-        return self.setup(level).cloth if quantity.is_field else None
+    def cloth_for(self, quantity: Quantity) -> Cloth | None:
+        """Return the cloth where the quantity needs it."""
+        return self.first.cloth if quantity.is_field else None
 
 
 def _importable(function: Callable) -> str | None:

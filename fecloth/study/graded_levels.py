@@ -16,8 +16,8 @@ from fecloth.simulation.quantity_values import difference_of, value_of
 from fecloth.study.convergence import Convergence
 from fecloth.study.graded_meshes import alone, choose_gradings
 from fecloth.study.problems import Problem
-from fecloth.study.refinement import is_number, record_at, refine_problem
-from fecloth.study.run_problems import Runs
+from fecloth.study.refinement import is_number, refine_problem
+from fecloth.study.run_problems import Runs, record_at
 from fecloth.study.status import OK
 from fecloth.study.tables import Table
 from fecloth.system.space_error import space_error

@@ -12,7 +12,7 @@ from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
 from fecloth.study.obstacles import has_bending
-from fecloth.study.orders import is_round
+from fecloth.study.problem import is_round
 from fecloth.study.setups import Setup
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State

@@ -32,6 +32,7 @@ class Level:
 
 
 FIRST = Level()
+AS_IS = Level(sharper=None)  # with the solver of the problem
 
 
 def make_levels(

@@ -18,6 +18,7 @@ from fecloth.integrators.step import Step
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.equilibrium import equilibrium
 from fecloth.nonlinear.statistics import Counts
+from fecloth.scene.scene import scene_of
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import march
 from fecloth.simulation.probes import Observer, Probe
@@ -29,8 +30,8 @@ from fecloth.simulation.run import collect, columns
 from fecloth.study.modes import modes as natural_modes
 from fecloth.study.obstacles import find_obstacles
 from fecloth.study.processes import load_function
-from fecloth.study.setups import Setup, setup_of_function, setup_of_scene
-from fecloth.study.status import check_time_limit
+from fecloth.study.setups import Setup, setup_of_function, setup_of_scene, with_terms
+from fecloth.study.status import TimeLimit, check_time_limit
 
 WHOLE = ("max", "min", "path", "period", "frequency")  # over the run
 REPEATS, SHORT = 3, 1.0  # runs to compare seconds, as long as all together take less [s]
@@ -38,56 +39,46 @@ Solve = Callable[[Setup, Callable[..., None]], dict]
 known_functions: dict[tuple[str, str], Callable] = {}  # of this process: imported already
 
 
-def run_scene_text(
-    text: str,
-    digest: str,
-    recorded: list,
-    modes: int = 0,
-    trust_geo: bool = False,
-    timed: bool = False,
+def run_scene(
+    tables: dict, digest: str, trust_geo: bool, recorded: list, modes: int = 0, **timing: Any
 ) -> dict:
-    """Run the scene of a text; `recorded` are the columns to return over the whole run."""
-    return _measure_all(setup_of_scene(text, trust_geo), recorded, modes, timed)
+    """Run the scene of these tables; `recorded` are the columns to return over the whole run.
+
+    `digest` is a hash of the files that it reads; `timing` is as for `measure`.
+    """
+    setup = setup_of_scene(scene_of(tables, trust_geo), compiled=True)
+    return _measure_all(setup, recorded, modes, timing)
 
 
-def run_function(
-    path: str,
-    name: str,
-    digest: str,
-    settings: dict,
-    dt: float | None,
-    t_end: float | None,
-    probes: list,
-    recorded: list,
-    modes: int = 0,
-    sharper: float | None = 1.0,
-    timed: bool = False,
-) -> dict:
-    """Run what the user's function of that file returns; `probes` are names with places."""
-    setup = setup_of_importable(path, name, settings, dt, t_end, probes, sharper)
-    return _measure_all(setup, recorded, modes, timed)
+def run_function(recorded: list, modes: int = 0, **case: Any) -> dict:
+    """Run what a user's function returns; `case` is of `FunctionProblem`, and may have timing."""
+    timing = {key: case.pop(key) for key in ("timed", "repeats", "most") if key in case}
+    return _measure_all(setup_of_importable(**case), recorded, modes, timing)
 
 
-def _measure_all(setup: Setup, recorded: list, modes: int, timed: bool) -> dict:
+def _measure_all(setup: Setup, recorded: list, modes: int, timing: dict) -> dict:
     """Return the row of a case, with the CPU seconds of all its runs."""
     begin = time.process_time()
-    row = measure(setup, recorded, modes, timed=timed)
+    row = measure(setup, recorded, modes, **timing)
     return row | {"case_seconds": time.process_time() - begin}
 
 
 def setup_of_importable(
     path: str,
     name: str,
+    digest: str,
     settings: dict,
     dt: float | None,
     t_end: float | None,
     probes: list,
-    sharper: float | None = 1.0,
+    terms: list | None,
+    sharper: float | None,
 ) -> Setup:
-    """Return the setup of the user's function of that file."""
+    """Return the setup of the user's function of that file, as `FunctionProblem.case` has it."""
     function = known_functions.get((path, name)) or load_function(path, name)
     placed = tuple(Probe(*probe) for probe in probes)
-    return setup_of_function(function, settings, dt, t_end, placed, sharper)
+    setup = setup_of_function(function, settings, dt, t_end, placed, sharper)
+    return setup if terms is None else with_terms(setup, terms)
 
 
 def measure(
@@ -95,8 +86,9 @@ def measure(
     recorded: Sequence[str],
     modes: int = 0,
     function: Callable[[Any], float] | None = None,
-    report: Callable[..., None] = check_time_limit,
     timed: bool = False,
+    repeats: int = REPEATS,
+    most: float | None = None,
 ) -> dict:
     """Run a setup on one thread and return its row.
 
@@ -109,11 +101,13 @@ def measure(
         time is not run.
     function
         A user's function of the result.
-    report
-        What is called after every step or iteration; it may raise `TimeLimit`.
     timed
         Whether the CPU seconds will be compared: first a few steps warm up, and a short run is
         repeated, of which the fastest counts.
+    repeats
+        Runs at most, of which the fastest counts.
+    most
+        Longest CPU time of a run [s].
     """
     with (
         setup.system.team.pinned(),
@@ -123,7 +117,10 @@ def measure(
         solve: Solve = _solve if setup.t_end is None else partial(_march, whole=whole)
         if modes and not setup.is_static:
             solve = _nothing_run
-        row, seconds = (_run_timed if timed else _run_once)(solve, setup, report)
+        if timed:
+            row, seconds = _run_timed(solve, setup, repeats, most)
+        else:
+            row, seconds = _run_once(solve, setup, most)
         result, all_columns, end = row.pop("result"), row.pop("columns"), row.pop("end")
         row["cpu_seconds"] = seconds
         row["ends"] = {key: [float(v[0]), float(v[-1])] for key, v in all_columns.items()}
@@ -144,26 +141,32 @@ def measure(
     return sizes | row | {"obstacles": find_obstacles(setup, row["ends"], end.x)}
 
 
-def _run_once(solve: Solve, setup: Setup, report: Callable[..., None]) -> tuple[dict, float]:
+def _run_once(solve: Solve, setup: Setup, most: float | None) -> tuple[dict, float]:
     """Return the row of a run, and its CPU seconds."""
     begin = time.process_time()
+
+    def report(*_: object) -> None:
+        check_time_limit()
+        if most and time.process_time() - begin > most:
+            raise TimeLimit(f"more than {most:g} CPU seconds")
+
     row = solve(setup, report)
     return row, time.process_time() - begin
 
 
-def _run_timed(solve: Solve, setup: Setup, report: Callable[..., None]) -> tuple[dict, float]:
-    """Warm up with four steps, or a static solution; then return the fastest of up to three."""
+def _run_timed(solve: Solve, setup: Setup, repeats: int, most: float | None) -> tuple[dict, float]:
+    """Warm up with four steps, or a static solution; then return the fastest of some runs."""
     first = setup
     if setup.t_end is not None and not setup.is_static:
         span = setup.t_end - setup.start.t
         short = min(4 * setup.steps.dt if setup.steps.dt else 0.02 * span, span)
         first = replace(setup, t_end=setup.start.t + short)
     with suppress(FeclothError):  # the run itself will say so
-        solve(first, report)
-    row, seconds = _run_once(solve, setup, report)
+        _run_once(solve, first, most)
+    row, seconds = _run_once(solve, setup, most)
     spent = [seconds]
-    while len(spent) < REPEATS and sum(spent) < SHORT:
-        spent.append(_run_once(solve, setup, report)[1])
+    while len(spent) < repeats and sum(spent) < SHORT:
+        spent.append(_run_once(solve, setup, most)[1])
     return row, min(spent)
 
 

@@ -11,9 +11,8 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, value_of
 from fecloth.study.convergence import Convergence, describe_value, judge
 from fecloth.study.levels import Level, make_levels
-from fecloth.study.measured_runs import record_of
 from fecloth.study.problems import Problem
-from fecloth.study.run_problems import Point, Runs, run_points
+from fecloth.study.run_problems import Point, Runs, check_points, record_at, run_points
 from fecloth.study.status import OK
 from fecloth.study.tables import Table
 from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
@@ -35,6 +34,7 @@ def refine_problem(
     cases = levels_to_run(opened, quantity, refine, levels, ratio)
     opened.check_quantity(quantity)
     points = [Point(opened, one, str(one), opened.workload(one)) for one in cases]
+    check_points(points, runs)
     rows = run_points(points, [quantity], runs)
     found = summarise(opened, quantity, refine, orders, rows[:levels], rows[levels:])
     return found, rows[:levels]
@@ -131,12 +131,6 @@ def _values_of_levels(
     return values, [sum(apart[k:]) for k in range(len(records))]
 
 
-def record_at(row: Mapping, quantity: Quantity) -> RunRecord:
-    """Return what a quantity is computed from, of a row of `run_points`."""
-    opened, level = row["point"].problem, row["point"].level
-    return record_of(row, quantity, opened.cloth_of(level, quantity), opened.probes)
-
-
 def is_number(quantity: Quantity, record: RunRecord) -> bool:
     """Whether the quantity is a number, not a field, a path or a vector."""
     if quantity.is_field or quantity.how == "path":
@@ -158,7 +152,7 @@ def _edge(opened: Problem, first: Mapping, row: Mapping) -> float | None:
     Of a failed level it is the nominal one.
     """
     if "edge" not in row or "edge" not in first:
-        return opened.h and opened.h / row["point"].level.h
+        return row["point"].refined.h
     return (opened.h or first["edge"]) * row["edge"] / first["edge"]
 
 

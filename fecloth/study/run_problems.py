@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from fecloth.errors import InputError
 from fecloth.simulation.quantity import Quantity
+from fecloth.simulation.quantity_values import RunRecord
 from fecloth.study import status
 from fecloth.study.cases import run_cases
 from fecloth.study.levels import FIRST, Level
-from fecloth.study.measured_runs import columns_to_record, measure
+from fecloth.study.measured_runs import REPEATS, columns_to_record, measure, record_of
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.progress import Progress
 from fecloth.study.workload import LONGEST, Workload, check_size
@@ -31,8 +33,10 @@ class Runs:
     # Predicted time above which the study does not start [s]; None for no limit.
     most_seconds: float | None = LONGEST
     fresh: bool = False  # run every case, even if its result is stored
-    timed: bool = False  # measure CPU seconds that can be compared, see `measure`
-    quiet: bool = False  # print neither the size of all cases nor a line for each
+    # Measure CPU seconds that can be compared, by up to this many repeated runs; see `measure`.
+    timed: bool = False
+    repeats: int = REPEATS
+    quiet: bool = False  # print no line for each case
 
     def __post_init__(self):
         if not (isinstance(self.jobs, int) and self.jobs >= 1):
@@ -47,6 +51,32 @@ class Point:
     level: Level
     words: str
     size: Workload
+    most: float | None = None  # longest CPU time of the run [s]
+
+    @cached_property
+    def refined(self) -> Problem:
+        """The problem on the level: what runs."""
+        return self.problem.refined(self.level)
+
+
+def check_points(points: Sequence[Point], runs: Runs) -> None:
+    """Print the size of all, and refuse what takes too long."""
+    sizes = [point.size for point in points]
+    check_size(sizes, runs.jobs, runs.most_seconds, points[0].problem.name)
+
+
+def refused(error: Exception | str) -> dict:
+    """Return the row of a run that is refused."""
+    return {"status": status.REFUSED, "cause": str(error).splitlines()[0]}
+
+
+def run_or_skip(
+    listed: Sequence[Point | Mapping], quantities: Sequence[Quantity], runs: Runs
+) -> list[Mapping]:
+    """Return a row for each point; what is a row already, of one that does not run, stays."""
+    points = [point for point in listed if isinstance(point, Point)]
+    rows = iter(run_points(points, quantities, runs) if points else ())
+    return [next(rows) if isinstance(item, Point) else item for item in listed]
 
 
 def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST) -> None:
@@ -58,57 +88,72 @@ def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST) -> None:
 
 
 def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Runs) -> list[dict]:
-    """Return a row for each point, with its `point`; first check and print the size of all.
+    """Return a row for each point, with its `point`.
 
     A function that other processes cannot import, and a function as quantity, run in this process
     and are not stored.
     """
-    functions = [one.function for one in quantities if one.function]
+    functions = [quantity.function for quantity in quantities if quantity.function]
     if len(functions) > 1:
         raise InputError(f"{len(functions)} functions as quantities", "must be at most 1", "study")
-    needed = (*quantities, *points[0].problem.interest)  # so studies of others of them share cases
-    recorded = sorted({name for one in needed for name in columns_to_record(one)})
-    modes = max((one.mode for one in quantities), default=0)
-    if not runs.quiet:
-        check_size([p.size for p in points], runs.jobs, runs.most_seconds, points[0].problem.name)
+    first = points[0].problem
+    needed = (*quantities, *first.interest)  # so studies of others of them share cases
+    recorded = sorted({name for quantity in needed for name in columns_to_record(quantity)})
+    modes = max((quantity.mode for quantity in quantities), default=0)
+    asked = {"recorded": recorded, "modes": modes}
     if functions or not all(point.problem.is_importable for point in points):
-        function = functions[0] if functions else None
-        rows = run_here(
-            points, lambda one: _measure(one, recorded, modes, function, runs), runs.quiet
-        )
+        asked |= {"function": functions[0]} if functions else {}
+
+        def run(point: Point) -> dict:
+            settings = {"point": point, **asked, **_timing(point, runs)}
+            return status.attempt(_measure, settings, runs.time_limit)
+
+        rows = run_here(points, run, runs.quiet)
     else:
-        more = {"timed": True} if runs.timed else {}
-        cases = [point.problem.case(point.level, recorded, modes) | more for point in points]
-        rows = run_cases(
-            cases,
-            points[0].problem.runner,
-            runs.cache,
-            runs.jobs,
-            runs.scheduler,
-            runs.time_limit,
-            runs.fresh,
-            label=lambda settings: points[cases.index(dict(settings))].words,
-            costs=[point.size.seconds for point in points],
-            quiet=runs.quiet,
-        )
+        cases = [point.refined.case() | asked | _timing(point, runs) for point in points]
+        rows = run_stored(points, cases, first.runner, runs)
     return [{**row, "point": point} for row, point in zip(rows, points, strict=True)]
+
+
+def _timing(point: Point, runs: Runs) -> dict:
+    """Return the arguments of `measure` on the time of a run, without defaults."""
+    timing: dict = {"timed": True, "repeats": runs.repeats} if runs.timed else {}
+    return timing | ({"most": point.most} if point.most is not None else {})
+
+
+def _measure(point: Point, **asked: Any) -> dict:
+    return measure(point.refined.setup(), **asked)
+
+
+def run_stored(
+    listed: Sequence[Any], cases: Sequence[dict], runner: Callable[..., dict], runs: Runs
+) -> list[dict]:
+    """Return the rows of cases, from the store or run; what is listed has `words` and a `size`."""
+    return run_cases(
+        cases,
+        runner,
+        runs.cache,
+        runs.jobs,
+        runs.scheduler,
+        runs.time_limit,
+        runs.fresh,
+        label=lambda settings: listed[cases.index(dict(settings))].words,
+        costs=[item.size.seconds for item in listed],
+        quiet=runs.quiet,
+    )
 
 
 def run_here(listed: Sequence[Any], run: Callable[[Any], dict], quiet: bool = False) -> list[dict]:
     """Run what has `words` and a `size`, in this process, with progress lines unless `quiet`."""
-    costs, rows = [one.size.seconds for one in listed], list[dict]()
+    costs, rows = [item.size.seconds for item in listed], list[dict]()
     progress = Progress(costs, in_seconds=True, quiet=quiet)
-    for one, cost in zip(listed, costs, strict=True):
-        rows.append(run(one))
-        progress.print(one.words, rows[-1], cost)
+    for item, cost in zip(listed, costs, strict=True):
+        rows.append(run(item))
+        progress.print(item.words, rows[-1], cost)
     return rows
 
 
-def _measure(
-    point: Point, recorded: list[str], modes: int, function: Callable | None, runs: Runs
-) -> dict:
-    def run() -> dict:
-        setup = point.problem.setup(point.level)
-        return measure(setup, recorded, modes, function, timed=runs.timed)
-
-    return status.attempt(run, {}, runs.time_limit)
+def record_at(row: Mapping, quantity: Quantity) -> RunRecord:
+    """Return what a quantity is computed from, of a row of `run_points`."""
+    problem = row["point"].refined
+    return record_of(row, quantity, problem.cloth_for(quantity), problem.probes)

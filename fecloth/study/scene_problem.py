@@ -1,40 +1,46 @@
-"""A scene that a study refines."""
+"""A scene that a study changes and refines."""
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 from fecloth.errors import InputError, is_number
 from fecloth.integrators import EXPLICIT
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
-from fecloth.scene.scene import Scene
-from fecloth.scene.shape_tables import GradingTable
+from fecloth.scene.scene import Scene, scene_of
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.quantity import Quantity
 from fecloth.study import measured_runs
-from fecloth.study.common_problem import CommonProblem, quantities_of
+from fecloth.study.change import Change
 from fecloth.study.levels import Level
-from fecloth.study.scene_text import digest_of_files, scene_of, text_of
-from fecloth.study.setups import Setup, setup_of_scene
+from fecloth.study.problem import CommonProblem, quantities_of
+from fecloth.study.setups import Setup, setup_of_scene, table_of_grading
 from fecloth.study.workload import Workload
+
+WORDS = ("title", "expect", "interest", "output")  # tables that change no result
 
 
 @dataclass(frozen=True, eq=False)
 class SceneProblem(CommonProblem):
-    """A scene to refine."""
+    """A scene to change and refine."""
 
     scene: Scene
     name: str
 
     @cached_property
+    def tables(self) -> dict:
+        """The tables of the scene, with all defaults and absolute paths."""
+        return self.scene.to_tables()
+
+    @cached_property
     def first(self) -> Setup:  # type: ignore[override]  # computed when it is first needed
-        built = self.scene.build()
-        run = built.system, built.state, built.steps, built.t_end, built.newton, built.linear
-        return Setup(*run, built.probes)
+        return setup_of_scene(self.scene)
 
     @property
     def probes(self) -> tuple[str, ...]:
@@ -43,8 +49,14 @@ class SceneProblem(CommonProblem):
 
     @property
     def h(self) -> float | None:
-        """Edge length of the first level [m]."""
+        """Edge length [m]."""
         return self.scene.cloth.h
+
+    @property
+    def span(self) -> float | None:
+        """Length of the run [s]; None of an equilibrium."""
+        time = self.scene.time
+        return None if self.scene.equilibrium else time.t_end - time.t_start
 
     @property
     def interest(self) -> tuple[Quantity, ...]:
@@ -107,40 +119,74 @@ class SceneProblem(CommonProblem):
             remedy = "Give time.dt; or refine h: the steps follow their tolerance."
             raise InputError('dt = "auto"', "cannot be refined", self.name, remedy)
 
-    def text(self, level: Level) -> str:
-        """Return the scene of a level; a refined dt divides the run into equal steps."""
-        h, dt, time = self.scene.cloth.h, None, self.scene.time
-        if level.dt != 1 and time and time.dt != "auto":
-            span = time.t_end - time.t_start
-            dt = span / round(math.ceil(span / time.dt - 1e-9) * level.dt)
-        finer = None if level.h == 1 or h is None else h / level.h
-        rtol = None if level.rtol == 1 else self.rtol / level.rtol
-        return text_of(self.scene, finer, dt, level.sharper, rtol)
+    def changed(self, change: Change) -> SceneProblem:
+        """Return the problem with a change; raise `InputError` with its name if it is refused."""
+        try:
+            tables = change.apply(self._without_defaults(change))
+            return SceneProblem(scene_of(tables, self.scene.trusts_geo), self.name)
+        except InputError as error:
+            where = f"{self.name} with {change.name}" if change.name else ""
+            raise InputError(error.what, error.allowed, where, error.remedy) from None
+
+    def _without_defaults(self, change: Change) -> dict:
+        """Return the tables; a term that changes its type without the defaults of the old type."""
+        terms = [
+            {key: value for key, value in table.items() if key in term.model_fields_set}
+            if f"terms.{i}.type" in (key.replace(" ", "") for key in change.values)
+            else table
+            for i, (table, term) in enumerate(
+                zip(self.tables.get("terms", ()), self.scene.terms, strict=True)
+            )
+        ]
+        return self.tables | ({"terms": terms} if terms else {})
+
+    def refined(self, level: Level) -> SceneProblem:
+        """Return a level of the problem; a refined dt divides the run into equal steps."""
+        scene, values = self.scene, dict[str, object]()
+        if level.h != 1 and self.h is not None:
+            values["cloth.h"] = self.h / level.h
+        if level.dt != 1 and self.span is not None and scene.time.dt != "auto":
+            steps = math.ceil(self.span / scene.time.dt - 1e-9)
+            values["time.dt"] = self.span / round(steps * level.dt)
+        if level.rtol != 1:
+            values["time.rtol"] = self.rtol / level.rtol
+        if level.sharper is not None and scene.equilibrium:
+            values["equilibrium.tolerance"] = scene.equilibrium.tolerance / level.sharper
+        elif level.sharper is not None:  # "auto" may leave more than levels differ by
+            values["solver.tolerance"] = scene.solver.make().residual / level.sharper
+        return self.changed(Change(values=values)) if values else self
 
     def graded(self, gradings: Sequence[Grading]) -> SceneProblem:
         """Return the problem with [[cloth.grading]]; a scene may not have its own already."""
         if self.scene.cloth.grading:
             remedy = "Leave grade or the gradings out."
             raise InputError("grade = True", "the scene has [[cloth.grading]]", self.name, remedy)
-        entries = tuple(GradingTable(**asdict(one)) for one in gradings)
-        cloth = self.scene.cloth.model_copy(update={"grading": entries})
-        return replace(self, scene=self.scene.model_copy(update={"cloth": cloth}))
+        entries = list(map(table_of_grading, gradings))
+        return self.changed(Change(values={"cloth.grading": entries}))
 
-    runner = staticmethod(measured_runs.run_scene_text)
+    runner = staticmethod(measured_runs.run_scene)
     is_importable = True
 
-    def setup(self, level: Level) -> Setup:
-        """Build the scene of a level."""
-        return setup_of_scene(self.text(level), self.scene.trusts_geo)
+    def setup(self) -> Setup:
+        """Build the scene, and compile what its run needs."""
+        return setup_of_scene(self.scene, compiled=True)
 
-    def case(self, level: Level, recorded: list[str], modes: int) -> dict[str, object]:
-        """Return the arguments of `runner` for a level."""
-        text, digest = self.text(level), digest_of_files(self.scene)
-        case = {"text": text, "digest": digest, "recorded": recorded, "modes": modes}
-        return case | {"trust_geo": self.scene.trusts_geo}
+    def case(self) -> dict[str, object]:
+        """Return the arguments of `runner` that say what the problem is: the same, the same run."""
+        tables = {key: value for key, value in self.tables.items() if key not in WORDS}
+        digest, trust_geo = digest_of_files(self.scene), self.scene.trusts_geo
+        return {"tables": tables, "digest": digest, "trust_geo": trust_geo}
 
-    def cloth_of(self, level: Level, quantity: Quantity) -> Cloth | None:
-        """Return the cloth of a level where the quantity needs it."""
-        return (
-            scene_of(self.text(level), self.scene.trusts_geo).mesh() if quantity.is_field else None
-        )
+    def cloth_for(self, quantity: Quantity) -> Cloth | None:
+        """Return the cloth where the quantity needs it."""
+        return self.scene.mesh() if quantity.is_field else None
+
+
+def digest_of_files(scene: Scene) -> str:
+    """Return a hash of the files that the scene reads: an edited mesh makes another case."""
+    digest = hashlib.sha256()
+    of_terms = (dict(term).get("path") for term in scene.terms)
+    of_pieces = getattr(scene.cloth, "paths", ())
+    for path in (getattr(scene.cloth, "path", None), scene.start.frame, *of_terms, *of_pieces):
+        digest.update(Path(path).read_bytes() if path else b"-")
+    return digest.hexdigest()[:12]

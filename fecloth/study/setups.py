@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from fecloth import terms as all_terms
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
 from fecloth.nonlinear.options import Newton
 from fecloth.runs.warm_up import compile_kernels
+from fecloth.scene.scene import Scene
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.resolve import choose_steps
-from fecloth.study.scene_text import scene_of
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.traits import parameters_of, traits_of
 
 RETURNS = "must return cloth, system, method and start"
 
@@ -49,10 +51,11 @@ class Setup:
         return not self.is_static and self.steps.traits.explicit
 
 
-def setup_of_scene(text: str, trust_geo: bool = False) -> Setup:
-    """Return the setup of a scene's text, with what it needs compiled."""
-    built = scene_of(text, trust_geo).build()
-    compile_kernels(built)
+def setup_of_scene(scene: Scene, compiled: bool = False) -> Setup:
+    """Return the setup of a scene, with what its run needs compiled if asked for."""
+    built = scene.build()
+    if compiled:
+        compile_kernels(built)
     run = built.system, built.state, built.steps, built.t_end, built.newton, built.linear
     return Setup(*run, built.probes)
 
@@ -63,13 +66,13 @@ def setup_of_function(
     dt: float | None,
     t_end: float | None,
     probes: tuple[Probe, ...] = (),
-    sharper: float | None = 1.0,
+    sharper: float | None = None,
 ) -> Setup:
     """Call the user's function with the settings that it takes and return its setup."""
     name = getattr(function, "__name__", "problem")
     if "grading" in settings:  # from JSON
         entries: Any = settings["grading"]
-        settings = {**settings, "grading": [Grading(**one) for one in entries]}
+        settings = {**settings, "grading": [Grading(**entry) for entry in entries]}
     returned = function(**accepted(function, settings))
     if not (isinstance(returned, tuple | list) and len(returned) == 4):
         raise InputError(f"the function {name}", RETURNS, "problem")
@@ -88,7 +91,7 @@ def setup_of_function(
 def accepted(function: Callable, settings: Mapping[str, object]) -> dict[str, object]:
     """Return the settings that a function takes; h and dt may be left out by it."""
     parameters = inspect.signature(function).parameters
-    if any(one.kind is inspect.Parameter.VAR_KEYWORD for one in parameters.values()):
+    if any(item.kind is inspect.Parameter.VAR_KEYWORD for item in parameters.values()):
         return dict(settings)
     unknown = sorted(set(settings) - set(parameters) - {"h", "dt"})
     if unknown:
@@ -96,3 +99,47 @@ def accepted(function: Callable, settings: Mapping[str, object]) -> dict[str, ob
         allowed = f"the function takes {', '.join(parameters) or 'nothing'}"
         raise InputError(what, allowed, "problem")
     return {key: value for key, value in settings.items() if key in parameters}
+
+
+def table_of_grading(grading: Grading) -> dict[str, object]:
+    """Return a grading as a table of [[cloth.grading]], in JSON's types."""
+    table = {key: value for key, value in asdict(grading).items() if value is not None}
+    return {key: list(value) if key == "point" else value for key, value in table.items()}
+
+
+# --- other terms in the system of a user's function -----------------------------------------------
+
+
+def describe_term(term: Any, number: int) -> dict:
+    """Return what edits of the terms need to know of a term, which is the number-th of a system."""
+    table: dict = {"type": type(term).__name__, "number": number}
+    parameters = parameters_of(term)
+    if isinstance(parameters.get("strain"), str):
+        table["strain"] = term.strain
+    if "rest" in parameters:
+        table["rest"] = term.rest if isinstance(term.rest, str) else "given"
+    return table
+
+
+def with_terms(setup: Setup, terms: Sequence[Mapping]) -> Setup:
+    """Return the setup with the terms of a list: its own, as `describe_term` has them, or others.
+
+    The clamps of pins go with the last term that holds normals.
+    """
+    old = setup.system
+    new = tuple(_make_term(term, old.terms) for term in terms)
+    holds = any(traits_of(term).holds_normals for term in new)
+    pins = old.pins if holds else tuple(map(_unclamp, old.pins))
+    return replace(setup, system=replace(old, terms=new, pins=pins))
+
+
+def _make_term(term: Mapping, own: Sequence) -> Any:
+    if "number" not in term:
+        return getattr(all_terms, term["type"])()
+    kept = own[term["number"]]
+    strain = term.get("strain")
+    return kept if strain == parameters_of(kept).get("strain") else replace(kept, strain=strain)
+
+
+def _unclamp(pin: Any) -> Any:
+    return replace(pin, clamp=False) if getattr(pin, "clamp", False) else pin

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from fecloth.errors import InputError
 from fecloth.integrators import studied_by
 from fecloth.scene.scene import Scene
+from fecloth.study.change import describe_values
 from fecloth.study.problems import Problem
 from fecloth.study.ranges import read_ranges
 from fecloth.study.result import StudyResult
@@ -30,7 +31,7 @@ from fecloth.study.stability_words import (
     shorten,
 )
 from fecloth.study.tables import Table
-from fecloth.study.variants import describe_failure, describe_values, make_variants, open_first
+from fecloth.study.variants import describe_failure, make_variants, open_first
 from fecloth.study.workload import LONGEST
 from fecloth.suggest import closest, did_you_mean
 

@@ -11,19 +11,19 @@ import numpy as np
 
 from fecloth.errors import InputError, SolveFailed
 from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.scene.scene import scene_of
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.stability.critical_step import critical_dt
 from fecloth.study import status
-from fecloth.study.cases import run_cases
+from fecloth.study.change import describe_values
 from fecloth.study.levels import FIRST
 from fecloth.study.measured_runs import measure, setup_of_importable
 from fecloth.study.problems import Problem, SceneProblem
-from fecloth.study.run_problems import Runs, run_here
+from fecloth.study.run_problems import Runs, run_here, run_stored
 from fecloth.study.setups import Setup, setup_of_scene
 from fecloth.study.stability_words import WRONG
 from fecloth.study.status import OK
-from fecloth.study.variants import describe_values
 from fecloth.study.workload import Workload, check_size
 
 ALL_METHODS: dict[str, Any] = {**METHODS, **EXPLICIT}
@@ -48,6 +48,11 @@ class Run:
     def dt(self) -> float:
         """Step [s]."""
         return span_of(self.problem.first) / self.steps
+
+    @property
+    def case(self) -> dict[str, Any]:
+        """The arguments of `run_scene_with` or `run_function_with`."""
+        return {"method": self.method, "count": self.steps, **self.problem.case()}
 
     @property
     def words(self) -> str:
@@ -98,6 +103,7 @@ def counts_of(span: float, predicted: float | None) -> list[int]:
 
 def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[str]) -> list[Run]:
     """Return the runs of a problem with all methods."""
+    problem = problem.refined(FIRST)
     limits = {name: predict_limit(problem.first, name) for name in methods}
     span = span_of(problem.first)
     return [
@@ -111,43 +117,28 @@ def run_all(listed: Sequence[Run], runs: Runs) -> list[dict]:
     """Return a row for each run; first print the size of all."""
     check_size([run.size for run in listed], runs.jobs, runs.most_seconds, listed[0].problem.name)
     if all(run.problem.is_importable for run in listed):
-        cases = [
-            {"method": run.method, "count": run.steps, **run.problem.case(FIRST, [], 0)}
-            for run in listed
-        ]
+        cases = [run.case for run in listed]
         of_scene = isinstance(listed[0].problem, SceneProblem)
-        rows = run_cases(
-            cases,
-            run_scene_with if of_scene else run_function_with,
-            runs.cache,
-            runs.jobs,
-            runs.scheduler,
-            runs.time_limit,
-            runs.fresh,
-            label=lambda settings: listed[cases.index(dict(settings))].words,
-            costs=[run.size.seconds for run in listed],
-        )
+        runner = run_scene_with if of_scene else run_function_with
+        rows = run_stored(listed, cases, runner, runs)
     else:
         rows = run_here(listed, lambda run: _run_here(run, runs.time_limit))
     return [_row(run, row) for run, row in zip(listed, rows, strict=True)]
 
 
 def _run_here(run: Run, time_limit: float | None) -> dict:
-    given = {"setup": run.problem.first, "method": run.method, "count": run.steps}
-    return status.attempt(run_with, given, time_limit)
+    settings = {"setup": run.problem.first, "method": run.method, "count": run.steps}
+    return status.attempt(run_with, settings, time_limit)
 
 
-def run_scene_with(
-    method: str, count: int, text: str, digest: str, recorded: list, modes: int, trust_geo: bool
-) -> dict:
-    """Run the scene of a text with a method and a number of steps."""
-    return run_with(setup_of_scene(text, trust_geo), method, count)
+def run_scene_with(method: str, count: int, tables: dict, digest: str, trust_geo: bool) -> dict:
+    """Run the scene of some tables with a method and a number of steps."""
+    return run_with(setup_of_scene(scene_of(tables, trust_geo), compiled=True), method, count)
 
 
 def run_function_with(method: str, count: int, **case: Any) -> dict:
     """Run what the user's function returns with a method and a number of steps."""
-    names = ("path", "name", "settings", "dt", "t_end", "probes", "sharper")
-    return run_with(setup_of_importable(**{name: case[name] for name in names}), method, count)
+    return run_with(setup_of_importable(**case), method, count)
 
 
 def run_with(setup: Setup, method: str, count: int) -> dict:

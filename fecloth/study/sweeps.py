@@ -13,22 +13,16 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
-from fecloth.study.common_problem import Asked
+from fecloth.study.change import describe_values
 from fecloth.study.figures import line_style, mark_failures, new_figure
 from fecloth.study.levels import FIRST
-from fecloth.study.measured_runs import record_of
+from fecloth.study.problem import Asked
 from fecloth.study.ranges import read_ranges
 from fecloth.study.result import StudyResult
-from fecloth.study.run_problems import Point, Runs, refuse_huge, run_points
+from fecloth.study.run_problems import Point, Runs, check_points, record_at, refuse_huge, run_points
 from fecloth.study.status import OK, REFUSED
 from fecloth.study.tables import Table
-from fecloth.study.variants import (
-    describe_failure,
-    describe_values,
-    make_variants,
-    open_first,
-    size_of,
-)
+from fecloth.study.variants import describe_failure, make_variants, open_first, size_of
 from fecloth.study.workload import LONGEST
 
 if TYPE_CHECKING:
@@ -137,6 +131,7 @@ def sweep(
         Point(variant, FIRST, describe_values(values), size_of(opened, variant))
         for values, variant in variants
     ]
+    check_points(points, runs)
     rows = run_points(points, chosen, runs)
     if all(row["status"] == REFUSED for row in rows):
         raise InputError(f"every value: {rows[0]['cause']}")
@@ -164,11 +159,10 @@ def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict
     """Return the row of the table for one run."""
     if row["status"] != OK:
         return {**values, **describe_failure(row["status"], row["cause"])}
-    problem, line = row["point"].problem, dict(values)
-    for one in quantities:
-        cloth = problem.cloth_of(FIRST, one)
+    line = dict(values)
+    for quantity in quantities:
         try:
-            line[one.text] = value_of(one, record_of(row, one, cloth, problem.probes))
+            line[quantity.text] = value_of(quantity, record_at(row, quantity))
         except InputError as error:  # as where a signal has no period
             line |= describe_failure("no value", error)
     counted = {name: row[name] for name in ("triangles", "steps", "cpu_seconds")}
@@ -178,10 +172,10 @@ def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict
 def _verdict(table: Table, quantities: Sequence[Quantity]) -> str:
     """Return the range of each quantity, and how many runs failed."""
     parts = []
-    for one in quantities:
-        values = [value for value in table[one.text] if isinstance(value, float)]
+    for quantity in quantities:
+        values = [value for value in table[quantity.text] if isinstance(value, float)]
         if values:
-            parts.append(f"{one.text} from {min(values):.4g} to {max(values):.4g}")
+            parts.append(f"{quantity.text} from {min(values):.4g} to {max(values):.4g}")
     failed = sum(row["status"] != OK for row in table)
     words = "; ".join(parts) or "no run has a value"
     return words + (f"; {failed} of {len(table)} runs failed" if failed else "")

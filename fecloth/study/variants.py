@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import re
-import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from fecloth.errors import InputError
-from fecloth.scene.overrides import override
 from fecloth.scene.scene import Scene
-from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.probes import Probe
+from fecloth.study.change import Change, describe_values
 from fecloth.study.levels import FIRST, Level
-from fecloth.study.problems import FunctionProblem, Problem, SceneProblem, open_problem
-from fecloth.study.scene_text import scene_of
-from fecloth.study.setups import accepted
+from fecloth.study.problems import Problem, SceneProblem, open_problem
 from fecloth.study.workload import Workload
 
 
@@ -52,7 +45,7 @@ def make_variants(
     made, refused = [], []
     for values in combinations:
         try:
-            variant = change_problem(opened, values)
+            variant = opened.changed(Change.of(values))
             if build:
                 _ = variant.first
             made.append((values, variant))
@@ -63,25 +56,6 @@ def make_variants(
     return made, refused
 
 
-def change_problem(opened: Problem, values: Mapping[str, object]) -> Problem:
-    """Return the problem with these values."""
-    if isinstance(opened, FunctionProblem):
-        sizes: dict[str, Any] = {key: values[key] for key in ("h", "dt") if key in values}
-        rest = {key: value for key, value in values.items() if key not in sizes}
-        accepted(opened.function, rest)
-        return replace(opened, settings={**opened.settings, **rest}, **sizes)
-    texts = [f"{key}={_toml(value)}" for key, value in values.items()]
-    data = tomllib.loads(opened.scene.to_toml())
-    for key in values:
-        _forget_defaults(data, opened.scene, key)
-    try:
-        data = override(data, texts)
-        return SceneProblem(scene_of(to_toml(data), opened.scene.trusts_geo), opened.name)
-    except InputError as error:
-        where = f"{opened.name} with {', '.join(texts)}"
-        raise InputError(error.what, error.allowed, where, error.remedy) from None
-
-
 def size_of(opened: Problem, variant: Problem) -> Workload:
     """Predict the size of a variant without its mesh; of a function's, from that of `opened`."""
     if isinstance(variant, SceneProblem) or isinstance(opened, SceneProblem):
@@ -89,26 +63,6 @@ def size_of(opened: Problem, variant: Problem) -> Workload:
     pairs = (opened.h, variant.h), (opened.dt, variant.dt)
     h, dt = (before / now if before and now else 1.0 for before, now in pairs)
     return opened.workload(Level(h, dt))
-
-
-def _toml(value: object) -> object:
-    """Return a table as inline TOML, and any other value as it is."""
-    if not isinstance(value, Mapping):
-        return value
-    return f"{{{', '.join(f'{key} = {json.dumps(one)}' for key, one in value.items())}}}"
-
-
-def _forget_defaults(data: dict, scene: Scene, key: str) -> None:
-    """Before a term changes its type, remove the defaults of the old type: the new one has none."""
-    found = re.fullmatch(r"terms\.(\d{1,9})\.type", key.replace(" ", ""))
-    if found and int(found[1]) < len(scene.terms):
-        term, written = data["terms"][int(found[1])], scene.terms[int(found[1])].model_fields_set
-        data["terms"][int(found[1])] = {k: v for k, v in term.items() if k in written}
-
-
-def describe_values(values: Mapping[str, object]) -> str:
-    """Return "key = value, key = value"."""
-    return ", ".join(f"{key} = {value}" for key, value in values.items())
 
 
 def describe_failure(status: str, cause: object) -> dict[str, object]:

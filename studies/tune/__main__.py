@@ -19,17 +19,17 @@ from __future__ import annotations
 
 import math
 import sys
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
 import fecloth as fc
 from fecloth import study
 from fecloth.output.atomic_files import replace_file
-from fecloth.scene.scene import Scene
+from fecloth.scene.scene import Scene, scene_of
 from fecloth.study.problems import SceneProblem
 from fecloth.study.reports import markdown_table, write_csv
 from fecloth.study.run_problems import Runs
-from fecloth.study.scene_text import scene_of
 from fecloth.study.status import OK
 from studies.tune import grid, references, unseen
 from studies.tune.scenes import TWELVE, Tried
@@ -51,7 +51,7 @@ def judge(name: str, seed: int | None, out: str, fresh: bool) -> dict:
     row = {
         "quantities": ", ".join(q.text for q in references.quantities_of(tried)),
         "tolerance %": 100 * tried.tolerance,
-        "setting": describe(scene_of(tuned.text)),
+        "setting": describe(scene_of(tomllib.loads(tuned.text))),
         "tune's error %": 100 * tuned.error,
         "proved": tuned.proved,
         "search s": tuned.search_seconds,
@@ -73,7 +73,7 @@ def compare(tried: Tried, tuned, runs: Runs, seed: int | None) -> dict:
     else:
         reference = references.reference_of(tried, references.make(tried, runs))
         nodes = grid.best_of(tried, grid.search(tried, reference, runs))
-    problem = SceneProblem(scene_of(tuned.text), tried.name)
+    problem = SceneProblem(scene_of(tomllib.loads(tuned.text)), tried.name)
     own = grid.Node(grid.Combination("", "tuned"))
     again = Runs(runs.cache, most_seconds=None, timed=True, fresh=True)
     own_run = grid.run_setting(tried, reference, problem, own, again)

@@ -30,7 +30,7 @@ from fecloth.simulation.quantity_values import RunRecord, relative_difference, v
 from fecloth.study.levels import Level
 from fecloth.study.measured_runs import record_of
 from fecloth.study.problems import SceneProblem
-from fecloth.study.run_problems import Point, Runs, run_points
+from fecloth.study.run_problems import Point, Runs, record_at, run_points
 from fecloth.study.status import OK
 from studies.tune.scenes import TWELVE, Tried
 
@@ -64,7 +64,7 @@ class Reference:
         return {text: self._error(parse_quantity(text), problem, row) for text in self.values}
 
     def _error(self, quantity: Quantity, problem: SceneProblem, row: Mapping) -> float:
-        record = record_of(row, quantity, problem.cloth_of(Level(), quantity), problem.probes)
+        record = record_of(row, quantity, problem.cloth_for(quantity), problem.probes)
         if quantity.text in self.records:
             return relative_difference(quantity, self.records[quantity.text], record)
         exact = self.values[quantity.text]
@@ -106,10 +106,7 @@ def make(tried: Tried, runs: Runs) -> dict:
             raise study.StudyFailed(f"{tried.name}: {row['cause']}")
     stored = {}
     for quantity in quantities:
-        first, second = (
-            record_of(row, quantity, problem.cloth_of(level, quantity), problem.probes)
-            for row, level in zip(rows, levels, strict=True)
-        )
+        first, second = (record_at(row, quantity) for row in rows)
         stored[quantity.text] = _stored(tried, quantity, first, second)
     seconds = sum(row["cpu_seconds"] for row in rows)
     sizes = {key: rows[-1][key] for key in ("element", "triangles", "steps")}
@@ -197,7 +194,7 @@ def _read_record(tried: Tried, text: str, stored: Mapping) -> RunRecord | None:
         return None
     problem = fine_problem(tried)
     if quantity.is_field:
-        cloth = problem.cloth_of(Level(tried.ratio, tried.ratio), quantity)
+        cloth = problem.refined(Level(tried.ratio, tried.ratio)).cloth_for(quantity)
         fields = {quantity.name: np.array(stored["field"])}
         return RunRecord(np.zeros(1), {}, cloth, fields)
     columns = {name: np.array(values) for name, values in stored["columns"].items()}

@@ -11,9 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fecloth.scene.scene import Scene
-from fecloth.scene.toml_text import to_toml
-from fecloth.study.scene_text import scene_of
+from fecloth.scene.scene import Scene, scene_of
 
 STUDIES = Path(__file__).parents[1]
 NEEDS, OWN = "scenes/needs", "tune/scenes"
@@ -53,7 +51,7 @@ class Tried:
 
     def scene(self, *more: Changes) -> Scene:
         """Return the scene, with further changes."""
-        return scene_of(to_toml(self.tables(*more)))
+        return scene_of(self.tables(*more))
 
     def tables(self, *more: Changes) -> dict:
         """Return the tables of the scene as they are written, without defaults."""

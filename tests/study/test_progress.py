@@ -6,10 +6,11 @@ import fecloth as fc
 from fecloth import study
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
-from fecloth.study import problems
+from fecloth.scene.scene import load_scene
+from fecloth.study import measured_runs, problems
 from fecloth.study.levels import Level
 from fecloth.study.progress import Progress
-from fecloth.study.simplification import runs as simplify_runs
+from fecloth.study.setups import setup_of_scene
 from fecloth.study.status import TimeLimit
 
 SCENE = """
@@ -150,15 +151,12 @@ def test_the_size_of_a_level_needs_no_mesh(scene):
 
 
 def test_compilation_does_not_count_against_the_limit_of_a_variant(scene, monkeypatch):
-    """The first run is over its limit, as where it compiles; the second is not."""
-    rows = iter([TimeLimit("more than 1 CPU second"), {"cpu_seconds": 0.1}])
-
-    def measure(*_, **__):
-        answer = next(rows)
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
-
-    monkeypatch.setattr(simplify_runs, "measure", measure)
-    row = simplify_runs.run_variant("h × 2", scene.read_text(), "", [], 0, 1, most=1.0)
-    assert row == {"cpu_seconds": 0.1}
+    """The run that warms up is over its limit, as where it compiles; the next is not."""
+    setup = setup_of_scene(load_scene(scene), compiled=True)
+    clock = iter([0.0, 2.0, 2.0, 2.5, 3.0])  # begin and step of the first; begin, step and end
+    monkeypatch.setattr(measured_runs.time, "process_time", lambda: next(clock))
+    row = measured_runs.measure(setup, [], timed=True, repeats=1, most=1.0)
+    assert row["cpu_seconds"] == 1.0
+    clock = iter([0.0, 2.0])
+    with pytest.raises(TimeLimit, match="more than 1 CPU seconds"):
+        measured_runs.measure(setup, [], most=1.0)

@@ -12,17 +12,14 @@ import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.scene.probe_tables import Interest
-from fecloth.scene.scene import load_scene
-from fecloth.scene.toml_text import to_toml
+from fecloth.scene.scene import load_scene, scene_of
 from fecloth.simulation.quantity_values import RunRecord, relative_difference
 from fecloth.study.measured_runs import measure
-from fecloth.study.scene_text import scene_of
 from fecloth.study.setups import setup_of_scene
 from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.outcome import Findings, Outcome, find_resolutions
 from fecloth.study.simplification.predictions import find_limits, predict_change
 from fecloth.study.simplification.result import make_verdict
-from fecloth.study.simplification.runs import data_of
 from fecloth.study.simplification.simplify import combine_variants, simplify
 from fecloth.study.simplification.variants import FINER, Variant, list_variants
 from fecloth.study.tolerance import read_tolerance
@@ -88,13 +85,13 @@ def test_a_removed_term_has_a_zero_column_and_no_oscillation_has_no_period():
     ids=lambda path: path.stem,
 )
 def test_every_simpler_scene_is_a_scene(path):
-    data = data_of(load_scene(path))
+    data = load_scene(path).to_tables()
     tried = list_variants(data, Interest(end=("displacement",)))
     for variant in tried:
         simpler = variant.apply(data)
         assert simpler != data, variant.name
-        scene_of(to_toml(simpler))
-    assert data == data_of(load_scene(path))  # no variant has changed it
+        scene_of(simpler)
+    assert data == load_scene(path).to_tables()  # no variant has changed it
     names = [variant.name for variant in tried]
     assert {"without StVK", "h × 2"} <= set(names)
     rubs = any(term.get("friction") for term in data["terms"])
@@ -107,7 +104,7 @@ def test_every_simpler_scene_is_a_scene(path):
 
 
 def test_contact_may_lose_its_friction_and_widen_its_gap():
-    data = data_of(load_scene(STUDIES / "scenes" / "drop.toml"))
+    data = load_scene(STUDIES / "scenes" / "drop.toml").to_tables()
     simpler = {one.name: one.apply(data) for one in list_variants(data, Interest(end=("sag",)))}
     for i, name in ((4, "Obstacle"), (5, "SelfContact")):
         assert data["terms"][i]["type"] == name
@@ -122,20 +119,20 @@ def test_contact_may_lose_its_friction_and_widen_its_gap():
 
 
 def test_p2_becomes_p1_and_adaptive_steps_get_a_looser_tolerance():
-    data = data_of(load_scene(SCENES / "taut.toml"))
+    data = load_scene(SCENES / "taut.toml").to_tables()
     data["cloth"]["element"], data["mass"], data["terms"] = "P2", "consistent", data["terms"][::2]
     data["time"] = {"method": "bdf2", "dt": "auto", "rtol": 0.01, "t_end": 0.1}
     simpler = {one.name: one.apply(data) for one in list_variants(data, Interest(end=("sag",)))}
     assert simpler["explicit"]["mass"] == simpler["P1 for P2"]["mass"] == "lumped"
     assert simpler["pointwise strain of StVK"]["terms"][0]["strain"] == "pointwise"
     assert not {"Springs for StVK", "HingeBending for PlateBending"} & set(simpler)
-    assert scene_of(to_toml(simpler["rtol × 4"])).time.rtol == 0.04
+    assert scene_of(simpler["rtol × 4"]).time.rtol == 0.04
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_a_plate_becomes_hinges_or_is_left_out_with_its_clamps(element):
     """Each simpler scene can be built and marched by a step."""
-    data = data_of(make_strip(terms=[{"type": "StVK"}, {"type": "PlateBending"}]))
+    data = make_strip(terms=[{"type": "StVK"}, {"type": "PlateBending"}]).to_tables()
     data["cloth"] |= {"element": element, "h": 0.2}
     data["pins"][0]["clamp"] = True
     tried = list_variants(data, Interest(end=("sag",)))
@@ -144,7 +141,7 @@ def test_a_plate_becomes_hinges_or_is_left_out_with_its_clamps(element):
     assert siblings & set(named) == (siblings if element == "P1" else set())
     assert ("pointwise strain of StVK" in named) == (element == "P2")
     for name in siblings & set(named) | {"without PlateBending", "explicit"}:
-        built = scene_of(to_toml(named[name].apply(data))).build()
+        built = scene_of(named[name].apply(data)).build()
         assert bool(built.system.panel.clamps) == (name == "explicit")
         next(fc.march(*_march(built)))
     assert data["pins"][0]["clamp"]
@@ -152,11 +149,11 @@ def test_a_plate_becomes_hinges_or_is_left_out_with_its_clamps(element):
 
 def make_strip(**changed):
     """Return the scene of a strip of 1 m × 0.2 m between two pinned ends, or with one."""
-    data = data_of(load_scene(SCENES / "taut.toml"))
+    data = load_scene(SCENES / "taut.toml").to_tables()
     data["cloth"] |= {"height": 0.2, "h": 0.05}
     data["fabric"] |= {"poisson_ratio": 0.0}
     data["probes"], data["interest"] = [], {"end": ["sag"]}
-    return scene_of(to_toml({**data, "pins": [{"where": "left"}, {"where": "right"}], **changed}))
+    return scene_of({**data, "pins": [{"where": "left"}, {"where": "right"}], **changed})
 
 
 def test_the_predicted_sag_across_is_that_of_the_equilibrium():
@@ -181,7 +178,7 @@ def test_long_damped_steps_have_no_time_error_at_rest():
     numbers = Numbers.of(load_scene(STUDIES / "scenes" / "hanging_strip.toml"))
     assert numbers.time_error(100.0) < 1e-9
     kinds = {
-        one.name: one for one in list_variants(data_of(numbers.scene), Interest(path=("tip",)))
+        one.name: one for one in list_variants(numbers.scene.to_tables(), Interest(path=("tip",)))
     }
     assert predict_change(kinds["dt × 2"], numbers) < 1e-3
     assert predict_change(kinds["explicit"], numbers) == 1.0  # without damping it swings forever
@@ -189,7 +186,7 @@ def test_long_damped_steps_have_no_time_error_at_rest():
 
 def test_a_scene_without_loads_has_no_predictions():
     scene = make_strip(terms=[{"type": "StVK"}])
-    found = list_variants(data_of(scene), Interest(end=("sag",)))
+    found = list_variants(scene.to_tables(), Interest(end=("sag",)))
     assert {predict_change(one, Numbers.of(scene)) for one in found} == {None}
 
 
@@ -222,7 +219,7 @@ SIZES = {"mesh": 0.1, "dt": 0.002}
 
 def judge(kind_changes, tolerance=0.01):
     """Return the verdicts on variants of taut.toml with given changes, the words, the taken."""
-    data = data_of(load_scene(SCENES / "taut.toml"))
+    data = load_scene(SCENES / "taut.toml").to_tables()
     found = [
         (variant, Outcome(variant.name, "ok", changes={"sag": kind_changes[name]}, saved=0.5))
         for variant in list_variants(data, Interest(path=("middle",)))
@@ -268,17 +265,17 @@ def test_changes_are_combined_while_they_stay_within_the_tolerance():
     """The first two together do; the third adds too much, the fourth makes the scene slower."""
     changes, seconds = {"a": 4e-3, "b": 5e-3, "c": 2e-3, "d": 0.0}, dict.fromkeys("abc", -0.2)
 
-    def run_one(name, data):
+    def run_one(name, change):
         parts = name.split(" + ")
         total = sum(changes[one] for one in parts)
         spent = 1 + sum(seconds.get(one, 0.5) for one in parts)
         return Outcome(name, "ok", changes={"sag": total}, seconds=spent, saved=1 - spent)
 
     whole = {"cpu_seconds": 1.0}
-    original = SimpleNamespace(data={}, full=whole, tolerance=0.01, run_one=run_one)
+    original = SimpleNamespace(full=whole, tolerance=0.01, run_one=run_one)
     tried = [Variant(x, "without", x, x, lambda data, x=x: data | {x: 1}) for x in "abcd"]
-    data, attempts = combine_variants(original, tried)
-    assert data == {"a": 1, "b": 1}
+    change, attempts = combine_variants(original, tried)
+    assert change.apply({}) == {"a": 1, "b": 1}
     assert [(one.name, fits) for one, fits in attempts] == [
         ("a", True),
         ("a + b", True),
@@ -360,10 +357,10 @@ def test_a_change_is_taken_that_costs_nothing_and_a_second_one_of_its_part_that_
     names = [f"{kind} {k}" for k, kind in enumerate(kinds.split())]
     spent = dict.fromkeys(names, 1.0) | {names[-1]: seconds}
 
-    def run_one(name, data):
+    def run_one(name, change):
         return outcome_of(spent[name], 1.0, name)
 
-    original = SimpleNamespace(data={}, full={"cpu_seconds": 1.0}, tolerance=0.01, run_one=run_one)
+    original = SimpleNamespace(full={"cpu_seconds": 1.0}, tolerance=0.01, run_one=run_one)
     variants = [Variant(name, name.split()[0], "x", "x", lambda data: data) for name in names]
     _, attempts = combine_variants(original, variants)
     taken = {outcome.name: fits for outcome, fits in attempts}
@@ -371,7 +368,7 @@ def test_a_change_is_taken_that_costs_nothing_and_a_second_one_of_its_part_that_
 
 
 def test_a_failing_variant_is_no_candidate():
-    variant = list_variants(data_of(load_scene(SCENES / "taut.toml")), Interest(end=("sag",)))[0]
+    variant = list_variants(load_scene(SCENES / "taut.toml").to_tables(), Interest(end=("sag",)))[0]
     failed = (variant, Outcome("x", "failed", "it broke"))
     findings = Findings([failed], 0.01)
     assert findings.candidates() == []
@@ -445,10 +442,10 @@ def _solve(scene, h):
 
 def test_an_equilibrium_in_place_of_a_motion_to_rest_is_a_scene():
     """It has the same end; the motion would have to last for ever."""
-    data = data_of(make_strip(terms=[{"type": "StVK"}, {"type": "Gravity"}]))
+    data = make_strip(terms=[{"type": "StVK"}, {"type": "Gravity"}]).to_tables()
     data["cloth"]["h"] = 0.1
     named = {one.name: one for one in list_variants(data, Interest(end=("sag",)))}
-    setup = setup_of_scene(to_toml(named["equilibrium"].apply(data)))
+    setup = setup_of_scene(scene_of(named["equilibrium"].apply(data)), compiled=True)
     moved = measure(setup, [])["displacement"]
     expected = fc.equilibrium(setup.system, setup.start).x - setup.start.x
     np.testing.assert_allclose(moved, expected, atol=1e-9)

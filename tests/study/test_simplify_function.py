@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.study.setups import Setup
-from fecloth.study.simplification.function_runs import with_terms
+from fecloth.study.setups import Setup, with_terms
 
 TIP = [fc.Probe("tip", "right")]
 FABRIC = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-6)

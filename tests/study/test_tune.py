@@ -11,13 +11,12 @@ from support.power_laws import predict
 import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
-from fecloth.scene.scene import load_scene
+from fecloth.scene.scene import load_scene, scene_of
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.command import StudyFailed
 from fecloth.study.problems import open_problem
 from fecloth.study.run_problems import Runs
-from fecloth.study.scene_text import scene_of
 from fecloth.study.tables import Table
 from fecloth.study.tuning.choices import Choice, problem_with
 from fecloth.study.tuning.curves import cost_curve, error_curve, error_of_finest
@@ -417,7 +416,7 @@ def test_a_membrane_in_free_fall_is_not_left_out():
 
     def falling(scene):
         data = tomllib.loads(scene) | {"time": {"method": "bdf2", "dt": 0.02, "t_end": 0.1}}
-        return scene_of(to_toml({key: value for key, value in data.items() if key != "pins"}))
+        return scene_of({key: value for key, value in data.items() if key != "pins"})
 
     bench = bench_of(falling(BOB))
     choice = Choice("P1", "", 0.1, "bdf2", 4)

@@ -14,8 +14,9 @@ from fecloth.scene.probe_tables import Interest
 from fecloth.scene.run_warnings import find_warnings
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.set_up_warnings import find_set_up_warnings
-from fecloth.study.chart_grid import change_tables
+from fecloth.study.chart_grid import change_names
 from fecloth.study.obstacles import find_obstacles
+from fecloth.study.problems import open_problem
 from fecloth.study.setups import Setup
 from fecloth.study.simplification.numbers import Numbers, table
 from fecloth.study.simplification.predictions import find_limits, predict_change
@@ -130,7 +131,9 @@ def test_info_of_a_scene_counts_its_bending(scene):
 
 
 def test_chart_replaces_a_membrane_of_its_own(scene):
-    data = change_tables(scene, {"method": "newmark", "element": "P1", "model": "StVK"})
+    names = {"method": "newmark", "element": "P1", "model": "StVK"}
+    opened = open_problem(scene)
+    data = change_names(opened, names).apply(opened.tables)
     assert [term["type"] for term in data["terms"]] == ["StVK", *list(OWN)[1:], "Gravity"]
 
 

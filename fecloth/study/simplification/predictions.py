@@ -7,12 +7,10 @@ import math
 import numpy as np
 
 from fecloth.errors import FeclothError
-from fecloth.scene.toml_text import to_toml
+from fecloth.scene.scene import scene_of
 from fecloth.simulation.error_control import Adaptive
-from fecloth.study.scene_text import scene_of
 from fecloth.study.simplification.numbers import Numbers
-from fecloth.study.simplification.runs import data_of
-from fecloth.study.simplification.variants import Variant
+from fecloth.study.simplification.variants import Variant, changes_of
 from fecloth.terms import TRAITS, QuadraticBending
 
 FLAT = 1e-9  # of the size of a cloth: what is out of the plane by round-off
@@ -60,8 +58,8 @@ def _change_of_reach(variant: Variant, numbers: Numbers) -> float:
 
     For example, ``inside = "X < 0.02"`` clamps another length of the cloth.
     """
-    text = to_toml(variant.apply(data_of(numbers.scene)))
-    other = Numbers.of(scene_of(text, numbers.scene.trusts_geo))
+    tables = changes_of([variant]).apply(numbers.scene.to_tables())
+    other = Numbers.of(scene_of(tables, numbers.scene.trusts_geo))
     return abs(other.moved * other.L / (numbers.moved * numbers.L) - 1)
 
 

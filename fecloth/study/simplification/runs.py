@@ -1,219 +1,127 @@
-"""Runs of a scene and of simpler scenes, and their changes of the quantities of interest."""
+"""Runs of a problem and of simpler ones, and their changes of the quantities of interest."""
 
 from __future__ import annotations
 
-import time
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
 
 from fecloth.errors import FeclothError, InputError
-from fecloth.mesh.cloth import Cloth
 from fecloth.scene.probe_tables import Interest
-from fecloth.scene.scene import Scene
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, relative_difference, size_of
-from fecloth.study.cases import run_cases
+from fecloth.study.change import Change
 from fecloth.study.command import StudyFailed
-from fecloth.study.measured_runs import columns_to_record, measure, record_of
-from fecloth.study.run_problems import Runs
-from fecloth.study.scene_text import WORDS, digest_of_files, scene_of
-from fecloth.study.setups import Setup, setup_of_scene
+from fecloth.study.levels import AS_IS, FIRST
+from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.run_problems import Point, Runs, record_at, refused, run_or_skip
 from fecloth.study.simplification.outcome import Outcome
 from fecloth.study.simplification.variants import PATIENCE, Variant, list_variants
-from fecloth.study.status import FAILED, OK, TimeLimit, check_time_limit
+from fecloth.study.status import FAILED, OK
 from fecloth.terms.traits import traits_of
 
-ENOUGH = 1.5  # CPU seconds of timing, after which the run is not repeated
 SHORT = 0.5  # CPU seconds that every run may take
-
-
-def run_variant(
-    variant: str,
-    text: str,
-    digest: str,
-    recorded: list,
-    modes: int,
-    repeats: int,
-    most: float | None = None,
-    trust_geo: bool = False,
-) -> dict:
-    """Run a scene and return the row of its fastest run.
-
-    Parameters
-    ----------
-    variant
-        Its name.
-    text, digest
-        TOML of the scene, and a hash of the files that it reads.
-    recorded, modes
-        As for `measure`.
-    repeats
-        Largest number of runs.
-    most
-        Largest CPU time of a run [s], without compiling.
-    trust_geo
-        As for `load_scene`.
-    """
-    return measure_fastest(setup_of_scene(text, trust_geo), recorded, modes, repeats, most)
-
-
-def measure_fastest(
-    setup: Setup, recorded: list, modes: int, repeats: int, most: float | None
-) -> dict:
-    """Run a setup up to `repeats` times and return the row of its fastest run."""
-    rows = list[dict]()
-    try:
-        rows.append(measure(setup, recorded, modes, report=_limit(most)))
-    except TimeLimit:  # what was compiled in that run is ready in the next
-        rows.append(measure(setup, recorded, modes, report=_limit(most)))
-    while len(rows) < repeats and sum(row["cpu_seconds"] for row in rows) < ENOUGH:
-        rows.append(measure(setup, recorded, modes, report=_limit(most)))
-    return min(rows, key=lambda row: row["cpu_seconds"])
-
-
-def _limit(most: float | None) -> Callable[..., None]:
-    """Return a report of steps that stops the run after `most` CPU seconds from now."""
-    begin = time.process_time()
-
-    def check(*_: object) -> None:
-        check_time_limit()
-        if most and time.process_time() - begin > most:
-            raise TimeLimit(f"more than {most:g} CPU seconds")
-
-    return check
-
-
-def data_of(scene: Scene) -> dict:
-    """Return the tables of a scene with all defaults and absolute paths."""
-    return tomllib.loads(scene.to_toml())
+OF_FUNCTIONS = ("without", "cheaper", "strain", "mesh", "dt")  # kinds of their variants
 
 
 @dataclass(frozen=True, eq=False)
 class Original:
-    """The scene to simplify, the quantities that count, and how it is run.
+    """The problem to simplify, the quantities that count, and how it is run."""
 
-    `FunctionOriginal` is the same for a user's function.
-    """
-
-    problem: Any
+    problem: Problem
     quantities: tuple[Quantity, ...]
     tolerance: float
     runs: Runs
-    repeats: int = 3
-
-    runner: ClassVar[Callable[..., dict]] = staticmethod(run_variant)
-    reduced_file: ClassVar[str] = "reduced.toml"
 
     @property
-    def name(self) -> str:
-        return self.problem.name
+    def is_scene(self) -> bool:
+        return isinstance(self.problem, SceneProblem)
+
+    @property
+    def reduced_file(self) -> str:
+        """Name of the file of the reduced problem."""
+        return "reduced.toml" if self.is_scene else "reduced.txt"
 
     def list_variants(self) -> list[Variant]:
-        """List all variants, terms first."""
-        texts = tuple(one.text for one in self.quantities)
-        known = {type(t).__name__: traits_of(t) for t in self.problem.first.system.terms}
-        return list_variants(self.data, Interest(quantities=texts), known)
+        """List all variants, terms first; of a function's problem the method stays."""
+        interest = Interest(quantities=tuple(quantity.text for quantity in self.quantities))
+        traits = {type(t).__name__: traits_of(t) for t in self.problem.first.system.terms}
+        variants = list_variants(self.problem.tables, interest, traits)
+        return [v for v in variants if self.is_scene or v.kind in OF_FUNCTIONS]
 
-    def text(self, data: dict) -> str:
-        """Return what the reduced file holds."""
-        return to_toml(data)
-
-    def reread(self, data: dict) -> dict:
-        """Return the tables of a scene as they are read from its text."""
-        return data_of(self._read(to_toml(data)))
-
-    def mesh(self, row: Mapping) -> Cloth:
-        """Return the cloth of a run."""
-        return self._read(row["text"]).mesh()
-
-    def _read(self, text: str) -> Scene:
-        return scene_of(text, self.problem.scene.trusts_geo)
+    def text(self, tables: dict) -> str:
+        """Return what the reduced file holds: a scene; of a function its terms, h and dt."""
+        if self.is_scene:
+            return to_toml(tables)
+        lines = [f"terms: {', '.join(term['type'] for term in tables['terms']) or 'none'}"]
+        lines += [f"strain of {t['type']}: {t['strain']}" for t in tables["terms"] if "strain" in t]
+        sizes = {"h": tables["cloth"].get("h"), "dt": tables.get("time", {}).get("dt")}
+        lines += [f"{name} = {size:g}" for name, size in sizes.items() if isinstance(size, float)]
+        return "\n".join(lines) + "\n"
 
     @cached_property
-    def data(self) -> dict:
-        """The tables of the scene."""
-        return data_of(self.problem.scene)
-
-    @cached_property
-    def full(self) -> dict:
-        """The row of the scene.
+    def full(self) -> Mapping:
+        """The row of the problem.
 
         Raises
         ------
         StudyFailed
-            If the scene itself fails.
+            If the problem itself fails.
         InputError
             If all quantities are zero: then nothing changes them.
         """
-        (row,) = self._rows([self._case("the scene", self.data, None)], self.runs.fresh)
+        (row,) = run_or_skip([self._point("the scene", Change())], self.quantities, self.runs)
         if row["status"] != OK:
-            raise StudyFailed(f"{self.name}: the scene itself fails: {row['cause']}")
+            raise StudyFailed(f"{self.problem.name}: the scene itself fails: {row['cause']}")
         pairs = zip(self.quantities, self._records(row), strict=True)
-        if not any(size_of(one, record) for one, record in pairs):
-            names = ", ".join(one.text for one in self.quantities)
+        if not any(size_of(quantity, record) for quantity, record in pairs):
+            names = ", ".join(quantity.text for quantity in self.quantities)
             remedy = "Name another with --quantity or in [interest]."
-            raise InputError(f"{names} = 0", "cannot show what changes it", self.name, remedy)
+            where = self.problem.name
+            raise InputError(f"{names} = 0", "cannot show what changes it", where, remedy)
         return row
 
     @cached_property
     def _full_records(self) -> list[RunRecord]:
         return self._records(self.full)
 
-    def run(self, tried: Sequence[tuple[str, dict, float]], fresh: bool = False) -> list[Outcome]:
-        """Run scenes, given by name, tables and largest CPU time over that of the scene."""
+    def _records(self, row: Mapping) -> list[RunRecord]:
+        return [record_at(row, quantity) for quantity in self.quantities]
+
+    def run(self, tried: Sequence[tuple[str, Change, float]], fresh: bool = False) -> list[Outcome]:
+        """Run changes, each with its name and the largest CPU time over that of the problem."""
         seconds = self.full["cpu_seconds"]
-        cases = [
-            self._case(name, data, round(SHORT + patience * seconds, 1))
-            for name, data, patience in tried
+        points = [
+            self._point(name, change, round(SHORT + patience * seconds, 1))
+            for name, change, patience in tried
         ]
-        rows = self._rows(cases, fresh or self.runs.fresh)
-        return [self.compare(row) for row in rows]
+        runs = replace(self.runs, fresh=fresh or self.runs.fresh)
+        rows = run_or_skip(points, self.quantities, runs)
+        return [self.compare(name, row) for (name, *_), row in zip(tried, rows, strict=True)]
 
-    def run_one(self, name: str, data: dict, fresh: bool = False) -> Outcome:
-        """Run one scene."""
-        return self.run([(name, data, PATIENCE)], fresh)[0]
+    def run_one(self, name: str, change: Change, fresh: bool = False) -> Outcome:
+        """Run one change."""
+        return self.run([(name, change, PATIENCE)], fresh)[0]
 
-    def compare(self, row: Mapping) -> Outcome:
-        """Return changes and saving of a row against the scene, or the cause of a failure."""
-        named = Outcome(row["variant"], row["status"], str(row["cause"]))
-        if row["status"] != OK:
-            return named
+    def _point(self, name: str, change: Change, most: float | None = None) -> Point | dict:
+        """Return what runs; a row with the reason if the change is refused."""
+        try:
+            changed = self.problem.changed(change)
+        except InputError as error:
+            return refused(error)
+        return Point(changed, AS_IS, name, self.problem.workload(FIRST), most)
+
+    def compare(self, name: str, row: Mapping) -> Outcome:
+        """Return changes and saving of a row against the problem, or the cause of a failure."""
+        outcome = Outcome(name, row["status"], str(row["cause"]))
+        if not outcome.is_ok:
+            return outcome
         try:
             pairs = zip(self.quantities, self._full_records, self._records(row), strict=True)
-            changes = {one.text: relative_difference(one, a, b) for one, a, b in pairs}
+            changes = {q.text: relative_difference(q, a, b) for q, a, b in pairs}
         except FeclothError as error:  # as where a signal has no period
-            return replace(named, status=FAILED, cause=str(error))
+            return replace(outcome, status=FAILED, cause=str(error))
         seconds = row["cpu_seconds"]
         saved = 1 - seconds / self.full["cpu_seconds"]
-        sizes = row["triangles"], row["steps"]
-        return Outcome(named.name, OK, "", changes, seconds, saved, *sizes)
-
-    def _case(self, name: str, data: dict, most: float | None) -> dict[str, Any]:
-        return {
-            "variant": name,
-            "recorded": sorted({c for one in self.quantities for c in columns_to_record(one)}),
-            "modes": max((one.mode for one in self.quantities), default=0),
-            "repeats": self.repeats,
-            "most": most,
-            **self.case_of(data),
-        }
-
-    def case_of(self, data: dict) -> dict[str, Any]:
-        """Return what `runner` needs of the tables."""
-        scene = self.problem.scene
-        text = to_toml({key: value for key, value in data.items() if key not in WORDS})
-        return {"text": text, "digest": digest_of_files(scene), "trust_geo": scene.trusts_geo}
-
-    def _rows(self, cases: list[dict], fresh: bool) -> list[dict]:
-        runs, function = self.runs, self.runner
-        where = runs.cache, runs.jobs, runs.scheduler, runs.time_limit, fresh
-        return run_cases(cases, function, *where, label=lambda case: case["variant"])
-
-    def _records(self, row: Mapping) -> list[RunRecord]:
-        needs = any(one.is_field for one in self.quantities)
-        cloth = self.mesh(row) if needs else None
-        return [record_of(row, one, cloth, self.problem.probes) for one in self.quantities]
+        return Outcome(name, OK, "", changes, seconds, saved, row["triangles"], row["steps"])

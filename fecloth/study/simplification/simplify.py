@@ -14,12 +14,11 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
-from fecloth.study.function_problem import FunctionProblem
+from fecloth.study.change import Change
 from fecloth.study.levels import FIRST, Level
-from fecloth.study.problems import Problem, open_problem
+from fecloth.study.problems import Problem, SceneProblem, open_problem
 from fecloth.study.refinement import RTOL_ORDER
 from fecloth.study.run_problems import Runs, refuse_huge
-from fecloth.study.simplification.function_runs import FunctionOriginal
 from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.numbers import table as table_of_numbers
 from fecloth.study.simplification.outcome import (
@@ -39,7 +38,7 @@ from fecloth.study.simplification.result import (
     make_verdict,
 )
 from fecloth.study.simplification.runs import Original
-from fecloth.study.simplification.variants import Variant
+from fecloth.study.simplification.variants import Variant, changes_of
 from fecloth.study.tables import Table
 from fecloth.study.tolerance import read_tolerance
 from fecloth.study.workload import LONGEST, Workload, check_size
@@ -108,37 +107,36 @@ def simplify(
     chosen = read_tolerance(tolerance)
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
     opened = open_problem(problem, h, dt, t_end, probes, settings)
-    original = open_original(opened, quantity, chosen, runs, repeats)
+    timed = replace(runs, timed=True, repeats=repeats)
+    original = open_original(opened, quantity, chosen, timed)
     tried = original.list_variants()
     check_size(_sizes(opened, tried), 1 if scheduler else jobs, most_seconds, opened.name)
-    scene = getattr(original.problem, "scene", None)
-    numbers = Numbers.of(scene) if scene else None
-    checks = run_variants(original, [one for one in tried if one.is_check], numbers)
-    resolutions = find_resolutions(checks, _sizes_now(original.data), _orders(original), chosen)
+    opened = original.problem  # with the quantities in its [interest]
+    numbers = Numbers.of(opened.scene) if isinstance(opened, SceneProblem) else None
+    checks = run_variants(original, [variant for variant in tried if variant.is_check], numbers)
+    resolutions = find_resolutions(checks, _sizes_now(opened.tables), _orders(original), chosen)
     for resolution in resolutions:
         print(resolution, file=sys.stderr, flush=True)
-    trials = checks + run_variants(original, [one for one in tried if not one.is_check], numbers)
+    others = [variant for variant in tried if not variant.is_check]
+    trials = checks + run_variants(original, others, numbers)
     return summarise(original, Findings(trials, chosen, resolutions), numbers, folder)
 
 
-def open_original(
-    opened: Problem, quantity, tolerance: float, runs: Runs, repeats: int
-) -> Original:
+def open_original(opened: Problem, quantity, tolerance: float, runs: Runs) -> Original:
     """Return the problem with the quantities that count, and how it is run."""
     refuse_huge(opened, runs)
     chosen = opened.choose_quantities(quantity)
-    if any(one.function for one in chosen):
+    if any(quantity.function for quantity in chosen):
         raise InputError("a function as quantity", "must be a text, as 'max tip.z'")
-    if isinstance(opened, FunctionProblem):
-        return FunctionOriginal(opened, chosen, tolerance, runs, repeats)
-    interest = Interest(quantities=tuple(one.text for one in chosen))
-    opened = replace(opened, scene=opened.scene.model_copy(update={"interest": interest}))
-    return Original(opened, chosen, tolerance, runs, repeats)
+    if isinstance(opened, SceneProblem):
+        interest = Interest(quantities=tuple(quantity.text for quantity in chosen))
+        opened = replace(opened, scene=opened.scene.model_copy(update={"interest": interest}))
+    return Original(opened, chosen, tolerance, runs)
 
 
 def _sizes(opened: Problem, tried: Sequence[Variant]) -> list[Workload]:
     """Return the predicted sizes of all runs: about half of the variants are combined."""
-    checks = {one.kind for one in tried if one.is_check}
+    checks = {variant.kind for variant in tried if variant.is_check}
     finer = {"dt": Level(dt=2.0), "rtol": FIRST, "mesh": Level(h=2.0)}
     usual = [opened.workload(FIRST)] * (1 + len(tried) - len(checks) + len(tried) // 2)
     return [*usual, *(opened.workload(finer[kind]) for kind in sorted(checks))]
@@ -155,7 +153,7 @@ def _sizes_now(data: dict) -> dict[str, float]:
 
 def _orders(original: Original) -> dict[str, dict[str, float]]:
     """Return the theoretical orders of each quantity in h, dt and rtol."""
-    both = {one.text: original.problem.orders(one) for one in original.quantities}
+    both = {q.text: original.problem.orders(q) for q in original.quantities}
     return {
         "mesh": {text: orders[0] for text, orders in both.items()},
         "dt": {text: orders[1] for text, orders in both.items()},
@@ -167,57 +165,55 @@ def run_variants(
     original: Original, tried: Sequence[Variant], numbers: Numbers | None
 ) -> list[Trial]:
     """Run each variant alone; return it with what its run gave and its prediction."""
-    scenes = [(one.name, one.apply(original.data), one.patience) for one in tried]
-    predicted = [predict_change(one, numbers) if numbers else None for one in tried]
+    outcomes = original.run([(v.name, changes_of([v]), v.patience) for v in tried])
+    predicted = [predict_change(variant, numbers) if numbers else None for variant in tried]
     return [
         (variant, replace(outcome, predicted=change))
-        for variant, outcome, change in zip(tried, original.run(scenes), predicted, strict=True)
+        for variant, outcome, change in zip(tried, outcomes, predicted, strict=True)
     ]
 
 
 def combine_variants(
     original: Original, candidates: Sequence[Variant]
-) -> tuple[dict, list[tuple[Outcome, bool]]]:
-    """Combine variants greedily; return the tables of the last scene, and all attempts.
+) -> tuple[Change, list[tuple[Outcome, bool]]]:
+    """Combine variants greedily; return the change of all that are taken, and all attempts.
 
     Of two changes to the same part the later one wins if it saves more or drops a term. An
     attempt is a run, and whether it was taken.
     """
     chosen: dict[str, Variant] = {}
-    data, seconds, attempts = original.data, original.full["cpu_seconds"], []
+    seconds, attempts = original.full["cpu_seconds"], []
     for variant in candidates:
         before, drops = chosen.get(variant.slot), variant.kind == "without"
         if before and before.kind == "without":
             continue
         trial = {**chosen, variant.slot: variant}
-        simpler = original.data
-        for each in trial.values():
-            simpler = each.apply(simpler)
-        outcome = original.run_one(" + ".join(each.name for each in trial.values()), simpler)
+        name = " + ".join(each.name for each in trial.values())
+        outcome = original.run_one(name, changes_of(trial.values()))
         most = (1 + LOST if drops or not before else 1 - LOST) * seconds + NOISE * drops
         fits = outcome.change <= original.tolerance and outcome.seconds <= most
         attempts.append((outcome, fits))
         if fits:
-            chosen, data, seconds = trial, simpler, outcome.seconds
-    return data, attempts
+            chosen, seconds = trial, outcome.seconds
+    return changes_of(chosen.values()), attempts
 
 
 def summarise(
     original: Original, findings: Findings, numbers: Numbers | None, folder: str | Path | None
 ) -> Simplification:
     """Combine the variants, run the reduced scene, and return the result."""
-    data, attempts = combine_variants(original, findings.candidates())
+    change, attempts = combine_variants(original, findings.candidates())
     taken = [outcome.name for outcome, fits in attempts if fits]
-    text, file, final = original.text(data), original.reduced_file, None
-    if taken:  # read from its text, as the user will
-        final = original.run_one(file, original.reread(data), fresh=True)
+    tables, file = original.problem.tables, original.reduced_file
+    text = original.text(change.apply(tables))
+    final = original.run_one(file, change, fresh=True) if taken else None
     if folder is not None:
         Path(folder).mkdir(parents=True, exist_ok=True)
         replace_file(Path(folder) / file, text.encode())
     limits = find_limits(numbers) if numbers else ["they need a scene"]
-    has_h = "h" in original.data["cloth"]
+    has_h = "h" in tables["cloth"]
     return Simplification(
-        title=original.name,
+        title=original.problem.name,
         verdict=make_verdict(findings, taken[-1] if taken else "", final, file),
         table=make_table(findings, attempts, final),
         tolerance=original.tolerance,

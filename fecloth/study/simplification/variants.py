@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from fecloth.integrators import EXPLICIT
 from fecloth.scene.probe_tables import Interest
 from fecloth.simulation.error_control import Adaptive
+from fecloth.study.change import Change
 from fecloth.terms import TRAITS
 from fecloth.terms.traits import TermTraits
 
@@ -52,19 +53,24 @@ class Variant:
         return 20.0 if self.kind == "mesh" else 6.0
 
 
+def changes_of(variants: Iterable[Variant]) -> Change:
+    """Return the change by some variants, one after another."""
+    return Change(edits=tuple(variant.apply for variant in variants))
+
+
 def list_variants(
-    data: Data, interest: Interest, known: Mapping[str, TermTraits] = TRAITS
+    data: Data, interest: Interest, traits: Mapping[str, TermTraits] = TRAITS
 ) -> list[Variant]:
-    """List all variants of a scene, terms first; `known` says what its terms are."""
+    """List all variants of a scene, terms first; `traits` says what its terms are."""
     element, listed = data["cloth"].get("element", "P1"), data.get("terms", [])
-    found = [v for term in listed for v in variants_of_term(term, element, known[term["type"]])]
-    found += [*variants_of_mesh(data), *variants_of_time(data)]
+    variants = [v for term in listed for v in variants_of_term(term, element, traits[term["type"]])]
+    variants += [*variants_of_mesh(data), *variants_of_time(data)]
     if interest.at_end_only and "time" in data:
         moved = any(pin.get("motion") or pin.get("rotate") for pin in data.get("pins", []))
         if not (moved or any(term.get("friction") for term in listed)):
-            found.append(Variant("equilibrium", "static", None, "time", use_equilibrium))
-        found.append(Variant("one long step", "static", None, "time", use_one_step))
-    return found
+            variants.append(Variant("equilibrium", "static", None, "time", use_equilibrium))
+        variants.append(Variant("one long step", "static", None, "time", use_one_step))
+    return variants
 
 
 def variants_of_term(term: Data, element: str, traits: TermTraits) -> Iterator[Variant]:
@@ -97,10 +103,10 @@ def replace_term(term: Data, other: Data | None, unclamps: bool = False) -> Call
     def apply(data: Data) -> Data:
         if unclamps:
             data = data | {"pins": [pin | {"clamp": False} for pin in data.get("pins", [])]}
-        terms = [other if one == term else one for one in data["terms"]]
+        terms = [other if own == term else own for own in data["terms"]]
         removed = {head + term["type"] for head in ("", "dissipated:", "work:")}
         expect = {key: value for key, value in data.get("expect", {}).items() if key not in removed}
-        return data | {"terms": [one for one in terms if one], "expect": expect}
+        return data | {"terms": [own for own in terms if own], "expect": expect}
 
     return apply
 

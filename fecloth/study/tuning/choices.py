@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT, studied_by
 from fecloth.mesh.grading import Grading
-from fecloth.scene.toml_text import to_toml
-from fecloth.study.chart_grid import ALL_METHODS, ELEMENTS, change_tables, known_names
+from fecloth.study.change import Change
+from fecloth.study.chart_grid import ALL_METHODS, ELEMENTS, change_names, known_names
 from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
-from fecloth.study.scene_text import scene_of
+from fecloth.study.setups import table_of_grading
 from fecloth.study.workload import EQUILATERAL, TRIANGLES
 
 CONTROLLED = "bdf2"  # the method whose steps are also chosen by rtol
@@ -63,14 +64,6 @@ class Choice:
         return ", ".join(part for part in (*parts, exact) if part)
 
 
-def span_of(opened: Problem) -> float | None:
-    """Return the length of the run [s]; None of an equilibrium."""
-    if isinstance(opened, FunctionProblem):
-        return opened.t_end
-    time = opened.scene.time
-    return None if opened.scene.equilibrium else time.t_end - time.t_start
-
-
 def own_choice(opened: Problem) -> Choice:
     """Return the element, the pattern and h of the problem itself."""
     if isinstance(opened, FunctionProblem):
@@ -87,7 +80,7 @@ def meshes_to_try(opened: Problem, elements: Sequence[str] | None) -> list[Choic
     """
     own = own_choice(opened)
     if isinstance(opened, FunctionProblem):
-        return [replace(own, element=one) for one in elements or ("",)]
+        return [replace(own, element=element) for element in elements or ("",)]
     chosen = known_names("element", elements or ELEMENTS, ELEMENTS)
     patterns = dict.fromkeys([own.pattern, *PATTERNS]) if own.pattern else {"": None}
     return [
@@ -101,13 +94,13 @@ def _same_triangles(own: Choice, pattern: str) -> float | None:
     """Return the edge length with which a pattern has as many triangles as the scene's own."""
     if own.h is None or pattern == own.pattern:
         return own.h
-    count = [TRIANGLES.get(one, EQUILATERAL) for one in (pattern, own.pattern)]
+    count = [TRIANGLES.get(name, EQUILATERAL) for name in (pattern, own.pattern)]
     return own.h * math.sqrt(count[0] / count[1])
 
 
 def methods_to_try(opened: Problem, methods: Sequence[str] | None) -> list[str]:
     """Return the methods of a problem; [""] where there is none to choose."""
-    if span_of(opened) is None:
+    if opened.span is None:
         if methods:
             remedy = "Leave the methods out."
             raise InputError(
@@ -131,41 +124,41 @@ def _preference(name: str) -> tuple:
 
 def problem_with(opened: Problem, choice: Choice) -> Problem:
     """Return the problem with a choice."""
+    return opened.changed(change_of(opened, choice))
+
+
+def change_of(opened: Problem, choice: Choice) -> Change:
+    """Return the change to a choice; without `sharper`, which a level of the problem has."""
     if isinstance(opened, FunctionProblem):
-        named = {"method": choice.method, "element": choice.element}
-        given = {key: value for key, value in named.items() if value}
+        names = {"method": choice.method, "element": choice.element}
         dt = opened.t_end / choice.steps if choice.steps and opened.t_end else opened.dt
-        return replace(opened, h=choice.h, dt=dt, settings={**opened.settings, **given})
-    scene = scene_of(text_with(opened, choice), opened.scene.trusts_geo)
-    return SceneProblem(scene, opened.name)
+        return Change(values={"h": choice.h, "dt": dt} | {k: v for k, v in names.items() if v})
+    return Change(edits=(*_steps_of(opened, choice).edits, partial(_set_mesh_and_solver, choice)))
 
 
-def text_with(opened: SceneProblem, choice: Choice) -> str:
-    """Return the scene with a choice as TOML."""
-    scene, span = opened.scene, span_of(opened)
-    names: dict = {"element": choice.element or scene.cloth.element, "model": ""}
+def _steps_of(opened: SceneProblem, choice: Choice) -> Change:
+    """Return the change to the element, the method and the steps of a choice."""
+    names: dict = {"element": choice.element or opened.scene.cloth.element, "model": ""}
     names["method"] = choice.method or "equilibrium"  # keeps its time as it is
     if choice.rtol:
         names["rtol"] = choice.rtol
-    elif choice.steps and span:
-        names["dt"] = span / choice.steps
-    data = change_tables(scene, names)
+    elif choice.steps and opened.span:
+        names["dt"] = opened.span / choice.steps
+    return change_names(opened, names)
+
+
+def _set_mesh_and_solver(choice: Choice, tables: dict) -> dict:
     if choice.pattern:
-        data["cloth"]["pattern"] = choice.pattern
+        tables["cloth"]["pattern"] = choice.pattern
     if choice.h is not None:
-        data["cloth"]["h"] = choice.h
+        tables["cloth"]["h"] = choice.h
     if choice.grading:
-        data["cloth"]["grading"] = [_entry(one) for one in choice.grading]
+        tables["cloth"]["grading"] = list(map(table_of_grading, choice.grading))
     if choice.linear:
-        data.setdefault("solver", {})["linear"] = choice.linear
+        tables.setdefault("solver", {})["linear"] = choice.linear
     if choice.is_explicit:
-        data.pop("solver", None)
-    dt, every = data.get("time", {}).get("dt", "auto"), data["output"].get("every")
+        tables.pop("solver", None)
+    dt, every = tables.get("time", {}).get("dt", "auto"), tables["output"].get("every")
     if dt != "auto" and every and every < dt:
-        data["output"] = {**data["output"], "every": dt}  # frames come no more often than steps
-    return to_toml(data)
-
-
-def _entry(grading: Grading) -> dict:
-    """Return a grading as a table of [[cloth.grading]]."""
-    return {key: value for key, value in asdict(grading).items() if value is not None}
+        tables["output"]["every"] = dt  # frames come no more often than steps
+    return tables

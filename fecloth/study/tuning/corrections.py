@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import replace
 
 import numpy as np
 
-from fecloth.scene.toml_text import to_toml
-from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
-from fecloth.study.scene_text import scene_of
-from fecloth.study.tuning.choices import span_of
+from fecloth.study.change import Change
+from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.tuning.prediction import Candidate, Prediction
 from fecloth.study.tuning.search import Goal
 from fecloth.study.tuning.time_errors import Rule
@@ -119,11 +116,13 @@ def _seconds(bench: Bench, candidate: Candidate, search: list[Trial]) -> float:
 
 def shorten(opened: Problem, part: float) -> Problem:
     """Return the beginning of a run."""
-    span = span_of(opened)
+    span = opened.span
     assert span is not None
     if isinstance(opened, FunctionProblem):
         return replace(opened, t_end=part * span)
-    data = tomllib.loads(opened.scene.to_toml())
-    data = {key: value for key, value in data.items() if key not in ("interest", "expect")}
-    data["time"]["t_end"] = opened.scene.time.t_start + part * span
-    return SceneProblem(scene_of(to_toml(data), opened.scene.trusts_geo), opened.name)
+
+    def edit(tables: dict) -> dict:
+        tables["time"]["t_end"] = opened.scene.time.t_start + part * span
+        return {k: v for k, v in tables.items() if k not in ("interest", "expect")}
+
+    return opened.changed(Change(edits=(edit,)))

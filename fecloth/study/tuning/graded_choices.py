@@ -23,18 +23,18 @@ def graded_choices(opened: Problem, trials: Sequence[Trial]) -> list[Choice]:
     with their own gradings, and where the error in space has no estimate or is too even.
     """
     first: dict[str, Trial] = {}
-    for one in trials:
-        if one.is_ok and not one.choice.is_explicit and one.choice.h:
-            first.setdefault(one.choice.element, one)
+    for trial in trials:
+        if trial.is_ok and not trial.choice.is_explicit and trial.choice.h:
+            first.setdefault(trial.choice.element, trial)
     if isinstance(opened, FunctionProblem) or opened.scene.cloth.grading:
         return []
-    found = []
+    choices = []
     for trial in first.values():
         try:
-            found += _graded(trial)
+            choices += _graded(trial)
         except InputError:  # no estimate of the error, or a shape that takes no grading
             continue
-    return found
+    return choices
 
 
 def _graded(trial: Trial) -> list[Choice]:

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fecloth.output.atomic_files import replace_file
+from fecloth.scene.toml_text import to_toml
 from fecloth.study.figures import COLOURS, MARKERS, new_figure, use_plain_ticks
 from fecloth.study.problems import SceneProblem
 from fecloth.study.result import StudyResult
 from fecloth.study.tables import Table
 from fecloth.study.tolerance import in_percent
-from fecloth.study.tuning.choices import text_with
+from fecloth.study.tuning.choices import change_of
 from fecloth.study.tuning.proof import Proof
 from fecloth.study.tuning.search import Goal
 from fecloth.study.tuning.trials import Bench, Trial, each_once, spent
@@ -145,8 +146,9 @@ def summarise(
     """Return the result; write tuned.toml."""
     trial, opened = proof.trial, bench.opened
     proved = proof.meets(goal) and not proof.why
-    text = text_with(opened, trial.choice) if isinstance(opened, SceneProblem) else ""
-    scene = None
+    text, scene = "", None
+    if isinstance(opened, SceneProblem):
+        text = to_toml(change_of(opened, trial.choice).apply(opened.tables))
     if folder is not None and text:
         scene = Path(folder) / "tuned.toml"
         scene.parent.mkdir(parents=True, exist_ok=True)

@@ -14,7 +14,7 @@ from fecloth.stability.critical_step import critical_dt
 from fecloth.study.chart_grid import ALL_METHODS
 from fecloth.study.command import StudyFailed
 from fecloth.study.problems import FunctionProblem, Problem
-from fecloth.study.tuning.choices import CONTROLLED, Choice, problem_with, span_of
+from fecloth.study.tuning.choices import CONTROLLED, Choice, problem_with
 from fecloth.study.tuning.curves import (
     Curve,
     cost_curve,
@@ -113,7 +113,7 @@ def can_choose_steps(opened: Problem) -> bool:
     """
     if isinstance(opened, FunctionProblem):
         return opened.t_end is not None and opened.dt is not None
-    span = span_of(opened)
+    span = opened.span
     dt = opened.scene.time.dt if span else None
     return span is not None and not (isinstance(dt, float) and span <= FEW * dt)
 
@@ -143,7 +143,7 @@ def _explicit_runs(bench: Bench, mesh: Choice, methods: Sequence[str], most: flo
         choice = replace(mesh, method=method)
         try:
             first = problem_with(bench.opened, choice).first
-            steps = (span_of(bench.opened) or 0.0) / critical_dt(first.system, first.start)
+            steps = (bench.opened.span or 0.0) / critical_dt(first.system, first.start)
         except FeclothError:  # the terms or the pins refuse it
             continue
         if steps > min(most, LONG):
@@ -173,7 +173,7 @@ def _ladder(bench: Bench, mesh: Choice, method: str, tolerance: float, limit: fl
 
 def first_steps(opened: Problem) -> int:
     """Return the number of steps of the first run: few, and not more than the problem has."""
-    span = span_of(opened)
+    span = opened.span
     dt = opened.dt if isinstance(opened, FunctionProblem) else opened.scene.time.dt
     own = span / dt if span and isinstance(dt, float) else FEWEST
     return int(min(max(own, 2), FEWEST))

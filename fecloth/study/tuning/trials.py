@@ -13,13 +13,12 @@ from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of
-from fecloth.study.levels import Level
-from fecloth.study.measured_runs import record_of
-from fecloth.study.problems import Problem, SceneProblem
-from fecloth.study.run_problems import Point, Runs, run_points
+from fecloth.study.levels import FIRST, Level
+from fecloth.study.problems import Problem
+from fecloth.study.run_problems import Point, Runs, record_at, refused, run_or_skip
 from fecloth.study.status import OK
 from fecloth.study.tuning.choices import Choice, problem_with
-from fecloth.study.workload import Workload, in_words
+from fecloth.study.workload import in_words
 
 ZERO = 1e-12  # size of a quantity that is round-off, in its SI unit
 FIELD = parse_quantity("displacement")
@@ -62,8 +61,7 @@ class Trial:
     @cached_property
     def cloth(self) -> Cloth:
         """The mesh, made again."""
-        point = self.row["point"]
-        cloth = point.problem.cloth_of(point.level, FIELD)
+        cloth = self.row["point"].refined.cloth_for(FIELD)
         assert cloth is not None
         return cloth
 
@@ -78,26 +76,20 @@ class Bench:
 
     def run(self, choices: Sequence[Choice], timed: bool = False) -> list[Trial]:
         """Run choices; one that is refused, fails or is too long gives a trial that is not ok."""
-        most = self.runs.most_seconds or math.inf
-        rows: dict[int, Mapping] = {}
-        points = {}
-        for i, choice in enumerate(choices):
-            try:
-                problem = problem_with(self.opened, choice)
-                level = Level(sharper=choice.sharper)
-                size = size_of_run(problem)
-                if size.seconds > most:
-                    cause = f"it would take about {in_words(size.seconds)}, too long"
-                    rows[i] = {"status": "refused", "cause": cause}
-                else:
-                    points[i] = Point(problem, level, str(choice), size)
-            except InputError as error:
-                rows[i] = {"status": "refused", "cause": str(error).splitlines()[0]}
-        if points:
-            runs = replace(self.runs, timed=timed, quiet=True)
-            found = run_points(list(points.values()), self.quantities, runs)
-            rows |= dict(zip(points, found, strict=True))
-        return [self._trial(choice, rows[i]) for i, choice in enumerate(choices)]
+        quiet = replace(self.runs, timed=timed, quiet=True)
+        rows = run_or_skip(list(map(self._point, choices)), self.quantities, quiet)
+        return [self._trial(choice, row) for choice, row in zip(choices, rows, strict=True)]
+
+    def _point(self, choice: Choice) -> Point | dict:
+        """Return what runs for a choice; a row with the reason if it is refused or too long."""
+        try:
+            problem = problem_with(self.opened, choice)
+            size = problem.workload(FIRST)
+        except InputError as error:
+            return refused(error)
+        if size.seconds > (self.runs.most_seconds or math.inf):
+            return refused(f"it would take about {in_words(size.seconds)}, too long")
+        return Point(problem, Level(sharper=choice.sharper), str(choice), size)
 
     def within(self, seconds: float) -> Bench:
         """Return it with a time limit of its runs, in place of a longer one [s]."""
@@ -107,14 +99,10 @@ class Bench:
     def _trial(self, choice: Choice, row: Mapping) -> Trial:
         if row["status"] != OK:
             return Trial(choice, row)
-        problem = row["point"].problem
         try:
-            records = tuple(
-                record_of(row, one, problem.cloth_of(row["point"].level, one), problem.probes)
-                for one in self.quantities
-            )
-            for one, record in zip(self.quantities, records, strict=True):
-                size_of(one, record)  # raises where the run has none, as of a period
+            records = tuple(record_at(row, quantity) for quantity in self.quantities)
+            for quantity, record in zip(self.quantities, records, strict=True):
+                size_of(quantity, record)  # raises where the run has none, as of a period
         except InputError as error:
             return Trial(choice, {**row, "status": "no value", "cause": str(error)})
         return Trial(choice, row, records)
@@ -124,29 +112,22 @@ class Bench:
         if a is b:
             return np.zeros(len(self.quantities))
         pairs = zip(self.quantities, a.records, b.records, strict=True)
-        apart = [difference_of(one, x, y) / max(size_of(one, x), ZERO) for one, x, y in pairs]
+        apart = [difference_of(q, x, y) / max(size_of(q, x), ZERO) for q, x, y in pairs]
         return np.nan_to_num(np.maximum(apart, LEAST), nan=np.inf)
 
     def check_sizes(self, trial: Trial) -> None:
         """Raise `InputError` for a quantity of size zero: it has no relative error."""
-        for one, record in zip(self.quantities, trial.records, strict=True):
-            if not size_of(one, record) > ZERO:
+        for quantity, record in zip(self.quantities, trial.records, strict=True):
+            if not size_of(quantity, record) > ZERO:
                 remedy = "Choose another quantity, or its path or maximum over the run."
-                raise InputError(f"{one} = 0", "has no relative error", "tune", remedy)
+                raise InputError(f"{quantity} = 0", "has no relative error", "tune", remedy)
 
 
 def spent(trials: Sequence[Trial]) -> float:
     """Return the CPU time of trials [s], each counted once."""
-    return sum(one.spent for one in each_once(trials))
+    return sum(trial.spent for trial in each_once(trials))
 
 
 def each_once(trials: Sequence[Trial]) -> list[Trial]:
     """Return the trials without copies: a run that comes again from the store has its seconds."""
-    return list({(one.choice, one.row.get("cpu_seconds")): one for one in trials}.values())
-
-
-def size_of_run(problem: Problem) -> Workload:
-    """Predict the size of a run without its mesh, where that is possible."""
-    if not isinstance(problem, SceneProblem):
-        return problem.workload(Level())
-    return Workload.of(problem.scene)
+    return list({(run.choice, run.row.get("cpu_seconds")): run for run in trials}.values())

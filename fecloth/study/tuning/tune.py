@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import math
 import sys
-import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from fecloth.errors import FeclothError, InputError
+from fecloth.errors import InputError
 from fecloth.quantities.units import TIME
 from fecloth.quantities.units import quantity as read_quantity
 from fecloth.scene.scene import Scene
-from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.problems import SceneProblem, open_problem
 from fecloth.study.run_problems import Runs
-from fecloth.study.scene_text import scene_of
-from fecloth.study.simplification.variants import Variant, variants_of_term
+from fecloth.study.simplification.variants import Variant, changes_of, variants_of_term
 from fecloth.study.tolerance import read_tolerance
-from fecloth.study.tuning.choices import Choice, methods_to_try, span_of
+from fecloth.study.tuning.choices import Choice, methods_to_try
 from fecloth.study.tuning.corrections import measure_growth, time_candidates
 from fecloth.study.tuning.proof import best_run, prove
 from fecloth.study.tuning.result import Tuned, summarise
@@ -188,8 +185,8 @@ def _reduce(bench: Bench, mesh: Choice, goal: Goal) -> tuple:
     if not isinstance(bench.opened, SceneProblem):
         remedy = "Write a scene file, or compare the models with compare."
         raise InputError("model = True", "needs a scene: it changes its terms", "tune", remedy)
-    span = span_of(bench.opened)
-    choice = mesh if span is None else replace(mesh, method="bdf2", steps=STEPS)
+    is_static = bench.opened.span is None
+    choice = mesh if is_static else replace(mesh, method="bdf2", steps=STEPS)
     return drop_terms(bench, choice, goal.scale)
 
 
@@ -219,53 +216,48 @@ def drop_terms(
     trials = [full]
     if not full.is_ok:
         return bench, total, [], trials
-    data = tomllib.loads(bench.opened.scene.to_toml())
+    taken: dict[str, Variant] = {}
 
-    def change_by(variant: Variant) -> tuple[np.ndarray, float]:
-        """Return the change by a variant of the present data, infinite if it fails; its seconds."""
-        trial = run_tables(bench, variant.apply(data), choice)
+    def run_with(variant: Variant) -> tuple[np.ndarray, float]:
+        """Return the change by a variant beside those taken, infinite if it fails; its seconds."""
+        trial = run_variants(bench, [*taken.values(), variant], choice)
         trials.extend([trial] if trial else [])
         if trial is None or not trial.is_ok:
             return np.full(len(total), np.inf), math.inf
         return bench.distance(full, trial), trial.seconds
 
     worth = []
-    for variant in _variants(bench.opened, data["terms"], choice.element):
-        change, seconds = change_by(variant)
+    for variant in _variants(bench.opened, choice.element):
+        change, seconds = run_with(variant)
         if change.max() <= SHARE * tolerance and seconds < SAVES * full.seconds:
             worth.append((seconds, variant))
-    taken: dict[str, Variant] = {}
     for _, variant in sorted(worth, key=lambda pair: pair[0]):
         if variant.slot in taken:
             continue
-        change, _ = change_by(variant)
+        change, _ = run_with(variant)
         if change.max() <= SHARE * tolerance:
-            data, total = variant.apply(data), change
-            taken[variant.slot] = variant
-    reduced = _with_tables(bench, data)
-    return reduced, total, [variant.name for variant in taken.values()], trials
+            total, taken[variant.slot] = change, variant
+    names = [variant.name for variant in taken.values()]
+    return _with(bench, taken.values()), total, names, trials
 
 
-def _variants(opened: SceneProblem, terms: Sequence[dict], element: str) -> list[Variant]:
+def _variants(opened: SceneProblem, element: str) -> list[Variant]:
     """Return the variants of all terms, but those that leave out a membrane."""
-    known = {type(term).__name__: traits_of(term) for term in opened.first.system.terms}
-    membranes = {name for name, traits in known.items() if traits.kind == "membrane"}
-    kept = membranes - {Springs.__name__}
-    listed = [v for term in terms for v in variants_of_term(term, element, known[term["type"]])]
-    return [one for one in listed if not (one.kind == "without" and one.by in kept)]
+    traits = {type(term).__name__: traits_of(term) for term in opened.first.system.terms}
+    kept = {name for name, own in traits.items() if own.kind == "membrane"} - {Springs.__name__}
+    terms = opened.tables.get("terms", [])
+    listed = [v for term in terms for v in variants_of_term(term, element, traits[term["type"]])]
+    return [v for v in listed if not (v.kind == "without" and v.by in kept)]
 
 
-def _with_tables(bench: Bench, data: dict) -> Bench:
-    """Return the bench with the scene of some tables."""
-    assert isinstance(bench.opened, SceneProblem)
-    scene = scene_of(to_toml(data), bench.opened.scene.trusts_geo)
-    return replace(bench, opened=SceneProblem(scene, bench.opened.name))
-
-
-def run_tables(bench: Bench, data: dict, choice: Choice) -> Trial | None:
-    """Run the scene of some tables; None if it is refused."""
+def run_variants(bench: Bench, variants: Sequence[Variant], choice: Choice) -> Trial | None:
+    """Run the problem with some variants; None if it is refused."""
     try:
-        changed = _with_tables(bench, data)
-    except FeclothError:
+        return _with(bench, variants).run([choice], timed=True)[0]
+    except InputError:
         return None
-    return changed.run([choice], timed=True)[0]
+
+
+def _with(bench: Bench, variants: Iterable[Variant]) -> Bench:
+    """Return the bench of the problem with some variants."""
+    return replace(bench, opened=bench.opened.changed(changes_of(variants)))

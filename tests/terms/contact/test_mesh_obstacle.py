@@ -8,7 +8,7 @@ import fecloth as fc
 from fecloth.errors import InputError, MeshError
 from fecloth.mesh.read import read_surface
 from fecloth.scene.scene import load_scene
-from fecloth.study.scene_text import digest_of_files
+from fecloth.study.scene_problem import digest_of_files
 
 pytest.importorskip("ipctk")
 FABRIC = fc.Fabric(0.2, 500.0, 0.3, bending_rigidity=1e-5)
