@@ -26,11 +26,8 @@ def insert_bodies(template: Any, functions: Mapping[str, Callable]) -> Any:
     ones that return at their end or not at all. Their local names get the key as a prefix. Those
     that the template does not call are not looked at.
 
-    Raises
-    ------
-    TypeError
-        For another number of arguments, a parameter that is assigned to, a return before the end,
-        and a global name that has another meaning in the template.
+    Raises `TypeError` for another number of arguments, a parameter that is assigned to, a return
+    before the end, and a global name that has another meaning in the template.
 
     Examples
     --------

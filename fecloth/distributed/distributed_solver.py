@@ -85,10 +85,7 @@ class DistributedSolver:
     ) -> tuple[np.ndarray, SolveInfo]:
         """x (n, 3) with ‖b − A x‖ ≤ rtol ‖b‖.
 
-        Raises
-        ------
-        IndefiniteMatrix, SolveFailed
-            If no such x was found.
+        Raises `IndefiniteMatrix` or `SolveFailed` if no such x was found.
         """
         b = np.ascontiguousarray(b, dtype=float)
         if not b.any():

@@ -76,10 +76,7 @@ class MpiLink:
     def each(self, name: str, arguments: Sequence[tuple]) -> list:
         """What the function `name` of each worker returns for its own arguments.
 
-        Raises
-        ------
-        FeclothError
-            The first error of a worker.
+        Raises the first error of a worker.
         """
         for rank in range(1, self.size):
             self.comm.send((name, arguments[rank]), dest=rank)

@@ -202,10 +202,7 @@ class PetscSolver:
     ) -> tuple[np.ndarray, int, float]:
         """x of own nodes, the iterations, and ‖b − A x‖ / ‖b‖.
 
-        Raises
-        ------
-        IndefiniteMatrix, SolveFailed
-            On all processes alike.
+        It fails on all processes alike.
         """
         self.b.array[:] = b.ravel()
         self.x.array[:] = 0.0 if guess is None else guess.ravel()

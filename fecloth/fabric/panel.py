@@ -32,39 +32,20 @@ class Panel:
     """A cloth with the fabric and the warp direction of each triangle; create it with `cut`.
 
     Terms are bound to a panel.
-
-    Attributes
-    ----------
-    cloth
-        The reference mesh.
-    fabrics
-        The fabrics of the regions.
-    region
-        (m,) index of the fabric of each triangle.
-    grain
-        (m,) angle from the X axis to the warp in each triangle [rad].
-    start
-        (n, 3) positions at which the run starts [m]; None: flat, at (X, Y, 0).
-    clamps
-        The edges whose normal pins hold.
-    mass
-        "lumped" or "consistent", as in `System`.
-    team
-        The threads that share the loops of terms.
-    counted
-        ``counted(nodes)`` (m,): whether the elements with the nodes (m, k), of which −1 is none,
-        count in sums over elements. None, for a whole cloth: all do. Where other processes hold
-        other parts of the cloth, each element counts in one of them.
     """
 
     cloth: Cloth
-    fabrics: tuple[Fabric, ...]
-    region: np.ndarray
-    grain: np.ndarray
+    fabrics: tuple[Fabric, ...]  # of the regions
+    region: np.ndarray  # (m,) index of the fabric of each triangle
+    grain: np.ndarray  # (m,) angle from the X axis to the warp in each triangle [rad]
+    # (n, 3) positions at which the run starts [m]; None: flat, at (X, Y, 0)
     start: np.ndarray | None = None
-    clamps: Clamps | None = None
-    mass: str = "consistent"
-    team: Team = ALONE
+    clamps: Clamps | None = None  # the edges whose normal pins hold
+    mass: str = "consistent"  # "lumped" or "consistent", as in `System`
+    team: Team = ALONE  # the threads that share the loops of terms
+    # ``counted(nodes)`` (m,): whether the elements with the nodes (m, k) count in sums over
+    # elements; a node −1 is none. None, for a whole cloth: all elements count. Where other
+    # processes hold other parts of the cloth, each element counts in one of the processes.
     counted: Callable[[np.ndarray], np.ndarray] | None = None
 
     @classmethod

@@ -33,34 +33,17 @@ class ExplicitOpening(NamedTuple):
     """An explicit step that is open: ``method.open(system, state, dt, memory, history)``.
 
     ``method.close(opening, a)`` is the `Step` to the `acceleration` a (n, 3) [m/s²].
-
-    Attributes
-    ----------
-    system, over
-        The system, and the system over the step.
-    at
-        The state at which the step needs the acceleration.
-    begin, end
-        The state at the begin, and that of the held directions at the end.
-    dt
-        Size of the step [s].
-    memory
-        What the method remembers of the step before.
-    history
-        The records that terms keep, at the begin of the step; None without any.
-    opened
-        The clock when it was opened, for the counts [s].
     """
 
     system: System
-    over: System
-    at: State
+    over: System  # the system over the step
+    at: State  # the state at which the step needs the acceleration
     begin: State
-    end: State
-    dt: float
-    memory: LastForce | None
-    history: History | None
-    opened: float
+    end: State  # of the held directions
+    dt: float  # size of the step [s]
+    memory: LastForce | None  # what the method remembers of the step before
+    history: History | None  # the records that terms keep, at the begin; None without any
+    opened: float  # the clock when it was opened, for the counts [s]
 
     def acceleration(self) -> np.ndarray:
         """M⁻¹ f (n, 3) [m/s²] at the state `at`."""
@@ -90,13 +73,7 @@ class Explicit:
         return replace(self.constants, beyond_limit=self.beyond_limit)
 
     def check(self, system: System) -> None:
-        """Raise `InputError` for a mass that needs a linear solve.
-
-        Raises
-        ------
-        InputError
-            For a consistent mass.
-        """
+        """Raise `InputError` for a consistent mass, which needs a linear solve."""
         if system.mass_kind != "lumped":
             raise InputError(
                 f"mass = {system.mass_kind!r}",

@@ -25,12 +25,7 @@ from fecloth.terms.step_difference import StepDifference
 class LinearOpening:
     """A step of `LinearlyImplicitEuler` that is open: its residual is linear in q.
 
-    q (n, 3) [m/s] is Δv of the free directions, and it has the fields of `Opening`, besides:
-
-    Attributes
-    ----------
-    held
-        (n, 3) Δv of the held directions: what moves x to its prescribed end.
+    q (n, 3) [m/s] is Δv of the free directions. The step has the fields of `Opening`, and `held`.
     """
 
     system: System
@@ -40,7 +35,7 @@ class LinearOpening:
     dt: float
     guess: np.ndarray | None
     history: History | None
-    held: np.ndarray
+    held: np.ndarray  # (n, 3) Δv of the held directions: what moves x to its prescribed end
 
     @property
     def inertial(self) -> np.ndarray:

@@ -19,48 +19,31 @@ class Step:
 
     The optional fields say which forces moved the cloth; the energy ledger and the reactions of
     the pins need them. Without any, it was the force at `balanced_at`.
-
-    Attributes
-    ----------
-    state
-        The new state.
-    balanced_at
-        Time, position and velocity at which the method balanced the forces.
-    memory
-        Input of the next step: the solved unknown as a first guess, or a record of past values
-        (see `remembered`).
-    counts
-        Newton and linear iterations, residual, seconds.
-    over
-        The system over the step, where terms act over it: its force moved the cloth.
-    accelerations
-        ((state, M⁻¹ f there (n, 3) [m/s²]), …): the step was by the mean of these forces.
-    ends
-        (system, old state): the ledger takes the mean of the forces at both ends of the step, and
-        power at the mean of both states. They are evaluated once, and only when needed.
-    a
-        (n, 3) [m/s²] with `ends`: along the free directions the method solved M a = f(balanced_at).
-    share
-        With `ends`: M a is instead the mean of the forces at both ends, with this weight of the
-        new one.
-    history, earlier
-        The records that terms keep, after and before the step (`System.start_history`); None
-        without any.
-    size
-        The size [s] that a choice of steps asked of the method, if it was not that of `march`.
     """
 
     state: State
-    balanced_at: State
+    balanced_at: State  # time, position and velocity at which the method balanced the forces
+    # input of the next step: the solved unknown as a first guess, or a record of past values
+    # (see `remembered`)
     memory: object
-    counts: Counts
+    counts: Counts  # Newton and linear iterations, residual, seconds
+    # the system over the step, where terms act over it: its force moved the cloth
     over: System | None = None
+    # ((state, M⁻¹ f there (n, 3) [m/s²]), …): the step was by the mean of these forces
     accelerations: tuple[tuple[State, np.ndarray], ...] = ()
+    # (system, old state): the ledger takes the mean of the forces at both ends of the step, and
+    # power at the mean of both states. They are evaluated once, and only when needed.
     ends: tuple[System, State] | None = None
+    # (n, 3) [m/s²] with `ends`: along free directions the method solved M a = f(balanced_at)
     a: np.ndarray | None = None
+    # with `ends`: M a is instead the mean of the forces at both ends, with this weight of the
+    # new one
     share: float | None = None
+    # the records that terms keep, after and before the step (`System.start_history`); None
+    # without any
     history: History | None = None
     earlier: History | None = None
+    # the size [s] that a choice of steps asked of the method, if it was not that of `march`
     size: float | None = None
 
     def around(self, system: System) -> tuple[System, System]:

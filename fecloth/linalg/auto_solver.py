@@ -150,10 +150,7 @@ class AutoSolver:
     ) -> tuple[np.ndarray, SolveInfo]:
         """Solve A x = b: x (n, 3) and its `SolveInfo`, with another solver if this takes too long.
 
-        Raises
-        ------
-        IndefiniteMatrix
-            If the solver finds that A is not positive definite.
+        Raises `IndefiniteMatrix` if the solver finds that A is not positive definite.
         """
         A, _, _ = check_arguments(self._A, b, rtol)
         others = [mode for mode in self._make if mode not in ("pcg", self._mode)] or ["direct"]

@@ -18,18 +18,11 @@ FindSlots = Callable[[np.ndarray], np.ndarray]  # as `BlockPattern.slots`
 
 @dataclass(frozen=True)
 class BlockPattern:
-    """The pairs of coupled nodes, as compressed rows of 3×3 blocks.
+    """The pairs of coupled nodes, as compressed rows of 3×3 blocks."""
 
-    Attributes
-    ----------
-    indptr
-        (n + 1,) int32. Row i has the blocks indptr[i] … indptr[i + 1] − 1.
-    indices
-        (b,) int32 column of each block, ascending within a row. The pattern always contains the
-        diagonal.
-    """
-
-    indptr: np.ndarray
+    indptr: np.ndarray  # (n + 1,) int32. Row i has the blocks indptr[i] … indptr[i + 1] − 1.
+    # (b,) int32 column of each block, ascending within a row. The pattern always contains the
+    # diagonal.
     indices: np.ndarray
 
     @classmethod

@@ -12,10 +12,8 @@ from fecloth.linalg.block_matrix import BlockMatrix
 def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
     """Write the inverses of the diagonal blocks (n, 6); see `invert_blocks`.
 
-    Raises
-    ------
-    IndefiniteMatrix, SolveFailed
-        If a block is not positive definite, or not finite; `name` begins the message.
+    Raises `IndefiniteMatrix` if a block is not positive definite, and `SolveFailed` if it is not
+    finite. `name` begins the message.
     """
     node = invert_blocks(A.pattern.diagonal, A.values, inverse)
     if node < 0:

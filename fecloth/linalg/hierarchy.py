@@ -87,6 +87,9 @@ def make_levels(
 ) -> list[Level]:
     """Compute the prolongators and the coarse matrices of A.
 
+    Raises `IndefiniteMatrix` if a coarse diagonal block is not positive definite, for then A is not
+    positive definite, and `SolveFailed` if it is not finite.
+
     Parameters
     ----------
     inverse
@@ -95,11 +98,6 @@ def make_levels(
         (n, 3, 6) motions with little energy that all levels can represent; overwritten.
     kind
         Precision of the finest level.
-
-    Raises
-    ------
-    IndefiniteMatrix, SolveFailed
-        If a coarse diagonal block is not positive definite, and so A is not; or not finite.
     """
     grid, *coarser = grids
     if grid.transfer is None:

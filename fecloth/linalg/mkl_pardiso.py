@@ -66,10 +66,7 @@ def pardiso(
 def routine() -> Callable[..., None]:
     """The C function ``pardiso``; the first call loads the MKL (0.4 s).
 
-    Raises
-    ------
-    ImportError, OSError
-        If pypardiso or the MKL is missing.
+    Raises `ImportError` or `OSError` if pypardiso or the MKL is missing.
     """
     import pypardiso
 

@@ -56,10 +56,8 @@ class Multigrid(PCG):
     def prepare(self, A: BlockMatrix) -> None:
         """Invert the diagonal blocks of A, and make coarse matrices if there are none.
 
-        Raises
-        ------
-        IndefiniteMatrix
-            If a diagonal block of A or of a coarse matrix is not positive definite.
+        Raises `IndefiniteMatrix` if a diagonal block of A or of a coarse matrix is not positive
+        definite.
         """
         super().prepare(A)
         begin, self._A = time.perf_counter(), None

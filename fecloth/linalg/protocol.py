@@ -16,53 +16,29 @@ from fecloth.linalg.reductions import BLOCK, nodes_of, squared_norm
 
 @dataclass(frozen=True)
 class SolveInfo:
-    """Cost and accuracy of a solve.
-
-    Attributes
-    ----------
-    name
-        Name of the solver.
-    iterations
-        Iterations of conjugate gradients, or steps of refinement of a direct solver (mostly 0).
-    residual
-        ‖b − A x‖ / ‖b‖, computed with A and the returned x.
-    seconds_factor
-        Duration of the last ``prepare`` [s]: factorisation or preconditioner, and the analysis if
-        the pattern was new.
-    seconds_solve
-        Duration of this ``solve`` [s].
-    """
+    """Cost and accuracy of a solve."""
 
     name: str
+    # iterations of conjugate gradients, or steps of refinement of a direct solver (mostly 0)
     iterations: int
-    residual: float
+    residual: float  # ‖b − A x‖ / ‖b‖, computed with A and the returned x
+    # duration of the last ``prepare`` [s]: factorisation or preconditioner, and the analysis if
+    # the pattern was new
     seconds_factor: float
-    seconds_solve: float
+    seconds_solve: float  # duration of this ``solve`` [s]
 
 
 class LinearSolver(Protocol):
-    """A solver of A x = b for a `BlockMatrix`.
+    """A solver of A x = b for a `BlockMatrix`."""
 
-    Attributes
-    ----------
-    name
-        For reports, and the key of its prices in `nonlinear.factor_reuse`: an attribute or a
-        property.
-    symmetric
-        Whether it takes symmetric matrices only.
-    prepared
-        Number of calls of `prepare` so far: it identifies the prepared matrix.
-    keeps_state
-        Whether a solve may depend on more than the prepared matrix, such as on the work of the
-        steps before.
-    """
-
-    symmetric: bool
-    prepared: int
-    keeps_state: bool
+    symmetric: bool  # whether it takes symmetric matrices only
+    prepared: int  # number of calls of `prepare` so far: it identifies the prepared matrix
+    keeps_state: bool  # whether a solve may depend on more than the prepared matrix
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """For reports, and the key of its prices in `nonlinear.factor_reuse`."""
+        ...
 
     def prepare(self, A: BlockMatrix) -> None:
         """Analyse the pattern if it is new, and factorise A or build the preconditioner.

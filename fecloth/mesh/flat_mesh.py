@@ -46,6 +46,11 @@ class FlatMesh:
         triangle) are added unless sets of this name exist. An edge set without a node set of the
         same name gets one.
 
+        Raises `MeshError` for coordinates that are not finite or not in a plane, indices out of
+        range, repeated vertices, zero-area, inverted, duplicate, overlapping or unconnected
+        triangles, an edge of more than two triangles, unused or coincident nodes, empty sets, and
+        sets with pairs that are no edge.
+
         Parameters
         ----------
         X : (n, 2) or (n, 3) array
@@ -63,14 +68,6 @@ class FlatMesh:
         node_ids, triangle_ids : integer arrays, optional
             Numbers of nodes and triangles in the error messages. Default: the indices.
         triangle_sets : dict of str to (k,) integer arrays, optional
-
-        Raises
-        ------
-        MeshError
-            For coordinates that are not finite or not in a plane, indices out of range, repeated
-            vertices, zero-area, inverted, duplicate, overlapping or unconnected triangles, an edge
-            of more than two triangles, unused or coincident nodes, empty sets, and sets with pairs
-            that are no edge.
 
         Examples
         --------

@@ -35,6 +35,10 @@ def rectangle(
     straight and have half triangles. The edge length along x divides the width and is the nearest
     one to that of an equilateral triangle. Thus the angles are exactly 60° only if the sides fit.
 
+    Raises `InputError` for sides or h that are not positive and finite, h out of range, an unknown
+    pattern, a rectangle lower than one row of equilateral triangles of that h, or a grading of
+    another pattern than "unstructured".
+
     Parameters
     ----------
     width, height : float
@@ -53,13 +57,6 @@ def rectangle(
     FlatMesh
         Node sets ``left right bottom top corners boundary``, edge sets
         ``left right bottom top boundary``.
-
-    Raises
-    ------
-    InputError
-        For sides or h that are not positive and finite, h out of range, an unknown pattern, a
-        rectangle lower than one row of equilateral triangles of that h, or a grading of another
-        pattern than "unstructured".
 
     Examples
     --------
@@ -88,6 +85,8 @@ def rectangle(
 def disk(radius: float, h: float, grading: Sequence[Grading] = ()) -> FlatMesh:
     """Mesh a disk around the origin by Gmsh; the nodes of the rim lie on the circle.
 
+    Raises `InputError` for a radius or h that is not positive and finite, or h out of range.
+
     Parameters
     ----------
     radius : float
@@ -101,11 +100,6 @@ def disk(radius: float, h: float, grading: Sequence[Grading] = ()) -> FlatMesh:
     -------
     FlatMesh
         It has the node and edge set ``boundary``.
-
-    Raises
-    ------
-    InputError
-        For a radius or h that is not positive and finite, or h out of range.
 
     Examples
     --------

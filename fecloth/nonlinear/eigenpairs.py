@@ -98,10 +98,7 @@ class _Pencil:
     def invert(self) -> tuple[LinearOperator, float]:
         """Return (K + s M)⁻¹ of the free directions, and s.
 
-        Raises
-        ------
-        SolveFailed
-            If no s gives a positive definite matrix, as where K is not finite.
+        Raises `SolveFailed` if no s gives a positive definite matrix, as where K is not finite.
         """
         for power in range(MOST):
             shift = FIRST * self.scale * GROWTH**power

@@ -61,27 +61,13 @@ class Equilibrium(State):
 
 @dataclass(frozen=True)
 class Iteration:
-    """Figures of one Newton iteration.
+    """Figures of one Newton iteration."""
 
-    Attributes
-    ----------
-    number
-        Counted from 1.
-    residual
-        ‖f‖ of the free directions after it, relative to Σ ‖f_term‖ of all directions.
-    shift
-        σ of its tangent K + σ M [1/s²]; 0 is the exact tangent.
-    length
-        Fraction of Newton's step; more than 1 where the potential is concave along it.
-    load
-        Factor on the loads.
-    """
-
-    number: int
-    residual: float
-    shift: float
-    length: float
-    load: float = 1.0
+    number: int  # counted from 1
+    residual: float  # ‖f‖ of the free directions after it, relative to Σ ‖f_term‖ of all directions
+    shift: float  # σ of its tangent K + σ M [1/s²]; 0 is the exact tangent
+    length: float  # fraction of Newton's step; more than 1 where the potential is concave along it
+    load: float = 1.0  # factor on the loads
 
 
 def equilibrium(
@@ -210,23 +196,13 @@ def static_context(
 
 
 class Increase(NamedTuple):
-    """What `increase_loads` found.
-
-    Attributes
-    ----------
-    x, rate
-        Positions, and ∂x/∂(factor on the loads) (n, 3) [m].
-    counts
-        Of all increments.
-    over, history
-        The system over the last increment, and what its terms remember after that.
-    """
+    """What `increase_loads` found."""
 
     x: np.ndarray
-    rate: np.ndarray | float
-    counts: Counts
-    over: System
-    history: History | None
+    rate: np.ndarray | float  # ∂x/∂(factor on the loads) (n, 3) [m]
+    counts: Counts  # of all increments
+    over: System  # the system over the last increment
+    history: History | None  # what its terms remember after that increment
 
 
 def increase_loads(

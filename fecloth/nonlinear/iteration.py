@@ -63,10 +63,7 @@ def iterate(
     cloth at rest, and the last iteration moved no node by 1e-7 of the extent of the cloth. If no
     force exceeds its round-off, the residual counts as 0.
 
-    Raises
-    ------
-    NewtonFailed, EquilibriumFailed
-        `Equation.failure`, if the iteration cannot go on or takes too long.
+    Raises `Equation.failure` if the iteration cannot go on or takes too long.
     """
     work, most = _Work(equation, context, left), context.options.max_iterations
     point = work.at(y, 0.0)

@@ -38,10 +38,8 @@ def solve(
     proportion to the angle squared, and as it is so much stiffer in its plane than across, good
     steps increase the residual.
 
-    Raises
-    ------
-    NewtonFailed
-        If the tolerance is not met, unless by round-off: then `Counts.limited` is 1.
+    Raises `NewtonFailed` if the tolerance is not met, unless by round-off: then `Counts.limited` is
+    1.
 
     Notes
     -----

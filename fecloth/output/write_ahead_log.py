@@ -109,20 +109,12 @@ def _reserve(path: Path, size: int) -> None:
 
 
 class _Waiting(io.RawIOBase):
-    """A file whose changes are held in memory.
-
-    Attributes
-    ----------
-    changes
-        (place, bytes), in order of writing.
-    size
-        Of the file with them.
-    """
+    """A file whose changes are held in memory."""
 
     def __init__(self, base: io.BufferedReader):
         self.base, self.place = base, 0
-        self.size = base.seek(0, os.SEEK_END)
-        self.changes: list[tuple[int, bytes]] = []
+        self.size = base.seek(0, os.SEEK_END)  # of the file with its changes
+        self.changes: list[tuple[int, bytes]] = []  # (place, bytes), in order of writing
 
     def readable(self) -> bool:
         return True

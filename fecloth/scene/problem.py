@@ -25,57 +25,27 @@ from fecloth.system.system import System
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The objects of a scene, ready for `march`.
-
-    Attributes
-    ----------
-    cloth, system, state, t_end
-        As `march` takes them; state is the start.
-    steps
-        The method and the choice of its steps, or `Auto` before it is resolved.
-    newton, linear
-        Options of the nonlinear solve, and the choice of the linear solver.
-    probes
-        As `run` takes them.
-    ledger, observer
-        The energies at the start, and what is recorded of each step.
-    frame_steps, stops
-        Steps between two frames of the output, or None and their times.
-    frame_format
-        "vtu" or "vtkhdf".
-    note
-        A line to print before the run, or "".
-    restarts
-        Steps (an int) or seconds between two restart files; None for none.
-    intersections
-        Whether the pairs of triangles that intersect are counted.
-    unit
-        What follows a value of t in words: " s" or " of the loads".
-    error_density
-        Whether frames have the energy of the error in space per area.
-    rows
-        As `run` takes it.
-    """
+    """The objects of a scene, ready for `march`."""
 
     cloth: Cloth
     system: System
-    state: State
-    steps: StepChoice | Auto
+    state: State  # the start
+    steps: StepChoice | Auto  # the method and the choice of its steps; `Auto` is resolved later
     t_end: float
     newton: Newton
-    linear: str
+    linear: str  # the choice of the linear solver
     probes: tuple[Probe, ...]
-    ledger: Ledger
-    observer: Observer
-    frame_steps: int | None
+    ledger: Ledger  # the energies at the start
+    observer: Observer  # records each step
+    frame_steps: int | None  # steps between two frames of the output; None: frames at `stops`
     stops: tuple[float, ...]
-    frame_format: str = "vtu"
-    note: str = ""
-    restarts: int | float | None = None
-    intersections: bool = True
-    unit: str = " s"
-    error_density: bool = False
-    rows: int = ROWS
+    frame_format: str = "vtu"  # "vtu" or "vtkhdf"
+    note: str = ""  # a line to print before the run, or ""
+    restarts: int | float | None = None  # steps (an int) or seconds between two restart files
+    intersections: bool = True  # whether the pairs of triangles that intersect are counted
+    unit: str = " s"  # what follows a value of t in words: " s" or " of the loads"
+    error_density: bool = False  # whether frames have the energy of the error in space per area
+    rows: int = ROWS  # as `run` takes it
 
     @property
     def is_static(self) -> bool:

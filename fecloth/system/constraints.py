@@ -18,20 +18,11 @@ from fecloth.system.pins import Pin
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """All pins and slides of a system on its cloth.
+    """All pins and slides of a system on its cloth."""
 
-    Attributes
-    ----------
-    groups
-        Name → (pin, its nodes).
-    nodes
-        (c,) constrained nodes, ascending.
-    projectors
-        (c, 3, 3) P onto the free directions of each of them (0: pinned, rank 1 or 2: sliding).
-    """
-
-    groups: dict[str, tuple[Pin, np.ndarray]]
-    nodes: np.ndarray
+    groups: dict[str, tuple[Pin, np.ndarray]]  # name → (pin, its nodes)
+    nodes: np.ndarray  # (c,) constrained nodes, ascending
+    # (c, 3, 3) P onto the free directions of each of them (0: pinned, rank 1 or 2: sliding)
     projectors: np.ndarray
 
     @classmethod

@@ -15,28 +15,6 @@ class StepDifference:
     A method makes one for each step and hands it to `System.over_step`. For y = x it is the
     method's own velocity, v = (x − Σ cᵢ xᵢ)/h.
 
-    Attributes
-    ----------
-    start
-        (n, 3) positions x₀ at the begin of the step [m].
-    dt
-        Size of the step [s].
-    h
-        h [s].
-    past
-        ((cᵢ, xᵢ), …) with xᵢ (n, 3) [m].
-    at_mean
-        Whether x is the mean of both ends of the step, so that x₁ = 2x − x₀, and the energy is to
-        be conserved: −f(x) · (x₁ − x₀) = energy(x₁) − energy(x₀). Otherwise x is the end x₁.
-    symmetric
-        With `at_mean`: whether tangents must be symmetric, and may be inexact.
-    t
-        Time at the begin of the step [s].
-    history
-        The record that the term keeps, at the begin of the step; see `BoundTerm.start_history`.
-        None for a term that keeps none, and where a system over a step is made without a history:
-        then the step is the first one.
-
     Examples
     --------
     Backward Euler's difference, ẏ = (y(x) − y(x₀))/dt:
@@ -47,13 +25,19 @@ class StepDifference:
     (0.01, 1.0)
     """
 
-    start: np.ndarray
-    dt: float
-    h: float
-    past: tuple[tuple[float, np.ndarray], ...]
+    start: np.ndarray  # (n, 3) positions x₀ at the begin of the step [m]
+    dt: float  # size of the step [s]
+    h: float  # [s]
+    past: tuple[tuple[float, np.ndarray], ...]  # ((cᵢ, xᵢ), …) with xᵢ (n, 3) [m]
+    # Whether x is the mean of both ends of the step, so that x₁ = 2x − x₀, and the energy is to
+    # be conserved: −f(x) · (x₁ − x₀) = energy(x₁) − energy(x₀). Otherwise x is the end x₁.
     at_mean: bool = False
+    # with `at_mean`: whether tangents must be symmetric, and may be inexact
     symmetric: bool = False
-    t: float = 0.0
+    t: float = 0.0  # time at the begin of the step [s]
+    # The record that the term keeps, at the begin of the step; see `BoundTerm.start_history`.
+    # None for a term that keeps no record, and where a system over a step is made without a
+    # history: then the step is the first step.
     history: Any = None
 
     @classmethod

@@ -48,23 +48,13 @@ PER_FRAME = 4000  # sampled values and positions of a frame, to fit colours and 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """Settings of all frames of a movie.
-
-    Attributes
-    ----------
-    view, distance
-        Direction and distance [m] of the camera.
-    colours
-        Ends of the colour bar; None for the checker pattern.
-    ground
-        Height of the ground [m].
-    """
+    """Settings of all frames of a movie."""
 
     field: str
-    view: View
-    distance: float
-    colours: tuple[float, float] | None
-    ground: float
+    view: View  # direction of the camera
+    distance: float  # of the camera [m]
+    colours: tuple[float, float] | None  # ends of the colour bar; None for the checker pattern
+    ground: float  # height of the ground [m]
     size: tuple[int, int]
 
 

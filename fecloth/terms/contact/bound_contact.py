@@ -33,17 +33,9 @@ class Touched:
 
 
 class BoundContact(BoundTerm):
-    """A contact on a cloth.
+    """A contact on a cloth."""
 
-    Attributes
-    ----------
-    friction
-        μ.
-    body
-        What it moves and turns with; None where it cannot.
-    """
-
-    friction: float
+    friction: float  # μ
 
     has_energy = True
     stores_strain = False
@@ -51,6 +43,7 @@ class BoundContact(BoundTerm):
 
     @property
     def body(self) -> Shape | None:
+        """The shape with which it moves and turns; None where it does not move."""
         raise NotImplementedError
 
     @property
