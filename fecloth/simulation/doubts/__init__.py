@@ -1,0 +1,1 @@
+"""Doubts about a run: warnings before its first step, and what they look at."""
