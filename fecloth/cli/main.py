@@ -504,7 +504,6 @@ def _plan(options) -> list[str]:
     from fecloth.cli.describe import describe_cloth, sources
     from fecloth.runs.run_scene import resolve_scene
     from fecloth.scene.plan import memory_of_each, plan
-    from fecloth.scene.run_warnings import find_warnings
     from fecloth.scene.scene import load_scene
 
     problem, _, why = resolve_scene(
@@ -516,7 +515,7 @@ def _plan(options) -> list[str]:
         validation.number("ranks", options.ranks, 0.0, "info")
         each = memory_of_each(problem.system, options.ranks)
         lines.append(f"on {options.ranks} processes (mpiexec): about {each:.0f} MB each")
-    return lines + [f"warning: {words}" for words in find_warnings(problem)]
+    return lines + [f"warning: {words}" for words in problem.warnings()]
 
 
 def _versions() -> list[str]:

@@ -36,7 +36,6 @@ from fecloth.runs.restart import Restart
 from fecloth.runs.stopwatch import Watch
 from fecloth.runs.warm_up import compile_kernels
 from fecloth.scene.problem import Problem
-from fecloth.scene.run_warnings import find_warnings
 from fecloth.scene.scene import Scene
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.method_choice import Auto
@@ -106,7 +105,7 @@ def _run_scene(
         compile_kernels(problem)
     with watch.phase("choose"):
         problem, solver, why = resolve_scene(_with_earlier_method(problem, found))
-    warnings = find_warnings(problem)
+    warnings = problem.warnings()
     announce(problem, why, warnings)
     with interruptible() as interrupted:
         if not existed:

@@ -11,7 +11,7 @@ import numpy as np
 from fecloth.mesh.surface import Surface
 from fecloth.runs.csv_table import Table
 from fecloth.scene.problem import Problem
-from fecloth.scene.wrinkles import wrinkle_warning
+from fecloth.simulation.doubts.course import wrinkle_warning
 from fecloth.simulation.surface_checks import Shape, compressed_share, intersection_warning
 from fecloth.system.state import State
 from fecloth.system.system import System

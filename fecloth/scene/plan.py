@@ -9,17 +9,18 @@ import numpy as np
 
 from fecloth.linalg import select
 from fecloth.linalg.mkl_pardiso import threads
-from fecloth.scene.dimensionless import (
+from fecloth.scene.problem import Problem
+from fecloth.simulation.dimensionless import (
     is_surrounded_by_pins,
+    mean_edge,
     unsupported_length,
     wave_speed,
     weight_over_stiffness,
+    wrinkle_length,
 )
-from fecloth.scene.problem import Problem
-from fecloth.scene.wrinkles import mean_edge, wrinkle_length
+from fecloth.simulation.doubts.pins import rotation_about_pins
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
-from fecloth.simulation.pin_warnings import rotation_about_pins
 from fecloth.stability.critical_step import element_bound
 from fecloth.system.system import System
 from fecloth.terms.loops.bound_condition import BoundCondition

@@ -7,10 +7,15 @@ from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from fecloth.integrators.one_stage import BackwardEuler
 from fecloth.integrators.protocol import StepChoice
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
+from fecloth.simulation.doubts.before_run import OF_SCENES, find_warnings
+from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.load_steps import LoadSteps
@@ -66,6 +71,20 @@ class Problem:
     def first_memory(self) -> Memory:
         """What `march` needs before the first step."""
         return Memory(0, self.state.t, None)
+
+    def warnings(self) -> list[str]:
+        """Return a sentence for each likely problem of the run, with its remedy."""
+        ends = np.append(self.stops, self.t_end)
+        is_static = self.is_static or self._settles
+        run = PlannedRun(self.system, self.state, self.steps, ends, is_static)
+        return list(find_warnings(run, OF_SCENES))
+
+    @property
+    def _settles(self) -> bool:
+        """Whether a few steps of backward Euler, minutes long, seek a state of rest."""
+        dt = self.dt or 0.0
+        is_euler = isinstance(self.method, BackwardEuler)
+        return is_euler and dt >= 100 and (self.t_end - self.state.t) / dt <= 10
 
     def next_row(self, info: StepInfo) -> Wanted:
         """Return the step after `info` of which there must be a row, a frame or a restart file."""

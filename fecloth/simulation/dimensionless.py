@@ -1,4 +1,4 @@
-"""Numbers of a cloth before its run: wave speed, weight over stiffness, reach from the pins."""
+"""Numbers of a cloth before its run: wave speed, weight over stiffness, reach, wrinkles."""
 
 from __future__ import annotations
 
@@ -69,3 +69,21 @@ def is_surrounded_by_pins(system: System) -> bool:
     except (QhullError, ValueError):  # pins on a line, or too few
         return False
     return bool((hull.equations @ [*X.mean(axis=0), 1.0] <= 1e-12).all())
+
+
+def wrinkle_length(system: System) -> float:
+    """Length λ = 2√π (B/T)^¼ √L of wrinkles under T = ρ g L [m]; 0 without bending or weight.
+
+    Cerda and Mahadevan (2003), Geometry and Physics of Wrinkling, Phys. Rev. Lett. 90, 074302.
+    """
+    length = distance_from_pins(system)
+    load = gravity_magnitude(system) * length * system.nodal_mass.sum() / system.cloth.area
+    known = [max(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
+    if not (load and known and has_kind(system.terms, "bending")):
+        return 0.0
+    return 2 * math.sqrt(math.pi) * (max(known) / load) ** 0.25 * math.sqrt(length)
+
+
+def mean_edge(system: System) -> float:
+    """Edge length [m] of equilateral triangles of the mean area."""
+    return math.sqrt(4 / math.sqrt(3) * system.cloth.area / len(system.cloth.triangles))

@@ -24,9 +24,11 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
+from fecloth.simulation.doubts.before_run import OF_MARCH, find_warnings
+from fecloth.simulation.doubts.jumps import find_jumping_pin
+from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.fused_march import CHECK_EVERY, Skipped, Skipping, Wanted
 from fecloth.simulation.method_choice import Auto
-from fecloth.simulation.motion_jumps import find_jumping_pin, find_motion_jumps
 from fecloth.simulation.resolve import choose_steps, resolve
 from fecloth.simulation.step_history import StepHistory, needs_history
 from fecloth.simulation.step_times import EARLIER, coarse_clock, targets_after
@@ -168,11 +170,10 @@ def march(
     if resumed and isinstance(steps, Auto):
         raise InputError("memory with Auto()", "needs the method that Auto chose", "march")
     opening = replace(state, t=begin.start)
-    end = float(targets[-1])  # t_end
-    steps, solver, _ = resolve(system, steps, opening, end, solver, newton)
+    steps, solver, _ = resolve(system, steps, opening, float(targets[-1]), solver, newton)
     if not resumed:  # a continued march has passed these checks
         steps.check_start(system, state)
-        for words in find_motion_jumps(system, state, end):
+        for words in find_warnings(PlannedRun(system, state, steps, targets), OF_MARCH):
             warnings.warn(words, FeclothWarning, stacklevel=2)
     check_every = CHECK_EVERY if steps.traits.explicit else 1
     records = begin.term_history or system.start_history(state)

@@ -16,6 +16,8 @@ from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts, describe_newton_error, warn_of_round_off
 from fecloth.simulation.contact_words import describe_contact
+from fecloth.simulation.doubts.before_run import find_warnings
+from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fused_march import Wanted
@@ -32,8 +34,6 @@ from fecloth.simulation.record_steps import (
 )
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.rest_stability import RestStability
-from fecloth.simulation.set_up_warnings import find_set_up_warnings
-from fecloth.simulation.short_pulses import find_short_pulses
 from fecloth.simulation.surface_checks import Shape, intersection_warning
 from fecloth.simulation.time_error import relative_error
 from fecloth.simulation.time_error_words import find_doubts, name_time_error
@@ -176,9 +176,8 @@ def run(
     record = trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
     check_offers(steps.method, ("numerical",), "run")
-    step = None if isinstance(steps, LoadSteps) else steps.dt  # a part of the loads is no time
-    set_up = find_set_up_warnings(system, opening, step, end)
-    foreseen = (*set_up, *find_short_pulses(system, opening, steps, ends))
+    is_static = isinstance(steps, LoadSteps)
+    foreseen = tuple(find_warnings(PlannedRun(system, opening, steps, ends, is_static)))
     for words in foreseen:
         warnings.warn(words, FeclothWarning, stacklevel=2)
     if memory is None:  # `march` checks and warns only without a memory

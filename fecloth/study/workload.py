@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT
-from fecloth.scene.dimensionless import wave_speed
 from fecloth.scene.scene import Scene
+from fecloth.simulation.dimensionless import wave_speed
 
 # CPU seconds per triangle, and the stable step of central differences over h / wave speed,
 # measured with StVK and hinges on 1,000 to 4,000 triangles; and CPU seconds of a step on any mesh,

@@ -9,7 +9,7 @@ import pytest
 import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.scene.scene import load_scene
-from fecloth.scene.wrinkles import wrinkle_warning
+from fecloth.simulation.doubts.course import wrinkle_warning
 from fecloth.simulation.surface_checks import compressed_share
 
 TEXT = """

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.planned import warnings_before
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.scene import dimensionless, plan, run_warnings
+from fecloth.scene import plan
 from fecloth.scene.scene import load_scene
-from fecloth.simulation.plausibility import implausible_values
+from fecloth.simulation import dimensionless
+from fecloth.simulation.doubts.units import find_values_in_other_units
 from fecloth.study.simplification.numbers import Numbers, table
 
 TEXT = """
@@ -51,7 +53,7 @@ def scene(tmp_path):
 
 
 def warnings_of(scene, *overrides):
-    return run_warnings.find_warnings(load_scene(scene, overrides).build())
+    return load_scene(scene, overrides).build().warnings()
 
 
 SOFT = ["fabric.tensile_stiffness=10", "fabric.areal_density=0.4"]
@@ -133,28 +135,34 @@ def test_no_warning_without_a_reason(scene):
     assert warnings_of(scene, *EULER, TERMS.format("HingeBending", "MassDamping", ", rate=3")) == []
 
 
+def implausible(fabric, cloth):
+    system = fc.System(cloth, fabric, [fc.StVK()])
+    return warnings_before(system, 0.01, doubts=[find_values_in_other_units])
+
+
 def test_every_published_fabric_is_of_a_fabrics_magnitude(sheet):
     for name in fc.Fabric.presets():
-        assert list(implausible_values(fc.Fabric.preset(name), sheet, 0.01)) == []
+        assert implausible(fc.Fabric.preset(name), sheet) == []
 
 
 def test_a_roof_membrane_is_no_mistake_and_pascals_and_millimetres_are(sheet):
     roof = fc.Fabric.sheet(E=1520e6, nu=0.3, thickness=0.82e-3, rho=1050 / 0.82)
-    assert list(implausible_values(roof, sheet, 0.01)) == []
-    (told,) = implausible_values(fc.Fabric(0.5, 1520e6), sheet, 0.01)
+    assert implausible(roof, sheet) == []
+    (told,) = implausible(fc.Fabric(0.5, 1520e6), sheet)
     assert "Fabric.sheet" in told
-    (told,) = implausible_values({"body": roof, "hem": fc.Fabric(1e-4, 1000.0)}, sheet, 0.01)
+    left = sheet.X[sheet.triangles, 0].mean(axis=1) < 0.5
+    regions = {"body": np.flatnonzero(left), "hem": np.flatnonzero(~left)}
+    parted = fc.Cloth.from_arrays(sheet.X, sheet.triangles, regions=regions)
+    (told,) = implausible({"body": roof, "hem": fc.Fabric(1e-4, 1000.0)}, parted)
     assert told.startswith("hem.areal_density = 0.0001 kg/m²")
-    (told,) = implausible_values(
-        roof, fc.Cloth.rectangle(1000.0, 500.0, h=250.0, pattern="right"), 0.01
-    )
+    (told,) = implausible(roof, fc.Cloth.rectangle(1000.0, 500.0, h=250.0, pattern="right"))
     assert "1000 m long" in told
 
 
 def test_a_sliver_is_named(scene, tmp_path):
     X = [(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.02)]
     cloth = fc.Cloth.from_arrays(X, [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)], {"left": [0]})
-    (found,) = run_warnings.find_warnings(load_scene(scene, ["pins=[]"]).build(cloth))
+    (found,) = load_scene(scene, ["pins=[]"]).build(cloth).warnings()
     assert "at (0.5, 0.00667) m has the quality 0.046" in found
     assert "1 are below 0.3" in found
 
@@ -277,7 +285,7 @@ def shown(request, tmp_path):
 
 
 def test_no_warning_before_a_scene_of_the_readme_runs(shown):
-    assert run_warnings.find_warnings(load_scene(shown).build()) == []
+    assert load_scene(shown).build().warnings() == []
 
 
 @pytest.mark.slow

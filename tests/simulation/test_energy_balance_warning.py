@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import fecloth as fc
+from fecloth.simulation.doubts.jumps import find_jumping_pin
 from fecloth.simulation.energy_balance import Balance
-from fecloth.simulation.motion_jumps import find_jumping_pin
 
 BUMP = np.pi / 20
 

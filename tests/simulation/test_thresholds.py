@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.simulation import error_control, motion_jumps, stability_limited
+from fecloth.simulation import error_control, stability_limited
+from fecloth.simulation.doubts import jumps
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.run import MOST_GROWTH
 
@@ -57,7 +58,7 @@ def test_a_motion_jumps_from_a_quarter_of_its_velocity(apart, found):
         displacement=lambda t: np.array([0.0, 0.0, (1.0 - apart) * t]),
         speed=lambda t: np.array([0.0, 0.0, 1.0]),
     )
-    assert motion_jumps.has_jump(pin, 0.0, 0.1) == found
+    assert jumps.has_jump(pin, 0.0, 0.1) == found
 
 
 @pytest.mark.parametrize(("factor", "kept"), [(1.16, True), (1.25, False)])

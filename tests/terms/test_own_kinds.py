@@ -5,15 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from support.own_terms import OWN, Breeze, Ribs, Rubber, Syrup
+from support.planned import warnings_before
 
 import fecloth as fc
 from fecloth.distributed.crew import LocalLink
 from fecloth.distributed.distributed_system import DistributedSystem
 from fecloth.scene.plan import plan
 from fecloth.scene.probe_tables import Interest
-from fecloth.scene.run_warnings import find_warnings
 from fecloth.scene.scene import load_scene
-from fecloth.simulation.set_up_warnings import find_set_up_warnings
 from fecloth.study.chart_grid import change_names
 from fecloth.study.obstacles import find_obstacles
 from fecloth.study.problems import open_problem
@@ -88,7 +87,7 @@ def test_their_derivatives_are_checked_as_those_of_the_package(term):
 
 def warned(*terms):
     _, system, _, start = strip(0.25, terms=terms)
-    return " ".join(find_set_up_warnings(system, start, 0.01, 1.0))
+    return " ".join(warnings_before(system, 0.01, state=start))
 
 
 def test_a_membrane_of_its_own_is_one():
@@ -124,7 +123,7 @@ def test_info_of_a_scene_counts_its_bending(scene):
     lines = "\n".join(plan(problem, "direct"))
     assert "terms: Rubber, Ribs, Syrup, Breeze, Gravity" in lines
     assert "ρ g L³/B" in lines or "bending stiffness" in lines
-    assert "no membrane" not in " ".join(find_warnings(problem))
+    assert "no membrane" not in " ".join(problem.warnings())
 
 
 # --- chart, simplify and tune ---------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Warnings before the first step: where a run is likely to disappoint, and what to do."""
+"""Runs that are likely to disappoint: by their mesh, weight, plane start, or size of steps."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fecloth.integrators.one_stage import BackwardEuler
-from fecloth.scene.dimensionless import (
+from fecloth.simulation.dimensionless import (
     distance_from_pins,
     gravity_magnitude,
+    mean_edge,
     swing_loss,
+    wrinkle_length,
 )
-from fecloth.scene.problem import Problem
-from fecloth.simulation.set_up_warnings import find_set_up_warnings
-from fecloth.simulation.short_pulses import find_short_pulses
-from fecloth.stability.critical_step import element_bound
+from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.system.state import State
 from fecloth.system.system import System
-from fecloth.terms import MassDamping
+from fecloth.terms import TensionField
 from fecloth.terms.traits import has_kind, traits_of
 
 POOR = 0.3  # quality of a triangle; 1 is equilateral, 0.87 half a square
+RESOLVED = 4.0  # fewest edges per wrinkle
+COMPRESSED = 0.1  # part of the area; where less is compressed, wrinkles do not matter
 STRAINED = 0.2  # strain of a hanging cloth; measured constants hold for a few per cent
 UNRESOLVED = 20.0  # explicit limits; beyond, fast waves were seen to gain energy
 LOST = 0.01  # part of the amplitude in a step that damping must take from waves
@@ -30,21 +30,13 @@ SHORT = 0.01  # of the explicit limit
 DAMPED = 0.1  # part of the amplitude lost in one swing
 
 
-def find_warnings(problem: Problem) -> list[str]:
-    """Return a sentence for each likely problem of the run, with its remedy."""
-    dt = None if _is_static(problem) else problem.dt
-    set_up = find_set_up_warnings(problem.system, problem.state, dt, problem.t_end)
-    ends = np.append(problem.stops, problem.t_end)
-    pulses = find_short_pulses(problem.system, problem.state, problem.steps, ends)
-    checks = (_mesh, _weight, _flat, _fast_waves, _short_steps, _damping)
-    return [*set_up, *pulses, *(sentence for check in checks for sentence in check(problem))]
-
-
-def _mesh(problem: Problem) -> Iterator[str]:
-    quality = problem.cloth.quality
+def find_slivers(run: PlannedRun) -> Iterator[str]:
+    """Warn of triangles that are far from equilateral."""
+    cloth = run.system.cloth
+    quality = cloth.quality
     worst = int(np.argmin(quality))
     if quality[worst] < POOR:
-        X, Y = problem.cloth.X[problem.cloth.triangles[worst]].mean(axis=0)
+        X, Y = cloth.X[cloth.triangles[worst]].mean(axis=0)
         yield (
             f"triangle {worst} at ({X:.3g}, {Y:.3g}) m has the quality {quality[worst]:.2g} (1 is "
             f"equilateral), {int((quality < POOR).sum())} are below {POOR}: slivers are stiff in "
@@ -52,13 +44,10 @@ def _mesh(problem: Problem) -> Iterator[str]:
         )
 
 
-def _weight(problem: Problem) -> Iterator[str]:
+def find_large_weight(run: PlannedRun) -> Iterator[str]:
     """Warn if the strain ρ g L / Y at the upper end of a hanging strip is large."""
-    system, pull, length = (
-        problem.system,
-        gravity_magnitude(problem.system),
-        distance_from_pins(problem.system),
-    )
+    system = run.system
+    pull, length = gravity_magnitude(system), distance_from_pins(system)
     if not (pull and length and any(traits_of(term).as_fabric for term in system.terms)):
         return
     load = pull * length * system.total_mass / system.cloth.area
@@ -71,16 +60,16 @@ def _weight(problem: Problem) -> Iterator[str]:
         )
 
 
-def _flat(problem: Problem) -> Iterator[str]:
+def find_flat_start(run: PlannedRun) -> Iterator[str]:
     """Warn of a cloth in a plane with forces in that plane only: it cannot buckle out of it."""
-    system, state = problem.system, problem.state
+    system, state = run.system, run.state
     if not has_kind(system.terms, "bending"):
         return
     _, extents, axes = np.linalg.svd(state.x - state.x.mean(axis=0), full_matrices=False)
     if extents[2] > 1e-9 * extents[0]:
         return
     normal = axes[2]
-    if all(np.abs(y @ normal).max() <= 1e-9 * np.abs(y).max() for y in _pushes(problem)):
+    if all(np.abs(y @ normal).max() <= 1e-9 * np.abs(y).max() for y in _pushes(run)):
         yield (
             "the cloth starts in a plane, and nothing pushes it out of the plane: it can neither "
             "bend nor buckle. Bend it a little, for example by [start] position = "
@@ -88,27 +77,27 @@ def _flat(problem: Problem) -> Iterator[str]:
         )
 
 
-def _pushes(problem: Problem) -> Iterator[np.ndarray]:
+def _pushes(run: PlannedRun) -> Iterator[np.ndarray]:
     """Yield (n, 3) arrays that move the cloth: velocity, pin motions and forces at five times."""
-    system, state = problem.system, problem.state
+    system, state = run.system, run.state
     yield state.v
-    for t in state.t + (problem.t_end - state.t) * np.array([0.0, 0.13, 0.37, 0.71, 1.0]):
+    for t in state.t + (run.t_end - state.t) * np.array([0.0, 0.13, 0.37, 0.71, 1.0]):
         x, v = system.constraints.target(state.t, t - state.t, state.x)
         yield from (x - state.x, v, system.force(State(t, state.x, state.v)))
 
 
-def _fast_waves(problem: Problem) -> Iterator[str]:
+def find_fast_waves(run: PlannedRun) -> Iterator[str]:
     """Warn if steps far beyond the explicit limit may feed undamped fast waves."""
-    method, system = problem.method, problem.system
-    if not (method.traits.gains and problem.dt):
+    method, dt = run.method, run.dt
+    if not (method.traits.gains and dt):
         return
-    limit, loss = element_bound(system, "central_difference"), _loss(system, problem.dt)
-    if problem.dt > UNRESOLVED * limit and loss < LOST:
+    limit, loss = run.explicit_limit, _loss(run.system, dt)
+    if dt > UNRESOLVED * limit and loss < LOST:
         damping = (
             f"damping takes {100 * loss:.1g} % a step from them" if loss else "there is no damping"
         )
         yield (
-            f"dt = {problem.dt:g} s is {problem.dt / limit:.0f} times the explicit limit, and "
+            f"dt = {dt:g} s is {dt / limit:.0f} times the explicit limit, and "
             f"{damping}: {type(method).__name__} may gain energy from waves that it does "
             "not resolve; add StrainRateDamping with a time near dt, or use BDF2 or EnergyMomentum"
         )
@@ -124,20 +113,12 @@ def _loss(system: System, dt: float) -> float:
     return min(1.0, max(4 * damping / (stiffness * dt), damping * dt / 2)) if stiffness else 0.0
 
 
-def _is_static(problem: Problem) -> bool:
-    """Return whether a few steps of backward Euler, minutes long, seek a state of rest."""
-    if problem.is_static:
-        return True
-    steps = (problem.t_end - problem.state.t) / problem.dt if problem.dt else math.inf
-    return isinstance(problem.method, BackwardEuler) and steps <= 10 and (problem.dt or 0) >= 100
-
-
-def _short_steps(problem: Problem) -> Iterator[str]:
-    """Warn of an implicit method with steps so short that an explicit one needs longer ones."""
-    method, dt = problem.method, problem.dt
-    if not dt or method.traits.explicit or problem.is_static:
+def find_short_steps(run: PlannedRun) -> Iterator[str]:
+    """Warn of an implicit method with steps shorter than those that an explicit method needs."""
+    dt = run.dt
+    if not dt or run.method.traits.explicit:
         return
-    limit = element_bound(problem.system, "central_difference")
+    limit = run.explicit_limit
     if dt < SHORT * limit < math.inf:
         yield (
             f"dt = {dt:g} s is {limit / dt:.0f} times shorter than even an explicit method needs "
@@ -146,20 +127,49 @@ def _short_steps(problem: Problem) -> Iterator[str]:
         )
 
 
-def _damping(problem: Problem) -> Iterator[str]:
+def find_numerical_damping(run: PlannedRun) -> Iterator[str]:
     """Warn if a first-order method will visibly damp the slowest swing."""
-    pull, length = gravity_magnitude(problem.system), distance_from_pins(problem.system)
-    traits = problem.method.traits
+    pull, length = gravity_magnitude(run.system), distance_from_pins(run.system)
+    traits = run.method.traits
     damped = traits.order == 1 and traits.at_infinity < 1
-    if not (damped and problem.dt and pull and length):
+    if not (damped and run.dt and pull and length):
         return
     rate = math.sqrt(pull / length)
-    lost = swing_loss(rate * problem.dt)
-    rates = [term.rate for term in problem.system.terms if isinstance(term, MassDamping)]
+    lost = swing_loss(rate * run.dt)
+    rates = [term.rate for term in run.system.terms if traits_of(term).damps == "motion"]
     meant = -math.expm1(-sum(rates) * math.pi / rate)  # what the terms take in a period
-    if lost > max(DAMPED, meant) and not _is_static(problem):
+    if lost > max(DAMPED, meant):
         yield (
-            f"numerical damping of {type(problem.method).__name__} removes about "
+            f"numerical damping of {type(run.method).__name__} removes about "
             f"{100 * lost:.0f} % of the amplitude of a swing over {length:.2g} m per period. Fine "
             "if the cloth should settle; otherwise use BDF2 or another method of second order"
         )
+
+
+def wrinkle_warning(system: System, t: float, compressed: float) -> str:
+    """Return a sentence if the mesh is too coarse for the wrinkles of a compressed cloth, or "".
+
+    Parameters
+    ----------
+    compressed
+        Part of the area that is compressed at t [s]; see `compressed_share`.
+    """
+    taut_only = any(isinstance(term, TensionField) for term in system.terms)
+    if not compressed > COMPRESSED or taut_only:
+        return ""
+    where = (
+        f"wrinkles finer than the mesh: {100 * compressed:.0f} % of the cloth is compressed at "
+        f"t = {t:g} s"
+    )
+    if not has_kind(system.terms, "bending"):
+        return (
+            f"{where}, and without bending stiffness it folds at the size of the triangles; only "
+            "taut regions converge. Add PlateBending, or use TensionField"
+        )
+    wave, edge = wrinkle_length(system), mean_edge(system)
+    if not 0 < wave < RESOLVED * edge:
+        return ""
+    return (
+        f"{where}, its wrinkles are about {wave:.2g} m long, and the edges {edge:.2g} m: the mesh "
+        f"decides their shape; use h <= {wave / RESOLVED:.2g} m to resolve them"
+    )

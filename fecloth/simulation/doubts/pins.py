@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 
 import numpy as np
 
 from fecloth.mesh.cloth import Cloth
-from fecloth.simulation.plausibility import is_stiff
+from fecloth.simulation.doubts.planned_run import PlannedRun, attempt
+from fecloth.simulation.doubts.signals import Signal
+from fecloth.simulation.doubts.units import is_stiff
 from fecloth.system.pins import Pin, Slide
-from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.traits import has_kind
 
-TIMES = 101  # times at which a motion is looked at
 DROPPED = 0.01  # part of a motion along its slide that is reported
 REACH = 0.25  # of an edge; a region that covers more was meant to hold more than its one node
 CORNER = 0.5  # rad, between two edges of the border
@@ -22,52 +21,52 @@ STICKS_OUT = 12.0  # bending lengths; a cloth that is longer hangs down from a c
 TURNS = 0.1  # part of the load that turns the cloth about its pins
 
 
-def find_pin_warnings(system: System, state: State, t_end: float) -> Iterator[str]:
-    """Yield a sentence with a remedy for each pin that holds less than was probably meant."""
-    for name, (pin, nodes) in system.constraints.groups.items():
-        yield from _dropped_motion(name, pin, state.t, t_end)
+def find_idle_pins(run: PlannedRun) -> Iterator[str]:
+    """Yield a sentence for each slide that is moved in vain, and for each region of one node."""
+    motions = {signal.pin: signal for signal in run.signals}
+    for name, (pin, nodes) in run.system.constraints.groups.items():
+        if isinstance(pin, Slide) and pin.moves:
+            yield attempt(_dropped_motion, name, pin, motions[name], otherwise="")
         if len(nodes) == 1:
-            yield from _one_node(system.cloth, name, pin, int(nodes[0]))
-    yield from _free_to_turn(system, state)
+            yield _one_node(run.system.cloth, name, pin, int(nodes[0]))
 
 
-def _dropped_motion(name: str, pin: Pin, start: float, end: float) -> Iterator[str]:
+def _dropped_motion(name: str, pin: Slide, motion: Signal) -> str:
     """Warn of a slide that is moved along itself, where its nodes are free."""
-    if not isinstance(pin, Slide) or pin.motion is None:
-        return
-    places = np.stack([np.atleast_2d(pin.displacement(t)) for t in np.linspace(start, end, TIMES)])
-    moves = places - places[0]
+    _, places = motion.samples
+    moves = (places - places[0]).reshape(len(places), -1, 3)
     along = np.linalg.norm(moves @ pin.projector, axis=-1).max()
     most = np.linalg.norm(moves, axis=-1).max()
-    if along > DROPPED * most:
-        key = "direction" if pin.normal is None else "normal"
-        yield (
-            f"pin {name!r}: {100 * along / most:.0f} % of its motion of {most:.3g} m lies along "
-            f"its own slide, where the nodes are free, and has no effect; leave {key} out to "
-            "move the nodes, or move the slide across itself"
-        )
+    if not along > DROPPED * most:
+        return ""
+    key = "direction" if pin.normal is None else "normal"
+    return (
+        f"pin {name!r}: {100 * along / most:.0f} % of its motion of {most:.3g} m lies along "
+        f"its own slide, where the nodes are free, and has no effect; leave {key} out to "
+        "move the nodes, or move the slide across itself"
+    )
 
 
 # --- a region that catches one node ---------------------------------------------------------------
 
 
-def _one_node(cloth: Cloth, name: str, pin: Pin, node: int) -> Iterator[str]:
-    """Warn of a region that holds one node of a side, and of one that was meant to hold more."""
-    if not callable(pin.where):  # a list of one node, or the name of one, is meant
-        return
+def _one_node(cloth: Cloth, name: str, pin: Pin, node: int) -> str:
+    """Warn of a region that holds one node of a side, or was meant to hold more than one."""
+    if not callable(pin.where):  # a list of one node, or the name of a node, is meant
+        return ""
     X, Y = cloth.X[node]
     near = np.unique(cloth.cells[(cloth.cells == node).any(axis=1)])
     steps = cloth.X[near[near != node]] - cloth.X[node]
-    reaches = False
-    with suppress(Exception):  # a user's predicate may know the nodes of the cloth alone
-        reaches = bool(np.any(pin.where(cloth.X[node] + REACH * steps)))
-    if reaches or _is_within_a_side(cloth, node):
-        edge = np.linalg.norm(steps, axis=1).min()
-        yield (
-            f"pin {name!r} holds one node only, at ({X:.3g}, {Y:.3g}) m, and the cloth turns about "
-            f"it: the next one is {edge:.3g} m away. Make the region larger to hold an edge, or "
-            f"give the node by its number, {node}, if it is meant"
-        )
+    # A predicate of the user may know the nodes of the cloth alone.
+    around = attempt(pin.where, cloth.X[node] + REACH * steps, otherwise=np.zeros(0, bool))
+    if not (np.any(around) or _is_within_a_side(cloth, node)):
+        return ""
+    edge = np.linalg.norm(steps, axis=1).min()
+    return (
+        f"pin {name!r} holds one node only, at ({X:.3g}, {Y:.3g}) m, and the cloth turns about "
+        f"it: the next one is {edge:.3g} m away. Make the region larger to hold an edge, or "
+        f"give the node by its number, {node}, if it is meant"
+    )
 
 
 def _is_within_a_side(cloth: Cloth, node: int) -> bool:
@@ -84,8 +83,9 @@ def _is_within_a_side(cloth: Cloth, node: int) -> bool:
 # --- a line of pins about which the cloth turns ---------------------------------------------------
 
 
-def _free_to_turn(system: System, state: State) -> Iterator[str]:
+def find_free_turn(run: PlannedRun) -> Iterator[str]:
     """Warn of pins on a line if the load turns a cloth about it that a clamp would hold up."""
+    system, state = run.system, run.state
     motion = rotation_about_pins(system, state.x)
     bends = has_kind(system.terms, "bending")
     rigidities = [max(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]

@@ -1,7 +1,4 @@
-"""Warnings about a system that cannot be meant so: its terms, the loads in them, and its fabric.
-
-`pin_warnings` has those about pins. `run` and scenes give both before the first step.
-"""
+"""Terms that cannot be meant so: missing, counted twice, of another fabric, without effect."""
 
 from __future__ import annotations
 
@@ -11,11 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fecloth import terms
-from fecloth.simulation.between_steps import find_missed
-from fecloth.simulation.motion_jumps import find_motion_jumps
-from fecloth.simulation.pin_warnings import find_pin_warnings
-from fecloth.simulation.plausibility import implausible_terms, implausible_values
-from fecloth.system.state import State
+from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.system.system import System
 from fecloth.terms import protocol
 from fecloth.terms.contact.bound_obstacle import BoundObstacle, cutting_depth
@@ -37,41 +30,12 @@ OF_HINGES = -1 / 3  # Poisson's ratio of bending on equilateral triangles, and n
 EXHAUSTED = 0.5  # of the ambient pressure; a gas with less lets the cloth collapse
 
 
-def find_set_up_warnings(
-    system: System, state: State, dt: float | None, t_end: float
-) -> Iterator[str]:
-    """Yield a sentence with a remedy for each part of a system that is probably not meant so."""
-    yield from implausible_values(system.fabric, system.cloth, dt)
-    yield from implausible_terms(system.terms)
-    yield from _no_membrane(system)
-    yield from _counted_twice(system)
-    yield from _springs_of_another_fabric(system)
-    yield from _ignored_poisson_ratio(system)
-    yield from _bending_unknown_to_hinges(system)
-    yield from _damping_of_other_bending(system)
-    yield from _gas_without_pressure(system, state)
-    yield from _cut_by_obstacles(system)
-    yield from find_pin_warnings(system, state, t_end)
-    yield from find_motion_jumps(system, state, t_end)
-    yield from find_missed(system, state, dt, t_end)
-
-
-def _cut_by_obstacles(system: System) -> Iterator[str]:
-    """Warn of triangles that an obstacle may cut between the points on which it acts."""
-    for name, term in zip(system.names, system.bound, strict=True):
-        if isinstance(term, BoundObstacle) and (depth := cutting_depth(term, system.cloth)):
-            yield (
-                f"{name} has edges that may cut up to {1e3 * depth:.2g} mm into triangles, which "
-                f"are large against its gap of {1e3 * term.gap:g} mm: take a smaller h, a larger "
-                "gap or rounder edges"
-            )
-
-
 # --- membranes ------------------------------------------------------------------------------------
 
 
-def _no_membrane(system: System) -> Iterator[str]:
+def find_no_membrane(run: PlannedRun) -> Iterator[str]:
     """Warn if nothing resists a stretch, though there are terms for more than free fall."""
+    system = run.system
     names = [type(term).__name__ for term in system.terms]
     held = len(system.constraints.nodes) or has_kind(system.terms, "bending")
     if not (names and held) or (resistance := _resistance(system)) > RESISTS:
@@ -98,9 +62,9 @@ def _resistance(system: System) -> float:
     return float(np.vdot(f - resists, rest)) / fabric
 
 
-def _counted_twice(system: System) -> Iterator[str]:
+def find_counted_twice(run: PlannedRun) -> Iterator[str]:
     """Warn of terms that stand twice, and of two that stand for one thing."""
-    given = [term for term in system.terms if not (_is_net(term) and term.stiffness == 0)]
+    given = [term for term in run.system.terms if not (_is_net(term) and term.stiffness == 0)]
     counts = Counter(map(_identity, given))
     for (name, *_), count in counts.items():
         if count > 1:
@@ -112,12 +76,12 @@ def _counted_twice(system: System) -> Iterator[str]:
     for term in given:
         if traits_of(term).exclusive:
             of_kind.setdefault(traits_of(term).kind, {})[type(term).__name__] = None
-    for kind, found in of_kind.items():
-        if len(found) > 1:
-            several = f"{len(found)} {SEVERAL.get(kind, 'terms')} act at once"
+    for kind, names in of_kind.items():
+        if len(names) > 1:
+            several = f"{len(names)} {SEVERAL.get(kind, 'terms')} act at once"
             yield (
-                f"{several} ({', '.join(found)}), and their forces add up; "
-                f"leave {' or '.join(found)} out"
+                f"{several} ({', '.join(names)}), and their forces add up; "
+                f"leave {' or '.join(names)} out"
             )
 
 
@@ -128,8 +92,9 @@ def _identity(term: object) -> tuple[str, ...]:
     return (name,) if once else (name, repr(term))
 
 
-def _springs_of_another_fabric(system: System) -> Iterator[str]:
+def find_springs_of_another_fabric(run: PlannedRun) -> Iterator[str]:
     """Warn of a net in place of a membrane that is stiffer or softer than the fabric."""
+    system = run.system
     nets = [b for t, b in zip(system.terms, system.bound, strict=True) if _is_net(t)]
     others = [term for term in system.terms if not isinstance(term, terms.Springs)]
     if not nets or has_kind(others, "membrane"):
@@ -152,13 +117,12 @@ def _is_net(term: object) -> bool:
     return isinstance(term, terms.Springs) and term.kind != "biquadratic"
 
 
-def _ignored_poisson_ratio(system: System) -> Iterator[str]:
+def find_ignored_poisson_ratio(run: PlannedRun) -> Iterator[str]:
     """Warn if the fabric states a ν that the incompressible sheet, with ν = ½, does not have."""
-    if not any(
-        isinstance(t, terms.NeoHookean) and t.kind == "incompressible" for t in system.terms
-    ):
+    sheets = [term for term in run.system.terms if isinstance(term, terms.NeoHookean)]
+    if not any(sheet.kind == "incompressible" for sheet in sheets):
         return
-    given = {fabric.poisson_ratio for fabric in system.panel.fabrics} - {0.0}
+    given = {fabric.poisson_ratio for fabric in run.system.panel.fabrics} - {0.0}
     for nu in (nu for nu in sorted(given) if abs(nu - 0.5) > ALIKE / 2):
         yield (
             f"poisson_ratio = {nu:g} has no effect: NeoHookean is incompressible, with 0.5; "
@@ -166,12 +130,10 @@ def _ignored_poisson_ratio(system: System) -> Iterator[str]:
         )
 
 
-def _bending_unknown_to_hinges(system: System) -> Iterator[str]:
+def find_bending_unknown_to_hinges(run: PlannedRun) -> Iterator[str]:
     """Warn if the fabric states a plate's constant that hinges do not have."""
-    names = [type(term).__name__ for term in system.terms if traits_of(term).by_pattern]
-    if not names:
-        return
-    for fabric in dict.fromkeys(system.panel.fabrics):
+    names = [type(term).__name__ for term in run.system.terms if traits_of(term).by_pattern]
+    for fabric in dict.fromkeys(run.system.panel.fabrics) if names else ():
         nu, bias = fabric.bending_poisson_ratio, fabric.bias_rigidity
         if nu and abs(nu - OF_HINGES) > ALIKE:
             yield (
@@ -187,8 +149,9 @@ def _bending_unknown_to_hinges(system: System) -> Iterator[str]:
             )
 
 
-def _damping_of_other_bending(system: System) -> Iterator[str]:
+def find_damping_of_other_bending(run: PlannedRun) -> Iterator[str]:
     """Warn of a plate that is damped as hinges, with another damping ratio."""
+    system = run.system
     damping = [term for term in system.terms if isinstance(term, terms.BendingDamping)]
     plates = any(isinstance(term, terms.PlateBending) for term in system.terms)
     usual = terms.HingeBending if system.cloth.element == "P1" else terms.PlateBending
@@ -200,15 +163,15 @@ def _damping_of_other_bending(system: System) -> Iterator[str]:
         )
 
 
-# --- loads ----------------------------------------------------------------------------------------
+# --- loads and contact ----------------------------------------------------------------------------
 
 
-def _gas_without_pressure(system: System, state: State) -> Iterator[str]:
+def find_gas_without_pressure(run: PlannedRun) -> Iterator[str]:
     """Warn of a gas whose absolute pressure at the start is far below the ambient one."""
-    for gas, bound in zip(system.terms, system.bound, strict=True):
+    for gas, bound in zip(run.system.terms, run.system.bound, strict=True):
         if not isinstance(gas, terms.Gas):
             continue
-        volume = bound.volume(state.x)
+        volume = bound.volume(run.state.x)
         p = bound.absolute_pressure(volume) if volume > 0 else gas.pressure
         if p < EXHAUSTED * gas.ambient:
             yield (
@@ -216,4 +179,15 @@ def _gas_without_pressure(system: System, state: State) -> Iterator[str]:
                 f"ambient {gas.ambient:.6g} Pa, which crushes the cloth: pressure is absolute. "
                 f"If you meant {gas.pressure:g} Pa above the ambient, write "
                 f"{gas.ambient + gas.pressure:.10g}"
+            )
+
+
+def find_cutting_edges(run: PlannedRun) -> Iterator[str]:
+    """Warn of triangles that an obstacle may cut between the points on which it acts."""
+    for name, term in zip(run.system.names, run.system.bound, strict=True):
+        if isinstance(term, BoundObstacle) and (depth := cutting_depth(term, run.system.cloth)):
+            yield (
+                f"{name} has edges that may cut up to {1e3 * depth:.2g} mm into triangles, which "
+                f"are large against its gap of {1e3 * term.gap:g} mm: take a smaller h, a larger "
+                "gap or rounder edges"
             )

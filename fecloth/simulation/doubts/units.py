@@ -10,13 +10,13 @@ them are warned of, not refused. Bending is judged by the length (B/(ρ g))^⅓ 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from fecloth.fabric.fabric import Fabric
-from fecloth.mesh.cloth import Cloth
+from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.terms import Gravity, Wind
 from fecloth.terms.traits import traits_of
 
@@ -30,77 +30,29 @@ GRAVITY, AIR_SPEED = 50.0, 100.0  # m/s², m/s
 DAMPING_TIME = 1.0  # s; in measured cloth it is below 0.1
 
 
-def implausible_values(
-    fabric: Fabric | Mapping[str, Fabric], cloth: Cloth, dt: float | None
-) -> Iterator[str]:
-    """Yield a sentence for each value that was probably meant in another unit.
-
-    Examples
-    --------
-    >>> cloth = Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
-    >>> fabric = Fabric(areal_density=150.0, tensile_stiffness=1000.0)
-    >>> print(*implausible_values(fabric, cloth, dt=0.01))
-    areal_density = 150 kg/m²: cloth has 0.01 to 1. If you meant g/m², write 0.15
-    """
-    regions = fabric if isinstance(fabric, Mapping) else {"": fabric}
-    for name, one in regions.items():
-        for sentence in _of_fabric(one):
-            yield f"{name}.{sentence}" if name else sentence
-    size = float(np.ptp(cloth.X, axis=0).max())
-    least, most = SIZE
-    if size > most:
+def find_values_in_other_units(run: PlannedRun) -> Iterator[str]:
+    """Yield a sentence for each value that was probably meant in another unit."""
+    fabric = run.system.fabric
+    for name, each in (fabric if isinstance(fabric, Mapping) else {"": fabric}).items():
+        yield from (f"{name}.{words}" if name else words for words in _of_fabric(each))
+    yield _of_size(float(np.ptp(run.system.cloth.X, axis=0).max()))
+    if run.dt and run.dt > STEP:
         yield (
-            f"the cloth is {size:.4g} m long: few are longer than {most:g} m. If you meant cm, "
-            f"write {size / 100:.4g}; if its mesh is in mm, scale it to metres"
+            f"dt = {run.dt:g} s is large: cloth swings within a second. If you meant ms, write "
+            f"{run.dt / 1000:g}, and t_end in s too"
         )
-    if size < least:
-        yield (
-            f"the cloth is {size:.4g} m long: the fabric of so small a piece is its yarns. If you "
-            f"meant m in place of mm, write {1000 * size:.4g}"
-        )
-    if dt and dt > STEP:
-        yield (
-            f"dt = {dt:g} s is large: cloth swings within a second. If you meant ms, write "
-            f"{dt / 1000:g}, and t_end in s too"
-        )
-
-
-def implausible_terms(terms: Iterable[Any]) -> Iterator[str]:
-    """Yield a sentence for each value of a term that was probably meant in another unit.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> print(*implausible_terms([fc.Gravity((0, 0, -981))]))
-    Gravity has 981 m/s²: on Earth it is 9.81. If you meant cm/s², write 9.81
-    """
-    for term in terms:
-        name = type(term).__name__
-        if isinstance(term, Gravity) and (g := float(np.linalg.norm(term.acceleration))) > GRAVITY:
-            yield (
-                f"Gravity has {g:g} m/s²: on Earth it is 9.81. If you meant cm/s², "
-                f"write {g / 100:g}"
-            )
-        if traits_of(term).damps in ("strain", "bending") and term.time > DAMPING_TIME:
-            yield (
-                f"{name} has time = {term.time:g} s: cloth has less than 0.1. If you meant ms, "
-                f"write {term.time / 1000:g}"
-            )
-        if isinstance(term, Wind) and (speed := _speed(term.velocity)) > AIR_SPEED:
-            yield (
-                f"Wind blows at {speed:g} m/s: a hurricane has 33. If you meant km/h, write "
-                f"{speed / 3.6:.3g}"
-            )
-
-
-def _speed(velocity: Any) -> float:
-    """Return the speed of a wind of three numbers [m/s], 0 for a function or formulas."""
-    if not isinstance(velocity, (tuple, list)) or any(isinstance(v, str) for v in velocity):
-        return 0.0
-    return float(np.linalg.norm(velocity))
+    for term in run.system.terms:
+        yield from _of_term(term)
 
 
 def _of_fabric(fabric: Fabric) -> Iterator[str]:
+    """Yield a sentence for each implausible constant of a fabric.
+
+    Examples
+    --------
+    >>> print(*_of_fabric(Fabric(areal_density=150.0, tensile_stiffness=1000.0)))
+    areal_density = 150 kg/m²: cloth has 0.01 to 1. If you meant g/m², write 0.15
+    """
     density = fabric.areal_density
     if not DENSITY[0] <= density <= DENSITY[1]:
         less = f". If you meant g/m², write {density / 1000:g}" * (density > DENSITY[1])
@@ -119,6 +71,50 @@ def _of_fabric(fabric: Fabric) -> Iterator[str]:
             )
 
 
+def _of_size(size: float) -> str:
+    least, most = SIZE
+    if size > most:
+        return (
+            f"the cloth is {size:.4g} m long: few are longer than {most:g} m. If you meant cm, "
+            f"write {size / 100:.4g}; if its mesh is in mm, scale it to metres"
+        )
+    if size < least:
+        return (
+            f"the cloth is {size:.4g} m long: the fabric of so small a piece is its yarns. If you "
+            f"meant m in place of mm, write {1000 * size:.4g}"
+        )
+    return ""
+
+
+def _of_term(term: Any) -> Iterator[str]:
+    """Yield a sentence for each implausible value of a term.
+
+    Examples
+    --------
+    >>> print(*_of_term(Gravity((0, 0, -981))))
+    Gravity has 981 m/s²: on Earth it is 9.81. If you meant cm/s², write 9.81
+    """
+    if isinstance(term, Gravity) and (g := float(np.linalg.norm(term.acceleration))) > GRAVITY:
+        yield f"Gravity has {g:g} m/s²: on Earth it is 9.81. If you meant cm/s², write {g / 100:g}"
+    if traits_of(term).damps in ("strain", "bending") and term.time > DAMPING_TIME:
+        yield (
+            f"{type(term).__name__} has time = {term.time:g} s: cloth has less than 0.1. If you "
+            f"meant ms, write {term.time / 1000:g}"
+        )
+    if isinstance(term, Wind) and (speed := _speed(term.velocity)) > AIR_SPEED:
+        yield (
+            f"Wind blows at {speed:g} m/s: a hurricane has 33. If you meant km/h, write "
+            f"{speed / 3.6:.3g}"
+        )
+
+
+def _speed(velocity: Any) -> float:
+    """Return the speed of a wind of three numbers [m/s], 0 for a function or formulas."""
+    if not isinstance(velocity, (tuple, list)) or any(isinstance(v, str) for v in velocity):
+        return 0.0
+    return float(np.linalg.norm(velocity))
+
+
 def bending_length(B: float, density: float) -> float:
     """Return Peirce's (B/(ρ g))^⅓ [m]."""
     return float((B / (density * G)) ** (1 / 3))
@@ -126,5 +122,5 @@ def bending_length(B: float, density: float) -> float:
 
 def is_stiff(fabric: Fabric) -> bool:
     """Return whether the bending rigidity is beyond that of cloth, and is warned of."""
-    lengths = [bending_length(B, fabric.areal_density) for B in fabric.bending or ()]
+    lengths = (bending_length(B, fabric.areal_density) for B in fabric.bending or ())
     return any(length > BENDING_LENGTH for length in lengths)

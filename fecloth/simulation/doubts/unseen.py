@@ -1,20 +1,28 @@
-"""Motions of pins and loads so short that steps chosen in the run may jump over them."""
+"""Motions of pins and loads that act between fixed steps, or too shortly for chosen steps.
+
+Of long runs a part is looked at, evenly spread, so that a single short pulse can be missed there.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
 
 import numpy as np
 
-from fecloth.integrators.protocol import StepChoice
-from fecloth.simulation.between_steps import SLIGHT, Signal, signals
+from fecloth.simulation.doubts.planned_run import PlannedRun, say_of_each
+from fecloth.simulation.doubts.signals import Signal, Span
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
-from fecloth.stability.critical_step import element_bound
-from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.simulation.step_times import step_times
+from fecloth.simulation.within_step import LOADS, PINS
+
+MISSED = 0.25  # of a motion or load; a sine at 4 steps a period has 0.2, at 3 steps 0.33
+MISSED_BY_REMEDY = 0.12  # of it, at the dt that a warning proposes
+NEAR = 5  # steps on each side of the one that misses most
+HALVINGS = 12  # of dt, at most, in the search for one that is short enough
+ROUND_OFF = 1e-9  # of the largest value; less is no deviation
+SLIGHT = 1e-3  # of the way of a motion; less does not matter beside its uniform part
 
 ACTS = 0.1  # of the largest deviation; below it a load does not act
 RARE = 0.25  # of the run; what acts for longer is met by one of the samples in a step
@@ -22,63 +30,148 @@ SMALL = 0.05  # of the largest value of a load; a smaller deviation does not mat
 QUARTER = 0.25  # of the time for which a load acts: the longest step that sees it well
 
 
-def longest_step(
-    steps: StepChoice | Auto, system: System, t: float, ends: np.ndarray
-) -> float | None:
-    """Return an upper bound [s] of steps chosen in a run from t with these stops, None if fixed."""
-    if steps.dt is not None:
-        return None
-    sizes = np.diff(ends, prepend=t)
-    sizes[0] /= 2  # the first step is below SAFETY of what is ahead, and so at most half of it
-    longest = steps.longest if isinstance(steps, Adaptive | Auto) else None
-    bounds = [float(sizes.max()), longest or math.inf]
-    if steps.traits.explicit:
-        bounds.append(element_bound(system, "central_difference"))
-    return min(bounds)
+# --- between steps of a fixed size ----------------------------------------------------------------
 
 
-def find_short_pulses(
-    system: System, state: State, steps: StepChoice | Auto, ends: np.ndarray
-) -> Iterator[str]:
+def find_missed(run: PlannedRun) -> Iterator[str]:
+    """Yield a sentence for each motion or load that mostly acts between the ends of fixed steps.
+
+    Its values inside the steps are compared with the straight lines between those at their ends,
+    on the average over time. For chosen steps see `find_short_pulses`.
+    """
+    return say_of_each(run.signals if run.dt else (), _missed_in_words, run.dt)
+
+
+def _missed_in_words(signal: Signal, dt: float) -> str:
+    share, near = missed_share(signal, dt, signal.span)
+    if not (share > MISSED and missed_share(signal, dt, near)[0] > MISSED):
+        return ""
+    words = (
+        f"{signal.name} acts between the ends of the steps: {100 * min(share, 1):.0f} % of it is "
+        f"not seen by steps of {dt:g} s"
+    )
+    for shorter in dt * 0.5 ** np.arange(1, HALVINGS):
+        if _sees(signal, shorter, near):
+            return f"{words}; take dt <= {shorter:.2g} s"
+    return f"{words}; take a much smaller dt, or let it act for longer"
+
+
+def _sees(signal: Signal, dt: float, near: Span) -> bool:
+    """Return whether steps see a signal, on the whole and near the step that missed most of it.
+
+    Of a run of many steps the whole is left out: what its few samples meet is chance.
+    """
+    if missed_share(signal, dt, near)[0] > MISSED_BY_REMEDY:
+        return False
+    begin, end = signal.span
+    is_long = (end - begin) / dt > _most_steps(signal)
+    return is_long or missed_share(signal, dt, signal.span)[0] <= MISSED_BY_REMEDY
+
+
+def missed_share(signal: Signal, dt: float, span: Span) -> tuple[float, Span]:
+    """Return the share of a signal that steps miss, and the span of those that miss most.
+
+    The share is ∫ |g − its line through the ends of each step| dt / ∫ |g| dt of a signal g(t). Of a
+    motion, g is the rest beside the uniform motion nearest to it. The share is the larger one of
+    the steps and of steps shifted by half of one: two steps a period may meet each extreme of an
+    oscillation by chance.
+    """
+    ends = np.append(span[0], step_times(span[0], dt, span[1]))
+    share, worst = _missed(signal, ends)
+    if len(ends) > 2:
+        share = max(share, _missed(signal, ends[:-1] + 0.5 * np.diff(ends))[0])
+    return share, (ends[max(0, worst - NEAR)], ends[min(worst + 1 + NEAR, len(ends) - 1)])
+
+
+def _most_steps(signal: Signal) -> int:
+    """Return how many steps of two grids, with their samples, make the most evaluations."""
+    return max(1, signal.effort.most // (2 * len(signal.effort.inside) + 4))
+
+
+def _missed(signal: Signal, ends: np.ndarray) -> tuple[float, int]:
+    """Return the share that the steps between these ends miss, and the step that misses most."""
+    s, steps = signal.effort.inside, len(ends) - 1
+    chosen = np.linspace(0, steps - 1, min(steps, _most_steps(signal))).round().astype(int)
+    begin, size = ends[chosen, None], np.diff(ends)[chosen, None]
+    times = begin + size * np.concatenate([[0.0], s, [1.0]])
+    g = signal.values(times.ravel()).reshape(*times.shape, -1)
+    least = ROUND_OFF * np.abs(g).max()
+    if signal.moves:
+        least = max(least, SLIGHT * np.ptp(g.reshape(-1, g.shape[-1]), axis=0).max())
+        g = _without_uniform_motion(times, g)
+    lines = g[:, :1] + (g[:, -1:] - g[:, :1]) * s[:, None]
+    missed = np.abs(g[:, 1:-1] - lines).mean(axis=1) * size
+    whole = (np.abs(g[:, 1:-1]).mean(axis=1) * size).sum(axis=0)
+    most = missed.sum(axis=0).max()
+    if not most > least * size.sum():
+        return 0.0, int(chosen[0])
+    return float(most / whole.max()), int(chosen[missed.max(axis=1).argmax()])
+
+
+def _without_uniform_motion(times: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """Return g (m, s, k) at times (m, s) less the line in t nearest to it."""
+    t = (times - times[0, 0]) / (times[-1, -1] - times[0, 0])
+    A = np.stack([np.ones(t.size), t.ravel()], axis=1)
+    flat = g.reshape(t.size, -1)
+    return (flat - A @ np.linalg.lstsq(A, flat, rcond=None)[0]).reshape(g.shape)
+
+
+# --- shorter than steps that are chosen in the run ------------------------------------------------
+
+
+def find_short_pulses(run: PlannedRun) -> Iterator[str]:
     """Yield a sentence for each motion or load that chosen steps may jump over.
 
     It acts for less than the distance between the samples that `Adaptive` takes inside its longest
-    possible step, and in less than a quarter of the run. `ends` (k,) has the stops and the end.
+    possible step, and in less than a quarter of the run.
     """
-    longest = longest_step(steps, system, state.t, ends)
-    if longest is None:
-        return
-    is_sampled = isinstance(steps, Adaptive | Auto)
-    for signal in signals(system, state):
-        samples = signal.samples if is_sampled else np.empty(0)
-        gap = float(np.diff(np.concatenate([[0.0], samples, [1.0]])).max()) * longest
-        with suppress(Exception):  # whatever a user's function may raise: the run will tell it
-            begin, length = shortest_pulse(signal, state.t, ends)
-            if length < gap:
-                yield (
-                    f"{signal.name} acts for {length:.2g} s at t = {begin:.4g} s, and the chosen "
-                    f"steps, of up to {longest:.2g} s, may jump over it; take "
-                    f"longest = {QUARTER * length:.1g} [s] for Adaptive, Auto or [time] of a scene"
-                )
+    if run.steps.dt is not None:
+        return iter(())
+    return say_of_each(run.signals, _pulse_in_words, run, longest_step(run))
 
 
-def shortest_pulse(signal: Signal, t: float, ends: np.ndarray) -> tuple[float, float]:
+def _pulse_in_words(signal: Signal, run: PlannedRun, longest: float) -> str:
+    is_sampled = isinstance(run.steps, Adaptive | Auto)
+    looks = (PINS if signal.pin else LOADS) if is_sampled else ()
+    begin, length = shortest_pulse(signal, run.ends)
+    if not length < float(np.diff([0.0, *looks, 1.0]).max()) * longest:
+        return ""
+    return (
+        f"{signal.name} acts for {length:.2g} s at t = {begin:.4g} s, and the chosen "
+        f"steps, of up to {longest:.2g} s, may jump over it; take "
+        f"longest = {QUARTER * length:.1g} [s] for Adaptive, Auto or [time] of a scene"
+    )
+
+
+def longest_step(run: PlannedRun) -> float:
+    """Return an upper bound [s] of the steps that are chosen in a run."""
+    sizes = np.diff(run.ends, prepend=run.state.t)
+    sizes[0] /= 2  # the first step is below SAFETY of what is ahead, and so at most half of it
+    bounds = [float(sizes.max())]
+    if isinstance(run.steps, Adaptive | Auto) and run.steps.longest:
+        bounds.append(run.steps.longest)
+    if run.steps.traits.explicit:
+        bounds.append(run.explicit_limit)
+    return min(bounds)
+
+
+def shortest_pulse(signal: Signal, ends: np.ndarray) -> tuple[float, float]:
     """Return begin and length [s] of the shortest pulse of a signal; an infinite one for none.
 
     A pulse is a time at which the signal deviates from its median, and before and after which it
     does not. A uniform change is taken off first. What acts at the start or the end of a run is
-    no pulse, nor is one with a stop inside: the steps see it there.
+    no pulse, nor is one with a stop inside, of the `ends` of steps: the steps see it there.
     """
-    times = np.linspace(t, ends[-1], signal.most)
-    g = np.asarray(signal.values(times), float).reshape(len(times), -1)
+    times, g = signal.samples
     scale = np.ptp(g, axis=0).max() * SLIGHT if signal.moves else np.abs(g).max() * SMALL
     half, index = len(times) // 2, np.arange(len(times))[:, None]
     rate = np.median(g[-half:], axis=0) - np.median(g[:half], axis=0)
     g = g - rate * index / (len(times) - half)
     deviation = np.abs(g - np.median(g, axis=0)).max(axis=1)
     acts = deviation > ACTS * deviation.max()
+    none = float(times[0]), math.inf
     if not deviation.max() > scale or acts.mean() > RARE:
-        return t, math.inf
+        return none
     changes = np.diff(acts.astype(int))
     begins, finishes = np.flatnonzero(changes > 0), np.flatnonzero(changes < 0)
     finishes = finishes[finishes > begins[0]] if len(begins) else finishes
@@ -89,6 +182,6 @@ def shortest_pulse(signal: Signal, t: float, ends: np.ndarray) -> tuple[float, f
         if not ((stops > first + 1) & (stops <= last)).any()
     ]
     if not pairs:
-        return t, math.inf
+        return none
     first, last = min(pairs, key=lambda pair: pair[1] - pair[0])
     return float(times[first + 1]), float((last - first) * (times[1] - times[0]))

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import flat
+from support.planned import warnings_before
 
 import fecloth as fc
 from fecloth.errors import InputError
-from fecloth.simulation.set_up_warnings import find_set_up_warnings
 from fecloth.terms.contact import barrier
 from fecloth.verify import VerificationFailed, check_term
 
@@ -180,7 +180,7 @@ def test_edges_that_may_cut_into_large_triangles_are_told(small):
     box = fc.Obstacle(S.Box((0.2, 0.15, -0.5), (0.1, 0.1, 0.1)), gap=1e-4)
     for gap, told in ((1e-4, True), (2e-2, False)):
         system = fc.System(small, FABRIC, [fc.StVK(), replace(box, gap=gap)])
-        words = [*find_set_up_warnings(system, system.rest(), 0.01, 0.1)]
+        words = warnings_before(system, 0.01, 0.1)
         assert any("Obstacle has edges that may cut up to" in each for each in words) == told
 
 

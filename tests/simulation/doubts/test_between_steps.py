@@ -4,9 +4,10 @@ import warnings
 
 import numpy as np
 import pytest
+from support.planned import warnings_before
 
 import fecloth as fc
-from fecloth.simulation.between_steps import find_missed
+from fecloth.simulation.doubts.unseen import find_missed
 
 PULSE = "where(t > 0.1013 and t < 0.1018, 300, 0)"
 
@@ -19,8 +20,7 @@ def system(load=None, motion=None):
 
 
 def missed(dt, t_end=0.5, load=None, motion=None):
-    one = system(load, motion)
-    return list(find_missed(one, one.rest(), dt, t_end))
+    return warnings_before(system(load, motion), dt, t_end, doubts=[find_missed])
 
 
 def along_z(formula):
@@ -105,6 +105,22 @@ def test_long_runs_take_a_bounded_time():
 
     assert not missed(1e-6, 10.0, load=fc.Pressure(p))
     assert len(counted) <= 2**13 + 2
+
+
+@pytest.mark.parametrize(("dt", "most"), [(1e-3, 2**13 + 2**10), (None, 2**13)])
+def test_all_warnings_together_evaluate_a_motion_a_bounded_number_of_times(dt, most):
+    """In even samples and steps, and in the search for a jump in eight intervals."""
+    counted = []
+
+    def moved(t):
+        counted.append(t)
+        return (0.0, 0.0, 0.1 * np.sin(9 * t))
+
+    for pin in (fc.Pin("left", moved), fc.Slide("left", moved, normal=(0, 0, 1))):
+        held = fc.System(system().cloth, fc.Fabric(0.2, 500.0), [fc.StVK()], [pin])
+        counted.clear()
+        assert warnings_before(held, dt) == []
+        assert len(counted) <= most + 8 * 30 + 5
 
 
 def test_run_warns():

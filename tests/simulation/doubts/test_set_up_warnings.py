@@ -5,10 +5,10 @@ import warnings
 
 import numpy as np
 import pytest
+from support.planned import warnings_before
 
 import fecloth as fc
-from fecloth.simulation.pin_warnings import rotation_about_pins
-from fecloth.simulation.set_up_warnings import find_set_up_warnings
+from fecloth.simulation.doubts.pins import rotation_about_pins
 
 CLOTH = {name: fc.Cloth.rectangle(0.3, 0.2, h=0.05, pattern=name) for name in ("right", "cross")}
 FABRIC = {"areal_density": 0.2, "tensile_stiffness": 500.0, "poisson_ratio": 0.0}
@@ -206,7 +206,7 @@ CASES = [  # the words of the warning, the wrong set-up, and the right one by th
 def find(cloth=CLOTH["right"], start=None, dt=0.01, terms=(), pins=(), fabric=None):
     system = fc.System(cloth, fc.Fabric(**fabric), terms, pins)
     state = system.state(start(cloth)) if start else system.rest()
-    return list(find_set_up_warnings(system, state, dt, 1.0))
+    return warnings_before(system, dt, state=state)
 
 
 @pytest.mark.parametrize(("words", "wrong", "right"), CASES)

@@ -4,9 +4,10 @@ import warnings
 
 import numpy as np
 import pytest
+from support.planned import warnings_before
 
 import fecloth as fc
-from fecloth.simulation.motion_jumps import find_motion_jumps
+from fecloth.simulation.doubts.before_run import OF_MARCH
 
 CLOTH = fc.Cloth.rectangle(1.0, 0.6, h=0.3, pattern="right")
 TIME = 0.3
@@ -50,7 +51,7 @@ def function(text):
 
 
 def found(system):
-    return list(find_motion_jumps(system, system.rest(), TIME))
+    return warnings_before(system, 0.01, TIME, doubts=OF_MARCH)
 
 
 @pytest.mark.parametrize("make", [formula, function])

@@ -5,11 +5,11 @@ import warnings
 
 import numpy as np
 import pytest
+from support.planned import warnings_before
 from support.tiers import slow_except
 
 import fecloth as fc
-from fecloth.simulation.between_steps import find_missed
-from fecloth.simulation.short_pulses import find_short_pulses
+from fecloth.simulation.doubts.unseen import find_missed, find_short_pulses
 
 CLOTH = fc.Cloth.rectangle(1.0, 0.6, h=0.3, pattern="right")
 CORNER = CLOTH.nodes(lambda X: X.sum(axis=1) > 1.59)
@@ -43,8 +43,8 @@ def system(load=None, motion=None):
 
 
 def chosen(case, steps=None, ends=(2.0,)):
-    one = system(**case)
-    return list(find_short_pulses(one, one.rest(), steps or fc.Auto(), np.array(ends)))
+    options = {"method": steps, "ends": ends, "doubts": [find_short_pulses]}
+    return warnings_before(system(**case), **options)
 
 
 def pulse(begin, length):
@@ -117,10 +117,10 @@ def test_pulses_between_fixed_steps_are_named_with_a_step_that_sees_them(kind, d
         for length in (0.12, 0.4):
             begin = (np.floor(place / dt) + 0.1) * dt  # within one step
             one = system(**KINDS[kind](pulse(begin, length * dt)))
-            (words,) = find_missed(one, one.rest(), dt, 0.7)
+            (words,) = warnings_before(one, dt, 0.7, doubts=[find_missed])
             proposed = float(words.split("dt <= ")[1].split()[0])
             assert proposed < 0.5 * length * dt
-            assert not list(find_missed(one, one.rest(), proposed, 0.7))
+            assert not warnings_before(one, proposed, 0.7, doubts=[find_missed])
 
 
 @pytest.mark.parametrize("method", [fc.BDF2(), fc.ImplicitMidpoint()], ids=repr)

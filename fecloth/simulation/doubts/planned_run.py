@@ -1,0 +1,73 @@
+"""A run before its first step, as the doubts about it look at it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+
+from fecloth.integrators.protocol import StepChoice
+from fecloth.simulation.doubts.signals import Signal, find_signals
+from fecloth.simulation.method_choice import Auto
+from fecloth.simulation.resolve import method_to_report
+from fecloth.stability.critical_step import element_bound
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedRun:
+    """A run before its first step."""
+
+    system: System
+    state: State  # the start
+    steps: StepChoice | Auto
+    ends: np.ndarray  # (k,) times at which a step must end; the last is the end of the run [s]
+    is_static: bool = False  # whether a state of rest is sought, on no matter which way
+
+    @property
+    def t_end(self) -> float:
+        """The end of the run [s]."""
+        return float(self.ends[-1])
+
+    @property
+    def dt(self) -> float | None:
+        """The step [s] if it is fixed and resolves a motion, else None."""
+        return None if self.is_static else self.steps.dt
+
+    @property
+    def method(self) -> Any:
+        """The method as reports name it."""
+        return method_to_report(self.steps)
+
+    @cached_property
+    def explicit_limit(self) -> float:
+        """The longest step [s] of an explicit method, by a bound at rest."""
+        return element_bound(self.system, "central_difference")
+
+    @cached_property
+    def signals(self) -> tuple[Signal, ...]:
+        """All motions and loads that depend on time."""
+        is_fixed = self.steps.dt is not None
+        return tuple(find_signals(self.system, self.state, self.t_end, is_fixed))
+
+
+def attempt(function: Callable[..., T], *arguments: Any, otherwise: T) -> T:
+    """Return what a function returns that calls functions of the user; `otherwise` if they fail.
+
+    A run that calls them says why they fail; a warning must not.
+    """
+    try:
+        return function(*arguments)
+    except Exception:  # whatever a user's function may raise
+        return otherwise
+
+
+def say_of_each(signals: Iterable[Signal], say: Callable[..., str], *given: Any) -> Iterator[str]:
+    """Yield what `say(signal, *given)` returns of each signal; "" if its function fails."""
+    return (attempt(say, each, *given, otherwise="") for each in signals)

@@ -1,0 +1,15 @@
+"""The warnings of a run before its first step."""
+
+import numpy as np
+
+import fecloth as fc
+from fecloth.simulation.doubts.before_run import DOUBTS, find_warnings
+from fecloth.simulation.doubts.planned_run import PlannedRun
+from fecloth.simulation.resolve import choose_steps
+
+
+def warnings_before(system, dt=None, t_end=1.0, method=None, state=None, ends=None, doubts=DOUBTS):
+    """The sentences about steps of dt, or about steps that `method` chooses."""
+    steps = choose_steps(method or (fc.BDF2() if dt else fc.Auto()), dt)
+    ends = np.array([t_end] if ends is None else ends)
+    return list(find_warnings(PlannedRun(system, state or system.rest(), steps, ends), doubts))
