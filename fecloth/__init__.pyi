@@ -16,10 +16,9 @@ from .homogenisation import bending_tensor, plane_moduli, strip_rigidity
 from .integrators.bdf2 import BDF2
 from .integrators.energy_momentum import EnergyMomentum
 from .integrators.explicit import CentralDifference, ForwardEuler, SymplecticEuler
-from .integrators.generalized_alpha import GeneralizedAlpha
 from .integrators.linearly_implicit_euler import LinearlyImplicitEuler
 from .integrators.many_steps import many_steps
-from .integrators.newmark import Newmark, WithMemory
+from .integrators.newmark import GeneralizedAlpha, Newmark, WithMemory
 from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
 from .integrators.protocol import MethodTraits
 from .mesh.cloth import Cloth

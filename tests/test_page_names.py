@@ -13,7 +13,7 @@ from support.pages import NAMES, ROOT, SPANS, anchors, read
 
 import fecloth as fc
 from fecloth.cli import main as cli
-from fecloth.integrators.opening import Opening
+from fecloth.integrators.step import Opening
 from fecloth.quantities import formula_functions
 from fecloth.scene import table_model
 from fecloth.simulation.march import StepInfo

@@ -453,7 +453,7 @@ def _mesh(options) -> int:
     from fecloth.cli.describe import describe_cloth
     from fecloth.errors import InputError
     from fecloth.mesh.cloth import Cloth
-    from fecloth.output.mesh_file import write_mesh
+    from fecloth.output.frames import write_mesh
     from fecloth.scene.scene import load_scene
 
     is_scene = Path(options.path).suffix == ".toml"

@@ -16,8 +16,7 @@ from fecloth.distributed.part_system import PartDescription, cut_pins, cut_sprin
 from fecloth.distributed.partition import Part, find_owners, make_part
 from fecloth.distributed.remote_term import RemoteTerm
 from fecloth.errors import InputError, brief
-from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.linalg.matrix_layout import MatrixLayout
+from fecloth.linalg.block_matrix import BlockMatrix, MatrixLayout
 from fecloth.linalg.protocol import LinearSolver
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.reaction_limits import ReactionLimits

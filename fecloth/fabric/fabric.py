@@ -11,8 +11,7 @@ import numpy as np
 
 from fecloth.errors import InputError, is_number
 from fecloth.fabric import instruments, presets
-from fecloth.quantities.unit_fields import reads_units
-from fecloth.quantities.units import AREAL, HYSTERESIS, MOMENT, PER_ANGLE, PER_WIDTH
+from fecloth.quantities.units import AREAL, HYSTERESIS, MOMENT, PER_ANGLE, PER_WIDTH, reads_units
 
 Pair = float | tuple[float, float]
 

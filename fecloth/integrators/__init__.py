@@ -9,9 +9,8 @@ from typing import Any
 from fecloth.integrators.bdf2 import BDF2
 from fecloth.integrators.energy_momentum import EnergyMomentum
 from fecloth.integrators.explicit import CentralDifference, ForwardEuler, SymplecticEuler
-from fecloth.integrators.generalized_alpha import GeneralizedAlpha
 from fecloth.integrators.linearly_implicit_euler import LinearlyImplicitEuler
-from fecloth.integrators.newmark import Newmark, WithMemory
+from fecloth.integrators.newmark import GeneralizedAlpha, Newmark, WithMemory
 from fecloth.integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed

@@ -8,9 +8,15 @@ import numpy as np
 
 from fecloth.integrators.newmark import Newmark, WithMemory
 from fecloth.integrators.one_stage import BackwardEuler
-from fecloth.integrators.opening import UNCOUNTED, Opening, ending
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
-from fecloth.integrators.step import Step, prescribed_end, set_prescribed
+from fecloth.integrators.step import (
+    UNCOUNTED,
+    Opening,
+    Step,
+    ending,
+    prescribed_end,
+    set_prescribed,
+)
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, hold_stage
 from fecloth.nonlinear.statistics import Counts

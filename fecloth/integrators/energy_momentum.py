@@ -11,8 +11,7 @@ from fecloth.integrators.one_stage import ImplicitMidpoint, StageMethod
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.linalg import select
-from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.factor_reuse import FactorReuse
+from fecloth.nonlinear.context import FactorReuse, SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.system.state import State
 from fecloth.system.system import History, System

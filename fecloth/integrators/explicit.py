@@ -16,9 +16,8 @@ import numpy as np
 from fecloth.compiled.jit import Array, kernel, rounded_kernel
 from fecloth.errors import InputError, flag
 from fecloth.integrators.numerical_dissipation import explicit_dissipation
-from fecloth.integrators.opening import ending
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
-from fecloth.integrators.step import Step, prescribed_end
+from fecloth.integrators.step import Step, ending, prescribed_end
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import History, System

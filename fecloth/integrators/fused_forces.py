@@ -1,4 +1,4 @@
-"""The compiled calls that add all forces of a system, for one thread or for several."""
+"""The compiled calls of fused steps: all forces, and what the energy ledger has of them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,150 @@ from typing import Any
 import numpy as np
 
 from fecloth.compiled.calls import AnyCall, Call, Calls, JoinedCalls, SharedCall, join
-from fecloth.compiled.jit import Array
+from fecloth.compiled.jit import Array, kernel, rounded_kernel
 from fecloth.compiled.threads import Member, members, wait
-from fecloth.integrators.fused_columns import Column, Moves, subtract_from
 from fecloth.integrators.fused_loops import copy
+from fecloth.integrators.numerical_dissipation import has_power_column, has_work_column
 from fecloth.system.system import System
 from fecloth.terms.loops.array_updates import BY_ROWS
+
+POWER, LAST, PATH, WORK = 0, 1, 2, 3  # places in `Column.sums`; from 4 on the impulse and its last
+
+
+@dataclass(frozen=True, eq=False)
+class Moves:
+    """The arrays of a step, which all columns share."""
+
+    clock: np.ndarray  # (1,) size of the step [s]
+    # (n, 3) positions [m] and velocities [m/s] now, and at the begin of the step.
+    x: np.ndarray
+    old_x: np.ndarray
+    v: np.ndarray
+    old_v: np.ndarray
+    ahead: np.ndarray  # (n, 3) the velocities that the forces see
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """The part d of a term's force that the ledger has in columns, at both ends of a step."""
+
+    # Of the term; whether it has a column of dissipation, and one of work.
+    name: str
+    dissipates: bool
+    supplies: bool
+    # Whether its columns are integrals of power; otherwise of force along a displacement.
+    by_power: bool
+    air: np.ndarray  # (3,) velocity of the air [m/s], against which it dissipates
+    # (n, 3) the force without d; d now; d at the begin of the step.
+    base: np.ndarray
+    force: np.ndarray
+    last: np.ndarray
+    # (10,): ∫ d · v; d · v at the last stage; the means of d · Δx and d · dt v̄; ∫ Σ d and Σ d at
+    # the last stage.
+    sums: np.ndarray
+
+    def at_force(self, f: np.ndarray, moves: Moves) -> Call:
+        """The call after the term has added its force."""
+        if not self.by_power:
+            return subtract_from, (f, self.base, self.force)
+        arrays = moves.clock, moves.x, moves.old_x, moves.ahead
+        return add_power, (*arrays, f, self.base, self.last, self.sums)
+
+    def at_end(self, moves: Moves) -> Calls:
+        """The calls at the end of a step."""
+        if self.by_power:
+            return []
+        arrays = moves.clock, moves.x, moves.old_x, moves.v, moves.old_v
+        return [(add_work, (*arrays, self.force, self.last, self.sums))]
+
+    def start(self) -> None:
+        """Begin again, after the forces were evaluated at the begin of the first step."""
+        self.sums[[POWER, PATH, WORK, 4, 5, 6]] = 0.0
+        if not self.by_power:
+            self.last[:] = self.force
+
+    @property
+    def dissipated(self) -> float:
+        """∫ −d · (v − u) dt [J]."""
+        return float(self.sums[4:7] @ self.air - self.sums[POWER])
+
+    @property
+    def work(self) -> float:
+        """∫ d · u dt of the air, otherwise Σ d · dt v̄ [J]."""
+        return float(self.sums[4:7] @ self.air if self.by_power else self.sums[WORK])
+
+    @property
+    def unrecorded(self) -> float:
+        """See `numerical_dissipation`: mean of d · (Δx − dt v), or of d · (Δx − dt v̄)."""
+        return float(self.sums[PATH] - self.sums[POWER if self.by_power else WORK])
+
+
+def bind_columns(system: System, shape: tuple[int, int]) -> tuple[Column, ...] | None:
+    """Return the columns of a system, or None where a term's are not known from its force."""
+    columns = []
+    for name, term in zip(system.names, system.bound, strict=True):
+        by_power, supplies = has_power_column(term), term.supplies
+        if not (by_power or has_work_column(term)):
+            continue
+        air = term.steady_air if by_power and supplies else np.zeros(3)
+        if air is None:
+            return None
+        arrays = *np.zeros((3, *shape)), np.zeros(10)
+        columns.append(Column(name, term.dissipative, supplies, by_power, air, *arrays))
+    return tuple(columns)
+
+
+@rounded_kernel
+def subtract_from(f: Array, base: Array, difference: Array) -> None:
+    """difference (n, 3) = f − base."""
+    f, base, difference = f.reshape(-1), base.reshape(-1), difference.reshape(-1)
+    for i in range(len(f)):
+        difference[i] = f[i] - base[i]
+
+
+@kernel
+def add_power(
+    clock: Array, x: Array, old: Array, v: Array, f: Array, base: Array, last: Array, sums: Array
+) -> None:
+    """Add the power of d = f − base in a step to the sums; last = d."""
+    half = 0.5 * clock[0]
+    power1, power2, power3, path1, path2, path3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    d1, d2, d3 = 0.0, 0.0, 0.0
+    for i in range(len(f)):
+        a, b, c = f[i, 0] - base[i, 0], f[i, 1] - base[i, 1], f[i, 2] - base[i, 2]
+        power1 += a * v[i, 0]
+        power2 += b * v[i, 1]
+        power3 += c * v[i, 2]
+        path1 += (a + last[i, 0]) * (x[i, 0] - old[i, 0])
+        path2 += (b + last[i, 1]) * (x[i, 1] - old[i, 1])
+        path3 += (c + last[i, 2]) * (x[i, 2] - old[i, 2])
+        d1 += a
+        d2 += b
+        d3 += c
+        last[i, 0], last[i, 1], last[i, 2] = a, b, c
+    power = power1 + power2 + power3
+    sums[POWER] += half * (sums[LAST] + power)
+    sums[LAST] = power
+    sums[PATH] += 0.5 * (path1 + path2 + path3)
+    for k, total in enumerate((d1, d2, d3)):
+        sums[4 + k] += half * (sums[7 + k] + total)
+        sums[7 + k] = total
+
+
+@kernel
+def add_work(
+    clock: Array, x: Array, old_x: Array, v: Array, old_v: Array, d: Array, last: Array, sums: Array
+) -> None:
+    """Add the work of d in a step to the sums; last = d."""
+    path, work = 0.0, 0.0
+    for i in range(len(d)):
+        for k in range(3):
+            both = d[i, k] + last[i, k]
+            path += both * (x[i, k] - old_x[i, k])
+            work += both * (v[i, k] + old_v[i, k])
+            last[i, k] = d[i, k]
+    sums[PATH] += 0.5 * path
+    sums[WORK] += 0.25 * clock[0] * work
 
 
 def force_calls(

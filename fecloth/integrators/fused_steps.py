@@ -17,13 +17,12 @@ from fecloth.compiled.calls import AnyCall, Calls, JoinedCalls, join
 from fecloth.compiled.team import ALONE, Team
 from fecloth.compiled.threads import ONLY
 from fecloth.integrators.explicit import LastForce
-from fecloth.integrators.fused_columns import Column, Moves, bind_columns
-from fecloth.integrators.fused_forces import SharedForces, force_calls
+from fecloth.integrators.fused_forces import Column, Moves, SharedForces, bind_columns, force_calls
 from fecloth.integrators.fused_loops import Fields, Held, Pauses, copy, take_steps
 from fecloth.integrators.step import Step
 from fecloth.linalg.reductions import dot
 from fecloth.nonlinear.statistics import Counts
-from fecloth.system.motion_rows import MotionRows
+from fecloth.system.constraints import MotionRows
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import fill_extreme_stretches

@@ -9,9 +9,8 @@ import numpy as np
 
 from fecloth.errors import IndefiniteMatrix
 from fecloth.integrators.one_stage import StageMethod
-from fecloth.integrators.opening import UNCOUNTED, ending
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step, prescribed_end, set_prescribed
+from fecloth.integrators.step import UNCOUNTED, Step, ending, prescribed_end, set_prescribed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.nonlinear.context import SolverContext

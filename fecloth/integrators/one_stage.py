@@ -11,9 +11,16 @@ from fecloth.integrators.numerical_dissipation import (
     stiffness_product,
     work_beyond_dissipation,
 )
-from fecloth.integrators.opening import UNCOUNTED, Opening, ending, newton_step
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
-from fecloth.integrators.step import Step, prescribed_end, set_prescribed
+from fecloth.integrators.step import (
+    UNCOUNTED,
+    Opening,
+    Step,
+    ending,
+    newton_step,
+    prescribed_end,
+    set_prescribed,
+)
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, prescribed
 from fecloth.nonlinear.statistics import Counts

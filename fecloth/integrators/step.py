@@ -1,13 +1,26 @@
-"""The result of one step, and the held directions at its end."""
+"""A step in time: its begin, its solution and its result, with what all implicit methods share.
+
+An implicit step is opened, from the state, the memory of the method and the history of the terms;
+solved, for the unknown q at which R(q) = 0; and closed, from q to the new state, memory and
+history. Each part is a function of its own, so that others can evaluate the residual, and the end
+of the step, at a q that they have.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from fecloth.errors import InputError
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.nonlinear import newton
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.equation import Remedy
+from fecloth.nonlinear.newton import StageEquation
+from fecloth.nonlinear.stage import Stage
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import History, System
@@ -104,3 +117,89 @@ def set_prescribed(system: System, state: State, end: State) -> State:
     """Return the state with its held directions exactly at the prescribed `end`."""
     hold = system.constraints.hold
     return State(state.t, hold(state.x, end.x), hold(state.v, end.v))
+
+
+UNCOUNTED = Counts()  # of a step that is closed at a q which it did not solve for
+
+
+@dataclass(frozen=True, eq=False)
+class Opening:
+    """An implicit step that is open: ``method.open(system, state, dt, memory, history)``.
+
+    The unknown q (n, 3) gives x = x̃ + wx q, v = ṽ + wv q and a = ã + wa q at the `stage`. The step
+    is solved where `residual` vanishes, and ``method.close(opening, q)`` is the `Step` to any q.
+
+    Attributes
+    ----------
+    method
+        Whose step it is: that of the first step of BDF2 is another one.
+    system, over
+        The system, and the system over the step.
+    stage
+        The affine maps of q, with what the pins prescribe.
+    begin, end
+        The state at the begin, and that of the held directions at the end.
+    dt
+        Size of the step [s].
+    memory
+        What the method remembers of the step before; None in the first step.
+    guess
+        A first guess of q; None for zero.
+    history
+        The records that terms keep, at the begin of the step; None without any.
+    """
+
+    method: Any
+    system: System
+    over: System
+    stage: Stage
+    begin: State
+    end: State
+    dt: float
+    memory: Any = None
+    guess: np.ndarray | None = None
+    history: History | None = None
+
+    @cached_property
+    def equation(self) -> StageEquation:
+        """The equation of the step, with exact tangents."""
+        return StageEquation(self.over, self.stage, "none")
+
+    def residual(self, q: np.ndarray) -> np.ndarray:
+        """R(q) = M a − f(x, v, t) along the free directions, (n, 3) [N]."""
+        return self.equation.residual(q, 1.0)[0]
+
+    def tangent(self, q: np.ndarray, J: BlockMatrix) -> BlockMatrix:
+        """∂R/∂q = wa M + wv D + wx K along the free directions, in place of what J held.
+
+        What terms couple outside the pattern of J is in a matrix of its own, which is returned
+        then. Without what `System.dense` gives.
+        """
+        exact = Remedy(0.0, False)
+        self.equation.assemble(q, exact, J)
+        return self.equation.couple(q, exact, J)
+
+
+def ending(opening: Any, new: State) -> dict[str, Any]:
+    """The fields that the `Step` to the state `new` has of its opening, of any kind."""
+    history = opening.over.commit(new, opening.history)
+    return {"over": opening.over, "history": history, "earlier": opening.history}
+
+
+def newton_step(
+    self: Any,
+    system: System,
+    state: State,
+    dt: float,
+    solver: SolverContext,
+    memory: Any = None,
+    history: History | None = None,
+) -> Step:
+    """One step from `state` over `dt` [s]: opened, solved by Newton's iteration, and closed.
+
+    It is the `step` of every method that has `open` and `close`.
+    """
+    opening = self.open(system, state, dt, memory, history, solver)
+    q, counts = newton.solve(opening.over, opening.stage, solver, opening.guess, dt)
+    step: Step = self.close(opening, q, counts)
+    return step

@@ -145,7 +145,7 @@ def sweep_forward(
     values
         The blocks from `gather`.
     inverse
-        (n, 6) D⁻¹ in this order; see `diagonal_blocks`.
+        (n, 6) D⁻¹ in this order; see `pcg.invert_blocks`.
     b, x
         (n, 3) right-hand side and output, in this order.
     """

@@ -1,7 +1,7 @@
 """The coarser and coarser matrices of algebraic multigrid.
 
 A level consists of a matrix, its aggregates and its prolongator P; the next one has Pᵀ A P. See
-`cycle` for what is done with them.
+`multigrid` for what is done with them.
 
 Source: Vaněk, Mandel and Brezina (1996), Algebraic multigrid by smoothed aggregation for second
 and fourth order elliptic problems.
@@ -16,8 +16,8 @@ import numpy as np
 from fecloth.linalg.aggregation import Aggregates, orthonormalise
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.coarse_matrix import Transfer, clear_uncoupled
-from fecloth.linalg.diagonal_blocks import invert_diagonal
 from fecloth.linalg.gauss_seidel import SweepOrder, gather
+from fecloth.linalg.pcg import invert_diagonal
 
 NONE, EMPTY = np.zeros((0, 3, 6)), np.zeros(1, np.int32)  # no prolongator
 DAMPING = 0.6  # of the Jacobi step that smooths a prolongator: about 4/3 over eigenvalues of 2.3

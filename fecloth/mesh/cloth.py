@@ -13,13 +13,12 @@ import skfem
 from numpy.typing import ArrayLike
 
 from fecloth.errors import InputError
-from fecloth.mesh import elements, generate, interpolation, norms, selection
+from fecloth.mesh import elements, generate, norms, selection
 from fecloth.mesh.edge_slopes import EdgeSlopes
 from fecloth.mesh.flat_mesh import FlatMesh, quality
 from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.mesh.grading import Grading
-from fecloth.mesh.half_edges import HalfEdges
-from fecloth.mesh.hinges import Hinges
+from fecloth.mesh.hinges import HalfEdges, Hinges
 from fecloth.mesh.numbering import join_meshes, renumber_mesh
 from fecloth.mesh.read import read
 
@@ -432,15 +431,15 @@ class Cloth:
         MeshError
             If a point lies farther outside.
         """
-        return interpolation.interpolator(self, points)
+        return norms.interpolator(self, points)
 
     def interpolate(self, values: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Interpolate a nodal field (n,) or (n, d) at material points (p, 2) [m]."""
-        return self.interpolator(points) @ interpolation.nodal_values(self, values)
+        return self.interpolator(points) @ norms.nodal_values(self, values)
 
     def l2_norm(self, values: np.ndarray) -> float:
         """√∫ |u|² dA of a nodal field (n,) or (n, d)."""
-        values = interpolation.nodal_values(self, values)
+        values = norms.nodal_values(self, values)
         return float(np.sqrt(np.sum(values * (self.mass("consistent") @ values))))
 
     def l2_difference(self, other: Cloth, a: np.ndarray, b: np.ndarray) -> float:

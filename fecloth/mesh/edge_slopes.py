@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.mesh.half_edges import HalfEdges
+from fecloth.mesh.hinges import HalfEdges
 
 LEAST_SINGULAR = 0.15  # of the angles of a patch, in edge lengths; below it the patch is widened
 SINGULAR = 1e-6  # likewise; below it the weights are those of the shortest least-squares fit

@@ -11,8 +11,7 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError, MeshError, is_number
 from fecloth.mesh.gmsh_session import set_options
-from fecloth.quantities.unit_fields import reads_units
-from fecloth.quantities.units import LENGTH
+from fecloth.quantities.units import LENGTH, reads_units
 from fecloth.suggest import did_you_mean
 
 SMALLEST = 1e-3  # of h, at a set: along a curve smaller edges make too many triangles

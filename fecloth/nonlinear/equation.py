@@ -1,7 +1,8 @@
-"""What Newton's iteration needs of an equation: residual, matrix, and remedies where it fails."""
+"""What Newton's iteration needs of an equation, and what the equations of cloths share."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.line_search import Point
+from fecloth.system.state import State
 from fecloth.system.system import System
 
 
@@ -66,7 +68,7 @@ class Equation(Protocol):
         ...
 
     def largest_step(self, y: np.ndarray, step: np.ndarray) -> float:
-        """The largest α for which the terms allow y + α step; see `limits.largest_step`."""
+        """The largest α for which the terms allow y + α step; see `largest_step`."""
         ...
 
     def residual(self, y: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
@@ -99,3 +101,44 @@ class Equation(Protocol):
     def failure(self, reason: str, point: Point, residual: float) -> Exception:
         """The error to raise where the iteration ended; `residual` is relative."""
         ...
+
+
+def measure_round_off(force: Callable[[State], np.ndarray], state: State) -> np.ndarray:
+    """Change of the force (n, 3) [N] when x and v change in their last digits, at random.
+
+    The random numbers are the same in every call. This holds for all terms; a bound from the
+    stiffness holds only for forces that are differences of positions.
+    """
+    random, eps = np.random.default_rng(0), float(np.finfo(float).eps)
+    x, v = (y * (1 + eps * random.uniform(-1, 1, y.shape)) for y in (state.x, state.v))
+    return force(State(state.t, x, v)) - force(state)
+
+
+REACH = 16.0  # times the whole direction: how far a longer step is looked at
+
+
+def largest_step(system: System, x: np.ndarray, s: np.ndarray, t: float) -> float:
+    """The largest α for which all terms allow x + α s, both (n, 3) [m]; infinite without contact.
+
+    Terms limit a direction by their `limit`. An α above 1 is right for a step that is doubled; it
+    is not looked for with terms that couple nodes, whose `limit` is expensive.
+    """
+    limits = [term.limit for term in system.bound if term.limits_direction]
+    if not limits:
+        return math.inf
+    if any(term.couples_nodes for term in system.bound):
+        return min(limit(x, s, t) for limit in limits)
+    far = REACH * min(limit(x, REACH * s, t) for limit in limits)
+    return far if far >= 1.0 else min(limit(x, s, t) for limit in limits)
+
+
+def has_limits(system: System) -> bool:
+    """Whether a term limits directions."""
+    return any(term.limits_direction for term in system.bound)
+
+
+def admit(system: System, x: np.ndarray, t: float) -> np.ndarray:
+    """Positions near x (n, 3) at the end of a step that all terms over the step allow."""
+    for term in system.bound:
+        x = term.admit(x, t)
+    return x

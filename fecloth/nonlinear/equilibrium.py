@@ -12,8 +12,8 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError, is_number
 from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.equation import has_limits, largest_step
 from fecloth.nonlinear.iteration import Progress, iterate
-from fecloth.nonlinear.limits import has_limits, largest_step
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation

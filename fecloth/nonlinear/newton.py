@@ -1,20 +1,145 @@
-"""The solution of the stage equation of an implicit step by Newton's iteration."""
+"""The equation of an implicit step, M a(q) = f(x(q), v(q), t), and its solution."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from fecloth.errors import FeclothError
+from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.equation import Remedy, admit, has_limits, largest_step, measure_round_off
 from fecloth.nonlinear.error_left import ErrorLeft
 from fecloth.nonlinear.iteration import iterate
-from fecloth.nonlinear.limits import admit, has_limits
+from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.stage import Stage
-from fecloth.nonlinear.stage_equation import NewtonFailed, StageEquation
 from fecloth.nonlinear.statistics import Counts
+from fecloth.system.state import State
 from fecloth.system.system import System
 
-__all__ = ["NewtonFailed", "solve"]
+MULTIPLES = (0.0, *(4.0**n for n in range(-1, 8)))  # of wa M, added to the matrix
+REMEDIES = {
+    "none": (Remedy(0.0, False),),
+    "clamp": (Remedy(0.0, True),),
+    "on_failure": tuple(Remedy(each, definite) for definite in (False, True) for each in MULTIPLES),
+}
+
+
+class NewtonFailed(FeclothError):
+    """The stage equation was not solved; `residual` is what was reached."""
+
+    def __init__(self, reason: str, residual: float, remedy: str):
+        self.reason, self.residual, self.remedy = reason, residual, remedy
+        super().__init__(reason, residual, remedy)
+
+    def __str__(self) -> str:
+        return f"{self.reason} (relative residual {self.residual:.2e}). {self.remedy}"
+
+
+@dataclass(frozen=True, eq=False)
+class StageEquation:
+    """R = M a − f at the unknown q of a stage, with J = wa M + wv D + wx K."""
+
+    system: System
+    stage: Stage
+    definiteness: str
+
+    longest = float("inf")
+    resume = 1
+
+    @property
+    def clamped(self) -> int | None:
+        """The number of the remedy that clamps tangents and adds no mass, with a potential.
+
+        Without one nothing keeps the iteration from a valley in which it then creeps.
+        """
+        return len(MULTIPLES) if self.definiteness == "on_failure" and self.potential else None
+
+    @property
+    def wx(self) -> float:
+        return self.stage.wx
+
+    @property
+    def remedies(self) -> tuple[Remedy, ...]:
+        """The remedies of the option `definiteness`; their shift σ is a multiple of wa."""
+        return REMEDIES[self.definiteness]
+
+    @property
+    def takes_short_solves(self) -> bool:
+        """Whether a term limits directions, and the forces have a potential to be lowered."""
+        return has_limits(self.system) and self.potential is not None
+
+    @property
+    def potential(self) -> Callable[[np.ndarray], float] | None:
+        """Φ(q) = ½ wa q·M q + q·M ã + U(x(q))/wx, where every force has a potential U."""
+        has_one = all(term.has_energy and not term.dissipative for term in self.system.bound)
+        return self.incremental_potential if has_one else None
+
+    def incremental_potential(self, q: np.ndarray) -> float:
+        """Φ(q)."""
+        stage, (x, _, _) = self.stage, self.stage.at(q)
+        inertia = self.system.scalar_mass @ (0.5 * stage.wa * q + stage.a)
+        energy = sum(term.energy(x, stage.t) for term in self.system.bound)
+        return self.system.sums.dot(q, inertia) + energy / stage.wx
+
+    def state(self, q: np.ndarray) -> State:
+        """Time, position and velocity at q."""
+        x, v, _ = self.stage.at(q)
+        return State(self.stage.t, x, v)
+
+    def largest_step(self, q: np.ndarray, step: np.ndarray) -> float:
+        """The largest α for which the terms allow q + α step."""
+        return largest_step(self.system, self.stage.at(q)[0], self.wx * step, self.stage.t)
+
+    def residual(self, q: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
+        """M a − f of the free directions, and ‖M a‖ + Σ ‖f_term‖ at the first iterate."""
+        (x, v, a), system = self.stage.at(q), self.system
+        inertia = system.scalar_mass @ a
+        if scale:
+            return system.constraints.project(
+                inertia - system.force(State(self.stage.t, x, v))
+            ), scale
+        R, scale = inertia.copy(), system.force_size(inertia)
+        for term in system.bound:
+            f = np.zeros_like(x)
+            term.add_force(x, v, self.stage.t, f)
+            R -= f
+            scale += system.force_size(f)
+        return system.constraints.project(R), scale
+
+    def round_off(self, q: np.ndarray) -> float:
+        """That of the forces; the inertia, linear in q, has little."""
+        change = measure_round_off(self.system.force, self.state(q))
+        return self.system.sums.norm(self.system.constraints.project(change))
+
+    def assemble(self, q: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
+        """J = (1 + σ) wa M + wv D + wx K; K and D as they are, or definite."""
+        _, wx, wv, wa, definite = self.key(remedy)
+        self.system.project(self.system.assemble(J, self.state(q), wx, wv, wa, definite))
+
+    def couple(self, q: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
+        """J plus what terms couple outside its pattern."""
+        _, wx, wv, _, definite = self.key(remedy)
+        return self.system.couple(J, self.state(q), wx, wv, definite)
+
+    def updates(self, q: np.ndarray) -> list[tuple[float, np.ndarray]]:
+        """(wx c, u) of the dense parts of K."""
+        project, dense = self.system.constraints.project, self.system.dense(self.state(q))
+        return [(self.stage.wx * c, project(u)) for c, u in dense]
+
+    def key(self, remedy: Remedy) -> tuple:
+        """The system, the weights of K, D and M, and whether K and D are definite."""
+        stage, system = self.stage, self.system.constraints  # which the system over a step shares
+        return system, stage.wx, stage.wv, (1 + remedy.shift) * stage.wa, remedy.definite
+
+    def failure(self, reason: str, point: Point, residual: float) -> NewtonFailed:
+        """The error, with what may help."""
+        remedy = "Take a smaller dt."
+        if self.definiteness == "none":
+            remedy = 'Use definiteness = "on_failure", or a smaller dt.'
+        return NewtonFailed(reason, residual, remedy)
 
 
 def solve(

@@ -51,7 +51,7 @@ class Newton:
         solution has: on a flag at dt = 10 ms in up to 129 iterations a step, with added mass 23.
     reuse
         Whether a direct solver's factor serves further iterations, and steps of the same size,
-        while that is cheaper than a new one; see `factor_reuse.FactorReuse`.
+        while that is cheaper than a new one; see `context.FactorReuse`.
     """
 
     tolerance: float | Literal["auto"] = "auto"

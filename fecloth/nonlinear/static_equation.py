@@ -10,10 +10,8 @@ import numpy as np
 
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.nonlinear.equation import Remedy
-from fecloth.nonlinear.limits import has_limits, largest_step
+from fecloth.nonlinear.equation import Remedy, has_limits, largest_step, measure_round_off
 from fecloth.nonlinear.line_search import Point
-from fecloth.nonlinear.round_off import measure_round_off
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import principal_stretches

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fecloth.errors import InputError
-from fecloth.quantities.formula_derivative import derivative
 from fecloth.quantities.formula_functions import ARRAYS, NUMBERS, Closure, compile_tree
-from fecloth.quantities.formula_syntax import parse
+from fecloth.quantities.formula_syntax import derivative, parse
 
 _NUMBERS = {float, int, np.float64}
 

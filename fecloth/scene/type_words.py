@@ -9,9 +9,8 @@ from typing import Annotated, Any, ForwardRef, Literal, Union, get_args, get_ori
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from fecloth.quantities import unit_fields
-from fecloth.quantities.unit_fields import Measured
-from fecloth.quantities.units import Dimension
+from fecloth.quantities import units
+from fecloth.quantities.units import Dimension, Measured
 
 
 def writable(hint: Any) -> Any:
@@ -40,7 +39,7 @@ def in_si(table: dict, fields: Mapping[str, FieldInfo]) -> dict:
         key: Measured(field.annotation, tuple(dimensions(field)), field.default)
         for key, field in fields.items()
     }
-    return unit_fields.in_si(table, measured)
+    return units.in_si(table, measured)
 
 
 # --- descriptions of fields ---------------------------------------------------------------------

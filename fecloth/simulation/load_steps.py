@@ -22,7 +22,7 @@ from fecloth.nonlinear.equilibrium import (
     solve_static,
     static_context,
 )
-from fecloth.nonlinear.stage_equation import NewtonFailed
+from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
 from fecloth.simulation.step_times import step_times
 from fecloth.system.state import State

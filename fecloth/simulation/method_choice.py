@@ -11,7 +11,7 @@ import numpy as np
 from fecloth.errors import InputError, SolveFailed
 from fecloth.integrators.bdf2 import BDF2
 from fecloth.integrators.explicit import CentralDifference
-from fecloth.integrators.generalized_alpha import GeneralizedAlpha
+from fecloth.integrators.newmark import GeneralizedAlpha
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.error_control import Adaptive

@@ -33,7 +33,7 @@ def solver_for(
 
     `choice` is "auto", "direct", "pardiso", "superlu", "pcg" or "multigrid". "auto" starts with
     conjugate gradients and changes to multigrid or a factorisation, and back, by the work that it
-    counts; see `auto_solver`.
+    counts; see `select`.
     """
     check_method(method)
     validation.number("dt", dt, 0.0, "solver_for")

@@ -119,7 +119,7 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Return figures of the energies and the probes, for notebooks."""
-        from fecloth.view.notebook import result_figures  # not needed to run
+        from fecloth.view.svg_chart import result_figures  # not needed to run
 
         return result_figures(repr(self), self.times, self.energies, self.observed)
 

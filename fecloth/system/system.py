@@ -16,8 +16,13 @@ from fecloth.errors import InputError, brief
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.linalg import select
-from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern, add_mass, find_entries
-from fecloth.linalg.matrix_layout import MatrixLayout
+from fecloth.linalg.block_matrix import (
+    BlockMatrix,
+    BlockPattern,
+    MatrixLayout,
+    add_mass,
+    find_entries,
+)
 from fecloth.linalg.protocol import LinearSolver
 from fecloth.linalg.reductions import NodeSums
 from fecloth.mesh.cloth import Cloth

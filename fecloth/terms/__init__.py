@@ -9,12 +9,10 @@ Shorter than all this are `Condition`, for an energy ½ k C² of some nodes, `Us
 on each node by itself, and `MembraneLaw`, for a membrane. studies/examples has a term and a law.
 """
 
-from fecloth.quantities.unit_fields import reads_units
-from fecloth.terms.bending.hinge import HingeBending
+from fecloth.quantities.units import reads_units
+from fecloth.terms.bending.hinge import HingeBending, QuadraticBending
 from fecloth.terms.bending.plate import PlateBending
-from fecloth.terms.bending.quadratic import QuadraticBending
-from fecloth.terms.contact.mesh_obstacle import MeshObstacle
-from fecloth.terms.contact.obstacle import Obstacle
+from fecloth.terms.contact.obstacle import MeshObstacle, Obstacle
 from fecloth.terms.contact.self_contact import SelfContact
 from fecloth.terms.custom.force import UserForce
 from fecloth.terms.damping.bending import BendingDamping
@@ -22,8 +20,7 @@ from fecloth.terms.damping.mass import MassDamping
 from fecloth.terms.damping.strain_rate import StrainRateDamping
 from fecloth.terms.loads.drag import Drag
 from fecloth.terms.loads.gas import Gas
-from fecloth.terms.loads.gravity import Gravity
-from fecloth.terms.loads.point_force import PointForce
+from fecloth.terms.loads.gravity import Gravity, PointForce
 from fecloth.terms.loads.pressure import Pressure
 from fecloth.terms.loads.wind import Wind
 from fecloth.terms.membranes.baraff_witkin import BaraffWitkin

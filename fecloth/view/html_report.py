@@ -18,8 +18,7 @@ import numpy as np
 from fecloth.output.atomic_files import replace_file
 from fecloth.output.frame_reader import Frame
 from fecloth.output.obstacle_frames import Obstacles
-from fecloth.view.observed_charts import observed_charts
-from fecloth.view.svg_chart import chart
+from fecloth.view.svg_chart import chart, observed_charts
 from fecloth.view.web_page import fill_template, pack_frames, shown_fields, title_of
 
 MOST_ROWS = 4000  # of a table that are read for a chart

@@ -6,7 +6,7 @@ have 300 triangles and 0.5 s; a seed draws the shape of the obstacle and its ori
 its fabric, tilt and speed, and the friction. All have `SelfContact`, and steps of 10 ms.
 
 After every step the nodes are tested against formulas of the shapes that are not those of the term,
-and the triangles by `fecloth.mesh.intersections`, which has nothing from ipctk. Points inside the
+and the triangles by `fecloth.mesh.surface`, which has nothing from ipctk. Points inside the
 triangles may cut an edge of a box or of a plate; their depth is in the table.
 
     python -m studies.contact.catalogue [--quick] [--only NAME ...] [--drops 200] [--out DIR]

@@ -9,7 +9,7 @@ import ipctk
 
 import fecloth as fc
 from fecloth import study
-from fecloth.mesh.intersections import count_intersections
+from fecloth.mesh.surface import count_intersections
 from studies.contact.catalogue_scenes import drawn, inner_points, named
 
 DT = 0.01  # s

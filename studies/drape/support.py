@@ -24,7 +24,7 @@ from scipy.spatial import cKDTree
 import fecloth as fc
 from fecloth import study
 from fecloth.errors import FeclothError, InputError
-from fecloth.mesh.intersections import count_intersections
+from fecloth.mesh.surface import count_intersections
 from studies.drape import between_meshes
 from studies.drape.between_meshes import spread
 from studies.drape.measures import count_folds, drape_coefficient

@@ -7,7 +7,7 @@ from support.matrices import indefinite, load, missing, relative, sheet
 
 import fecloth as fc
 from fecloth.errors import IndefiniteMatrix, InputError
-from fecloth.linalg import auto_solver, direct, mkl_pardiso, multigrid, select
+from fecloth.linalg import direct, mkl_pardiso, multigrid, select
 
 NOWHERE = np.zeros((400, 3))  # the positions do not matter to PCG and direct solvers
 EASY, HARD = sheet(m=20, mass=500.0), sheet(m=20, mass=1e-5)  # 5 and 270 iterations to 1e-6
@@ -71,7 +71,7 @@ def test_an_equal_pattern_is_analysed_once(kind, monkeypatch):
 
 
 def test_auto_returns_to_pcg_if_iterations_become_few(monkeypatch):
-    monkeypatch.setattr(auto_solver, "MEMORY", 0.98)
+    monkeypatch.setattr(select, "MEMORY", 0.98)
     solver, other = auto(), select.direct().name
     assert steps(solver, HARD, 4) == [other] * 4
     names = steps(solver, EASY, 80)
@@ -82,11 +82,9 @@ def test_auto_returns_to_pcg_if_iterations_become_few(monkeypatch):
 
 def test_auto_tries_pcg_again_at_times(monkeypatch):
     """A trial that fails raises the average again, which defers the next one."""
-    monkeypatch.setattr(auto_solver, "MEMORY", 0.98)
-    tried, prepare = [], auto_solver.PCG.prepare
-    monkeypatch.setattr(
-        auto_solver.PCG, "prepare", lambda self, A: tried.append(1) or prepare(self, A)
-    )
+    monkeypatch.setattr(select, "MEMORY", 0.98)
+    tried, prepare = [], select.PCG.prepare
+    monkeypatch.setattr(select.PCG, "prepare", lambda self, A: tried.append(1) or prepare(self, A))
     assert steps(auto(), HARD, 150) == [select.direct().name] * 150
     assert 3 < len(tried) < 10
 
@@ -94,8 +92,8 @@ def test_auto_tries_pcg_again_at_times(monkeypatch):
 @pytest.mark.parametrize(("loading", "changes"), [(0.0, True), (1e12, False)])
 def test_auto_uses_a_factorisation_that_serves_many_steps(loading, changes, monkeypatch):
     """In a linear problem one factor serves all steps: cheaper than 40 iterations each."""
-    monkeypatch.setattr(auto_solver, "LOADING", loading)
-    monkeypatch.setattr(auto_solver, "MEMORY", 0.95)
+    monkeypatch.setattr(select, "LOADING", loading)
+    monkeypatch.setattr(select, "MEMORY", 0.95)
     solver, names = auto(), []
     for _ in range(60):
         solver.begin(1.0, 1.0, NOWHERE)
@@ -160,7 +158,7 @@ def test_auto_without_pardiso_counts_the_price_of_superlu(monkeypatch):
     solver = auto()
     assert steps(solver, HARD, 3) == ["superlu", "pcg", "pcg"]
     assert solver.guess("direct") > 4 * pardiso.guess("direct") > 0.5 * 270
-    monkeypatch.setattr(auto_solver, "SUPERLU", 1.0)
+    monkeypatch.setattr(select, "SUPERLU", 1.0)
     assert steps(auto(), HARD, 3) == ["superlu"] * 3
 
 
@@ -174,33 +172,33 @@ def test_auto_follows_the_steps_of_a_march(monkeypatch):
     for method, share in zip(methods, shares, strict=True):
         sizes, size = [], share * 1e-3**2
         monkeypatch.setattr(
-            auto_solver.AutoSolver, "begin", lambda _, wx, wa, x, s=sizes: s.append(wx / wa)
+            select.AutoSolver, "begin", lambda _, wx, wa, x, s=sizes: s.append(wx / wa)
         )
         fc.run(system, method, system.rest(), 1e-3, 3e-3)
         assert sizes == pytest.approx([size] * 3)
 
 
 def test_auto_takes_multigrid_where_pcg_takes_many_iterations(monkeypatch):
-    monkeypatch.setattr(auto_solver, "LARGE", 400)
-    monkeypatch.setattr(auto_solver, "MULTIGRID", 100.0)
+    monkeypatch.setattr(select, "LARGE", 400)
+    monkeypatch.setattr(select, "MULTIGRID", 100.0)
     assert steps(auto(), EASY, 3) == ["pcg"] * 3
     assert steps(auto(), MIDDLE, 5) == ["pcg"] * 5  # about 40 iterations
-    monkeypatch.setattr(auto_solver, "MULTIGRID", 10.0)
-    monkeypatch.setattr(auto_solver, "CYCLE", 1.0)
+    monkeypatch.setattr(select, "MULTIGRID", 10.0)
+    monkeypatch.setattr(select, "CYCLE", 1.0)
     solver = auto()
     assert steps(solver, MIDDLE, 8) == ["multigrid"] * 8
     solver.drop()
     assert steps(solver, EASY, 3) == ["pcg"] * 3
-    monkeypatch.setattr(auto_solver, "LARGE", 401)
+    monkeypatch.setattr(select, "LARGE", 401)
     assert "multigrid" not in steps(auto(), MIDDLE, 8)
 
 
 @pytest.mark.parametrize(("cycle", "last"), [(2.0, "multigrid"), (100.0, "direct")])
 def test_auto_factorises_where_multigrid_takes_too_long(cycle, last, monkeypatch):
     """Multigrid needs 18 iterations."""
-    monkeypatch.setattr(auto_solver, "LARGE", 400)
-    monkeypatch.setattr(auto_solver, "MULTIGRID", 20.0)
-    monkeypatch.setattr(auto_solver, "CYCLE", cycle)
+    monkeypatch.setattr(select, "LARGE", 400)
+    monkeypatch.setattr(select, "MULTIGRID", 20.0)
+    monkeypatch.setattr(select, "CYCLE", cycle)
     expected = select.direct().name if last == "direct" else last
     assert steps(auto(), HARD, 3) == [expected] * 3
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.linalg.matrix_layout import MatrixLayout
+from fecloth.linalg.block_matrix import MatrixLayout
 from fecloth.system.pieces import _connect
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)

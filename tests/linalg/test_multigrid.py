@@ -12,9 +12,8 @@ from fecloth.compiled.team import ALONE, Team
 from fecloth.linalg.aggregation import Aggregates
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.coarse_matrix import Transfer
-from fecloth.linalg.cycle import cycle
 from fecloth.linalg.gauss_seidel import SweepOrder
-from fecloth.linalg.multigrid import NEW, Multigrid
+from fecloth.linalg.multigrid import NEW, Multigrid, cycle
 from fecloth.linalg.pcg import PCG
 from fecloth.scene.plan import MULTIGRID
 
@@ -98,7 +97,7 @@ def test_a_cycle_is_symmetric_and_positive_definite(pattern, element, bending, s
 def small_loops_shared(monkeypatch):
     """Loops over 20 nodes and more are shared: several levels of a small mesh."""
     monkeypatch.setattr("fecloth.compiled.team.SMALL", 20)
-    monkeypatch.setattr("fecloth.linalg.cycle.SMALL", 20)
+    monkeypatch.setattr("fecloth.linalg.multigrid.SMALL", 20)
 
 
 @pytest.mark.parametrize(("pattern", "element", "bending"), MESHES)

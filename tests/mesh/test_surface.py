@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.mesh.intersections import count_intersections
-from fecloth.mesh.surface import Surface
+from fecloth.mesh.surface import Surface, count_intersections
 
 FLAT = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
 PAIRS = {  # the corners of the second triangle, and whether it passes through FLAT

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.nonlinear.factor_reuse import FactorReuse
+from fecloth.nonlinear.context import FactorReuse
 from fecloth.nonlinear.iteration import Remedy
-from fecloth.nonlinear.stage_equation import NewtonFailed, StageEquation
+from fecloth.nonlinear.newton import NewtonFailed, StageEquation
 from fecloth.simulation.resolve import solver_for
 
 

@@ -8,7 +8,7 @@ from conftest import affine, flat, rough
 
 import fecloth as fc
 from fecloth.nonlinear.iteration import Remedy, _Work, iterate
-from fecloth.nonlinear.stage_equation import NewtonFailed, StageEquation
+from fecloth.nonlinear.newton import NewtonFailed, StageEquation
 from fecloth.simulation.resolve import solver_for
 
 

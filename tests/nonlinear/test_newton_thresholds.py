@@ -13,13 +13,12 @@ import fecloth as fc
 from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg.protocol import SolveInfo
 from fecloth.nonlinear import equilibrium as statics
-from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.context import FactorReuse, SolverContext
+from fecloth.nonlinear.equation import largest_step
 from fecloth.nonlinear.error_left import ErrorLeft
-from fecloth.nonlinear.factor_reuse import FactorReuse
 from fecloth.nonlinear.iteration import iterate
-from fecloth.nonlinear.limits import largest_step
 from fecloth.nonlinear.line_search import Point, find_step
-from fecloth.nonlinear.stage_equation import MULTIPLES, REMEDIES
+from fecloth.nonlinear.newton import MULTIPLES, REMEDIES
 from fecloth.nonlinear.statistics import Counts
 
 SUMS = SimpleNamespace(norm=np.linalg.norm, dot=np.vdot, rms=lambda mass, s: np.linalg.norm(s))

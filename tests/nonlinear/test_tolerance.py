@@ -7,7 +7,7 @@ from conftest import affine, flat
 import fecloth as fc
 from fecloth.linalg.reductions import NodeSums
 from fecloth.nonlinear.line_search import Point, find_step
-from fecloth.nonlinear.stage_equation import NewtonFailed
+from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.resolve import solver_for
 
 SOFT = fc.Fabric(0.15, 2000.0, bending_rigidity=0.0118)

@@ -12,10 +12,8 @@ from typing import Annotated
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.quantities.unit_fields import reads_units
-from fecloth.quantities.units import LENGTH
-from fecloth.terms.contact.sdf import Sdf
-from fecloth.terms.contact.shape import Shape, direction, point, positive
+from fecloth.quantities.units import LENGTH, reads_units
+from fecloth.terms.contact.shape import Sdf, Shape, direction, point, positive
 
 __all__ = ["Box", "Capsule", "Cylinder", "Disk", "Plane", "Sdf", "Shape", "Sphere"]
 

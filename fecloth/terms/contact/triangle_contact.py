@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.errors import InputError
-from fecloth.mesh.intersections import find_intersections
+from fecloth.mesh.surface import find_intersections
 from fecloth.terms.contact.bound_contact import BoundContact, ContactOverStep, Rubbing
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.toolkit import ContactSets

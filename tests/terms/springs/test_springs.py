@@ -195,7 +195,7 @@ def test_ledger_separates_energy_and_damping_of_one_term(sheet):
 
 def test_newton_does_not_take_damped_springs_for_a_potential(sheet):
     """A line search on the energy alone would be blind to the damping force."""
-    from fecloth.nonlinear.stage_equation import StageEquation
+    from fecloth.nonlinear.newton import StageEquation
 
     for damping, expected in ((0.0, True), (0.01, False)):
         system = fc.System(sheet, SQUARE, [fc.Springs(damping=damping)])
