@@ -83,10 +83,7 @@ class DistributedSolver:
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """x (n, 3) with ‖b − A x‖ ≤ rtol ‖b‖.
-
-        Raises `IndefiniteMatrix` or `SolveFailed` if no such x was found.
-        """
+        """x (n, 3) with ‖b − A x‖ ≤ rtol ‖b‖."""
         b = np.ascontiguousarray(b, dtype=float)
         if not b.any():
             return np.zeros_like(b), SolveInfo(self.name, 0, 0.0, self.seconds_factor, 0.0)

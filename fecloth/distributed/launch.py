@@ -74,10 +74,7 @@ class MpiLink:
         return self.here
 
     def each(self, name: str, arguments: Sequence[tuple]) -> list:
-        """What the function `name` of each worker returns for its own arguments.
-
-        Raises the first error of a worker.
-        """
+        """What the function `name` of each worker returns for its own arguments."""
         for rank in range(1, self.size):
             self.comm.send((name, arguments[rank]), dest=rank)
         self.here, here = _perform(self.comm, self.here, name, arguments[0])

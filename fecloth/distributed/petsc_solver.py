@@ -200,10 +200,7 @@ class PetscSolver:
     def solve(
         self, b: np.ndarray, rtol: float, guess: np.ndarray | None
     ) -> tuple[np.ndarray, int, float]:
-        """x of own nodes, the iterations, and ‖b − A x‖ / ‖b‖.
-
-        It fails on all processes alike.
-        """
+        """x of own nodes, the iterations, and ‖b − A x‖ / ‖b‖."""
         self.b.array[:] = b.ravel()
         self.x.array[:] = 0.0 if guess is None else guess.ravel()
         self.ksp.setInitialGuessNonzero(guess is not None)

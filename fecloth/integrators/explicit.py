@@ -34,14 +34,17 @@ class ExplicitOpening(NamedTuple):
     ``method.close(opening, a)`` is the `Step` to the `acceleration` a (n, 3) [m/s²].
     """
 
+    # The system, and the system over the step.
     system: System
-    over: System  # the system over the step
+    over: System
     at: State  # the state at which the step needs the acceleration
+    # The state at the begin, and that of the held directions at the end.
     begin: State
-    end: State  # of the held directions
+    end: State
     dt: float  # size of the step [s]
     memory: LastForce | None  # what the method remembers of the step before
-    history: History | None  # the records that terms keep, at the begin; None without any
+    # The records that terms keep, at the begin of the step; None without any.
+    history: History | None
     opened: float  # the clock when it was opened, for the counts [s]
 
     def acceleration(self) -> np.ndarray:
@@ -72,7 +75,7 @@ class Explicit:
         return replace(self.constants, beyond_limit=self.beyond_limit)
 
     def check(self, system: System) -> None:
-        """Raise `InputError` for a consistent mass, which needs a linear solve."""
+        """Raise `InputError` for a mass that needs a linear solve."""
         if system.mass_kind != "lumped":
             raise InputError(
                 f"mass = {system.mass_kind!r}",

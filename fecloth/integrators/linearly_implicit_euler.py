@@ -24,7 +24,7 @@ from fecloth.terms.step_difference import StepDifference
 class LinearOpening:
     """A step of `LinearlyImplicitEuler` that is open: its residual is linear in q.
 
-    q (n, 3) [m/s] is Δv of the free directions. The step has the fields of `Opening`, and `held`.
+    q (n, 3) [m/s] is Δv of the free directions, and it has the fields of `Opening`.
     """
 
     system: System

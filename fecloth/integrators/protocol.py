@@ -230,13 +230,7 @@ class StepChoice(Integrator, Protocol):
         ...
 
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
-        """Times [s] at which a step must end, in order: `t_end` is the last, `t` not among them.
-
-        Raises
-        ------
-        InputError
-            For an end or stops that make no step.
-        """
+        """Times [s] at which a step must end, in order: `t_end` is the last, `t` not among them."""
         ...
 
     def check(self, system: System) -> None:

@@ -128,36 +128,20 @@ class Opening:
 
     The unknown q (n, 3) gives x = x̃ + wx q, v = ṽ + wv q and a = ã + wa q at the `stage`. The step
     is solved where `residual` vanishes, and ``method.close(opening, q)`` is the `Step` to any q.
-
-    Attributes
-    ----------
-    method
-        Whose step it is: that of the first step of BDF2 is another one.
-    system, over
-        The system, and the system over the step.
-    stage
-        The affine maps of q, with what the pins prescribe.
-    begin, end
-        The state at the begin, and that of the held directions at the end.
-    dt
-        Size of the step [s].
-    memory
-        What the method remembers of the step before; None in the first step.
-    guess
-        A first guess of q; None for zero.
-    history
-        The records that terms keep, at the begin of the step; None without any.
     """
 
-    method: Any
+    method: Any  # whose step it is: that of the first step of BDF2 is another one
+    # The system, and the system over the step.
     system: System
     over: System
-    stage: Stage
+    stage: Stage  # the affine maps of q, with what the pins prescribe
+    # The state at the begin, and that of the held directions at the end.
     begin: State
     end: State
-    dt: float
-    memory: Any = None
-    guess: np.ndarray | None = None
+    dt: float  # size of the step [s]
+    memory: Any = None  # what the method remembers of the step before; None in the first step
+    guess: np.ndarray | None = None  # a first guess of q; None for zero
+    # The records that terms keep, at the begin of the step; None without any.
     history: History | None = None
 
     @cached_property

@@ -21,7 +21,8 @@ FindSlots = Callable[[np.ndarray], np.ndarray]  # as `BlockPattern.slots`
 class BlockPattern:
     """The pairs of coupled nodes, as compressed rows of 3×3 blocks."""
 
-    indptr: np.ndarray  # (n + 1,) int32. Row i has the blocks indptr[i] … indptr[i + 1] − 1.
+    # (n + 1,) int32. Row i has the blocks indptr[i] … indptr[i + 1] − 1.
+    indptr: np.ndarray
     # (b,) int32 column of each block, ascending within a row. The pattern always contains the
     # diagonal.
     indices: np.ndarray

@@ -168,8 +168,6 @@ def _solve_and_refine(
 
     No method reduces the residual below the round-off of its own evaluation (Oettli and Prager
     1964). Therefore a residual of this size, up to 1e-6, is accepted in place of `rtol`.
-
-    Raises `SolveFailed` if the residual is larger.
     """
     begin = time.perf_counter()
     A, b, bb = check_arguments(solver._A, b, rtol)

@@ -64,10 +64,7 @@ def pardiso(
 
 @cache
 def routine() -> Callable[..., None]:
-    """The C function ``pardiso``; the first call loads the MKL (0.4 s).
-
-    Raises `ImportError` or `OSError` if pypardiso or the MKL is missing.
-    """
+    """The C function ``pardiso``; the first call loads the MKL (0.4 s)."""
     import pypardiso
 
     # The module-wide solver is used because a new PyPardisoSolver() searches the disk again.

@@ -83,11 +83,7 @@ class Multigrid(PCG):
         self._x = x
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Invert the diagonal blocks of A, and make coarse matrices if there are none.
-
-        Raises `IndefiniteMatrix` if a diagonal block of A or of a coarse matrix is not positive
-        definite.
-        """
+        """Invert the diagonal blocks of A, and make coarse matrices if there are none."""
         super().prepare(A)
         begin, self._A = time.perf_counter(), None
         if not self._grids or not A.pattern.same_as(self._grids[0].pattern):

@@ -22,13 +22,7 @@ from fecloth.linalg.reductions import BLOCK
 
 
 def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
-    """Write the inverses of the diagonal blocks (n, 6); see `invert_blocks`.
-
-    Raises
-    ------
-    IndefiniteMatrix, SolveFailed
-        If a block is not positive definite, or not finite; `name` begins the message.
-    """
+    """Write the inverses of the diagonal blocks (n, 6); `name` begins the message of an error."""
     node = invert_blocks(A.pattern.diagonal, A.values, inverse)
     if node < 0:
         return

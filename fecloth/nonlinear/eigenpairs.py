@@ -96,10 +96,7 @@ class _Pencil:
         return cls(system, K, updates, nodal, mass, scale, asymmetry)
 
     def invert(self) -> tuple[LinearOperator, float]:
-        """Return (K + s M)⁻¹ of the free directions, and s.
-
-        Raises `SolveFailed` if no s gives a positive definite matrix, as where K is not finite.
-        """
+        """Return (K + s M)⁻¹ of the free directions, and s."""
         for power in range(MOST):
             shift = FIRST * self.scale * GROWTH**power
             try:

@@ -198,11 +198,13 @@ def static_context(
 class Increase(NamedTuple):
     """What `increase_loads` found."""
 
+    # Positions, and ∂x/∂(factor on the loads) (n, 3) [m].
     x: np.ndarray
-    rate: np.ndarray | float  # ∂x/∂(factor on the loads) (n, 3) [m]
+    rate: np.ndarray | float
     counts: Counts  # of all increments
-    over: System  # the system over the last increment
-    history: History | None  # what its terms remember after that increment
+    # The system over the last increment, and what its terms remember after that.
+    over: System
+    history: History | None
 
 
 def increase_loads(

@@ -49,7 +49,8 @@ def iterate(
 
     With `left` the iteration ends also where the error left is small against that in time.
 
-    If the forces at y are not finite, the iteration starts from `instead`.
+    If the forces at y are not finite, the iteration starts from `instead`. Where it cannot go on, or
+    takes too long, the error is `Equation.failure`.
 
     Each iteration solves J s = −R with the exact matrix J or, where that is not positive definite
     or s is no improvement of any length (`line_search.find_step`), with the first remedy for which
@@ -62,8 +63,6 @@ def iterate(
     Then `Counts.limited` is 1, unless the forces are below a million times their round-off, as in a
     cloth at rest, and the last iteration moved no node by 1e-7 of the extent of the cloth. If no
     force exceeds its round-off, the residual counts as 0.
-
-    Raises `Equation.failure` if the iteration cannot go on or takes too long.
     """
     work, most = _Work(equation, context, left), context.options.max_iterations
     point = work.at(y, 0.0)

@@ -163,9 +163,6 @@ def solve(
     proportion to the angle squared, and as it is so much stiffer in its plane than across, good
     steps increase the residual.
 
-    Raises `NewtonFailed` if the tolerance is not met, unless by round-off: then `Counts.limited` is
-    1.
-
     Notes
     -----
     Where a step does not resolve the motion, the acceleration of the last step is a poor guess:

@@ -75,9 +75,6 @@ def prescribed(system: System, stage: Stage, state: State, dt: float, end: State
 
     There q̂ = (end.x − x_end)/w_end is known; it moves into x̃, ṽ and x_end. The held acceleration
     is the change of the prescribed velocity over the step.
-
-    Raises `InputError` if an array of the stage does not have the state's shape, as in a user's
-    method.
     """
     for name in ("x", "v", "a", "x_end"):
         shape = np.shape(getattr(stage, name, 0.0))

@@ -22,7 +22,7 @@ class Constraints:
 
     groups: dict[str, tuple[Pin, np.ndarray]]  # name → (pin, its nodes)
     nodes: np.ndarray  # (c,) constrained nodes, ascending
-    # (c, 3, 3) P onto the free directions of each of them (0: pinned, rank 1 or 2: sliding)
+    # (c, 3, 3) P onto the free directions of each of them (0: pinned, rank 1 or 2: sliding).
     projectors: np.ndarray
 
     @classmethod
