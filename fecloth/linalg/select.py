@@ -152,7 +152,7 @@ class AutoSolver:
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """Solve A x = b: x (n, 3) and its `SolveInfo`, with another solver if this takes too long."""
+        """Solve A x = b: x (n, 3) and `SolveInfo`, by another solver if this takes too long."""
         A, _, _ = check_arguments(self._A, b, rtol)
         others = [mode for mode in self._make if mode not in ("pcg", self._mode)] or ["direct"]
         price, other = min((self.guess(m) + self._share * PATTERN[m], m) for m in others)

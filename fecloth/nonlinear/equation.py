@@ -21,6 +21,16 @@ class Remedy(NamedTuple):
     definite: bool
 
 
+class Remedies(NamedTuple):
+    """What an iteration may try, in this order; the first is the exact matrix, if it may be."""
+
+    order: tuple[Remedy, ...]
+    # Number of the remedy to go on with where the first one fails for the first time.
+    second: int = 1
+    # Number of the remedy to try between these two, in at most CLAMPED iterations.
+    clamped: int | None = None
+
+
 class Equation(Protocol):
     """R(y) = 0 for an unknown y (n, 3), as `iterate` solves it."""
 
@@ -45,21 +55,8 @@ class Equation(Protocol):
         ...
 
     @property
-    def remedies(self) -> tuple[Remedy, ...]:
-        """What to try in this order; the first is the exact matrix, if the options allow that."""
-        ...
-
-    @property
-    def resume(self) -> int:
-        """Where to go on after the first remedy has failed in the first iteration.
-
-        The remedies from number max(resume − 1, 1) on are then tried.
-        """
-        ...
-
-    @property
-    def clamped(self) -> int | None:
-        """Which remedy comes next after the first, in at most CLAMPED iterations; or None."""
+    def remedies(self) -> Remedies:
+        """What to try where the exact matrix fails."""
         ...
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.equation import Equation, Remedy
+from fecloth.nonlinear.equation import Equation, Remedies, Remedy
 from fecloth.nonlinear.error_left import ErrorLeft
 from fecloth.nonlinear.line_search import Point, find_step
 from fecloth.nonlinear.statistics import Counts
@@ -49,8 +49,8 @@ def iterate(
 
     With `left` the iteration ends also where the error left is small against that in time.
 
-    If the forces at y are not finite, the iteration starts from `instead`. Where it cannot go on, or
-    takes too long, the error is `Equation.failure`.
+    If the forces at y are not finite, the iteration starts from `instead`. Where it cannot go on,
+    or takes too long, the error is `Equation.failure`.
 
     Each iteration solves J s = −R with the exact matrix J or, where that is not positive definite
     or s is no improvement of any length (`line_search.find_step`), with the first remedy for which
@@ -68,7 +68,7 @@ def iterate(
     point = work.at(y, 0.0)
     if instead is not None and not np.isfinite(point.norm):
         point = work.at(instead, 0.0)
-    least_norm, last, resume = point.norm, 0, equation.resume
+    least_norm, remedies = point.norm, work.remedies
     ask, length = least == 0, 1.0  # whether to compare with round-off; α of the last step
     for number in range(most + 1):
         if (number >= least or point.norm == 0) and point.norm <= work.goal(point):
@@ -79,15 +79,46 @@ def iterate(
             return point.y, work.counts(number, point, floor)
         if number == most or length == 0.0:
             break
-        before, (point, length, last) = point, work.advance(point, least_norm, last, resume)
-        work.correct(before, point, length, last)
+        before, (point, length) = point, work.advance(point, least_norm)
+        work.correct(before, point, length)
         least_norm = min(least_norm, point.norm)
-        resume = resume if last in (0, equation.clamped) else last
         ask = work.stands(before, point) or length == 0.0 or number + 1 == most
         if length > 0.0:
-            report(Progress(number + 1, point, equation.remedies[last], length))
+            report(Progress(number + 1, point, remedies.order[remedies.last], length))
     reason = work.reason if length == 0.0 else f"Newton did not converge in {most} iterations"
     raise equation.failure(reason, point, work.relative(point))
+
+
+class _Search:
+    """Which remedies an iteration tries, after the remedy that the iteration before it took."""
+
+    def __init__(self, remedies: Remedies):
+        self.order, self.next, self.clamped = remedies  # `next`: where the first remedy fails
+        self.last = 0  # number of the remedy that was taken before
+        self.clamps = 0  # iterations that took the remedy `clamped`
+
+    def to_try(self) -> Iterator[tuple[int, Remedy]]:
+        """Numbers and remedies in order.
+
+        After the first remedy, and after one that clamps, the first is tried again, then in the
+        first CLAMPED such iterations `clamped`, and then those from `next` on. After any other,
+        those from the next weaker one on are tried.
+        """
+        numbers = list(range(len(self.order)))
+        if self.last and not self.order[self.last].definite:
+            tried = numbers[self.last - 1 :]
+        else:
+            second = [self.clamped] if self.clamped and self.clamps < CLAMPED else []
+            tried = [0, *second, *numbers[self.next :]]
+        return ((number, self.order[number]) for number in tried)
+
+    def take(self, number: int) -> None:
+        """Record the remedy of an iteration; where the first one fails, go on one before it."""
+        self.last = number
+        if number == self.clamped:
+            self.clamps += 1
+        elif number:
+            self.next = max(number - 1, 1)
 
 
 class _Work:
@@ -101,7 +132,7 @@ class _Work:
         self.seconds = {"assemble": 0.0, "factor": 0.0, "solve": 0.0}
         self.reason = ""  # why the last attempt failed
         self.left = left or ErrorLeft()
-        self.clamped = 0  # iterations with the remedy `Equation.clamped`
+        self.remedies = _Search(equation.remedies)
         self.moves = False  # whether the last iteration moved the cloth
         self.longest = 0.0  # the longest way [m] of a node in the next step that was cut short
         self.cut_short = False  # whether conjugate gradients stopped before the last direction
@@ -116,16 +147,16 @@ class _Work:
     def goal(self, point: Point) -> float:
         return self.context.options.residual * point.scale
 
-    def correct(self, before: Point, point: Point, length: float, last: int) -> None:
+    def correct(self, before: Point, point: Point, length: float) -> None:
         """Record an iteration for the estimate of the error left."""
-        held_back = self.equation.remedies[last].shift or self.cut_short
+        last = self.remedies.last
+        held_back = self.remedies.order[last].shift or self.cut_short
         if self.equation.takes_short_solves:
             held_back = held_back or last  # clamped tangents too, of which there may be many
         whole = length == 1.0 and not held_back
         way = self.equation.wx * float(abs(point.y - before.y).max())
         self.longest = way * (LONGER if length >= 1.0 else 1.0)
         self.left.correct(self.system, point.y - before.y, whole)
-        self.clamped += last == self.equation.clamped
 
     def stands(self, before: Point, point: Point) -> bool:
         """Whether an iteration hardly moved the cloth, and hardly changed the residual."""
@@ -156,37 +187,26 @@ class _Work:
         """Whether the forces are little more than their round-off, which moves no node."""
         return floor >= point.scale or (floor >= NO_FORCE * point.scale and not self.moves)
 
-    def advance(self, point: Point, least_norm: float, last: int, resume: int):
-        """Return the next point, α of its step and the number of the remedy; α = 0 for failure."""
+    def advance(self, point: Point, least_norm: float) -> tuple[Point, float]:
+        """Return the next point, and α of its step; α = 0 for failure."""
         if not np.isfinite(point.norm):
             self.reason = "the forces are not finite"
-            return point, 0.0, last
-        remedies, number = self.equation.remedies, max(last - 1, 0)
-        if found := self.advance_with_old_factor(point, remedies[number]):
-            return found, 1.0, number
-        for number in self.to_try(last, resume):
+            return point, 0.0
+        remedies, weaker = self.remedies, max(self.remedies.last - 1, 0)
+        if there := self.advance_with_old_factor(point, remedies.order[weaker]):
+            remedies.take(weaker)
+            return there, 1.0
+        for number, remedy in remedies.to_try():
             try:
-                step = self.direction(point, remedies[number])
+                step = self.direction(point, remedy)
             except SolveFailed as failure:  # IndefiniteMatrix, or singular within round-off
                 self.reason = str(failure)
                 continue
-            if found := self.search(point, step, least_norm):
-                return *found, number
+            if improved := self.search(point, step, least_norm):
+                remedies.take(number)
+                return improved
             self.reason = "no step along Newton's direction is an improvement"
-        return point, 0.0, last
-
-    def to_try(self, last: int, resume: int) -> list[int]:
-        """Return the numbers of the remedies to try, in order; `last` is the one used before.
-
-        After the first remedy, and after one that clamps, the first is tried again, then in the
-        first CLAMPED such iterations `Equation.clamped`, and then those from max(resume − 1, 1)
-        on. After any other, those from last − 1 on are tried.
-        """
-        numbers, clamped = list(range(len(self.equation.remedies))), self.equation.clamped
-        if last and not self.equation.remedies[last].definite:
-            return numbers[last - 1 :]
-        second = [clamped] if clamped and self.clamped < CLAMPED else []
-        return [0, *second, *numbers[max(resume - 1, 1) :]]
+        return point, 0.0
 
     def search(self, point: Point, step: np.ndarray, least_norm: float):
         """Return the `Point` of an improvement along the step, and α; None without one."""
@@ -249,10 +269,10 @@ class _Work:
         self.linear_solver.prepare(self.equation.couple(point.y, remedy, self.J))
         self.cut_short = False
         try:
-            rough = self.equation.takes_short_solves and remedy != self.equation.remedies[0]
+            rough = self.equation.takes_short_solves and remedy != self.remedies.order[0]
             step = self.solve_linear(point, ROUGH if rough else 0.0, new=True)
         except IndefiniteMatrix as failure:
-            may = self.equation.takes_short_solves and self.clamped >= CLAMPED
+            may = self.equation.takes_short_solves and self.remedies.clamps >= CLAMPED
             if failure.so_far is None or not may:
                 raise
             self.cut_short = True

@@ -10,7 +10,14 @@ import numpy as np
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.equation import Remedy, admit, has_limits, largest_step, measure_round_off
+from fecloth.nonlinear.equation import (
+    Remedies,
+    Remedy,
+    admit,
+    has_limits,
+    largest_step,
+    measure_round_off,
+)
 from fecloth.nonlinear.error_left import ErrorLeft
 from fecloth.nonlinear.iteration import iterate
 from fecloth.nonlinear.line_search import Point
@@ -47,24 +54,20 @@ class StageEquation:
     definiteness: str
 
     longest = float("inf")
-    resume = 1
-
-    @property
-    def clamped(self) -> int | None:
-        """The number of the remedy that clamps tangents and adds no mass, with a potential.
-
-        Without one nothing keeps the iteration from a valley in which it then creeps.
-        """
-        return len(MULTIPLES) if self.definiteness == "on_failure" and self.potential else None
 
     @property
     def wx(self) -> float:
         return self.stage.wx
 
     @property
-    def remedies(self) -> tuple[Remedy, ...]:
-        """The remedies of the option `definiteness`; their shift σ is a multiple of wa."""
-        return REMEDIES[self.definiteness]
+    def remedies(self) -> Remedies:
+        """The remedies of the option `definiteness`; their shift σ is a multiple of wa.
+
+        With a potential, tangents are clamped before mass is added. Without one nothing would keep
+        the iteration from a valley in which it then creeps.
+        """
+        clamps = self.definiteness == "on_failure" and self.potential
+        return Remedies(REMEDIES[self.definiteness], clamped=len(MULTIPLES) if clamps else None)
 
     @property
     def takes_short_solves(self) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.nonlinear.equation import Remedy, has_limits, largest_step, measure_round_off
+from fecloth.nonlinear.equation import Remedies, Remedy, has_limits, largest_step, measure_round_off
 from fecloth.nonlinear.line_search import Point
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -44,8 +44,6 @@ class StaticEquation:
     load: float = 1.0
 
     wx = 1.0
-    resume = LESS + 2
-    clamped = None
     takes_short_solves = False
 
     @cached_property
@@ -54,12 +52,13 @@ class StaticEquation:
         return float(np.ptp(self.system.cloth.X, axis=0).max())
 
     @cached_property
-    def remedies(self) -> tuple[Remedy, ...]:
+    def remedies(self) -> Remedies:
         """K, and definite K with σ M; the first σ moves the cloth by a tenth of its extent."""
         f, _ = self.forces(self.start)
         mean = np.linalg.norm(f, axis=1).sum() / self.system.nodal_mass.sum()
         first = 10 * float(mean) / self.longest
-        return Remedy(0.0, False), *(Remedy(first * 4.0**n, True) for n in range(-LESS, MORE))
+        shifted = (Remedy(first * 4.0**n, True) for n in range(-LESS, MORE))
+        return Remedies((Remedy(0.0, False), *shifted), second=LESS + 1)
 
     @cached_property
     def potential(self) -> Callable[[np.ndarray], float] | None:

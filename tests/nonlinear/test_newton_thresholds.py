@@ -14,7 +14,7 @@ from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg.protocol import SolveInfo
 from fecloth.nonlinear import equilibrium as statics
 from fecloth.nonlinear.context import FactorReuse, SolverContext
-from fecloth.nonlinear.equation import largest_step
+from fecloth.nonlinear.equation import Remedies, largest_step
 from fecloth.nonlinear.error_left import ErrorLeft
 from fecloth.nonlinear.iteration import iterate
 from fecloth.nonlinear.line_search import Point, find_step
@@ -34,8 +34,8 @@ class Script:
         diagonal_mass=None,
         constraints=SimpleNamespace(project=lambda y: y),
     )
-    wx, longest, resume, takes_short_solves = 1.0, np.inf, 1, False
-    remedies, clamped = REMEDIES["on_failure"], len(MULTIPLES)
+    wx, longest, takes_short_solves = 1.0, np.inf, False
+    remedies = Remedies(REMEDIES["on_failure"], clamped=len(MULTIPLES))
     name, prepared, scale, noise, potential = "scripted", 0, 1.0, 0.0, None
 
     def __init__(self, **given):

@@ -18,7 +18,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.terms.bending.dihedral_angle import angles, condition
 from fecloth.terms.loops import bound_condition
 from fecloth.terms.loops.array_updates import subtract_product
-from fecloth.terms.loops.rigid_condition import RigidCondition
+from fecloth.terms.loops.bound_condition import RigidCondition
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.traits import HINGES
 
@@ -154,8 +154,7 @@ def bind(name, panel, slots, rest, stiffness, damping, tangent="symmetric"):
     """Bind the angle as a condition with θ₀ (h,) or (1,), and k_s and k_d (h,)."""
     nodes = panel.cloth.hinges.nodes
     data = nodes, np.broadcast_to(rest, len(nodes))[:, None], stiffness, damping
-    bound = bound_condition.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)
-    return RigidCondition(**vars(bound))
+    return RigidCondition.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)
 
 
 KERNELS = bound_condition.kernels(condition)

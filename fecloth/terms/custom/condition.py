@@ -137,7 +137,7 @@ class Condition:
         functions = Derivatives(self.value, self.gradient, self.hessian, size, r, self.name)
         functions.check(rest)
         try:
-            bound = bound_condition.bind(
+            return BoundUserCondition.bind(
                 self.name,
                 KERNELS,
                 (int(self.convex),) * r,
@@ -149,6 +149,7 @@ class Condition:
                 self.damping,
                 hessian="gauss_newton" if self.gauss_newton else "exact",
                 tangent=self.tangent,
+                functions=functions,
             )
         except ValueError as error:
             if isinstance(error, InputError):
@@ -157,7 +158,6 @@ class Condition:
             what = f"stiffness and damping of shapes {shapes}"
             m = len(self.nodes)
             raise InputError(what, f"must be numbers, ({m},) or ({m}, {r})", self.name) from None
-        return BoundUserCondition(**vars(bound), functions=functions)
 
     def _components(self, rest: np.ndarray) -> int:
         """Return r, the length of C at rest; raise for a wrong shape or values not finite."""

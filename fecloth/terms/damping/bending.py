@@ -17,7 +17,7 @@ from fecloth.terms.bending.hinge import HingeBending, bind, hinge_stiffness
 from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.loops.array_updates import clear, scale
-from fecloth.terms.loops.rigid_condition import RigidCondition
+from fecloth.terms.loops.bound_condition import RigidCondition
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.traits import DAMPING
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,7 @@ from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKern
 from fecloth.terms.loops.eigenvalue_bounds import bound_from_squares, squared_norms
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.step_difference import StepDifference
 
 
 class ConditionKernels(NamedTuple):
@@ -50,7 +51,7 @@ def kernels(family: Callable[..., Any]) -> ConditionKernels:
 
 @dataclass(frozen=True, eq=False)
 class BoundCondition(BoundTerm):
-    """Conditions of one family on a cloth, made by `bind`."""
+    """Conditions of one family on a cloth, made by `bind`; see `RigidCondition`."""
 
     name: str
     kernels: ConditionKernels  # the family's entry points
@@ -69,6 +70,64 @@ class BoundCondition(BoundTerm):
     # The threads that share the loops, and which elements count in sums, as in `Panel`.
     team: Team = ALONE
     counted: Callable[[np.ndarray], np.ndarray] | None = None
+
+    @classmethod
+    def bind(
+        cls,
+        name: str,
+        kernels: ConditionKernels,
+        convex: tuple[int, ...],
+        panel: Panel,
+        slots: FindSlots,
+        nodes: np.ndarray,
+        constants: np.ndarray,
+        stiffness: np.ndarray | float,
+        damping: np.ndarray | float = 0.0,
+        hessian: str = "exact",
+        tangent: str = "symmetric",
+        **own: Any,
+    ) -> Self:
+        """Bind a family of conditions to the stencils `nodes` of a panel.
+
+        Parameters
+        ----------
+        name
+            The term's name in the ledger.
+        convex
+            For each of the r components, 1 if its ∂²C is positive semi-definite everywhere, else 0.
+        panel, slots
+            As a term's ``bind`` gets them.
+        nodes
+            (m, k) int32; the very array that the term's ``stencil`` gives, or an equal one.
+        constants
+            (m, p), the rows that the condition gets as `c`.
+        stiffness, damping
+            k_s and k_d: a number, (m,) one for each stencil, (m, r) also for each component, or
+            (m, r, r).
+        hessian, tangent
+            See the fields.
+        own
+            The fields of a subclass.
+        """
+        nodes = np.ascontiguousarray(nodes, dtype=np.int32)
+        (m, k), r, X = nodes.shape, len(convex), panel.cloth.X
+        rows = np.broadcast_to(constants, (m, np.shape(constants)[-1]))
+        return cls(
+            name,
+            kernels,
+            ((0,) * k, tuple(int(flag) for flag in convex)),
+            nodes,
+            slots,
+            np.ascontiguousarray(rows, dtype=float),
+            _matrices(stiffness, m, r),
+            _matrices(damping, m, r),
+            np.column_stack([X, np.zeros(len(X))]),
+            hessian,
+            tangent,
+            panel.team,
+            panel.counted,
+            **own,
+        )
 
     @cached_property
     def loop(self) -> SharedLoop:
@@ -127,14 +186,7 @@ class BoundCondition(BoundTerm):
         return [self.loop.shared_add(partial(self._force, self.constants, x, v), f)]
 
     def add_tangent(
-        self,
-        x: np.ndarray,
-        v: np.ndarray,
-        t: float,
-        wx: float,
-        wv: float,
-        J: BlockMatrix,
-        definite: bool,
+        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
         """J += wx K + wv D."""
         part = EXACT if self.hessian == "exact" else GAUSS_NEWTON
@@ -175,60 +227,76 @@ class BoundCondition(BoundTerm):
             yield values.reshape(s, k, k, 3, 3)
 
 
-def bind(
-    name: str,
-    kernels: ConditionKernels,
-    convex: tuple[int, ...],
-    panel: Panel,
-    slots: FindSlots,
-    nodes: np.ndarray,
-    constants: np.ndarray,
-    stiffness: np.ndarray | float,
-    damping: np.ndarray | float = 0.0,
-    hessian: str = "exact",
-    tangent: str = "symmetric",
-) -> BoundCondition:
-    """Bind a family of conditions to the stencils `nodes` of a panel.
+@dataclass(frozen=True, eq=False)
+class RigidCondition(BoundCondition):
+    """Conditions that no rigid motion changes."""
 
-    For conditions that no rigid motion changes, make a `RigidCondition` of the result
-    (`rigid_condition`).
+    objective = True
 
-    Parameters
-    ----------
-    name
-        The term's name in the ledger.
-    convex
-        For each of the r components, 1 if its ∂²C is positive semi-definite everywhere, else 0.
-    panel, slots
-        As a term's ``bind`` gets them.
-    nodes
-        (m, k) int32; the very array that the term's ``stencil`` gives, or an equal one.
-    constants
-        (m, p), the rows that the condition gets as `c`.
-    stiffness, damping
-        k_s and k_d: a number, (m,) one for each stencil, (m, r) also for each component, or
-        (m, r, r).
-    hessian, tangent
-        See `BoundCondition`.
-    """
-    nodes = np.ascontiguousarray(nodes, dtype=np.int32)
-    m, k = nodes.shape
-    X = panel.cloth.X
-    return BoundCondition(
-        name,
-        kernels,
-        ((0,) * k, tuple(int(flag) for flag in convex)),
-        nodes,
-        slots,
-        np.ascontiguousarray(np.broadcast_to(constants, (m, np.shape(constants)[-1])), dtype=float),
-        _matrices(stiffness, m, len(convex)),
-        _matrices(damping, m, len(convex)),
-        np.column_stack([X, np.zeros(len(X))]),
-        hessian,
-        tangent,
-        panel.team,
-        panel.counted,
-    )
+    def over_step(self, step: StepDifference) -> OverStep | RigidCondition:
+        """The conditions over a step at whose mean they are evaluated; otherwise themselves."""
+        if not (step.at_mean and self.has_energy):
+            return self
+        return OverStep(self, step.start, step.symmetric)
+
+
+@dataclass(frozen=True, eq=False)
+class OverStep(BoundTerm):
+    """Conditions as they act over a step from `start` to 2x − start; their damping acts at x."""
+
+    condition: RigidCondition
+    start: np.ndarray
+    symmetric_elastic: bool
+
+    has_energy = False  # at x alone
+    conserves = True
+
+    @property
+    def name(self) -> str:
+        return self.condition.name
+
+    @property
+    def symmetric(self) -> bool:
+        return self.symmetric_elastic and self.condition.symmetric
+
+    @property
+    def dissipative(self) -> bool:
+        return self.condition.dissipative
+
+    @property
+    def velocity_dependent(self) -> bool:
+        return self.condition.velocity_dependent
+
+    @property
+    def _damping(self) -> BoundCondition:
+        return replace(self.condition, stiffness=np.zeros_like(self.condition.stiffness))
+
+    def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
+        """f_a −= ḡ_a k_s C̄ + ∂C_a k_d Ċ [N]."""
+        bound, add = self.condition, self.condition.kernels.over_step.add_force
+        arrays = bound.nodes, bound.constants, bound.stiffness
+        bound.loop.add(
+            lambda part, f: (add, (*bound.shape, *cut(arrays, part), self.start, x, f)), f
+        )
+        if self.dissipative:
+            self._damping.add_force(x, v, t, f)
+
+    def add_tangent(
+        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
+    ) -> None:
+        """J += wx K + wv D."""
+        bound, kernels = self.condition, self.condition.kernels.over_step
+        weights: tuple[float, ...] = (float(wx),)
+        add = kernels.add_tangent
+        if self.symmetric_elastic or definite:
+            add, weights = kernels.add_symmetric_tangent, (float(wx), bool(definite))
+        arrays = bound.nodes, bound.slots, bound.constants, bound.stiffness
+        others = self.start, x, *weights
+        bound.loop.add_blocks(
+            lambda part, values: (add, (*bound.shape, *cut(arrays, part), *others, values)), J
+        )
+        if self.dissipative:
+            self._damping.add_tangent(x, v, t, wx, wv, J, definite)
 
 
 def _matrices(values: ArrayLike, m: int, r: int) -> np.ndarray:

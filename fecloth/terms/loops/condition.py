@@ -25,7 +25,7 @@ A family of conditions is a compiled function
                          names, because they hold the values of another stencil before
 
 The loops below are templates that call it; `bound_condition.kernels` compiles them and
-`bound_condition.bind` makes the bound term. `per_node` is a tuple with one zero for each node and
+`BoundCondition.bind` makes the bound term. `per_node` is a tuple with one zero for each node and
 `convex` a tuple with, for each component, 1 if its ∂²C is positive semi-definite at every x and 0
 if it is not: the compiler knows their length. A term whose constants change with x or t extends
 `BoundCondition` and its `table`, as custom/condition.py and tether.py do.
@@ -100,16 +100,9 @@ def power(
 
 
 def add_force(
-    per_node: Zeros,
-    convex: Zeros,
-    nodes: Array,
-    c: Array,
-    ks: Array,
-    kd: Array,
-    x: Array,
-    v: Array,
-    f: Array,
-) -> None:
+    per_node: Zeros, convex: Zeros, nodes: Array, c: Array, ks: Array, kd: Array, x: Array,
+    v: Array, f: Array,
+) -> None:  # fmt: skip
     """f_a −= ∂C_a (k_s C + k_d Ċ)."""
     y, u = np.empty((len(per_node), 3)), np.empty((len(per_node), 3))
     C, Cdot = np.empty(len(convex)), np.empty(len(convex))
@@ -130,21 +123,9 @@ def add_force(
 
 
 def add_tangent(
-    per_node: Zeros,
-    convex: Zeros,
-    nodes: Array,
-    slots: Array,
-    c: Array,
-    ks: Array,
-    kd: Array,
-    x: Array,
-    v: Array,
-    wx: float,
-    wv: float,
-    part: int,
-    mixed: bool,
-    J: Array,
-) -> None:
+    per_node: Zeros, convex: Zeros, nodes: Array, slots: Array, c: Array, ks: Array, kd: Array,
+    x: Array, v: Array, wx: float, wv: float, part: int, mixed: bool, J: Array,
+) -> None:  # fmt: skip
     """J_ab += ∂C_a (wx k_s + wv k_d) ∂C_bᵀ + wx Σ (k_s C + k_d Ċ)_r ∂²C_r,ab + the mixed part.
 
     `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is there.

@@ -145,17 +145,9 @@ def material_block(T: Rows, H: Six, G1: float, G2: float) -> Rows:
 
 @inner
 def scatter_symmetric(
-    per_node: Zeros,
-    slots: Array,
-    G: Array,
-    e: int,
-    q: int,
-    w: float,
-    F: Six,
-    S: Three,
-    C: Six,
+    per_node: Zeros, slots: Array, G: Array, e: int, q: int, w: float, F: Six, S: Three, C: Six,
     J: Array,
-) -> None:
+) -> None:  # fmt: skip
     """J_ab += w (B_aᵀ ℂ B_b + (G_a · S G_b) I₃); the lower half is the upper one transposed."""
     S11, S22, S12 = w * S[0], w * S[1], w * S[2]
     C = (w * C[0], w * C[1], w * C[2], w * C[3], w * C[4], w * C[5])
@@ -190,18 +182,9 @@ def scatter_symmetric(
 
 @inner
 def scatter_mixed(
-    per_node: Zeros,
-    slots: Array,
-    G: Array,
-    e: int,
-    q: int,
-    w: float,
-    F: Six,
-    F1: Six,
-    S: Three,
-    C: Six,
-    J: Array,
-) -> None:
+    per_node: Zeros, slots: Array, G: Array, e: int, q: int, w: float, F: Six, F1: Six, S: Three,
+    C: Six, J: Array,
+) -> None:  # fmt: skip
     """J_ab += w (B_a(F)ᵀ ℂ B_b(F₁) + (G_a · S G_b) I₃), which is not symmetric."""
     S11, S22, S12 = w * S[0], w * S[1], w * S[2]
     C = (w * C[0], w * C[1], w * C[2], w * C[3], w * C[4], w * C[5])

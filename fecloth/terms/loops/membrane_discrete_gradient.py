@@ -31,6 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fecloth.compiled.bodies import insert_bodies
 from fecloth.compiled.jit import Array, Zeros, inner, specialise
 from fecloth.terms.loops.green_strain import (
     Rows,
@@ -52,7 +53,12 @@ SMALL = 1e-12  # e : e
 
 
 def law(E: Three, c: Array) -> tuple[float, Three, Six]:
-    """Return W, S and ℂ; `kernels` puts a law in its place (see `membrane.law`)."""
+    """Return W, S and ℂ; `kernels` puts a law in its place (see `membrane_loops`)."""
+    raise NotImplementedError
+
+
+def mean_stress(E0: Three, E1: Three, c: Array) -> Three:
+    """Return S̄; `kernels` puts `average_stress` or `quotient_stress` in its place."""
     raise NotImplementedError
 
 
@@ -126,38 +132,38 @@ def add_dyad_rows(T: Rows, F: Six, G1: float, G2: float, e: Three, z: Three) -> 
     )
 
 
-def add_average_force(
-    per_node: Zeros,
-    per_point: Zeros,
-    nodes: Array,
-    G: Array,
-    w: Array,
-    c: Array,
-    start: Array,
-    x: Array,
-    f: Array,
-) -> None:
-    """f_a −= Σ w F S̄ G_a with the average S̄."""
+def average_stress(E0: Three, E1: Three, c: Array) -> Three:
+    """S̄ as the average."""
+    _, S, _ = law(mean(E0, E1), c)
+    return S
+
+
+def quotient_stress(E0: Three, E1: Three, c: Array) -> Three:
+    """S̄ as the quotient."""
+    W0, _, _ = law(E0, c)
+    W1, _, _ = law(E1, c)
+    _, S, _ = law(mean(E0, E1), c)
+    d = strain_increment(E0, E1)
+    return add_multiple(S, quotient(W1 - W0, S, d), d)
+
+
+def add_force(
+    per_node: Zeros, per_point: Zeros, nodes: Array, G: Array, w: Array, c: Array, start: Array,
+    x: Array, f: Array,
+) -> None:  # fmt: skip
+    """f_a −= Σ w F S̄ G_a; the body of one of the two functions above stands for `mean_stress`."""
     for e in range(len(nodes)):
         for q in range(len(per_point)):
             F0, F = gradient(per_node, nodes, G, e, q, start), gradient(per_node, nodes, G, e, q, x)
-            _, S, _ = law(mean_strain(F0, end_gradient(F, F0)), c[e])
+            E0, E1 = green_strain(F0), green_strain(end_gradient(F, F0))
+            S = mean_stress(E0, E1, c[e])
             scatter_force(per_node, nodes, G, e, q, w[e, q], F, S, f)
 
 
 def add_average_tangent(
-    per_node: Zeros,
-    per_point: Zeros,
-    nodes: Array,
-    slots: Array,
-    G: Array,
-    w: Array,
-    c: Array,
-    start: Array,
-    x: Array,
-    scale: float,
-    J: Array,
-) -> None:
+    per_node: Zeros, per_point: Zeros, nodes: Array, slots: Array, G: Array, w: Array, c: Array,
+    start: Array, x: Array, scale: float, J: Array,
+) -> None:  # fmt: skip
     """J_ab += scale · Σ w (B_a(F)ᵀ ℂ B_b(F₁) + (G_a · S̄ G_b) I₃) with the average S̄."""
     for e in range(len(nodes)):
         for q in range(len(per_point)):
@@ -167,43 +173,10 @@ def add_average_tangent(
             scatter_mixed(per_node, slots, G, e, q, scale * w[e, q], F, F1, S, C, J)
 
 
-def add_quotient_force(
-    per_node: Zeros,
-    per_point: Zeros,
-    nodes: Array,
-    G: Array,
-    w: Array,
-    c: Array,
-    start: Array,
-    x: Array,
-    f: Array,
-) -> None:
-    """f_a −= Σ w F S̄ G_a with the quotient's S̄."""
-    for e in range(len(nodes)):
-        for q in range(len(per_point)):
-            F0, F = gradient(per_node, nodes, G, e, q, start), gradient(per_node, nodes, G, e, q, x)
-            E0, E1 = green_strain(F0), green_strain(end_gradient(F, F0))
-            W0, _, _ = law(E0, c[e])
-            W1, _, _ = law(E1, c[e])
-            _, S, _ = law(mean(E0, E1), c[e])
-            d = strain_increment(E0, E1)
-            S = add_multiple(S, quotient(W1 - W0, S, d), d)
-            scatter_force(per_node, nodes, G, e, q, w[e, q], F, S, f)
-
-
 def add_quotient_tangent(
-    per_node: Zeros,
-    per_point: Zeros,
-    nodes: Array,
-    slots: Array,
-    G: Array,
-    w: Array,
-    c: Array,
-    start: Array,
-    x: Array,
-    scale: float,
-    J: Array,
-) -> None:
+    per_node: Zeros, per_point: Zeros, nodes: Array, slots: Array, G: Array, w: Array, c: Array,
+    start: Array, x: Array, scale: float, J: Array,
+) -> None:  # fmt: skip
     """J_ab += scale · Σ w (B_a(F)ᵀ (2 ∂S̄/∂E₁) B_b(F₁) + (G_a · S̄ G_b) I₃), quotient's S̄."""
     for e in range(len(nodes)):
         for q in range(len(per_point)):
@@ -241,19 +214,9 @@ def add_quotient_tangent(
 
 
 def add_symmetric_tangent(
-    per_node: Zeros,
-    per_point: Zeros,
-    nodes: Array,
-    slots: Array,
-    G: Array,
-    w: Array,
-    c: Array,
-    start: Array,
-    x: Array,
-    scale: float,
-    floor: float,
-    J: Array,
-) -> None:
+    per_node: Zeros, per_point: Zeros, nodes: Array, slots: Array, G: Array, w: Array, c: Array,
+    start: Array, x: Array, scale: float, floor: float, J: Array,
+) -> None:  # fmt: skip
     """J += scale · Σ w (B_a(F)ᵀ ℂ B_b(F) + (G_a · S(Ē) G_b) I₃), S(Ē) clamped at `floor`."""
     for e in range(len(nodes)):
         for q in range(len(per_point)):
@@ -274,12 +237,12 @@ class DiscreteGradientKernels(NamedTuple):
 def kernels(
     law: Callable[..., Any], definite_law: Callable[..., Any], is_quadratic: bool
 ) -> DiscreteGradientKernels:
-    """Compile the entry points of a law over a step (see `membrane.kernels`)."""
-    force, tangent = add_quotient_force, add_quotient_tangent
+    """Compile the entry points of a law over a step (see `membrane_loops.kernels`)."""
+    stress, tangent = quotient_stress, add_quotient_tangent
     if is_quadratic:
-        force, tangent = add_average_force, add_average_tangent
+        stress, tangent = average_stress, add_average_tangent
     return DiscreteGradientKernels(
-        specialise(force, law=law),
+        specialise(insert_bodies(add_force, {"mean_stress": stress}), law=law),
         specialise(tangent, law=law),
         specialise(add_symmetric_tangent, law=law),
         specialise(add_symmetric_tangent, law=definite_law),

@@ -15,7 +15,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_VOLUME, PER_WIDTH, TIME
 from fecloth.terms.loops import bound_condition
-from fecloth.terms.loops.rigid_condition import RigidCondition
+from fecloth.terms.loops.bound_condition import RigidCondition
 from fecloth.terms.traits import MEMBRANE
 
 
@@ -137,7 +137,7 @@ class BaraffWitkin:
         gradients = panel.gradients[:, 0].reshape(m, 6)
         constants = np.column_stack([scale, rest, gradients])
         stiffness = np.array(panel.each(self.stiffness))
-        bound = bound_condition.bind(
+        return BoundBaraffWitkin.bind(
             "BaraffWitkin",
             KERNELS,
             (1, 1, 0),
@@ -149,7 +149,6 @@ class BaraffWitkin:
             self.damping * stiffness,
             tangent=self.tangent,
         )
-        return BoundBaraffWitkin(**vars(bound))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.terms.loops import bound_condition
-from fecloth.terms.loops.rigid_condition import RigidCondition
+from fecloth.terms.loops.bound_condition import RigidCondition
 
 
 def bind(panel: Panel, slots, damping: float, tangent: str) -> RigidCondition:
@@ -29,7 +29,7 @@ def bind(panel: Panel, slots, damping: float, tangent: str) -> RigidCondition:
     lam, mu = panel.each(_lame).T[..., None, None]
     k = 2 * (lam + mu) * cot[:, :, None] * cot[:, None, :] + mu * (2 * np.eye(3) - 1)
     k = k / (32 * area[:, None, None])  # ½ Cᵀ k C with halves of Delingette's k_i and c_ij
-    bound = bound_condition.bind(
+    return RigidCondition.bind(
         "Springs",
         KERNELS,
         (1, 1, 1),
@@ -41,7 +41,6 @@ def bind(panel: Panel, slots, damping: float, tangent: str) -> RigidCondition:
         damping * k,
         tangent=tangent,
     )
-    return RigidCondition(**vars(bound))
 
 
 def _lame(fabric: Fabric) -> np.ndarray:

@@ -14,7 +14,7 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_WIDTH, TIME
 from fecloth.terms.loops import bound_condition
-from fecloth.terms.loops.rigid_condition import RigidCondition
+from fecloth.terms.loops.bound_condition import RigidCondition
 from fecloth.terms.springs import biquadratic
 from fecloth.terms.springs.networks import Net, edges, structural
 from fecloth.terms.springs.spring_over_step import OVER_STEP
@@ -156,7 +156,7 @@ class KnownSprings:
         return self.nodes
 
     def bind(self, panel: Panel, slots) -> RigidCondition:
-        bound = bound_condition.bind(
+        return RigidCondition.bind(
             "Springs",
             KERNELS,
             (1,),
@@ -168,7 +168,6 @@ class KnownSprings:
             self.damping * self.k,
             tangent=self.tangent,
         )
-        return RigidCondition(**vars(bound))
 
 
 @inner

@@ -71,7 +71,9 @@ class Tether:
         return np.asarray(cloth.nodes(self.where), dtype=np.int32)[:, None]
 
     def bind(self, panel: Panel, slots) -> BoundTether:
-        bound = bound_condition.bind(
+        point = vector(self.point, "point", "Tether")
+        point(0.0)  # an error in a function of time is raised here, not in a step
+        return BoundTether.bind(
             "Tether",
             KERNELS,
             (1, 1, 1),
@@ -81,10 +83,8 @@ class Tether:
             np.zeros(3),
             self.stiffness,
             self.damping,
+            point=point,
         )
-        point = vector(self.point, "point", "Tether")
-        point(0.0)  # an error in a function of time is raised here, not in a step
-        return BoundTether(**vars(bound), point=point)
 
 
 @dataclass(frozen=True, eq=False)
