@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
 from fecloth.distributed.partition import Part
 from fecloth.errors import InputError
-from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints
@@ -51,11 +49,10 @@ class PartSystem(System):
         object.__setattr__(self, "part", part)
         super().__init__(cloth, fabric, terms, pins, mass, grain, start, threads=1)
 
-    @cached_property
-    def panel(self) -> Panel:
-        """The part cut from its fabrics."""
-        panel: Panel = System.panel.func(self)  # type: ignore[attr-defined]  # a cached property
-        return replace(panel, counted=self.part.counted)
+    @property
+    def counted(self) -> Callable[[np.ndarray], np.ndarray]:
+        """Which elements count in this part."""
+        return self.part.counted
 
 
 def cut_pins(part: Part, groups: Mapping[str, tuple[Pin, np.ndarray]]) -> list:

@@ -40,7 +40,20 @@ History = tuple[Any, ...]  # a record, or None, for each term
 
 
 @dataclass(frozen=True, eq=False)
-class System:
+class Arguments:
+    """What makes a system, so that ``dataclasses.replace(system, pins=…)`` makes another one."""
+
+    cloth: Cloth
+    fabric: Fabric | Mapping[str, Fabric]
+    terms: Sequence
+    pins: Sequence[Pin | str]
+    mass_kind: str
+    grain: float | Mapping[str, float]
+    start: State | None
+    threads: int | str
+
+
+class System(Arguments):
     """The force balance M a = f(x, v, t) of one cloth.
 
     Parameters
@@ -80,14 +93,8 @@ class System:
     ((9, 3), (27, 27))
     """
 
-    cloth: Cloth
-    fabric: Fabric | Mapping[str, Fabric]
-    terms: Sequence
-    pins: Sequence[Pin | str] = ()
-    mass_kind: str = "lumped"
-    grain: float | Mapping[str, float] = 0.0
-    start: State | None = None
-    threads: int | str = "auto"
+    sums: ClassVar[NodeSums] = NodeSums()  # all sums over nodes go through it
+    is_whole: ClassVar[bool] = True  # whether this process has the matrix of the whole cloth
 
     def __init__(
         self,
@@ -112,26 +119,21 @@ class System:
             allowed = f"must be a State of {len(cloth.X)} nodes, or None"
             remedy = "Make it by system.state(x, v) of a system on this cloth."
             raise InputError(f"start = {brief(start)}", allowed, "System", remedy)
-        for name, value in (
-            ("cloth", cloth),
-            ("fabric", fabric),
-            ("terms", terms),
-            ("pins", pins),
-            ("mass_kind", mass),
-            ("grain", grain),
-            ("start", start),
-            ("threads", threads),
-            ("team", Team(threads)),
-        ):
-            object.__setattr__(self, name, value)
+        super().__init__(cloth, fabric, terms, pins, mass, grain, start, threads)
         # here, so that an error is raised where the system is made
-        _ = self.scalar_mass, self.layout, self.bound, self.constraints
-
-    sums: ClassVar[NodeSums] = NodeSums()  # all sums over nodes go through it
-    is_whole: ClassVar[bool] = True  # whether this process has the matrix of the whole cloth
-    team: ClassVar[Team]  # of each system its own; no field, as `threads` says all of it
+        _ = self.team, self.scalar_mass, self.layout, self.bound, self.constraints
 
     # --- what is bound, once ------------------------------------------------------------------
+
+    @cached_property
+    def team(self) -> Team:
+        """The threads that share the loops, of each system its own."""
+        return Team(self.threads)
+
+    @property
+    def counted(self) -> Callable[[np.ndarray], np.ndarray] | None:
+        """`Panel.counted`: None, as all elements of a whole cloth count."""
+        return None
 
     @cached_property
     def panel(self) -> Panel:
@@ -143,8 +145,14 @@ class System:
             what, allowed = "a pin with clamp = true", "needs a bending term that holds normals"
             remedy = "Add PlateBending, or pin without a clamp."
             raise InputError(what, allowed, "System", remedy)
-        begin = self.start.x if self.start else None
-        return replace(panel, start=begin, clamps=clamps, mass=self.mass_kind, team=self.team)
+        return replace(
+            panel,
+            start=self.start.x if self.start else None,
+            clamps=clamps,
+            mass=self.mass_kind,
+            team=self.team,
+            counted=self.counted,
+        )
 
     @cached_property
     def scalar_mass(self) -> sparse.csr_matrix:
@@ -226,7 +234,7 @@ class System:
         """A copy with other bound terms, such as those over a step; all else is shared."""
         _ = self.reaction_limits  # which the copy shares
         other = copy.copy(self)
-        other.__dict__["bound"] = tuple(bound)  # in place of the cached property
+        vars(other)["bound"] = tuple(bound)  # in place of the cached property
         return other
 
     def over_step(
