@@ -10,11 +10,16 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth import terms as named
-from fecloth.distributed.crew import Crew, Link
+from fecloth.distributed.crew import Crew, Link, RemoteTerm
 from fecloth.distributed.distributed_solver import KINDS, DistributedSolver
-from fecloth.distributed.part_system import PartDescription, cut_pins, cut_springs
-from fecloth.distributed.partition import Part, find_owners, make_part
-from fecloth.distributed.remote_term import RemoteTerm
+from fecloth.distributed.partition import (
+    Part,
+    PartDescription,
+    cut_pins,
+    cut_springs,
+    find_owners,
+    make_part,
+)
 from fecloth.errors import InputError, brief
 from fecloth.linalg.block_matrix import BlockMatrix, MatrixLayout
 from fecloth.linalg.protocol import LinearSolver

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any
 
 from fecloth.distributed.distributed_system import DistributedSystem
-from fecloth.distributed.part_system import PartDescription
+from fecloth.distributed.partition import PartDescription
 from fecloth.distributed.worker import Worker
 from fecloth.errors import FeclothError, InputError
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.distributed.part_system import PartDescription
-from fecloth.distributed.partition import Part
+from fecloth.distributed.partition import Part, PartDescription
 from fecloth.distributed.petsc_solver import PetscSolver
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.runs.environment import peak_memory

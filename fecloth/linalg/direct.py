@@ -17,9 +17,58 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments, relative_residual
 
 EPS = np.finfo(float).eps
+REFINEMENTS = 2  # of a solution, at the most
 
 
-class Pardiso:
+class Direct:
+    """Base of direct solvers: the solution with a factor of the matrix that was prepared last.
+
+    A subclass has `name`, `prepare`, which sets `_A` and `_seconds`, and `_apply`, which is A⁻¹ b.
+    """
+
+    name: str
+    keeps_state = False
+
+    def __init__(self, symmetric: bool = True):
+        self.symmetric = symmetric
+        self.prepared = 0
+        self._A: BlockMatrix | None = None
+        self._seconds = 0.0
+
+    def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
+        """Nothing to do: every step is solved alike."""
+
+    def drop(self) -> None:
+        """Nothing to do: a solve depends on the prepared matrix only."""
+
+    def solve(
+        self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
+    ) -> tuple[np.ndarray, SolveInfo]:
+        """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used.
+
+        x is refined, x += A⁻¹ (b − A x), until the residual is at most `rtol`. No method reduces
+        the residual below the round-off of its own evaluation (Oettli and Prager 1964). Therefore
+        a residual of this size, up to 1e-6, is accepted in place of `rtol`.
+        """
+        begin = time.perf_counter()
+        A, b, bb = check_arguments(self._A, b, rtol)
+        x, r, step, reached = np.zeros_like(b), b.copy(), 0, float(bb > 0.0)
+        while not reached <= rtol and step <= REFINEMENTS:
+            x += self._apply(r)
+            reached = relative_residual(A, b, bb, x, r)
+            step += 1
+        if not reached <= rtol:
+            roundoff = 32 * EPS * np.sqrt(_rounding(*block_rows(A), b, x) / bb)
+            if not reached <= min(roundoff, 1e-6):
+                raise SolveFailed(f"{self.name}: A is singular or nearly singular", reached, rtol)
+        refinements, seconds = max(step - 1, 0), time.perf_counter() - begin
+        return x, SolveInfo(self.name, refinements, reached, self._seconds, seconds)
+
+    def _apply(self, b: np.ndarray) -> np.ndarray:
+        raise NotImplementedError
+
+
+class Pardiso(Direct):
     """PARDISO of the Intel MKL, through the library that pypardiso finds.
 
     Parameters
@@ -29,13 +78,11 @@ class Pardiso:
         factorisation (type 11).
     """
 
-    name, keeps_state = "pardiso", False
+    name = "pardiso"
 
     def __init__(self, symmetric: bool = True):
         mkl_pardiso.routine()  # a missing library raises an error here and not in a time step
-        self.symmetric = symmetric
-        self.prepared = 0
-        self._A: BlockMatrix | None = None
+        super().__init__(symmetric)
         self._pattern: BlockPattern | None = None
         self._release: weakref.finalize[..., Pardiso] | None = None
 
@@ -48,18 +95,6 @@ class Pardiso:
         self._rows.refill(A)
         self._call(22, self._nothing, self._nothing)
         self._A, self._seconds = A, time.perf_counter() - begin
-
-    def solve(
-        self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
-    ) -> tuple[np.ndarray, SolveInfo]:
-        """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
-        return _solve_and_refine(self, b, rtol)
-
-    def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
-        """Nothing to do: every step is solved alike."""
-
-    def drop(self) -> None:
-        """Nothing to do: a solve depends on the prepared matrix only."""
 
     def _analyse(self, pattern: BlockPattern) -> None:
         self._pattern = None
@@ -93,7 +128,7 @@ class Pardiso:
             raise SolveFailed(f"pardiso returned error {error} in phase {phase}: {reason}")
 
 
-class SuperLU:
+class SuperLU(Direct):
     """SciPy's SuperLU, for machines without PARDISO. Each ``prepare`` repeats the analysis.
 
     Parameters
@@ -104,12 +139,10 @@ class SuperLU:
         more time.
     """
 
-    name, keeps_state = "superlu", False
+    name = "superlu"
 
     def __init__(self, symmetric: bool = True):
-        self.symmetric = symmetric
-        self.prepared = 0
-        self._A: BlockMatrix | None = None
+        super().__init__(symmetric)
         self._rows: ScalarRows | None = None
 
     def prepare(self, A: BlockMatrix) -> None:
@@ -124,18 +157,6 @@ class SuperLU:
         transposed = sparse.csc_matrix(self._rows.arrays, shape=(n, n))
         self._lu = self._factor(transposed)
         self._A, self._seconds = A, time.perf_counter() - begin
-
-    def solve(
-        self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
-    ) -> tuple[np.ndarray, SolveInfo]:
-        """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
-        return _solve_and_refine(self, b, rtol)
-
-    def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
-        """Nothing to do: every step is solved alike."""
-
-    def drop(self) -> None:
-        """Nothing to do: a solve depends on the prepared matrix only."""
 
     def _factor(self, transposed: sparse.csc_matrix) -> SuperLUFactor:
         failure = IndefiniteMatrix if self.symmetric else SolveFailed
@@ -159,29 +180,6 @@ class SuperLU:
     def _apply(self, b: np.ndarray) -> np.ndarray:
         x: np.ndarray = self._lu.solve(b.ravel(), trans="T")
         return x.reshape(b.shape)
-
-
-def _solve_and_refine(
-    solver: Pardiso | SuperLU, b: np.ndarray, rtol: float, steps: int = 2
-) -> tuple[np.ndarray, SolveInfo]:
-    """Solve with a factor and refine, x += A⁻¹ (b − A x), until the residual is at most `rtol`.
-
-    No method reduces the residual below the round-off of its own evaluation (Oettli and Prager
-    1964). Therefore a residual of this size, up to 1e-6, is accepted in place of `rtol`.
-    """
-    begin = time.perf_counter()
-    A, b, bb = check_arguments(solver._A, b, rtol)
-    x, r, step, reached = np.zeros_like(b), b.copy(), 0, float(bb > 0.0)
-    while not reached <= rtol and step <= steps:
-        x += solver._apply(r)
-        reached = relative_residual(A, b, bb, x, r)
-        step += 1
-    if not reached <= rtol:
-        roundoff = 32 * EPS * np.sqrt(_rounding(*block_rows(A), b, x) / bb)
-        if not reached <= min(roundoff, 1e-6):
-            raise SolveFailed(f"{solver.name}: A is singular or nearly singular", reached, rtol)
-    refinements, seconds = max(step - 1, 0), time.perf_counter() - begin
-    return x, SolveInfo(solver.name, refinements, reached, solver._seconds, seconds)
 
 
 @kernel
