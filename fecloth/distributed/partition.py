@@ -15,8 +15,7 @@ from fecloth.mesh.elements import add_midpoints
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints
-from fecloth.system.motion import Motion
-from fecloth.system.pins import Pin
+from fecloth.system.pins import Motion, Pin
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.springs.springs import KnownSprings

@@ -33,8 +33,7 @@ from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.step_times import step_times
 from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints
-from fecloth.system.motion import Motion
-from fecloth.system.pins import Pin
+from fecloth.system.pins import Motion, Pin
 from fecloth.system.state import State, make_state
 from fecloth.system.system import System
 from fecloth.validation import FARTHEST

@@ -12,8 +12,7 @@ from fecloth.compiled.jit import kernel, rounded_kernel
 from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
-from fecloth.system.motion import Motion
-from fecloth.system.pins import Pin
+from fecloth.system.pins import Motion, Pin
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,7 @@ from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.bending.hinge import hinge_angles
-from fecloth.terms.kinematics import deformation_gradient
-from fecloth.terms.recovered_error import green_strains
+from fecloth.terms.kinematics import deformation_gradient, green_strains
 from fecloth.terms.traits import traits_of
 
 RESOLVED = 0.5  # largest error that the estimate can resolve

@@ -13,7 +13,7 @@ from fecloth.quantities.units import reads_units
 from fecloth.terms.bending.hinge import HingeBending, QuadraticBending
 from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.contact.obstacle import MeshObstacle, Obstacle
-from fecloth.terms.contact.self_contact import SelfContact
+from fecloth.terms.contact.triangle_contact import SelfContact
 from fecloth.terms.custom.force import UserForce
 from fecloth.terms.damping.bending import BendingDamping
 from fecloth.terms.damping.mass import MassDamping

@@ -16,9 +16,9 @@ from fecloth.terms.bending.fold_measure import fold_measure
 from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.bending.plate_stiffness import panel_curvatures
+from fecloth.terms.kinematics import plate_error
 from fecloth.terms.loops.array_updates import subtract
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.recovered_error import plate_error
 from fecloth.terms.traits import BENDING, BOTH
 
 At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]

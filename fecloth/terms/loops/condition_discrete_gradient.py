@@ -9,7 +9,7 @@ tensor Θ = Σ |p_a|² I − p_a p_aᵀ, and s = u · u = u · d. Then ḡ · d 
 −f · d is ½ C₁ᵀk_s C₁ − ½ C₀ᵀk_s C₀, and ḡ has no resultant and no moment about y, as ∂C(y) has none
 for a C that no rigid motion changes: energy and both momenta are conserved at any step (Gonzalez
 1996, Time Integration and Discrete Hamiltonian Systems, J. Nonlinear Sci. 6; here the correction
-does not rotate the stencil). Springs have a closed form of it, `terms.springs.spring_over_step`.
+does not rotate the stencil). Springs have a closed form of it, `terms.springs.springs`.
 
     −∂f_a/∂y_b = ḡ_a k_s ∂C(y₁)_bᵀ + Σ_r (k_s C̄)_r ∂ḡ_r,a/∂y_b         not symmetric
 

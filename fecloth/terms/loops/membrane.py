@@ -41,13 +41,12 @@ from fecloth.compiled.jit import Array
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.recovery import CONSTANT, QUADRATIC, Samples
-from fecloth.terms.kinematics import deformation_gradient
+from fecloth.terms.kinematics import deformation_gradient, green_strains, membrane_error
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.membrane_loops import Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.protocol import BoundTerm
-from fecloth.terms.recovered_error import green_strains, membrane_error
 from fecloth.terms.step_difference import StepDifference
 
 
