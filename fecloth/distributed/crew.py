@@ -40,7 +40,7 @@ class LocalLink:
         self.workers: list[Worker] = []
 
     def begin(self, descriptions: Sequence[PartDescription]) -> Worker:
-        self.workers = [Worker(one) for one in descriptions]
+        self.workers = [Worker(description) for description in descriptions]
         return self.workers[0]
 
     def each(self, name: str, arguments: Sequence[tuple]) -> list:
@@ -62,7 +62,9 @@ class Crew:
     @classmethod
     def begin(cls, link: Link, descriptions: Sequence[PartDescription]) -> Crew:
         """Let each process make its part."""
-        return cls(link, [one.part for one in descriptions], link.begin(descriptions))
+        return cls(
+            link, [description.part for description in descriptions], link.begin(descriptions)
+        )
 
     def call(self, name: str, *arguments: Any) -> list:
         """What the function `name` of each worker returns for the same arguments."""
@@ -123,27 +125,22 @@ def _on_all(name: str) -> Any:
 
 def _as_here(name: str) -> Any:
     """What the term says of itself on this process."""
-    return property(lambda self: getattr(self.near, name))
+    return property(lambda self: getattr(self.local, name))
 
 
 class RemoteTerm(BoundTerm):
     """A bound term of the whole cloth; each process has it bound to a part.
 
-    Parameters
-    ----------
-    crew, key
-        The processes, and the name of the term there.
-    near
-        The term as it is bound to the part of this process.
+    `key` names the term on the processes; `local` is the term bound to the part of this process.
     """
 
-    def __init__(self, crew: Crew, key: Any, near: BoundTerm):
-        self.crew, self.key, self.near = crew, key, near
+    def __init__(self, crew: Crew, key: Any, local: BoundTerm):
+        self.crew, self.key, self.local = crew, key, local
         own = (name for name, each in vars(BoundTerm).items() if isinstance(each, FunctionType))
         for name in own:
-            if name not in OFFERED | NOT_NEEDED and has_own(near, name):
+            if name not in OFFERED | NOT_NEEDED and has_own(local, name):
                 allowed = "is not offered by several processes"
-                raise InputError(f"{name} of {near.name}", allowed, "mpiexec", "Run on one.")
+                raise InputError(f"{name} of {local.name}", allowed, "mpiexec", "Run on one.")
 
     name, symmetric, load = map(_as_here, ("name", "symmetric", "load"))
     has_energy, dissipative = map(_as_here, ("has_energy", "dissipative"))
@@ -175,7 +172,7 @@ class RemoteTerm(BoundTerm):
     def over_step(self, step: StepDifference) -> BoundTerm:
         """The term over a step, which each process keeps until the last one forgets it."""
         crew = self.crew
-        if self.near.over_step(cut(step, crew.parts[0].nodes)) is self.near:
+        if self.local.over_step(cut(step, crew.parts[0].nodes)) is self.local:
             return self
         new = "step", next(_new_keys)
         crew.each("over_step", lambda part: (self.key, new, cut(step, part.nodes)))
@@ -185,4 +182,4 @@ class RemoteTerm(BoundTerm):
 
     def here(self) -> BoundTerm:
         """The term as it is bound to the part of this process."""
-        return self.near
+        return self.local

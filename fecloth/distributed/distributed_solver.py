@@ -89,7 +89,7 @@ class DistributedSolver:
             return np.zeros_like(b), SolveInfo(self.name, 0, 0.0, self.seconds_factor, 0.0)
         begin, kept = time.perf_counter(), self.first > 0
         try:
-            found = self._solve(b, rtol, guess)
+            shares = self._solve(b, rtol, guess)
         except SolveFailed as failure:
             if kept and type(failure) is IndefiniteMatrix:  # found by a sound preconditioner
                 raise
@@ -100,8 +100,8 @@ class DistributedSolver:
             elif not (kept and self.kind == "GAMG"):
                 raise
             self._prepare(anew=True)
-            found = self._solve(b, rtol, guess)
-        rows, iterations, residual = zip(*found, strict=True)
+            shares = self._solve(b, rtol, guess)
+        rows, iterations, residual = zip(*shares, strict=True)
         x = np.empty_like(b)
         for part, own in zip(self.crew.parts, rows, strict=True):
             x[part.own_nodes] = own

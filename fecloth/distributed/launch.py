@@ -69,7 +69,7 @@ class MpiLink:
 
     def begin(self, descriptions: Sequence[PartDescription]) -> Worker:
         """Make one worker of each description, and return that of this process."""
-        self.each("", [(one,) for one in descriptions])
+        self.each("", [(description,) for description in descriptions])
         assert self.here is not None
         return self.here
 

@@ -70,9 +70,9 @@ class Part:
         """Which of these nodes of the whole cloth are in the part: their places, and numbers."""
         order = np.argsort(self.nodes)
         at = np.searchsorted(self.nodes, nodes, sorter=order)
-        found = order[np.minimum(at, len(order) - 1)]
-        inside = np.flatnonzero(self.nodes[found] == nodes)
-        return inside, found[inside]
+        places = order[np.minimum(at, len(order) - 1)]
+        inside = np.flatnonzero(self.nodes[places] == nodes)
+        return inside, places[inside]
 
 
 def make_cloth(corners: np.ndarray, triangles: np.ndarray, regions: dict, element: str) -> Cloth:
@@ -203,7 +203,7 @@ def cut_pins(part: Part, groups: Mapping[str, tuple[Pin, np.ndarray]]) -> list:
 
     Positions come from the first process; a motion is left only where a clamp needs it.
     """
-    found = []
+    cut = []
     for pin, nodes in groups.values():
         places, local = part.restrict(nodes)
         if not len(local):
@@ -212,8 +212,8 @@ def cut_pins(part: Part, groups: Mapping[str, tuple[Pin, np.ndarray]]) -> list:
             pin = replace(pin, motion=None, velocity=None, rotate=None)
         elif isinstance(pin.motion, Motion) and pin.motion.X is not None:
             pin = pin.at(pin.motion.X[places])
-        found.append((pin, local))
-    return found
+        cut.append((pin, local))
+    return cut
 
 
 def cut_springs(part: Part, springs: KnownSprings) -> KnownSprings:

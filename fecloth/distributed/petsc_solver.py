@@ -67,23 +67,11 @@ def load() -> Any:
 class PetscSolver:
     """A process's share of the matrix and of a solver, which `begin` makes.
 
-    Parameters
-    ----------
-    part, matrix
-        The part and its matrix, of which the rows of own nodes are used.
-    owned
-        Number of nodes that each process owns.
-    numbers
-        (n,) row of the whole matrix of each node of the part.
+    Of the `matrix` of the part the rows of own nodes are used; `owned` are the numbers of nodes
+    that each process owns, `numbers` (n,) the row of the whole matrix of each node of the part.
     """
 
-    def __init__(
-        self,
-        part: Part,
-        matrix: BlockMatrix,
-        owned: Sequence[int],
-        numbers: np.ndarray,
-    ):
+    def __init__(self, part: Part, matrix: BlockMatrix, owned: Sequence[int], numbers: np.ndarray):
         self.petsc, self.matrix = load(), matrix
         self.own, self.size = int(part.is_own.sum()), 3 * sum(owned)
         self.blocks = _blocks_of(part, matrix)
@@ -115,9 +103,9 @@ class PetscSolver:
 
     def destroy(self) -> None:
         """Free the memory: on several processes petsc4py keeps what Python only drops."""
-        for one in (self.ksp, self.A, self.b, self.x, self.r):
-            if one:
-                one.destroy()
+        for each in (self.ksp, self.A, self.b, self.x, self.r):
+            if each:
+                each.destroy()
 
     def _make_matrix(self, half: bool) -> Any:
         """The matrix (3n, 3n), rows of own nodes here, with space for its pattern."""

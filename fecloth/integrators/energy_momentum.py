@@ -132,11 +132,11 @@ class EnergyMomentum(StageMethod):
         over = system.over_step(self.difference(state, dt), history)
         mass, t = system.diagonal_mass, state.t + 0.5 * dt
 
-        def conserve(term: BoundTerm, near: BoundTerm, record: object) -> BoundTerm:
-            if near.conserves or not term.has_energy:
-                return near
-            of_step = term if record is None else near
-            return DiscreteGradient(of_step, near, state.x, mass, t)
+        def conserve(term: BoundTerm, acting: BoundTerm, record: object) -> BoundTerm:
+            if acting.conserves or not term.has_energy:
+                return acting
+            of_step = term if record is None else acting
+            return DiscreteGradient(of_step, acting, state.x, mass, t)
 
         records = history or (None,) * len(system.bound)
         return system.with_bound(map(conserve, system.bound, over.bound, records))

@@ -77,14 +77,8 @@ class FusedSteps:
     ) -> FusedSteps | None:
         """Return the fused steps of a system, or None where a term or a pin needs Python.
 
-        Parameters
-        ----------
-        system
-            What moves.
-        ledger
-            Whether the columns of the energy ledger are added up; otherwise `flows` has none.
-        team
-            The threads: those of the system, or `ALONE`.
+        With `ledger` the columns of the energy ledger are added up; otherwise `flows` has none.
+        The threads are the threads of the system, unless a `team` is given.
         """
         if system.mass_kind != "lumped" or not MotionRows.are_known(system.constraints):
             return None
@@ -118,22 +112,11 @@ class FusedSteps:
     ) -> Taken | None:
         """Take steps of the given sizes, the last one so that its `Step` is known.
 
-        Parameters
-        ----------
-        state, memory
-            The start, and what the step before left.
-        times, sizes
-            (s + 1,) begin and ends of the steps, (s,) their sizes, equal but for round-off [s].
-        look
-            (phase, period): after step s, from 0 on, the stretches are looked at if
-            (s + phase) % period = period − 1; not after the last one.
-        least, largest
-            Stretches beyond which no further step is taken.
-
-        Returns
-        -------
-        Taken
-            None if a value is not finite: then nothing is known of these steps.
+        `times` (s + 1,) are the begin and the ends of the steps [s], `sizes` (s,) are equal but for
+        round-off. With `look` = (phase, period) the stretches are looked at after step s, from 0
+        on, if (s + phase) % period = period − 1, but not after the last one. Beyond the stretches
+        `least` and `largest` no further step is taken. The result is None if a value is not finite:
+        then nothing is known of these steps.
         """
         rows = MotionRows.of(self.system.constraints, times, sizes)
         held, dt, most = self._held(rows), float(sizes[0]), len(sizes) - 1

@@ -136,18 +136,10 @@ def sweep_forward(
     x: Array,
     member: Member,
 ) -> None:
-    """x = (D + L)⁻¹ b: a sweep from x = 0; A = L + D + U in the order of colours.
+    """x = (D + L)⁻¹ b: a sweep from x = 0; A = L + D + U in the order of colours of a `SweepOrder`.
 
-    Parameters
-    ----------
-    starts, indptr, indices
-        Of a `SweepOrder`.
-    values
-        The blocks from `gather`.
-    inverse
-        (n, 6) D⁻¹ in this order; see `pcg.invert_blocks`.
-    b, x
-        (n, 3) right-hand side and output, in this order.
+    `values` are the blocks from `gather`, `inverse` (n, 6) is D⁻¹, see `pcg.invert_blocks`, and b
+    and x are (n, 3), all in this order.
     """
     for colour in range(len(starts) - 1):
         begin, end = part_of(member, starts[colour], starts[colour + 1])

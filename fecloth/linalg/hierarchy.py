@@ -87,17 +87,9 @@ def make_levels(
 ) -> list[Level]:
     """Compute the prolongators and the coarse matrices of A.
 
-    Raises `IndefiniteMatrix` if a coarse diagonal block is not positive definite, for then A is not
-    positive definite, and `SolveFailed` if it is not finite.
-
-    Parameters
-    ----------
-    inverse
-        (n, 6) inverses of the diagonal blocks of A.
-    motions
-        (n, 3, 6) motions with little energy that all levels can represent; overwritten.
-    kind
-        Precision of the finest level.
+    `inverse` (n, 6) are the inverses of the diagonal blocks of A, `motions` (n, 3, 6) the motions
+    with little energy that all levels can represent, which are overwritten, and `kind` is the
+    precision of the finest level.
     """
     grid, *coarser = grids
     if grid.transfer is None:

@@ -62,20 +62,9 @@ def solve_updated(
 ) -> tuple[np.ndarray, list[SolveInfo]]:
     """Solve (A + Σ c u uᵀ) x = b, where A is the matrix that `solver` has prepared.
 
-    Parameters
-    ----------
-    updates
-        (c, u) of each update, u of shape (n, 3).
-    b
-        (n, 3) right-hand side.
-    rtol
-        Relative residual of each solve with A.
-    guess
-        (n, 3) initial y, or None.
-
-    Returns
-    -------
-    x (n, 3), and the `SolveInfo` of each solve with A.
+    `updates` has (c, u) with u (n, 3) of each update, `rtol` is the relative residual of each solve
+    with A, and `guess` (n, 3) an initial y = A⁻¹ b. The result is x (n, 3), and the `SolveInfo` of
+    each solve with A.
     """
     y, info = solver.solve(b, rtol=rtol, guess=guess)
     if not updates:

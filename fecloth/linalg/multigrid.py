@@ -53,12 +53,8 @@ class Multigrid(PCG):
 
     The aggregates are made once for each pattern. The coarse matrices are kept, also for other
     matrices, until the additional iterations have cost as much as new ones: then at most twice the
-    best cost is paid. The text above says why the cycle remains definite.
-
-    Parameters
-    ----------
-    max_iterations
-        A solve fails after this number of iterations.
+    best cost is paid. The text above says why the cycle remains definite. A solve fails after
+    `max_iterations`.
     """
 
     name, symmetric, keeps_state = "multigrid", True, True

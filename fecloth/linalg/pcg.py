@@ -39,16 +39,9 @@ def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
 def invert_blocks(diagonal: Array, values: Array, inverse: Array) -> int:
     """Invert the symmetric diagonal blocks by their cofactors.
 
-    Parameters
-    ----------
-    diagonal
-        (n,) numbers of the diagonal blocks in `values` (b, 3, 3).
-    inverse
-        (n, 6) output: entries 11, 22, 33, 23, 13, 12 of the inverses.
-
-    Returns
-    -------
-    The first node whose block is not positive definite (Sylvester's criterion), or −1.
+    `diagonal` (n,) are the numbers of the blocks in `values` (b, 3, 3), `inverse` (n, 6) gets the
+    entries 11, 22, 33, 23, 13, 12. The result is the first node whose block is not positive
+    definite (Sylvester's criterion), or −1.
     """
     for i in range(len(diagonal)):
         a = values[diagonal[i]]
@@ -71,10 +64,7 @@ def invert_blocks(diagonal: Array, values: Array, inverse: Array) -> int:
 class PCG:
     """Conjugate gradients with a 3×3 block-Jacobi preconditioner (Saad 2003, algorithm 9.1).
 
-    Parameters
-    ----------
-    max_iterations
-        A solve fails after this number of iterations.
+    A solve fails after `max_iterations`.
     """
 
     name, symmetric, keeps_state = "pcg", True, False

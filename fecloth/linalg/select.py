@@ -138,9 +138,9 @@ class AutoSolver:
         """Select a solver and let it prepare A."""
         is_new = self._pattern is not None and not A.pattern.same_as(self._pattern)
         self._pattern, self._share = A.pattern, self._share + WEIGHT * (is_new - self._share)
-        best = min(self._make, key=self._price)
-        if self._price(best) < GAIN * self._price(self._mode):
-            self._use(best)
+        cheapest = min(self._make, key=self._price)
+        if self._price(cheapest) < GAIN * self._price(self._mode):
+            self._use(cheapest)
         self._prepare(A)
 
     def _prepare(self, A: BlockMatrix) -> None:

@@ -140,18 +140,9 @@ class _Source:
 
 
 def quality(X: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Shape quality of each triangle, 4 √3 A / (l₁² + l₂² + l₃²).
+    """(m,) shape of triangles (m, 3) between nodes X (n, 2): 4 √3 A / (l₁² + l₂² + l₃²).
 
-    Parameters
-    ----------
-    X : (n, 2) array
-        Node coordinates [m].
-    triangles : (m, 3) integer array
-
-    Returns
-    -------
-    (m,) array
-        1 for an equilateral triangle, 0 for a degenerate one, negative for a clockwise one.
+    It is 1 for an equilateral triangle, 0 for a degenerate one, negative for a clockwise one.
 
     Examples
     --------

@@ -35,28 +35,8 @@ def rectangle(
     straight and have half triangles. The edge length along x divides the width and is the nearest
     one to that of an equilateral triangle. Thus the angles are exactly 60° only if the sides fit.
 
-    Raises `InputError` for sides or h that are not positive and finite, h out of range, an unknown
-    pattern, a rectangle lower than one row of equilateral triangles of that h, or a grading of
-    another pattern than "unstructured".
-
-    Parameters
-    ----------
-    width, height : float
-        Sides [m].
-    h : float
-        Edge length [m], at most the longer side.
-    pattern : str
-        ``"unstructured"``: Gmsh. ``"right"``: each cell is cut along the diagonal from lower left
-        to upper right. ``"cross"``: each cell is cut into four triangles at its centre.
-        ``"equilateral"``: rows of nearly equilateral triangles.
-    grading : sequence of Grading
-        Places towards which the triangles become smaller, in the pattern "unstructured" only.
-
-    Returns
-    -------
-    FlatMesh
-        Node sets ``left right bottom top corners boundary``, edge sets
-        ``left right bottom top boundary``.
+    `Cloth.rectangle` says what the arguments are. The edge sets are ``left``, ``right``,
+    ``bottom``, ``top`` and ``boundary``; the node sets are these and ``corners``.
 
     Examples
     --------
@@ -83,23 +63,7 @@ def rectangle(
 
 
 def disk(radius: float, h: float, grading: Sequence[Grading] = ()) -> FlatMesh:
-    """Mesh a disk around the origin by Gmsh; the nodes of the rim lie on the circle.
-
-    Raises `InputError` for a radius or h that is not positive and finite, or h out of range.
-
-    Parameters
-    ----------
-    radius : float
-        Radius [m].
-    h : float
-        Edge length [m], at most the radius.
-    grading : sequence of Grading
-        Places towards which the triangles become smaller.
-
-    Returns
-    -------
-    FlatMesh
-        It has the node and edge set ``boundary``.
+    """Mesh a disk around the origin by Gmsh; the nodes of the set ``boundary`` lie on the circle.
 
     Examples
     --------
@@ -122,7 +86,7 @@ def _mesh_drawing(
     if area / h**2 < AT_ONCE:
         raw = gmsh_plane(lambda geo: draw(geo, *sizes), float(h), name, grading)
     else:
-        task = {"draw": name, "sizes": sizes, "grading": [asdict(one) for one in grading]}
+        task = {"draw": name, "sizes": sizes, "grading": [asdict(each) for each in grading]}
         raw = in_child(task, name)
     refuse_coarse(raw, h, name)
     return raw.xyz[:, :2], raw.triangles

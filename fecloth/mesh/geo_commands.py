@@ -127,22 +127,22 @@ def _refused(what: str, line: int, where: str, suggestion: str = "") -> MeshErro
 def _tokens(text: str, where: str) -> Iterator[Token]:
     if len(text) > MOST_CHARACTERS:
         raise MeshError(f"{len(text)} characters", f"must be at most {MOST_CHARACTERS}", where)
-    if found := _CONTROL.search(text):
-        line = text.count("\n", 0, found.start()) + 1
-        raise _refused(f"the control character {found[0][0]!r}", line, where)
+    if match := _CONTROL.search(text):
+        line = text.count("\n", 0, match.start()) + 1
+        raise _refused(f"the control character {match[0][0]!r}", line, where)
     place, line = 0, 1
     while place < len(text):
-        found = _TOKEN.match(text, place)
-        if not found:
+        match = _TOKEN.match(text, place)
+        if not match:
             raise _refused(f"the character {text[place]!r}", line, where)
-        kind, word = str(found.lastgroup), found[0]
+        kind, word = str(match.lastgroup), match[0]
         if kind == "text":
             if len(word) > LONGEST_TEXT or _LOOP_WORDS.search(word):
                 raise _refused(f"the text {word[:40]}", line, where)
             word = f'"{word[1:-1]}"'
         if kind != "space":
             yield Token(kind, word, line)
-        place, line = found.end(), line + found[0].count("\n")
+        place, line = match.end(), line + match[0].count("\n")
 
 
 @dataclass

@@ -136,7 +136,7 @@ def main() -> None:
 def _mesh(task: dict) -> RawMesh:
     """Carry out a task of `in_child`."""
     where = task["where"]
-    grading = [Grading(**one) for one in task.get("grading", ())]
+    grading = [Grading(**fields) for fields in task.get("grading", ())]
     match task:
         case {"draw": name, "sizes": sizes}:
             return gmsh_plane(lambda geo: DRAWINGS[name](geo, *sizes), sizes[-1], where, grading)

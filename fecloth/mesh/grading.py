@@ -91,8 +91,8 @@ def check_gradings(gradings: Sequence[Grading], where: str) -> None:
     """Raise `InputError` for anything but a list or tuple of `Grading`."""
     example = 'a list of Grading("corners", distance=0.1)'
     validation.instance("grading", gradings, (list, tuple), example, where)
-    for one in gradings:
-        validation.instance("grading", one, Grading, 'Grading("corners", distance=0.1)', where)
+    for grading in gradings:
+        validation.instance("grading", grading, Grading, 'Grading("corners", distance=0.1)', where)
 
 
 # --- Gmsh -----------------------------------------------------------------------------------------
@@ -103,7 +103,7 @@ def set_sizes(gmsh, gradings: Sequence[Grading], h: float, where: str) -> None:
     fields = gmsh.model.mesh.field
     if len(fields.list()):
         raise MeshError("grading", "is for files without size fields of their own", where)
-    all_sizes = [_size_field(gmsh, one, h, where) for one in gradings]
+    all_sizes = [_size_field(gmsh, grading, h, where) for grading in gradings]
     least = fields.add("Min")
     fields.setNumbers(least, "FieldsList", all_sizes)
     fields.setAsBackgroundMesh(least)
@@ -140,16 +140,16 @@ def _distance_field(gmsh, grading: Grading, h: float, where: str) -> int:
 
 def _entities(gmsh, name: str | None, where: str) -> tuple[list[int], list[int]]:
     """Return the tags of the points and of the curves of a physical group."""
-    found: dict[str, tuple[list[int], list[int]]] = {}
+    groups: dict[str, tuple[list[int], list[int]]] = {}
     for dim, tag in gmsh.model.getPhysicalGroups():
         if dim < 2:
-            group = found.setdefault(gmsh.model.getPhysicalName(dim, tag), ([], []))
+            group = groups.setdefault(gmsh.model.getPhysicalName(dim, tag), ([], []))
             group[dim].extend(map(int, gmsh.model.getEntitiesForPhysicalGroup(dim, tag)))
-    if "boundary" not in found:
+    if "boundary" not in groups:
         border = gmsh.model.getBoundary(gmsh.model.getEntities(2), oriented=False)
-        found["boundary"] = [], [abs(tag) for _, tag in border]
-    if name not in found:
-        allowed = f"must be a set of points or curves: {', '.join(sorted(filter(None, found)))}"
-        remedy = did_you_mean(name, sorted(found)) or "Or give its point = [X, Y]."
+        groups["boundary"] = [], [abs(tag) for _, tag in border]
+    if name not in groups:
+        allowed = f"must be a set of points or curves: {', '.join(sorted(filter(None, groups)))}"
+        remedy = did_you_mean(name, sorted(groups)) or "Or give its point = [X, Y]."
         raise InputError(f"grading: where = {name!r}", allowed, where, remedy)
-    return found[name]
+    return groups[name]

@@ -38,12 +38,8 @@ def interpolator(cloth, points: np.ndarray) -> sparse.csr_matrix:
 def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray, nearest: int = 12):
     """Find the triangle (p,) that contains each point (p, 2), or else the nearest triangle.
 
-    scikit-fem's finder is not used because it rejects points outside a polygonal border.
-
-    Parameters
-    ----------
-    nearest : int
-        Number of triangles, by the distance of their centroids, that are searched first.
+    scikit-fem's finder is not used because it rejects points outside a polygonal border. The
+    `nearest` triangles, by the distance of their centroids, are searched first.
     """
     if not np.isfinite(points).all():
         bad = int(np.argmin(np.isfinite(points).all(axis=1)))
@@ -54,8 +50,8 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray, nearest: in
     _, candidates = cKDTree(corners.mean(axis=1)).query(points, nearest)
     candidates = candidates.reshape(len(points), nearest)
     depth = _depth(corners[candidates], points[:, None])
-    best = np.argmax(depth, axis=1)
-    cells, depth = candidates[np.arange(len(points)), best], depth.max(axis=1)
+    deepest = np.argmax(depth, axis=1)
+    cells, depth = candidates[np.arange(len(points)), deepest], depth.max(axis=1)
     # Search all triangles for points outside the mesh, and on graded meshes.
     for p in np.flatnonzero(depth < -1e-12):
         all_depths = _depth(corners, points[p])

@@ -15,18 +15,8 @@ from fecloth.mesh.flat_mesh import FlatMesh, sorted_pairs
 def renumber_mesh(mesh: FlatMesh) -> tuple[FlatMesh, np.ndarray, np.ndarray]:
     """Renumber nodes and triangles so that neighbours lie close together in memory.
 
-    Parameters
-    ----------
-    mesh : FlatMesh
-
-    Returns
-    -------
-    mesh : FlatMesh
-        The same mesh. Each triangle keeps the order of its vertices.
-    old_nodes : (n,) integer array
-        Old index of each new node: ``new.X == mesh.X[old_nodes]``.
-    old_triangles : (m,) integer array
-        Old index of each new triangle.
+    Each triangle keeps the order of its vertices. The result is the mesh with the old index of
+    each new node (n,), ``new.X == mesh.X[old_nodes]``, and of each new triangle (m,).
 
     Examples
     --------

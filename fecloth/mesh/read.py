@@ -102,7 +102,7 @@ def _from_geo(
     if h is not None:
         validation.length("h", h, where)
         h = float(h)
-    plain = [asdict(one) for one in grading]
+    plain = [asdict(each) for each in grading]
     task = {"geo": str(path.resolve()), "h": h, "confined": not trust, "grading": plain}
     if trust:
         return in_child(task, where, time_limit)

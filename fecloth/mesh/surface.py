@@ -61,23 +61,23 @@ def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | Non
     radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
     classes = _size_classes(radii)
     trees = [cKDTree(centres[members]) for members in classes]
-    found = [np.zeros((0, 2), int)]
+    intersecting = [np.zeros((0, 2), int)]
     for i, (mine, tree) in enumerate(zip(classes, trees, strict=True)):
         for other, another in zip(classes[: i + 1], trees, strict=False):
             reach = radii[mine].max() + radii[other].max()
             if _neighbours(tree, another, reach) > MOST_NEIGHBOURS:
                 return None
             first, second = _pairs(tree, another, reach)
-            one, two = mine[first], other[second]
-            crosses = _crossing(one, two, triangles, x)
-            found.append(np.column_stack([one[crosses], two[crosses]]))
-    return np.concatenate(found)
+            one_side, other_side = mine[first], other[second]
+            crosses = _crossing(one_side, other_side, triangles, x)
+            intersecting.append(np.column_stack([one_side[crosses], other_side[crosses]]))
+    return np.concatenate(intersecting)
 
 
 def _size_classes(radii: np.ndarray) -> list[np.ndarray]:
     """Return the members of classes of radii that differ by a factor below 1.5, large ones last."""
     size = np.floor(np.log(np.maximum(radii, 1e-300)) / np.log(1.5))
-    return [np.flatnonzero(size == one) for one in np.unique(size)]
+    return [np.flatnonzero(size == exponent) for exponent in np.unique(size)]
 
 
 def _neighbours(tree: cKDTree, another: cKDTree, reach: float) -> float:
@@ -89,21 +89,21 @@ def _neighbours(tree: cKDTree, another: cKDTree, reach: float) -> float:
 def _pairs(tree: cKDTree, another: cKDTree, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the points of two trees that are within reach of each other, or pairs of one tree."""
     if tree is another:
-        near = tree.query_pairs(reach, output_type="ndarray")
-        return near[:, 0], near[:, 1]
-    near = tree.sparse_distance_matrix(another, reach, output_type="ndarray")
-    return near["i"], near["j"]
+        pairs = tree.query_pairs(reach, output_type="ndarray")
+        return pairs[:, 0], pairs[:, 1]
+    pairs = tree.sparse_distance_matrix(another, reach, output_type="ndarray")
+    return pairs["i"], pairs["j"]
 
 
 @kernel
 def _crossing(first, second, triangles, x):
     """Return which of the pairs of triangles intersect."""
-    found = np.zeros(len(first), np.bool_)
+    crosses = np.zeros(len(first), np.bool_)
     for i in range(len(first)):
         a, b = triangles[first[i]], triangles[second[i]]
         if not (_share_a_node(a, b) or _are_apart(a, b, x)):
-            found[i] = _crosses(a, b, x) or _crosses(b, a, x)
-    return found
+            crosses[i] = _crosses(a, b, x) or _crosses(b, a, x)
+    return crosses
 
 
 @inner

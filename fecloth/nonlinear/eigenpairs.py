@@ -47,15 +47,11 @@ def least_eigenpairs(system: System, state: State, count: int, unit_mass=False) 
     iteration may find one only; so it is repeated without the vectors found, until it finds no
     eigenvalue that is less than the last of them.
 
+    With `unit_mass` M is the identity, and λ are the eigenvalues of K [N/m], else ω² [1/s²].
+    `count` must be less than the number of free degrees of freedom.
+
     Source: Ericsson and Ruhe (1980), The spectral transformation Lanczos method, for the shift;
     the iteration is ARPACK's, by SciPy's `eigsh`.
-
-    Parameters
-    ----------
-    count
-        Less than the number of free degrees of freedom.
-    unit_mass
-        Whether M is the identity: λ are then the eigenvalues of K [N/m], else ω² [1/s²].
     """
     still = State(state.t, state.x, np.zeros_like(state.x))
     pencil = _Pencil.at(system, still, unit_mass)

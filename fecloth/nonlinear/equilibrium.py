@@ -153,10 +153,10 @@ def equilibrium(
         over = over_increment(system, start.t, start.x, 1.0, history)
         x, counts = solve_static(StaticEquation(over, start), start.x, context, report)
     else:
-        found = increase_loads(
+        increase = increase_loads(
             system, start, context, 1 / load_steps, history=history, report=report
         )
-        x, counts = found.x, found.counts
+        x, counts = increase.x, increase.counts
     met = f"its residual, {counts.residual:.1e} of the forces, is below the tolerance {tolerance:g}"
     reason = met if counts.residual else "no force exceeds its round-off"
     work = counts.newton, counts.factorisations
@@ -219,17 +219,11 @@ def increase_loads(
 ) -> Increase:
     """Increase the factor on the loads from the first to the second of `loads`.
 
-    Parameters
-    ----------
-    start
-        The state at the first factor: in equilibrium, or the start of all where it is 0.
-    largest
-        The largest increment of the factor.
-    rate
-        ∂x/∂(factor) there [m], as far as it is known.
-    history
-        What the terms remember there. They remember each increment that is solved; one that is
-        repeated in smaller ones begins with what they remembered before it.
+    `start` is the state at the first factor: in equilibrium, or the start of all where the factor
+    is 0. No increment of the factor is larger than `largest`. `rate` is ∂x/∂(factor) at the start
+    [m], as far as it is known, and `history` what the terms remember there. They remember each
+    increment that is solved; an increment that is repeated in smaller ones begins with what they
+    remembered before it.
     """
     x, (reached, end), increment, total = start.x, loads, largest, Counts()
     over = system
@@ -244,8 +238,8 @@ def increase_loads(
             increment /= 2
             if increment < SMALLEST * largest:
                 reason = f"load stepping ended at {reached:.4g} of the loads: {failure.reason}"
-                best = State(start.t, x, np.zeros_like(x))
-                args = failure.residual, best, failure.remedy, reached
+                reached_state = State(start.t, x, np.zeros_like(x))
+                args = failure.residual, reached_state, failure.remedy, reached
                 raise EquilibriumFailed(reason, *args) from failure
             continue
         rate = (new - x) / (load - reached)

@@ -121,8 +121,8 @@ class StaticEquation:
 
     def updates(self, x: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """The dense parts of K."""
-        found = [(k, term.dense(x, self.start.t)) for term, k in self.terms()]
-        dense = [(k, part) for k, part in found if part is not None]
+        parts = [(k, term.dense(x, self.start.t)) for term, k in self.terms()]
+        dense = [(k, part) for k, part in parts if part is not None]
         return [(k * c, self.system.constraints.project(u)) for k, (c, u) in dense]
 
     def key(self, remedy: Remedy) -> tuple:

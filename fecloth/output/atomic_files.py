@@ -118,8 +118,8 @@ def _holder(path: Path) -> str:
     """Return which process writes there, by its log."""
     with suppress(OSError):
         lines = (path / "run.log").read_text(encoding="utf-8", errors="replace").splitlines()
-        if found := [line for line in lines if " process " in line]:
-            when, _, words = found[-1].partition(" ")
+        if holders := [line for line in lines if " process " in line]:
+            when, _, words = holders[-1].partition(" ")
             return f"another run writes there: {words.split(';')[0]}, since {when}"
     return "another run writes there"
 

@@ -107,8 +107,8 @@ def clip_to_drawable(values: np.ndarray) -> np.ndarray:
     [1.0, 3.0, 3.0, 1.0, 3.0]
     """
     values = np.asarray(values, dtype=float)
-    good = values[drawable(values)]
-    low, high = (good.min(), good.max()) if good.size else (0.0, 0.0)
+    numbers = values[drawable(values)]
+    low, high = (numbers.min(), numbers.max()) if numbers.size else (0.0, 0.0)
     return np.clip(np.where(np.isnan(values), high, values), low, high)
 
 

@@ -33,12 +33,12 @@ def find_obstacles(system: System, x: np.ndarray, t: float) -> Obstacles | None:
     """The surfaces of all obstacles at the time t around positions (n, 3); None without one."""
     place, reach = (x.min(axis=0) + x.max(axis=0)) / 2, system.cloth.extent
     shown = [term.surface(t, place, reach) for term in system.bound]
-    found = [surface for surface in shown if surface is not None]
-    if not found:
+    surfaces = [surface for surface in shown if surface is not None]
+    if not surfaces:
         return None
-    first = np.cumsum([0, *(len(points) for points, _ in found)])
-    triangles = [cells + i for (_, cells), i in zip(found, first, strict=False)]
-    return Obstacles(np.vstack([points for points, _ in found]), np.vstack(triangles))
+    first = np.cumsum([0, *(len(points) for points, _ in surfaces)])
+    triangles = [cells + i for (_, cells), i in zip(surfaces, first, strict=False)]
+    return Obstacles(np.vstack([points for points, _ in surfaces]), np.vstack(triangles))
 
 
 @dataclass(eq=False)

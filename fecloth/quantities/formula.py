@@ -153,7 +153,7 @@ class _CompiledFormula:
 
     def _of_arrays(self, given: Sequence[ArrayLike]) -> Any:
         """A float, or the truth of a condition, if all are scalars; else an array."""
-        arrays = [np.asarray(one, dtype=float) for one in given]
+        arrays = [np.asarray(each, dtype=float) for each in given]
         shape = np.broadcast_shapes(*(array.shape for array in arrays))
         with np.errstate(all="ignore"):
             value = np.broadcast_to(self.of_arrays(arrays), shape)

@@ -108,10 +108,10 @@ def resolve_method(method):
 def _numbers(name: str, value, above: float | None = None) -> np.ndarray:
     """An array, all > `above`, or >= 0 without one."""
     value = floats(name, value, "amplification")
-    good = np.isfinite(value) & (value >= 0 if above is None else value > above)
-    if not good.all():
+    is_allowed = np.isfinite(value) & (value >= 0 if above is None else value > above)
+    if not is_allowed.all():
         allowed = f"must be finite and {'>= 0' if above is None else f'> {above:g}'}"
-        raise InputError(f"{name} = {value[~good].flat[0]:g}", allowed, "amplification")
+        raise InputError(f"{name} = {value[~is_allowed].flat[0]:g}", allowed, "amplification")
     return value
 
 

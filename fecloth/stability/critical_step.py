@@ -216,10 +216,10 @@ def _forward_euler(K, D, M) -> float:
 
 def _over_all_modes(K, D, M) -> float:
     """The same from all eigenvalues λ of (λ² M + λ D + K) z = 0, as dense matrices."""
-    one = np.eye(K.shape[0])
-    k, d = (np.linalg.solve(M.toarray(), A @ one) for A in (K, D))
+    unit = np.eye(K.shape[0])
+    k, d = (np.linalg.solve(M.toarray(), A @ unit) for A in (K, D))
     omega = math.sqrt(max(np.linalg.norm(k, 2), np.finfo(float).tiny))
-    rates = eigvals(np.block([[0 * one, omega * one], [-k / omega, -d]]))
+    rates = eigvals(np.block([[0 * unit, omega * unit], [-k / omega, -d]]))
     size = abs(rates).max()
     rates = rates[abs(rates) > 1e-6 * size]  # the others drift, as a free cloth does
     growing = (rates.real > 0) & (abs(rates.imag) < NOTHING * size)  # negative stiffness

@@ -49,6 +49,11 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     float
         dt [s]; infinite where nothing is stiff.
 
+    Raises
+    ------
+    SolveFailed
+        If a force is not finite at the state or close to it; the message names the term.
+
     Examples
     --------
     >>> import fecloth as fc

@@ -10,13 +10,7 @@ from fecloth.system.system import System
 
 
 def check_system(system: object, state: object, where: str) -> None:
-    """Raise `InputError` for an object that is not a system, or not a state of it.
-
-    Parameters
-    ----------
-    where
-        The function whose arguments they are.
-    """
+    """Raise `InputError` for what is no system, or no state of it; `where` names the function."""
     if not isinstance(system, System):
         remedy = "The state comes second." if isinstance(system, State) else ""
         allowed = "must be a System(cloth, fabric, terms, pins)"

@@ -365,8 +365,8 @@ class System(Arguments):
     def coupling(self, state: State, wx=0.0, wv=0.0, definite=False) -> sparse.spmatrix | None:
         """(3n, 3n) part of wv D + wx K that couples nodes outside the pattern; None without any."""
         at = state.x, state.v, state.t, wx, wv, definite
-        found = [term.coupling(*at) for term in self.bound]
-        parts = [part for part in found if part is not None]
+        coupled = [term.coupling(*at) for term in self.bound]
+        parts = [part for part in coupled if part is not None]
         return sum(parts[1:], start=parts[0]) if parts else None
 
     def couple(self, J: BlockMatrix, state: State, wx=0.0, wv=0.0, definite=False) -> BlockMatrix:

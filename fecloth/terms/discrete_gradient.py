@@ -47,9 +47,9 @@ ROUND_OFF = 1e-15  # of N, relative to the energies
 class DiscreteGradient(BoundTerm):
     """A term as it acts over a step from `start` to 2x − start, evaluated at the mean x."""
 
-    # It has the energy: of a term with a history `near`, whose energy has the heat of the step.
+    # It has the energy: of a term with a history `acting`, whose energy has the heat of the step.
     term: BoundTerm
-    near: BoundTerm  # it has the force f and the tangent: the term, or what its `over_step` gave
+    acting: BoundTerm  # it has the force f and the tangent: the term, or what its `over_step` gave
     start: np.ndarray  # (n, 3) positions x₀ [m]
     mass: np.ndarray  # (n,) masses of the nodes, all > 0 [kg]
     t: float  # time of the mean [s]; both energies are of this time
@@ -62,7 +62,7 @@ class DiscreteGradient(BoundTerm):
 
     @property
     def symmetric(self) -> bool:
-        return self.near.symmetric
+        return self.acting.symmetric
 
     @property
     def dissipative(self) -> bool:
@@ -80,10 +80,10 @@ class DiscreteGradient(BoundTerm):
     def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
         """f += f̄, and damping by the velocity v as at x [N]."""
         elastic, d = np.zeros_like(f), 2.0 * (x - self.start)
-        self.near.add_force(x, np.zeros_like(v), t, elastic)
+        self.acting.add_force(x, np.zeros_like(v), t, elastic)
         f += elastic + self.correction(x, d, elastic)
         if self.velocity_dependent:
-            self.near.add_force(x, v, t, f)
+            self.acting.add_force(x, v, t, f)
             f -= elastic
 
     def correction(self, x: np.ndarray, d: np.ndarray, f: np.ndarray) -> np.ndarray:
@@ -102,11 +102,11 @@ class DiscreteGradient(BoundTerm):
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
         """J += wx K + wv D of f."""
-        self.near.add_tangent(x, v, t, wx, wv, J, definite)
+        self.acting.add_tangent(x, v, t, wx, wv, J, definite)
 
     def dense(self, x: np.ndarray, t: float) -> tuple[float, np.ndarray] | None:
         """The dense part of K."""
-        return self.near.dense(x, t)
+        return self.acting.dense(x, t)
 
     def power(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
         """Dissipated power [W]."""
@@ -114,15 +114,15 @@ class DiscreteGradient(BoundTerm):
 
     @property
     def dissipates_over_step(self) -> bool:
-        return self.near.dissipates_over_step
+        return self.acting.dissipates_over_step
 
     def dissipation(self, x: np.ndarray) -> float:
         """Energy [J] dissipated in the step that ends at x."""
-        return self.near.dissipation(x)
+        return self.acting.dissipation(x)
 
     def commit(self, x: np.ndarray, t: float) -> Any:
         """The record of the term after the step."""
-        return self.near.commit(x, t)
+        return self.acting.commit(x, t)
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
         """Work [J] that moves the normals of clamps: the change of energy by time alone.

@@ -80,14 +80,9 @@ def green_strains(F: np.ndarray) -> np.ndarray:
 def membrane_error(
     panel: Panel, strain: np.ndarray, moduli: np.ndarray, samples: Samples
 ) -> np.ndarray:
-    """(m,) ∫ ½ (E* − E):ℂ:(E* − E) dA [J] of each triangle.
+    """(m,) ∫ ½ (E* − E):ℂ:(E* − E) dA [J] of each triangle, with ℂ (m, 6) [N/m].
 
-    Parameters
-    ----------
-    strain
-        (m, q, 3) E11, E22, E12 along warp and weft at the points of `samples`.
-    moduli
-        (m, 6) ℂ [N/m].
+    `strain` (m, q, 3) is E11, E22, E12 along warp and weft at the points of `samples`.
     """
     cloth = panel.cloth
     gap = recovery_gap(cloth.X, cloth.stencil[:, :3], panel.material, strain, samples)

@@ -32,15 +32,7 @@ TABLES = ("steps", "energies", "observed", "strains")
 def write_report(
     folder: Path, summary: Mapping, frame: Frame, obstacles: Obstacles | None = None
 ) -> Path:
-    """Write ``folder``/report.html; returns it.
-
-    Parameters
-    ----------
-    summary
-        As in summary.json.
-    frame, obstacles
-        The last one, and the obstacles in it.
-    """
+    """Write ``folder``/report.html from summary.json and the last frame; returns it."""
     tables = {name: read_table(folder / f"{name}.csv") for name in TABLES}
     data = pack_frames([frame], shown_fields(frame), summary.get("unit", " s"), [obstacles])
     charts = _static_charts(tables) if _is_static(summary) else _charts(tables)

@@ -72,7 +72,7 @@ def view_of(low: np.ndarray, high: np.ndarray) -> View:
 def ground_of(low: np.ndarray, high: np.ndarray, obstacles: Iterable[Obstacles | None]) -> float:
     """Height of the ground [m]: below the cloth's box, and below obstacles that are not far."""
     size = float(np.linalg.norm(high - low))
-    feet = [float(one.points[:, 2].min()) for one in obstacles if one is not None]
+    feet = [float(surface.points[:, 2].min()) for surface in obstacles if surface is not None]
     return max(min([low[2], *feet]), low[2] - 0.5 * size) - 0.03 * size
 
 
@@ -157,18 +157,10 @@ def pack_frames(
     unit: str = " s",
     obstacles: Sequence[Obstacles | None] = (),
 ) -> dict:
-    """Return the data that viewer.js draws: numbers of the frames in base64, for JSON.
+    """Return the data that viewer.js draws: numbers of `Frame`s of one mesh in base64, for JSON.
 
-    Parameters
-    ----------
-    frames
-        `Frame`s of one mesh.
-    fields
-        Names of `frame_reader.FIELDS`, with values at the nodes or in the triangles.
-    unit
-        What follows the time of a frame.
-    obstacles
-        Those of each frame.
+    `fields` are names of `frame_reader.FIELDS`; `unit` follows the time of a frame; `obstacles` are
+    the obstacles of each frame.
     """
     times, clouds = [], []
     values: dict[str, list[np.ndarray]] = {name: [] for name in fields}

@@ -60,10 +60,10 @@ def move_out(shape: Shape, y: np.ndarray, wanted: np.ndarray, t: float) -> np.nd
     y = y.copy()
     for _ in range(ITERATIONS):
         d = shape.distance(y, t)
-        near = np.flatnonzero(d < wanted)
-        if not len(near):
+        close = np.flatnonzero(d < wanted)
+        if not len(close):
             break
-        gradient = shape.slopes(y[near], t)[0]
-        part = (wanted - d)[near] / np.einsum("mi,mi->m", gradient, gradient)
-        y[near] += part[:, None] * gradient
+        gradient = shape.slopes(y[close], t)[0]
+        part = (wanted - d)[close] / np.einsum("mi,mi->m", gradient, gradient)
+        y[close] += part[:, None] * gradient
     return y

@@ -57,9 +57,9 @@ class BoundObstacle(BoundContact):
                 continue
             y = pose.to_body(points.values(x, which))
             d = self.shape.distance(y, t)
-            near = d < self.gap
-            if near.any():
-                yield Contacts(points, which[near], y[near], d[near])
+            is_touching = d < self.gap
+            if is_touching.any():
+                yield Contacts(points, which[is_touching], y[is_touching], d[is_touching])
 
     def slopes(self, at: Contacts, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (p, 3) and Hessian (p, 3, 3) of the distance, in space."""
@@ -232,10 +232,10 @@ class BoundObstacle(BoundContact):
         """(n, 3) velocity [m/s] along the surface and relative to it, of nodes in the gap."""
         slip, pose = np.zeros_like(x), self.shape.pose(t)
         y = pose.to_body(x)
-        near = np.flatnonzero(self.shape.distance(y, t) < self.gap)
-        n = self.shape.slopes(y[near], t)[0] @ pose.R.T
+        touching = np.flatnonzero(self.shape.distance(y, t) < self.gap)
+        n = self.shape.slopes(y[touching], t)[0] @ pose.R.T
         n /= np.linalg.norm(n, axis=1, keepdims=True)
-        slip[near] = along(n, v[near] - self.shape.velocity(x[near], t))
+        slip[touching] = along(n, v[touching] - self.shape.velocity(x[touching], t))
         return slip
 
     def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:

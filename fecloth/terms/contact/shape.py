@@ -227,7 +227,7 @@ class Sdf(Shape):
     @cached_property
     def _derivatives(self) -> tuple[list[Derivative], list[list[Derivative]]]:
         first = [self._formula.derivative(variable) for variable in VARIABLES[:3]]
-        return first, [[one.derivative(by) for by in VARIABLES[:3]] for one in first]
+        return first, [[slope.derivative(by) for by in VARIABLES[:3]] for slope in first]
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
         return _at(self._formula, y, t)

@@ -9,19 +9,13 @@ from fecloth.mesh.elements import blocks
 
 
 def membrane_bound(panel: Panel, moduli: np.ndarray, mass: np.ndarray) -> float:
-    """Bound the largest eigenvalue of M⁻¹K of a membrane at F = I [1/s²].
+    """Bound the largest eigenvalue of M⁻¹K of a membrane at F = I with ℂ (m, 6) [N/m], in 1/s².
 
     The largest eigenvalue of a sum of element matrices is at most the largest of the elements'
     own (Irons and Treharne 1971); each node's mass is shared among its triangles by theirs. With
     ℂ = L Lᵀ the nonzero eigenvalues of M_e⁻¹ K_e are those of the matrix of 3×3 blocks, one for
-    each pair of quadrature points, Lᵀ (Σ_a √(w_p w_q) B_ap B_aqᵀ / m_a) L.
-
-    Parameters
-    ----------
-    moduli
-        (m, 6) ℂ of each triangle [N/m].
-    mass
-        (n,) lumped [kg].
+    each pair of quadrature points, Lᵀ (Σ_a √(w_p w_q) B_ap B_aqᵀ / m_a) L. The mass (n,) [kg] is
+    lumped.
     """
     cloth = panel.cloth
     area = cloth.weights.sum(axis=1) * panel.density
@@ -49,14 +43,7 @@ def _scaled_strains(gradients: np.ndarray, scale: np.ndarray, moduli: np.ndarray
 def stencil_bound(nodes: np.ndarray, blocks: np.ndarray, mass: np.ndarray) -> float:
     """Bound the largest eigenvalue of M⁻¹A by those of the stencils, from A's symmetric part.
 
-    Parameters
-    ----------
-    nodes
-        (m, k) of each stencil.
-    blocks
-        (m, k, k, 3, 3) of A.
-    mass
-        (n,) lumped [kg].
+    A has the blocks (m, k, k, 3, 3) of the stencils (m, k); the mass (n,) [kg] is lumped.
     """
     return bound_from_squares(nodes, squared_norms(blocks), mass)
 

@@ -209,10 +209,10 @@ def conditions(y, c, order, C, g, H):
             hs = scale * (G[2 * a] * G[2 * b + 1] + G[2 * a + 1] * G[2 * b])
             for i in range(3):
                 for j in range(3):
-                    one = 1.0 if i == j else 0.0
-                    H[0, a, i, b, j] = hu * (one - wu[i] * wu[j] * iu * iu)
-                    H[1, a, i, b, j] = hv * (one - wv[i] * wv[j] * iv * iv)
-                    H[2, a, i, b, j] = hs * one
+                    unit = 1.0 if i == j else 0.0
+                    H[0, a, i, b, j] = hu * (unit - wu[i] * wu[j] * iu * iu)
+                    H[1, a, i, b, j] = hv * (unit - wv[i] * wv[j] * iv * iv)
+                    H[2, a, i, b, j] = hs * unit
 
 
 KERNELS = bound_condition.kernels(conditions)
