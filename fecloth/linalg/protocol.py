@@ -31,27 +31,13 @@ class SolveInfo:
 class LinearSolver(Protocol):
     """A solver of A x = b for a `BlockMatrix`."""
 
-    Attributes
-    ----------
-    name
-        For reports, and the key of its prices in `nonlinear.context`: an attribute or a
-        property.
-    symmetric
-        Whether it takes symmetric matrices only.
-    prepared
-        Number of calls of `prepare` so far: it identifies the prepared matrix.
-    keeps_state
-        Whether a solve may depend on more than the prepared matrix, such as on the work of the
-        steps before.
-    """
-
-    symmetric: bool
-    prepared: int
-    keeps_state: bool
+    symmetric: bool  # whether it takes symmetric matrices only
+    prepared: int  # number of calls of `prepare` so far: it identifies the prepared matrix
+    keeps_state: bool  # whether a solve may depend on more than the prepared matrix
 
     @property
     def name(self) -> str:
-        """For reports, and the key of its prices in `nonlinear.factor_reuse`."""
+        """For reports, and the key of its prices in `nonlinear.context`."""
         ...
 
     def prepare(self, A: BlockMatrix) -> None:

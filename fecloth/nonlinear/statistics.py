@@ -14,21 +14,20 @@ SUMMED = (
 class Counts:
     """Counts and times of one solve."""
 
-    # Iterations.
-    newton: int = 0
-    linear: int = 0
+    newton: int = 0  # iterations
+    linear: int = 0  # iterations
     modified: int = 0  # tangents that were clamped or had mass added
     residual: float = 0.0  # relative to the forces of the step
     seconds: dict = field(default_factory=dict)  # of assembly, factorisation and solution
-    # Or preconditioners: fewer than Newton iterations where a factor was reused.
-    factorisations: int = 0
+    factorisations: int = 0  # or preconditioners; fewer than `newton` where a factor was reused
     rejected: int = 0  # steps rejected before because they were too long
-    limited: int = 0  # steps whose residual stayed above Newton's tolerance as it is round-off
-    # Steps that ended because Newton's error was small against their error in time.
+    limited: int = (
+        0  # steps whose residual stayed above Newton's tolerance because it was round-off
+    )
+    # steps that ended because Newton's error was small against their error in time
     estimated: int = 0
-    # The estimated errors of these steps: what Newton's iteration left, and in time [m].
-    newton_error: float = 0.0
-    step_error: float = 0.0
+    newton_error: float = 0.0  # of these steps: estimate of what Newton's iteration left [m]
+    step_error: float = 0.0  # of these steps: estimate of the error in time [m]
 
     def plus(self, other: Counts) -> Counts:
         """Return the sums, with the residual of `other`."""

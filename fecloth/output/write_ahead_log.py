@@ -113,7 +113,7 @@ class _Waiting(io.RawIOBase):
 
     def __init__(self, base: io.BufferedReader):
         self.base, self.place = base, 0
-        self.size = base.seek(0, os.SEEK_END)  # of the file with the changes
+        self.size = base.seek(0, os.SEEK_END)  # of the file with its changes
         self.changes: list[tuple[int, bytes]] = []  # (place, bytes), in order of writing
 
     def readable(self) -> bool:

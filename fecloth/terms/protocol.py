@@ -411,7 +411,10 @@ def is_description(value: object) -> bool:
 
 
 def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
-    """The nodes (m, k) that a term couples, or None, checked."""
+    """The nodes (m, k) that a term couples, or None.
+
+    Raises `InputError` for another shape, other numbers than whole ones, and unknown nodes.
+    """
     nodes, name = term.stencil(cloth), type(term).__name__
     if nodes is None:
         return None
@@ -427,7 +430,10 @@ def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
 
 
 def bound(term: Term, panel: Panel, slots: Callable) -> BoundTerm:
-    """The bound term, checked and complete."""
+    """The bound term, checked and complete.
+
+    Raises `InputError` if it lacks an attribute or a function that a `BoundTerm` must have.
+    """
     made = term.bind(panel, slots)
     wanted = list(ALWAYS)
     wanted += ["energy"] if getattr(made, "has_energy", False) else []
@@ -446,7 +452,10 @@ def _lacks(made: Any, name: str) -> bool:
 
 
 def complete(made: Any) -> BoundTerm:
-    """A bound term, or what its `over_step` gave, with the abilities of `BoundTerm` it lacks."""
+    """A bound term, or the result of its `over_step`, with the abilities of `BoundTerm` it lacks.
+
+    Raises `InputError` for an object whose class is not a plain class of Python.
+    """
     if isinstance(made, BoundTerm):
         return made
     missing = tuple(name for name in ABILITIES if not hasattr(made, name))

@@ -51,9 +51,8 @@ class Shot:
     """Settings of all frames of a movie."""
 
     field: str
-    # Direction and distance [m] of the camera.
-    view: View
-    distance: float
+    view: View  # direction of the camera
+    distance: float  # of the camera [m]
     colours: tuple[float, float] | None  # ends of the colour bar; None for the checker pattern
     ground: float  # height of the ground [m]
     size: tuple[int, int]

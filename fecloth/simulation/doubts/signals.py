@@ -13,7 +13,7 @@ import numpy as np
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.time_function import TimeFunction
 from fecloth.simulation.within_step import uneven
-from fecloth.system.motion import Motion
+from fecloth.system.pins import Motion
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.custom.force import VARIABLES, BoundUserForce, FormulaForce

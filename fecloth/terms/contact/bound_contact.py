@@ -43,7 +43,7 @@ class BoundContact(BoundTerm):
 
     @property
     def body(self) -> Shape | None:
-        """What it moves and turns with; None where it cannot."""
+        """The shape with which it moves and turns; None where it does not move."""
         raise NotImplementedError
 
     @property

@@ -20,10 +20,9 @@ from fecloth.quantities.units import LENGTH, reads_units
 class Pose:
     """Where a rigid body is at one time: x = p + u + R (y − p) for its point y in its own frame."""
 
-    # (3, 3) rotation about the point p (3,) [m], and the displacement u (3,) [m].
-    R: np.ndarray
-    p: np.ndarray
-    u: np.ndarray
+    R: np.ndarray  # (3, 3) rotation about the point p
+    p: np.ndarray  # (3,) [m]
+    u: np.ndarray  # (3,) displacement [m]
 
     def to_body(self, x: np.ndarray) -> np.ndarray:
         """Points (m, 3) of space in the frame of the body."""
