@@ -12,7 +12,7 @@ import numpy as np
 from fecloth.errors import FeclothError
 from fecloth.output.atomic_files import WriteError
 from fecloth.runs.folder import FolderMoved
-from fecloth.runs.shape_watch import shape_message
+from fecloth.runs.frame_shape import shape_message
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.run import Result
 from fecloth.system.system import System
@@ -30,8 +30,6 @@ class SceneResult(Result):
         "done", "failed" or "interrupted".
     folder, summary
         Folder of the run, and the content of summary.json.
-    ledger
-        Energies at the last good state.
     error
         The cause of a failure.
     resumes
@@ -41,9 +39,13 @@ class SceneResult(Result):
     status: str
     folder: Path
     summary: dict
-    ledger: Ledger
     error: FeclothError | None = None
     resumes: float | None = None
+
+    @property
+    def ledger(self) -> Ledger:
+        """Energies at the last good state."""
+        return self.accounts[Ledger]
 
     def __repr__(self) -> str:
         steps, at = self.summary["steps"], place_in_words(self.state.t, self.summary["unit"])
@@ -76,9 +78,7 @@ def place_in_words(t: float, unit: str) -> str:
 def finished_message(outcome: SceneResult) -> str:
     """Return how wrong a run is in time and space, its cost, the file to open, and its warnings."""
     counts, seconds = outcome.summary, outcome.summary["seconds"]
-    names = ("time_error", "space_error", "newton_error", "contact")
-    words = [counts.get(f"{name}_in_words") for name in names]
-    errors = "".join(f"{each}\n" for each in words if each)
+    errors = "".join(f"{words}\n" for words in outcome.accounts.words())
     return (
         f"{shape_message(counts)}\n"
         f"{errors}"

@@ -25,14 +25,12 @@ from fecloth.linalg.mkl_pardiso import threads
 from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
 from fecloth.runs.environment import versions
 from fecloth.runs.outcome import DONE
-from fecloth.simulation.energy_balance import Balance
-from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.account import Accounts
 from fecloth.simulation.march import Memory
-from fecloth.simulation.time_error import TimeError
 from fecloth.system.state import State
 from fecloth.terms.records import RECORDS, remembered
 
-FORMAT = 6
+FORMAT = 7
 FOLDER, PATTERN = "restart", "restart_*.npz"
 KEPT = 2  # files
 FREE = ("title", "expect", "interest")  # keys that do not change a run
@@ -40,25 +38,28 @@ FREE = ("title", "expect", "interest")  # keys that do not change a run
 
 @remembered
 @dataclass(frozen=True, eq=False)
+class Progress:
+    """A run between two steps. It is replaced whole, so that a step is in all of it or in none."""
+
+    # After the last step.
+    state: State
+    memory: Memory
+    accounts: Accounts
+    warnings: tuple[str, ...]  # since the first step
+    # Number of frames, and the bytes of each table.
+    frames: int
+    tables: Mapping[str, int]
+
+
+@remembered
+@dataclass(frozen=True, eq=False)
 class Restart:
-    """A run between two steps."""
+    """The progress of a run, and what it is the progress of."""
 
     scene: str  # the resolved scene
     start: str  # `digest` of the mesh and the start
     method: str  # the method that takes the steps, as text; for "auto" the chosen one
-    # After the last step.
-    state: State
-    memory: Memory
-    ledger: Ledger
-    # The energy balance, the error in time, the warnings since the first step, and counts of the
-    # recorder so far.
-    balance: Balance
-    time_error: TimeError
-    warnings: tuple[str, ...]
-    counts: Mapping[str, float]
-    # Number of frames, and the bytes of each table.
-    frames: int
-    tables: Mapping[str, int]
+    progress: Progress
     # Whether a run continued from it equals the unbroken one bit for bit: the solver held no
     # factor, or dropped it here.
     exact: bool
@@ -73,7 +74,7 @@ def write(folder: Path, restart: Restart) -> Path:
 
     It is flushed to the disk before others are removed, so that a power cut leaves one.
     """
-    path = folder / FOLDER / f"restart_{restart.memory.step:09d}.npz"
+    path = folder / FOLDER / f"restart_{restart.progress.memory.step:09d}.npz"
     arrays: list[np.ndarray] = []
     header = json.dumps({"format": FORMAT, "run": _pack(restart, arrays)})
     stream = io.BytesIO()
@@ -100,7 +101,8 @@ def read(path: Path) -> Restart:
         header = json.loads(members.pop("header").tobytes())
         arrays = [members.pop(f"array_{i}") for i in range(len(members))]
         if header.keys() != {"format", "run"} or header["format"] != FORMAT:
-            raise ValueError(f"it is of another format than {FORMAT}")
+            words = f"it has format {header.get('format')}, and this fecloth reads {FORMAT}"
+            raise ValueError(f"{words}; the fecloth that wrote it can resume the run")
         found = _unpack(header["run"], arrays)
         _check(found, arrays)
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
@@ -116,12 +118,13 @@ def _check(found, arrays) -> None:
     """
     if not isinstance(found, Restart):
         raise ValueError("it is no restart of a run")
-    for name, t in (("t", found.state.t), ("the first t", found.memory.start)):
+    state, memory = found.progress.state, found.progress.memory
+    for name, t in (("t", state.t), ("the first t", memory.start)):
         if not is_number(t):
             raise ValueError(f"{name} = {t!r} is not finite")
-    shape = found.state.x.shape
+    shape = state.x.shape
     free: list[np.ndarray] = []
-    _pack(found.memory.term_history, free)
+    _pack(memory.term_history, free)
     kept = {id(array) for array in free}
     for array in arrays:
         if array.dtype != np.float64 or not np.isfinite(array).all():
@@ -205,7 +208,7 @@ def _missing_restart_error(folder: Path) -> InputError:
 def drop_later(folder: Path, restart: Restart) -> None:
     """Remove the files of later steps, which the run will write again."""
     for path in files(folder):
-        if path.name > f"restart_{restart.memory.step:09d}.npz":
+        if path.name > f"restart_{restart.progress.memory.step:09d}.npz":
             with writing(path):
                 path.unlink()
 
@@ -227,11 +230,11 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
     if restart.start != start:
         allowed = "the mesh or the frame of the start has changed"
         raise InputError(f"{folder} has another start", allowed)
-    to_go = now.get("time.t_end", 1.0) - restart.state.t  # of [equilibrium]: all loads
-    if to_go < 0 or (to_go == 0 and _has_summary_at(folder, restart.state.t)):
+    to_go = now.get("time.t_end", 1.0) - restart.progress.state.t  # of [equilibrium]: all loads
+    if to_go < 0 or (to_go == 0 and _has_summary_at(folder, restart.progress.state.t)):
         if "time.t_end" not in now:
             raise InputError(f"the run in {folder} is complete", "nothing is left to do")
-        allowed = f"the run in {folder} has already reached {restart.state.t:g} s"
+        allowed = f"the run in {folder} has already reached {restart.progress.state.t:g} s"
         remedy = "To continue beyond its end, raise it: --set time.t_end=..."
         raise InputError(f"time.t_end = {now['time.t_end']}", allowed, remedy=remedy)
 

@@ -112,16 +112,17 @@ def _run_scene(
             with writing(path):
                 path.mkdir(parents=True, exist_ok=True)
             locks.enter_context(lock_folder(path))
-        folder = (
-            RunFolder.reopen(path, found.tables) if found else RunFolder.create(path, overwrite)
-        )
+        if found:
+            folder = RunFolder.reopen(path, found.progress.tables)
+        else:
+            folder = RunFolder.create(path, overwrite)
         with nullcontext() if found else remove_on_failure(path, is_new=not existed):
             _write_head(folder, scene, problem, why, warnings)
             recorder = Recorder(
                 folder, problem, watch, solver, scene.to_toml(), start, found, warnings
             )
         error = recorder.march(report, warn, interrupted)
-        stopped = INTERRUPTED if recorder.state.t < problem.t_end else DONE
+        stopped = INTERRUPTED if recorder.progress.state.t < problem.t_end else DONE
         outcome = recorder.close(FAILED if error else stopped, why, error, warn)
         closed()
         return outcome

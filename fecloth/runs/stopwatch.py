@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from fecloth.simulation.run import add_seconds
-
 
 @dataclass
 class Watch:
@@ -26,7 +24,8 @@ class Watch:
             self.add({name: time.perf_counter() - begin})
 
     def add(self, seconds: dict[str, float]) -> None:
-        self.seconds = add_seconds(self.seconds, seconds)
+        for name, spent in seconds.items():
+            self.seconds[name] = self.seconds.get(name, 0.0) + spent
 
     @property
     def total(self) -> float:

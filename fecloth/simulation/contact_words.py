@@ -2,10 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.records import remembered
+
+
+@remembered
+@dataclass(frozen=True)
+class Contact(Account):
+    """Where the cloth lies on obstacles at the end."""
+
+    name = "contact"
+    sentence: str = ""  # by `describe_contact`
+
+    def finish(self, run: Run, end: End, others: Accounts) -> Contact:
+        return Contact(describe_contact(run.system, run.start, end.state))
+
+    def words(self) -> str:
+        return self.sentence
+
+    def summary(self) -> dict[str, object]:
+        return {"contact_in_words": self.sentence} if self.sentence else {}
 
 
 def describe_contact(system: System, start: State, end: State) -> str:

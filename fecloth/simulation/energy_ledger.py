@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -11,20 +10,18 @@ import numpy as np
 from fecloth.integrators.fused_steps import Flows
 from fecloth.integrators.numerical_dissipation import has_power_column, load_displacement
 from fecloth.linalg.reductions import dot
-from fecloth.simulation.rigid_motion import rms_without_rigid
+from fecloth.simulation.account import Account, Accounts, Run
+from fecloth.simulation.march import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
-OWN_ERROR = 0.05  # of the work of loads, with which a ledger whose balance closes may err
-CREEP = 1e-6  # mean motion since the start, in extents of the cloth, that counts as rest
 NO_POWER = 1e-12  # W; round-off of an inner damping at 1 m/s
-LAG = 4.0  # times the last step's work: what loads have given as momentum before they did work
 
 
 @remembered
 @dataclass(frozen=True)
-class Ledger:
+class Ledger(Account):
     """Energies, dissipation and work since the start, all in J, at time t.
 
     kinetic + Σ potential + Σ dissipated + numerical − Σ work − pins − start = remainder
@@ -48,23 +45,14 @@ class Ledger:
         exact for energies quadratic in x.
     opening
         The energies at the start, with "kinetic".
-    deforming
-        Kinetic energy of the motion relative to the rigid motion of each movable piece, of the
-        free directions: ½ w·M w with w = P (v − u − ω × r), see `Piece.rigid_velocity`.
-    in_place
-        Energies of the loads now, with each movable piece moved back by its mean displacement.
-    opening_deforming, first_deforming
-        `deforming` at the start and after the first step.
-    places
-        Place of each movable piece at the start (`Piece.place`) [m].
-    last_inflow
-        `inflow` before the last step, or before those without a row.
     resisting
         Names of the terms that dissipate also in a rigid motion, such as drag.
     silent
         Whether a term reports neither an energy nor its dissipation or work.
     """
 
+    name = "ledger"
+    table = "energies"
     t: float
     kinetic: float
     potential: Mapping[str, float]
@@ -73,12 +61,6 @@ class Ledger:
     pins: float
     numerical: float
     opening: Mapping[str, float]
-    deforming: float
-    in_place: Mapping[str, float]
-    opening_deforming: float
-    first_deforming: float | None = None
-    places: tuple[tuple[float, ...], ...] = ()
-    last_inflow: float = 0.0
     resisting: tuple[str, ...] = ()
     silent: bool = False
 
@@ -93,37 +75,27 @@ class Ledger:
         work = {name: 0.0 for name, term in named if term.supplies}
         reported = {*energies, *dissipated, *work}
         silent = any(name not in reported for name in system.names)
-        places = tuple(tuple(place.tolist()) for place in _places(system, state))
-        _, pin_v = system.constraints.target(state.t, 0.0, state.x)
-        deforming = _deforming_kinetic(system, state, kinetic, pin_v)
-        flows = dissipated, work, 0.0, 0.0
-        in_place = _energies_in_place(system, state, energies, places)
-        ledger = cls(state.t, kinetic, energies, *flows, opening, deforming, in_place, deforming)
         resisting = _resisting(system, state, dissipated)
-        return replace(ledger, places=places, resisting=resisting, silent=silent)
+        flows = dissipated, work, 0.0, 0.0
+        return cls(state.t, kinetic, energies, *flows, opening, resisting, silent)
+
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Ledger:
+        """Return the ledger after a step and those without a row before it."""
+        skipped = info.skipped.flows if info.skipped else None
+        whole = skipped if info.skipped and info.skipped.step else None
+        after = self.after(run.system, run.method, info.old, info.result, whole)
+        return after.with_flows(skipped) if skipped and not whole else after
 
     def after(self, system: System, method, old: State, step, flows: Flows | None = None) -> Ledger:
         """Return the ledger after `step`, taken by `method` from the state `old`.
 
         `flows` are those since this ledger, where they are known; otherwise those of the step.
         """
-        new = step.state
-        dt = new.t - old.t
-        energies = system.with_history(step.history).energies(new)
+        energies = system.with_history(step.history).energies(step.state)
         kinetic = energies.pop("kinetic")
-        pin_v = (new.x - old.x) / dt if system.movable_pieces else new.v
-        deforming = _deforming_kinetic(system, new, kinetic, pin_v)
         flows = flows or self._flows(system, method, old, step)
-        return replace(
-            self.with_flows(flows),
-            t=new.t,
-            kinetic=kinetic,
-            potential=energies,
-            last_inflow=self.inflow,
-            deforming=deforming,
-            in_place=_energies_in_place(system, new, energies, self.places),
-            first_deforming=deforming if self.first_deforming is None else self.first_deforming,
-        )
+        after = self.with_flows(flows)
+        return replace(after, t=step.state.t, kinetic=kinetic, potential=energies)
 
     def _flows(self, system: System, method, old: State, step) -> Flows:
         """Return dissipation and work of a step."""
@@ -160,49 +132,6 @@ class Ledger:
         return sum(self.opening.values())
 
     @property
-    def deformation(self) -> float:
-        """Energy of deformation [J]: the measure of what has moved.
-
-        It is the kinetic energy of the motion relative to the rigid motion of each piece or, if
-        that is more, the largest change of a term's energy since the start, of loads without the
-        mean displacement. It neither depends on the observer nor grows with what loads bring in
-        and dampings carry off.
-        """
-        return max([self.deforming, *(abs(change) for change in self._changes())])
-
-    def _changes(self) -> list[float]:
-        """Changes of the terms' energies since the start, loads in place [J]."""
-        now = {**self.potential, **self.in_place}
-        return [energy - self.opening[name] for name, energy in now.items()]
-
-    @property
-    def inflow(self) -> float:
-        """Work of loads without an energy, and of pins, on the deformation since the start [J].
-
-        The change of the rigid motion's energy, kinetic and in the loads with an energy, is
-        subtracted, and what a load itself dissipates, such as the air.
-        """
-        rigid = self.kinetic - self.deforming
-        rigid -= self.opening["kinetic"] - self.opening_deforming
-        rigid += sum(self.potential[name] - energy for name, energy in self.in_place.items())
-        return sum(self.work.values()) + self.pins - self.lost_outside - rigid
-
-    @property
-    def available(self) -> float:
-        """Upper bound of the `deforming` energy that the cloth can have received [J].
-
-        What it had at the start, the decrease of the terms' energies since, the `inflow` with 5 %
-        of its parts for their own error, and `deforming` after the first step, in which forward
-        Euler is ahead of the work. Unlimited with a term that reports neither an energy nor its
-        work.
-        """
-        if self.silent:
-            return math.inf
-        gains = sum(max(0.0, -change) for change in self._changes()) + max(0.0, self.inflow)
-        own = OWN_ERROR * (self.lost_outside + sum(map(abs, self.work.values())))
-        return self.opening_deforming + (self.first_deforming or 0.0) + gains + own
-
-    @property
     def lost_outside(self) -> float:
         """Dissipation by what also resists a rigid motion [J]."""
         return sum(self.dissipated[name] for name in self.resisting)
@@ -211,21 +140,6 @@ class Ledger:
     def lost_inside(self) -> float:
         """Dissipation by damping that a rigid motion does not feel [J]."""
         return sum(self.dissipated.values()) - self.lost_outside
-
-    def growth(self, most: float) -> str:
-        """Return a sentence if `deforming` exceeds `most` times the `available` energy, or "".
-
-        A load that sets in has given momentum before it has done work, so the inflow of the last
-        step counts several times.
-        """
-        available = self.available + LAG * max(0.0, self.inflow - self.last_inflow)
-        if math.isinf(most) or self.deforming <= most * available:
-            return ""
-        return (
-            f"the cloth deforms with a kinetic energy of {self.deforming:.3g} J, where its start, "
-            f"its loads and its pins can have given it {available:.3g} J at most: the method has "
-            "made the rest"
-        )
 
     @property
     def total(self) -> float:
@@ -258,14 +172,8 @@ class Ledger:
             "remainder": self.remainder,
         }
 
-
-def negligible_energy(system: System, seconds: float) -> float:
-    """Return the kinetic energy [J] below which a cloth is at rest: ½ m (1e-6 L/T)².
-
-    m is its mass, L its largest extent and T the time; round-off and tolerances stay below.
-    """
-    pace = CREEP * system.cloth.extent / seconds
-    return 0.5 * float(system.nodal_mass.sum()) * pace**2
+    def summary(self) -> dict[str, object]:
+        return {"ledger": self.row()}
 
 
 def _resisting(system: System, state: State, dissipated) -> tuple[str, ...]:
@@ -276,42 +184,6 @@ def _resisting(system: System, state: State, dissipated) -> tuple[str, ...]:
         for name, term in named
         if name in dissipated and (term.supplies or term.power(state.x, v, state.t) > NO_POWER)
     )
-
-
-def _deforming_kinetic(system: System, state: State, kinetic: float, pin_v) -> float:
-    """Return `Ledger.deforming`; `pin_v` (n, 3) are the velocities of the pins."""
-    if not system.movable_pieces:
-        return kinetic
-    M, m = system.scalar_mass, system.nodal_mass
-    if _is_one_free_body(system):
-        return 0.5 * system.total_mass * rms_without_rigid(m, state.x, state.v) ** 2
-    p, mass_x, w = M @ state.v, M @ state.x, state.v.copy()
-    for piece in system.movable_pieces:
-        w[piece.nodes] -= piece.rigid_velocity(state.x, p, m, mass_x, pin_v)
-    system.constraints.project(w)
-    return 0.5 * system.sums.dot(w, M @ w)
-
-
-def _is_one_free_body(system: System) -> bool:
-    """Return whether one compiled loop, for lumped masses, gives the kinetic energy."""
-    pieces = system.movable_pieces
-    is_whole = len(pieces) == 1 and isinstance(pieces[0].nodes, slice)
-    return is_whole and not len(pieces[0].held) and system.mass_kind == "lumped"
-
-
-def _places(system: System, state: State) -> list[np.ndarray]:
-    return [piece.place(state.x, system.nodal_mass) for piece in system.movable_pieces]
-
-
-def _energies_in_place(system: System, state: State, energies, start) -> dict[str, float]:
-    """Return `Ledger.in_place` with the places at the start; no entries if no piece can move."""
-    if not start:
-        return {}
-    x = state.x.copy()
-    for piece, now, then in zip(system.movable_pieces, _places(system, state), start, strict=True):
-        x[piece.nodes] -= now - then
-    loads = zip(system.names, system.bound, strict=True)
-    return {name: term.energy(x, state.t) for name, term in loads if name in energies and term.load}
 
 
 def _dissipation(term, over, step, dt):

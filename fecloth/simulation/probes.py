@@ -30,28 +30,31 @@ def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
     """
     if not system.constraints.groups:
         return {}
-    dt = step.state.t - old.t
-    constraints = system.constraints
     if step.a is None:
-        a, f = (step.state.v - old.v) / dt, step.mean_force(system)
+        a, f = (step.state.v - old.v) / (step.state.t - old.t), step.mean_force(system)
     else:
         a, f = step.a, step.solved_force
-    residual = system.scalar_mass @ a - f
+    return _held_forces(system, system.scalar_mass @ a - f)
+
+
+def _held_forces(system: System, residual: np.ndarray) -> dict[str, np.ndarray]:
+    """Pin group → sum (3,) of its nodes' residual (n, 3) in the directions that it holds."""
+    constraints = system.constraints
     residual[constraints.nodes] = constraints.held_part(residual)
     return {name: residual[nodes].sum(axis=0) for name, (_, nodes) in constraints.groups.items()}
 
 
-def contact_rows(system: System, step, state: State) -> dict[str, float]:
-    """Reaction [N] and least distance [m] of each obstacle at the end of a step.
+def contact_rows(system: System, acting: System | None, state: State) -> dict[str, float]:
+    """Reaction [N] and least distance [m] of each obstacle at a state.
 
     The reaction is the force with which the obstacle holds the cloth, friction included, as that of
-    a pin; the force on the obstacle is its opposite. It is NaN without a step.
+    a pin; the force on the obstacle is its opposite. It is NaN without an `acting` system.
     """
     row: dict[str, float] = {}
-    acting = system.bound if step is None or step.over is None else step.over.bound
-    for name, term, over in zip(system.names, system.bound, acting, strict=True):
+    terms = zip(system.names, system.bound, (acting or system).bound, strict=True)
+    for name, term, over in terms:
         if term.keeps_distance:
-            f = np.full_like(state.x, np.nan if step is None else 0.0)
+            f = np.full_like(state.x, 0.0 if acting else np.nan)
             over.add_force(state.x, state.v, state.t, f)
             row |= _components(f"reaction:{name}", f.sum(axis=0))
             row[f"least_distance:{name}"] = term.least_distance(state.x, state.t)
@@ -110,7 +113,17 @@ class Observer:
 
     def row(self, old: State | None, step) -> dict[str, float]:
         """Return probes, displacement, sag, area, reactions over the step (NaN at the start)."""
-        state = self.start if step is None else step.state
+        if old is None or step is None:
+            return self._row(self.start, {}, None)
+        acting = step.over or self.system
+        return self._row(step.state, reactions(self.system, old, step), acting)
+
+    def row_at_rest(self, state: State) -> dict[str, float]:
+        """Return the row of a state that rests: its pins hold its forces."""
+        forces = _held_forces(self.system, -self.system.force(state))
+        return self._row(state, forces, self.system)
+
+    def _row(self, state: State, forces: Mapping, acting: System | None) -> dict[str, float]:
         mass = self.system.nodal_mass
         moved = state.x - self.start.x
         row = {"t": state.t}
@@ -123,10 +136,9 @@ class Observer:
             stretches = extreme_stretches(self.system.cloth, state.x)
             row["volume"] = self.shape.volume(state.x)
             row["least_stretch"], row["largest_stretch"] = stretches
-        forces = {} if old is None else reactions(self.system, old, step)
         for name in self.system.constraints.groups:
             row |= _components(f"reaction:{name}", forces.get(name, np.full(3, np.nan)))
-        return row | contact_rows(self.system, step, state)
+        return row | contact_rows(self.system, acting, state)
 
 
 def _distinct(probes) -> tuple[Probe, ...]:

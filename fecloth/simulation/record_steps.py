@@ -4,104 +4,78 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from fecloth.errors import InputError
-from fecloth.simulation.energy_balance import ROUND_OFF, Balance
-from fecloth.simulation.energy_ledger import Ledger, negligible_energy
+from fecloth.simulation.account import NEVER, Accounts, Run
+from fecloth.simulation.deformation import Deformation
+from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fused_march import Wanted
-from fecloth.simulation.march import Problem, StepInfo, step_failed
+from fecloth.simulation.march import StepInfo
 from fecloth.simulation.probes import Observer
-from fecloth.simulation.time_error import NEVER, TimeError
 from fecloth.system.state import State
 from fecloth.system.system import System
 
 LATE = 1.5  # times the distance of rows: the most by which two are apart
 ROWS = 1000  # of a run whose steps can be fused
-MOST_GROWTH = 4.0  # times the energy available: every usable step so far had less
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A step with its recorded quantities.
-
-    Attributes
-    ----------
-    state, info
-        As `march` yields them.
-    ledger
-        After the step.
-    observed
-        Row of the probes and the other observed quantities.
-    balance, time_error
-        Of the steps so far.
-    seconds
-        Wall time of the recording.
-    """
+    """A step with what is recorded of it."""
 
     state: State
     info: StepInfo
-    ledger: Ledger
-    observed: dict[str, float]
-    balance: Balance
-    time_error: TimeError
-    seconds: float
+    accounts: Accounts  # after the step
+    rows: dict[str, dict[str, float]]  # see `rows_of`
+    seconds: float  # wall time of the recording
 
 
 def record_steps(
     steps: Iterable[tuple[State, StepInfo]],
-    system: System,
-    method,
-    ledger: Ledger,
+    run: Run,
     observer: Observer,
-    balance: Balance | None = None,
-    time_error: TimeError | None = None,
-    *,
-    most_growth: float = MOST_GROWTH,
+    accounts: Accounts,
     next_row: Callable[[StepInfo], Wanted] | None = None,
 ) -> Iterator[Record]:
     """Yield a `Record` for each step of `march`.
 
     Parameters
     ----------
-    ledger, balance, time_error
-        Before the first of these steps; None stands for an unstarted run.
-    most_growth
-        See `run`.
+    accounts
+        Before the first of these steps.
     next_row
         Says which step must be recorded next; those between may be left out. None: each.
 
     Raises
     ------
     StepFailed
-        If two steps in a row deform with more kinetic energy than `most_growth` times what is
-        available.
+        If the run must not go on: see `Growth`.
     """
-    balance = balance or Balance.open(ledger)
     steps = iter(steps)
     taken = next(steps, None)
     while taken is not None:
         state, info = taken
         begin = time.perf_counter()
-        time_error = time_error or TimeError.open(info.old, info.step - 1, ledger)
-        ledger = update_ledger(system, method, ledger, info, most_growth)
-        balance = balance.after(system, ledger, info.number)
-        observed = observer.row(info.old, info.result)
-        time_error = time_error.after(system, method, info, ledger)
-        so_far = balance, time_error
-        yield Record(state, info, ledger, observed, *so_far, time.perf_counter() - begin)
-        taken = _advance(steps, info, next_row, time_error.due)
+        accounts = accounts.follow(run, info)
+        rows = rows_of(accounts, observer.row(info.old, info.result))
+        yield Record(state, info, accounts, rows, time.perf_counter() - begin)
+        taken = _advance(steps, info, next_row, accounts.due)
+
+
+def rows_of(accounts: Accounts, observed: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """Return the rows of the tables: "energies", "observed", and what accounts add to "steps"."""
+    rows = {name: accounts.row(name) for name in ("energies", "observed", "steps")}
+    return rows | {"observed": {**observed, **rows["observed"]}}
 
 
 def _advance(steps, info: StepInfo, next_row: Callable[[StepInfo], Wanted] | None, due: int):
     """Return the next recorded step, or None.
 
-    The step `due` for the error in time is always one, and takes the place of a row that is wanted
-    shortly before.
+    The step `due` for an account is always one, and takes the place of a row that is wanted shortly
+    before.
     """
     if next_row is None or not isinstance(steps, Generator):
         return next(steps, None)
@@ -134,38 +108,11 @@ def trial_recorder(system: System, ledger: Ledger, observer: Observer) -> Callab
 
     `Auto` predicts the cost of a run with it.
     """
+    deformation = Deformation.open(system, observer.start, ledger)
 
     def record(method, old, step):
-        return ledger.after(system, method, old, step).row(), observer.row(old, step)
+        after = ledger.after(system, method, old, step)
+        deformation.after(system, old, step.state, after)
+        return after.row(), observer.row(old, step)
 
     return record
-
-
-def update_ledger(
-    system: System, method, ledger: Ledger, info: StepInfo, most: float = MOST_GROWTH
-) -> Ledger:
-    """Return the ledger after a step.
-
-    Raise `StepFailed` if two steps in a row exceed the energy available. One step may: a load
-    switched on transfers momentum before it has done work.
-    """
-    flows = info.skipped.flows if info.skipped and info.skipped.step else None
-    after = ledger.after(system, method, info.old, info.result, flows)
-    if info.skipped and flows is None:
-        after = after.with_flows(info.skipped.flows)
-    noise = _noise(system, info, after.kinetic)
-    growths = [each.growth(most) if each.deforming > noise else "" for each in (ledger, after)]
-    if all(growths):
-        raise step_failed(system, info.old, info.step, info.dt, Problem(growths[1]))
-    return after
-
-
-def _noise(system: System, info: StepInfo, kinetic: float) -> float:
-    """Kinetic energy [J] below which growth means nothing.
-
-    `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)² and 64 ε of the kinetic energy: the
-    round-off of positions, and of the rigid motion's energy.
-    """
-    speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
-    rounded = 0.5 * system.total_mass * speed**2 + ROUND_OFF * kinetic
-    return max(rounded, negligible_energy(system, info.t - info.memory.start))

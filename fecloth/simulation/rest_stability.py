@@ -7,31 +7,39 @@ from dataclasses import dataclass
 
 from fecloth.errors import SolveFailed
 from fecloth.nonlinear.eigenpairs import least_eigenpairs
+from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.records import remembered
 
 
+@remembered
 @dataclass(frozen=True)
-class RestStability:
+class RestStability(Account):
     """The least eigenvalue of K on the free directions of an equilibrium."""
 
-    least: float  # [N/m]; NaN if it was not found
-    zero: float  # size up to which it may be round-off [N/m]
+    name = "stability"
+    least: float = math.nan  # [N/m]; NaN if it was not found
+    zero: float = 0.0  # size up to which it may be round-off [N/m]
+    is_reached: bool = False  # whether the cloth has come to its equilibrium
 
     @classmethod
     def of(cls, system: System, state: State) -> RestStability:
         """Find it; NaN for a cloth that is held whole, or a stiffness that is not finite."""
         if not system.is_whole or system.admissible.shape[1] < 2:
-            return cls(math.nan, 0.0)
+            return cls(is_reached=True)
         try:
             found = least_eigenpairs(system, state, 1, unit_mass=True)
         except SolveFailed:
-            return cls(math.nan, 0.0)
-        return cls(float(found.values[0]), found.zero)
+            return cls(is_reached=True)
+        return cls(float(found.values[0]), found.zero, is_reached=True)
 
-    @property
+    def finish(self, run: Run, end: End, others: Accounts) -> RestStability:
+        return self.of(run.system, end.state) if end.is_whole else self
+
     def words(self) -> str:
-        """A sentence."""
+        if not self.is_reached:
+            return "equilibrium: not reached"
         if math.isnan(self.least):
             return "equilibrium: not known whether it is stable"
         if abs(self.least) <= self.zero:
@@ -42,13 +50,17 @@ class RestStability:
         kind = "stable" if self.least > 0 else "unstable"
         return f"equilibrium: {kind}; the least eigenvalue of K is {self.least:.4g} N/m"
 
-    @property
-    def warning(self) -> str:
-        """A sentence if the equilibrium is unstable, or ""."""
+    def warnings(self) -> tuple[str, ...]:
         if not self.least < -self.zero:
-            return ""
+            return ()
         return (
             f"the equilibrium is unstable: the least eigenvalue of K is {self.least:.3g} N/m, so "
             "that a cloth which is disturbed leaves it; bend the start a little, as the first mode "
-            "of `fecloth modes` does, to find a stable one"
+            "of `fecloth modes` does, to find a stable one",
         )
+
+    def summary(self) -> dict[str, object]:
+        """Return the stability in the place of the error in time."""
+        entries: dict[str, object] = {"time_error": None, "time_error_in_words": self.words()}
+        least = None if math.isnan(self.least) else self.least
+        return entries | ({"least_eigenvalue": least} if self.is_reached else {})

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,32 +15,44 @@ from fecloth import validation
 from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
-from fecloth.nonlinear.statistics import Counts, describe_newton_error, warn_of_round_off
-from fecloth.simulation.contact_words import describe_contact
+from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.contact_words import Contact
+from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.doubts.before_run import find_warnings
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.error_in_space import ErrorInSpace
 from fecloth.simulation.fused_march import Wanted
+from fecloth.simulation.growth import MOST_GROWTH, Growth
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
+from fecloth.simulation.method_dissipation import MethodDissipation
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import (
-    MOST_GROWTH,
     ROWS,
     check_rows,
     record_steps,
     rows_at_least,
+    rows_of,
     trial_recorder,
 )
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.rest_stability import RestStability
-from fecloth.simulation.surface_checks import Shape, intersection_warning
-from fecloth.simulation.time_error import relative_error
-from fecloth.simulation.time_error_words import find_doubts, name_time_error
-from fecloth.system.space_error import space_error
+from fecloth.simulation.solves import Solves
+from fecloth.simulation.surface_checks import Shape, ShapeAtEnd
+from fecloth.simulation.time_error import TimeError
+from fecloth.simulation.time_error_words import name_time_error
 from fecloth.system.state import State
 from fecloth.system.system import System
+
+AT_END = (ErrorInSpace, Contact, ShapeAtEnd)
+# What a run accounts for, beside the ledger: in time, and to an equilibrium.
+IN_TIME: tuple[type[Account], ...] = (
+    *(Deformation, Growth, Balance, Solves, TimeError, MethodDissipation),
+    *AT_END,
+)
+STATIC: tuple[type[Account], ...] = (Deformation, Balance, Solves, RestStability, *AT_END)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +72,6 @@ class Result:
         obstacles, least distance from each obstacle.
     seconds
         Wall seconds by phase.
-    newton, linear
-        Iterations in all.
     solver
         The linear solver and why it was chosen.
     method
@@ -71,21 +82,9 @@ class Result:
         at the end.
     warnings
         A sentence for each reason to doubt the result, such as an energy balance that was off
-        (`Balance.warning`), also if it closes at the end.
-    time_error
-        Error of x in time, relative to the largest displacement, as far as the steps tell it:
-        `TimeError`. From 0.3 on it says only that they do not resolve the motion. NaN where there
-        is no estimate: see `relative_error`.
-    space_error, space_error_reason
-        Error of stress and moment in space at the end, relative, or NaN and why there is no
-        estimate: see `space_error`.
-    newton_error_in_words
-        How large the error of Newton's iteration is against that in time, for the tolerance
-        "auto"; "" where no step ended by this.
-    steps
-        Number of steps; there may be fewer rows, see `run`.
-    contact_in_words
-        How far the gap and the barrier of each obstacle keep the cloth off it, or "".
+        (`Balance`), also if it closes at the end.
+    accounts
+        What the run accounts for, at its end.
     """
 
     state: State
@@ -93,18 +92,64 @@ class Result:
     energies: dict[str, np.ndarray]
     observed: dict[str, np.ndarray]
     seconds: dict[str, float]
-    newton: int
-    linear: int
     solver: str
     method: object
     shape: Shape
-    warnings: tuple[str, ...] = ()
-    time_error: float = math.nan
-    space_error: float = math.nan
-    space_error_reason: str = ""
-    newton_error_in_words: str = ""
-    steps: int = 0
-    contact_in_words: str = ""
+    warnings: tuple[str, ...]
+    accounts: Accounts
+
+    @property
+    def figures(self) -> dict[str, object]:
+        """The figures of all accounts, by their keys in summary.json."""
+        return self.accounts.summary()
+
+    @property
+    def steps(self) -> int:
+        """Number of steps; there may be fewer rows, see `run`."""
+        return self.accounts[Solves].steps
+
+    @property
+    def newton(self) -> int:
+        """Newton iterations in all."""
+        return int(self.accounts[Solves].sums["newton"])
+
+    @property
+    def linear(self) -> int:
+        """Iterations of the linear solver in all."""
+        return int(self.accounts[Solves].sums["linear"])
+
+    @property
+    def time_error(self) -> float:
+        """Error of x in time, relative to the largest displacement, as far as the steps tell it.
+
+        From 0.3 on it says only that they do not resolve the motion. NaN where there is no
+        estimate: see `TimeError`.
+        """
+        error = self.accounts.get(TimeError)
+        return error.relative if error else math.nan
+
+    @property
+    def space_error(self) -> float:
+        """Relative error of stress and moment in space at the end, or NaN: see `space_error`."""
+        return self.accounts[ErrorInSpace].relative
+
+    @property
+    def space_error_reason(self) -> str:
+        """Why there is no estimate of the error in space, or ""."""
+        return self.accounts[ErrorInSpace].reason
+
+    @property
+    def newton_error_in_words(self) -> str:
+        """How large the error of Newton's iteration is against the error in time.
+
+        For the tolerance "auto"; "" where no step ended by it.
+        """
+        return self.accounts[Solves].words()
+
+    @property
+    def contact_in_words(self) -> str:
+        """How far the gap and the barrier of each obstacle keep the cloth off it, or ""."""
+        return self.accounts[Contact].words()
 
     @property
     def doubt(self) -> str:
@@ -149,9 +194,9 @@ def run(
     pins that need no Python. The steps, and the sums in the ledger, are those of single steps.
 
     The run also fails after two rows in a row that deform with more kinetic energy than
-    `most_growth` times what the start, the loads and the pins can have supplied
-    (`Ledger.available`). Reasons to doubt the result, such as an error in time above 10 % or an
-    energy balance that does not close, are in its `warnings` and come as a `FeclothWarning` each.
+    `most_growth` times what the start, the loads and the pins can have supplied (see `Growth`).
+    Reasons to doubt the result, such as an error in time above 10 % or an energy balance that does
+    not close, are in its `warnings` and come as a `FeclothWarning` each.
 
     Examples
     --------
@@ -204,6 +249,7 @@ def run(
         report,
         foreseen,
         rows_at_least(rows, opening.t, end),
+        memory.step if memory else 0,
     )
     for words in result.warnings[len(foreseen) :]:
         warnings.warn(words, FeclothWarning, stacklevel=2)
@@ -221,6 +267,7 @@ def collect(
     report: Callable[[StepInfo], None] = lambda info: None,
     foreseen: tuple[str, ...] = (),
     next_row: Callable[[StepInfo], Wanted] | None = None,
+    step: int = 0,
 ) -> Result:
     """Take all steps of `march` and return what was recorded of them.
 
@@ -236,57 +283,35 @@ def collect(
         Warnings from before the first step; those of the steps follow them in the result.
     next_row
         As for `record_steps`.
+    step
+        Number of the last step before these.
     """
-    state, balance, warned = observer.start, Balance.open(ledger), ""
-    record, taken = None, 0
-    energies, observed = [ledger.row()], [observer.row(None, None)]
-    counts, begin = Counts(), time.perf_counter()
-    static = isinstance(method, LoadSteps)
-    growth = math.inf if static else most_growth
-    records = record_steps(
-        steps, system, method, ledger, observer, most_growth=growth, next_row=next_row
-    )
-    for record in records:
-        state, ledger, balance = record.state, record.ledger, record.balance
-        warned = warned or balance.warning(ledger)
-        energies.append(ledger.row())
-        observed.append(record.observed)
-        counts, taken = counts.plus(record.info.counts), taken + record.info.number
+    begin, seconds = time.perf_counter(), Counter[str]()
+    of_run = Run(system, method, observer.start, step, most_growth)
+    kinds = STATIC if isinstance(method, LoadSteps) else IN_TIME
+    accounts, state = Accounts.begin(kinds, of_run, ledger), observer.start
+    rows, raised = [rows_of(accounts, observer.row(None, None))], list[str]()
+    for record in record_steps(steps, of_run, observer, accounts, next_row):
+        state, accounts, step = record.state, record.accounts, record.info.step
+        raised += accounts.new_warnings(raised)
+        rows.append(record.rows)
+        seconds.update(record.info.counts.seconds)
         report(record.info)
-    shape, error = Shape.of(system, state), math.nan
-    inaccurate: tuple[str, ...] = ()
-    if static:
-        inaccurate = (RestStability.of(system, state).warning,)
-    elif record:
-        error = relative_error(record.time_error, system, method, state, record.info.step, ledger)
-        dt = (state.t - record.time_error.start.t) / taken
-        inaccurate = find_doubts(error, system, method, dt, balance, ledger)
-    space = space_error(system, state)
-    shares = counts.estimated, counts.newton_error, counts.step_error
-    doubts = (
-        warned or balance.warning(ledger, ended=True),
-        warn_of_round_off(counts.limited),
-        *inaccurate,
-        intersection_warning(state.t, shape.intersecting, "at"),
-    )
+    accounts = accounts.finish(of_run, End(state, step))
+    raised += accounts.new_warnings(raised)
+    shape = accounts[ShapeAtEnd].shape
+    assert shape
     return Result(
         state=state,
-        times=np.array([row["t"] for row in energies]),
-        energies=columns(energies),
-        observed=columns(observed),
-        seconds=counts.seconds | {"total": time.perf_counter() - begin},
-        newton=counts.newton,
-        linear=counts.linear,
+        times=np.array([row["energies"]["t"] for row in rows]),
+        energies=columns([row["energies"] for row in rows]),
+        observed=columns([row["observed"] for row in rows]),
+        seconds={**seconds, "total": time.perf_counter() - begin},
         solver=why,
         method=method,
         shape=shape,
-        warnings=(*foreseen, *filter(None, doubts)),
-        time_error=error,
-        space_error=space.relative,
-        space_error_reason=space.reason,
-        newton_error_in_words=describe_newton_error(taken, *shares),
-        steps=taken,
-        contact_in_words=describe_contact(system, observer.start, state),
+        warnings=(*foreseen, *raised),
+        accounts=accounts,
     )
 
 
@@ -296,11 +321,6 @@ def count_warnings(sentences: Sequence[str]) -> str:
     return f"{number or 'no'} warning{'' if number == 1 else 's'}"
 
 
-def add_seconds(a: dict[str, float], b: dict[str, float]) -> dict[str, float]:
-    """Add seconds by phase."""
-    return {key: a.get(key, 0.0) + b.get(key, 0.0) for key in {**a, **b}}
-
-
-def columns(rows: list[dict[str, float]]) -> dict[str, np.ndarray]:
+def columns(rows: Sequence[Mapping[str, float]]) -> dict[str, np.ndarray]:
     """Return rows of equal keys as one array for each key."""
     return {key: np.array([row[key] for row in rows]) for key in rows[0] if key != "t"}

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.mesh.surface import Surface
+from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
+from fecloth.terms.records import remembered
 
 SQUEEZED = 0.2  # of the mean tension; a triangle with more compression counts as compressed
 NOTHING = 1e-6  # of the fabric's stiffness; less compression is none
@@ -29,14 +30,28 @@ class Shape:
     intersecting: int | None
 
     @classmethod
-    def of(cls, system: System, state: State, surface: Surface | None = None) -> Shape:
-        """Return the shape of a cloth at a state."""
-        surface = surface or Surface.of(system.cloth)
-        return cls(
-            *extreme_stretches(system.cloth, state.x),
-            surface.count_inverted(state.x),
-            surface.count_intersections(state.x),
-        )
+    def of(cls, run: Run, state: State, intersecting: int | None) -> Shape:
+        """Return the shape of a cloth at a state, whose intersections were counted before."""
+        stretches = extreme_stretches(run.system.cloth, state.x)
+        return cls(*stretches, run.surface.count_inverted(state.x), intersecting)
+
+
+@remembered
+@dataclass(frozen=True)
+class ShapeAtEnd(Account):
+    """The shape at the end of a run."""
+
+    name = "shape"
+    t: float = math.nan  # of the end [s]
+    shape: Shape | None = None
+
+    def finish(self, run: Run, end: End, others: Accounts) -> ShapeAtEnd:
+        pairs = run.surface.count_intersections(end.state.x)
+        return ShapeAtEnd(end.state.t, Shape.of(run, end.state, pairs))
+
+    def warnings(self) -> tuple[str, ...]:
+        pairs = self.shape.intersecting if self.shape else None
+        return (intersection_warning(self.t, pairs, "at"),)
 
 
 def intersection_warning(t: float, pairs: float | None, since: str = "from") -> str:

@@ -9,16 +9,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fecloth.integrators.protocol import MethodTraits, drift_of
+from fecloth.simulation.account import NEVER, Account, Accounts, End, Run
+from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.rigid_motion import deformation, rms_without_rigid, weighted_sum
+from fecloth.simulation.time_error_words import WARNED, describe_time_error
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
 MEAN = math.pi / 2  # peak of |sin| over its mean
 STILL = 1e-6  # of the cloth's extent: a cloth that has moved by less is at rest
-NEVER = 2**62
 OFTEN = 0.15  # of the time so far between two looks at the displacement
 
 
@@ -29,7 +31,7 @@ class Sample:
 
     `deforming` and `inside` are the kinetic energy of the deformation and what damping has
     dissipated that a rigid motion does not feel; `kinetic` and `outside` the whole kinetic energy
-    and what the other damping has dissipated. See `Ledger`.
+    and what the other damping has dissipated. See `Deformation` and `Ledger`.
     """
 
     t: float
@@ -43,7 +45,7 @@ class Sample:
 
 @remembered
 @dataclass(frozen=True, eq=False)
-class TimeError:
+class TimeError(Account):
     """The error in time of a run so far.
 
     A method with the drift (q, κ) moves a mode of amplitude A and frequency ω away from the
@@ -65,6 +67,7 @@ class TimeError:
     over the largest displacement is the relative error.
     """
 
+    name = "time_error"
     start: Sample  # that before the first step
     recent: tuple[Sample, ...]  # the last p + 1 samples
     lag: float = 0.0  # κ ∫ dt^q dt up to the last of them [s^p]
@@ -77,28 +80,51 @@ class TimeError:
     moved: float = 0.0
     looked: float = 0.0
     due: int = 0  # the step of the next sample
+    # At the end: the error over the largest displacement, NaN without an estimate; in words.
+    relative: float = math.nan
+    sentence: str = ""
 
     @classmethod
-    def open(cls, state: State, step: int, ledger: Ledger) -> TimeError:
-        """Return the estimate after `step` steps, from where on it counts."""
-        start = _sample(state, step, ledger)
-        return cls(start, (start,), looked=state.t)
+    def begin(cls, run: Run, others: Accounts) -> TimeError:
+        return cls.open(_sample(run.start, run.step, others))
 
-    def after(self, system: System, method, info: StepInfo, ledger: Ledger) -> TimeError:
+    @classmethod
+    def open(cls, start: Sample) -> TimeError:
+        """Return the estimate before the first step."""
+        return cls(start, (start,), looked=start.t)
+
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> TimeError:
         """Return the estimate after a step: nearly always the same object."""
         if info.step < self.due:
             return self
-        return self.sampled(system, method.traits, info.result.state, info.step, ledger)
+        state = info.result.state
+        return self.sampled(run.system, run.method.traits, state, _sample(state, info.step, others))
+
+    def finish(self, run: Run, end: End, others: Accounts) -> TimeError:
+        sample = _sample(end.state, end.step, others)
+        error = self.relative_error(run.system, run.method.traits, end.state, sample)
+        dt = _mean_step(self.start, sample) if end.step > self.start.step else math.nan
+        return replace(self, relative=error, sentence=describe_time_error(error, run.method, dt))
+
+    def warnings(self) -> tuple[str, ...]:
+        return (self.sentence,) if self.relative > WARNED else ()
+
+    def words(self) -> str:
+        return self.sentence
+
+    def summary(self) -> dict[str, object]:
+        error = None if math.isnan(self.relative) else self.relative
+        return {"time_error": error, "time_error_in_words": self.sentence}
 
     def sampled(
-        self, system: System, traits: MethodTraits, state: State, step: int, ledger: Ledger
+        self, system: System, traits: MethodTraits, state: State, sample: Sample
     ) -> TimeError:
-        """Return the estimate with one more sample, after that many steps."""
+        """Return the estimate with one more sample, of this state."""
         if (drift := drift_of(traits)) is None:
             return replace(self, due=NEVER)
         q, constant = drift
         mass, is_first = system.diagonal_mass, len(self.recent) < q + 2
-        recent = (*self.recent, _sample(state, step, ledger))[-(q + 2) :]
+        recent = (*self.recent, sample)[-(q + 2) :]
         old, new = recent[-2:]
         dt = _mean_step(old, new)
         lag = constant * dt**q * (new.t - old.t)
@@ -115,9 +141,33 @@ class TimeError:
             length=length,
             largest=max(self.largest, length),
             speed=speed,
-            due=step + math.ceil(self._apart(q, constant, dt, new.t) / dt - 1e-6),
+            due=sample.step + math.ceil(self._apart(q, constant, dt, new.t) / dt - 1e-6),
         )
         return after if new.t < self._next_look else after._looked(mass)
+
+    def relative_error(
+        self, system: System, traits: MethodTraits, state: State, sample: Sample
+    ) -> float:
+        """Return the error up to `state`, over the largest displacement; NaN for no estimate.
+
+        Where the error of a step is of a lower order than its drift, as that of the symplectic
+        Euler method, c dt |v| is added: such an error does not grow with time. There is no estimate
+        for a method without these constants, before p steps, and for a cloth at rest.
+        """
+        if (drift := drift_of(traits)) is None:
+            return math.nan
+        error = self
+        if state.t > self.recent[-1].t:
+            error = self.sampled(system, traits, state, sample)
+        error = error._looked(system.diagonal_mass)
+        extent = float(np.ptp(system.cloth.X, axis=0).max())
+        if len(error.recent) < drift[0] + 2 or error.moved <= STILL * extent:
+            return math.nan
+        length = error.largest
+        if traits.order < drift[0] and traits.error_constant is not None:
+            dt = _mean_step(error.start, error.recent[-1])
+            length += traits.error_constant * dt * error.speed
+        return length / error.moved
 
     def _apart(self, q: int, constant: float, dt: float, t: float) -> float:
         """Return τ [s] for steps of the present size from the start on."""
@@ -135,31 +185,6 @@ class TimeError:
         )
 
 
-def relative_error(
-    error: TimeError, system: System, method, state: State, step: int, ledger: Ledger
-) -> float:
-    """Return the error up to `state`, over the largest displacement, or NaN without an estimate.
-
-    Where the error of a step is of a lower order than its drift, as that of the symplectic Euler
-    method, c dt |v| is added: such an error does not grow with time. There is no estimate for a
-    method without these constants, before p steps, and for a cloth at rest.
-    """
-    traits = method.traits
-    if (drift := drift_of(traits)) is None:
-        return math.nan
-    if state.t > error.recent[-1].t:
-        error = error.sampled(system, traits, state, step, ledger)
-    error = error._looked(system.diagonal_mass)
-    extent = float(np.ptp(system.cloth.X, axis=0).max())
-    if len(error.recent) < drift[0] + 2 or error.moved <= STILL * extent:
-        return math.nan
-    length = error.largest
-    if traits.order < drift[0] and traits.error_constant is not None:
-        dt = _mean_step(error.start, error.recent[-1])
-        length += traits.error_constant * dt * error.speed
-    return length / error.moved
-
-
 def derivative(samples: Sequence[Sample]) -> np.ndarray:
     """Return d^p x / dt^p (n, 3) from p + 1 samples: p! times Newton's divided difference."""
     scale = math.factorial(len(samples) - 1)
@@ -170,8 +195,9 @@ def derivative(samples: Sequence[Sample]) -> np.ndarray:
     return weighted_sum(tuple(one.x for one in samples), np.array(weights))
 
 
-def _sample(state: State, step: int, ledger: Ledger) -> Sample:
-    energies = ledger.deforming, ledger.lost_inside, ledger.kinetic, ledger.lost_outside
+def _sample(state: State, step: int, others: Accounts) -> Sample:
+    ledger, deforming = others[Ledger], others[Deformation].kinetic
+    energies = deforming, ledger.lost_inside, ledger.kinetic, ledger.lost_outside
     return Sample(state.t, step, state.x, *energies)
 
 

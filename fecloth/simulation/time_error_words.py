@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import math
 
-from fecloth.simulation.energy_balance import Balance
-from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_control import Adaptive
-from fecloth.system.system import System
 
 RESOLVED = 0.3  # largest error that the estimate can resolve
 WARNED = 0.1
@@ -22,7 +19,7 @@ def describe_time_error(error: float, method, dt: float) -> str:
     Parameters
     ----------
     error
-        By `relative_error`; NaN for no estimate.
+        By `TimeError`; NaN for no estimate.
     method, dt
         The method or the choice of its steps, and their mean size [s].
 
@@ -53,14 +50,6 @@ def name_time_error(error: float) -> str:
     if error < LEAST:
         return f"error in time below {100 * LEAST:g} % of the motion"
     return f"error in time about {100 * error:.2g} % of the motion"
-
-
-def find_doubts(
-    error: float, system: System, method, dt: float, balance: Balance, ledger: Ledger
-) -> tuple[str, ...]:
-    """Return the warnings at the end of a run: a large error in time, numerical dissipation."""
-    words = describe_time_error(error, method, dt) if error > WARNED else ""
-    return tuple(filter(None, (words, balance.dissipation_warning(system, ledger))))
 
 
 def _proposal(error: float, method, dt: float) -> str:

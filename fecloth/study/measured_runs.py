@@ -14,10 +14,8 @@ from typing import Any
 import numpy as np
 
 from fecloth.errors import FeclothError, FeclothWarning
-from fecloth.integrators.step import Step
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.equilibrium import equilibrium
-from fecloth.nonlinear.statistics import Counts
 from fecloth.scene.scene import scene_of
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import march
@@ -207,8 +205,7 @@ def _solve(setup: Setup, report: Callable[..., None]) -> dict:
     """Solve for the equilibrium; the rows are the start and the end."""
     observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
     state = equilibrium(setup.system, setup.start, report=report)
-    earlier = replace(state, t=state.t - 1.0)  # reactions are those of a step, here at rest
-    rows = [observer.row(None, None), observer.row(earlier, Step(state, state, None, Counts()))]
+    rows = [observer.row(None, None), observer.row_at_rest(state)]
     ledgers = [Ledger.open(setup.system, at).row() for at in (setup.start, state)]
     both = [ledger | row for ledger, row in zip(ledgers, rows, strict=True)]
     nothing = {"time_error": math.nan, "time_order": 0, "warnings": []}

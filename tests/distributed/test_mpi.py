@@ -85,7 +85,7 @@ def run(processes: int, *arguments, status=0):
 
 def last(folder: Path):
     """The positions at the end, and the table of energies."""
-    return restart.find(folder).state.x, (folder / "energies.csv").read_text()
+    return restart.find(folder).progress.state.x, (folder / "energies.csv").read_text()
 
 
 def rows(text: str) -> np.ndarray:
@@ -155,7 +155,7 @@ def test_a_killed_process_ends_the_run_and_leaves_restart_files(tmp_path):
     said, _ = done.communicate(timeout=30)
     assert done.returncode != 0
     assert "signal 9" in said
-    assert restart.find(tmp_path / "out").state.t > 0
+    assert restart.find(tmp_path / "out").progress.state.t > 0
     for file in restarts.glob("*.npz"):
         assert len(np.load(file).files) > 2
 

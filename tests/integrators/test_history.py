@@ -5,16 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from conftest import taut_start
+from support.rundirs import restart_at
 from support.sliders import Sliders, SlidersOverStep
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.runs import restart
-from fecloth.simulation.energy_balance import Balance
-from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.time_error import TimeError
 
 TIGHT = fc.Newton(tolerance=1e-11, reuse=False)
 ALL = {**METHODS, **EXPLICIT}
@@ -62,10 +60,7 @@ def test_a_run_goes_on_from_a_restart_file_bit_for_bit(name, system, tmp_path):
     method, start = made(name), taut_start(system)
     steps = marched(system, method, start)
     state, info = steps[STEPS // 2]
-    ledger = Ledger.open(system, start)
-    so_far = Balance.open(ledger), TimeError.open(start, 0, ledger), (), {}
-    here = restart.Restart("", "", "", state, info.memory, ledger, *so_far, 0, {}, True, {})
-    found = restart.read(restart.write(tmp_path, here))
+    found = restart.read(restart.write(tmp_path, restart_at(state, info.memory))).progress
     assert same(found.memory.term_history[1], info.result.history[1])
     on = marched(system, method, found.state, memory=found.memory)
     assert len(on) == STEPS - STEPS // 2 - 1

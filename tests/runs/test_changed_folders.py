@@ -101,16 +101,18 @@ def test_a_restart_whose_time_is_not_finite_is_passed_over(scene, tmp_path):
     run(scene, "out", steps=6)
     newest, older = restart.files(tmp_path / "out")
     found = restart.read(newest)
-    for state, memory in (
-        (dataclasses.replace(found.state, t=math.nan), found.memory),
-        (dataclasses.replace(found.state, t=math.inf), found.memory),
-        (found.state, dataclasses.replace(found.memory, start=math.nan)),
+    progress = found.progress
+    for changed in (
+        {"state": dataclasses.replace(progress.state, t=math.nan)},
+        {"state": dataclasses.replace(progress.state, t=math.inf)},
+        {"memory": dataclasses.replace(progress.memory, start=math.nan)},
     ):
-        spoiled = dataclasses.replace(found, state=state, memory=memory)
+        spoiled = dataclasses.replace(found, progress=dataclasses.replace(progress, **changed))
         restart.write(tmp_path / "out", spoiled)
         with pytest.raises(fc.InputError, match=r"t = (nan|inf) is not finite"):
             restart.read(newest)
-        assert restart.find(tmp_path / "out").memory.step == restart.read(older).memory.step
+        kept = restart.find(tmp_path / "out").progress.memory.step
+        assert kept == restart.read(older).progress.memory.step
     assert run(scene, "out", resume=True).status == "done"
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.cli.main import main
-from fecloth.runs import disk_space, recorder
+from fecloth.runs import recorder, run_files
 
 SCENE = """
 [cloth]
@@ -47,7 +47,7 @@ CASES = [
 @pytest.mark.parametrize("overrides", CASES, ids=str)
 def test_frames_are_counted_before_the_run(scene, tmp_path, overrides):
     loaded = fc.load_scene("sheet.toml", overrides)
-    expected = disk_space.count_frames(loaded.build())
+    expected = run_files.count_frames(loaded.build())
     assert fc.run_scene(loaded, "out").summary["frames"] == expected
 
 
@@ -60,13 +60,14 @@ def test_frames_beyond_the_space_on_the_disk_are_refused(scene, tmp_path, monkey
 
 
 def test_frames_and_steps_have_a_limit(scene, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(disk_space, "MOST_FRAMES", 10)
+    monkeypatch.setattr(run_files, "MOST_FRAMES", 10)
     assert main(["run", "sheet.toml", "--set", "output.every_steps=1"]) == 2
     assert "11 frames: must be at most 10" in capsys.readouterr().err
-    monkeypatch.setattr(recorder, "MOST_FRAMES", 2)
+    monkeypatch.setattr(run_files, "MOST_FRAMES", 2)
     steps = ["--set", 'time.dt="auto"', "--set", "output.every_steps=1"]
     assert main(["run", "sheet.toml", *steps]) == 3
     assert "one frame more: must be at most 2" in capsys.readouterr().err
+    monkeypatch.setattr(run_files, "MOST_FRAMES", 10)
     monkeypatch.setattr(recorder, "MOST_STEPS", 2)
     few = ["--set", "output.frames=2"]
     assert main(["run", "sheet.toml", *steps[:2], *few, "-o", "other"]) == 3

@@ -29,6 +29,7 @@ from fecloth.runs.folder import TABLES
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
+from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.energy_balance import Balance
 from fecloth.system.state import State
 from fecloth.terms.records import remembered
@@ -154,7 +155,7 @@ def broken_off(scene, folder, steps, resume, threads):
         shutil.copytree(folder, kept)
     for _ in range(10):
         there = killed(started(scene, folder, resume, threads), folder, steps)
-        if there and restart.find(folder).state.t < load_scene(scene).time.t_end:
+        if there and restart.find(folder).progress.state.t < load_scene(scene).time.t_end:
             return
         shutil.rmtree(folder)
         if resume:
@@ -271,7 +272,7 @@ def test_no_restart_file_goes_before_the_next_would_survive_a_power_cut(
         if path.suffix == ".npz":
             found = restart.read(restart.files(folder)[0])
             needed = [*folder.glob("*.csv"), *folder.glob("run.*"), restart.files(folder)[0]]
-            needed += [folder / f"frames/frame_{i:06d}.vtu" for i in range(found.frames)]
+            needed += [folder / f"frames/frame_{i:06d}.vtu" for i in range(found.progress.frames)]
             needed += [folder, folder / "frames", folder / "restart"]
             files = [file for file in needed if file.name != "run.log"]
             missed.extend(f for f in files if synced.get(f.stat().st_ino) != f.stat().st_size)
@@ -361,12 +362,12 @@ def test_an_interrupted_run_tells_from_where_it_will_go_on(scene, tmp_path, monk
     monkeypatch.chdir(tmp_path)
     outcome = interrupted(scene, "out", 33)
     found = restart.find(Path("out"))
-    assert outcome.resumes == found.state.t < outcome.summary["t"]
+    assert outcome.resumes == found.progress.state.t < outcome.summary["t"]
     log = (tmp_path / "out" / "run.log").read_text()
-    assert f"after 33 steps; --resume goes on from {found.state.t:g} s" in log
+    assert f"after 33 steps; --resume goes on from {found.progress.state.t:g} s" in log
     monkeypatch.setattr("fecloth.runs.run_scene.run_scene", lambda *_, **__: outcome)
     assert main(["run", str(scene), "-o", "out", "--quiet"]) == 4
-    words = f"--resume out goes on from t = {found.state.t:g} s, the last restart that"
+    words = f"--resume out goes on from t = {found.progress.state.t:g} s, the last restart that"
     assert words in capsys.readouterr().err
 
 
@@ -467,8 +468,8 @@ def test_failed_run_leaves_its_last_state(scene, tmp_path):
     outcome = run_scene(load_scene(scene, overrides), tmp_path / "out")
     assert outcome.status == "failed"
     found = restart.find(tmp_path / "out")
-    assert found.state.t == pytest.approx(outcome.summary["t"])
-    assert found.memory.step == outcome.summary["steps"]
+    assert found.progress.state.t == pytest.approx(outcome.summary["t"])
+    assert found.progress.memory.step == outcome.summary["steps"]
 
 
 @remembered
@@ -599,9 +600,10 @@ def test_a_ledger_of_a_free_cloth_is_read_back_as_it_was():
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.5, pattern="right")
     system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity(), fc.Drag(1.0)])
     ledger, arrays = fc.Ledger.open(system, system.rest()), []
-    balance = Balance.open(ledger).after(system, ledger)
-    for record in (ledger, balance):
+    deformation = Deformation.open(system, system.rest(), ledger)
+    balance = Balance.open(ledger, deformation).after(system, ledger, deformation)
+    for record in (ledger, deformation, balance):
         header = json.dumps(restart._pack(record, arrays))
         assert restart._unpack(json.loads(header), arrays) == record
-    assert len(ledger.places[0]) == 3
+    assert len(deformation.places[0]) == 3
     assert ledger.resisting == ("Drag",)

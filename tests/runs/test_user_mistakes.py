@@ -153,7 +153,7 @@ def test_an_implicit_dt_too_large_fails_with_all_that_was_good(scene, capsys):
     assert "Take a smaller dt. out is readable up to" in words
     summary = json.loads(Path("out/summary.json").read_text())
     assert len(list(Path("out/frames").glob("*.vtu"))) == summary["frames"] > 1
-    assert restart.find(Path("out")).state.t <= summary["t"]
+    assert restart.find(Path("out")).progress.state.t <= summary["t"]
     readable(Path("out"))
 
 
@@ -222,7 +222,7 @@ def test_two_runs_in_one_folder_are_refused_and_a_killed_one_is_no_obstacle(scen
     assert first.is_alive()
     first.kill()
     first.join()
-    later = restart.find(Path("out")).state.t + 0.01
+    later = restart.find(Path("out")).progress.state.t + 0.01
     assert main(["run", "sheet.toml", "--resume", "out", "--set", f"time.t_end={later}"]) == 0
 
 

@@ -8,9 +8,10 @@ import pytest
 
 import fecloth as fc
 from fecloth.simulation import error_control, stability_limited
+from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.doubts import jumps
 from fecloth.simulation.energy_balance import Balance
-from fecloth.simulation.run import MOST_GROWTH
+from fecloth.simulation.growth import MOST_GROWTH, describe_growth
 
 
 @pytest.fixture(scope="module")
@@ -22,33 +23,36 @@ def system():
 def ledger(system, **values):
     """A ledger at rest at t = 1 s, with other values where given."""
     rest = fc.Ledger.open(system, system.rest())
-    return replace(rest, t=1.0, first_deforming=0.0, **values)
+    return replace(rest, t=1.0, **values)
+
+
+def moved(kinetic, opening=0.0, **values):
+    """The deformation with these energies at t = 1 s and at the start."""
+    return Deformation(kinetic, opening, in_place={}, first=0.0, **values)
 
 
 @pytest.mark.parametrize(("share", "doubted"), [(0.04, False), (0.0625, True)])
 def test_energy_balance_warning_begins_at_a_twentieth(share, doubted, system):
-    unexplained, moved = (
-        ledger(system, kinetic=1.0, deforming=1.0),
-        Balance(0.0, largest=1.0 / share),
-    )
+    unexplained, balance = ledger(system, kinetic=1.0), Balance(0.0, largest=1.0 / share, lasting=1)
     assert unexplained.remainder == 1.0
-    assert bool(moved.after(system, unexplained).warning(unexplained, ended=True)) == doubted
+    assert bool(balance.after(system, unexplained, moved(1.0)).warnings()) == doubted
 
 
 @pytest.mark.parametrize(("times", "fails"), [(3.2, False), (5.0, True)])
 def test_a_run_fails_from_four_times_the_available_energy(times, fails, system):
-    opening = {"opening": {"kinetic": 1.0, "StVK": 0.0}, "opening_deforming": 1.0}
-    given = ledger(system, kinetic=times, deforming=times, **opening)
-    assert given.available == pytest.approx(1.0)
-    assert bool(given.growth(MOST_GROWTH)) == fails
+    given = ledger(system, kinetic=times, opening={"kinetic": 1.0, "StVK": 0.0})
+    deformation = moved(times, opening=1.0)
+    assert deformation.find_inflow(given) == 0.0
+    assert deformation.available(given) == pytest.approx(1.0)
+    assert bool(describe_growth(deformation, given, MOST_GROWTH)) == fails
 
 
 @pytest.mark.parametrize(("part", "fails"), [(0.8, False), (1.25, True)])
 def test_a_load_that_sets_in_may_have_given_four_times_its_last_work(part, fails, system):
     """The cloth has lost the work of 1 J before the last step, and nothing since."""
-    given = ledger(system, kinetic=4.0 * part, deforming=4.0 * part, last_inflow=-1.0)
-    assert (given.inflow, given.available) == (0.0, 0.0)
-    assert bool(given.growth(1.0)) == fails
+    given, deformation = ledger(system, kinetic=4.0 * part), moved(4.0 * part, last_inflow=-1.0)
+    assert (deformation.find_inflow(given), deformation.available(given)) == (0.0, 0.0)
+    assert bool(describe_growth(deformation, given, 1.0)) == fails
 
 
 @pytest.mark.parametrize(("apart", "found"), [(0.2, False), (0.3125, True)])

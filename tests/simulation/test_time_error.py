@@ -3,7 +3,6 @@
 import math
 import warnings
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -112,12 +111,13 @@ def test_the_first_derivative_stands_for_all_the_time_before():
     """A motion with t³, whose third derivative is constant: the error is that of all its time."""
     system, ((shape, _), *_) = bar()
     rest, method, dt = system.rest().x, fc.ImplicitMidpoint(), 0.01
-    ledger = SimpleNamespace(deforming=1.0, kinetic=1.0, lost_inside=0.0, lost_outside=0.0)
+    energies = {"deforming": 1.0, "kinetic": 1.0, "inside": 0.0, "outside": 0.0}
     q, constant = method.traits.drift or (2, method.traits.error_constant)
-    error = TimeError.open(fc.State(0.0, rest, 0 * rest), 0, ledger)
+    error = TimeError.open(Sample(0.0, 0, rest, **energies))
     for step in range(1, 7):
         state = fc.State(step * dt, rest + SIZE * (step * dt) ** 3 * shape, 0 * rest)
-        error = error.sampled(system, method.traits, state, step, ledger)
+        sample = Sample(state.t, step, state.x, **energies)
+        error = error.sampled(system, method.traits, state, sample)
         exact = math.pi / 2 * constant * dt**q * 6 * SIZE * step * dt if step > q else 0.0
         assert error.length == pytest.approx(exact, rel=1e-6)
 
@@ -135,25 +135,23 @@ def test_an_error_is_forgotten_as_fast_as_the_damped_mode_that_made_it(where):
     counts, other = ("deforming", "kinetic")[:: 1 if where == "inside" else -1]
     q, constant = method.traits.drift or (2, method.traits.error_constant)
 
-    def at(t, lost=0.0):
+    def at(step, t, lost=0.0):
         fall = SIZE * math.exp(-gamma * t)
         speed = -fall * (omega * math.sin(omega * t) + gamma * math.cos(omega * t))
         kinetic = 0.5 * mass * speed**2
-        ledger = {"deforming": kinetic, "kinetic": kinetic, "lost_inside": 0.0, "lost_outside": 0.0}
-        ledger[f"lost_{where}"] = lost
-        ledger[other] *= 7  # it does not count
+        energies = {"deforming": kinetic, "kinetic": kinetic, "inside": 0.0, "outside": 0.0}
+        energies[where] = lost
+        energies[other] *= 7  # it does not count
         x = rest + fall * math.cos(omega * t) * shape
-        return fc.State(t, x, speed * shape), SimpleNamespace(**ledger)
+        return fc.State(t, x, speed * shape), Sample(t, step, x, **energies)
 
-    state, ledger = at(0.0)
-    error, lengths, lost = TimeError.open(state, 0, ledger), [], 0.0
+    error, lengths, lost = TimeError.open(at(0, 0.0)[1]), [], 0.0
     times = dt * np.arange(1, int(3 / (gamma * dt)))
     for step, t in enumerate(times, start=1):
         lost += (
-            dt * 4 * gamma * getattr(at(t - 0.5 * dt)[1], counts)
+            dt * 4 * gamma * getattr(at(step, t - 0.5 * dt)[1], counts)
         )  # the power of damping at the rate 2γ
-        state, ledger = at(t, lost)
-        error = error.sampled(system, method.traits, state, step, ledger)
+        error = error.sampled(system, method.traits, *at(step, t, lost))
         lengths.append(error.length)
     exact = constant * dt**q * omega ** (q + 1) * SIZE * times * np.exp(-gamma * times)
     later = times > 2 * math.pi / omega  # the estimate takes the mean of |cos ωt|

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from fecloth.runs import restart
+from fecloth.simulation.account import Accounts
 
 
 def rows_of(file):
@@ -42,6 +43,12 @@ def names(read):
     found = []
     read.visit(found.append)
     return found
+
+
+def restart_at(state, memory):
+    """A restart file's record of a run that accounts for nothing."""
+    progress = restart.Progress(state, memory, Accounts({}), (), 0, {})
+    return restart.Restart("", "", "", progress, True, {})
 
 
 def record(file):

@@ -6,13 +6,11 @@ import meshio
 import numpy as np
 import pytest
 from conftest import flat
+from support.rundirs import restart_at
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.runs import restart
-from fecloth.simulation.energy_balance import Balance
-from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.time_error import TimeError
 from fecloth.terms.step_difference import StepDifference
 
 GAP, DT, KAPPA = 2e-3, 2e-3, 30.0  # so soft that it stays in the gap
@@ -105,10 +103,7 @@ def test_a_run_goes_on_from_a_restart_file_bit_for_bit(kind, method, tmp_path):
     state, info = steps[3]
     np.testing.assert_array_equal(info.result.history[-1].place, state.x)
     assert info.result.over.bound[-1].dissipation(state.x) > 0.0  # it slides
-    ledger = Ledger.open(system, start)
-    so_far = Balance.open(ledger), TimeError.open(start, 0, ledger), (), {}
-    here = restart.Restart("", "", "", state, info.memory, ledger, *so_far, 0, {}, True, {})
-    found = restart.read(restart.write(tmp_path, here))
+    found = restart.read(restart.write(tmp_path, restart_at(state, info.memory))).progress
     np.testing.assert_array_equal(found.memory.term_history[-1].place, state.x)
     *_, (end, _) = marched(system, method, found.state, 8, memory=found.memory)
     np.testing.assert_array_equal(end.x, steps[-1][0].x)

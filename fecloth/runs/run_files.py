@@ -1,0 +1,121 @@
+"""The tables and frames of a running scene, and the space on the disk that frames need."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from fecloth.errors import InputError
+from fecloth.output.atomic_files import flush_to_disk
+from fecloth.output.frame_arrays import fields
+from fecloth.output.frame_reader import Frame
+from fecloth.output.frames import Frames
+from fecloth.output.obstacle_frames import ObstacleFrames
+from fecloth.output.vtkhdf_writer import HdfFrames
+from fecloth.output.vtu_writer import Arrays
+from fecloth.runs.folder import RunFolder
+from fecloth.runs.restart import Progress
+from fecloth.scene.problem import Problem
+from fecloth.system.state import State
+from fecloth.view.web_page import keep_shown
+
+FORMATS = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
+TABLES = ("steps", "energies", "observed", "strains")
+MOST_FRAMES = 100_000
+_FEWER = "Raise every, or lower frames, in [output]."
+
+
+class RunFiles:
+    """The open tables and frames of a run."""
+
+    def __init__(self, folder: RunFolder, problem: Problem):
+        self.folder, self.problem = folder, problem
+        frames, name = FORMATS[problem.frame_format]
+        self.frames = frames(folder.path / name, problem.cloth, problem.system)
+        self.obstacles = ObstacleFrames(folder.path, problem.system, problem.state.x)
+        self.tables = {name: folder.table(f"{name}.csv") for name in TABLES}
+        self.shown: Frame | None = None  # the last frame written
+        self.on_disk = 0  # number of the frames that would survive a power cut
+
+    def keep(self) -> None:
+        """Continue after the frames of the rows in strains.csv; remove later ones."""
+        self.frames.keep(self.tables["strains"].column("t"))
+        self.on_disk = len(self.frames.times)
+        self.obstacles.keep(self.frames.times)
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Bytes of each table."""
+        return {name: table.size for name, table in self.tables.items()}
+
+    def cut(self, progress: Progress) -> None:
+        """Remove the rows and frames that were written since."""
+        del self.frames.times[progress.frames :]
+        for name, size in progress.tables.items():
+            self.tables[name].cut(size)
+
+    def add_rows(self, rows: Mapping[str, Mapping[str, object]]) -> None:
+        """Write a row of some tables."""
+        for name, row in rows.items():
+            self.tables[name].add(row)
+
+    def add_frame(self, state: State) -> Arrays:
+        """Write the state as a frame, and return its cell data."""
+        self.folder.check_in_place()
+        if len(self.frames.times) >= MOST_FRAMES:
+            raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=_FEWER)
+        problem = self.problem
+        points, cells = fields(problem.system, state, problem.error_density)
+        self.obstacles.add(len(self.frames.times), state)
+        self.frames.add(state, (points, cells))
+        self.shown = keep_shown(Frame(state.t, state.x, problem.cloth.cells, points, cells))
+        return cells
+
+    def shown_at(self, state: State) -> Frame:
+        """Return the frame of a state: the last one written, or one for this."""
+        if self.shown is not None and self.shown.points is state.x:
+            return self.shown
+        system = self.problem.system
+        return Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
+
+    def flush(self) -> None:
+        """Hand all to the disk, so that it survives a power cut; but for the folder itself."""
+        frames = self.frames.files(self.on_disk)
+        flush_to_disk(*(table.path for table in self.tables.values()), *frames)
+        flush_to_disk(*{file.parent for file in frames} - {self.folder.path})
+        self.on_disk = len(self.frames.times)
+
+    def close(self) -> None:
+        for table in self.tables.values():
+            table.close()
+
+
+def count_frames(problem: Problem) -> int:
+    """Return the number of frames of a run; 1 where the number of steps is not known."""
+    if problem.frame_steps is None:
+        return len(problem.stops) + 2
+    if not problem.dt:
+        return 1
+    steps = math.ceil((problem.t_end - problem.state.t) / problem.dt - 1e-9)
+    return 1 + math.ceil(steps / problem.frame_steps)
+
+
+def check_space(folder: Path, problem: Problem, size: int) -> None:
+    """Raise `InputError` for too many frames, or if the disk has no space for them.
+
+    Parameters
+    ----------
+    folder
+        Of the run.
+    size
+        Bytes of the first frame.
+    """
+    count, free = count_frames(problem), shutil.disk_usage(folder).free
+    if count > MOST_FRAMES:
+        raise InputError(f"{count} frames", f"must be at most {MOST_FRAMES}", "output", _FEWER)
+    if count * size > free:
+        what = f"{count} frames of {size / 1e6:.3g} MB"
+        allowed = f"the disk of {folder} has {free / 1e9:.3g} GB left"
+        raise InputError(what, allowed, "output", _FEWER)

@@ -1,0 +1,166 @@
+"""What a run accounts for, beside its motion: a list of figures that follow its steps."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Self, TypeVar
+
+from fecloth.mesh.surface import Surface
+from fecloth.simulation.march import StepInfo
+from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms.records import remembered
+
+NEVER = 2**62  # the number of no step
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What the accounts know of their run."""
+
+    system: System
+    method: Any  # as reports name it, see `method_to_report`
+    start: State  # before the first step
+    step: int  # number of the last step before the start
+    most_growth: float  # as for `run`
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The cloth as flat triangles."""
+        return Surface.of(self.system.cloth)
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """Where a run has ended."""
+
+    state: State
+    step: int  # number of the last step
+    is_whole: bool = True  # whether this is the end that was asked for
+
+
+class Account:
+    """A figure of a run: a frozen record of the steps so far, replaced by each step.
+
+    A new figure is a frozen dataclass of this kind, marked with `remembered`, in a file of its own;
+    its class stands in a list of accounts, after those it reads. It has the methods that it needs
+    of these, and then appears in the tables, the warnings, the log, summary.json, the restart files
+    and the `Result`.
+    """
+
+    name: ClassVar[str]  # in restart files and `Accounts.records`
+    table: ClassVar[str] = "observed"  # where `row` stands: "energies", "observed" or "steps"
+    due: int = NEVER  # number of the step that must have a row for it
+
+    @classmethod
+    def begin(cls, run: Run, others: Accounts) -> Self:
+        """Return the record before the first step; `others` are the accounts before it."""
+        return cls()
+
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Self:
+        """Return the record after a step that has a row; `others` are those after this step."""
+        return self
+
+    def finish(self, run: Run, end: End, others: Accounts) -> Self:
+        """Return the record with what is found out at the end of the run only."""
+        return self
+
+    def row(self) -> Mapping[str, float]:
+        """Return columns of the row of the last step, at the start too."""
+        return {}
+
+    def warnings(self) -> Iterable[str]:
+        """Return reasons to doubt the run, or ""; each kind of them is reported once."""
+        return ()
+
+    def words(self) -> str:
+        """Return a line for the log and the terminal at the end, or ""."""
+        return ""
+
+    def summary(self) -> Mapping[str, object]:
+        """Return entries of summary.json."""
+        return {}
+
+
+A = TypeVar("A", bound=Account)
+
+
+@remembered
+@dataclass(frozen=True, eq=False)
+class Accounts:
+    """The accounts of a run by their names, in the order of their list."""
+
+    records: Mapping[str, Account]
+
+    @classmethod
+    def begin(cls, kinds: Sequence[type[Account]], run: Run, first: Account) -> Accounts:
+        """Return the accounts before the first step; `first` has begun already."""
+        accounts = cls({first.name: first})
+        for kind in kinds:
+            accounts = accounts.with_record(kind.begin(run, accounts))
+        return accounts
+
+    def follow(self, run: Run, info: StepInfo) -> Accounts:
+        """Return the accounts after a step."""
+        return self._replace_each(lambda record, others: record.follow(run, info, others))
+
+    def finish(self, run: Run, end: End) -> Accounts:
+        """Return the accounts at the end of a run."""
+        return self._replace_each(lambda record, others: record.finish(run, end, others))
+
+    def _replace_each(self, new: Callable[[Account, Accounts], Account]) -> Accounts:
+        """Return new records, made one after the other from the old one and the new ones before."""
+        records: dict[str, Account] = {}
+        after = Accounts(records)
+        for name, record in self.records.items():
+            records[name] = new(record, after)
+        return after
+
+    def with_record(self, record: Account) -> Accounts:
+        """Return the accounts with a record in the place of the old one of its name."""
+        return Accounts({**self.records, record.name: record})
+
+    def __getitem__(self, kind: type[A]) -> A:
+        record = self.records[kind.name]
+        assert isinstance(record, kind)
+        return record
+
+    def get(self, kind: type[A]) -> A | None:
+        """Return the record of a kind, None where the run has none."""
+        return self[kind] if kind.name in self.records else None
+
+    @property
+    def due(self) -> int:
+        """Number of the step that must have the next row."""
+        return min(record.due for record in self.records.values())
+
+    def row(self, table: str) -> dict[str, float]:
+        """Return the columns that stand in a table."""
+        records = [record for record in self.records.values() if record.table == table]
+        return {key: value for record in records for key, value in record.row().items()}
+
+    def new_warnings(self, raised: Sequence[str]) -> list[str]:
+        """Return the warnings of kinds that have not been raised yet."""
+        kinds, new = {_kind(words) for words in raised}, []
+        for words in (words for record in self.records.values() for words in record.warnings()):
+            if words and _kind(words) not in kinds:
+                kinds.add(_kind(words))
+                new.append(words)
+        return new
+
+    def words(self) -> list[str]:
+        """Return the lines for the log and the terminal."""
+        return [words for record in self.records.values() if (words := record.words())]
+
+    def summary(self) -> dict[str, object]:
+        """Return the entries of summary.json."""
+        entries = [record.summary() for record in self.records.values()]
+        return {key: value for entry in entries for key, value in entry.items()}
+
+
+def _kind(words: str) -> str:
+    """Return the first words of a warning without numbers, in which alone one kind differs."""
+    return re.sub(r"[-+.\de]*\d", "", words)[:50]

@@ -1,0 +1,156 @@
+"""The energy of a cloth's deformation, and how much its start, loads and pins can have given it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fecloth.simulation.account import Account, Accounts, Run
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.march import StepInfo
+from fecloth.simulation.rigid_motion import rms_without_rigid
+from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms.records import remembered
+
+OWN_ERROR = 0.05  # of the work of loads, with which a ledger whose balance closes may err
+CREEP = 1e-6  # mean motion since the start, in extents of the cloth, that counts as rest
+
+
+@remembered
+@dataclass(frozen=True)
+class Deformation(Account):
+    """Kinetic energy of the deformation after a step [J]; its methods take the ledger there."""
+
+    name = "deformation"
+    # Of the motion relative to the rigid motion of each movable piece, of the free directions:
+    # ½ w·M w with w = P (v − u − ω × r), see `Piece.rigid_velocity`. Now, and at the start.
+    kinetic: float
+    opening: float
+    # Energies of the loads now, with each movable piece moved back by its mean displacement.
+    in_place: Mapping[str, float]
+    # Place of each movable piece at the start (`Piece.place`) [m].
+    places: tuple[tuple[float, ...], ...] = ()
+    first: float | None = None  # `kinetic` after the first step
+    # `find_inflow` now, and before the last step or before those without a row.
+    inflow: float = 0.0
+    last_inflow: float = 0.0
+
+    @classmethod
+    def begin(cls, run: Run, others: Accounts) -> Deformation:
+        return cls.open(run.system, run.start, others[Ledger])
+
+    @classmethod
+    def open(cls, system: System, state: State, ledger: Ledger) -> Deformation:
+        """Return the record before the first step."""
+        places = tuple(tuple(place.tolist()) for place in _places(system, state))
+        _, pin_v = system.constraints.target(state.t, 0.0, state.x)
+        kinetic = _deforming_kinetic(system, state, ledger.kinetic, pin_v)
+        in_place = _energies_in_place(system, state, ledger.potential, places)
+        opened = cls(kinetic, kinetic, in_place, places)
+        return replace(opened, inflow=opened.find_inflow(ledger))
+
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Deformation:
+        return self.after(run.system, info.old, info.result.state, others[Ledger])
+
+    def after(self, system: System, old: State, new: State, ledger: Ledger) -> Deformation:
+        """Return the record after a step between two states, with the ledger after it."""
+        pin_v = (new.x - old.x) / (new.t - old.t) if system.movable_pieces else new.v
+        kinetic = _deforming_kinetic(system, new, ledger.kinetic, pin_v)
+        after = replace(
+            self,
+            kinetic=kinetic,
+            in_place=_energies_in_place(system, new, ledger.potential, self.places),
+            first=kinetic if self.first is None else self.first,
+            last_inflow=self.inflow,
+        )
+        return replace(after, inflow=after.find_inflow(ledger))
+
+    def energy(self, ledger: Ledger) -> float:
+        """Return the energy of deformation [J]: the measure of what has moved.
+
+        It is the kinetic energy of the motion relative to the rigid motion of each piece or, if
+        that is more, the largest change of a term's energy since the start, of loads without the
+        mean displacement. It neither depends on the observer nor grows with what loads bring in
+        and dampings carry off.
+        """
+        return max([self.kinetic, *(abs(change) for change in self._changes(ledger))])
+
+    def _changes(self, ledger: Ledger) -> list[float]:
+        """Changes of the terms' energies since the start, loads in place [J]."""
+        now = {**ledger.potential, **self.in_place}
+        return [energy - ledger.opening[name] for name, energy in now.items()]
+
+    def find_inflow(self, ledger: Ledger) -> float:
+        """Return the work of loads without an energy, and of pins, on the deformation so far [J].
+
+        The change of the rigid motion's energy, kinetic and in the loads with an energy, is
+        subtracted, and what a load itself dissipates, such as the air.
+        """
+        rigid = ledger.kinetic - self.kinetic
+        rigid -= ledger.opening["kinetic"] - self.opening
+        rigid += sum(ledger.potential[name] - energy for name, energy in self.in_place.items())
+        return sum(ledger.work.values()) + ledger.pins - ledger.lost_outside - rigid
+
+    def available(self, ledger: Ledger) -> float:
+        """Return an upper bound of the `kinetic` energy that the cloth can have received [J].
+
+        What it had at the start, the decrease of the terms' energies since, the inflow with 5 %
+        of its parts for their own error, and `kinetic` after the first step, in which forward
+        Euler is ahead of the work. Unlimited with a term that reports neither an energy nor its
+        work.
+        """
+        if ledger.silent:
+            return math.inf
+        gains = sum(max(0.0, -change) for change in self._changes(ledger))
+        gains += max(0.0, self.inflow)
+        own = OWN_ERROR * (ledger.lost_outside + sum(map(abs, ledger.work.values())))
+        return self.opening + (self.first or 0.0) + gains + own
+
+
+def negligible_energy(system: System, seconds: float) -> float:
+    """Return the kinetic energy [J] below which a cloth is at rest: ½ m (1e-6 L/T)².
+
+    m is its mass, L its largest extent and T the time; round-off and tolerances stay below.
+    """
+    pace = CREEP * system.cloth.extent / seconds
+    return 0.5 * float(system.nodal_mass.sum()) * pace**2
+
+
+def _deforming_kinetic(system: System, state: State, kinetic: float, pin_v) -> float:
+    """Return `Deformation.kinetic`; `pin_v` (n, 3) are the velocities of the pins."""
+    if not system.movable_pieces:
+        return kinetic
+    M, m = system.scalar_mass, system.nodal_mass
+    if _is_one_free_body(system):
+        return 0.5 * system.total_mass * rms_without_rigid(m, state.x, state.v) ** 2
+    p, mass_x, w = M @ state.v, M @ state.x, state.v.copy()
+    for piece in system.movable_pieces:
+        w[piece.nodes] -= piece.rigid_velocity(state.x, p, m, mass_x, pin_v)
+    system.constraints.project(w)
+    return 0.5 * system.sums.dot(w, M @ w)
+
+
+def _is_one_free_body(system: System) -> bool:
+    """Return whether one compiled loop, for lumped masses, gives the kinetic energy."""
+    pieces = system.movable_pieces
+    is_whole = len(pieces) == 1 and isinstance(pieces[0].nodes, slice)
+    return is_whole and not len(pieces[0].held) and system.mass_kind == "lumped"
+
+
+def _places(system: System, state: State) -> list[np.ndarray]:
+    return [piece.place(state.x, system.nodal_mass) for piece in system.movable_pieces]
+
+
+def _energies_in_place(system: System, state: State, energies, start) -> dict[str, float]:
+    """Return `Deformation.in_place` for places at the start; no entries if no piece can move."""
+    if not start:
+        return {}
+    x = state.x.copy()
+    for piece, now, then in zip(system.movable_pieces, _places(system, state), start, strict=True):
+        x[piece.nodes] -= now - then
+    loads = zip(system.names, system.bound, strict=True)
+    return {name: term.energy(x, state.t) for name, term in loads if name in energies and term.load}

@@ -1,0 +1,76 @@
+"""Whether a method makes energy: then the run fails, long before its numbers overflow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.simulation.account import Account, Accounts, Run
+from fecloth.simulation.deformation import Deformation, negligible_energy
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.march import Problem, StepInfo, step_failed
+from fecloth.system.system import System
+from fecloth.terms.records import remembered
+
+MOST_GROWTH = 4.0  # times the energy available: every usable step so far had less
+LAG = 4.0  # times the last step's work: what loads have given as momentum before they did work
+ROUND_OFF = 64 * np.finfo(float).eps
+
+
+@remembered
+@dataclass(frozen=True)
+class Growth(Account):
+    """Whether the last step had more energy than was available.
+
+    One step may: a load switched on transfers momentum before it has done work. `follow` raises
+    `StepFailed` if two steps in a row do.
+    """
+
+    name = "growth"
+    kinetic: float  # of the deformation after the last step [J]
+    excess: str  # `describe_growth` there
+
+    @classmethod
+    def begin(cls, run: Run, others: Accounts) -> Growth:
+        deformation = others[Deformation]
+        excess = describe_growth(deformation, others[Ledger], run.most_growth)
+        return cls(deformation.kinetic, excess)
+
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Growth:
+        after = self.begin(run, others)
+        if self.excess and after.excess:
+            noise = _noise(run.system, info, others[Ledger].kinetic)
+            if min(self.kinetic, after.kinetic) > noise:
+                problem = Problem(after.excess)
+                raise step_failed(run.system, info.old, info.step, info.dt, problem)
+        return after
+
+
+def describe_growth(deformation: Deformation, ledger: Ledger, most: float) -> str:
+    """Return a sentence if the deformation has more than `most` times the available energy, or "".
+
+    A load that sets in has given momentum before it has done work, so the inflow of the last step
+    counts several times.
+    """
+    inflow = deformation.inflow - deformation.last_inflow
+    available = deformation.available(ledger) + LAG * max(0.0, inflow)
+    if math.isinf(most) or deformation.kinetic <= most * available:
+        return ""
+    return (
+        f"the cloth deforms with a kinetic energy of {deformation.kinetic:.3g} J, where its start, "
+        f"its loads and its pins can have given it {available:.3g} J at most: the method has "
+        "made the rest"
+    )
+
+
+def _noise(system: System, info: StepInfo, kinetic: float) -> float:
+    """Kinetic energy [J] below which growth means nothing.
+
+    `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)² and 64 ε of the kinetic energy: the
+    round-off of positions, and of the rigid motion's energy.
+    """
+    speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
+    rounded = 0.5 * system.total_mass * speed**2 + ROUND_OFF * kinetic
+    return max(rounded, negligible_energy(system, info.t - info.memory.start))

@@ -1,0 +1,40 @@
+"""The iterations of a run, and how large the error of Newton's iteration is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from fecloth.nonlinear.statistics import SUMMED, describe_newton_error, warn_of_round_off
+from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.march import StepInfo
+from fecloth.terms.records import remembered
+
+
+@remembered
+@dataclass(frozen=True)
+class Solves(Account):
+    """The equation solves of all steps."""
+
+    name = "solves"
+    steps: int = 0
+    sums: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(SUMMED, 0))
+    doubt: str = ""
+
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Solves:
+        counts = info.counts
+        sums = {name: value + getattr(counts, name) for name, value in self.sums.items()}
+        return Solves(self.steps + info.number, sums)
+
+    def finish(self, run: Run, end: End, others: Accounts) -> Solves:
+        return replace(self, doubt=warn_of_round_off(int(self.sums["limited"])))
+
+    def warnings(self) -> tuple[str, ...]:
+        return (self.doubt,)
+
+    def words(self) -> str:
+        errors = self.sums["newton_error"], self.sums["step_error"]
+        return describe_newton_error(self.steps, int(self.sums["estimated"]), *errors)
+
+    def summary(self) -> dict[str, object]:
+        return {"steps": self.steps, **self.sums, "newton_error_in_words": self.words()}
