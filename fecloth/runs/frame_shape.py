@@ -46,6 +46,10 @@ class FrameShape(Account):
         pairs = run.surface.count_intersections(state.x) if counts else None
         inverted = run.surface.count_inverted(state.x)
         compressed = compressed_share(run.system, cells)
+        doubts = (
+            intersection_warning(state.t, pairs),
+            wrinkle_warning(run.system, state.t, compressed),
+        )
         row = stretch_row(state.t, cells["principal_stretches"])
         after = replace(
             self,
@@ -55,10 +59,7 @@ class FrameShape(Account):
             intersecting=self.intersecting if pairs is None else max(self.intersecting or 0, pairs),
             step=step,
             pairs=pairs,
-            doubts=(
-                intersection_warning(state.t, pairs),
-                wrinkle_warning(run.system, state.t, compressed),
-            ),
+            doubts=tuple(filter(None, doubts)),
             counted=step if counts else self.counted,
         )
         intersecting = math.nan if pairs is None else pairs

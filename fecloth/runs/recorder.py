@@ -32,28 +32,17 @@ from fecloth.scene.problem import Problem
 from fecloth.scene.time_table import MOST_STEPS
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.contact_words import Contact
-from fecloth.simulation.deformation import Deformation
-from fecloth.simulation.energy_balance import Balance
-from fecloth.simulation.error_in_space import ErrorInSpace
-from fecloth.simulation.growth import MOST_GROWTH, Growth
+from fecloth.simulation.growth import MOST_GROWTH
 from fecloth.simulation.march import StepInfo
-from fecloth.simulation.method_dissipation import MethodDissipation
 from fecloth.simulation.record_steps import Record, record_steps, rows_of
-from fecloth.simulation.rest_stability import RestStability
+from fecloth.simulation.run import list_accounts
 from fecloth.simulation.solves import Solves
-from fecloth.simulation.time_error import TimeError
 from fecloth.system.state import State
 from fecloth.view.html_report import write_report
 
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 APART = {True: 150, False: 6}  # fewest steps between two counts, explicit or not: a tenth of them
-AT_END = (ErrorInSpace, Solves, Contact, FrameShape)
-# What a scene accounts for, beside the ledger: in time, and to an equilibrium.
-IN_TIME: tuple[type[Account], ...] = (
-    *(Deformation, Growth, Balance, TimeError, MethodDissipation),
-    *AT_END,
-)
-STATIC: tuple[type[Account], ...] = (Deformation, Balance, RestStability, *AT_END)
+LAST = (Solves, Contact, FrameShape)  # in this order in the log and among the warnings
 ORDER = (  # of the keys of summary.json; those of other accounts follow
     *("status", "error", "warnings", "warning", "t", "t_end", "unit"),
     *("time_error", "time_error_in_words", "least_eigenvalue"),
@@ -95,7 +84,7 @@ class Recorder:
     def _begin(self) -> Progress:
         """Write the start, and return the progress before the first step."""
         problem = self.problem
-        kinds = STATIC if problem.is_static else IN_TIME
+        kinds = list_scene_accounts(problem.is_static)
         accounts = Accounts.begin(kinds, self.run, problem.ledger)
         accounts = self._frame(problem.state, accounts)
         first = self.files.frames.files(0)[0]
@@ -334,6 +323,12 @@ class Recorder:
             error=error,
             resumes=resumes,
         )
+
+
+def list_scene_accounts(is_static: bool) -> tuple[type[Account], ...]:
+    """Return the accounts of a scene: those of `run`, but with the shape at all frames."""
+    names = [kind.name for kind in LAST]
+    return (*(kind for kind in list_accounts(is_static) if kind.name not in names), *LAST)
 
 
 def _step_row(info: StepInfo) -> dict[str, float]:

@@ -47,12 +47,16 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 AT_END = (ErrorInSpace, Contact, ShapeAtEnd)
-# What a run accounts for, beside the ledger: in time, and to an equilibrium.
 IN_TIME: tuple[type[Account], ...] = (
     *(Deformation, Growth, Balance, Solves, TimeError, MethodDissipation),
     *AT_END,
 )
 STATIC: tuple[type[Account], ...] = (Deformation, Balance, Solves, RestStability, *AT_END)
+
+
+def list_accounts(is_static: bool) -> tuple[type[Account], ...]:
+    """Return what a run accounts for beside the ledger, in time or to an equilibrium."""
+    return STATIC if is_static else IN_TIME
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +292,7 @@ def collect(
     """
     begin, seconds = time.perf_counter(), Counter[str]()
     of_run = Run(system, method, observer.start, step, most_growth)
-    kinds = STATIC if isinstance(method, LoadSteps) else IN_TIME
+    kinds = list_accounts(is_static=isinstance(method, LoadSteps))
     accounts, state = Accounts.begin(kinds, of_run, ledger), observer.start
     rows, raised = [rows_of(accounts, observer.row(None, None))], list[str]()
     for record in record_steps(steps, of_run, observer, accounts, next_row):
