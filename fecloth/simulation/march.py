@@ -161,7 +161,7 @@ def march(
     Warns
     -----
     FeclothWarning
-        Before the first step of a new march, of pins whose motion jumps.
+        Before the first step of a new march, of pins and obstacles whose motion jumps.
     """
     refuse_arguments(system, method, state, newton, most_stretch)
     begin, resumed = memory or Memory(0, state.t, None), memory is not None

@@ -1,4 +1,4 @@
-"""Jumps in the motion of a pin, which no step size can resolve."""
+"""Jumps in the motion of a pin or an obstacle, which no step size can resolve."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ SLOW = 1.0  # m/s, of the motion that a warning proposes instead
 
 
 def find_motion_jumps(run: PlannedRun) -> Iterator[str]:
-    """Say of each pin whether its motion jumps, when, and how far."""
-    motions = (signal for signal in run.signals if signal.pin)
+    """Say of each pin and obstacle whether its motion jumps, when, and how far."""
+    motions = (signal for signal in run.signals if signal.kind in ("pin", "obstacle"))
     return say_of_each(motions, _sentence, SMALL * run.system.cloth.extent)
 
 
@@ -36,9 +36,9 @@ def _sentence(motion: Signal, least: float) -> str:
     later = t + max(size / SLOW, 0.01)
     more = f", the largest of {len(jumps)} jumps" if len(jumps) > 1 else ""
     return (
-        f"{motion.name} jumps by {size:.3g} m at t = {t:.6g} s{more}: no step "
-        "resolves a jump, and its effect on the cloth depends on dt; let the pin move in a finite "
-        f"time, as {size:.3g} * smoothstep({t:.6g}, {later:.6g}, t) does"
+        f"{motion.name} jumps by {size:.3g} m at t = {t:.6g} s{more}: no step resolves a jump, and "
+        f"its effect on the cloth depends on dt; let the {motion.kind} move in a finite time, as "
+        f"{size:.3g} * smoothstep({t:.6g}, {later:.6g}, t) does"
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from fecloth.mesh.cloth import Cloth
 from fecloth.simulation.doubts.planned_run import PlannedRun, attempt
-from fecloth.simulation.doubts.signals import Signal
+from fecloth.simulation.doubts.signals import Signal, name_motion
 from fecloth.simulation.doubts.units import is_stiff
 from fecloth.system.pins import Pin, Slide
 from fecloth.system.system import System
@@ -23,10 +23,10 @@ TURNS = 0.1  # part of the load that turns the cloth about its pins
 
 def find_idle_pins(run: PlannedRun) -> Iterator[str]:
     """Yield a sentence for each slide that is moved in vain, and for each region of one node."""
-    motions = {signal.pin: signal for signal in run.signals}
+    motions = {signal.name: signal for signal in run.signals}
     for name, (pin, nodes) in run.system.constraints.groups.items():
         if isinstance(pin, Slide) and pin.moves:
-            yield attempt(_dropped_motion, name, pin, motions[name], otherwise="")
+            yield attempt(_dropped_motion, name, pin, motions[name_motion(name)], otherwise="")
         if len(nodes) == 1:
             yield _one_node(run.system.cloth, name, pin, int(nodes[0]))
 

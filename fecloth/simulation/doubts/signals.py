@@ -1,4 +1,4 @@
-"""Motions of pins, loads and forces of user-defined terms as functions of time, sampled once."""
+"""Motions of pins and obstacles, loads, and forces of users as functions of time, sampled once."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from fecloth.simulation.within_step import uneven
 from fecloth.system.pins import Motion
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.contact.bound_contact import BoundContact
+from fecloth.terms.contact.shape import Shape
 from fecloth.terms.custom.force import VARIABLES, BoundUserForce, FormulaForce
 from fecloth.terms.loads.air_velocity import Field, Formulas, Gusts, Uniform
 from fecloth.terms.springs.tether import BoundTether
@@ -49,8 +51,12 @@ class Signal:
     effort: Effort
     span: Span
     is_fixed: bool  # whether the steps of the run have a fixed size
-    moves: bool  # whether it is a motion, of which a uniform one counts as none
-    pin: str = ""  # the pin that moves so
+    kind: str  # what moves so, "pin", "obstacle" or "tether"; or "load"
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is a motion, of which a uniform one counts as none."""
+        return self.kind != "load"
 
     @cached_property
     def samples(self) -> tuple[np.ndarray, np.ndarray]:
@@ -60,7 +66,7 @@ class Signal:
 
 
 def find_signals(system: System, start: State, t_end: float, is_fixed: bool) -> Iterator[Signal]:
-    """Yield motions of pins, loads, points of tethers, and forces of user-defined terms."""
+    """Yield what moves pins, obstacles and tethers, the loads, and forces of users' terms."""
     run = (start.t, t_end), is_fixed
     for name, (pin, _) in system.constraints.groups.items():
         if not pin.moves:
@@ -68,11 +74,26 @@ def find_signals(system: System, start: State, t_end: float, is_fixed: bool) -> 
         values, effort = each(partial(pin.sample, size=system.cloth.extent)), FUNCTIONS
         if isinstance(pin.motion, Motion) and pin.rotate is None:
             values, effort = _motion(pin.motion), FORMULAS
-        yield Signal(f"the motion of the pin {name!r}", values, effort, *run, True, name)
+        yield Signal(name_motion(name), values, effort, *run, "pin")
     for name, bound in zip(system.names, system.bound, strict=True):
+        body = bound.body if isinstance(bound, BoundContact) else None
+        if body is not None and body.moves:
+            values = each(partial(_place, body, system.cloth.extent))
+            yield Signal(f"the motion of {name}", values, FUNCTIONS, *run, "obstacle")
         for attribute, values, effort in _of_term(bound.here(), start):
-            moves = isinstance(bound, BoundTether)
-            yield Signal(f"{attribute} of {name}", values, effort, *run, moves)
+            kind = "tether" if isinstance(bound, BoundTether) else "load"
+            yield Signal(f"{attribute} of {name}", values, effort, *run, kind)
+
+
+def name_motion(pin: str) -> str:
+    """Return what a warning calls the motion of a pin."""
+    return f"the motion of the pin {pin!r}"
+
+
+def _place(body: Shape, size: float, t: float) -> np.ndarray:
+    """Return the displacement of a body, and the ends of three arms of `size` that turn (4, 3)."""
+    pose = body.pose(t)
+    return np.vstack([pose.u, size * pose.R])
 
 
 def _of_term(bound, state: State) -> Iterator[tuple[str, Values, Effort]]:

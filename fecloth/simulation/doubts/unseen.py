@@ -132,7 +132,7 @@ def find_short_pulses(run: PlannedRun) -> Iterator[str]:
 
 def _pulse_in_words(signal: Signal, run: PlannedRun, longest: float) -> str:
     is_sampled = isinstance(run.steps, Adaptive | Auto)
-    looks = (PINS if signal.pin else LOADS) if is_sampled else ()
+    looks = (PINS if signal.kind == "pin" else LOADS) if is_sampled else ()
     begin, length = shortest_pulse(signal, run.ends)
     if not length < float(np.diff([0.0, *looks, 1.0]).max()) * longest:
         return ""

@@ -27,6 +27,10 @@ def along_z(formula):
     return ("0", "0", formula)
 
 
+def ball(**motion):
+    return fc.Obstacle(fc.shapes.Sphere((0, 0, -2), 0.5, **motion))
+
+
 FAST = {  # each is zero at all ends of steps of 10 ms, or nearly
     "formula": {"motion": along_z("0.05*sin(2*pi*100*t)")},
     "formula by place": {"motion": along_z("(0.05 + Y)*sin(2*pi*100*t)")},
@@ -39,6 +43,8 @@ FAST = {  # each is zero at all ends of steps of 10 ms, or nearly
     "field of wind": {"load": fc.Wind(("0", "5*sin(200*pi*t)", "z"), normal=0.7)},
     "point": {"load": fc.PointForce((0.5, 0.3), along_z("sin(200*pi*t)"))},
     "force": {"load": fc.UserForce(along_z("sin(200*pi*t) - z"))},
+    "obstacle": {"load": ball(motion=along_z("0.05*sin(2*pi*100*t)"))},
+    "turning obstacle": {"load": ball(rotate=fc.Rotation((0, 0, 0), (0, 1, 0), "sin(200*pi*t)"))},
     "function of force": {"load": fc.UserForce(lambda x, v, t: 0 * x + np.sin(200 * np.pi * t))},
 }
 
@@ -77,6 +83,7 @@ def test_three_or_fewer_steps_a_period_cause_a_warning(steps, phase):
 
 SLOW = {
     "a jump of a load": {"load": fc.Pressure("where(t < 0.1, 0, 5)")},
+    "a uniform motion of an obstacle": {"load": ball(motion=along_z("20*t"))},
     "a jump of a pin": {"motion": along_z("where(t < 0.1013, 0, 0.1)")},
     "a uniform motion": {"motion": ("20*t", "0", "0")},
     "a resolved pulse": {"load": fc.Pressure("300*exp(-((t - 0.1)/0.01)**2)")},

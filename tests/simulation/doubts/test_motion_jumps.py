@@ -71,6 +71,18 @@ def test_smooth_and_kinked_motions_are_no_jumps(text, make):
     assert found(make(text)) == []
 
 
+@pytest.mark.parametrize(("t", "size"), [(0.1, 0.02), (0.2717, 0.3)])
+def test_jumps_of_obstacles_are_named(t, size):
+    def tell(motion):
+        ball = fc.shapes.Sphere((0, 0, -2), 0.5, motion=("0", "0", motion))
+        return found(fc.System(CLOTH, fc.Fabric(0.2, 500.0), [fc.StVK(), fc.Obstacle(ball)]))
+
+    (words,) = tell(f"0.2*t + where(t < {t}, 0, {size})")
+    assert words.startswith(f"the motion of Obstacle jumps by {size:g} m at t = {t:g} s")
+    assert "let the obstacle move in a finite time" in words
+    assert tell("0.2*t") == []
+
+
 def test_the_remedy_removes_the_warning():
     (words,) = found(formula("where(t < 0.1, 0, 0.05)"))
     remedy = words[words.index(", as ") + 5 : -len(" does")]

@@ -19,6 +19,10 @@ def along_z(formula):
     return ("0", "0", formula)
 
 
+def ball(formula):
+    return fc.shapes.Sphere((0, 0, -2), 0.5, motion=along_z(f"1e-2*({formula})"))
+
+
 KINDS = {  # of a formula f of time
     "pressure": lambda f: {"load": fc.Pressure(f)},
     "wind": lambda f: {"load": fc.Wind(along_z(f), normal=0.7)},
@@ -28,6 +32,7 @@ KINDS = {  # of a formula f of time
     "force by place": lambda f: {"load": fc.UserForce(along_z(f"(1 + X)*({f})"))},
     "tether": lambda f: {"load": fc.Tether(CORNER, ("1", "0.6", f), stiffness=5.0)},
     "soft tether": lambda f: {"load": fc.Tether("right", ("1", "0.6", f), stiffness=1e-3)},
+    "obstacle": lambda f: {"load": fc.Obstacle(ball(f))},
     "pin": lambda f: {"motion": along_z(f"1e-2*({f})")},
     "moving pin": lambda f: {"motion": ("0.1*t", "0", f"1e-2*({f})")},
 }
