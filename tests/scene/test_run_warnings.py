@@ -122,6 +122,14 @@ def test_a_warning_where_there_is_reason_and_no_other(words, scene):
     assert warnings_of(scene, *overrides, *remedy) == []
 
 
+@pytest.mark.parametrize(
+    ("dt", "steps", "settles"), [(80, 4, 0), (125, 4, 1), (125, 8, 1), (125, 12.5, 0)]
+)
+def test_few_long_steps_of_backward_euler_seek_a_state_of_rest(dt, steps, settles, scene):
+    given = ["time.method=backward_euler", f"time.dt={dt}", f"time.t_end={dt * steps}"]
+    assert any("is large" in words for words in warnings_of(scene, *given)) != settles
+
+
 def test_no_warning_without_a_reason(scene):
     assert warnings_of(scene) == []
     damped = TERMS.format("HingeBending", "StrainRateDamping", ", time=0.001")
