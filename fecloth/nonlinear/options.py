@@ -13,45 +13,53 @@ DEFINITENESS = ("none", "clamp", "on_failure")
 
 @dataclass(frozen=True)
 class Newton:
-    """How the stage equation is solved.
+    """How the stage equation of an implicit step is solved.
 
-    `fecloth.nonlinear.error_left.ErrorLeft` says how the error that is left is estimated, and
-    `fecloth.simulation.step_history.StepHistory` the error in time of a step.
+    The residual of a step is ‖M a − f‖ in the free directions, divided by the forces of the step.
+    These forces are ‖M a‖ plus the sum over the terms of ‖f_term‖ at the first iterate, with the
+    reactions of the pins. One and the same residual is harmless on one fabric and as large as the
+    error in time on another. So the tolerance "auto" compares errors: it ends the iteration when
+    the error left in x and dt v is estimated at less than a tenth of the step's own error in time.
+    `fecloth.nonlinear.error_left.ErrorLeft` estimates the first error,
+    `fecloth.simulation.step_history.StepHistory` the second. The first steps, and all steps of
+    energy–momentum, end at the residual 1e-6.
+
+    If round-off keeps the residual above the tolerance, the step is accepted. It then counts as
+    `limited`, and the run warns, unless the forces themselves are round-off.
+
+    Where the tangent is not positive definite, as in compression, or its direction leads nowhere,
+    "on_failure" tries three remedies in turn:
+
+    1. clamped tangents, in at most four iterations of a step, if every force has a potential
+       (damping has one in `BackwardEuler` and `BDF2` only);
+    2. the exact tangent plus 1/4, 1, 4, … times the mass, and less again in the next iterations
+       (after Nocedal and Wright 2006, algorithm 3.3);
+    3. clamped tangents, where no multiple of the mass helps, as in very long steps.
+
+    A first guess often leaves compression in the plane. Clamping relieves it in one iteration,
+    added mass in six. A cloth that stays in compression is different: there a clamped tangent lacks
+    what the solution has. On a flag at dt = 10 ms clamping alone took up to 129 iterations a step,
+    added mass 23.
 
     Parameters
     ----------
     tolerance
-        A number, or "auto".
-        A number is the residual ‖M a − f‖ of the free directions at which a step is solved,
-        relative to the forces of the step: ‖M a‖ plus the sum over the terms of ‖f_term‖ at the
-        first iterate, with the reactions of the pins. The same residual is harmless on one fabric
-        and as large as the error in time on another.
-        "auto" ends the iteration as soon as the error that it leaves in x and dt v is estimated at
-        less than a tenth of the step's own error in time; at the latest it ends at a residual of
-        1e-6. The first steps, and all steps of energy–momentum, end at that residual. Give a
-        number where runs are compared that differ by less than their error in time, or for an
-        exact balance of momentum.
-        A step whose residual is round-off is solved, also above the tolerance; if its forces are
-        more than round-off, it counts as `limited`, and the run warns.
+        Where the iteration ends. "auto": when the error that it leaves is a tenth of the step's
+        error in time, at the latest at the residual 1e-6. A number: at this residual, relative to
+        the forces of the step; to compare runs that differ by less than their error in time, and
+        for an exact balance of momentum. See `fecloth/integrators/README.md`.
     max_iterations
         A step that needs more iterations fails.
     forcing
         Relative residual at which an iterative linear solver stops in each iteration.
     definiteness
-        "none": the exact tangent; "clamp": every term's tangent made positive semi-definite,
-        and symmetric, so that conjugate gradients serve where exact tangents are not symmetric;
-        "on_failure": exact, and where that is not positive definite or its direction leads
-        nowhere, clamped, in at most four iterations of a step, if every force has a potential (as
-        damping has in `BackwardEuler` and `BDF2` only); then with a multiple of the mass
-        added: 1/4, 1, 4, … times, and less again in the next iterations (after Nocedal and Wright
-        2006, algorithm 3.3); where no multiple will do, as in steps so long that the mass hardly
-        counts, clamped tangents. Clamping relieves in one iteration the compression that a first
-        guess leaves in the plane, for which the added mass takes six. A cloth in compression is
-        unstable for good; there clamping alone converges slowly, as it takes away what the
-        solution has: on a flag at dt = 10 ms in up to 129 iterations a step, with added mass 23.
+        What replaces the exact tangent. "none": nothing. "clamp": every term's tangent is made
+        symmetric and positive semi-definite, so conjugate gradients always apply. "on_failure": the
+        exact tangent is kept until it is not positive definite or gives no useful direction; then
+        clamped tangents, then added mass. See `fecloth/integrators/README.md`.
     reuse
         Whether a direct solver's factor serves further iterations, and steps of the same size,
-        while that is cheaper than a new one; see `context.FactorReuse`.
+        while that is cheaper than a new factor; see `context.FactorReuse`.
     """
 
     tolerance: float | Literal["auto"] = "auto"
